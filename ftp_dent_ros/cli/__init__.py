@@ -1,0 +1,1 @@
+"""The command ``ftp-dent``: one module a command."""

@@ -1,0 +1,64 @@
+"""``ftp-dent``: one module a command, imported only when it is asked for."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+from collections.abc import Sequence
+
+from ftp_dent_ros import __version__
+from ftp_dent_ros.errors import FtpDentError
+
+# Each module has add_arguments(parser) and run(arguments) -> exit status.
+COMMANDS = {
+    'demo': 'the whole payload on a simulated panel and autopilot',
+    'up': "run a configuration's nodes and keep them running",
+    'reconstruct': 'one photograph to a point cloud',
+    'record': 'record topics to an MCAP bag',
+    'replay': 'publish the messages of a bag',
+    'recover': 'mend a bag whose recorder was killed',
+}
+
+
+def build_parser(chosen: str | None) -> argparse.ArgumentParser:
+    """Parser with every command's name, and the arguments of the chosen one."""
+    parser = argparse.ArgumentParser(prog='ftp-dent')
+    parser.description = 'Single-shot fringe projection: photographs to clouds with a pose.'
+    parser.add_argument('--version', action='version', version=__version__)
+    commands = parser.add_subparsers(dest='command', metavar='COMMAND', required=True)
+    for name, summary in COMMANDS.items():
+        sub = commands.add_parser(name, help=summary, description=summary.capitalize() + '.')
+        if name == chosen:
+            _module(name).add_arguments(sub)
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command: exit status 0 done, 2 bad usage or input (one line on stderr)."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    chosen = next((word for word in words if not word.startswith('-')), None)
+    try:
+        parsed = build_parser(chosen).parse_args(words)
+        return _module(parsed.command).run(parsed)
+    except FtpDentError as error:
+        print(f'ftp-dent {chosen}: {error}', file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return 130
+
+
+def _module(command: str):
+    try:
+        return importlib.import_module(f'ftp_dent_ros.cli.{command}')
+    except ModuleNotFoundError as error:
+        if error.name and error.name.startswith('ftp_dent_ros'):
+            raise
+        raise FtpDentError(
+            f'needs the Python package {error.name}, which is not installed: '
+            'see "Install" in the README'
+        ) from None
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,117 @@
+"""Every error that a user can cause, as one tree.
+
+::
+
+    FtpDentError
+     ├─ InputError                what was given cannot be used (exit status 2)
+     │   ├─ RigError              rig.yaml: a field is missing, malformed or impossible
+     │   ├─ PatternError          the fringe pattern, its file or its image
+     │   ├─ ImageError            a photograph of the wrong type or size, or unreadable
+     │   ├─ CloudError            a point cloud file
+     │   ├─ ConfigurationError    a configuration or scene file, or a parameter
+     │   └─ BagError              a bag that cannot be read or written
+     ├─ RefusedFrameError         a photograph that gives no measurement; `reason` names why
+     │   ├─ NoCalibrationError    no rig is set
+     │   ├─ TooDarkError          no fringes: the lamp is off, or the skin is out of its light
+     │   ├─ SaturatedError        the fringes are clipped: the exposure is too long
+     │   └─ NoStripeError         the red stripe is not seen, so the fringe order is unknown
+     ├─ CameraError               a camera that cannot be opened or has stopped
+     ├─ LinkError                 a MAVLink connection that cannot be opened
+     └─ PoseError                 no trustworthy pose at the time asked for; `reason` names why
+
+A message is one sentence: what is wrong, where, and what to do.
+"""
+
+from __future__ import annotations
+
+
+class FtpDentError(Exception):
+    """Base of all errors that this package raises on purpose."""
+
+
+class InputError(FtpDentError):
+    """Something that the user gave cannot be used."""
+
+
+class RigError(InputError):
+    """The calibration of camera and projector is missing a field or is impossible."""
+
+
+class PatternError(InputError):
+    """The fringe pattern is malformed or does not fit the projector."""
+
+
+class ImageError(InputError):
+    """The image cannot be read, or has the wrong type or size."""
+
+
+class CloudError(InputError):
+    """The point cloud cannot be read or used."""
+
+
+class ConfigurationError(InputError):
+    """A configuration file or a parameter is wrong."""
+
+
+class BagError(InputError):
+    """The bag cannot be read or written."""
+
+
+class RefusedFrameError(FtpDentError):
+    """The image is well formed but gives no measurement that could be trusted.
+
+    Attributes
+    ----------
+    reason : str
+        A few fixed words, for counting refusals by their reason.
+    """
+
+    reason = 'refused'
+
+
+class NoCalibrationError(RefusedFrameError):
+    """No rig is set, so that the image has no geometry."""
+
+    reason = 'no calibration'
+
+
+class TooDarkError(RefusedFrameError):
+    """No part of the image shows fringes."""
+
+    reason = 'too dark'
+
+
+class SaturatedError(RefusedFrameError):
+    """The fringes are clipped over most of the lit area."""
+
+    reason = 'saturated'
+
+
+class NoStripeError(RefusedFrameError):
+    """The red stripe is not seen, so that the fringe order is unknown."""
+
+    reason = 'no stripe'
+
+
+class CameraError(FtpDentError):
+    """The camera cannot be opened or gives no images."""
+
+
+class LinkError(FtpDentError):
+    """The MAVLink connection cannot be opened."""
+
+
+class PoseError(FtpDentError):
+    """There is no trustworthy pose at the time asked for.
+
+    Attributes
+    ----------
+    reason : str
+        A few fixed words, for counting by reason.
+    """
+
+    reason = 'no pose'
+
+    def __init__(self, message: str, reason: str = 'no pose') -> None:
+        super().__init__(message)
+        self.reason = reason

@@ -1,0 +1,1 @@
+"""The autopilot: MAVLink link, clock, pose history, frame conversions."""

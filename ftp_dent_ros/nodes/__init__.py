@@ -1,0 +1,1 @@
+"""The rclpy nodes: parameters, subscriptions, one call, publications."""

@@ -1,0 +1,1 @@
+"""Bags: record, replay, recover."""

@@ -1,0 +1,1 @@
+"""Between messages and arrays; QoS, parameters and helpers of the nodes."""

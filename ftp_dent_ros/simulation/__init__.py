@@ -1,0 +1,1 @@
+"""The simulated world: skin, light, flight and autopilot."""
