@@ -12,12 +12,15 @@
      │   └─ BagError              a bag that cannot be read or written
      ├─ RefusedFrameError         a photograph that gives no measurement; `reason` names why
      │   ├─ NoCalibrationError    no rig is set
+     │   ├─ WrongCalibrationError the rig is not that of the camera
+     │   ├─ NoPatternError        it is not known what is projected
      │   ├─ TooDarkError          no fringes: the lamp is off, or the skin is out of its light
      │   ├─ SaturatedError        the fringes are clipped: the exposure is too long
      │   └─ NoStripeError         the red stripe is not seen, so the fringe order is unknown
      ├─ CameraError               a camera that cannot be opened or has stopped
      ├─ LinkError                 a MAVLink connection that cannot be opened
      └─ PoseError                 no trustworthy pose at the time asked for; `reason` names why
+         └─ PoseAwaitedError      not yet: what is needed may still come
 
 A message is one sentence: what is wrong, where, and what to do.
 """
@@ -75,6 +78,18 @@ class NoCalibrationError(RefusedFrameError):
     reason = 'no calibration'
 
 
+class WrongCalibrationError(RefusedFrameError):
+    """The camera says of itself that the rig is not its own."""
+
+    reason = 'wrong calibration'
+
+
+class NoPatternError(RefusedFrameError):
+    """It is not known what the projector shows."""
+
+    reason = 'no pattern'
+
+
 class TooDarkError(RefusedFrameError):
     """No part of the image shows fringes."""
 
@@ -115,3 +130,7 @@ class PoseError(FtpDentError):
     def __init__(self, message: str, reason: str = 'no pose') -> None:
         super().__init__(message)
         self.reason = reason
+
+
+class PoseAwaitedError(PoseError):
+    """The pose asked for may still come to be known: ask again a little later."""

@@ -1,0 +1,171 @@
+"""What a node says about itself once a second on /diagnostics."""
+
+from __future__ import annotations
+
+import statistics
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Callable
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+
+from ftp_dent_ros.ros.qos import DIAGNOSTICS
+
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+
+_WINDOW = 10.0
+
+
+class Statistics:
+    """Counts, rates and durations over the last seconds; any thread may add to it.
+
+    Parameters
+    ----------
+    window : float
+        How far rates and durations look back, seconds.
+    now : callable
+        Monotonic time in seconds.
+    """
+
+    def __init__(self, window: float = _WINDOW, now: Callable[[], float] = time.monotonic) -> None:
+        self._window = window
+        self._now = now
+        self._start = now()
+        self._lock = threading.Lock()
+        self._events: dict[str, deque[tuple[float, float]]] = {}
+        self.totals: Counter[str] = Counter()
+
+    def add(self, name: str, value: float = 0.0) -> None:
+        """Count one event called `name`, with a value (a duration in seconds, say)."""
+        with self._lock:
+            self.totals[name] += 1
+            self._events.setdefault(name, deque(maxlen=10_000)).append((self._now(), value))
+
+    def values(self, name: str) -> list[float]:
+        """Values of the events in the window, oldest first."""
+        with self._lock:
+            events = self._events.get(name, deque())
+            while events and events[0][0] < self._now() - self._window:
+                events.popleft()
+            return [value for _, value in events]
+
+    def rate(self, name: str) -> float:
+        """Events a second over the window, or since the start if that is less."""
+        lived = self._now() - self._start
+        return len(self.values(name)) / min(max(lived, 1.0), self._window)
+
+
+class Diagnostics:
+    """Publishes a node's state on ``/diagnostics`` at 1 Hz, on the steady clock.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    judge : callable, optional
+        Gives the level and the message of the moment, as far as the node itself knows them; a
+        refusal or a failure of the last ten seconds that is worse goes first.
+    hardware_id : str
+        The device that the node speaks for.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        judge: Callable[[], tuple[bytes, str]] = lambda: (OK, 'working'),
+        hardware_id: str = '',
+    ) -> None:
+        self._node = node
+        self._judge = judge
+        self._hardware_id = hardware_id
+        self._statistics = Statistics()
+        self._counted: dict[str, None] = {}
+        self._measured: dict[str, None] = {}
+        self._refused: Counter[str] = Counter()
+        self._notes: dict[str, str] = {}
+        self._last = {'refused': '', 'failed': ''}
+        self._logged: dict[str, float] = {}
+        self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS)
+        clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timer = node.create_timer(1.0, self._publish, clock=clock)
+
+    def count(self, name: str) -> None:
+        """Count one `name` ('images', say): its total and rate are shown."""
+        self._counted.setdefault(name)
+        self._statistics.add(name)
+
+    def measure(self, name: str, seconds: float) -> None:
+        """Add a duration ('latency', say): its median and maximum are shown."""
+        self._measured.setdefault(name)
+        self._statistics.add(name, seconds)
+
+    def note(self, name: str, value: object) -> None:
+        """Show a value from now on."""
+        self._notes[name] = str(value)
+
+    def refuse(self, reason: str, sentence: str) -> None:
+        """Something that was given gave no result, for a reason of a few fixed words."""
+        self._statistics.add('refused')
+        self._statistics.add(f'refused: {reason}')
+        self._refused[reason] += 1
+        self._last['refused'] = f'{reason}: {sentence}'
+        if self._is_due(reason):
+            self._node.get_logger().warning(f'refused, {reason}: {sentence}')
+
+    def fail(self, sentence: str) -> None:
+        """Something does not work; the level is ERROR for ten seconds."""
+        self._statistics.add('failed')
+        self._last['failed'] = sentence
+        if self._is_due(sentence):
+            self._node.get_logger().error(sentence)
+
+    def recent(self, name: str) -> int:
+        """How many `name` there were in the last ten seconds."""
+        return len(self._statistics.values(name))
+
+    def status(self) -> DiagnosticStatus:
+        """State of the moment."""
+        level, message = self._judge()
+        failures = len(self._statistics.values('failed'))
+        refusals = len(self._statistics.values('refused'))
+        if failures:
+            level, message = ERROR, self._last['failed']
+        elif refusals and level == OK:
+            level, message = WARN, f'{refusals} refused in 10 s, last {self._last["refused"]}'
+        values = dict(self._notes)
+        for name in list(self._counted):
+            values[name] = str(self._statistics.totals[name])
+            values[f'{name} per second'] = f'{self._statistics.rate(name):.2f}'
+        for name in list(self._measured):
+            durations = self._statistics.values(name)
+            if durations:
+                values[f'{name} median (ms)'] = f'{1e3 * statistics.median(durations):.1f}'
+                values[f'{name} maximum (ms)'] = f'{1e3 * max(durations):.1f}'
+        values['refused'] = str(self._statistics.totals['refused'])
+        for reason, times in list(self._refused.items()):
+            values[f'refused: {reason}'] = str(times)
+        values['failed'] = str(self._statistics.totals['failed'])
+        return DiagnosticStatus(
+            level=level,
+            name=self._node.get_fully_qualified_name().lstrip('/'),
+            message=message,
+            hardware_id=self._hardware_id,
+            values=[KeyValue(key=key, value=value) for key, value in values.items()],
+        )
+
+    def _publish(self) -> None:
+        array = DiagnosticArray(status=[self.status()])
+        array.header.stamp = self._node.get_clock().now().to_msg()
+        self._publisher.publish(array)
+
+    def _is_due(self, what: str) -> bool:
+        """Whether `what` was last logged more than a window ago."""
+        now = time.monotonic()
+        if now - self._logged.get(what, -_WINDOW) < _WINDOW:
+            return False
+        if len(self._logged) > 100:
+            self._logged.clear()
+        self._logged[what] = now
+        return True

@@ -1,0 +1,25 @@
+"""Quality of service of the payload's topics.
+
+Everything is reliable: with best effort most messages above half a megabyte are lost between
+processes. Images and clouds keep only the newest two, so that a slow reader is not served
+stale ones. Each can be changed by parameters named ``qos_overrides.TOPIC...`` where the topic
+is made with `OVERRIDABLE`.
+"""
+
+from __future__ import annotations
+
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+
+LATCHED = QoSProfile(
+    depth=1,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+IMAGES = QoSProfile(depth=2, reliability=ReliabilityPolicy.RELIABLE)
+CLOUDS = QoSProfile(depth=2, reliability=ReliabilityPolicy.RELIABLE)
+POSES = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+DIAGNOSTICS = QoSProfile(depth=10)
+
+# For `qos_overriding_options`: a camera driver of another make may publish best effort.
+OVERRIDABLE = QoSOverridingOptions.with_default_policies()
