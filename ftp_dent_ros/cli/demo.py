@@ -131,10 +131,8 @@ def _table(appraisal: Appraisal) -> str:
 
 
 def _files(output: Path) -> str:
-    lines = [f'In {output}/:']
-    for path in sorted(output.iterdir()):
-        lines.append(f'  {path.name}/' if path.is_dir() else f'  {path.name}')
-    return '\n'.join(lines)
+    names = [f'{path.name}/' if path.is_dir() else path.name for path in output.iterdir()]
+    return '\n'.join([f'In {output}/:', *(f'  {name}' for name in sorted(names))])
 
 
 def _verdict(appraisal: Appraisal, output: Path) -> int:

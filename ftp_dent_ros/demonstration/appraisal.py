@@ -5,7 +5,6 @@ from __future__ import annotations
 import statistics
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -146,9 +145,7 @@ def image_at(bag: Bag, stamp_ns: int) -> Image | None:
     return None
 
 
-def camera_error(
-    world: World, cloud: Cloud, stamp_ns: int, every: int = 1
-) -> NDArray[np.float64]:
+def camera_error(world: World, cloud: Cloud, stamp_ns: int, every: int = 1) -> NDArray[np.float64]:
     """Signed distance to the true skin of a cloud in the camera's frame, metres."""
     seen = world.surface.transformed(world.camera_pose(stamp_ns).inverse())
     return seen.distance(cloud.points[::every, ::every])

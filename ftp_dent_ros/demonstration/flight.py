@@ -104,9 +104,8 @@ def fly(
         observer.until(observer.all_subscribed, _READY_S, 'not everybody is subscribed')
         say('the link to the autopilot stands; switching the projector on')
         processes.start(projector)
-        while observer.tagged < clouds:
-            tagged = observer.tagged
-            observer.until(lambda: observer.tagged > tagged, _READY_S, 'no more tagged clouds')
+        for number in range(1, clouds + 1):
+            observer.until_tagged(number)
             progress(observer.tagged)
         processes.stop(_CAMERA)
         observer.drain()
@@ -125,9 +124,7 @@ class _Observer:
         self._processes, self._logs = processes, logs
         node.create_subscription(PoseStamped, '/mavlink/pose', self._on_pose, POSES)
         node.create_subscription(CameraInfo, '/camera/camera_info', self._on_image, IMAGES)
-        node.create_subscription(
-            PoseWithCovarianceStamped, '/tagged/pose', self._on_tagged, POSES
-        )
+        node.create_subscription(PoseWithCovarianceStamped, '/tagged/pose', self._on_tagged, POSES)
 
     def until(self, condition: Callable[[], bool], timeout: float, trouble: str) -> None:
         """Spin until `condition`; a process that ends or the timeout raises `FlightError`."""
@@ -138,6 +135,10 @@ class _Observer:
                 raise FlightError(f'{ended}; its last words: {self._last_words(ended)}')
             if time.monotonic() > end:
                 raise FlightError(f'{trouble} within {timeout:g} s: see the logs in {self._logs}')
+
+    def until_tagged(self, count: int) -> None:
+        """Wait for the tagged cloud of that number."""
+        self.until(lambda: self.tagged >= count, _READY_S, 'no more tagged clouds')
 
     def all_subscribed(self) -> bool:
         """Whether every topic of interest has its readers, so that no message is missed."""
