@@ -49,7 +49,17 @@ class Dent:
     def __post_init__(self) -> None:
         _require_positive(self, 'length', 'width')
 
-    def covers(self, x: Field, y: Field, margin: float = 0.0) -> NDArray[np.bool_]:
+    @property
+    def reach(self) -> float:
+        """Half the side of a square around the centre that holds the dent, metres."""
+        return max(self.length, self.width) / 2
+
+    @property
+    def rise(self) -> float:
+        """Largest height above or below the skin, metres."""
+        return abs(self.depth)
+
+    def covers(self, x: Field, y: Field, margin: float | Field = 0.0) -> NDArray[np.bool_]:
         """Mask of panel coordinates where the dent, widened by `margin` metres, is not zero."""
         u, v = self._normalised(x, y)
         shortest = min(self.length, self.width) / 2
@@ -92,6 +102,8 @@ class Rivet:
         Half width (standard deviation) of the groove, metres.
     proud : float
         How far the head stands out of the skin, metres.
+    dirt : float
+        Part of the paint's reflectance that is lost at the groove's bottom, 0 to 1.
     """
 
     x: float
@@ -100,24 +112,40 @@ class Rivet:
     groove: float = 80e-6
     sigma: float = 250e-6
     proud: float = 30e-6
+    dirt: float = 0.35
 
     def __post_init__(self) -> None:
         _require_positive(self, 'radius', 'sigma')
 
-    def covers(self, x: Field, y: Field, margin: float = 0.0) -> NDArray[np.bool_]:
+    @property
+    def reach(self) -> float:
+        """Half the side of a square around the centre that holds the rivet, metres."""
+        return _RIVET_REACH * self.radius
+
+    @property
+    def rise(self) -> float:
+        """Largest height above or below the skin, metres."""
+        return abs(self.groove) + abs(self.proud)
+
+    def covers(self, x: Field, y: Field, margin: float | Field = 0.0) -> NDArray[np.bool_]:
         """Mask of panel coordinates where the rivet, widened by `margin` metres, is not zero."""
-        reach = _RIVET_REACH * self.radius + margin
+        reach = self.reach + margin
         return (x - self.x) ** 2 + (y - self.y) ** 2 < reach * reach
 
     def height(self, x: Field, y: Field) -> tuple[Field, Field, Field]:
         """Height and its derivatives along x and y, at panel coordinates of any shape."""
         dx, dy = x - self.x, y - self.y
-        distance = np.hypot(dx, dy) + 1e-12
+        distance = np.hypot(dx, dy) + 1e-12  # The centre has no direction, and no slope.
         beyond = (distance - self.radius) / self.sigma
         groove = self.groove * np.exp(-0.5 * beyond * beyond)
         head = 1 / (1 + np.exp(np.minimum(2 * beyond, 500.0)))
         slope = (2 * self.proud * head * (1 - head) - groove * beyond) / self.sigma
         return groove - self.proud * head, slope * dx / distance, slope * dy / distance
+
+    def clean(self, x: Field, y: Field) -> Field:
+        """Part of the reflectance that the groove's dirt leaves, at panel coordinates."""
+        beyond = (np.hypot(x - self.x, y - self.y) - self.radius) / self.sigma
+        return 1 - self.dirt * np.exp(-0.5 * beyond * beyond)
 
 
 def _require_positive(shape: Dent | Rivet, *names: str) -> None:

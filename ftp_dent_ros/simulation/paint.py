@@ -36,12 +36,10 @@ class Paint:
 
     def beyond_edge(self, x: NDArray, y: NDArray) -> NDArray[np.bool_]:
         """Mask of panel coordinates beyond the paint's edge."""
-        return self.edge[0] * x + self.edge[1] * y > self.edge[2]
-
-    def albedo_at(self, x: NDArray, y: NDArray) -> NDArray[np.float64]:
-        """Albedo at panel coordinates of shape (n,), shape (n, 3)."""
-        tones = np.array([self.albedo, self.albedo_beyond])
-        return tones[self.beyond_edge(x, y).astype(np.intp)]
+        n_x, n_y, offset = self.edge
+        if not (n_x or n_y):
+            return np.full(x.shape, offset < 0)
+        return n_x * x + n_y * y > offset
 
     def specular(self, normal: NDArray, to_light: NDArray, to_eye: NDArray) -> NDArray[np.float64]:
         """Specular reflectance on the scale of an albedo: pi times the GGX BRDF.
@@ -58,15 +56,20 @@ class Paint:
         if not self.roughness:
             return np.zeros(len(normal))
         half = to_light + to_eye
-        half /= np.linalg.norm(half, axis=1, keepdims=True)
-        cos_light = np.maximum(np.sum(normal * to_light, axis=1), 1e-6)
-        cos_eye = np.maximum(np.sum(normal * to_eye, axis=1), 1e-6)
-        cos_half = np.sum(normal * half, axis=1)
+        half /= np.sqrt(dot(half, half))[:, None]
+        cos_light = np.maximum(dot(normal, to_light), 1e-6)
+        cos_eye = np.maximum(dot(normal, to_eye), 1e-6)
+        cos_half = dot(normal, half)
         alpha2 = self.roughness**2
         facets = alpha2 / (math.pi * (cos_half**2 * (alpha2 - 1) + 1) ** 2)
-        fresnel = _VARNISH + (1 - _VARNISH) * (1 - np.sum(half * to_eye, axis=1)) ** 5
+        fresnel = _VARNISH + (1 - _VARNISH) * (1 - dot(half, to_eye)) ** 5
         visibility = 1 / (_smith(cos_light, alpha2) * _smith(cos_eye, alpha2))
         return math.pi * facets * fresnel * visibility
+
+
+def dot(a: NDArray, b: NDArray) -> NDArray[np.float64]:
+    """Scalar products of vectors of shape (n, 3), shape (n,)."""
+    return np.einsum('ij,ij->i', a, b)
 
 
 def _smith(cosine: NDArray, alpha2: float) -> NDArray[np.float64]:

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import compress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,21 +74,21 @@ class Panel:
         """Dents and rivets."""
         return (*self.dents, *self.rivets)
 
-    def near(self, x: Field, y: Field, margin: float) -> Panel:
+    def near(self, x: Field, y: Field, margin: float = 0.0) -> Panel:
         """The same panel with only those features that may touch the box around (x, y)."""
+        if not self.features:
+            return self
         if not len(x):
             return replace(self, dents=(), rivets=())
-        low, high = (np.array([np.min(x), np.min(y)]), np.array([np.max(x), np.max(y)]))
-
-        def touched(feature: Dent | Rivet) -> bool:
-            centre = np.array([feature.x, feature.y])
-            closest = np.clip(centre, low, high)
-            return bool(feature.covers(closest[0], closest[1], margin))
-
+        centre_x, centre_y, reach = self._bounds
+        reach = reach + margin
+        touched = (centre_x > x.min() - reach) & (centre_x < x.max() + reach)
+        touched &= (centre_y > y.min() - reach) & (centre_y < y.max() + reach)
+        count = len(self.dents)
         return replace(
             self,
-            dents=tuple(filter(touched, self.dents)),
-            rivets=tuple(filter(touched, self.rivets)),
+            dents=tuple(compress(self.dents, touched[:count])),
+            rivets=tuple(compress(self.rivets, touched[count:])),
         )
 
     def covered(self, x: Field, y: Field, margin: float | Field) -> NDArray[np.bool_]:
@@ -120,19 +122,34 @@ class Panel:
             along_y[at] += slope_y
         return height, along_x, along_y
 
-    def normal(self, x: Field, y: Field) -> Field:
-        """Unit normals out of the aircraft in the parent frame, shape (n, 3)."""
-        _, along_x, along_y = self.height(x, y)
-        normal = np.stack([along_x, along_y, np.full_like(along_x, -1.0)], axis=-1)
-        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-        return self.pose.rotation.apply(normal)
+    def clean(self, x: Field, y: Field) -> Field:
+        """Part of the paint's reflectance that the dirt in grooves leaves, shape (n,)."""
+        part = np.ones_like(x)
+        for rivet in self.rivets:
+            at = np.flatnonzero(rivet.covers(x, y))
+            part[at] *= rivet.clean(x[at], y[at])
+        return part
+
+    def normal(self, x: Field, y: Field, bare: bool = False) -> Field:
+        """Unit normals out of the aircraft in the parent frame, shape (n, 3).
+
+        Those of the skin without its features if `bare`.
+        """
+        if bare:
+            _, along_x = self.bare_height(x)
+            along_y = np.zeros_like(along_x)
+        else:
+            _, along_x, along_y = self.height(x, y)
+        length = np.sqrt(1 + along_x * along_x + along_y * along_y)
+        normal = np.stack([along_x, along_y, np.full_like(along_x, -1.0)]) / length
+        return (self.pose.rotation.as_matrix() @ normal).T
 
     def hit_bare(self, origin: Field, rays: Field) -> tuple[Field, Field, Field]:
         """Where rays hit the skin without features, beyond the extent too.
 
         Parameters
         ----------
-        origin : ndarray, shape (3,)
+        origin : ndarray, shape (3,) or (n, 3)
         rays : ndarray, shape (n, 3)
 
         Returns
@@ -144,14 +161,14 @@ class Panel:
         start, along = self._in_panel(origin, rays)
         with np.errstate(all='ignore'):
             if self.cylinder_radius:
-                a = along[:, 0] ** 2 + along[:, 2] ** 2
-                b = start[0] * along[:, 0] + (start[2] - self.cylinder_radius) * along[:, 2]
+                a = along[0] ** 2 + along[2] ** 2
+                b = start[0] * along[0] + (start[2] - self.cylinder_radius) * along[2]
                 c = start[0] ** 2 + start[2] ** 2 - 2 * self.cylinder_radius * start[2]
                 scale = c / (np.sqrt(b * b - a * c) - b)
             else:
-                scale = -start[2] / along[:, 2]
+                scale = -start[2] / along[2]
             scale = np.where(scale > 0, scale, np.nan)
-        return scale, start[0] + scale * along[:, 0], start[1] + scale * along[:, 1]
+        return scale, start[0] + scale * along[0], start[1] + scale * along[1]
 
     def hit_features(
         self, origin: Field, rays: Field, scale: Field, x: Field, y: Field
@@ -161,22 +178,22 @@ class Panel:
         Raises no error where a ray grazes a feature: twelve Newton steps then are the best guess.
         """
         # A hit moves sideways by the depth times the ray's slope, which is 3 at 70 degrees.
-        margin = 3 * max((_rise(feature) for feature in self.features), default=0.0)
+        margin = 3 * max((feature.rise for feature in self.features), default=0.0)
         near = np.flatnonzero(self.covered(x, y, margin))
         if len(near):
+            origin = np.broadcast_to(origin, rays.shape)[near]
             start, along = self._in_panel(origin, rays[near])
             s = scale[near]
             for _ in range(_ITERATIONS):
-                px, py, pz = (start[i] + s * along[:, i] for i in range(3))
+                px, py, pz = start + s * along
                 height, along_x, along_y = self.height(px, py)
-                slope = along[:, 2] - along_x * along[:, 0] - along_y * along[:, 1]
+                slope = along[2] - along_x * along[0] - along_y * along[1]
                 step = (pz - height) / slope
                 s = s - step
                 if np.abs(step).max() < _CONVERGED:
                     break
             scale[near] = s
-            x[near] = start[0] + s * along[:, 0]
-            y[near] = start[1] + s * along[:, 1]
+            x[near], y[near], _ = start + s * along
         return scale, x, y
 
     def distance(self, points: Field) -> Field:
@@ -191,7 +208,7 @@ class Panel:
         above = at[:, 2] - height
         distance = np.sqrt((at[:, 0] - foot_x) ** 2 + (at[:, 1] - foot_y) ** 2 + above**2)
         behind = above >= 0
-        margin = distance + max((_rise(feature) for feature in self.features), default=0.0)
+        margin = distance + max((feature.rise for feature in self.features), default=0.0)
         local = self.near(foot_x, foot_y, float(margin.max(initial=0.0)))
         near = np.flatnonzero(local.covered(foot_x, foot_y, margin))
         if len(near):
@@ -210,7 +227,7 @@ class Panel:
             closer = distance < best
             best[closer], behind[closer] = distance[closer], dz[closer] >= 0
             # Gauss-Newton on the squared distance, with the curvature of the bare skin added.
-            bend = 0.0
+            bend = np.zeros(len(x))
             if self.cylinder_radius:
                 root = self.cylinder_radius**2 - x * x
                 bend = np.minimum(dz * self.cylinder_radius**2 / root**1.5, 0.8)
@@ -235,18 +252,17 @@ class Panel:
         return np.clip(x, x_min, x_max), np.clip(at[:, 1], y_min, y_max)
 
     def _in_panel(self, origin: Field, rays: Field) -> tuple[Field, Field]:
-        start = self.pose.rotation.inv().apply(origin - self.pose.translation)
-        return start, rays @ self.pose.rotation.as_matrix()
+        """Origin, shape (3,) or (3, n), and rays, shape (3, n), in the panel's frame."""
+        to_panel = self.pose.rotation.as_matrix().T
+        return to_panel @ (origin - self.pose.translation).T, to_panel @ rays.T
+
+    @cached_property
+    def _bounds(self) -> Field:
+        """Centre and half side of each feature's square, shape (3, number of features)."""
+        return np.array([(f.x, f.y, f.reach + 3 * f.rise) for f in self.features]).T
 
     def _footprints(self, x: Field, y: Field) -> Iterator[tuple[Dent | Rivet, NDArray[np.intp]]]:
         for feature in self.features:
             at = np.flatnonzero(feature.covers(x, y))
             if len(at):
                 yield feature, at
-
-
-def _rise(feature: Dent | Rivet) -> float:
-    """Largest height of a feature above or below the skin, metres."""
-    if isinstance(feature, Dent):
-        return abs(feature.depth)
-    return abs(feature.groove) + abs(feature.proud)

@@ -48,7 +48,7 @@ class Surface:
             scale, x, y = panel.hit_bare(start, flat)
             hit = np.flatnonzero(np.isfinite(scale))
             scale, x, y, towards = scale[hit], x[hit], y[hit], flat[hit]
-            local = panel.near(x, y, _LATERAL)
+            local = panel.near(x, y)
             local.hit_features(start, towards, scale, x, y)
             scale[~panel.contains(x, y)] = np.inf
             nearest[hit] = np.minimum(nearest[hit], scale)
@@ -78,7 +78,3 @@ class Surface:
         result = np.full(len(flat), np.nan)
         result[finite] = best
         return result.reshape(points.shape[:-1])
-
-
-# Wide enough around the rays' box that no dent is missed which they meet off the bare skin.
-_LATERAL = 0.05
