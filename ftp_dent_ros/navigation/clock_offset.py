@@ -28,7 +28,7 @@ _DRIFT_PPM = 200
 # An autopilot reads its clock between two rounds of its scheduler: this much is no step.
 _TOLERANCE = 5 * MILLISECOND
 _MINIMUM_EXCHANGES = 5
-_KEPT_EXCHANGES = 128
+_KEPT_EXCHANGES = 64
 _KEPT_SEGMENTS = 8
 _KEPT_REQUESTS = 64
 _SILENCE = 2 * SECOND
@@ -63,10 +63,12 @@ class _Segment:
     begin: int
     exchanges: deque[Exchange] = field(default_factory=lambda: deque(maxlen=_KEPT_EXCHANGES))
     count: int = 0
+    latest: tuple[int, int] = (0, 0)
 
     def add(self, exchange: Exchange) -> None:
         self.exchanges.append(exchange)
         self.count += 1
+        self.latest = self.offset(exchange.received)
 
     @property
     def last(self) -> Exchange:
@@ -156,14 +158,14 @@ class ClockOffset:
         if rebooted:
             self._reboots += 1
             self._segments.clear()
-        while self._segments and abs(now - self._segments[0].end) > _FORGOTTEN:
-            self._segments.popleft()
         if self._segments and self._segments[-1].contradicts(exchange):
             self._steps += 1
             self._segments.append(_Segment(now))
         if not self._segments:
             self._segments.append(_Segment(now))
         self._segments[-1].add(exchange)
+        while abs(now - self._segments[0].end) > _FORGOTTEN:
+            self._segments.popleft()
         return rebooted
 
     def boot_time(self, stamp: int) -> tuple[int, int]:
@@ -207,9 +209,7 @@ class ClockOffset:
         """ROS time of a recent time since boot, both in ns; None until that is known."""
         if not self._segments or not self._is_converged(self._segments[-1]):
             return None
-        newest = self._segments[-1]
-        offset, _ = newest.offset(newest.last.received)
-        return boot + newest.offset(boot + offset)[0]
+        return boot + self._segments[-1].latest[0]
 
     def unwrap(self, time_boot_ms: int, now: int) -> int | None:
         """Time since boot in ns, past the wrap of `time_boot_ms` after 49.7 days.
@@ -229,7 +229,7 @@ class ClockOffset:
             return ClockState(False, None, None, None, self._answers, self._steps, self._reboots)
         newest = self._segments[-1]
         last = newest.last
-        offset, uncertainty = newest.offset(last.received)
+        offset, uncertainty = newest.latest
         recent = [exchange.round_trip for exchange in list(newest.exchanges)[-20:]]
         return ClockState(
             self._is_converged(newest) and now - last.received < _SILENCE,
@@ -242,8 +242,7 @@ class ClockOffset:
         )
 
     def _is_converged(self, segment: _Segment) -> bool:
-        uncertainty = segment.offset(segment.last.received)[1]
-        return segment.count >= _MINIMUM_EXCHANGES and uncertainty <= self._maximum_error
+        return segment.count >= _MINIMUM_EXCHANGES and segment.latest[1] <= self._maximum_error
 
     def _boot_now(self, now: int) -> int:
         last = self._segments[-1].last

@@ -8,13 +8,23 @@ import traceback
 from collections.abc import Callable, Sequence
 
 import rclpy
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import (
+    Executor,
+    ExternalShutdownException,
+    MultiThreadedExecutor,
+    SingleThreadedExecutor,
+)
 from rclpy.node import Node
 
 from ftp_dent_ros.errors import FtpDentError
 
 
-def run(make_node: Callable[[], Node], name: str, arguments: Sequence[str] | None = None) -> int:
+def run(
+    make_node: Callable[[], Node],
+    name: str,
+    arguments: Sequence[str] | None = None,
+    threads: int = 1,
+) -> int:
     """Run a node until SIGINT or SIGTERM.
 
     An exception of a callback is logged and the node goes on: a message from anywhere must not
@@ -28,6 +38,8 @@ def run(make_node: Callable[[], Node], name: str, arguments: Sequence[str] | Non
         Name of the executable, for messages.
     arguments : sequence of str, optional
         ``sys.argv`` by default.
+    threads : int
+        More than one for a node with a callback that waits.
 
     Returns
     -------
@@ -36,10 +48,10 @@ def run(make_node: Callable[[], Node], name: str, arguments: Sequence[str] | Non
         stderr).
     """
     node: Node | None = None
-    executor: SingleThreadedExecutor | None = None
+    executor: Executor | None = None
     try:
         rclpy.init(args=None if arguments is None else list(arguments))
-        executor = SingleThreadedExecutor()
+        executor = SingleThreadedExecutor() if threads == 1 else MultiThreadedExecutor(threads)
         node = make_node()
         executor.add_node(node)
         while rclpy.ok():
@@ -68,7 +80,7 @@ def run(make_node: Callable[[], Node], name: str, arguments: Sequence[str] | Non
     return 0
 
 
-def _spin_once(executor: SingleThreadedExecutor, node: Node) -> None:
+def _spin_once(executor: Executor, node: Node) -> None:
     # The timeout matters: without it a signal is missed now and then.
     try:
         executor.spin_once(timeout_sec=0.5)
