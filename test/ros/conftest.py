@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import fcntl
 import importlib.util
 import os
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from itertools import count
@@ -36,23 +34,11 @@ def pytest_pycollect_makemodule(module_path: Path, parent: pytest.Collector):
 @pytest.fixture(scope='session')
 def domain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
     """A ROS domain that no other test run on this machine uses, for this process and its own."""
-    locks = Path(tempfile.gettempdir()) / f'ftp_dent_ros_domains_{os.getuid()}'
-    locks.mkdir(exist_ok=True)
-    for domain_id in range(1, 102):
-        lock = (locks / str(domain_id)).open('w')
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            lock.close()
-            continue
-        break
-    else:
-        pytest.fail('all ROS domains from 1 to 101 are taken by other test runs')
-    os.environ['ROS_DOMAIN_ID'] = str(domain_id)
-    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     os.environ['ROS_LOG_DIR'] = str(tmp_path_factory.mktemp('ros_log'))
-    yield domain_id
-    lock.close()
+    from ftp_dent_ros.ros.domain import free_domain
+
+    with free_domain() as domain_id:
+        yield domain_id
 
 
 class Process:
