@@ -40,9 +40,7 @@ _KEPT = 128
 
 def is_ready(name: str, flags: int) -> bool:
     """Whether the flags of a report (one of `REPORTS`) promise attitude and local position."""
-    return (
-        flags & _NEEDED == _NEEDED and bool(flags & _ANY_POSITION) and not flags & _FATAL[name]
-    )
+    return flags & _NEEDED == _NEEDED and bool(flags & _ANY_POSITION) and not flags & _FATAL[name]
 
 
 class Estimator:

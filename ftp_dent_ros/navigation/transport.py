@@ -178,7 +178,9 @@ class _Serial(Transport):
                 f'{path}: serial lines need pyserial: install it (python3-serial)'
             ) from None
         # Exclusive: two programs that read one line take each other's bytes.
-        self._port = serial.Serial(path, baud, timeout=0, write_timeout=_SEND_TIMEOUT, exclusive=True)
+        self._port = serial.Serial(
+            path, baud, timeout=0, write_timeout=_SEND_TIMEOUT, exclusive=True
+        )
 
     def fileno(self) -> int:
         return int(self._port.fileno())

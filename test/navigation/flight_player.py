@@ -106,9 +106,7 @@ class Truth:
     attitude: np.ndarray
 
 
-def answer(
-    message: mavlink.MAVLink_message, boot_ns: int
-) -> mavlink.MAVLink_message | None:
+def answer(message: mavlink.MAVLink_message, boot_ns: int) -> mavlink.MAVLink_message | None:
     """What the vehicle sends back to a message, at a time since its boot."""
     if message.get_type() == 'TIMESYNC' and message.tc1 == 0:
         return mavlink.MAVLink_timesync_message(tc1=boot_ns, ts1=message.ts1)
