@@ -101,6 +101,7 @@ def test_a_cloud_comes_back_in_the_map_with_the_pose_at_its_stamp(ros, port, aut
     assert_allclose(pose.translation, BASE, atol=1e-6)
     assert_allclose(pose.rotation.apply([1, 0, 0]), [0, 1, 0], atol=1e-6)
 
+    ros.until(lambda: len(bridge.stream) > 30)
     live = bridge.stream[-1]
     assert live.header.frame_id == 'map'
     assert_allclose(pose_from_message(live.pose).translation, BASE, atol=1e-6)
