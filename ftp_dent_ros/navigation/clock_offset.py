@@ -32,8 +32,8 @@ _KEPT_EXCHANGES = 64
 _KEPT_SEGMENTS = 8
 _KEPT_REQUESTS = 64
 _SILENCE = 2 * SECOND
-# Further back than any step or reordering: the autopilot has started anew.
-_REBOOT = 1 * SECOND
+# A larger step: the autopilot has rebooted, or this computer's clock has been set.
+_RESTART = 1 * SECOND
 # Segments that ended longer ago are of no use to any cloud.
 _FORGOTTEN = 60 * SECOND
 # A `time_boot_ms` further back, or ahead, of the present is none of this flight.
@@ -88,12 +88,11 @@ class _Segment:
         # Bounds that cross, by less than the tolerance, leave as much doubt as bounds apart.
         return (lower + upper) // 2, abs(upper - lower) // 2
 
-    def contradicts(self, exchange: Exchange) -> bool:
-        """Whether only a step can explain an exchange after those before it."""
+    def contradiction(self, exchange: Exchange) -> int:
+        """By how much, ns, an exchange after these cannot be of the same clocks; 0 if it can."""
         offset, uncertainty = self.offset(exchange.received)
         lower, upper = exchange.sent - exchange.boot, exchange.received - exchange.boot
-        margin = uncertainty + _TOLERANCE
-        return lower > offset + margin or upper < offset - margin
+        return max(0, abs(offset - min(max(offset, lower), upper)) - uncertainty - _TOLERANCE)
 
 
 @dataclass(frozen=True)
@@ -106,7 +105,7 @@ class ClockState:
     round_trip: float | None
     answers: int
     steps: int
-    reboots: int
+    restarts: int
 
 
 class ClockOffset:
@@ -126,7 +125,7 @@ class ClockOffset:
         self._segments: deque[_Segment] = deque(maxlen=_KEPT_SEGMENTS)
         self._open_requests: dict[int, None] = {}
         self._last_request: int | None = None
-        self._answers = self._steps = self._reboots = 0
+        self._answers = self._steps = self._restarts = 0
 
     def request(self, now: int) -> int | None:
         """`ts1` of a request to send now (ROS time in ns), or None while none is due."""
@@ -140,9 +139,15 @@ class ClockOffset:
         return now
 
     def answer(self, tc1: int, ts1: int, now: int) -> bool:
-        """Take a TIMESYNC message of the autopilot's that arrived now; tell if it has rebooted.
+        """Take a TIMESYNC message of the autopilot's that arrived now.
 
         A request (tc1 = 0) and an answer to anybody else's request teach nothing.
+
+        Returns
+        -------
+        bool
+            Whether this shows that the time since boot has started anew: the autopilot has
+            rebooted (or this computer's clock has been set, which looks the same).
         """
         if tc1 <= 0 or ts1 not in self._open_requests:
             return False
@@ -154,11 +159,12 @@ class ClockOffset:
         if exchange.round_trip < 0:
             return False
         self._answers += 1
-        rebooted = bool(self._segments) and tc1 < self._segments[-1].last.boot - _REBOOT
-        if rebooted:
-            self._reboots += 1
+        off = self._segments[-1].contradiction(exchange) if self._segments else 0
+        restarted = off > _RESTART
+        if restarted:
+            self._restarts += 1
             self._segments.clear()
-        if self._segments and self._segments[-1].contradicts(exchange):
+        elif off:
             self._steps += 1
             self._segments.append(_Segment(now))
         if not self._segments:
@@ -166,7 +172,7 @@ class ClockOffset:
         self._segments[-1].add(exchange)
         while abs(now - self._segments[0].end) > _FORGOTTEN:
             self._segments.popleft()
-        return rebooted
+        return restarted
 
     def boot_time(self, stamp: int) -> tuple[int, int]:
         """Autopilot's time since boot at a ROS time, and its uncertainty; nanoseconds.
@@ -226,7 +232,7 @@ class ClockOffset:
     def state(self, now: int) -> ClockState:
         """State at a ROS time."""
         if not self._segments:
-            return ClockState(False, None, None, None, self._answers, self._steps, self._reboots)
+            return ClockState(False, None, None, None, self._answers, self._steps, self._restarts)
         newest = self._segments[-1]
         last = newest.last
         offset, uncertainty = newest.latest
@@ -238,7 +244,7 @@ class ClockOffset:
             statistics.median(recent) / SECOND,
             self._answers,
             self._steps,
-            self._reboots,
+            self._restarts,
         )
 
     def _is_converged(self, segment: _Segment) -> bool:

@@ -64,7 +64,7 @@ def figures(state: LinkState) -> dict[str, str]:
         'round trip (ms)': _number(clock.round_trip, 1e3, 3),
         'clock steps': str(clock.steps),
         'ahead of UTC of GPS (s)': _number(vehicle.utc_error, 1, 3),
-        'reboots': str(clock.reboots),
+        'clock restarts': str(clock.restarts),
         'reconnections': str(state.reconnections),
         'messages': str(vehicle.messages),
         'messages of others': str(vehicle.foreign),

@@ -11,7 +11,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from ftp_dent_ros.errors import PoseAwaitedError
+from ftp_dent_ros.errors import PoseAwaitedError, PoseError
 from ftp_dent_ros.navigation import estimator, frames
 from ftp_dent_ros.navigation.clock_offset import ClockOffset
 from ftp_dent_ros.navigation.estimator import Estimator
@@ -24,6 +24,9 @@ from ftp_dent_ros.pose import Pose
 Message = Any
 
 _ESTIMATOR_RATE = 5.0
+# Poses are kept for as long; seconds.
+_LONGEST_AGE = 10.0
+_LONGEST_LEAD = 1.0
 
 
 class Vehicle:
@@ -34,7 +37,7 @@ class Vehicle:
         self._identity: tuple[int, int] | None = None
         self._autopilot = mavlink.MAV_AUTOPILOT_INVALID
         self._clock = ClockOffset(maximum_error=settings.maximum_clock_error)
-        self._history = PoseHistory(maximum_gap=settings.maximum_gap)
+        self._history = PoseHistory(_LONGEST_AGE, settings.maximum_gap)
         self._estimator = Estimator()
         self._streams = Streams([])
         self._heard: float | None = None
@@ -112,6 +115,13 @@ class Vehicle:
         PoseError
             There is no trustworthy pose at that time, and will be none.
         """
+        age = (at.ros - stamp) / 1e9
+        if age > _LONGEST_AGE:
+            raise PoseError(f'the stamp is {age:.1f} s old', 'too old')
+        if age < -_LONGEST_LEAD:
+            raise PoseError(
+                f"the stamp is {-age:.1f} s ahead of this computer's clock", 'stamp in the future'
+            )
         if self._identity is None:
             raise PoseAwaitedError('no autopilot has been heard on the link', 'no autopilot')
         try:

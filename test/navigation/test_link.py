@@ -165,7 +165,7 @@ def test_an_autopilot_that_reboots_comes_back_from_another_port(connect) -> None
     with HoveringAutopilot(Wire(udp(), (LOCAL, port)), north=9.0) as second:
         subject.until(lambda: subject.has_pose(9.0))
         assert second.heard('COMMAND_LONG')
-    assert subject.link.state().vehicle.clock.reboots == 1
+    assert subject.link.state().vehicle.clock.restarts == 1
 
 
 def test_of_two_vehicles_on_one_port_only_the_first_is_followed(connect) -> None:

@@ -254,7 +254,7 @@ def test_a_reboot_is_noticed_and_everything_is_asked_for_again() -> None:
     world.intervals.clear()
     world.asked.clear()
     world.run(4)
-    assert world.vehicle.state(world.at).clock.reboots == 1
+    assert world.vehicle.state(world.at).clock.restarts == 1
     assert mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED in world.asked
     assert_allclose(world.pose_at(0.5).translation[1], (world.now - START) / S - 0.5, atol=2e-3)
     before = world.reason(4.5)
