@@ -12,6 +12,8 @@
      │   └─ BagError              a bag that cannot be read or written
      ├─ RefusedFrameError         a photograph that gives no measurement; `reason` names why
      │   ├─ NoCalibrationError    no rig is set
+     │   ├─ WrongCalibrationError the rig is not that of the camera
+     │   ├─ NoPatternError        it is not known what is projected
      │   ├─ TooDarkError          no fringes: the lamp is off, or the skin is out of its light
      │   ├─ SaturatedError        the fringes are clipped: the exposure is too long
      │   └─ NoStripeError         the red stripe is not seen, so the fringe order is unknown
@@ -73,6 +75,18 @@ class NoCalibrationError(RefusedFrameError):
     """No rig is set, so that the image has no geometry."""
 
     reason = 'no calibration'
+
+
+class WrongCalibrationError(RefusedFrameError):
+    """The camera says of itself that the rig is not its own."""
+
+    reason = 'wrong calibration'
+
+
+class NoPatternError(RefusedFrameError):
+    """It is not known what the projector shows."""
+
+    reason = 'no pattern'
 
 
 class TooDarkError(RefusedFrameError):

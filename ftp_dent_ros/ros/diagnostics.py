@@ -121,6 +121,10 @@ class Diagnostics:
         if self._is_due(sentence):
             self._node.get_logger().error(sentence)
 
+    def recent(self, name: str) -> int:
+        """How many `name` there were in the last ten seconds."""
+        return len(self._statistics.values(name))
+
     def status(self) -> DiagnosticStatus:
         """State of the moment."""
         level, message = self._judge()

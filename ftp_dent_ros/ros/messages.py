@@ -112,19 +112,36 @@ def cloud_from_message(message: PointCloud2) -> Cloud:
     return Cloud(points, np.zeros(points.shape[:2], np.float32))
 
 
-def camera_info_message(lens: Lens, stamp_ns: int, frame_id: str) -> CameraInfo:
-    """sensor_msgs/CameraInfo of a lens; R is the identity and P is [K 0] (one camera)."""
-    projection = np.hstack([lens.camera_matrix, np.zeros((3, 1))])
-    return CameraInfo(
+def camera_info_message(
+    lens: Lens | None, size: tuple[int, int], stamp_ns: int, frame_id: str
+) -> CameraInfo:
+    """sensor_msgs/CameraInfo of a lens, or of none (K is 0: uncalibrated).
+
+    Parameters
+    ----------
+    lens : Lens or None
+    size : (int, int)
+        Width and height of the image that it goes with.
+    stamp_ns : int
+    frame_id : str
+
+    Returns
+    -------
+    sensor_msgs/CameraInfo
+        R is the identity and P is [K 0], as for a single camera.
+    """
+    message = CameraInfo(
         header=make_header(stamp_ns, frame_id),
-        width=lens.width,
-        height=lens.height,
-        distortion_model='plumb_bob',
-        d=lens.distortion.tolist(),
-        k=lens.camera_matrix.ravel(),
-        r=np.eye(3).ravel(),
-        p=projection.ravel(),
+        width=size[0],
+        height=size[1],
     )
+    if lens:
+        message.distortion_model = 'plumb_bob'
+        message.d = lens.distortion.tolist()
+        message.k = lens.camera_matrix.ravel()
+        message.r = np.eye(3).ravel()
+        message.p = np.hstack([lens.camera_matrix, np.zeros((3, 1))]).ravel()
+    return message
 
 
 def lens_from_message(message: CameraInfo) -> Lens | None:

@@ -1,0 +1,124 @@
+"""What every source of images is: frames with the time of their exposure."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A photograph and when it was taken.
+
+    Attributes
+    ----------
+    image : ndarray, shape (height, width, 3), uint8
+        RGB.
+    stamp_ns : int
+        Middle of the exposure, nanoseconds of ROS time.
+    """
+
+    image: NDArray[np.uint8]
+    stamp_ns: int
+
+
+class Source(Protocol):
+    """A camera of some kind.
+
+    Both ways to a frame raise `CameraError` when the camera does not work (try again later), and
+    `ImageError` when this one image is unusable.
+
+    Attributes
+    ----------
+    finished : bool
+        Whether there will never be another frame.
+    missed : int
+        Frames that were due and were not taken, because the one before took too long.
+    """
+
+    finished: bool
+    missed: int
+
+    def next_frame(self, timeout: float) -> Frame | None:
+        """Frame that is due by the source's rate; None if none is within `timeout` seconds."""
+
+    def shoot(self) -> Frame | None:
+        """Frame at once, exposed after this call; None when finished."""
+
+    def rest(self) -> None:
+        """Nobody wants frames at present: what falls due meanwhile is not missed."""
+
+    def close(self) -> None:
+        """Let go of the camera; the source cannot be used after this."""
+
+
+class Pace:
+    """Regular deadlines; one that passed while the frame before was made is left out.
+
+    Parameters
+    ----------
+    rate : float
+        Deadlines a second; 0 for none.
+    now : callable
+        Monotonic time in seconds.
+    """
+
+    def __init__(self, rate: float, now: Callable[[], float] = time.monotonic) -> None:
+        self._period = 1 / rate if rate > 0 else float('inf')
+        self._now = now
+        self._stop = threading.Event()
+        self.missed = 0
+        self.restart()
+
+    def wait(self, timeout: float) -> bool:
+        """Wait for the next deadline, but `timeout` seconds at most; whether it was reached."""
+        early = self._due - self._now()
+        if early > 0 and (self._stop.wait(min(early, timeout)) or early > timeout):
+            return False
+        late = int((self._now() - self._due) / self._period)
+        self.missed += late
+        self._due += (1 + late) * self._period
+        return True
+
+    def restart(self) -> None:
+        """Let the next deadline be now."""
+        self._due = self._now() if self._period < float('inf') else float('inf')
+
+    def stop(self) -> None:
+        """End all waiting."""
+        self._stop.set()
+
+
+class PacedSource:
+    """Common part of the sources that make their frames when they are asked to."""
+
+    def __init__(self, rate: float) -> None:
+        self.finished = False
+        self._pace = Pace(rate)
+
+    @property
+    def missed(self) -> int:
+        """Frames that were due while the one before was still being made."""
+        return self._pace.missed
+
+    def next_frame(self, timeout: float) -> Frame | None:
+        """Frame that is due by the rate; None if none is within `timeout` seconds."""
+        return self.shoot() if self._pace.wait(timeout) else None
+
+    def shoot(self) -> Frame | None:
+        """Frame at once; None when finished."""
+        raise NotImplementedError
+
+    def rest(self) -> None:
+        """Nobody wants frames at present."""
+        self._pace.restart()
+
+    def close(self) -> None:
+        """End all waiting."""
+        self._pace.stop()

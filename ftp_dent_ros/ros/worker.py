@@ -1,0 +1,53 @@
+"""A thread that works on the newest item, so that the executor stays free."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Generic, TypeVar
+
+Item = TypeVar('Item')
+
+
+class NewestWorker(Generic[Item]):
+    """Calls a function with the newest item; items that came in between are dropped.
+
+    Parameters
+    ----------
+    work : callable
+        It has to catch its own errors.
+    name : str
+        Name of the thread.
+    """
+
+    def __init__(self, work: Callable[[Item], None], name: str) -> None:
+        self._work = work
+        self._changed = threading.Condition()
+        self._waiting: list[Item] = []
+        self._stopped = False
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread.start()
+
+    def put(self, item: Item) -> bool:
+        """Hand over an item; whether one that nobody had taken yet was dropped for it."""
+        with self._changed:
+            dropped = bool(self._waiting)
+            self._waiting = [item]
+            self._changed.notify()
+            return dropped
+
+    def stop(self) -> None:
+        """Finish the item in work and end the thread."""
+        with self._changed:
+            self._stopped = True
+            self._changed.notify()
+        self._thread.join()
+
+    def _run(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._waiting or self._stopped)
+                if self._stopped:
+                    return
+                item = self._waiting.pop()
+            self._work(item)

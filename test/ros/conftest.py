@@ -1,0 +1,191 @@
+"""Real rclpy between real processes, on a domain of this test run's own."""
+
+from __future__ import annotations
+
+import fcntl
+import importlib.util
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+HAS_ROS = importlib.util.find_spec('rclpy') is not None
+
+
+class _Skipped(pytest.Module):
+    def collect(self):
+        pytest.skip('rclpy is not installed: nothing that needs ROS is tested')
+
+
+def pytest_pycollect_makemodule(module_path: Path, parent: pytest.Collector):
+    return None if HAS_ROS else _Skipped.from_parent(parent, path=module_path)
+
+
+@pytest.fixture(scope='session')
+def domain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
+    """A ROS domain that no other test run on this machine uses, for this process and its own."""
+    locks = Path(tempfile.gettempdir()) / f'ftp_dent_ros_domains_{os.getuid()}'
+    locks.mkdir(exist_ok=True)
+    for domain_id in range(1, 102):
+        lock = (locks / str(domain_id)).open('w')
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            lock.close()
+            continue
+        break
+    else:
+        pytest.fail('all ROS domains from 1 to 101 are taken by other test runs')
+    os.environ['ROS_DOMAIN_ID'] = str(domain_id)
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    os.environ['ROS_LOG_DIR'] = str(tmp_path_factory.mktemp('ros_log'))
+    yield domain_id
+    lock.close()
+
+
+class Process:
+    """A node as a process of its own."""
+
+    def __init__(self, module: str, arguments: list[str], log: Path) -> None:
+        self.log = log
+        with log.open('w') as output:
+            self._popen = subprocess.Popen(
+                [sys.executable, '-m', module, *arguments],
+                stdout=output,
+                stderr=subprocess.STDOUT,
+            )
+
+    @property
+    def output(self) -> str:
+        return self.log.read_text(errors='replace')
+
+    @property
+    def alive(self) -> bool:
+        return self._popen.poll() is None
+
+    @property
+    def pid(self) -> int:
+        return self._popen.pid
+
+    def wait(self, timeout: float = 20.0) -> int:
+        """Exit status."""
+        return self._popen.wait(timeout)
+
+    def stop(self, with_signal: int = signal.SIGINT, timeout: float = 10.0) -> int:
+        """Exit status after a signal."""
+        if self.alive:
+            self._popen.send_signal(with_signal)
+        return self._popen.wait(timeout)
+
+    def kill(self) -> None:
+        if self.alive:
+            self._popen.kill()
+        self._popen.wait()
+
+
+class Ros:
+    """A node of the test's own, in a context and a namespace that no other test has.
+
+    Attributes
+    ----------
+    node : rclpy.node.Node
+    namespace : str
+        Of the node, and of the processes that are started.
+    """
+
+    _numbers = count()
+
+    def __init__(self, domain_id: int, folder: Path) -> None:
+        import rclpy
+        from rclpy.executors import SingleThreadedExecutor
+
+        self.namespace = f'/test{next(self._numbers)}'
+        self._folder = folder
+        self._processes: list[Process] = []
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context, domain_id=domain_id)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.node = rclpy.create_node('tester', namespace=self.namespace, context=self.context)
+        self.executor.add_node(self.node)
+
+    def until(self, condition: Callable[[], Any], timeout: float = 20.0) -> Any:
+        """Spin until `condition` gives something true, which is returned."""
+        end = time.monotonic() + timeout
+        while True:
+            result = condition()
+            if result:
+                return result
+            if time.monotonic() > end:
+                outputs = [f'--- {item.log.name}\n{item.output}' for item in self._processes]
+                pytest.fail(f'not reached within {timeout:g} s\n' + '\n'.join(outputs))
+            self.executor.spin_once(timeout_sec=0.02)
+
+    def start(self, name: str, *arguments: str, module: str = '', **parameters: Any) -> Process:
+        """Start a node of the package; parameters as keywords, `__` in a name stands for a dot."""
+        words = ['--ros-args', '-r', f'__ns:={self.namespace}']
+        for key, value in parameters.items():
+            text = str(value).lower() if isinstance(value, bool) else str(value)
+            text = "''" if text == '' else text
+            words += ['-p', f'{key.replace("__", ".")}:={text}']
+        log = self._folder / f'{name}{len(self._processes)}.log'
+        process = Process(module or f'ftp_dent_ros.nodes.{name}', [*words, *arguments], log)
+        self._processes.append(process)
+        return process
+
+    def collect(self, message_type: Any, topic: str, qos: Any = 10) -> list[Any]:
+        """List to which the messages of a topic are appended as they come."""
+        messages: list[Any] = []
+        self.node.create_subscription(message_type, topic, messages.append, qos)
+        return messages
+
+    def publisher(self, message_type: Any, topic: str, qos: Any = 10) -> Any:
+        """Publisher that somebody is subscribed to already."""
+        publisher = self.node.create_publisher(message_type, topic, qos)
+        self.until(publisher.get_subscription_count)
+        return publisher
+
+    def call(self, service_type: Any, name: str, request: Any) -> Any:
+        """Response of a service."""
+        client = self.node.create_client(service_type, name)
+        self.until(client.service_is_ready)
+        future = client.call_async(request)
+        self.until(future.done)
+        return future.result()
+
+    def diagnostics(self, name: str) -> Callable[[], Any]:
+        """Function that gives the last diagnostic status of a node of this namespace, or None."""
+        from diagnostic_msgs.msg import DiagnosticArray
+
+        arrays = self.collect(DiagnosticArray, '/diagnostics')
+        full_name = f'{self.namespace}/{name}'.lstrip('/')
+
+        def last() -> Any:
+            found = [
+                status for array in arrays for status in array.status if status.name == full_name
+            ]
+            return found[-1] if found else None
+
+        return last
+
+    def close(self) -> None:
+        for process in self._processes:
+            process.kill()
+        self.executor.shutdown()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+
+@pytest.fixture
+def ros(domain: int, tmp_path: Path) -> Iterator[Ros]:
+    """The test's node, with `until`, `start`, `collect`, `publisher`, `call`, `diagnostics`."""
+    instance = Ros(domain, tmp_path)
+    yield instance
+    instance.close()

@@ -1,0 +1,260 @@
+from __future__ import annotations
+
+from array import array
+
+import numpy as np
+import pytest
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2, PointField
+
+from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.errors import CloudError, ImageError, PoseError, RigError
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.rig import Lens
+from ftp_dent_ros.ros.messages import (
+    camera_info_message,
+    cloud_from_message,
+    cloud_to_message,
+    image_from_message,
+    image_to_message,
+    lens_from_message,
+    ns_to_stamp,
+    pose_from_message,
+    pose_to_message,
+    stamp_to_ns,
+)
+
+RNG = np.random.default_rng(3)
+RGB = RNG.integers(0, 256, (4, 6, 3), np.uint8)
+
+
+def through_the_wire(message):
+    return deserialize_message(serialize_message(message), type(message))
+
+
+def image_message(pixels: np.ndarray, encoding: str, padding: int = 0, **fields) -> Image:
+    height, width = pixels.shape[:2]
+    lines = np.ascontiguousarray(pixels).reshape(height, -1).view(np.uint8)
+    lines = np.pad(lines, ((0, 0), (0, padding)), constant_values=99)
+    message = Image(height=height, width=width, encoding=encoding, step=lines.shape[1], **fields)
+    message.data = array('B', lines.tobytes())
+    return message
+
+
+@pytest.mark.parametrize('nanoseconds', [0, 1, 999_999_999, 1_763_000_000_123_456_789])
+def test_stamps_keep_every_nanosecond(nanoseconds):
+    assert stamp_to_ns(ns_to_stamp(nanoseconds)) == nanoseconds
+
+
+def test_an_image_comes_back_with_stamp_and_frame():
+    message = through_the_wire(image_to_message(RGB, 12_000_000_034, 'eye'))
+    assert (message.header.stamp.sec, message.header.stamp.nanosec) == (12, 34)
+    assert (message.header.frame_id, message.encoding, message.step) == ('eye', 'rgb8', 18)
+    np.testing.assert_array_equal(image_from_message(message), RGB)
+
+
+ALPHA = np.full((4, 6, 1), 7, np.uint8)
+WIDE = RGB.astype(np.uint16) * 256 + 255 - RGB
+
+
+@pytest.mark.parametrize('padding', [0, 5])
+@pytest.mark.parametrize(
+    ('pixels', 'encoding', 'big'),
+    [
+        (RGB, 'rgb8', 0),
+        (RGB[..., ::-1], 'bgr8', 0),
+        (np.concatenate([RGB, ALPHA], -1), 'rgba8', 1),
+        (np.concatenate([RGB[..., ::-1], ALPHA], -1), 'bgra8', 0),
+        (WIDE.astype('<u2'), 'rgb16', 0),
+        (WIDE.astype('>u2'), 'rgb16', 1),
+        (WIDE[..., ::-1].astype('>u2'), 'bgr16', 1),
+    ],
+)
+def test_every_order_of_colours_is_read(pixels, encoding, big, padding):
+    message = image_message(pixels, encoding, padding, is_bigendian=big)
+    np.testing.assert_array_equal(image_from_message(through_the_wire(message)), RGB)
+
+
+@pytest.mark.parametrize('encoding', ['mono8', 'mono16'])
+def test_grey_images_have_three_equal_channels(encoding):
+    grey = RGB[..., 0].astype('<u2' if encoding == 'mono16' else np.uint8)
+    if encoding == 'mono16':
+        grey = grey * 256
+    image = image_from_message(image_message(grey, encoding))
+    np.testing.assert_array_equal(image, np.repeat(RGB[..., :1], 3, axis=2))
+
+
+@pytest.mark.parametrize('order', ['rggb', 'bggr', 'gbrg', 'grbg'])
+def test_bayer_patterns_give_the_colour_of_a_plain_area(order):
+    colour = {'r': 200, 'g': 120, 'b': 40}
+    cell = np.array([colour[letter] for letter in order], np.uint8).reshape(2, 2)
+    image = image_from_message(image_message(np.tile(cell, (8, 8)), f'bayer_{order}8'))
+    np.testing.assert_array_equal(image, np.broadcast_to([200, 120, 40], (16, 16, 3)))
+
+
+@pytest.mark.parametrize(('encoding', 'luma'), [('yuv422_yuy2', 0), ('uyvy', 1)])
+def test_packed_yuv_is_read(encoding, luma):
+    packed = np.full((4, 6, 2), 128, np.uint8)
+    packed[..., luma] = 126
+    image = image_from_message(image_message(packed, encoding))
+    assert image.shape == (4, 6, 3)
+    assert np.ptp(image) == 0 and abs(int(image[0, 0, 0]) - 128) <= 2
+
+
+@pytest.mark.parametrize(
+    ('change', 'word'),
+    [
+        ({'encoding': 'jpeg'}, 'encoding'),
+        ({'encoding': ''}, 'encoding'),
+        ({'height': 0}, 'bytes'),
+        ({'width': 0}, 'bytes'),
+        ({'height': 2**32 - 1}, 'bytes'),
+        ({'width': 2**32 - 1, 'step': 2**32 - 1}, 'bytes'),
+        ({'step': 17}, 'bytes'),
+        ({'data': array('B', bytes(71))}, 'bytes'),
+        ({'data': array('B')}, 'bytes'),
+    ],
+)
+def test_an_impossible_image_is_refused(change, word):
+    message = image_to_message(RGB, 0, '')
+    for name, value in change.items():
+        setattr(message, name, value)
+    with pytest.raises(ImageError, match=word):
+        image_from_message(message)
+
+
+def test_an_image_too_small_for_its_encoding_is_refused():
+    odd = np.zeros((3, 5, 2), np.uint8)
+    with pytest.raises(ImageError, match='yuyv'):
+        image_from_message(image_message(odd, 'yuyv'))
+
+
+def sample_cloud(rows: int = 3, columns: int = 5) -> Cloud:
+    points = RNG.normal(size=(rows, columns, 3)).astype(np.float32)
+    points[0, 1] = np.nan
+    return Cloud(points, RNG.uniform(0, 255, (rows, columns)).astype(np.float32))
+
+
+def test_a_cloud_comes_back_bit_for_bit():
+    cloud = sample_cloud()
+    message = through_the_wire(cloud_to_message(cloud, 5, 'eye'))
+    assert (message.height, message.width, message.is_dense) == (3, 5, False)
+    assert [field.name for field in message.fields] == ['x', 'y', 'z', 'intensity']
+    back = cloud_from_message(message)
+    np.testing.assert_array_equal(back.points.view(np.uint32), cloud.points.view(np.uint32))
+    np.testing.assert_array_equal(back.intensity, cloud.intensity)
+
+
+def test_an_empty_cloud_is_possible():
+    cloud = Cloud(np.empty((0, 0, 3), np.float32), np.empty((0, 0), np.float32))
+    assert cloud_from_message(cloud_to_message(cloud, 0, '')).points.shape == (0, 0, 3)
+
+
+@pytest.mark.parametrize('order', ['<', '>'])
+def test_a_cloud_of_another_layout_is_read(order):
+    """As PCL writes it: 16 bytes for the position, 32 a point, padded rows, doubles, a colour."""
+    cloud = sample_cloud()
+    point = np.dtype(
+        {
+            'names': ['z', 'x', 'y', 'rgb'],
+            'formats': [f'{order}f8', f'{order}f4', f'{order}f4', f'{order}u4'],
+            'offsets': [8, 0, 4, 20],
+            'itemsize': 32,
+        }
+    )
+    values = np.zeros((3, 6), point)
+    for axis, name in enumerate('xyz'):
+        values[name][:, :5] = cloud.points[..., axis]
+    message = PointCloud2(
+        height=3,
+        width=5,
+        point_step=32,
+        row_step=6 * 32,
+        is_bigendian=order == '>',
+        data=array('B', values.tobytes()),
+    )
+    types = {'f4': PointField.FLOAT32, 'f8': PointField.FLOAT64, 'u4': PointField.UINT32}
+    message.fields = [
+        PointField(name=name, offset=offset, datatype=types[kind[0].str[1:]], count=1)
+        for name, kind in point.fields.items()
+        for offset in [kind[1]]
+    ]
+    back = cloud_from_message(through_the_wire(message))
+    np.testing.assert_array_equal(back.points, cloud.points)
+    assert not back.intensity.any()
+
+
+@pytest.mark.parametrize(
+    'change',
+    [
+        {'width': 6},
+        {'height': 4},
+        {'height': 2**32 - 1, 'width': 2**32 - 1},
+        {'point_step': 8},
+        {'point_step': 0},
+        {'row_step': 10},
+        {'data': array('B', bytes(10))},
+        {'fields': []},
+        {'fields': [PointField(name=name, offset=2**31, datatype=7) for name in 'xyz']},
+        {'fields': [PointField(name=name, offset=0, datatype=2) for name in 'xyz']},
+    ],
+)
+def test_an_impossible_cloud_is_refused(change):
+    message = cloud_to_message(sample_cloud(), 0, '')
+    for name, value in change.items():
+        setattr(message, name, value)
+    with pytest.raises(CloudError):
+        cloud_from_message(message)
+
+
+MATRIX = np.array([[900.0, 0, 321.5], [0, 905, 239], [0, 0, 1]])
+LENS = Lens(640, 480, MATRIX, np.array([0.1, -0.02, 1e-3, 2e-3, 0.003]))
+
+
+def test_camera_info_holds_the_lens():
+    message = through_the_wire(camera_info_message(LENS, (640, 480), 7, 'eye'))
+    assert message.p[2] == 321.5 and message.r[4] == 1
+    lens = lens_from_message(message)
+    assert lens is not None and (lens.width, lens.height) == (640, 480)
+    np.testing.assert_array_equal(lens.camera_matrix, MATRIX)
+    np.testing.assert_array_equal(lens.distortion, LENS.distortion)
+
+
+def test_an_uncalibrated_camera_has_no_lens():
+    message = camera_info_message(None, (640, 480), 7, 'eye')
+    assert (message.width, message.height, message.k[0]) == (640, 480, 0)
+    assert lens_from_message(message) is None
+
+
+@pytest.mark.parametrize(
+    'change',
+    [
+        {'k': np.full(9, np.nan)},
+        {'k': -MATRIX.ravel()},
+        {'d': [float('inf')] * 5},
+        {'d': [0.0] * 8},
+        {'distortion_model': 'equidistant'},
+        {'width': 0},
+    ],
+)
+def test_an_impossible_camera_info_is_refused(change):
+    message: CameraInfo = camera_info_message(LENS, (640, 480), 7, 'eye')
+    for name, value in change.items():
+        setattr(message, name, value)
+    with pytest.raises(RigError, match='camera_info'):
+        lens_from_message(message)
+
+
+def test_a_pose_comes_back():
+    pose = Pose.from_rpy([0.1, -0.2, 3.0], [1.0, 2.0, -3.0])
+    back = pose_from_message(through_the_wire(pose_to_message(pose)))
+    np.testing.assert_allclose(back.translation, pose.translation)
+    assert (back.rotation.inv() * pose.rotation).magnitude() < 1e-12
+
+
+@pytest.mark.parametrize(('name', 'value'), [('w', 0.0), ('x', float('nan'))])
+def test_an_impossible_pose_is_refused(name, value):
+    message = pose_to_message(Pose.from_rpy([0, 0, 0], [0, 0, 0]))
+    setattr(message.orientation, name, value)
+    with pytest.raises(PoseError):
+        pose_from_message(message)

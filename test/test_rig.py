@@ -1,0 +1,167 @@
+import copy
+import math
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+
+from ftp_dent_ros.errors import RigError
+from ftp_dent_ros.rig import Lens, Rig, read_rig, write_rig
+
+
+def lens_fields(width, height, focal, distortion=(0.0, 0.0, 0.0, 0.0, 0.0)):
+    matrix = [focal, 0.0, width / 2, 0.0, focal + 3.0, height / 2, 0.0, 0.0, 1.0]
+    return {
+        'image_width': width,
+        'image_height': height,
+        'camera_matrix': {'rows': 3, 'cols': 3, 'data': matrix},
+        'distortion_model': 'plumb_bob',
+        'distortion_coefficients': {'rows': 1, 'cols': 5, 'data': list(distortion)},
+    }
+
+
+def rig_fields():
+    angle = 0.3
+    c, s = math.cos(angle), math.sin(angle)
+    return {
+        'camera': lens_fields(640, 480, 900.0, (-0.2, 0.08, 1e-3, -2e-3, 0.01)),
+        'projector': lens_fields(640, 360, 1000.0),
+        'extrinsics': {
+            'rotation': {'rows': 3, 'cols': 3, 'data': [c, 0.0, s, 0.0, 1.0, 0.0, -s, 0.0, c]},
+            'translation': [-0.2, 0.01, 0.05],
+        },
+    }
+
+
+@pytest.fixture
+def path(tmp_path):
+    path = tmp_path / 'rig.yaml'
+    path.write_text(yaml.safe_dump(rig_fields()))
+    return path
+
+
+def test_projects_like_opencv(path):
+    lens = read_rig(path).camera
+    points = np.random.default_rng(1).uniform((-0.3, -0.2, 0.5), (0.3, 0.2, 1.5), (200, 3))
+    expected, _ = cv2.projectPoints(
+        points, np.zeros(3), np.zeros(3), lens.camera_matrix, lens.distortion
+    )
+    np.testing.assert_allclose(lens.project(points), expected[:, 0], atol=1e-9)
+
+
+def test_rays_invert_project_to_the_corners(path):
+    lens = read_rig(path).camera
+    pixels = lens.pixel_grid(stride=13)
+    rays = lens.rays(pixels)
+    assert rays.shape == (37, 50, 3)
+    assert np.all(rays[..., 2] == 1)
+    np.testing.assert_allclose(lens.project(rays), pixels, atol=1e-9)
+
+
+def test_projector_centre_and_frames(path):
+    rig = read_rig(path)
+    np.testing.assert_allclose(rig.to_projector(rig.projector_centre), 0, atol=1e-15)
+    points = np.random.default_rng(2).normal(size=(5, 3))
+    np.testing.assert_allclose(rig.to_camera(rig.to_projector(points)), points, atol=1e-14)
+
+
+def test_write_then_read_gives_the_same_bits(path, tmp_path):
+    rig = read_rig(path)
+    write_rig(tmp_path / 'again.yaml', rig)
+    again = read_rig(tmp_path / 'again.yaml')
+    for name in ('rotation', 'translation'):
+        assert np.array_equal(getattr(again, name), getattr(rig, name))
+    for ours, theirs in ((again.camera, rig.camera), (again.projector, rig.projector)):
+        assert (ours.width, ours.height) == (theirs.width, theirs.height)
+        assert np.array_equal(ours.camera_matrix, theirs.camera_matrix)
+        assert np.array_equal(ours.distortion, theirs.distortion)
+    assert [file.name for file in tmp_path.iterdir()].count('again.yaml') == 1
+    assert not list(tmp_path.glob('.again*'))
+
+
+FIELDS = [
+    ('camera',),
+    ('projector',),
+    ('extrinsics',),
+    *[(block, field) for block in ('camera', 'projector') for field in rig_fields()['camera']],
+    ('extrinsics', 'rotation'),
+    ('extrinsics', 'translation'),
+]
+
+
+def changed(keys, value):
+    data = copy.deepcopy(rig_fields())
+    block = data
+    for key in keys[:-1]:
+        block = block[key]
+    if value is None:
+        del block[keys[-1]]
+    else:
+        block[keys[-1]] = value
+    return data
+
+
+@pytest.mark.parametrize('keys', FIELDS, ids='.'.join)
+@pytest.mark.parametrize('value', [None, 'seven', [1.0, 2.0], -1, {'rows': 2, 'cols': 2}])
+def test_each_field_missing_or_malformed_is_named(tmp_path, keys, value):
+    path = tmp_path / 'rig.yaml'
+    path.write_text(yaml.safe_dump(changed(keys, value)))
+    with pytest.raises(RigError) as error:
+        read_rig(path)
+    assert str(path) in str(error.value)
+    assert '.'.join(keys) in str(error.value)
+    assert '\n' not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ('keys', 'value', 'said'),
+    [
+        (('extrinsics', 'rotation', 'data'), [1, 0, 0, 0, 1, 0, 0, 0, 1.01], 'not a rotation'),
+        (('extrinsics', 'rotation', 'data'), [1, 0, 0, 0, 1, 0, 0, 0, -1], 'not a rotation'),
+        (('extrinsics', 'rotation', 'data'), [1, 0, 0, 0, 1, 0, 0, 0, math.nan], 'finite'),
+        (('extrinsics', 'translation'), [0.0, 0.0, 0.0], 'baseline'),
+        (('extrinsics', 'translation'), [0.0, 'x', 0.0], 'finite number'),
+        (('camera', 'camera_matrix', 'data'), [0.0] * 9, 'focal'),
+        (('camera', 'camera_matrix', 'data'), [900, 5, 320, 0, 900, 240, 0, 0, 1], 'f_x, 0, c_x'),
+        (('camera', 'camera_matrix', 'rows'), 2, 'rows: 3'),
+        (('camera', 'distortion_model'), 'equidistant', 'only plumb_bob'),
+        (('camera', 'distortion_coefficients', 'data'), [-3.0, 0, 0, 0, 0], 'fold'),
+        (('projector', 'image_width'), True, 'number of pixels'),
+    ],
+)
+def test_impossible_values_are_refused(tmp_path, keys, value, said):
+    path = tmp_path / 'rig.yaml'
+    path.write_text(yaml.safe_dump(changed(keys, value)))
+    with pytest.raises(RigError, match=said):
+        read_rig(path)
+
+
+@pytest.mark.parametrize(
+    ('text', 'said'),
+    [('', 'no mapping'), ('- 1', 'no mapping'), ('camera: [', 'not valid YAML in line')],
+)
+def test_a_file_that_is_no_rig(tmp_path, text, said):
+    path = tmp_path / 'rig.yaml'
+    path.write_text(text)
+    with pytest.raises(RigError, match=said):
+        read_rig(path)
+
+
+def test_a_missing_file(tmp_path):
+    with pytest.raises(RigError, match='cannot be read'):
+        read_rig(tmp_path / 'none.yaml')
+
+
+def test_a_binary_file(tmp_path):
+    (tmp_path / 'rig.yaml').write_bytes(b'\x89PNG\xff\xfe')
+    with pytest.raises(RigError, match='cannot be read'):
+        read_rig(tmp_path / 'rig.yaml')
+
+
+def test_evaluation_rigs_are_read(shared):
+    for scene in sorted((shared / 'eval' / 'scenes').iterdir()):
+        rig = read_rig(scene / 'rig.yaml')
+        assert isinstance(rig, Rig)
+        assert isinstance(rig.camera, Lens)
+        assert 0.2 < np.linalg.norm(rig.projector_centre) < 0.3
