@@ -1,0 +1,43 @@
+# `make` alone lists the targets. Each sets up the environment that it needs (tools/environment).
+
+.PHONY: help demo test lint types benchmark clean
+unexport PYTHONPATH
+VENV := .venv/bin
+UBUNTU := .venv-ubuntu24.04/bin
+
+help:
+	@echo 'make demo        set up .venv, then fly the payload on a simulated panel: out/demo/'
+	@echo 'make test        set up .venv and run all tests; then again, those that need no ROS,'
+	@echo "                 with Ubuntu 24.04's versions of numpy, SciPy and OpenCV"
+	@echo 'make lint        ruff: style and format'
+	@echo 'make types       mypy'
+	@echo 'make benchmark   the speeds of each stage'
+	@echo 'make clean       remove the environments and all that was generated'
+
+demo:
+	@tools/environment ros 'ftp-dent demo --output out/demo'
+	$(VENV)/ftp-dent demo --output out/demo
+
+test:
+	@tools/environment test
+	$(VENV)/python -m pytest
+	@tools/environment ubuntu24.04 || test $$? -eq 3
+	@test ! -e $(UBUNTU)/../ready || (set -x; $(UBUNTU)/python -m pytest)
+
+lint:
+	@tools/environment test
+	$(VENV)/ruff check .
+	$(VENV)/ruff format --check .
+
+types:
+	@tools/environment test
+	$(VENV)/mypy
+
+benchmark:
+	@tools/environment test
+	@for script in benchmarks/*.py; do echo "== $$script"; $(VENV)/python $$script || exit; done
+
+clean:
+	rm -rf .venv .venv-ubuntu24.04 build install log out *.egg-info \
+		.pytest_cache .mypy_cache .ruff_cache
+	find ftp_dent_ros test benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,128 @@
+"""Which processes a payload's configuration asks for.
+
+The file is a parameter file as ROS 2 has them, so that it serves ``ros2 run`` and ``ros2 launch``
+too: each key is a node's name, after its namespace if it has one, and the name is that of an
+executable of this package::
+
+    camera_capture:
+      ros__parameters:
+        source: device
+    /left/reconstruction:
+      ros__parameters:
+        method: virtual-reference
+
+Parameters under ``/**`` go to every node.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ftp_dent_ros import files
+from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.ros.processes import Program
+
+NODES = ('pattern_publisher', 'camera_capture', 'reconstruction', 'mavlink_bridge')
+# Not a ROS node: its parameters become its options.
+SIMULATED_AUTOPILOT = 'simulated_autopilot'
+EXECUTABLES = (*NODES, SIMULATED_AUTOPILOT)
+_BLOCK = (dict, type(None))
+_NAME = re.compile(r'(/?[A-Za-z_]\w*)(/[A-Za-z_]\w*)*')
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One process of a configuration.
+
+    Attributes
+    ----------
+    executable : str
+        One of `EXECUTABLES`; also the node's name.
+    namespace : str
+        ``/`` or an absolute namespace.
+    parameters : mapping
+        What stands under ``ros__parameters``.
+    file : Path
+        The configuration.
+    """
+
+    executable: str
+    namespace: str
+    parameters: Mapping[str, Any]
+    file: Path
+
+    @property
+    def name(self) -> str:
+        """Name with namespace, without the leading slash."""
+        return f'{self.namespace}/{self.executable}'.strip('/')
+
+    @property
+    def options(self) -> tuple[str, ...]:
+        """The parameters as a command line's options: ``start_ns: 5`` is ``--start-ns 5``."""
+        words: list[str] = []
+        for key, value in self.parameters.items():
+            option = f'--{str(key).replace("_", "-")}'
+            if isinstance(value, bool):
+                words += [option] if value else []
+            elif isinstance(value, int | float | str):
+                words += [f'{option}={value}']
+            else:
+                raise ConfigurationError(
+                    f'{self.file}: {self.name}: {key} is neither a number nor a text: correct it'
+                )
+        return tuple(words)
+
+    @property
+    def program(self) -> Program:
+        """The process to start."""
+        if self.executable == SIMULATED_AUTOPILOT:
+            words: tuple[str, ...] = ('ftp_dent_ros.simulation.autopilot', *self.options)
+        else:
+            words = (
+                f'ftp_dent_ros.nodes.{self.executable}',
+                '--ros-args',
+                *('-r', f'__node:={self.executable}'),
+                *('-r', f'__ns:={self.namespace}'),
+                *('--params-file', str(self.file)),
+            )
+        return Program(self.name, (sys.executable, '-m', *words))
+
+
+def read_configuration(path: str | Path) -> tuple[Entry, ...]:
+    """Processes of a configuration of the user's or, if there is none of that name, a shipped one.
+
+    Raises
+    ------
+    ConfigurationError
+        The file is missing, is no parameter file, or names a node that this package does not have.
+    """
+    file = files.find(path).resolve()
+    entries = []
+    for key, block in files.read_yaml(file, ConfigurationError).items():
+        if not isinstance(block, dict) or not isinstance(block.get('ros__parameters', 0), _BLOCK):
+            raise ConfigurationError(
+                f'{file}: {key}: needs a block ros__parameters with its parameters: add it'
+            )
+        if key == '/**':
+            continue
+        if not isinstance(key, str) or not _NAME.fullmatch(key):
+            raise ConfigurationError(f'{file}: {key!r} is no name of a node: correct it')
+        namespace, _, executable = key.strip('/').rpartition('/')
+        if executable not in EXECUTABLES:
+            raise ConfigurationError(
+                f'{file}: {key}: this package has no node {executable!r}: '
+                f'use one of {", ".join(EXECUTABLES)}'
+            )
+        parameters = block.get('ros__parameters') or {}
+        entries.append(Entry(executable, f'/{namespace}', parameters, file))
+    if not entries:
+        raise ConfigurationError(f'{file}: names no node: use some of {", ".join(EXECUTABLES)}')
+    twice = {entry.name for entry in entries if [e.name for e in entries].count(entry.name) > 1}
+    if twice:
+        raise ConfigurationError(f'{file}: {sorted(twice)[0]} is there twice: remove one')
+    return tuple(entries)
