@@ -43,7 +43,7 @@ class Recovery:
 
 
 def recover(
-    bag: Path, output: Path, progress: Callable[[int], None] = lambda size: None
+    bag: Path, output: Path, progress: Callable[[int], object] = lambda size: None
 ) -> Recovery:
     """Write a new whole bag with every whole message of `bag`, which is left as it is.
 
@@ -95,7 +95,7 @@ def mcap_files(bag: Path) -> list[Path]:
 
 
 def _recover(
-    bag: Path, files: list[Path], aside: Path, name: str, progress: Callable[[int], None]
+    bag: Path, files: list[Path], aside: Path, name: str, progress: Callable[[int], object]
 ) -> Recovery:
     cut: dict[str, int] = {}
     skipped: dict[str, str] = {}
@@ -124,7 +124,7 @@ def _recover(
 
 
 def _announced(
-    salvage: Salvage, writer: BagWriter, progress: Callable[[int], None]
+    salvage: Salvage, writer: BagWriter, progress: Callable[[int], object]
 ) -> Iterator[Message]:
     for message in salvage.messages():
         writer.add_topic(salvage.topics[message.topic])

@@ -34,13 +34,8 @@ class Selection:
     exclude_regex: str = ''
 
     def __post_init__(self) -> None:
-        for expression in (self.regex, self.exclude_regex):
-            try:
-                re.compile(expression)
-            except re.error as reason:
-                raise ConfigurationError(
-                    f'{expression!r} is no regular expression ({reason}): correct it'
-                ) from None
+        _check(self.regex)
+        _check(self.exclude_regex)
 
     @classmethod
     def of(cls, names: Sequence[str], **others: bool | str) -> Selection:
@@ -57,3 +52,12 @@ class Selection:
         if self.exclude_regex and re.search(self.exclude_regex, topic):
             return False
         return self.everything or bool(self.regex and re.search(self.regex, topic))
+
+
+def _check(expression: str) -> None:
+    try:
+        re.compile(expression)
+    except re.error as reason:
+        raise ConfigurationError(
+            f'{expression!r} is no regular expression ({reason}): correct it'
+        ) from None
