@@ -41,6 +41,7 @@ MAGIC = b'\x89MCAP0\r\n'
 MESSAGE_HEADER = struct.Struct('<BQHIQQ')
 CHUNK_HEADER = struct.Struct('<BQQQQIIQ')
 RECORD_HEADER = struct.Struct('<BQ')
+_CHECKSUM = struct.Struct('<I')
 _BUFFERS_A_CALL = 1024  # IOV_MAX of Linux
 
 Buffer = bytes | bytearray | memoryview
@@ -105,7 +106,12 @@ class McapFile:
         self, topic: str, type_name: str, encoding: str, definition: str, metadata: dict[str, str]
     ) -> int:
         """Number of a new channel for `Entry`; it is written with the next chunk."""
-        schema = Schema(len(self._schemas) + 1, definition.encode(), encoding, type_name)
+        schema = Schema(
+            id=len(self._schemas) + 1,
+            name=type_name,
+            encoding=encoding,
+            data=definition.encode(),
+        )
         for known in self._schemas.values():
             if (known.name, known.data) == (schema.name, schema.data):
                 schema = known
@@ -147,7 +153,7 @@ class McapFile:
             0,  # length of the compression's name
             size,
         )
-        indices = [_records(MessageIndex(channel, times)) for channel, times in index.items()]
+        indices = [_records(MessageIndex(channel_id=channel, records=times)) for channel, times in index.items()]
         offsets = self._offsets(indices, self._end + len(head) + size)
         chunk = ChunkIndex(
             chunk_start_offset=self._end,
@@ -173,8 +179,8 @@ class McapFile:
         """Add a metadata record and the summary, and close; afterwards the file is whole."""
         try:
             rest = _records(*self._unwritten)
-            record = _records(Metadata(name, dict(metadata)))
-            index = MetadataIndex(self._end + len(rest), len(record), name)
+            record = _records(Metadata(name=name, metadata=dict(metadata)))
+            index = MetadataIndex(offset=self._end + len(rest), length=len(record), name=name)
             start = self._end + len(rest) + len(record)
             data_end = _records(DataEnd(0))
             self._append([rest, record, data_end, *self._summary(index, start + len(data_end))])
@@ -210,16 +216,18 @@ class McapFile:
         parts = {opcode: _records(*records) for opcode, records in groups.items()}
         starts = self._offsets(list(parts.values()), start)
         offsets = [
-            SummaryOffset(opcode, offset, len(part))
+            SummaryOffset(group_opcode=opcode, group_start=offset, group_length=len(part))
             for (opcode, part), offset in zip(parts.items(), starts, strict=True)
             if part
         ]
         offset_start = start + sum(map(len, parts.values()))
         summary = b''.join(parts.values()) + _records(*offsets)
         # The checksum covers the footer up to itself.
-        without_checksum = _records(Footer(start, offset_start, 0))[:-4]
-        checksum = zlib.crc32(without_checksum, zlib.crc32(summary))
-        return [summary, _records(Footer(start, offset_start, checksum)), MAGIC]
+        footer = _records(
+            Footer(summary_start=start, summary_offset_start=offset_start, summary_crc=0)
+        )[: -_CHECKSUM.size]
+        checksum = zlib.crc32(footer, zlib.crc32(summary))
+        return [summary, footer, _CHECKSUM.pack(checksum), MAGIC]
 
     @staticmethod
     def _offsets(parts: Sequence[bytes], start: int) -> list[int]:

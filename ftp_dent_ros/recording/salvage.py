@@ -85,8 +85,9 @@ class Salvage:
                     return
                 self.end = stream.tell()
                 if opcode == Opcode.FOOTER:
-                    self.end += len(MAGIC) if stream.read(len(MAGIC)) == MAGIC else 0
-                    self.whole = self.end == self.size
+                    if stream.read(len(MAGIC)) == MAGIC:
+                        self.end = stream.tell()
+                        self.whole = self.end == self.size
                     return
 
     def _chunk(self, body: bytes, complete: bool) -> Iterator[Message]:
