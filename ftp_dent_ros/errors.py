@@ -20,6 +20,7 @@
      ├─ CameraError               a camera that cannot be opened or has stopped
      ├─ LinkError                 a MAVLink connection that cannot be opened
      └─ PoseError                 no trustworthy pose at the time asked for; `reason` names why
+         └─ PoseAwaitedError      not yet: what is needed may still come
 
 A message is one sentence: what is wrong, where, and what to do.
 """
@@ -129,3 +130,7 @@ class PoseError(FtpDentError):
     def __init__(self, message: str, reason: str = 'no pose') -> None:
         super().__init__(message)
         self.reason = reason
+
+
+class PoseAwaitedError(PoseError):
+    """The pose asked for may still come to be known: ask again a little later."""

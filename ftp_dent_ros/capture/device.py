@@ -59,6 +59,8 @@ class DeviceSource:
         Seconds before the first attempt to open the camera again; doubled with each, up to 8.
     """
 
+    runs_by_itself = True
+
     def __init__(
         self,
         open_capture: Callable[[], cv2.VideoCapture],
@@ -69,9 +71,9 @@ class DeviceSource:
     ) -> None:
         self.finished = False
         self.missed = 0
-        self.repeated = 0
-        self.opened = 0
-        self.kernel_stamps = False
+        self._repeated = 0
+        self._opened = 0
+        self._kernel_stamps = False
         self._open_capture = open_capture
         self._rate = rate
         self._clock = clock
@@ -84,6 +86,14 @@ class DeviceSource:
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name='camera', daemon=True)
         self._thread.start()
+
+    def notes(self) -> dict[str, object]:
+        """How the camera does."""
+        return {
+            'times opened': self._opened,
+            'repeated images left out': self._repeated,
+            'kernel time stamps': self._kernel_stamps,
+        }
 
     def next_frame(self, timeout: float) -> Frame | None:
         """Newest frame that was due and was not given before; None if there is none in time."""
@@ -128,7 +138,7 @@ class DeviceSource:
         while not self._stop.is_set():
             try:
                 capture = self._open_capture()
-                self.opened += 1
+                self._opened += 1
                 try:
                     if self._stream(capture):
                         pause = self._first_pause
@@ -136,10 +146,7 @@ class DeviceSource:
                     capture.release()
                 raise CameraError('the camera has stopped giving images: check its cable')
             except (CameraError, cv2.error) as error:
-                with self._changed:
-                    self._trouble = str(error)
-                    self._newest = None
-                    self._changed.notify_all()
+                self._set_trouble(str(error))
             self._stop.wait(pause)
             pause = min(2 * pause, _LONGEST_PAUSE)
 
@@ -149,21 +156,21 @@ class DeviceSource:
         last_ns = 0
         last: NDArray | None = None
         while not self._stop.is_set() and capture.grab():
-            stamp_ns, self.kernel_stamps = self._clock.stamp_ns(
+            self._set_trouble('')
+            stamp_ns, self._kernel_stamps = self._clock.stamp_ns(
                 capture.get(cv2.CAP_PROP_POS_MSEC), time.monotonic_ns(), self._now_ns()
             )
             if stamp_ns <= last_ns:
-                self.repeated += 1
+                self._repeated += 1
                 continue
             last_ns = stamp_ns
-            # Both are asked: each keeps account of what it has seen.
-            if not due.at(stamp_ns) | self._is_wanted(stamp_ns):
+            if not due.at(stamp_ns) and not self._is_wanted(stamp_ns):
                 continue
             good, image = capture.retrieve()
             if not good:
                 continue
             if last is not None and np.array_equal(image, last):
-                self.repeated += 1
+                self._repeated += 1
                 continue
             last = image
             self._give(Frame(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB)), stamp_ns))
@@ -171,14 +178,18 @@ class DeviceSource:
 
     def _is_wanted(self, stamp_ns: int) -> bool:
         with self._changed:
-            wanted = self._wanted_after_ns
-            if wanted is None or stamp_ns < wanted:
-                return False
-            self._wanted_after_ns = None
-            return True
+            return self._wanted_after_ns is not None and stamp_ns >= self._wanted_after_ns
+
+    def _set_trouble(self, trouble: str) -> None:
+        with self._changed:
+            self._trouble = trouble
+            if trouble:
+                self._newest = None
+                self._changed.notify_all()
 
     def _give(self, frame: Frame) -> None:
         with self._changed:
-            self._trouble = ''
             self._newest = frame
+            if self._wanted_after_ns is not None and frame.stamp_ns >= self._wanted_after_ns:
+                self._wanted_after_ns = None
             self._changed.notify_all()

@@ -40,10 +40,19 @@ class Source(Protocol):
         Whether there will never be another frame.
     missed : int
         Frames that were due and were not taken, because the one before took too long.
+    runs_by_itself : bool
+        Whether it takes frames, wanted or not; if not, each is made when it is asked for.
     """
 
     finished: bool
-    missed: int
+    runs_by_itself: bool
+
+    @property
+    def missed(self) -> int:
+        """Number of frames that were due and were not taken."""
+
+    def notes(self) -> dict[str, object]:
+        """What else is worth knowing of its state, by name."""
 
     def next_frame(self, timeout: float) -> Frame | None:
         """Frame that is due by the source's rate; None if none is within `timeout` seconds."""
@@ -98,6 +107,8 @@ class Pace:
 class PacedSource:
     """Common part of the sources that make their frames when they are asked to."""
 
+    runs_by_itself = False
+
     def __init__(self, rate: float) -> None:
         self.finished = False
         self._pace = Pace(rate)
@@ -106,6 +117,10 @@ class PacedSource:
     def missed(self) -> int:
         """Frames that were due while the one before was still being made."""
         return self._pace.missed
+
+    def notes(self) -> dict[str, object]:
+        """How many frames were due and not taken."""
+        return {'missed': self.missed}
 
     def next_frame(self, timeout: float) -> Frame | None:
         """Frame that is due by the rate; None if none is within `timeout` seconds."""

@@ -29,7 +29,7 @@ class DeviceSettings:
     width, height : int
         Image size, pixels.
     rate : float
-        Images a second asked of the driver; 0 leaves it as it is.
+        Images a second asked of the driver; below 1 leaves it as it is.
     fourcc : str
         Pixel format of V4L2, of four characters ('MJPG', 'YUYV'); empty leaves it as it is.
     exposure : float
@@ -96,7 +96,7 @@ def _set_up(capture: cv2.VideoCapture, settings: DeviceSettings) -> None:
         capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*settings.fourcc))
     capture.set(cv2.CAP_PROP_FRAME_WIDTH, settings.width)
     capture.set(cv2.CAP_PROP_FRAME_HEIGHT, settings.height)
-    if settings.rate > 0:
+    if settings.rate >= 1:
         capture.set(cv2.CAP_PROP_FPS, settings.rate)
     size = tuple(
         int(capture.get(which)) for which in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)

@@ -8,13 +8,23 @@ import traceback
 from collections.abc import Callable, Sequence
 
 import rclpy
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import (
+    Executor,
+    ExternalShutdownException,
+    MultiThreadedExecutor,
+    SingleThreadedExecutor,
+)
 from rclpy.node import Node
 
 from ftp_dent_ros.errors import FtpDentError
 
 
-def run(make_node: Callable[[], Node], name: str, arguments: Sequence[str] | None = None) -> int:
+def run(
+    make_node: Callable[[], Node],
+    name: str,
+    arguments: Sequence[str] | None = None,
+    threads: int = 1,
+) -> int:
     """Run a node until SIGINT or SIGTERM.
 
     An exception of a callback is logged and the node goes on: a message from anywhere must not
@@ -28,6 +38,8 @@ def run(make_node: Callable[[], Node], name: str, arguments: Sequence[str] | Non
         Name of the executable, for messages.
     arguments : sequence of str, optional
         ``sys.argv`` by default.
+    threads : int
+        More than one for a node with a callback that waits.
 
     Returns
     -------
@@ -36,10 +48,10 @@ def run(make_node: Callable[[], Node], name: str, arguments: Sequence[str] | Non
         stderr).
     """
     node: Node | None = None
-    executor: SingleThreadedExecutor | None = None
+    executor: Executor | None = None
     try:
         rclpy.init(args=None if arguments is None else list(arguments))
-        executor = SingleThreadedExecutor()
+        executor = SingleThreadedExecutor() if threads == 1 else MultiThreadedExecutor(threads)
         node = make_node()
         executor.add_node(node)
         while rclpy.ok():
@@ -49,11 +61,11 @@ def run(make_node: Callable[[], Node], name: str, arguments: Sequence[str] | Non
     except FtpDentError as error:
         print(f'{name}: {error}', file=sys.stderr)
         return 2
-    except RuntimeError as error:
-        # rclpy's own: arguments that it cannot parse, or a signal while the node was being made.
-        if node is not None or rclpy.ok():
+    except Exception as error:
+        if node is not None or not _is_of_rclpy(error):
             raise
-        if executor is None:
+        # Else a signal came while the node was being made.
+        if executor is None or rclpy.ok():
             print(f'{name}: {str(error).splitlines()[0]}', file=sys.stderr)
             return 2
     finally:
@@ -68,7 +80,12 @@ def run(make_node: Callable[[], Node], name: str, arguments: Sequence[str] | Non
     return 0
 
 
-def _spin_once(executor: SingleThreadedExecutor, node: Node) -> None:
+def _is_of_rclpy(error: Exception) -> bool:
+    """Whether rclpy complains: of arguments, of a QoS override or of the environment."""
+    return isinstance(error, RuntimeError) or type(error).__module__.startswith('rclpy')
+
+
+def _spin_once(executor: Executor, node: Node) -> None:
     # The timeout matters: without it a signal is missed now and then.
     try:
         executor.spin_once(timeout_sec=0.5)

@@ -106,15 +106,23 @@ class Processes:
                 reports.append(Ended(running.program, status, seconds))
         return reports
 
-    def stop(self, patience: float = 5.0) -> dict[str, int]:
-        """Stop all: SIGTERM, again SIGTERM, then SIGKILL, with `patience` seconds after each.
+    def stop(self, *names: str, patience: float = 5.0) -> dict[str, int]:
+        """Stop some programs, or all: SIGTERM, again SIGTERM, then SIGKILL.
+
+        Parameters
+        ----------
+        *names : str
+            The programs; all if none is named.
+        patience : float
+            Seconds that they are given after each signal.
 
         Returns
         -------
         dict
             Exit status by name of what still ran; -9 for a program that had to be killed.
         """
-        asked = [each for each in self._running.values() if each.process.poll() is None]
+        chosen = [self._running.pop(name) for name in names or self.names]
+        asked = [each for each in chosen if each.process.poll() is None]
         for number in (signal.SIGTERM, signal.SIGTERM, signal.SIGKILL):
             alive = [each for each in asked if each.process.poll() is None]
             for each in alive:
@@ -124,9 +132,8 @@ class Processes:
             for each in alive:
                 with suppress(subprocess.TimeoutExpired):
                     each.process.wait(max(0.0, deadline - time.monotonic()))
-        for running in self._running.values():
+        for running in chosen:
             running.close()
-        self._running.clear()
         return {each.program.name: each.process.wait() for each in asked}
 
     def __enter__(self) -> Processes:

@@ -112,6 +112,17 @@ def test_stops_with_one_term(lines):
     assert lines.count(('a', 'goodbye')) == lines.count(('b', 'goodbye')) == 1
 
 
+def test_stops_one_alone(lines):
+    with Processes(lines.show) as processes:
+        processes.start(script('a', WAIT))
+        processes.start(script('b', WAIT))
+        until(lambda: len(lines) == 2)
+        assert processes.stop('a') == {'a': -signal.SIGTERM}
+        assert processes.names == ('b',)
+        assert is_alive(processes.pid('b'))
+        assert processes.ended() == []
+
+
 def test_asks_twice(lines):
     second = (
         'import signal\ncount = []\n'

@@ -1,0 +1,147 @@
+"""``ftp-dent demo``: the whole payload in simulation, its figures against the truth."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import math
+import os
+import shutil
+import time
+from pathlib import Path
+
+from tqdm import tqdm
+
+from ftp_dent_ros.demonstration.appraisal import Appraisal, appraise
+from ftp_dent_ros.demonstration.flight import FlightError, fly, simulation_parameters
+from ftp_dent_ros.demonstration.results import write_results
+from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.recording import open_bag
+from ftp_dent_ros.simulation.world import read_world
+
+OUT_OF_BOUND = 1
+
+# What the payload promises in this simulation.
+BOUNDS = {
+    'images_lost': 0,
+    'clouds_lost': 0,
+    'tagged_clouds_lost': 0,
+    'poses_lost': 0,
+    'camera_mae_mm': 0.1,
+    'map_mae_mm': 0.5,
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the command."""
+    parser.add_argument(
+        '--output', type=Path, default=Path('out/demo'), metavar='DIR', help='default: out/demo'
+    )
+    parser.add_argument(
+        '--clouds', type=int, default=40, metavar='N', help='tagged clouds to fly for; default: 40'
+    )
+    parser.add_argument(
+        '--configuration',
+        default='simulation.yaml',
+        metavar='CONFIG.yaml',
+        help='nodes and parameters; default: the shipped simulation.yaml',
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Fly, appraise, draw: 0 if every figure is within its bound, else 1."""
+    if arguments.clouds < 1:
+        raise ConfigurationError(f'--clouds is {arguments.clouds}: give at least 1')
+    started = time.monotonic()
+    output = arguments.output
+    # Everything is made aside: a demonstration under its name is a whole one.
+    aside = output.with_name(f'.{output.name}.{os.getpid()}')
+    aside.mkdir(parents=True)
+    try:
+        appraisal, summary = _demonstrate(arguments, aside)
+    except FlightError as error:
+        logs = output.with_name(f'{output.name}.failed')
+        shutil.rmtree(logs, ignore_errors=True)
+        aside.rename(logs)
+        raise FlightError(f'{error} (kept in {logs})') from None
+    except BaseException:
+        shutil.rmtree(aside, ignore_errors=True)
+        raise
+    if output.exists():
+        shutil.rmtree(output)
+    aside.rename(output)
+    print(f'\n{summary}\n\n{_files(output)}')
+    print(f'Done in {time.monotonic() - started:.0f} s.')
+    return _verdict(appraisal, output)
+
+
+def _demonstrate(arguments: argparse.Namespace, folder: Path) -> tuple[Appraisal, str]:
+    blocks = simulation_parameters(arguments.configuration, time.time_ns())
+    camera = blocks['camera_capture']['ros__parameters']
+    link = blocks['mavlink_bridge']['ros__parameters']
+    world = read_world(camera['simulation.scene'])
+    world = dataclasses.replace(world, start_ns=camera['simulation.start_ns'])
+    with _bar('flying', arguments.clouds, 'cloud') as bar:
+
+        def progress(tagged: int) -> None:
+            bar.update(min(tagged, bar.total) - bar.n)
+
+        bag = open_bag(fly(folder, blocks, arguments.clouds, progress, bar.write))
+    count = sum(bag.metadata.message_counts[topic] for topic in ('/points', '/tagged/points'))
+    with _bar('comparing with the truth', count, 'cloud') as bar:
+        appraisal = appraise(bag, world, camera['rate'], link['rate'], bar.update)
+    summary = _table(appraisal)
+    (folder / 'summary.txt').write_text(f'{summary}\n', encoding='utf-8')
+    figures = {'figures': dataclasses.asdict(appraisal), 'bounds': BOUNDS}
+    (folder / 'summary.json').write_text(json.dumps(figures, indent=1), encoding='utf-8')
+    with _bar('writing clouds and pictures', None, 'file') as bar:
+        write_results(bag, world, folder, bar.update)
+    return appraisal, summary
+
+
+def _bar(what: str, total: int | None, unit: str) -> tqdm:
+    return tqdm(desc=what, total=total, unit=unit, dynamic_ncols=True)
+
+
+def _table(appraisal: Appraisal) -> str:
+    """Summary as people read it."""
+    a = appraisal
+    rows = [
+        ('images', f'{a.images}, lost {a.images_lost}'),
+        ('clouds', f'{a.clouds}, lost {a.clouds_lost}'),
+        ('tagged clouds', f'{a.tagged_clouds}, lost {a.tagged_clouds_lost}'),
+        ('autopilot poses', f'{a.poses}, lost {a.poses_lost}'),
+        (
+            'exposure to tagged cloud',
+            f'{a.latency_median_ms:.0f} ms median, {a.latency_maximum_ms:.0f} ms at most',
+        ),
+        (
+            'MAE in the camera frame',
+            f'{a.camera_mae_mm:.4f} mm, worst cloud {a.camera_mae_worst_mm:.4f} mm '
+            f'(bound {BOUNDS["camera_mae_mm"]} mm)',
+        ),
+        (
+            'MAE in the map frame',
+            f'{a.map_mae_mm:.4f} mm, worst cloud {a.map_mae_worst_mm:.4f} mm '
+            f'(bound {BOUNDS["map_mae_mm"]} mm)',
+        ),
+    ]
+    return '\n'.join(f'{name:26}{value}' for name, value in rows)
+
+
+def _files(output: Path) -> str:
+    names = [f'{path.name}/' if path.is_dir() else path.name for path in output.iterdir()]
+    return '\n'.join([f'In {output}/:', *(f'  {name}' for name in sorted(names))])
+
+
+def _verdict(appraisal: Appraisal, output: Path) -> int:
+    figures = dataclasses.asdict(appraisal)
+    # A figure that could not be measured (NaN) is out of its bound.
+    outside = [name for name, bound in BOUNDS.items() if not figures[name] <= bound]
+    if math.isnan(appraisal.camera_mae_mm) or outside:
+        print(f'OUT OF BOUND: {", ".join(outside)}. The logs are in {output}/log.')
+        return OUT_OF_BOUND
+    print('All figures are within their bounds. Try next:\n')
+    print(f'  ftp-dent replay {output}/bag        # the recorded messages, on their topics')
+    return 0

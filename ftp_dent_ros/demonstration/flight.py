@@ -1,0 +1,188 @@
+"""The payload flown in simulation: its nodes, an autopilot and a recorder as processes."""
+
+from __future__ import annotations
+
+import socket
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import rclpy
+import yaml
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from rclpy.executors import SingleThreadedExecutor
+from sensor_msgs.msg import CameraInfo
+
+from ftp_dent_ros import files
+from ftp_dent_ros.demonstration.appraisal import TYPES
+from ftp_dent_ros.errors import ConfigurationError, FtpDentError
+from ftp_dent_ros.ros import transport
+from ftp_dent_ros.ros.configuration import read_configuration
+from ftp_dent_ros.ros.domain import free_domain
+from ftp_dent_ros.ros.process_log import ProcessLog
+from ftp_dent_ros.ros.processes import Processes, Program
+from ftp_dent_ros.ros.qos import IMAGES, POSES
+
+# Until everything is discovered and the clocks are matched, on a slow and busy machine.
+_READY_S = 60.0
+_DRAIN_S = 10.0
+_PROJECTOR = 'pattern_publisher'
+_CAMERA = 'camera_capture'
+_RECORDER = 'recorder'
+
+
+class FlightError(FtpDentError):
+    """The payload did not come to life, or one of its processes ended."""
+
+
+def simulation_parameters(configuration: str, start_ns: int) -> dict[str, Any]:
+    """Blocks of a configuration, with a free port and the start of the flight filled in."""
+    blocks = files.read_yaml(files.find(configuration), ConfigurationError)
+    parameters = {name: block['ros__parameters'] for name, block in blocks.items()}
+    port = _free_port()
+    parameters['mavlink_bridge']['address'] = f'udpin:127.0.0.1:{port}'
+    parameters['simulated_autopilot']['address'] = f'udpout:127.0.0.1:{port}'
+    parameters['simulated_autopilot']['start_ns'] = start_ns
+    parameters[_CAMERA]['simulation.start_ns'] = start_ns
+    return {name: {'ros__parameters': values} for name, values in parameters.items()}
+
+
+def fly(
+    folder: Path,
+    blocks: dict[str, Any],
+    clouds: int,
+    progress: Callable[[int], None],
+    say: Callable[[str], None],
+) -> Path:
+    """Fly until so many clouds are tagged; ends with all that was photographed being tagged.
+
+    Parameters
+    ----------
+    folder : Path
+        Takes the configuration, the processes' logs and the bag.
+    blocks : dict
+        From `simulation_parameters`.
+    clouds : int
+        Tagged clouds to wait for.
+    progress : callable
+        Called with the number of tagged clouds so far.
+    say : callable
+        Called with a line for the user.
+
+    Returns
+    -------
+    Path
+        The bag.
+
+    Raises
+    ------
+    FlightError
+        The payload did not come to life, or a process ended; its last words are in the message.
+    """
+    configuration, bag, logs = folder / 'payload.yaml', folder / 'bag', folder / 'log'
+    configuration.write_text(yaml.safe_dump(blocks, sort_keys=False), encoding='utf-8')
+    programs = {entry.name: entry.program for entry in read_configuration(configuration)}
+    projector = programs.pop(_PROJECTOR)
+    record = ('-m', 'ftp_dent_ros.cli.main', 'record', '--all', '--output', str(bag))
+    programs[_RECORDER] = Program(_RECORDER, (sys.executable, *record))
+    names = (*programs, _PROJECTOR)
+    with (
+        free_domain(),
+        transport.profile(len(names) + 1) as variables,
+        (folder / 'terminal.log').open('w') as quiet,
+        ProcessLog(names, folder=logs, terminal=quiet) as log,
+        Processes(log.show, variables) as processes,
+        _observer(processes, logs) as observer,
+    ):
+        say(f'starting {len(names)} processes')
+        for program in programs.values():
+            processes.start(program)
+        observer.until(lambda: observer.poses > 0, _READY_S, 'no pose from the autopilot')
+        observer.until(observer.all_subscribed, _READY_S, 'not everybody is subscribed')
+        say('the link to the autopilot stands; switching the projector on')
+        processes.start(projector)
+        for number in range(1, clouds + 1):
+            observer.until_tagged(number)
+            progress(observer.tagged)
+        processes.stop(_CAMERA)
+        observer.drain()
+        progress(observer.tagged)
+        processes.stop(_RECORDER)
+    (folder / 'terminal.log').unlink()
+    return bag
+
+
+class _Observer:
+    """Counts what the payload does, from a context of its own."""
+
+    def __init__(self, node: Any, executor: Any, processes: Processes, logs: Path) -> None:
+        self.poses = self.images = self.tagged = 0
+        self._node, self._executor = node, executor
+        self._processes, self._logs = processes, logs
+        node.create_subscription(PoseStamped, '/mavlink/pose', self._on_pose, POSES)
+        node.create_subscription(CameraInfo, '/camera/camera_info', self._on_image, IMAGES)
+        node.create_subscription(PoseWithCovarianceStamped, '/tagged/pose', self._on_tagged, POSES)
+
+    def until(self, condition: Callable[[], bool], timeout: float, trouble: str) -> None:
+        """Spin until `condition`; a process that ends or the timeout raises `FlightError`."""
+        end = time.monotonic() + timeout
+        while not condition():
+            self._executor.spin_once(timeout_sec=0.1)
+            for ended in self._processes.ended():
+                raise FlightError(f'{ended}; its last words: {self._last_words(ended)}')
+            if time.monotonic() > end:
+                raise FlightError(f'{trouble} within {timeout:g} s: see the logs in {self._logs}')
+
+    def until_tagged(self, count: int) -> None:
+        """Wait for the tagged cloud of that number."""
+        self.until(lambda: self.tagged >= count, _READY_S, 'no more tagged clouds')
+
+    def all_subscribed(self) -> bool:
+        """Whether every topic of interest has its readers, so that no message is missed."""
+        topics = dict.fromkeys(TYPES, 1) | {'/camera/image_raw': 2, '/points': 2}
+        count = self._node.count_subscribers
+        return all(count(topic) >= readers for topic, readers in topics.items())
+
+    def drain(self) -> None:
+        """Wait until each photograph's cloud is tagged; what is missing then counts as lost."""
+        end = time.monotonic() + _DRAIN_S
+        while self.tagged < self.images and time.monotonic() < end:
+            self._executor.spin_once(timeout_sec=0.1)
+
+    def _last_words(self, ended: Any) -> str:
+        log = self._logs / f'{ended.program.name}.log'
+        lines = log.read_text(errors='replace').strip().splitlines()
+        return lines[-1] if lines else 'none'
+
+    def _on_pose(self, _: PoseStamped) -> None:
+        self.poses += 1
+
+    def _on_image(self, _: CameraInfo) -> None:
+        self.images += 1
+
+    def _on_tagged(self, _: PoseWithCovarianceStamped) -> None:
+        self.tagged += 1
+
+
+@contextmanager
+def _observer(processes: Processes, logs: Path) -> Iterator[_Observer]:
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    executor = SingleThreadedExecutor(context=context)
+    node = rclpy.create_node('demonstration', context=context)
+    executor.add_node(node)
+    try:
+        yield _Observer(node, executor, processes, logs)
+    finally:
+        executor.shutdown()
+        node.destroy_node()
+        context.try_shutdown()
+
+
+def _free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(('127.0.0.1', 0))
+        return int(probe.getsockname()[1])

@@ -1,0 +1,98 @@
+"""The pictures of a demonstration: photograph, depth, error, and the skin in three dimensions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.files import written_aside
+from ftp_dent_ros.pose import Pose
+
+_NOTHING = '0.85'
+_MM = 1000.0
+
+
+def depth_map(path: Path, cloud: Cloud) -> None:
+    """Draw the depth of a cloud in the camera's frame."""
+    figure, axes = _image_axes('Depth along the optical axis')
+    depth = cloud.points[..., 2] * _MM
+    _draw(figure, axes, depth, *np.nanpercentile(depth, (0.5, 99.5)), 'viridis', 'depth, mm')
+    _save(figure, path)
+
+
+def error_map(path: Path, error: NDArray[np.float64], title: str) -> None:
+    """Draw signed distances to the true surface, shape (rows, columns), metres."""
+    figure, axes = _image_axes(title)
+    limit = float(np.nanpercentile(np.abs(error), 99)) * _MM
+    label = 'behind (+) or before (-) the true skin, mm'
+    _draw(figure, axes, error * _MM, -limit, limit, 'RdBu_r', label)
+    _save(figure, path)
+
+
+def view_3d(
+    path: Path,
+    points: NDArray[np.float64],
+    dent_depth: NDArray[np.float64],
+    flight: Sequence[Pose],
+) -> None:
+    """Draw tagged points and the drone's path in the map.
+
+    Parameters
+    ----------
+    path : Path
+        Where the picture goes.
+    points : ndarray, shape (n, 3)
+        Points in ``map`` (ENU), metres.
+    dent_depth : ndarray, shape (n,)
+        How far each point lies behind the undented skin, metres: its colour.
+    flight : sequence of Pose
+        Poses of ``base_link`` in ``map``, in the order of time.
+    """
+    figure = Figure(figsize=(10, 5.6), layout='constrained')
+    axes = figure.add_subplot(projection='3d', computed_zorder=False)
+    limit = float(np.percentile(dent_depth, 99.9)) * _MM
+    colours = axes.scatter(
+        *points.T, c=dent_depth * _MM, s=1.0, cmap='inferno', vmin=0, vmax=limit, linewidths=0
+    )
+    positions = np.array([pose.translation for pose in flight])
+    axes.plot(*positions.T, color='tab:blue', linewidth=1.2, label="the drone's path")
+    axes.quiver(
+        *positions.T,
+        *np.array([pose.rotation.apply((0.12, 0, 0)) for pose in flight]).T,
+        color='tab:blue',
+        linewidth=0.6,
+    )
+    every = np.concatenate([points, positions])
+    axes.set_box_aspect(np.maximum(np.ptp(every, axis=0), 0.2))
+    axes.set(xlabel='east, m', ylabel='north, m', zlabel='up, m')
+    axes.set_title('Tagged points in the map, coloured by their depth behind the undented skin')
+    axes.view_init(elev=22, azim=-62)
+    axes.legend(loc='upper left')
+    figure.colorbar(colours, ax=axes, label='depth, mm', shrink=0.6, pad=0.08)
+    _save(figure, path)
+
+
+def _image_axes(title: str):
+    figure = Figure(figsize=(9, 5), layout='constrained')
+    axes = figure.add_subplot()
+    axes.set_title(title)
+    axes.set(xlabel='column of the cloud', ylabel='row of the cloud')
+    return figure, axes
+
+
+def _draw(figure, axes, values, low: float, high: float, colours: str, label: str) -> None:
+    colour_map = matplotlib.colormaps[colours].copy()
+    colour_map.set_bad(_NOTHING)
+    image = axes.imshow(values, cmap=colour_map, vmin=low, vmax=high, interpolation='nearest')
+    figure.colorbar(image, ax=axes, label=label)
+
+
+def _save(figure: Figure, path: Path) -> None:
+    with written_aside(path) as aside:
+        figure.savefig(aside, dpi=110)

@@ -1,0 +1,89 @@
+"""What a demonstration leaves to look at: clouds as PLY, and pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from ftp_dent_ros.cloud import write_ply
+from ftp_dent_ros.demonstration import pictures
+from ftp_dent_ros.demonstration.appraisal import (
+    camera_error,
+    clouds_of,
+    image_at,
+    map_error,
+    mean_absolute,
+)
+from ftp_dent_ros.files import written_aside
+from ftp_dent_ros.recording import Bag
+from ftp_dent_ros.ros.images import image_from_message
+from ftp_dent_ros.simulation.surface import Surface
+from ftp_dent_ros.simulation.world import World
+
+# First, middle and last are enough to look at; the bag has them all.
+_KEPT = 3
+# As many points as a 3-D picture of this size can show.
+_SHOWN = 120_000
+
+
+def write_results(bag: Bag, world: World, folder: Path, progress: Callable[[], Any]) -> None:
+    """Write clouds and pictures of a recorded flight into `folder`.
+
+    ``clouds/`` takes the first, the middle and the last cloud in the camera's frame and in
+    ``map``; the pictures of a single photograph are those of the one in the middle.
+    """
+    stamps = [stamp for stamp, _ in clouds_of(bag, '/tagged/points')]
+    if not stamps:
+        return
+    kept = {stamps[round(i * (len(stamps) - 1) / (_KEPT - 1))] for i in range(_KEPT)}
+    middle = stamps[len(stamps) // 2]
+    for topic, frame in (('/points', 'camera'), ('/tagged/points', 'map')):
+        frame_id = 'camera_optical_frame' if frame == 'camera' else 'map'
+        for stamp, cloud in clouds_of(bag, topic):
+            if stamp in kept:
+                number = stamps.index(stamp)
+                write_ply(folder / 'clouds' / f'cloud_{number:03}_{frame}.ply', cloud, frame_id)
+                progress()
+    _pictures_of_one(bag, world, middle, folder, progress)
+    _picture_of_all(bag, world, stamps, folder)
+    progress()
+
+
+def _pictures_of_one(
+    bag: Bag, world: World, stamp_ns: int, folder: Path, progress: Callable[[], Any]
+) -> None:
+    message = image_at(bag, stamp_ns)
+    if message is not None:
+        image = cv2.cvtColor(image_from_message(message), cv2.COLOR_RGB2BGR)
+        with written_aside(folder / 'camera.png') as aside:
+            cv2.imwrite(str(aside), image)
+        progress()
+    for topic, frame in (('/points', 'camera'), ('/tagged/points', 'map')):
+        cloud = next(cloud for stamp, cloud in clouds_of(bag, topic) if stamp == stamp_ns)
+        if frame == 'camera':
+            error = camera_error(world, cloud, stamp_ns)
+            pictures.depth_map(folder / 'depth.png', cloud)
+            progress()
+        else:
+            error = map_error(world, cloud)
+        title = f'Error in the {frame} frame, MAE {mean_absolute(error):.4f} mm'
+        pictures.error_map(folder / f'error_{frame}.png', error, title)
+        progress()
+
+
+def _picture_of_all(bag: Bag, world: World, stamps: list[int], folder: Path) -> None:
+    """The measured skin along the flight, coloured by how deep it lies behind the undented one."""
+    every = []
+    for _, cloud in clouds_of(bag, '/tagged/points'):
+        points = cloud.points[cloud.valid]
+        step = max(1, len(points) * len(stamps) // _SHOWN)
+        every.append(points[::step])
+    points = np.concatenate(every).astype(float)
+    undented = Surface(tuple(replace(panel, dents=()) for panel in world.surface.panels))
+    flight = [world.base_pose(stamp) for stamp in stamps]
+    pictures.view_3d(folder / 'view_3d.png', points, undented.distance(points), flight)

@@ -1,0 +1,250 @@
+"""From ROS time to the autopilot's time since boot, and back, through TIMESYNC.
+
+An exchange (MAVLink TIMESYNC: request at `sent`, answer with the autopilot's clock `boot`, back at
+`received`) proves one thing: ``sent - boot <= offset <= received - boot``, with offset = ROS time
+minus boot time. At any time near by this holds too, but for the drift of two crystals. All
+exchanges together therefore bound the offset from both sides; the middle is the estimate, half
+the width its uncertainty. A slow exchange bounds loosely and so has no say: this is the minimum
+round trip filter, in each direction by itself.
+
+An exchange that contradicts the others proves that a clock has stepped between it and the one
+before. Then a new segment begins. A stamp is converted only if exchanges on both sides of it
+agree, so that no stamp is converted with the wrong side of a step.
+"""
+
+from __future__ import annotations
+
+import statistics
+from collections import deque
+from dataclasses import dataclass, field
+
+from ftp_dent_ros.errors import PoseAwaitedError, PoseError
+
+SECOND = 1_000_000_000
+MILLISECOND = 1_000_000
+
+# How far two crystals drift apart, with margin (common ones: 50 ppm each).
+_DRIFT_PPM = 200
+# An autopilot reads its clock between two rounds of its scheduler: this much is no step.
+_TOLERANCE = 5 * MILLISECOND
+_MINIMUM_EXCHANGES = 5
+_KEPT_EXCHANGES = 128
+_KEPT_SEGMENTS = 8
+_KEPT_REQUESTS = 64
+_SILENCE = 2 * SECOND
+# Further back than any step or reordering: the autopilot has started anew.
+_REBOOT = 1 * SECOND
+# Segments that ended longer ago are of no use to any cloud.
+_FORGOTTEN = 60 * SECOND
+# A `time_boot_ms` further back, or ahead, of the present is none of this flight.
+_PLAUSIBLE_AGE = 10 * SECOND
+_PLAUSIBLE_LEAD = SECOND // 2
+_WRAP = 2**32 * MILLISECOND
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """One request and its answer; all in nanoseconds."""
+
+    sent: int
+    boot: int
+    received: int
+
+    @property
+    def round_trip(self) -> int:
+        """Time from the request to its answer."""
+        return self.received - self.sent
+
+
+@dataclass
+class _Segment:
+    """Exchanges that agree: no clock has stepped between any two of them."""
+
+    begin: int
+    exchanges: deque[Exchange] = field(default_factory=lambda: deque(maxlen=_KEPT_EXCHANGES))
+    count: int = 0
+
+    def add(self, exchange: Exchange) -> None:
+        self.exchanges.append(exchange)
+        self.count += 1
+
+    @property
+    def last(self) -> Exchange:
+        return self.exchanges[-1]
+
+    @property
+    def end(self) -> int:
+        return self.last.sent
+
+    def offset(self, at: int) -> tuple[int, int]:
+        """Offset and its uncertainty, nanoseconds, at a ROS time."""
+        lower, upper = -(2**63), 2**63
+        for exchange in self.exchanges:
+            drift = abs(at - exchange.received) * _DRIFT_PPM // 1_000_000
+            lower = max(lower, exchange.sent - exchange.boot - drift)
+            upper = min(upper, exchange.received - exchange.boot + drift)
+        # Bounds that cross, by less than the tolerance, leave as much doubt as bounds apart.
+        return (lower + upper) // 2, abs(upper - lower) // 2
+
+    def contradicts(self, exchange: Exchange) -> bool:
+        """Whether only a step can explain an exchange after those before it."""
+        offset, uncertainty = self.offset(exchange.received)
+        lower, upper = exchange.sent - exchange.boot, exchange.received - exchange.boot
+        margin = uncertainty + _TOLERANCE
+        return lower > offset + margin or upper < offset - margin
+
+
+@dataclass(frozen=True)
+class ClockState:
+    """What is known of the autopilot's clock; times in seconds."""
+
+    converged: bool
+    offset: float | None
+    uncertainty: float | None
+    round_trip: float | None
+    answers: int
+    steps: int
+    reboots: int
+
+
+class ClockOffset:
+    """Follows the clock of one autopilot.
+
+    Parameters
+    ----------
+    period : float
+        Time between two requests, seconds.
+    maximum_error : float
+        Largest uncertainty at which a stamp is still converted, seconds.
+    """
+
+    def __init__(self, period: float = 0.1, maximum_error: float = 0.01) -> None:
+        self._period = round(period * SECOND)
+        self._maximum_error = round(maximum_error * SECOND)
+        self._segments: deque[_Segment] = deque(maxlen=_KEPT_SEGMENTS)
+        self._open_requests: dict[int, None] = {}
+        self._last_request: int | None = None
+        self._answers = self._steps = self._reboots = 0
+
+    def request(self, now: int) -> int | None:
+        """`ts1` of a request to send now (ROS time in ns), or None while none is due."""
+        last = self._last_request
+        if last is not None and 0 <= now - last < self._period:
+            return None
+        self._last_request = now
+        self._open_requests[now] = None
+        while len(self._open_requests) > _KEPT_REQUESTS:
+            del self._open_requests[next(iter(self._open_requests))]
+        return now
+
+    def answer(self, tc1: int, ts1: int, now: int) -> bool:
+        """Take a TIMESYNC message of the autopilot's that arrived now; tell if it has rebooted.
+
+        A request (tc1 = 0) and an answer to anybody else's request teach nothing.
+        """
+        if tc1 <= 0 or ts1 not in self._open_requests:
+            return False
+        # An answer that was overtaken is not waited for: exchanges stay in order.
+        while next(iter(self._open_requests)) != ts1:
+            del self._open_requests[next(iter(self._open_requests))]
+        del self._open_requests[ts1]
+        exchange = Exchange(ts1, tc1, now)
+        if exchange.round_trip < 0:
+            return False
+        self._answers += 1
+        rebooted = bool(self._segments) and tc1 < self._segments[-1].last.boot - _REBOOT
+        if rebooted:
+            self._reboots += 1
+            self._segments.clear()
+        while self._segments and abs(now - self._segments[0].end) > _FORGOTTEN:
+            self._segments.popleft()
+        if self._segments and self._segments[-1].contradicts(exchange):
+            self._steps += 1
+            self._segments.append(_Segment(now))
+        if not self._segments:
+            self._segments.append(_Segment(now))
+        self._segments[-1].add(exchange)
+        return rebooted
+
+    def boot_time(self, stamp: int) -> tuple[int, int]:
+        """Autopilot's time since boot at a ROS time, and its uncertainty; nanoseconds.
+
+        Raises
+        ------
+        PoseAwaitedError
+            No exchange after `stamp` is there yet, or too few to trust.
+        PoseError
+            A clock stepped around `stamp`, or the offset was not known then.
+        """
+        if not self._segments:
+            raise PoseAwaitedError(
+                'the autopilot has not answered TIMESYNC yet: its clock is not known',
+                'clock not converged',
+            )
+        newest = self._segments[-1]
+        if stamp > newest.end:
+            raise PoseAwaitedError(
+                'no TIMESYNC answer from after the stamp has come yet', 'clock awaited'
+            )
+        if stamp < self._segments[0].begin:
+            raise PoseError(
+                "the autopilot's clock was not known yet at that time", 'clock not converged'
+            )
+        holders = [part for part in self._segments if part.begin <= stamp <= part.end]
+        if len(holders) != 1:
+            raise PoseError('a clock stepped around that time', 'clock stepped')
+        offset, uncertainty = holders[0].offset(stamp)
+        if holders[0].count < _MINIMUM_EXCHANGES or uncertainty > self._maximum_error:
+            error = PoseAwaitedError if holders[0] is newest else PoseError
+            raise error(
+                f"the offset to the autopilot's clock is only known to within "
+                f'{uncertainty / MILLISECOND:.1f} ms after {holders[0].count} TIMESYNC answers',
+                'clock not converged',
+            )
+        return stamp - offset, uncertainty
+
+    def ros_time(self, boot: int) -> int | None:
+        """ROS time of a recent time since boot, both in ns; None until that is known."""
+        if not self._segments or not self._is_converged(self._segments[-1]):
+            return None
+        newest = self._segments[-1]
+        offset, _ = newest.offset(newest.last.received)
+        return boot + newest.offset(boot + offset)[0]
+
+    def unwrap(self, time_boot_ms: int, now: int) -> int | None:
+        """Time since boot in ns, past the wrap of `time_boot_ms` after 49.7 days.
+
+        None before the first exchange, and for a time that is not of this flight.
+        """
+        if not self._segments:
+            return None
+        expected = self._boot_now(now)
+        boot = time_boot_ms * MILLISECOND
+        boot += (expected - boot + _WRAP // 2) // _WRAP * _WRAP
+        return boot if -_PLAUSIBLE_AGE < boot - expected < _PLAUSIBLE_LEAD else None
+
+    def state(self, now: int) -> ClockState:
+        """State at a ROS time."""
+        if not self._segments:
+            return ClockState(False, None, None, None, self._answers, self._steps, self._reboots)
+        newest = self._segments[-1]
+        last = newest.last
+        offset, uncertainty = newest.offset(last.received)
+        recent = [exchange.round_trip for exchange in list(newest.exchanges)[-20:]]
+        return ClockState(
+            self._is_converged(newest) and now - last.received < _SILENCE,
+            offset / SECOND,
+            uncertainty / SECOND,
+            statistics.median(recent) / SECOND,
+            self._answers,
+            self._steps,
+            self._reboots,
+        )
+
+    def _is_converged(self, segment: _Segment) -> bool:
+        uncertainty = segment.offset(segment.last.received)[1]
+        return segment.count >= _MINIMUM_EXCHANGES and uncertainty <= self._maximum_error
+
+    def _boot_now(self, now: int) -> int:
+        last = self._segments[-1].last
+        return last.boot + now - last.received

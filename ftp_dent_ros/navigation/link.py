@@ -1,0 +1,230 @@
+"""The connection to the autopilot: a thread that keeps it open and a vehicle behind it."""
+
+from __future__ import annotations
+
+import contextlib
+import select
+import socket
+import struct
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from ftp_dent_ros.errors import LinkError
+from ftp_dent_ros.navigation.transport import Peer, Transport, check_address, open_transport
+from ftp_dent_ros.navigation.vehicle import Instant, Settings, Vehicle, VehicleState
+from ftp_dent_ros.pose import Pose
+
+_TICK = 0.05
+_MOST_AT_ONCE = 100
+_SHORTEST_WAIT, _LONGEST_WAIT = 0.5, 2.0
+# A stream connection that is silent for longer may be dead without saying so.
+_SILENCE = 5.0
+
+
+@dataclass(frozen=True)
+class LinkState:
+    """State of the connection and of the vehicle behind it.
+
+    Attributes
+    ----------
+    fault : str
+        Why the connection is not open; '' if it is.
+    vehicle : VehicleState
+        What is known of the autopilot.
+    bad_bytes : int
+        Pieces that were no MAVLink message.
+    reconnections : int
+        How often the connection was opened again.
+    """
+
+    fault: str
+    vehicle: VehicleState
+    bad_bytes: int
+    reconnections: int
+
+
+class Link:
+    """Keeps a MAVLink 2 connection and answers for the pose; safe to use from any thread.
+
+    Heartbeats are the caller's to send (`send_heartbeat`, at 1 Hz): an autopilot must not take
+    a program for alive of which only this thread is.
+
+    Parameters
+    ----------
+    address : str
+        As in `transport`.
+    baud : int
+        Baud rate of a serial line.
+    settings : Settings
+        Whom to believe and what to ask for.
+    ros_time : callable
+        ROS time in nanoseconds.
+    on_news : callable, optional
+        Called in the link's thread after messages of the vehicle have come.
+
+    Raises
+    ------
+    ConfigurationError
+        The address is malformed. An address that cannot be opened is tried again and again.
+    """
+
+    def __init__(
+        self,
+        address: str,
+        baud: int,
+        settings: Settings,
+        ros_time: Callable[[], int] = time.time_ns,
+        on_news: Callable[[], None] = lambda: None,
+    ) -> None:
+        check_address(address)
+        self._address, self._baud = address, baud
+        self._ros_time, self._on_news = ros_time, on_news
+        self._vehicle = Vehicle(settings)
+        self._lock = threading.Lock()
+        self._transport: Transport | None = None
+        self._peer: Peer = None
+        self._parser = _new_parser()
+        self._sender = mavlink.MAVLink(None)
+        self._fault = 'not opened yet'
+        self._bad_bytes = self._opened = 0
+        self._closing = threading.Event()
+        self._waker, self._wakened = socket.socketpair()
+        self._thread = threading.Thread(target=self._run, name='mavlink')
+        self._thread.start()
+
+    def close(self) -> None:
+        """Close the connection and end the thread."""
+        self._closing.set()
+        with contextlib.suppress(OSError):
+            self._waker.send(b'.')
+        self._thread.join()
+        self._waker.close()
+        self._wakened.close()
+
+    def send_heartbeat(self) -> None:
+        """Tell the autopilot that this companion computer is alive."""
+        with self._lock:
+            self._send(
+                mavlink.MAVLink_heartbeat_message(
+                    type=mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
+                    autopilot=mavlink.MAV_AUTOPILOT_INVALID,
+                    base_mode=0,
+                    custom_mode=0,
+                    system_status=mavlink.MAV_STATE_ACTIVE,
+                    mavlink_version=3,
+                )
+            )
+
+    def pose_at(self, stamp: int) -> Pose:
+        """As `Vehicle.pose_at`, now."""
+        with self._lock:
+            return self._vehicle.pose_at(stamp, self._now())
+
+    def new_poses(self) -> list[tuple[int, Pose]]:
+        """As `Vehicle.new_poses`, now."""
+        with self._lock:
+            return self._vehicle.new_poses(self._now())
+
+    def state(self) -> LinkState:
+        """State at this moment."""
+        with self._lock:
+            return LinkState(
+                self._fault,
+                self._vehicle.state(self._now()),
+                self._bad_bytes,
+                max(0, self._opened - 1),
+            )
+
+    def _now(self) -> Instant:
+        return Instant(self._ros_time(), time.monotonic())
+
+    def _run(self) -> None:
+        wait = _SHORTEST_WAIT
+        while not self._closing.is_set():
+            try:
+                transport = open_transport(self._address, self._baud)
+                wait = _SHORTEST_WAIT
+                with self._opened_as(transport):
+                    self._serve(transport)
+            except LinkError as error:
+                self._fault = str(error)
+                self._closing.wait(wait)
+                wait = min(2 * wait, _LONGEST_WAIT)
+
+    @contextlib.contextmanager
+    def _opened_as(self, transport: Transport):
+        with self._lock:
+            self._transport, self._peer, self._fault = transport, None, ''
+            self._parser = _new_parser()
+            self._opened += 1
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._transport = None
+            transport.close()
+
+    def _serve(self, transport: Transport) -> None:
+        heard = time.monotonic()
+        while not self._closing.is_set():
+            readable, _, _ = select.select([transport, self._wakened], [], [], _TICK)
+            if transport in readable and self._receive(transport):
+                heard = time.monotonic()
+            if not transport.is_datagram and time.monotonic() - heard > _SILENCE:
+                raise LinkError(f'nothing has come for {_SILENCE:.0f} s: connecting again')
+            with self._lock:
+                for message in self._vehicle.requests(self._now()):
+                    self._send(message)
+
+    def _receive(self, transport: Transport) -> bool:
+        """Take what has come; tell whether it was anything."""
+        has_news = False
+        for count in range(_MOST_AT_ONCE):
+            data, peer = transport.receive()
+            if not data:
+                break
+            now = self._now()
+            with self._lock:
+                for message in self._parsed(data, transport.is_datagram):
+                    if self._vehicle.receive(message, now):
+                        # Answers go where the believed vehicle is, after a reboot elsewhere.
+                        self._peer = peer
+                        has_news = True
+        if has_news:
+            self._on_news()
+        return count > 0 or bool(data)
+
+    def _parsed(self, data: bytes, is_whole: bool) -> list[mavlink.MAVLink_message]:
+        if is_whole:
+            # What one sender cut short must not swallow the next one's message.
+            self._parser = _new_parser()
+        try:
+            parsed = self._parser.parse_buffer(data) or []
+        except (mavlink.MAVError, ValueError, TypeError, struct.error):
+            self._bad_bytes += 1
+            self._parser = _new_parser()
+            return []
+        messages = [message for message in parsed if message.get_type() != 'BAD_DATA']
+        self._bad_bytes += len(parsed) - len(messages)
+        return messages
+
+    def _send(self, message: mavlink.MAVLink_message) -> None:
+        if self._transport is None:
+            return
+        self._sender.srcSystem = self._vehicle.system_id
+        self._sender.srcComponent = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
+        data = message.pack(self._sender)
+        self._sender.seq = (self._sender.seq + 1) % 256
+        # A connection that broke is found out, and mended, where it is read.
+        with contextlib.suppress(LinkError):
+            self._transport.send(data, self._peer)
+
+
+def _new_parser() -> mavlink.MAVLink:
+    parser = mavlink.MAVLink(None)
+    parser.robust_parsing = True
+    return parser

@@ -1,0 +1,315 @@
+"""What is known of the one autopilot that is believed, from its messages alone.
+
+Messages and their times of arrival go in, requests to send come out; there is no socket, no
+thread and no clock in here, so that a flight can be replayed through it faster than it was flown.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from ftp_dent_ros.errors import PoseAwaitedError
+from ftp_dent_ros.navigation import estimator, frames
+from ftp_dent_ros.navigation.clock_offset import ClockOffset, ClockState
+from ftp_dent_ros.navigation.estimator import Estimator
+from ftp_dent_ros.navigation.pose_history import PoseHistory
+from ftp_dent_ros.navigation.streams import Stream, Streams
+from ftp_dent_ros.pose import Pose
+
+Message = mavlink.MAVLink_message
+
+_SILENCE = 2.0
+_ESTIMATOR_RATE = 5.0
+
+
+@dataclass(frozen=True)
+class Instant:
+    """One moment on both clocks: ROS time in nanoseconds, steady time in seconds."""
+
+    ros: int
+    steady: float
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Whom to believe and what to ask for.
+
+    Attributes
+    ----------
+    system_id : int
+        MAVLink system to believe; 0 is that of the first autopilot heard.
+    component_id : int
+        Component to believe in it.
+    rate : float
+        Rate of attitude and position, Hz.
+    maximum_gap : float
+        Longest time between two samples that is interpolated across, seconds.
+    maximum_clock_error : float
+        Largest uncertainty of the autopilot's clock at which poses are given, seconds.
+    """
+
+    system_id: int = 0
+    component_id: int = mavlink.MAV_COMP_ID_AUTOPILOT1
+    rate: float = 50.0
+    maximum_gap: float = 0.15
+    maximum_clock_error: float = 0.01
+
+
+@dataclass(frozen=True)
+class VehicleState:
+    """State for those who watch; counts are since the start, times in seconds, rates in Hz.
+
+    Attributes
+    ----------
+    silence : float or None
+        Time since the autopilot was last heard.
+    utc_error : float or None
+        How far this computer's clock is ahead of the autopilot's UTC (of GPS), if it has one.
+    foreign, malformed, lost : int
+        Messages of others; of the autopilot's own with impossible contents; that never came.
+    resets : int
+        Jumps of the estimator.
+    """
+
+    identity: tuple[int, int] | None
+    autopilot: str
+    silence: float | None
+    estimator: str
+    clock: ClockState
+    utc_error: float | None
+    rates: dict[str, float]
+    denied: list[str]
+    messages: int
+    foreign: int
+    malformed: int
+    lost: int
+    resets: int
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether the autopilot has been heard of late."""
+        return self.silence is not None and self.silence < _SILENCE
+
+
+class Vehicle:
+    """The autopilot that is believed: the first that heartbeats, and from then on only that."""
+
+    def __init__(self, settings: Settings) -> None:
+        self._settings = settings
+        self._identity: tuple[int, int] | None = None
+        self._autopilot = mavlink.MAV_AUTOPILOT_INVALID
+        self._clock = ClockOffset(maximum_error=settings.maximum_clock_error)
+        self._history = PoseHistory(maximum_gap=settings.maximum_gap)
+        self._estimator = Estimator()
+        self._streams = Streams([])
+        self._heard: float | None = None
+        self._sequence: int | None = None
+        self._streamed = 0
+        self._streamed_ros = 0
+        self._utc_offset: int | None = None
+        self._messages = self._foreign = self._malformed = self._lost = 0
+        self._handlers = {
+            'TIMESYNC': self._on_timesync,
+            'COMMAND_ACK': self._on_command_ack,
+            'SYSTEM_TIME': self._on_system_time,
+            'EKF_STATUS_REPORT': self._on_estimator_report,
+            'ESTIMATOR_STATUS': self._on_estimator_report,
+            'ATTITUDE_QUATERNION': self._on_attitude_quaternion,
+            'LOCAL_POSITION_NED': self._on_local_position_ned,
+        }
+
+    @property
+    def system_id(self) -> int:
+        """System id that a companion of this vehicle speaks with."""
+        return self._identity[0] if self._identity else self._settings.system_id or 1
+
+    def receive(self, message: Message, at: Instant) -> bool:
+        """Take a message from anybody; tell whether it is the autopilot's that is believed."""
+        source = (message.get_srcSystem(), message.get_srcComponent())
+        name = message.get_type()
+        if self._identity is None and self._is_wanted(message, source, name):
+            self._identity = source
+            self._autopilot = message.autopilot
+            self._start_anew(at)
+        if source != self._identity:
+            self._foreign += 1
+            return False
+        self._messages += 1
+        self._count_losses(message.get_seq())
+        self._heard = at.steady
+        self._streams.received(name, at.steady)
+        if name in self._handlers:
+            self._handlers[name](message, at)
+        return True
+
+    def requests(self, at: Instant) -> list[Message]:
+        """Messages that are due to be sent to the autopilot; ask some 20 times a second."""
+        if self._identity is None:
+            return []
+        due: list[Message] = []
+        ts1 = self._clock.request(at.ros)
+        if ts1 is not None:
+            due.append(mavlink.MAVLink_timesync_message(tc1=0, ts1=ts1))
+        stream = self._streams.next_request(at.steady)
+        if stream is not None:
+            due.append(
+                mavlink.MAVLink_command_long_message(
+                    *self._identity,
+                    mavlink.MAV_CMD_SET_MESSAGE_INTERVAL,
+                    stream.retries,
+                    stream.message_id,
+                    stream.interval_us,
+                    *(0, 0, 0, 0, 0),
+                )
+            )
+        return due
+
+    def pose_at(self, stamp: int, at: Instant) -> Pose:
+        """Pose of `base_link` in `map` at a ROS time in nanoseconds.
+
+        It is given only once the clock, the estimator and the pose have all been heard of from
+        both before and after the stamp, so that nothing heard later could take it back.
+
+        Raises
+        ------
+        PoseAwaitedError
+            Something that is needed may still come.
+        PoseError
+            There is no trustworthy pose at that time, and will be none.
+        """
+        if self._identity is None:
+            raise PoseAwaitedError('no autopilot has been heard on the link', 'no autopilot')
+        try:
+            self._estimator.check(stamp, at.ros)
+            boot, _ = self._clock.boot_time(stamp)
+            return self._history.at(boot)
+        except PoseAwaitedError as error:
+            silence = at.steady - (self._heard or 0.0)
+            if silence < _SILENCE:
+                raise
+            raise PoseAwaitedError(
+                f'the autopilot has been silent for {silence:.1f} s ({error})', 'link lost'
+            ) from None
+
+    def new_poses(self, at: Instant) -> list[tuple[int, Pose]]:
+        """Poses that have become known since the last call, with their ROS times in ns.
+
+        Their stamps follow the clock as it was last heard of, for a stream cannot wait.
+        """
+        fresh = self._history.stamps_since(self._streamed)
+        if not fresh:
+            return []
+        self._streamed = fresh[-1]
+        if self._estimator.state(at.ros) not in ('ready', 'not reported'):
+            return []
+        poses = []
+        for boot in fresh:
+            stamp = self._clock.ros_time(boot)
+            if stamp is not None and stamp > self._streamed_ros:
+                self._streamed_ros = stamp
+                poses.append((stamp, self._history.at(boot)))
+        return poses
+
+    def state(self, at: Instant) -> VehicleState:
+        """State at this moment."""
+        clock = self._clock.state(at.ros)
+        utc_error = None
+        if self._utc_offset is not None and clock.offset is not None:
+            utc_error = clock.offset - self._utc_offset / 1e9
+        return VehicleState(
+            identity=self._identity,
+            autopilot=mavlink.enums['MAV_AUTOPILOT'][self._autopilot].name,
+            silence=None if self._heard is None else at.steady - self._heard,
+            estimator=self._estimator.state(at.ros),
+            clock=clock,
+            utc_error=utc_error,
+            rates=self._streams.rates(at.steady),
+            denied=self._streams.denied(),
+            messages=self._messages,
+            foreign=self._foreign,
+            malformed=self._malformed,
+            lost=self._lost,
+            resets=self._history.resets,
+        )
+
+    def _is_wanted(self, message: Message, source: tuple[int, int], name: str) -> bool:
+        return (
+            name == 'HEARTBEAT'
+            and message.autopilot != mavlink.MAV_AUTOPILOT_INVALID
+            and source[0] == (self._settings.system_id or source[0])
+            and source[1] == self._settings.component_id
+        )
+
+    def _start_anew(self, at: Instant) -> None:
+        """The autopilot has just been found or has rebooted: it knows of no request."""
+        report = 'EKF_STATUS_REPORT'
+        if self._autopilot != mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA:
+            report = 'ESTIMATOR_STATUS'
+        rate = self._settings.rate
+        self._streams = Streams(
+            [
+                Stream('ATTITUDE_QUATERNION', rate),
+                Stream('LOCAL_POSITION_NED', rate),
+                Stream(report, _ESTIMATOR_RATE, required=False),
+                Stream('SYSTEM_TIME', 1.0, required=False),
+            ]
+        )
+        self._history.clear()
+        self._streamed = 0
+        self._estimator.restart(at.ros)
+        self._utc_offset = None
+
+    def _count_losses(self, sequence: int) -> None:
+        if self._sequence is not None:
+            missed = (sequence - self._sequence - 1) % 256
+            # More than half a turn is a message that was overtaken or sent twice.
+            self._lost += missed if missed < 128 else 0
+        self._sequence = sequence
+
+    def _on_timesync(self, message: Message, at: Instant) -> None:
+        if self._clock.answer(message.tc1, message.ts1, at.ros):
+            self._start_anew(at)
+
+    def _on_command_ack(self, message: Message, at: Instant) -> None:
+        # A MAVLink 1 autopilot leaves the addressee 0.
+        ours = (self.system_id, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER)
+        if message.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL and (
+            (message.target_system, message.target_component) in (ours, (0, 0))
+        ):
+            self._streams.acknowledged(message.result)
+
+    def _on_system_time(self, message: Message, at: Instant) -> None:
+        boot = self._clock.unwrap(message.time_boot_ms, at.ros)
+        # Without GPS time the autopilot says 1970.
+        if boot is not None and message.time_unix_usec > 0:
+            self._utc_offset = message.time_unix_usec * 1000 - boot
+
+    def _on_estimator_report(self, message: Message, at: Instant) -> None:
+        self._estimator.report(estimator.is_ready(message.get_type(), message.flags), at.ros)
+
+    def _on_attitude_quaternion(self, message: Message, at: Instant) -> None:
+        quaternion = (message.q1, message.q2, message.q3, message.q4)
+        rates = (message.rollspeed, message.pitchspeed, message.yawspeed)
+        stamp = self._clock.unwrap(message.time_boot_ms, at.ros)
+        if not _all_finite(*quaternion, *rates) or abs(math.hypot(*quaternion) - 1) > 0.01:
+            self._malformed += 1
+        elif stamp is not None:
+            attitude, body_rates = frames.enu_attitude(quaternion), frames.flu_from_frd(rates)
+            self._history.add_attitude(stamp, attitude, body_rates)
+
+    def _on_local_position_ned(self, message: Message, at: Instant) -> None:
+        position = (message.x, message.y, message.z)
+        velocity = (message.vx, message.vy, message.vz)
+        stamp = self._clock.unwrap(message.time_boot_ms, at.ros)
+        if not _all_finite(*position, *velocity):
+            self._malformed += 1
+        elif stamp is not None:
+            enu, enu_velocity = frames.enu_from_ned(position), frames.enu_from_ned(velocity)
+            self._history.add_position(stamp, enu, enu_velocity)
+
+
+def _all_finite(*values: float) -> bool:
+    return all(map(math.isfinite, values))

@@ -1,0 +1,222 @@
+"""Publishes photographs: of a V4L2 camera, of image files, or of the simulated rig.
+
+An image is stamped with the middle of its exposure, and ``camera/camera_info`` has the same
+stamp. ``~/capture`` takes one photograph on demand; with ``rate`` 0 or without ``continuous``
+that is the only way to one. A device is read whether anybody listens or not; files and the
+simulation stand still while nobody does.
+"""
+
+from __future__ import annotations
+
+import functools
+import sys
+import threading
+import time
+import traceback
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Any
+
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.node import Node
+from sensor_msgs.msg import CameraInfo, Image
+from std_srvs.srv import Trigger
+
+from ftp_dent_ros.capture.simulated import SimulatedSource
+from ftp_dent_ros.capture.source import Frame, Source
+from ftp_dent_ros.errors import CameraError, ImageError
+from ftp_dent_ros.files import find
+from ftp_dent_ros.nodes.camera_sources import SOURCES, declare_source
+from ftp_dent_ros.rig import read_rig
+from ftp_dent_ros.ros.diagnostics import OK, WARN, Diagnostics
+from ftp_dent_ros.ros.messages import camera_info_message, image_from_message, image_to_message
+from ftp_dent_ros.ros.node import run
+from ftp_dent_ros.ros.parameters import Parameters
+from ftp_dent_ros.ros.qos import IMAGES, LATCHED, OVERRIDABLE
+
+_DEMAND_TIMEOUT = 10.0
+_PAUSE = 0.1
+_SETTLING = 0.3
+
+
+@dataclass
+class _Demand:
+    """A call of ``~/capture`` that waits for its photograph."""
+
+    done: threading.Event = field(default_factory=threading.Event)
+    success: bool = False
+    message: str = f'no photograph within {_DEMAND_TIMEOUT:g} s'
+
+    def answer(self, success: bool, message: str) -> None:
+        self.success, self.message = success, message
+        self.done.set()
+
+
+class CameraCapture(Node):
+    """Node that takes photographs in a thread of its own and publishes them."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__('camera_capture', **options)
+        parameters = Parameters(self)
+        kind = parameters.declare(
+            'source', 'device', 'Where the images come from.', choices=SOURCES
+        )
+        rig = parameters.declare(
+            'rig',
+            '',
+            'Calibration file (rig.yaml), or the name of a shipped one; without it camera_info '
+            'says that the camera is uncalibrated.',
+        )
+        self._rate = parameters.declare(
+            'rate', 2.0, 'Images a second; 0 for only on demand.', minimum=0.0, maximum=1000.0
+        )
+        self._continuous = parameters.declare(
+            'continuous',
+            True,
+            'Whether images are taken at the rate; if not, only on demand.',
+            changeable=True,
+        )
+        self._frame_id = parameters.declare(
+            'frame_id', 'camera_optical_frame', "The camera's optical frame."
+        )
+        parameters.on_change(self._change)
+        self._rig = read_rig(find(rig)) if rig else None
+        self._source: Source = declare_source(
+            parameters, kind, self._rig, self._rate, self._now_ns
+        )
+        self._image = self.create_publisher(
+            Image, 'camera/image_raw', IMAGES, qos_overriding_options=OVERRIDABLE
+        )
+        self._info = self.create_publisher(
+            CameraInfo, 'camera/camera_info', IMAGES, qos_overriding_options=OVERRIDABLE
+        )
+        device = parameters['device.path'] if kind == 'device' else kind
+        self._diagnostics = Diagnostics(self, self._judge, hardware_id=device)
+        self._demands: deque[_Demand] = deque()
+        self._missed_before = 0
+        self._was_wanted = False
+        if isinstance(self._source, SimulatedSource):
+            project = functools.partial(self._on_projected, self._source)
+            self.create_subscription(Image, 'projector/image_raw', project, LATCHED)
+        # It waits for the photograph, in the executor's second thread.
+        self.create_service(
+            Trigger, '~/capture', self._on_capture, callback_group=MutuallyExclusiveCallbackGroup()
+        )
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name='capture', daemon=True)
+        self._thread.start()
+
+    def destroy_node(self) -> None:
+        """End the thread and let go of the camera first."""
+        self._stop.set()
+        self._source.close()
+        self._thread.join()
+        super().destroy_node()
+
+    def _change(self, values: dict[str, Any]) -> None:
+        self._continuous = values.get('continuous', self._continuous)
+
+    def _on_projected(self, source: SimulatedSource, message: Image) -> None:
+        try:
+            source.project(image_from_message(message))
+        except ImageError as error:
+            self._diagnostics.refuse('wrong pattern', str(error))
+
+    def _on_capture(
+        self, request: Trigger.Request, response: Trigger.Response
+    ) -> Trigger.Response:
+        demand = _Demand()
+        self._demands.append(demand)
+        end = time.monotonic() + _DEMAND_TIMEOUT
+        while not demand.done.wait(_PAUSE) and self.context.ok() and time.monotonic() < end:
+            pass
+        response.success, response.message = demand.success, demand.message
+        return response
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            demand = self._demands.popleft() if self._demands else None
+            try:
+                frame = self._take(demand is not None)
+                if frame is not None:
+                    self._publish(frame)
+            except ImageError as error:
+                self._diagnostics.refuse('wrong image', str(error))
+                outcome = False, str(error)
+            except CameraError as error:
+                self._diagnostics.fail(str(error))
+                outcome = False, str(error)
+                self._stop.wait(_PAUSE)
+            except Exception as error:
+                outcome = False, f'{type(error).__name__}: {error}'
+                self._diagnostics.fail(f'no photograph, by a defect of the software: {outcome[1]}')
+                self.get_logger().debug(traceback.format_exc())
+                self._stop.wait(_PAUSE)
+            else:
+                outcome = _describe(frame)
+            if demand:
+                demand.answer(*outcome)
+
+    def _take(self, demanded: bool) -> Frame | None:
+        """Photograph that is demanded or due; None if there is none for the moment."""
+        if demanded:
+            return self._source.shoot()
+        running = self._continuous and self._rate > 0 and not self._source.finished
+        wanted = running and (self._source.runs_by_itself or self._is_heard())
+        if wanted and self._was_wanted:
+            return self._source.next_frame(_PAUSE)
+        # A subscriber that has just been found may not have found this publisher yet.
+        self._stop.wait(_SETTLING if wanted else _PAUSE / 5)
+        self._source.rest()
+        self._was_wanted = wanted
+        return None
+
+    def _is_heard(self) -> bool:
+        return bool(self._image.get_subscription_count() or self._info.get_subscription_count())
+
+    def _publish(self, frame: Frame) -> None:
+        height, width, _ = frame.image.shape
+        if self._image.get_subscription_count():
+            self._image.publish(image_to_message(frame.image, frame.stamp_ns, self._frame_id))
+        lens = self._rig.camera if self._rig else None
+        self._info.publish(
+            camera_info_message(lens, (width, height), frame.stamp_ns, self._frame_id)
+        )
+        self._diagnostics.count('images')
+        self._diagnostics.note('size', f'{width}x{height}')
+        self._diagnostics.measure('latency', (self._now_ns() - frame.stamp_ns) / 1e9)
+
+    def _judge(self) -> tuple[bytes, str]:
+        missed = self._source.missed - self._missed_before
+        self._missed_before = self._source.missed
+        for name, value in self._source.notes().items():
+            self._diagnostics.note(name, value)
+        if self._source.finished:
+            return OK, 'all images have been published'
+        if not self._continuous or self._rate == 0:
+            return OK, 'waiting for a call of ~/capture'
+        if missed:
+            return WARN, f'cannot keep up with {self._rate:g} images a second: lower the rate'
+        if not self._source.runs_by_itself and not self._is_heard():
+            return OK, 'idle: nobody subscribes to the images'
+        return OK, 'working'
+
+    def _now_ns(self) -> int:
+        return self.get_clock().now().nanoseconds
+
+
+def _describe(frame: Frame | None) -> tuple[bool, str]:
+    """Answer to a demand that `frame` came of."""
+    if frame is None:
+        return False, 'there are no more images: set files.loop, or start again'
+    seconds, nanoseconds = divmod(frame.stamp_ns, 1_000_000_000)
+    return True, f'photograph taken at {seconds}.{nanoseconds:09d}'
+
+
+def main() -> int:
+    """Run the node as a process."""
+    return run(CameraCapture, 'camera_capture', threads=2)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

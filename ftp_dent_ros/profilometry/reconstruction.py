@@ -1,0 +1,199 @@
+"""One photograph of the fringes to an organised cloud: the algorithm, one line a step."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.errors import ImageError, NoStripeError
+from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.profilometry.absolute_phase import fringe_order
+from ftp_dent_ros.profilometry.carrier import Carrier, carrier_at, measured_carrier
+from ftp_dent_ros.profilometry.extrapolation import demodulate
+from ftp_dent_ros.profilometry.reference import extend, phase_shift, reference_phase
+from ftp_dent_ros.profilometry.region import Window, clipped, lit_region
+from ftp_dent_ros.profilometry.settings import Settings
+from ftp_dent_ros.profilometry.stripe import Stripe, find_stripe
+from ftp_dent_ros.profilometry.triangulation import triangulate
+from ftp_dent_ros.profilometry.unwrapping import unwrap
+from ftp_dent_ros.rig import Rig
+
+# Grey levels.
+_LEAST_MODULATION = 4.0
+# Of the rows beyond the region, in periods.
+_MARGIN = 4.0
+# The reference planes' depths are whole powers of this, so that one table serves many frames.
+_DEPTH_STEP = 1.02
+# Width of the blurred rim of the projector's panel, pixels.
+_RIM = 1.5
+_JUMP = {'virtual-reference': 0.5, 'direct': math.pi / 2}
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """What one photograph gave.
+
+    Attributes
+    ----------
+    cloud : Cloud
+    stripe_depth : float
+        l_c, the depth of the red stripe and of the virtual reference, metres.
+    """
+
+    cloud: Cloud
+    stripe_depth: float
+
+
+class Reconstructor:
+    """Reconstructs photographs of one rig and one pattern.
+
+    Parameters
+    ----------
+    rig : Rig
+    pattern : Pattern
+    settings : Settings, optional
+
+    Raises
+    ------
+    PatternError
+        The pattern does not fit the projector.
+    """
+
+    def __init__(self, rig: Rig, pattern: Pattern, settings: Settings | None = None) -> None:
+        pattern.check_fits(rig.projector)
+        self.rig, self.pattern, self.settings = rig, pattern, settings or Settings()
+        rows = rig.camera.pixel_grid()[:: self.settings.stride]
+        self._rays = rig.camera.rays(rows).astype(np.float32)
+        self._reference_phase = lru_cache(maxsize=4)(self._reference_at)
+
+    def reconstruct(self, image: NDArray[np.uint8]) -> Cloud:
+        """Cloud of a photograph: that of `measure`."""
+        return self.measure(image).cloud
+
+    def measure(self, image: NDArray[np.uint8]) -> Measurement:
+        """Measure the surface in a photograph.
+
+        Parameters
+        ----------
+        image : ndarray, shape (height, width, 3), uint8
+            RGB, as large as the camera's calibration says.
+
+        Returns
+        -------
+        Measurement
+            Its cloud has every `stride`-th pixel, in the camera's optical frame; NaN where
+            nothing is measured.
+
+        Raises
+        ------
+        ImageError
+            The image has the wrong type or size.
+        TooDarkError, SaturatedError, NoStripeError
+            The image gives no measurement; the message says why and what to do.
+        """
+        self._check(image)
+        stride = self.settings.stride
+        levels = image.astype(np.float32)
+        red = np.ascontiguousarray(levels[..., 0])
+
+        coarse = measured_carrier(red, self.rig, self.pattern)
+        region = lit_region(red, coarse)
+        usable = ~clipped(red, region, coarse)
+        stripe = find_stripe(levels, region, coarse)
+        depth = self._depth_of(stripe)
+        carrier = carrier_at(self.rig, self.pattern, depth)
+
+        window = Window.around(region[::stride], math.ceil(_MARGIN * carrier.period))
+        inside = window.padded(region[::stride])
+        rows = window.padded(red[::stride])
+        reference = extend(
+            window.cut(self._reference(depth, carrier)), window.before, window.after
+        )
+        fringes = demodulate(rows, inside, reference, carrier)
+        modulation = np.abs(fringes)
+        valid = inside & window.padded(usable[::stride]) & (modulation >= _LEAST_MODULATION)
+        if self.settings.method == 'virtual-reference':
+            wrapped, start = phase_shift(fringes, reference, carrier), reference
+        else:
+            wrapped, start = np.angle(fringes), np.float32(0)
+        unwrapped = unwrap(
+            wrapped,
+            valid,
+            self.settings.unwrapping,
+            self.settings.tau,
+            _JUMP[self.settings.method],
+        )
+        relative = start + unwrapped.phase
+        turns = fringe_order(
+            relative,
+            unwrapped.part,
+            np.searchsorted(window.rows, np.rint(stripe.row / stride)),
+            stripe.column - window.left + window.before,
+        )
+        u_p = self.pattern.column(window.bare(relative + turns)).astype(np.float32)
+        return Measurement(self._cloud(window, u_p, window.bare(modulation)), depth)
+
+    def _check(self, image: NDArray[np.uint8]) -> None:
+        """Raise `ImageError` unless the image is of the camera's kind and size."""
+        camera = self.rig.camera
+        if not isinstance(image, np.ndarray) or image.dtype != np.uint8:
+            kind = getattr(image, 'dtype', type(image).__name__)
+            raise ImageError(f'the image is of {kind}, not 8-bit levels: give an 8-bit RGB image')
+        if image.shape != (camera.height, camera.width, 3):
+            size = 'x'.join(str(length) for length in image.shape[1::-1] + image.shape[2:])
+            raise ImageError(
+                f"the image is {size}, the rig's camera {camera.width}x{camera.height}x3: "
+                'use the camera that was calibrated, at that resolution and in colour'
+            )
+
+    def _depth_of(self, stripe: Stripe) -> float:
+        """l_c, metres: where the stripe is, on the whole."""
+        rays = self.rig.camera.rays(np.stack([stripe.column, stripe.row], axis=-1))[None]
+        columns = np.full(rays.shape[:2], self.pattern.stripe_center_px)
+        depth, _ = triangulate(self.rig, rays.astype(np.float32), columns.astype(np.float32))
+        if np.isnan(depth).mean() > 0.5:
+            raise NoStripeError(
+                'the red stripe is seen where the projector cannot light it: check that rig.yaml '
+                'and the pattern belong to this camera and projector'
+            )
+        return float(np.nanmedian(depth))
+
+    def _reference(self, depth: float, carrier: Carrier) -> NDArray[np.float32]:
+        """Phase of the fringes to compare with, at every `stride`-th row."""
+        if self.settings.method == 'direct':
+            ramp = 2 * np.pi * carrier.sign * carrier.frequency * np.arange(self.rig.camera.width)
+            return np.broadcast_to(ramp.astype(np.float32), self._rays.shape[:2])
+        step = round(math.log(depth) / math.log(_DEPTH_STEP))
+        return self._reference_phase(step)
+
+    def _reference_at(self, step: int) -> NDArray[np.float32]:
+        return reference_phase(self.rig, self.pattern, self._rays, _DEPTH_STEP**step)
+
+    def _cloud(self, window: Window, u_p: NDArray, modulation: NDArray) -> Cloud:
+        """Triangulate the window's pixels on the grid, where the projector's panel reaches."""
+        stride = self.settings.stride
+        projector = self.rig.projector
+        first = -window.left % stride
+        grid = window.rows, slice(window.left + first, window.right, stride)
+        rays = self._rays[grid]
+        depth, v_p = triangulate(self.rig, rays, u_p[:, first::stride])
+        with np.errstate(invalid='ignore'):
+            reached = (
+                (u_p[:, first::stride] > _RIM - 0.5)
+                & (u_p[:, first::stride] < projector.width - 0.5 - _RIM)
+                & (v_p > _RIM - 0.5)
+                & (v_p < projector.height - 0.5 - _RIM)
+            )
+        depth[~reached] = np.nan
+        rows, columns = len(range(0, self.rig.camera.height, stride)), self._rays.shape[1]
+        points = np.full((rows, len(range(0, columns, stride)), 3), np.nan, np.float32)
+        intensity = np.zeros(points.shape[:2], np.float32)
+        at = window.rows[:, None], np.arange(*grid[1].indices(columns)) // stride
+        points[at] = rays * depth[..., None]
+        intensity[at] = modulation[:, first::stride]
+        return Cloud(points, intensity)

@@ -1,0 +1,131 @@
+"""The region of interest: where the image shows fringes. Nobody draws a rectangle."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+from ftp_dent_ros.errors import SaturatedError, TooDarkError
+from ftp_dent_ros.profilometry.carrier import Carrier
+
+# Peak to trough, grey levels: twice the least modulation that gives a phase worth having.
+_LEAST_CONTRAST = 8.0
+# A fringe reaches from this share of its contrast on one flank to the same on the other.
+_FLANK = 0.25
+# A shorter run of fringes than this, in periods, fills no pass band of half the carrier.
+_SHORTEST_RUN = 2.0
+_SMALLEST_SHARE = 0.002
+_CLIPPED = 254.5
+_LARGEST_CLIPPED_SHARE = 0.5
+
+
+def lit_region(red: NDArray[np.float32], carrier: Carrier) -> NDArray[np.bool_]:
+    """Pixels inside the fringes, from the first bright flank of a row to the last.
+
+    Each pixel is held against the brightest and darkest within half a fringe of it, so that
+    neither vignetting nor ambient light nor paint matters; the dark troughs are closed after.
+
+    Parameters
+    ----------
+    red : ndarray, shape (rows, columns), float32
+        Red channel, where the fringes go on through the stripe.
+    carrier : Carrier
+
+    Returns
+    -------
+    ndarray, shape (rows, columns), bool
+
+    Raises
+    ------
+    TooDarkError
+        Nowhere are there fringes.
+    """
+    width = 2 * math.ceil(carrier.period / 2) + 1
+    smooth = cv2.blur(red, (1, 3))
+    peak = cv2.dilate(smooth, np.ones((1, width), np.uint8))
+    trough = cv2.erode(smooth, np.ones((1, width), np.uint8))
+    contrast = peak - trough
+    bright = (contrast > _LEAST_CONTRAST) & (smooth > trough + _FLANK * contrast)
+    closed = cv2.morphologyEx(
+        bright.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((1, width), np.uint8)
+    )
+    # One pixel less on each side: the outermost is only half covered by the surface.
+    trimmed = cv2.erode(closed, np.ones((1, 3), np.uint8))
+    shortest = math.ceil(_SHORTEST_RUN * carrier.period)
+    region = cv2.morphologyEx(trimmed, cv2.MORPH_OPEN, np.ones((1, shortest), np.uint8)) > 0
+    if region.mean() < _SMALLEST_SHARE:
+        raise TooDarkError(
+            'no part of the image shows fringes: switch the projector on, come closer, or '
+            'expose longer'
+        )
+    return region
+
+
+def clipped(
+    red: NDArray[np.float32], region: NDArray[np.bool_], carrier: Carrier
+) -> NDArray[np.bool_]:
+    """Pixels of `region` in whose fringe most levels are clipped, so that its shape is lost.
+
+    Clipping alone is symmetric about a fringe's peak and hardly moves its phase.
+
+    Raises
+    ------
+    SaturatedError
+        They are most of the region.
+    """
+    width = 2 * math.ceil(carrier.period / 2) + 1
+    share = cv2.blur((red >= _CLIPPED).astype(np.float32), (width, 1))
+    lost = region & (share > _LARGEST_CLIPPED_SHARE)
+    if lost.sum() > 0.5 * region.sum():
+        raise SaturatedError(
+            f'the fringes are clipped over {lost.sum() / region.sum():.0%} of the lit area: '
+            'expose for a shorter time'
+        )
+    return lost
+
+
+@dataclass(frozen=True)
+class Window:
+    """The rows and columns around a region that are worth transforming.
+
+    Attributes
+    ----------
+    rows : ndarray, shape (rows,)
+        Rows of the image that hold part of the region.
+    left, right : int
+        First column of the region, and the first after it.
+    before, after : int
+        Columns of margin on either side; they may lie beyond the image.
+    """
+
+    rows: NDArray[np.intp]
+    left: int
+    right: int
+    before: int
+    after: int
+
+    @classmethod
+    def around(cls, region: NDArray[np.bool_], margin: int) -> Window:
+        """Window around `region`, at least `margin` wider on both sides."""
+        columns = np.flatnonzero(region.any(axis=0))
+        left, right = int(columns[0]), int(columns[-1]) + 1
+        size = scipy.fft.next_fast_len(right - left + 2 * margin, real=True)
+        after = size - (right - left) - margin
+        return cls(np.flatnonzero(region.any(axis=1)), left, right, margin, after)
+
+    def cut(self, image: NDArray) -> NDArray:
+        """Rows and columns of an image, without the margin."""
+        return image[self.rows, self.left : self.right]
+
+    def padded(self, image: NDArray) -> NDArray:
+        """Rows and columns of an image, zeros in the margin."""
+        return np.pad(self.cut(image), ((0, 0), (self.before, self.after)))
+
+    def bare(self, values: NDArray) -> NDArray:
+        """Undo the margin of a padded array."""
+        return values[:, self.before : self.before + self.right - self.left]

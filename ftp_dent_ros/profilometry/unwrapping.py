@@ -1,0 +1,155 @@
+"""From wrapped to continuous phase within a region, run by run along the rows.
+
+Each row's unbroken runs are unwrapped from one end to the other, by Itoh's integration or by
+Estrada's first-order system; then neighbouring rows are tied by the whole fringe that most of
+their common columns vote for. Nothing is carried through pixels outside the region, and parts
+that no vote ties together stay apart, each with its own label.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
+
+_TURN = np.float32(2 * np.pi)
+# Votes are counted this many whole fringes about the pair's mean.
+_FARTHEST = 3
+
+
+@dataclass(frozen=True)
+class Unwrapped:
+    """A continuous phase, known up to whole fringes in each part.
+
+    Attributes
+    ----------
+    phase : ndarray, shape (rows, columns), float32
+        Radians; 0 outside the region.
+    part : ndarray, shape (rows, columns), int32
+        Label of the part that a pixel is tied to, from 0; -1 outside the region.
+    """
+
+    phase: NDArray[np.float32]
+    part: NDArray[np.int32]
+
+
+def wrap(phase: NDArray) -> NDArray:
+    """The phase less the nearest whole turns, within [-pi, pi]."""
+    return phase - _TURN * np.rint(phase / _TURN)
+
+
+def unwrap(
+    wrapped: NDArray[np.float32],
+    region: NDArray[np.bool_],
+    unwrapping: str = 'itoh',
+    tau: float = 0.8,
+    jump: float = np.pi,
+) -> Unwrapped:
+    """Unwrap a phase map within a region.
+
+    Parameters
+    ----------
+    wrapped : ndarray, shape (rows, columns), float32
+        Radians, within [-pi, pi].
+    region : ndarray, shape (rows, columns), bool
+        Where the phase means something.
+    unwrapping : {'itoh', 'estrada'}
+    tau : float
+        Gain of Estrada's system, in (0, 1].
+    jump : float
+        Pixels one above the other whose phases differ by more than this, whole turns apart,
+        are on different surfaces and do not tie their rows; radians.
+
+    Returns
+    -------
+    Unwrapped
+
+    References
+    ----------
+    K. Itoh, Appl. Opt. 21, 2470 (1982). J. C. Estrada, M. Servin, J. A. Quiroga, Opt. Express
+    19, 5126 (2011).
+    """
+    along = _itoh(wrapped, region) if unwrapping == 'itoh' else _estrada(wrapped, region, tau)
+    starts = region & ~np.pad(region, ((0, 0), (1, 0)))[:, :-1]
+    run = np.where(region, np.cumsum(starts).reshape(region.shape) - 1, -1)
+    turns, part = _tie_runs(along, run, int(starts.sum()), jump)
+    phase = np.where(region, along + _TURN * turns[run], 0)
+    return Unwrapped(phase, np.where(region, part[run], -1).astype(np.int32))
+
+
+def _itoh(wrapped, region):
+    """Integrate the wrapped differences along each run."""
+    both = region[:, 1:] & region[:, :-1]
+    step = np.where(both, -np.rint(np.diff(wrapped, axis=1) / _TURN), 0)
+    turns = np.pad(np.cumsum(step, axis=1, dtype=np.float32), ((0, 0), (1, 0)))
+    return wrapped + _TURN * turns
+
+
+def _estrada(wrapped, region, tau):
+    """Estrada's system, phi_n = phi_n-1 + tau W[psi_n - phi_n-1], there and back.
+
+    A first-order system lags behind a slope; the way back lags to the other side, and the mean
+    of both does not.
+    """
+    psi = np.ascontiguousarray(wrapped.T)
+    inside = np.ascontiguousarray(region.T)
+    there = np.empty_like(psi)
+    phi, was_inside = psi[0], np.zeros(len(region), bool)
+    for column in range(len(psi)):
+        phi = np.where(was_inside, phi + tau * wrap(psi[column] - phi), psi[column])
+        there[column], was_inside = phi, inside[column]
+    mean = np.empty_like(psi)
+    was_inside = np.zeros(len(region), bool)
+    for column in range(len(psi) - 1, -1, -1):
+        forth = there[column]
+        phi = np.where(was_inside, phi + tau * wrap(psi[column] - phi), forth)
+        mean[column], was_inside = forth + wrap(phi - forth) / 2, inside[column]
+    return np.ascontiguousarray(mean.T)
+
+
+def _tie_runs(along, run, count, jump):
+    """Whole turns to add to each run, and the part it belongs to."""
+    both = (run[1:] >= 0) & (run[:-1] >= 0)
+    upper, lower = run[:-1][both], run[1:][both]
+    difference = (along[1:] - along[:-1])[both]
+    fresh = (np.diff(upper, prepend=-1) != 0) | (np.diff(lower, prepend=-1) != 0)
+    upper, lower = upper[fresh], lower[fresh]
+    turn, votes, voters = _vote(difference, np.cumsum(fresh) - 1, len(upper), jump)
+    tied = 2 * votes > voters
+    upper, lower, turn = upper[tied], lower[tied], turn[tied]
+
+    ties = coo_array((1 / votes[tied], (upper, lower)), (count, count))
+    parts, part = connected_components(ties, directed=False)
+    tree = minimum_spanning_tree(ties).tocoo()
+    # One more node, tied to the first run of each part, so that one walk reaches all of them.
+    roots = np.unique(part, return_index=True)[1]
+    ends = np.append(tree.row, np.full(parts, count)), np.append(tree.col, roots)
+    walk = coo_array((np.ones(len(ends[0])), ends), (count + 1, count + 1))
+    order, parent = breadth_first_order(walk.tocsr(), count, directed=False)
+    pairs = zip(upper.tolist(), lower.tolist(), strict=True)
+    between = dict(zip(pairs, turn.tolist(), strict=True))
+    turns = np.zeros(count + 1, np.float32)
+    for child in order[1:].tolist():
+        above = int(parent[child])
+        if above < count:
+            step = between[above, child] if above < child else -between[child, above]
+            turns[child] = turns[above] - step
+    return turns[:count], part
+
+
+def _vote(difference, pair, pairs, jump):
+    """Of each pair of runs: the whole turns most columns see between them, for and of how many."""
+    turn = np.rint(difference / _TURN)
+    smooth = np.abs(difference - _TURN * turn) <= jump
+    voters = np.bincount(pair, minlength=pairs)
+    centre = np.rint(np.bincount(pair, turn, pairs) / np.maximum(voters, 1))
+    from_centre = turn - centre[pair]
+    cast = smooth & (np.abs(from_centre) <= _FARTHEST)
+    width = 2 * _FARTHEST + 1
+    ballot = pair[cast] * width + (from_centre[cast] + _FARTHEST).astype(np.intp)
+    count = np.bincount(ballot, minlength=pairs * width).reshape(pairs, width)
+    best = count.argmax(axis=1)
+    return centre + best - _FARTHEST, count.max(axis=1, initial=0), voters

@@ -1,0 +1,268 @@
+"""One skin panel: flat or part of a cylinder, with its dents, rivets and paint.
+
+Panel frame: x and y along the skin, z into the aircraft. A flat panel is the plane z = 0; a
+cylindrical one is ``z = R - sqrt(R^2 - x^2)``: it touches that plane along its y axis, which is
+parallel to the cylinder's axis, and bends away from the viewer. Dents and rivets add to z.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import compress
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.simulation.dent import Dent, Rivet
+from ftp_dent_ros.simulation.paint import Paint
+
+# The part of a cylinder's radius that a panel may reach sideways.
+_WIDEST = 0.9
+_ITERATIONS = 12
+_CONVERGED = 1e-11
+
+Field = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """A skin panel in some frame.
+
+    Attributes
+    ----------
+    pose : Pose
+        The panel's frame in that frame.
+    extent : tuple of 4 floats
+        x_min, x_max, y_min, y_max on the panel, metres.
+    cylinder_radius : float
+        Metres; 0 is flat.
+    paint : Paint
+    dents : tuple of Dent
+    rivets : tuple of Rivet
+    """
+
+    pose: Pose
+    extent: tuple[float, float, float, float]
+    cylinder_radius: float = 0.0
+    paint: Paint = field(default_factory=Paint)
+    dents: tuple[Dent, ...] = ()
+    rivets: tuple[Rivet, ...] = ()
+
+    def __post_init__(self) -> None:
+        x_min, x_max, y_min, y_max = self.extent
+        if not (x_min < x_max and y_min < y_max):
+            raise ConfigurationError(
+                f'the extent of a panel is {list(self.extent)}: '
+                'give x_min < x_max and y_min < y_max'
+            )
+        radius = self.cylinder_radius
+        if radius < 0:
+            raise ConfigurationError(
+                f'the cylinder_radius of a panel is {radius!r}: give metres, or 0 for a flat one'
+            )
+        if radius:
+            reach = _WIDEST * radius
+            narrowed = max(x_min, -reach), min(x_max, reach), y_min, y_max
+            object.__setattr__(self, 'extent', narrowed)
+
+    @property
+    def features(self) -> tuple[Dent | Rivet, ...]:
+        """Dents and rivets."""
+        return (*self.dents, *self.rivets)
+
+    def near(self, x: Field, y: Field, margin: float = 0.0) -> Panel:
+        """The same panel with only those features that may touch the box around (x, y)."""
+        if not self.features:
+            return self
+        if not len(x):
+            return replace(self, dents=(), rivets=())
+        centre_x, centre_y, reach = self._bounds
+        reach = reach + margin
+        touched = (centre_x > x.min() - reach) & (centre_x < x.max() + reach)
+        touched &= (centre_y > y.min() - reach) & (centre_y < y.max() + reach)
+        count = len(self.dents)
+        return replace(
+            self,
+            dents=tuple(compress(self.dents, touched[:count])),
+            rivets=tuple(compress(self.rivets, touched[count:])),
+        )
+
+    def covered(self, x: Field, y: Field, margin: float | Field) -> NDArray[np.bool_]:
+        """Mask of panel coordinates of shape (n,) that a feature, widened by `margin`, covers."""
+        mask = np.zeros(len(x), bool)
+        for feature in self.features:
+            mask |= feature.covers(x, y, margin)
+        return mask
+
+    def contains(self, x: Field, y: Field) -> NDArray[np.bool_]:
+        """Mask of panel coordinates within the extent."""
+        x_min, x_max, y_min, y_max = self.extent
+        return (x >= x_min) & (x <= x_max) & (y >= y_min) & (y <= y_max)
+
+    def bare_height(self, x: Field) -> tuple[Field, Field]:
+        """Height of the skin without features, and its derivative along x."""
+        if not self.cylinder_radius:
+            return np.zeros_like(x), np.zeros_like(x)
+        root = np.sqrt(np.maximum(self.cylinder_radius**2 - x * x, 1e-12))
+        # R - sqrt(R^2 - x^2) without its cancellation.
+        return x * x / (self.cylinder_radius + root), x / root
+
+    def height(self, x: Field, y: Field) -> tuple[Field, Field, Field]:
+        """Height and its derivatives along x and y, at panel coordinates of shape (n,)."""
+        height, along_x = self.bare_height(x)
+        along_y = np.zeros_like(height)
+        for feature, at in self._footprints(x, y):
+            rise, slope_x, slope_y = feature.height(x[at], y[at])
+            height[at] += rise
+            along_x[at] += slope_x
+            along_y[at] += slope_y
+        return height, along_x, along_y
+
+    def clean(self, x: Field, y: Field) -> Field:
+        """Part of the paint's reflectance that the dirt in grooves leaves, shape (n,)."""
+        part = np.ones_like(x)
+        for rivet in self.rivets:
+            at = np.flatnonzero(rivet.covers(x, y))
+            part[at] *= rivet.clean(x[at], y[at])
+        return part
+
+    def normal(self, x: Field, y: Field, bare: bool = False) -> Field:
+        """Unit normals out of the aircraft in the parent frame, shape (n, 3).
+
+        Those of the skin without its features if `bare`.
+        """
+        if bare:
+            _, along_x = self.bare_height(x)
+            along_y = np.zeros_like(along_x)
+        else:
+            _, along_x, along_y = self.height(x, y)
+        length = np.sqrt(1 + along_x * along_x + along_y * along_y)
+        normal = np.stack([along_x, along_y, np.full_like(along_x, -1.0)]) / length
+        return (self.pose.rotation.as_matrix() @ normal).T
+
+    def hit_bare(self, origin: Field, rays: Field) -> tuple[Field, Field, Field]:
+        """Where rays hit the skin without features, beyond the extent too.
+
+        Parameters
+        ----------
+        origin : ndarray, shape (3,) or (n, 3)
+        rays : ndarray, shape (n, 3)
+
+        Returns
+        -------
+        scale, x, y : ndarray, shape (n,)
+            The hit is at ``origin + scale * rays`` and at (x, y) on the panel; NaN where the ray
+            misses or the hit is behind its origin.
+        """
+        start, along = self._in_panel(origin, rays)
+        with np.errstate(all='ignore'):
+            if self.cylinder_radius:
+                a = along[0] ** 2 + along[2] ** 2
+                b = start[0] * along[0] + (start[2] - self.cylinder_radius) * along[2]
+                c = start[0] ** 2 + start[2] ** 2 - 2 * self.cylinder_radius * start[2]
+                scale = c / (np.sqrt(b * b - a * c) - b)
+            else:
+                scale = -start[2] / along[2]
+            scale = np.where(scale > 0, scale, np.nan)
+        return scale, start[0] + scale * along[0], start[1] + scale * along[1]
+
+    def hit_features(
+        self, origin: Field, rays: Field, scale: Field, x: Field, y: Field
+    ) -> tuple[Field, Field, Field]:
+        """Move the hits of `hit_bare` onto the dents and rivets, in place.
+
+        Raises no error where a ray grazes a feature: twelve Newton steps then are the best guess.
+        """
+        # A hit moves sideways by the depth times the ray's slope, which is 3 at 70 degrees.
+        margin = 3 * max((feature.rise for feature in self.features), default=0.0)
+        near = np.flatnonzero(self.covered(x, y, margin))
+        if len(near):
+            origin = np.broadcast_to(origin, rays.shape)[near]
+            start, along = self._in_panel(origin, rays[near])
+            s = scale[near]
+            for _ in range(_ITERATIONS):
+                px, py, pz = start + s * along
+                height, along_x, along_y = self.height(px, py)
+                slope = along[2] - along_x * along[0] - along_y * along[1]
+                step = (pz - height) / slope
+                s = s - step
+                if np.abs(step).max() < _CONVERGED:
+                    break
+            scale[near] = s
+            x[near], y[near], _ = start + s * along
+        return scale, x, y
+
+    def distance(self, points: Field) -> Field:
+        """Signed distance of points (n, 3) in the parent frame, positive behind the skin.
+
+        The closest point lies within the extent. To 1e-6 m for points within a few millimetres
+        of the skin; of points far away the nearest of several dents may be missed.
+        """
+        at = self.pose.inverse().apply(points)
+        foot_x, foot_y = self._closest_bare(at)
+        height, _ = self.bare_height(foot_x)
+        above = at[:, 2] - height
+        distance = np.sqrt((at[:, 0] - foot_x) ** 2 + (at[:, 1] - foot_y) ** 2 + above**2)
+        behind = above >= 0
+        margin = distance + max((feature.rise for feature in self.features), default=0.0)
+        local = self.near(foot_x, foot_y, float(margin.max(initial=0.0)))
+        near = np.flatnonzero(local.covered(foot_x, foot_y, margin))
+        if len(near):
+            distance[near], behind[near] = local._refined(at[near], foot_x[near], foot_y[near])
+        return np.where(behind, distance, -distance)
+
+    def _refined(self, at: Field, x: Field, y: Field) -> tuple[Field, NDArray[np.bool_]]:
+        """Distance and side of points (n, 3) in the panel's frame, from feet near theirs."""
+        x_min, x_max, y_min, y_max = self.extent
+        best = np.full(len(x), np.inf)
+        behind = np.zeros(len(x), bool)
+        for _ in range(_ITERATIONS):
+            height, hx, hy = self.height(x, y)
+            dx, dy, dz = at[:, 0] - x, at[:, 1] - y, at[:, 2] - height
+            distance = np.sqrt(dx * dx + dy * dy + dz * dz)
+            closer = distance < best
+            best[closer], behind[closer] = distance[closer], dz[closer] >= 0
+            # Gauss-Newton on the squared distance, with the curvature of the bare skin added.
+            bend = np.zeros(len(x))
+            if self.cylinder_radius:
+                root = self.cylinder_radius**2 - x * x
+                bend = np.minimum(dz * self.cylinder_radius**2 / root**1.5, 0.8)
+            xx, xy, yy = 1 + hx * hx - bend, hx * hy, 1 + hy * hy
+            gradient_x, gradient_y = dx + hx * dz, dy + hy * dz
+            determinant = xx * yy - xy * xy
+            step_x = (yy * gradient_x - xy * gradient_y) / determinant
+            step_y = (xx * gradient_y - xy * gradient_x) / determinant
+            x = np.clip(x + step_x, x_min, x_max)
+            y = np.clip(y + step_y, y_min, y_max)
+            if max(np.abs(step_x).max(), np.abs(step_y).max()) < _CONVERGED:
+                break
+        return best, behind
+
+    def _closest_bare(self, at: Field) -> tuple[Field, Field]:
+        """Coordinates (x, y) of the closest points within the extent, features left out."""
+        x_min, x_max, y_min, y_max = self.extent
+        x = at[:, 0]
+        if self.cylinder_radius:
+            below = np.maximum(self.cylinder_radius - at[:, 2], 1e-9)
+            x = self.cylinder_radius * x / np.hypot(x, below)
+        return np.clip(x, x_min, x_max), np.clip(at[:, 1], y_min, y_max)
+
+    def _in_panel(self, origin: Field, rays: Field) -> tuple[Field, Field]:
+        """Origin, shape (3,) or (3, n), and rays, shape (3, n), in the panel's frame."""
+        to_panel = self.pose.rotation.as_matrix().T
+        return to_panel @ (origin - self.pose.translation).T, to_panel @ rays.T
+
+    @cached_property
+    def _bounds(self) -> Field:
+        """Centre and half side of each feature's square, shape (3, number of features)."""
+        return np.array([(f.x, f.y, f.reach + 3 * f.rise) for f in self.features]).T
+
+    def _footprints(self, x: Field, y: Field) -> Iterator[tuple[Dent | Rivet, NDArray[np.intp]]]:
+        for feature in self.features:
+            at = np.flatnonzero(feature.covers(x, y))
+            if len(at):
+                yield feature, at

@@ -1,0 +1,88 @@
+"""The camera's sensor: from the light on its pixels to an 8 bit image."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ive
+
+from ftp_dent_ros.simulation.photometry import Photometry
+
+# float32, for which OpenCV's annotations are too wide.
+Image = NDArray[Any]
+
+
+def blur(image: Image, sigma: float) -> Image:
+    """Blur an image of camera pixels by `sigma` pixels, also where sigma is well below one.
+
+    The kernel is the discrete Gaussian ``exp(-t) I_n(t)``, t = sigma^2 (Lindeberg, PAMI 1990):
+    a sampled Gaussian of 0.4 pixels would have half the variance it should have.
+    """
+    if sigma == 0:
+        return image
+    reach = math.ceil(4 * sigma) + 1
+    kernel = ive(np.arange(-reach, reach + 1), sigma * sigma)
+    kernel /= kernel.sum()
+    return cv2.sepFilter2D(image, -1, kernel, kernel, borderType=cv2.BORDER_REPLICATE)
+
+
+def speckle(shape: tuple[int, ...], photometry: Photometry, rng: np.random.Generator) -> Image:
+    """Factor of mean 1 on a laser's light, log-normal and correlated between pixels.
+
+    The log-normal of small contrast is close to the gamma distribution of averaged speckle.
+    """
+    grains = blur(rng.standard_normal(shape, np.float32), photometry.speckle_size_px)
+    grains /= grains.std()
+    sigma2 = math.log1p(photometry.speckle_contrast**2)
+    return np.exp(math.sqrt(sigma2) * grains - sigma2 / 2)
+
+
+def expose(signal: Image, photometry: Photometry, rng: np.random.Generator) -> NDArray[np.uint8]:
+    """Turn the light on the pixels into grey levels, colour by colour.
+
+    Parameters
+    ----------
+    signal : ndarray, shape (height, width, 3), float32
+        1 saturates.
+    photometry : Photometry
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    ndarray, shape (height, width, 3), uint8
+        RGB.
+    """
+    level = blur(255 * signal, photometry.psf_px)
+    deviation = level * np.float32(255 / photometry.full_well)
+    deviation += np.float32(photometry.read_noise**2)
+    np.sqrt(deviation, out=deviation)
+    deviation *= rng.standard_normal(level.shape, np.float32)
+    level += deviation
+    np.clip(level, 0, 255, out=level)
+    if photometry.camera_gamma != 1:
+        level = 255 * (level / 255) ** (1 / photometry.camera_gamma)
+    image = np.rint(level, out=level).astype(np.uint8)
+    if photometry.bayer:
+        image = _through_colour_filter(image)
+    if photometry.jpeg_quality:
+        image = _through_jpeg(image, photometry.jpeg_quality)
+    return image
+
+
+def _through_colour_filter(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    mosaic = image[..., 1].copy()
+    mosaic[::2, ::2] = image[::2, ::2, 0]
+    mosaic[1::2, 1::2] = image[1::2, 1::2, 2]
+    # OpenCV names a pattern by the second row's second and third pixel: BG is RGGB.
+    return cv2.cvtColor(mosaic, cv2.COLOR_BayerBG2RGB)
+
+
+def _through_jpeg(image: NDArray, quality: int) -> NDArray[np.uint8]:
+    bgr = np.ascontiguousarray(image[..., ::-1])
+    _, data = cv2.imencode('.jpg', bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    decoded = cv2.imdecode(data, cv2.IMREAD_COLOR)
+    return np.ascontiguousarray(np.asarray(decoded)[..., ::-1])

@@ -1,0 +1,225 @@
+"""What camera rays see: panel, paint, projector pixel and brightness, ray by ray."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from ftp_dent_ros.rig import Lens, Rig
+from ftp_dent_ros.simulation.paint import dot
+from ftp_dent_ros.simulation.panel import Panel
+from ftp_dent_ros.simulation.photometry import Photometry
+from ftp_dent_ros.simulation.surface import Surface
+
+# A lens model may fold far outside its image: beyond this part of its corner it casts no light.
+_FIELD = 1.2
+# A shadow's caster is at least this much nearer to the projector, as a part of the distance.
+_CLEAR = 1e-5
+# A projector pixel far outside any image.
+_NOWHERE = -1000.0
+
+Field = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """How the surface moves in the camera's frame during the exposure, at constant rates.
+
+    Attributes
+    ----------
+    rotation : ndarray, shape (3,)
+        Rotation vector from the exposure's begin to its end, radians.
+    translation : ndarray, shape (3,)
+        Metres.
+    """
+
+    rotation: Field = field(default_factory=lambda: np.zeros(3))
+    translation: Field = field(default_factory=lambda: np.zeros(3))
+
+    def __bool__(self) -> bool:
+        return bool(self.rotation.any() or self.translation.any())
+
+    def undone(self, rays: Field, moment: float | Field) -> tuple[Field, Field]:
+        """Origin and rays that see the surface in mid-exposure as `rays` do at a moment.
+
+        Parameters
+        ----------
+        rays : ndarray, shape (n, 3)
+        moment : float or ndarray, shape (n,)
+            -1/2 at the exposure's begin, 1/2 at its end.
+
+        Returns
+        -------
+        origin, rays : ndarray, shape (3,) or (n, 3), and (n, 3)
+        """
+        if not self:
+            return np.zeros(3), rays
+        back = -np.multiply.outer(moment, self.rotation)
+        turn = Rotation.from_rotvec(back)
+        return -turn.apply(np.multiply.outer(moment, self.translation)), turn.apply(rays)
+
+
+class Sight(NamedTuple):
+    """What rays see of one panel, also where it ends: arrays of one shape."""
+
+    scale: Field  # The point is at scale * ray.
+    x: Field  # On the panel, metres.
+    y: Field
+    u: Field  # Projector pixel that lights it.
+    v: Field
+    diffuse: Field  # Irradiance at full light, 1 for the white patch of the photometry.
+    specular: Field  # The same times the varnish's reflectance.
+
+
+@dataclass(eq=False)
+class View:
+    """What rays see of a surface: arrays of one shape.
+
+    Attributes
+    ----------
+    u, v, diffuse, specular : ndarray
+        As in `Sight`; the latter two are 0 where nothing is lit.
+    tone : ndarray of int
+        Row of `tones` that holds the albedo; -1, the last one, where there is nothing.
+    shadow : ndarray of bool
+        Where another panel stands in the projector's way.
+    """
+
+    u: NDArray
+    v: NDArray
+    diffuse: NDArray
+    specular: NDArray
+    tone: NDArray[np.intp]
+    shadow: NDArray[np.bool_]
+
+
+def tones(surface: Surface) -> NDArray[np.float32]:
+    """Albedo of each panel's tones, two a panel and black for nothing, shape (n, 3)."""
+    paints = [panel.paint for panel in surface.panels]
+    rows = [tone for paint in paints for tone in (paint.albedo, paint.albedo_beyond)]
+    return np.array([*rows, (0, 0, 0)], np.float32)
+
+
+def look(
+    rig: Rig,
+    surface: Surface,
+    rays: Field,
+    photometry: Photometry,
+    motion: Motion,
+    moment: float | Field = 0.0,
+) -> View:
+    """Trace rays of shape (n, 3) in the camera's frame at a moment of the exposure."""
+    sights = [sight(rig, panel, rays, photometry, motion, moment) for panel in surface.panels]
+    return first_seen(rig, surface, sights, rays)
+
+
+def sight(
+    rig: Rig,
+    panel: Panel,
+    rays: Field,
+    photometry: Photometry,
+    motion: Motion,
+    moment: float | Field = 0.0,
+    bare: bool = False,
+) -> Sight:
+    """Trace rays of shape (n, 3) to one panel, beyond its extent too; NaN where they miss."""
+    origin, towards = motion.undone(rays, moment)
+    scale, x, y = panel.hit_bare(origin, towards)
+    if not bare:
+        hit = np.isfinite(scale)
+        panel = panel.near(x[hit], y[hit])
+        panel.hit_features(origin, towards, scale, x, y)
+    points = scale[:, None] * rays
+    u, v = _projector_pixel(rig, points)
+    diffuse, specular = _brightness(rig, panel, points, x, y, photometry, bare)
+    return Sight(scale, x, y, u, v, diffuse, specular)
+
+
+def first_seen(rig: Rig, surface: Surface, sights: list[Sight], rays: NDArray) -> View:
+    """Merge the sights of a surface's panels along rays of shape (..., 3): the nearest is seen."""
+    first = sights[0]
+    nearest = np.full(first.scale.shape, np.inf)
+    view = View(
+        first.u,
+        first.v,
+        first.diffuse,
+        first.specular,
+        tone=np.full(nearest.shape, -1),
+        shadow=np.zeros(nearest.shape, bool),
+    )
+    for index, (panel, seen) in enumerate(zip(surface.panels, sights, strict=True)):
+        closer = panel.contains(seen.x, seen.y) & (seen.scale < nearest)
+        np.copyto(nearest, seen.scale, where=closer)
+        np.copyto(view.tone, 2 * index + panel.paint.beyond_edge(seen.x, seen.y), where=closer)
+        if seen is not first:
+            for name in ('u', 'v', 'diffuse', 'specular'):
+                np.copyto(getattr(view, name), getattr(seen, name), where=closer)
+    if len(surface.panels) > 1:
+        view.shadow = _shadowed(rig, surface, view.tone, nearest, rays)
+    unlit = ~np.isfinite(view.u + view.v)
+    view.u[unlit] = view.v[unlit] = _NOWHERE
+    unlit |= view.shadow | (view.tone < 0)
+    view.diffuse[unlit] = view.specular[unlit] = 0
+    return view
+
+
+def _projector_pixel(rig: Rig, points: Field) -> tuple[Field, Field]:
+    """Projector pixels that light points of shape (n, 3); NaN where the projector cannot."""
+    seen = rig.to_projector(points)
+    with np.errstate(all='ignore'):
+        radius = np.hypot(seen[:, 0], seen[:, 1]) / seen[:, 2]
+        reached = (seen[:, 2] > 0) & (radius < _FIELD * _corner(rig.projector))
+        pixel = rig.projector.project(seen)
+    pixel[~reached] = np.nan
+    return pixel[:, 0], pixel[:, 1]
+
+
+def _corner(lens: Lens) -> float:
+    """Largest distance of an image corner's ray from the axis."""
+    right, bottom = lens.width - 0.5, lens.height - 0.5
+    corners = lens.rays([[-0.5, -0.5], [right, -0.5], [-0.5, bottom], [right, bottom]])
+    return float(np.hypot(corners[:, 0], corners[:, 1]).max())
+
+
+def _brightness(
+    rig: Rig, panel: Panel, points: Field, x: Field, y: Field, photometry: Photometry, bare: bool
+) -> tuple[Field, Field]:
+    """Diffuse and specular brightness of points of shape (n, 3) seen from the camera."""
+    to_light = rig.projector_centre - points
+    distance = np.sqrt(dot(to_light, to_light))
+    to_light /= distance[:, None]
+    to_eye = points / -np.sqrt(dot(points, points))[:, None]
+    normal = panel.normal(x, y, bare)
+    if not photometry.shading:
+        diffuse = np.ones(len(points))
+    else:
+        # The projector's image falls off with half the exponent of the cos^4 law, as that of a
+        # retrofocus lens does; a lens without fall-off gives cos^-3.
+        axial = -(to_light @ rig.rotation[2])
+        incidence = np.maximum(dot(normal, to_light), 0)
+        diffuse = incidence * (photometry.reference_distance / distance) ** 2 / axial
+    diffuse = np.where(dot(normal, to_eye) < 0, 0, diffuse)
+    specular = diffuse * panel.paint.specular(normal, to_light, to_eye)
+    return diffuse if bare else diffuse * panel.clean(x, y), specular
+
+
+def _shadowed(
+    rig: Rig, surface: Surface, tone: NDArray, scale: NDArray, rays: NDArray
+) -> NDArray[np.bool_]:
+    """Where another panel than the one seen stands between it and the projector."""
+    seen = np.flatnonzero(tone.ravel() >= 0)
+    points = scale.ravel()[seen, None] * rays.reshape(-1, 3)[seen]
+    owner = tone.ravel()[seen] // 2
+    centre = rig.projector_centre
+    blocked = np.zeros(len(seen), bool)
+    for index, panel in enumerate(surface.panels):
+        other = np.flatnonzero(owner != index)
+        part, x, y = panel.hit_bare(centre, points[other] - centre)
+        blocked[other] |= (part < 1 - _CLEAR) & panel.contains(x, y)
+    shadow = np.zeros(tone.size, bool)
+    shadow[seen] = blocked
+    return shadow.reshape(tone.shape)

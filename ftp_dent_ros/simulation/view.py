@@ -1,0 +1,245 @@
+"""What every camera pixel sees, quickly.
+
+The bare skin is smooth, so it is traced at nodes about 16 pixels apart and interpolated (cubic,
+to 1e-5 pixels); pixels on dents and rivets are traced one by one. What changes within a pixel is
+left to `broken_pixels`, where a caller has to sample finer.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from ftp_dent_ros.rig import Lens, Rig
+from ftp_dent_ros.simulation.dent import Dent, Rivet
+from ftp_dent_ros.simulation.panel import Panel
+from ftp_dent_ros.simulation.photometry import Photometry
+from ftp_dent_ros.simulation.surface import Surface
+from ftp_dent_ros.simulation.tracing import Motion, Sight, View, first_seen, sight
+
+_NODE_SPACING = 16
+# Windows around features are wider than their outline by this many pixels.
+_AROUND = 4
+# A groove has died out at this many of its half widths.
+_GROOVE = 4.0
+# Motion during an exposure brings nothing into view from farther than this, metres.
+_OUT_OF_VIEW = 0.05
+_EYE = np.zeros(3)
+
+Window = tuple[slice, slice]
+
+
+@dataclass(frozen=True, eq=False)
+class PixelGrid:
+    """The pixels of a lens, and how to interpolate to them from a coarse grid of nodes.
+
+    Attributes
+    ----------
+    rays : ndarray, shape (height, width, 3)
+    node_rays : ndarray, shape (n, m, 3)
+    rows : ndarray, shape (height, n)
+    columns : ndarray, shape (m, width)
+        ``rows @ nodes @ columns`` interpolates.
+    vignette : ndarray, shape (height, width), float32
+        The cos^4 law.
+    """
+
+    rays: NDArray[np.float64]
+    node_rays: NDArray[np.float64]
+    rows: NDArray[np.float64]
+    columns: NDArray[np.float64]
+    vignette: NDArray[np.float32]
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width, pixels."""
+        return self.rays.shape[0], self.rays.shape[1]
+
+    def rays_within(
+        self, pixels: NDArray[np.intp], along_u: NDArray, along_v: NDArray
+    ) -> NDArray[np.float64]:
+        """Rays through points within pixels.
+
+        Parameters
+        ----------
+        pixels : ndarray, shape (n,)
+            Flat indices.
+        along_u, along_v : ndarray, shape (m,)
+            Offsets from the pixels' centres.
+
+        Returns
+        -------
+        ndarray, shape (n, m, 3)
+        """
+        row, column = np.divmod(pixels, self.shape[1])
+        rays = self.rays[row, column][:, None]
+        for offset, axis, index in ((along_u, 1, column), (along_v, 0, row)):
+            after = np.minimum(index + 1, self.shape[axis] - 1)
+            before = np.maximum(index - 1, 0)
+            ends = (row, after, before) if axis else (column, after, before)
+            higher = self.rays[ends[0], ends[1]] if axis else self.rays[ends[1], ends[0]]
+            lower = self.rays[ends[0], ends[2]] if axis else self.rays[ends[2], ends[0]]
+            slope = (higher - lower) / (after - before)[:, None]
+            rays = rays + slope[:, None] * offset[:, None]
+        return rays
+
+
+@lru_cache(maxsize=4)
+def pixel_grid(lens: Lens) -> PixelGrid:
+    """Grid of a lens; the last few lenses' are kept."""
+    u, columns = _interpolation(lens.width)
+    v, rows = _interpolation(lens.height)
+    node_rays = lens.rays(np.stack(np.meshgrid(u, v), axis=-1))
+    rays = np.stack([rows @ node_rays[..., i] @ columns.T for i in range(3)], axis=-1)
+    vignette = 1 / np.sum(rays * rays, axis=-1) ** 2
+    return PixelGrid(rays, node_rays, rows, columns.T.copy(), vignette.astype(np.float32))
+
+
+def visible_part(rig: Rig, surface: Surface) -> Surface:
+    """The surface with only those dents and rivets that the camera may see."""
+    rays = pixel_grid(rig.camera).node_rays.reshape(-1, 3)
+    panels = []
+    for panel in surface.panels:
+        scale, x, y = panel.hit_bare(_EYE, rays)
+        hit = np.isfinite(scale)
+        panels.append(panel.near(x[hit], y[hit], _OUT_OF_VIEW))
+    return Surface(tuple(panels))
+
+
+def image_sweep(rig: Rig, surface: Surface, motion: Motion) -> float:
+    """How far the image moves during the exposure, at most, pixels."""
+    if not motion:
+        return 0.0
+    rays = pixel_grid(rig.camera).node_rays[::4, ::4].reshape(-1, 3)
+    depth = surface.intersect(rays)
+    seen = np.isfinite(depth)
+    points = depth[seen, None] * rays[seen]
+    moved = Rotation.from_rotvec(motion.rotation).apply(points) + motion.translation
+    shift = rig.camera.project(moved) - rig.camera.project(points)
+    return float(np.hypot(*shift.T).max(initial=0.0))
+
+
+def see(
+    rig: Rig, surface: Surface, photometry: Photometry, motion: Motion, moment: float = 0.0
+) -> View:
+    """What each pixel's centre sees at a moment of the exposure: arrays (height, width)."""
+    grid = pixel_grid(rig.camera)
+    sights = [_sight(grid, rig, panel, photometry, motion, moment) for panel in surface.panels]
+    return first_seen(rig, surface, sights, grid.rays)
+
+
+def broken_pixels(rig: Rig, surface: Surface, view: View, sweep: float) -> list[NDArray[np.intp]]:
+    """Flat indices of pixels within which what they see changes abruptly.
+
+    Parameters
+    ----------
+    sweep : float
+        How far the image moves during the exposure, pixels.
+
+    Returns
+    -------
+    list of ndarray
+        None is empty. The borders of panels, tones and shadows, then each rivet in view.
+    """
+    grid = pixel_grid(rig.camera)
+    reach = 1 + math.ceil(sweep / 2)
+    label = (2 * view.tone + view.shadow).astype(np.int16)
+    square = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
+    label = np.pad(label, reach, 'edge')
+    spread = cv2.dilate(label, square) != cv2.erode(label, square)
+    broken = [np.flatnonzero(spread[reach:-reach, reach:-reach])]
+    broken += [
+        _groove(grid, rig.camera, panel, rivet, reach)
+        for panel in surface.panels
+        for rivet in panel.rivets
+    ]
+    return [pixels for pixels in broken if len(pixels)]
+
+
+def _sight(
+    grid: PixelGrid,
+    rig: Rig,
+    panel: Panel,
+    photometry: Photometry,
+    motion: Motion,
+    moment: float,
+) -> Sight:
+    """Sight of one panel at every pixel; NaN where it is not seen."""
+    nodes = grid.node_rays.reshape(-1, 3)
+    coarse = sight(rig, panel, nodes, photometry, motion, moment, bare=True)
+    missing = ~np.isfinite(sum(coarse)).reshape(grid.node_rays.shape[:2])
+    if missing.all():
+        return Sight(*(np.full(grid.shape, np.nan) for _ in coarse))
+    fields = (np.nan_to_num(part, posinf=0, neginf=0) for part in coarse)
+    dense = Sight(*(grid.rows @ f.reshape(missing.shape) @ grid.columns for f in fields))
+    patches: list[Window | NDArray[np.bool_]] = []
+    if missing.any():
+        patches.append((np.abs(grid.rows) @ missing @ np.abs(grid.columns)) > 0)
+    patches += [
+        window
+        for feature in panel.features
+        if (window := _window(rig.camera, panel, feature)) is not None
+    ]
+    for patch in patches:
+        local = panel.near(dense.x[patch].ravel(), dense.y[patch].ravel())
+        exact = sight(rig, local, grid.rays[patch].reshape(-1, 3), photometry, motion, moment)
+        for part, values in zip(dense, exact, strict=True):
+            part[patch] = values.reshape(part[patch].shape)
+    return dense
+
+
+def _interpolation(size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Nodes over 0 ... size - 1, and the matrix of Lagrange's cubic from them to each pixel."""
+    count = max(4, math.ceil((size - 1) / _NODE_SPACING) + 1)
+    nodes = np.linspace(0, size - 1, count)
+    position = np.arange(size) / max(size - 1, 1) * (count - 1)
+    first = np.clip(np.floor(position).astype(int) - 1, 0, count - 4)
+    t = position - first
+    weights = np.zeros((size, count))
+    for k in range(4):
+        others = [j for j in range(4) if j != k]
+        weight = np.prod([(t - j) / (k - j) for j in others], axis=0)
+        weights[np.arange(size), first + k] = weight
+    return nodes, weights
+
+
+def _window(lens: Lens, panel: Panel, feature: Dent | Rivet) -> Window | None:
+    """Part of the image that may show a feature; None where it is out of the image."""
+    # A ray that slants at 70 degrees meets a bulge three heights before the bare skin.
+    half = feature.reach + 3 * feature.rise
+    offsets = [(i * half, j * half) for i in (-1, 0, 1) for j in (-1, 0, 1)]
+    x, y = (np.array([feature.x, feature.y]) + offsets).T
+    height, _ = panel.bare_height(x)
+    points = panel.pose.apply(np.stack([x, y, height], axis=-1))
+    if (points[:, 2] <= 0).all():
+        return None
+    if (points[:, 2] <= 0).any():
+        return slice(0, lens.height), slice(0, lens.width)
+    pixels = lens.project(points)
+    low = np.maximum(np.floor(pixels.min(axis=0)).astype(int) - _AROUND, 0)
+    high = np.ceil(pixels.max(axis=0)).astype(int) + _AROUND + 1
+    high = np.minimum(high, [lens.width, lens.height])
+    if (low >= high).any():
+        return None
+    return slice(low[1], high[1]), slice(low[0], high[0])
+
+
+def _groove(
+    grid: PixelGrid, lens: Lens, panel: Panel, rivet: Rivet, reach: int
+) -> NDArray[np.intp]:
+    """Flat indices of the pixels within `reach` pixels of a rivet's groove."""
+    window = _window(lens, panel, rivet)
+    if window is None:
+        return np.zeros(0, np.intp)
+    rays = grid.rays[window]
+    _, x, y = (part.reshape(rays.shape[:2]) for part in panel.hit_bare(_EYE, rays.reshape(-1, 3)))
+    pixel = max(np.hypot(np.diff(x, axis=i), np.diff(y, axis=i)).max() for i in (0, 1))
+    from_head = np.abs(np.hypot(x - rivet.x, y - rivet.y) - rivet.radius)
+    rows, columns = np.nonzero(from_head < _GROOVE * rivet.sigma + reach * pixel)
+    return (rows + window[0].start) * lens.width + columns + window[1].start

@@ -1,0 +1,197 @@
+"""A video file stands for the camera: it is read alike, and its end is like an unplugged cable."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+
+import cv2
+import numpy as np
+import pytest
+
+from ftp_dent_ros.capture.device import DeviceSource, _Due
+from ftp_dent_ros.capture.stamps import ExposureClock
+from ftp_dent_ros.capture.v4l2 import DeviceSettings, open_device
+from ftp_dent_ros.errors import CameraError, ConfigurationError
+
+
+def write_video(path, levels):
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*'MJPG'), 30, (64, 48))
+    for level in levels:
+        writer.write(np.full((48, 64, 3), (10, 20, level), np.uint8))
+    writer.release()
+
+
+class RealTime:
+    """A file that gives its frames at a camera's pace (subclasses of VideoCapture crash)."""
+
+    def __init__(self, path):
+        self._capture = cv2.VideoCapture(path)
+
+    def __getattr__(self, name):
+        return getattr(self._capture, name)
+
+    def grab(self):
+        time.sleep(0.005)
+        return self._capture.grab()
+
+
+@pytest.fixture
+def camera(tmp_path):
+    """Function that makes a source of a file, which may appear later."""
+    sources = []
+
+    def plug(rate=1e6, capture=cv2.VideoCapture):
+        path = tmp_path / 'camera.avi'
+
+        def open_capture():
+            if not path.exists():
+                raise CameraError(f'{path} does not exist: plug the camera in')
+            return capture(str(path))
+
+        made = DeviceSource(open_capture, rate, ExposureClock(), time.time_ns, first_pause=0.02)
+        sources.append(made)
+        return made
+
+    yield plug
+    for made in sources:
+        made.close()
+
+
+def frames_until_unplugged(source):
+    frames = []
+    while True:
+        try:
+            frame = source.next_frame(5.0)
+        except CameraError as error:
+            return frames, str(error)
+        assert frame is not None
+        frames.append(frame)
+
+
+def frame_in_spite_of_trouble(source):
+    end = time.monotonic() + 10
+    while time.monotonic() < end:
+        with contextlib.suppress(CameraError):
+            if frame := source.next_frame(0.1):
+                return frame
+    return None
+
+
+def test_frames_are_new_and_in_order_until_the_camera_is_gone(tmp_path, camera):
+    write_video(tmp_path / 'camera.avi', range(40, 240, 4))
+    frames, trouble = frames_until_unplugged(camera())
+    stamps = [frame.stamp_ns for frame in frames]
+    levels = [int(frame.image[0, 0, 0]) for frame in frames]
+    assert len(frames) > 0
+    assert stamps == sorted(set(stamps)) and abs(stamps[0] - time.time_ns()) < 60e9
+    assert levels == sorted(levels), 'no old frame comes after a newer one'
+    assert frames[0].image[0, 0, 2] < 20, 'RGB, not BGR'
+    assert trouble == 'the camera has stopped giving images: check its cable'
+
+
+def test_a_camera_that_comes_back_is_opened_again(tmp_path, camera):
+    write_video(tmp_path / 'camera.avi', range(40, 240, 50))
+    source = camera()
+    frames_until_unplugged(source)
+    with pytest.raises(CameraError, match='stopped'):
+        while True:
+            source.next_frame(0.0)
+    again = frame_in_spite_of_trouble(source)
+    assert again is not None
+    assert source.notes()['times opened'] >= 2
+
+
+def test_a_camera_that_is_plugged_in_later_is_found(tmp_path, camera):
+    source = camera()
+    with pytest.raises(CameraError, match='plug the camera in'):
+        while True:
+            source.next_frame(1.0)
+    write_video(tmp_path / 'other.avi', range(40, 240, 2))
+    (tmp_path / 'other.avi').rename(tmp_path / 'camera.avi')
+    frame = frame_in_spite_of_trouble(source)
+    assert frame is not None
+
+
+def test_a_repeated_image_is_left_out(tmp_path, camera):
+    write_video(tmp_path / 'camera.avi', [50] * 20)
+    source = camera()
+    frames, _ = frames_until_unplugged(source)
+    assert len(frames) == 1
+    assert source.notes()['repeated images left out'] >= 19
+
+
+def test_a_frame_on_demand_is_exposed_after_the_demand(tmp_path, camera):
+    write_video(tmp_path / 'camera.avi', list(range(40, 240)) * 5)
+    source = camera(rate=0.0, capture=RealTime)
+    assert source.next_frame(0.05) is None, 'none is due without a rate'
+    for _ in range(3):
+        before = time.time_ns()
+        assert source.shoot().stamp_ns >= before
+
+
+def test_a_demand_is_met_by_a_camera_that_has_come_back(tmp_path, camera):
+    write_video(tmp_path / 'short.avi', [40, 80])
+    write_video(tmp_path / 'long.avi', list(range(40, 240)) * 5)
+    (tmp_path / 'short.avi').rename(tmp_path / 'camera.avi')
+    source = camera(rate=0.0, capture=RealTime)
+    with pytest.raises(CameraError, match='stopped'):
+        while True:
+            source.next_frame(0.1)
+    (tmp_path / 'long.avi').rename(tmp_path / 'camera.avi')
+    opened = source.notes()['times opened']
+    frame = None
+    while frame is None:
+        with contextlib.suppress(CameraError):
+            frame = source.shoot()
+    assert source.notes()['times opened'] > opened
+
+
+def due_frames(rate, interval_ns, count, jitter=0):
+    due = _Due(rate)
+    rng = np.random.default_rng(1)
+    stamps = [n * interval_ns + int(rng.integers(-jitter, jitter + 1)) for n in range(1, count)]
+    return [n for n, stamp in enumerate(stamps) if due.at(stamp)]
+
+
+@pytest.mark.parametrize('drift', [0.97, 1.0, 1.03])
+def test_a_camera_at_the_rate_loses_no_frame(drift):
+    assert len(due_frames(30.0, int(drift * 1e9 / 30), 301, jitter=3_000_000)) >= 291
+
+
+def test_a_faster_camera_is_thinned_regularly():
+    chosen = due_frames(10.0, int(1e9 / 30), 301, jitter=2_000_000)
+    assert len(chosen) == 100
+    assert set(np.diff(chosen)) == {3}
+
+
+def test_a_rate_that_does_not_divide_the_cameras_is_kept_on_average():
+    assert abs(len(due_frames(7.0, int(1e9 / 30), 3001)) - 700) <= 7
+
+
+def test_after_a_stall_frames_do_not_come_in_a_burst():
+    due = _Due(10.0)
+    stamps = [*range(1, 11), *range(100, 130)]
+    chosen = [n for n in stamps if due.at(n * 33_333_333)]
+    assert min(np.diff(chosen)) >= 2
+
+
+SETTINGS = DeviceSettings('/dev/video99', 1280, 720)
+
+
+def test_a_missing_device_is_named():
+    with pytest.raises(CameraError, match='/dev/video99 does not exist: plug'):
+        open_device(SETTINGS)
+
+
+def test_a_file_that_is_no_camera_is_refused(tmp_path):
+    path = tmp_path / 'video0'
+    path.write_bytes(bytes(100))
+    with pytest.raises(CameraError, match='cannot be opened as a camera'):
+        open_device(DeviceSettings(str(path), 1280, 720))
+
+
+@pytest.mark.parametrize('fourcc', ['MJPEG', 'ÄÖÜß', 'NV12'])
+def test_a_pixel_format_that_cannot_serve_is_refused(fourcc):
+    with pytest.raises(ConfigurationError, match='pixel format'):
+        DeviceSettings('/dev/video0', 1280, 720, fourcc=fourcc)

@@ -1,0 +1,195 @@
+"""Plays a recorded flight as the vehicle itself would: its packets at their times, and answers.
+
+A log answers nobody. The player answers TIMESYNC on the recorded vehicle's own boot clock, as
+its recorded answers to another client show it, and acknowledges commands. Everything else in the
+log, of whatever system, goes out as it is.
+"""
+
+from __future__ import annotations
+
+import select
+import socket
+import struct
+import threading
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+VEHICLE = (1, 1)
+_EARTH_RADIUS, _ECCENTRICITY_SQUARED = 6378137.0, 6.69437999014e-3  # WGS 84
+
+
+@dataclass
+class Flight:
+    """Packets of a .tlog file; times are nanoseconds on the clock of the recording computer."""
+
+    times: list[int] = field(default_factory=list)
+    packets: list[bytes] = field(default_factory=list)
+    messages: list[mavlink.MAVLink_message] = field(default_factory=list)
+
+    @classmethod
+    def read(cls, path: Path) -> Flight:
+        data, at, flight = path.read_bytes(), 0, cls()
+        parser = mavlink.MAVLink(None)
+        while at < len(data):
+            (microseconds,) = struct.unpack_from('>Q', data, at)
+            magic, length, flags = data[at + 8 : at + 11]
+            size = length + (12 + 13 * (flags & 1) if magic == 0xFD else 8)
+            packet = data[at + 8 : at + 8 + size]
+            (message,) = parser.parse_buffer(packet)
+            flight.times.append(1000 * microseconds)
+            flight.packets.append(packet)
+            flight.messages.append(message)
+            at += 8 + size
+        flight._read_boot_clock()
+        return flight
+
+    def of(self, name: str) -> list[tuple[int, mavlink.MAVLink_message]]:
+        """Messages of the vehicle's of one type, with their times."""
+        return [
+            (stamp, message)
+            for stamp, message in zip(self.times, self.messages, strict=True)
+            if message.get_type() == name
+            and (message.get_srcSystem(), message.get_srcComponent()) == VEHICLE
+        ]
+
+    def _read_boot_clock(self) -> None:
+        answers = [(stamp, m.tc1) for stamp, m in self.of('TIMESYNC') if m.tc1]
+        self._answered = np.array([stamp - self.times[0] for stamp, _ in answers], float)
+        self._boot = np.array([tc1 for _, tc1 in answers], float)
+
+    def boot_ns(self, stamp: int) -> int:
+        """The vehicle's time since boot at a time of the recording."""
+        at = stamp - self.times[0]
+        boot = np.interp(at, self._answered, self._boot)
+        # Outside the recorded answers both clocks run alike.
+        return int(boot + min(0, at - self._answered[0]) + max(0, at - self._answered[-1]))
+
+    def truth(self) -> Truth:
+        """The simulator's own record of the flight (SIM_STATE)."""
+        _, origin = self.of('GPS_GLOBAL_ORIGIN')[-1]
+        records = self.of('SIM_STATE')
+        states = [message for _, message in records]
+        latitude = np.radians(1e-7 * origin.latitude)
+        curve = 1 - _ECCENTRICITY_SQUARED * np.sin(latitude) ** 2
+        meridian = _EARTH_RADIUS * (1 - _ECCENTRICITY_SQUARED) / curve**1.5
+        parallel = _EARTH_RADIUS / np.sqrt(curve) * np.cos(latitude)
+        north = np.radians([1e-7 * (s.lat_int - origin.latitude) for s in states]) * meridian
+        east = np.radians([1e-7 * (s.lon_int - origin.longitude) for s in states]) * parallel
+        up = np.array([s.alt for s in states]) - 1e-3 * origin.altitude
+        return Truth(
+            [stamp for stamp, _ in records],
+            np.stack([north, east, -up], axis=1),
+            np.array([(s.q1, s.q2, s.q3, s.q4) for s in states]),
+        )
+
+
+@dataclass(frozen=True)
+class Truth:
+    """Where the vehicle truly was.
+
+    Attributes
+    ----------
+    times : list of int
+        When each record came, nanoseconds on the clock of the recording computer.
+    position : ndarray, shape (n, 3)
+        North, east, down from the estimator's origin, metres.
+    attitude : ndarray, shape (n, 4)
+        w, x, y, z; FRD -> NED.
+    """
+
+    times: list[int]
+    position: np.ndarray
+    attitude: np.ndarray
+
+
+def answer(message: mavlink.MAVLink_message, boot_ns: int) -> mavlink.MAVLink_message | None:
+    """What the vehicle sends back to a message, at a time since its boot."""
+    if message.get_type() == 'TIMESYNC' and message.tc1 == 0:
+        return mavlink.MAVLink_timesync_message(tc1=boot_ns, ts1=message.ts1)
+    if message.get_type() == 'COMMAND_LONG':
+        return mavlink.MAVLink_command_ack_message(
+            message.command,
+            mavlink.MAV_RESULT_ACCEPTED,
+            target_system=message.get_srcSystem(),
+            target_component=message.get_srcComponent(),
+        )
+    return None
+
+
+class FlightPlayer:
+    """Plays a flight in real time from a UDP socket of its own to an address.
+
+    Parameters
+    ----------
+    begin, end : float
+        Part of the flight to play, seconds since its start.
+    """
+
+    def __init__(
+        self, flight: Flight, address: tuple[str, int], begin: float = 0.0, end: float = np.inf
+    ) -> None:
+        self._flight = flight
+        self._address = address
+        stamps = np.array(flight.times) - flight.times[0]
+        self._range = np.searchsorted(stamps, [begin * 1e9, min(end * 1e9, 9e18)])
+        self._first = flight.times[0] + int(begin * 1e9)
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.bind(('127.0.0.1', 0))
+        self._sender = mavlink.MAVLink(None, *VEHICLE)
+        self._closing = threading.Event()
+        self._begun = threading.Event()
+        self.done = threading.Event()
+        self.received: list[mavlink.MAVLink_message] = []
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def shift(self) -> int:
+        """What to add to a time of the recording to get the playback's UNIX time; ns."""
+        self._begun.wait()
+        return self._shift
+
+    def close(self) -> None:
+        self._closing.set()
+        self._thread.join()
+        self._socket.close()
+
+    def __enter__(self) -> FlightPlayer:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _run(self) -> None:
+        self._shift = time.time_ns() - self._first
+        self._begun.set()
+        for index in range(*self._range):
+            due = self._flight.times[index] + self._shift
+            while not self._closing.is_set():
+                left = (due - time.time_ns()) / 1e9
+                self._answer(max(0.0, min(left, 0.1)))
+                if left <= 0:
+                    break
+            if self._closing.is_set():
+                return
+            self._socket.sendto(self._flight.packets[index], self._address)
+        self.done.set()
+        while not self._closing.is_set():
+            self._answer(0.05)
+
+    def _answer(self, timeout: float) -> None:
+        if not select.select([self._socket], [], [], timeout)[0]:
+            return
+        try:
+            data, peer = self._socket.recvfrom(65535)
+        except ConnectionError:
+            return
+        boot = self._flight.boot_ns(time.time_ns() - self._shift)
+        for message in mavlink.MAVLink(None).parse_buffer(data) or []:
+            self.received.append(message)
+            reply = answer(message, boot)
+            if reply is not None:
+                self._socket.sendto(reply.pack(self._sender), peer)

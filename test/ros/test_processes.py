@@ -1,0 +1,105 @@
+"""What all nodes do alike as processes: start, report, end by a signal, refuse bad parameters."""
+
+from __future__ import annotations
+
+import signal
+
+import pytest
+from rclpy.parameter import Parameter
+
+from ftp_dent_ros.errors import FtpDentError
+from ftp_dent_ros.nodes.camera_capture import CameraCapture
+from ftp_dent_ros.nodes.pattern_publisher import PatternPublisher
+from ftp_dent_ros.nodes.reconstruction import Reconstruction
+from ftp_dent_ros.pattern import Pattern, write_pattern
+
+NODES = ('pattern_publisher', 'camera_capture', 'reconstruction')
+
+
+def parameters_of(name, rig_file):
+    return {
+        'pattern_publisher': {'period_px': 8},
+        'camera_capture': {'device__path': '/dev/video99', 'rate': 5},
+        'reconstruction': {},
+    }[name] | {'rig': rig_file}
+
+
+@pytest.mark.parametrize('with_signal', [signal.SIGINT, signal.SIGTERM])
+def test_every_node_reports_and_ends_well_on_a_signal(ros, rig_file, with_signal):
+    processes = {name: ros.start(name, **parameters_of(name, rig_file)) for name in NODES}
+    states = [ros.diagnostics(name) for name in NODES]
+    ros.until(lambda: all(state() for state in states))
+    for name, process in processes.items():
+        assert process.stop(with_signal) == 0, f'{name}: {process.output}'
+        assert 'Traceback' not in process.output
+
+
+def test_a_second_signal_does_not_spoil_the_end(ros, rig_file):
+    process = ros.start('camera_capture', **parameters_of('camera_capture', rig_file))
+    ros.until(ros.diagnostics('camera_capture'))
+    process.send(signal.SIGINT)
+    process.send(signal.SIGTERM)
+    assert process.stop(signal.SIGINT) == 0
+    assert 'Traceback' not in process.output
+
+
+def test_bad_parameters_are_one_clear_line_and_status_2(ros, rig_file):
+    sentences = {
+        'pattern_publisher': 'pattern_publisher: the size of the pattern is not known: set ',
+        'camera_capture': "camera_capture: parameter source is 'webcam': give device or files or ",
+        'reconstruction': 'reconstruction: parameter stride is 0: give a value from 1 to 16',
+    }
+    processes = [
+        ros.start('pattern_publisher'),
+        ros.start('camera_capture', source='webcam'),
+        ros.start('reconstruction', rig=rig_file, stride=0),
+    ]
+    for process, sentence in zip(processes, sentences.values(), strict=True):
+        assert process.wait() == 2, process.output
+        assert process.output.startswith(sentence), process.output
+        assert process.output.count('\n') == 1
+
+
+@pytest.mark.parametrize(
+    ('node', 'parameters', 'sentence'),
+    [
+        (PatternPublisher, {'rig': 'RIG'}, 'set the parameter pattern or period_px'),
+        (PatternPublisher, {'rig': 'RIG', 'period_px': 200}, 'period_px is 200, outside 3 to 80'),
+        (PatternPublisher, {'rig': 'nowhere.yaml', 'period_px': 8}, 'nowhere.yaml: no such file'),
+        (
+            PatternPublisher,
+            {'rig': 'RIG', 'pattern': 'PATTERN'},
+            'the pattern is 160x100, the projector 320x200',
+        ),
+        (Reconstruction, {'rig': 'BROKEN'}, 'camera.distortion_model'),
+        (Reconstruction, {'method': 'fourier'}, "parameter method is 'fourier': give "),
+        (Reconstruction, {'tau': 'slow'}, "parameter tau is 'slow'"),
+        (Reconstruction, {'tau': 0.0}, 'tau is 0.0'),
+        (CameraCapture, {'source': 'files'}, 'no image files are named'),
+        (CameraCapture, {'source': 'files', 'files.path': '/nowhere'}, 'no image there'),
+        (CameraCapture, {'source': 'simulation'}, 'set the parameter rig'),
+        (CameraCapture, {}, 'set rig, or device.width and device.height'),
+        (CameraCapture, {'rig': 'RIG', 'device.fourcc': 'MJPEG'}, 'has not four characters'),
+        (CameraCapture, {'rig': 'RIG', 'device.stamps': 'middle'}, 'give auto or start or end'),
+    ],
+)
+def test_what_is_wrong_with_a_parameter_is_said(
+    ros, rig_file, tmp_path, node, parameters, sentence
+):
+    write_pattern(tmp_path / 'small.yaml', Pattern(160, 100, 8.0, 80.0))
+    broken = tmp_path / 'broken.yaml'
+    broken.write_text(rig_file.read_text().replace('plumb_bob', 'fisheye', 1))
+    files = {'RIG': rig_file, 'PATTERN': tmp_path / 'small.yaml', 'BROKEN': broken}
+    overrides = [
+        Parameter(name, value=str(files[value]) if value in files else value)
+        for name, value in parameters.items()
+    ]
+    with pytest.raises(FtpDentError) as caught:
+        node(context=ros.context, parameter_overrides=overrides)
+    assert sentence in str(caught.value)
+
+
+def test_arguments_that_ros_cannot_parse_are_status_2(ros):
+    process = ros.start('reconstruction', '-p', 'rate')
+    assert process.wait() == 2
+    assert 'Traceback' not in process.output and 'reconstruction: ' in process.output
