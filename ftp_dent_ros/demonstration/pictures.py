@@ -22,7 +22,8 @@ def depth_map(path: Path, cloud: Cloud) -> None:
     """Draw the depth of a cloud in the camera's frame."""
     figure, axes = _image_axes('Depth along the optical axis')
     depth = cloud.points[..., 2] * _MM
-    _draw(figure, axes, depth, *np.nanpercentile(depth, (0.5, 99.5)), 'viridis', 'depth, mm')
+    low, high = (float(np.nanpercentile(depth, share)) for share in (0.5, 99.5))
+    _draw(figure, axes, depth, low, high, 'viridis', 'depth, mm')
     _save(figure, path)
 
 
