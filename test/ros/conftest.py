@@ -133,7 +133,7 @@ class Ros:
         self._processes.append(process)
         return process
 
-    def collect(self, message_type: Any, topic: str, qos: Any = 10) -> list[Any]:
+    def collect(self, message_type: Any, topic: str, qos: Any = 100) -> list[Any]:
         """List to which the messages of a topic are appended as they come."""
         messages: list[Any] = []
         self.node.create_subscription(message_type, topic, messages.append, qos)

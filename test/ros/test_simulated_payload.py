@@ -11,7 +11,6 @@ from std_srvs.srv import Trigger
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.ros.messages import cloud_from_message, image_from_message, stamp_to_ns
-from ftp_dent_ros.ros.qos import CLOUDS, IMAGES
 from ftp_dent_ros.simulation.world import read_world
 
 PATTERN = Pattern(320, 200, 8.0, 159.5)
@@ -34,9 +33,9 @@ def start_camera(ros, rig_file, **parameters):
 
 
 def test_photographs_of_the_simulated_skin_become_clouds_on_it(ros, rig, rig_file, world):
-    images = ros.collect(Image, 'camera/image_raw', IMAGES)
-    infos = ros.collect(CameraInfo, 'camera/camera_info', IMAGES)
-    clouds = ros.collect(PointCloud2, 'points', CLOUDS)
+    images = ros.collect(Image, 'camera/image_raw')
+    infos = ros.collect(CameraInfo, 'camera/camera_info')
+    clouds = ros.collect(PointCloud2, 'points')
     processes = [
         ros.start('reconstruction', rig=rig_file),
         ros.start('pattern_publisher', rig=rig_file, period_px=8),
@@ -53,7 +52,7 @@ def test_photographs_of_the_simulated_skin_become_clouds_on_it(ros, rig, rig_fil
     stamps = list(photographs)
     expected = world.photograph(rig, projected, stamps[0])
     np.testing.assert_array_equal(photographs[stamps[0]], expected)
-    assert np.allclose(np.diff(stamps) / 0.5e9 % 1, [0, 1], atol=0.1) or len(stamps) > 0
+    assert stamps == sorted(set(stamps))
     reconstructor = Reconstructor(rig, PATTERN, Settings())
     for message in clouds[:3]:
         stamp_ns = stamp_to_ns(message.header.stamp)
@@ -75,7 +74,7 @@ def test_without_a_pattern_the_simulated_camera_says_what_to_do(ros, rig_file):
     ros.until(lambda: state() and state().level == DiagnosticStatus.ERROR)
     assert 'nothing is projected yet' in state().message
     ros.start('pattern_publisher', rig=rig_file, period_px=8)
-    images = ros.collect(Image, 'camera/image_raw', IMAGES)
+    images = ros.collect(Image, 'camera/image_raw')
     ros.until(lambda: ros.call(Trigger, 'camera_capture/capture', Trigger.Request()).success)
     ros.until(lambda: images)
     assert process.stop() == 0
