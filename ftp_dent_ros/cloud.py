@@ -5,13 +5,17 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.files import written_aside
-from ftp_dent_ros.pose import Pose
+
+if TYPE_CHECKING:
+    # SciPy takes a second to load on a small computer, and not every node needs it.
+    from ftp_dent_ros.pose import Pose
 
 _VERTEX = np.dtype(
     [

@@ -217,7 +217,10 @@ class Display:
         cv2.destroyAllWindows()
 
     def _open(self) -> None:
-        cv2.namedWindow(self._NAME, cv2.WINDOW_NORMAL)
+        # Of the pattern's size: where no window manager serves, nothing makes it fill the screen.
+        bare = cv2.WINDOW_NORMAL | cv2.WINDOW_FREERATIO | cv2.WINDOW_GUI_NORMAL
+        cv2.namedWindow(self._NAME, bare)
+        cv2.resizeWindow(self._NAME, *self._size)
         cv2.moveWindow(self._NAME, *self._corner)
         cv2.setWindowProperty(self._NAME, cv2.WND_PROP_FULLSCREEN, cv2.WINDOW_FULLSCREEN)
 

@@ -5,6 +5,8 @@ Every function checks what it is given: a message may come from any publisher.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from geometry_msgs.msg import Pose as PoseMessage
 from geometry_msgs.msg import PoseStamped
@@ -13,10 +15,12 @@ from sensor_msgs.msg import CameraInfo, PointCloud2, PointField
 
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.errors import CloudError, PoseError, RigError
-from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig import Lens
 from ftp_dent_ros.ros.fields import make_header, ns_to_stamp, stamp_to_ns, to_data
 from ftp_dent_ros.ros.images import image_from_message, image_to_message
+
+if TYPE_CHECKING:
+    from ftp_dent_ros.pose import Pose
 
 __all__ = [
     'camera_info_message',
@@ -185,6 +189,9 @@ def pose_to_message(pose: Pose) -> PoseMessage:
 
 def pose_from_message(message: PoseMessage) -> Pose:
     """Pose of a geometry_msgs/Pose; raises `PoseError` if it is no pose."""
+    # SciPy takes a second to load on a small computer, and most nodes have no poses.
+    from ftp_dent_ros.pose import Pose
+
     position, orientation = message.position, message.orientation
     quaternion = np.array([orientation.x, orientation.y, orientation.z, orientation.w])
     translation = np.array([position.x, position.y, position.z])

@@ -13,7 +13,11 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
+
+from ftp_dent_ros.rig import Lens, Rig, write_rig
 
 HAS_ROS = importlib.util.find_spec('rclpy') is not None
 
@@ -61,11 +65,14 @@ class Process:
     def pid(self) -> int:
         return self._popen.pid
 
-    def wait(self, timeout: float = 20.0) -> int:
+    def wait(self, timeout: float = 60.0) -> int:
         """Exit status."""
         return self._popen.wait(timeout)
 
-    def stop(self, with_signal: int = signal.SIGINT, timeout: float = 10.0) -> int:
+    def send(self, with_signal: int) -> None:
+        self._popen.send_signal(with_signal)
+
+    def stop(self, with_signal: int = signal.SIGINT, timeout: float = 30.0) -> int:
         """Exit status after a signal."""
         if self.alive:
             self._popen.send_signal(with_signal)
@@ -102,7 +109,7 @@ class Ros:
         self.node = rclpy.create_node('tester', namespace=self.namespace, context=self.context)
         self.executor.add_node(self.node)
 
-    def until(self, condition: Callable[[], Any], timeout: float = 20.0) -> Any:
+    def until(self, condition: Callable[[], Any], timeout: float = 60.0) -> Any:
         """Spin until `condition` gives something true, which is returned."""
         end = time.monotonic() + timeout
         while True:
@@ -167,6 +174,24 @@ class Ros:
         self.executor.shutdown()
         self.node.destroy_node()
         self.context.try_shutdown()
+
+
+@pytest.fixture
+def rig() -> Rig:
+    """A small rig: camera of 400x260 and projector of 320x200 pixels, 0.2 m apart."""
+    camera = Lens(400, 260, np.array([[520.0, 0, 199.5], [0, 520, 129.5], [0, 0, 1]]), np.zeros(5))
+    projector = Lens(
+        320, 200, np.array([[430.0, 0, 159.5], [0, 430, 99.5], [0, 0, 1]]), np.zeros(5)
+    )
+    turn = Rotation.from_euler('y', 0.3).as_matrix()
+    return Rig(camera, projector, turn, np.array([-0.2, 0.0, 0.03]))
+
+
+@pytest.fixture
+def rig_file(rig: Rig, tmp_path: Path) -> Path:
+    path = tmp_path / 'rig.yaml'
+    write_rig(path, rig)
+    return path
 
 
 @pytest.fixture

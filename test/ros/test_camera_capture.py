@@ -1,0 +1,117 @@
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from sensor_msgs.msg import CameraInfo, Image
+from std_srvs.srv import Trigger
+
+from ftp_dent_ros.ros.messages import image_from_message, lens_from_message, stamp_to_ns
+from ftp_dent_ros.ros.qos import IMAGES
+
+
+@pytest.fixture
+def photographs(tmp_path, rig):
+    """A folder of three photographs whose red levels are 50, 100 and 150."""
+    folder = tmp_path / 'photographs'
+    folder.mkdir()
+    for number, level in enumerate((50, 100, 150)):
+        image = np.full((rig.camera.height, rig.camera.width, 3), (10, 20, level), np.uint8)
+        cv2.imwrite(str(folder / f'{number}.png'), image)
+    return folder
+
+
+def red(message: Image) -> int:
+    return int(image_from_message(message)[0, 0, 0])
+
+
+def values_of(status) -> dict[str, str]:
+    return {item.key: item.value for item in status.values}
+
+
+def test_files_are_published_with_their_camera_info(ros, rig, rig_file, photographs):
+    images = ros.collect(Image, 'camera/image_raw', IMAGES)
+    infos = ros.collect(CameraInfo, 'camera/camera_info', IMAGES)
+    process = ros.start(
+        'camera_capture', source='files', files__path=photographs, rig=rig_file, rate=20
+    )
+    ros.until(lambda: len(images) >= 7 and len(infos) >= 7)
+    assert [red(message) for message in images[:7]] == [50, 100, 150, 50, 100, 150, 50]
+    assert [message.header for message in images[:7]] == [info.header for info in infos[:7]]
+    assert images[0].header.frame_id == 'camera_optical_frame'
+    stamps = [stamp_to_ns(message.header.stamp) for message in images]
+    assert stamps == sorted(set(stamps))
+    assert abs(stamps[-1] - ros.node.get_clock().now().nanoseconds) < 60e9
+    lens = lens_from_message(infos[0])
+    np.testing.assert_array_equal(lens.camera_matrix, rig.camera.camera_matrix)
+    assert process.stop() == 0
+
+
+def test_without_loop_each_file_comes_once_and_the_node_lives_on(ros, photographs):
+    images = ros.collect(Image, 'camera/image_raw', IMAGES)
+    infos = ros.collect(CameraInfo, 'camera/camera_info', IMAGES)
+    state = ros.diagnostics('camera_capture')
+    ros.start(
+        'camera_capture', source='files', files__path=photographs, files__loop=False, rate=50
+    )
+    ros.until(lambda: state() and state().message == 'all images have been published')
+    assert [red(message) for message in images] == [50, 100, 150]
+    assert infos[0].k[0] == 0.0, 'no rig: uncalibrated'
+    response = ros.call(Trigger, 'camera_capture/capture', Trigger.Request())
+    assert not response.success and 'no more images' in response.message
+
+
+def test_a_photograph_on_demand(ros, photographs, rig_file):
+    images = ros.collect(Image, 'camera/image_raw', IMAGES)
+    ros.start('camera_capture', source='files', files__path=photographs, rig=rig_file, rate=0)
+    state = ros.diagnostics('camera_capture')
+    ros.until(lambda: state() and state().message == 'waiting for a call of ~/capture')
+    assert images == []
+    for count, level in enumerate((50, 100), start=1):
+        response = ros.call(Trigger, 'camera_capture/capture', Trigger.Request())
+        assert response.success and response.message.startswith('photograph taken at ')
+        ros.until(lambda count=count: len(images) == count)
+        assert red(images[-1]) == level
+        stamp = images[-1].header.stamp
+        assert response.message.endswith(f'{stamp.sec}.{stamp.nanosec:09d}')
+    ros.until(lambda: values_of(state()).get('images') == '2')
+
+
+def test_wrong_files_are_refused_by_name_and_skipped(ros, photographs, rig_file):
+    (photographs / '0.png').write_bytes(b'this is no image')
+    cv2.imwrite(str(photographs / '1.png'), np.zeros((10, 10, 3), np.uint8))
+    images = ros.collect(Image, 'camera/image_raw', IMAGES)
+    state = ros.diagnostics('camera_capture')
+    process = ros.start(
+        'camera_capture', source='files', files__path=photographs, rig=rig_file, rate=20
+    )
+    ros.until(lambda: len(images) >= 3)
+    assert {red(message) for message in images} == {150}
+    ros.until(lambda: state() and state().level == DiagnosticStatus.WARN)
+    assert int(values_of(state())['refused: wrong image']) >= 2
+    assert '0.png: not an image that can be read' in process.output
+
+
+def test_nothing_is_read_from_files_while_nobody_listens(ros, photographs):
+    ros.start('camera_capture', source='files', files__path=photographs, rate=50)
+    state = ros.diagnostics('camera_capture')
+    ros.until(lambda: state() and state().message == 'idle: nobody subscribes to the images')
+    assert 'images' not in values_of(state())
+    images = ros.collect(Image, 'camera/image_raw', IMAGES)
+    ros.until(lambda: len(images) >= 2)
+    assert [red(message) for message in images[:2]] == [50, 100], 'the first is not lost'
+
+
+def test_a_missing_camera_is_an_error_and_the_node_goes_on_trying(ros):
+    state = ros.diagnostics('camera_capture')
+    process = ros.start(
+        'camera_capture', device__path='/dev/video99', device__width=640, device__height=480
+    )
+    ros.until(lambda: state() and state().level == DiagnosticStatus.ERROR)
+    assert state().message.startswith('/dev/video99 does not exist: plug the camera in')
+    assert state().hardware_id == '/dev/video99'
+    response = ros.call(Trigger, 'camera_capture/capture', Trigger.Request())
+    assert not response.success and '/dev/video99 does not exist' in response.message
+    assert process.alive
+    assert process.stop() == 0

@@ -1,0 +1,76 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import CameraInfo, Image
+
+from ftp_dent_ros.pattern import Pattern, pattern_from_image, write_pattern
+from ftp_dent_ros.ros.messages import image_from_message, lens_from_message
+from ftp_dent_ros.ros.qos import LATCHED
+
+PATTERN = Pattern(320, 200, 10.0, 150.0)
+
+
+@pytest.fixture
+def pattern_file(tmp_path):
+    path = tmp_path / 'pattern.yaml'
+    write_pattern(path, PATTERN)
+    return path
+
+
+def test_whoever_comes_late_still_gets_the_pattern(ros, rig_file, rig, pattern_file):
+    process = ros.start('pattern_publisher', rig=rig_file, pattern=pattern_file)
+    state = ros.diagnostics('pattern_publisher')
+    ros.until(state)
+    images = ros.collect(Image, 'projector/image_raw', LATCHED)
+    infos = ros.collect(CameraInfo, 'projector/camera_info', LATCHED)
+    ros.until(lambda: images and infos)
+    image = image_from_message(images[0])
+    np.testing.assert_array_equal(image, PATTERN.draw())
+    assert images[0].header == infos[0].header
+    assert images[0].header.frame_id == 'projector_optical_frame'
+    lens = lens_from_message(infos[0])
+    np.testing.assert_array_equal(lens.camera_matrix, rig.projector.camera_matrix)
+    assert process.stop() == 0
+
+
+def test_without_a_pattern_file_the_rig_gives_the_size(ros, rig_file):
+    ros.start('pattern_publisher', rig=rig_file, period_px=8)
+    images = ros.collect(Image, 'projector/image_raw', LATCHED)
+    ros.until(lambda: images)
+    assert pattern_from_image(image_from_message(images[0])) == Pattern(320, 200, 8.0, 159.5)
+
+
+def test_without_a_rig_the_projector_is_uncalibrated(ros, pattern_file):
+    ros.start('pattern_publisher', pattern=pattern_file, period_px=12.5)
+    images = ros.collect(Image, 'projector/image_raw', LATCHED)
+    infos = ros.collect(CameraInfo, 'projector/camera_info', LATCHED)
+    ros.until(lambda: images and infos)
+    assert (infos[0].width, infos[0].height, infos[0].k[0]) == (320, 200, 0.0)
+    assert pattern_from_image(image_from_message(images[0])).period_px == 12.5
+
+
+def test_period_and_stripe_change_while_it_runs(ros, rig_file, pattern_file):
+    ros.start('pattern_publisher', rig=rig_file, pattern=pattern_file)
+    images = ros.collect(Image, 'projector/image_raw', LATCHED)
+    ros.until(lambda: images)
+
+    def change(**values):
+        parameters = [Parameter(key, value=value) for key, value in values.items()]
+        request = SetParameters.Request(
+            parameters=[item.to_parameter_msg() for item in parameters]
+        )
+        return ros.call(SetParameters, 'pattern_publisher/set_parameters', request).results[0]
+
+    assert change(period_px=16.0).successful
+    ros.until(lambda: len(images) == 2)
+    assert pattern_from_image(image_from_message(images[1])) == Pattern(320, 200, 16.0, 150.0)
+    refused = change(period_px=100.0)
+    assert not refused.successful
+    assert 'period_px is 100, outside 3 to 80' in refused.reason
+    assert change(stripe_center_px=100.0).successful
+    ros.until(lambda: len(images) == 3)
+    last = pattern_from_image(image_from_message(images[2]))
+    assert last == Pattern(320, 200, 16.0, 100.0), 'the refused period left nothing behind'
