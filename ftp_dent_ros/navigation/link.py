@@ -25,6 +25,7 @@ _MOST_AT_ONCE = 100
 _SHORTEST_WAIT, _LONGEST_WAIT = 0.5, 2.0
 # A stream connection that is silent for longer may be dead without saying so.
 _SILENCE = 5.0
+_TIME_TO_END = 5.0
 
 
 @dataclass(frozen=True)
@@ -103,7 +104,8 @@ class Link:
         self._closing.set()
         with contextlib.suppress(OSError):
             self._waker.send(b'.')
-        self._thread.join()
+        # It may hang in the search for a host's name, and then ends with the process.
+        self._thread.join(_TIME_TO_END)
         self._waker.close()
         self._wakened.close()
 
