@@ -230,7 +230,7 @@ def _declare_settings(parameters: Parameters) -> Settings:
             default.stride,
             'Every how many pixels the cloud has a point, along rows and columns.',
             minimum=1,
-            maximum=64,
+            maximum=16,
             changeable=True,
         ),
     )

@@ -61,11 +61,11 @@ def run(
     except FtpDentError as error:
         print(f'{name}: {error}', file=sys.stderr)
         return 2
-    except RuntimeError as error:
-        # rclpy's own: arguments that it cannot parse, or a signal while the node was being made.
-        if node is not None or rclpy.ok():
+    except Exception as error:
+        if node is not None or not _is_of_rclpy(error):
             raise
-        if executor is None:
+        # Else a signal came while the node was being made.
+        if executor is None or rclpy.ok():
             print(f'{name}: {str(error).splitlines()[0]}', file=sys.stderr)
             return 2
     finally:
@@ -78,6 +78,11 @@ def run(
             node.destroy_node()
         rclpy.try_shutdown()
     return 0
+
+
+def _is_of_rclpy(error: Exception) -> bool:
+    """Whether rclpy complains: of arguments, of a QoS override or of the environment."""
+    return isinstance(error, RuntimeError) or type(error).__module__.startswith('rclpy')
 
 
 def _spin_once(executor: Executor, node: Node) -> None:

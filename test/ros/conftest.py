@@ -176,7 +176,7 @@ class Ros:
         self.context.try_shutdown()
 
 
-@pytest.fixture
+@pytest.fixture(scope='session')
 def rig() -> Rig:
     """A small rig: camera of 400x260 and projector of 320x200 pixels, 0.2 m apart."""
     camera = Lens(400, 260, np.array([[520.0, 0, 199.5], [0, 520, 129.5], [0, 0, 1]]), np.zeros(5))

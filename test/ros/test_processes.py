@@ -5,7 +5,12 @@ from __future__ import annotations
 import signal
 
 import pytest
+from rclpy.parameter import Parameter
 
+from ftp_dent_ros.errors import FtpDentError
+from ftp_dent_ros.nodes.camera_capture import CameraCapture
+from ftp_dent_ros.nodes.pattern_publisher import PatternPublisher
+from ftp_dent_ros.nodes.reconstruction import Reconstruction
 from ftp_dent_ros.pattern import Pattern, write_pattern
 
 NODES = ('pattern_publisher', 'camera_capture', 'reconstruction')
@@ -38,35 +43,60 @@ def test_a_second_signal_does_not_spoil_the_end(ros, rig_file):
     assert 'Traceback' not in process.output
 
 
-def test_bad_parameters_are_one_clear_line_and_status_2(ros, rig_file, tmp_path):
-    small = tmp_path / 'small.yaml'
-    write_pattern(small, Pattern(160, 100, 8.0, 80.0))
+def test_bad_parameters_are_one_clear_line_and_status_2(ros, rig_file):
+    sentences = {
+        'pattern_publisher': 'pattern_publisher: the size of the pattern is not known: set ',
+        'camera_capture': "camera_capture: parameter source is 'webcam': give device or files or ",
+        'reconstruction': 'reconstruction: parameter stride is 0: give a value from 1 to 16',
+    }
+    processes = [
+        ros.start('pattern_publisher'),
+        ros.start('camera_capture', source='webcam'),
+        ros.start('reconstruction', rig=rig_file, stride=0),
+    ]
+    for process, sentence in zip(processes, sentences.values(), strict=True):
+        assert process.wait() == 2, process.output
+        assert process.output.startswith(sentence), process.output
+        assert process.output.count('\n') == 1
+
+
+@pytest.mark.parametrize(
+    ('node', 'parameters', 'sentence'),
+    [
+        (PatternPublisher, {'rig': 'RIG'}, 'set the parameter pattern or period_px'),
+        (PatternPublisher, {'rig': 'RIG', 'period_px': 200}, 'period_px is 200, outside 3 to 80'),
+        (PatternPublisher, {'rig': 'nowhere.yaml', 'period_px': 8}, 'nowhere.yaml: no such file'),
+        (
+            PatternPublisher,
+            {'rig': 'RIG', 'pattern': 'PATTERN'},
+            'the pattern is 160x100, the projector 320x200',
+        ),
+        (Reconstruction, {'rig': 'BROKEN'}, 'camera.distortion_model'),
+        (Reconstruction, {'method': 'fourier'}, "parameter method is 'fourier': give "),
+        (Reconstruction, {'tau': 'slow'}, "parameter tau is 'slow'"),
+        (Reconstruction, {'tau': 0.0}, 'tau is 0.0'),
+        (CameraCapture, {'source': 'files'}, 'no image files are named'),
+        (CameraCapture, {'source': 'files', 'files.path': '/nowhere'}, 'no image there'),
+        (CameraCapture, {'source': 'simulation'}, 'set the parameter rig'),
+        (CameraCapture, {}, 'set rig, or device.width and device.height'),
+        (CameraCapture, {'rig': 'RIG', 'device.fourcc': 'MJPEG'}, 'has not four characters'),
+        (CameraCapture, {'rig': 'RIG', 'device.stamps': 'middle'}, 'give auto or start or end'),
+    ],
+)
+def test_what_is_wrong_with_a_parameter_is_said(
+    ros, rig_file, tmp_path, node, parameters, sentence
+):
+    write_pattern(tmp_path / 'small.yaml', Pattern(160, 100, 8.0, 80.0))
     broken = tmp_path / 'broken.yaml'
     broken.write_text(rig_file.read_text().replace('plumb_bob', 'fisheye', 1))
-    cases = [
-        ('pattern_publisher', {}, 'set the parameter pattern or rig'),
-        ('pattern_publisher', {'rig': rig_file}, 'set the parameter pattern or period_px'),
-        ('pattern_publisher', {'rig': rig_file, 'pattern': small}, 'the pattern is 160x100'),
-        ('pattern_publisher', {'rig': 'nowhere.yaml', 'period_px': 8}, 'nowhere.yaml'),
-        ('reconstruction', {'rig': broken}, 'camera.distortion_model'),
-        ('reconstruction', {'method': 'fourier'}, "parameter method is 'fourier'"),
-        ('reconstruction', {'stride': 0}, 'parameter stride is 0'),
-        ('reconstruction', {'tau': 'slow'}, "parameter tau is 'slow'"),
-        ('camera_capture', {'source': 'webcam'}, "parameter source is 'webcam'"),
-        ('camera_capture', {'source': 'files'}, 'no image files are named'),
-        ('camera_capture', {'source': 'files', 'files__path': tmp_path / 'x'}, 'no image there'),
-        ('camera_capture', {'source': 'simulation'}, 'set the parameter rig'),
-        ('camera_capture', {'source': 'device'}, 'set rig, or device.width'),
-        ('camera_capture', {'rig': rig_file, 'device__fourcc': 'MJPEG'}, 'pixel format'),
+    files = {'RIG': rig_file, 'PATTERN': tmp_path / 'small.yaml', 'BROKEN': broken}
+    overrides = [
+        Parameter(name, value=str(files[value]) if value in files else value)
+        for name, value in parameters.items()
     ]
-    for start in range(0, len(cases), 4):
-        group = cases[start : start + 4]
-        processes = [ros.start(name, **parameters) for name, parameters, _ in group]
-        for process, (name, _, sentence) in zip(processes, group, strict=True):
-            assert process.wait() == 2, process.output
-            lines = process.output.strip().splitlines()
-            assert len(lines) == 1 and lines[0].startswith(f'{name}: '), process.output
-            assert sentence in lines[0]
+    with pytest.raises(FtpDentError) as caught:
+        node(context=ros.context, parameter_overrides=overrides)
+    assert sentence in str(caught.value)
 
 
 def test_arguments_that_ros_cannot_parse_are_status_2(ros):

@@ -1,0 +1,50 @@
+from __future__ import annotations
+
+from itertools import count
+
+import numpy as np
+import pytest
+
+from ftp_dent_ros.capture.simulated import SimulatedSource
+from ftp_dent_ros.errors import CameraError, ImageError
+
+
+def photograph(projected, stamp_ns):
+    if projected.shape != (2, 2, 3):
+        raise ImageError('the projected image has the wrong size')
+    return projected + np.uint8(stamp_ns % 256)
+
+
+def source(rate=0.0):
+    return SimulatedSource(photograph, rate, count(1000).__next__)
+
+
+def test_without_a_pattern_there_is_no_photograph():
+    with pytest.raises(CameraError, match='start pattern_publisher'):
+        source().shoot()
+
+
+def test_a_photograph_is_of_its_stamp_and_of_what_is_projected_then():
+    camera = source()
+    camera.project(np.full((2, 2, 3), 1, np.uint8))
+    first = camera.shoot()
+    camera.project(np.full((2, 2, 3), 2, np.uint8))
+    second = camera.shoot()
+    assert (first.stamp_ns, second.stamp_ns) == (1000, 1001)
+    assert first.image[0, 0, 0] == 1 + 1000 % 256
+    assert second.image[0, 0, 0] == 2 + 1001 % 256
+
+
+def test_a_pattern_of_another_size_is_refused():
+    camera = source()
+    camera.project(np.zeros((3, 2, 3), np.uint8))
+    with pytest.raises(ImageError, match='wrong size'):
+        camera.shoot()
+
+
+def test_frames_fall_due_at_the_rate():
+    camera = source(rate=0.001)
+    camera.project(np.zeros((2, 2, 3), np.uint8))
+    assert camera.next_frame(0.0) is not None
+    assert camera.next_frame(0.0) is None
+    assert camera.notes() == {'missed': 0}
