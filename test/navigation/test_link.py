@@ -164,8 +164,7 @@ def test_a_port_in_use_is_told_and_taken_when_it_is_free(connect) -> None:
 def test_an_autopilot_that_reboots_comes_back_from_another_port(connect) -> None:
     port = free_port()
     subject = connect(f'udpin:{LOCAL}:{port}')
-    with HoveringAutopilot(Wire(udp(), (LOCAL, port))) as first:
-        first._boot -= 3600_000_000_000
+    with HoveringAutopilot(Wire(udp(), (LOCAL, port)), uptime=3600.0):
         subject.until(subject.has_pose)
     with HoveringAutopilot(Wire(udp(), (LOCAL, port)), north=9.0) as second:
         subject.until(lambda: subject.has_pose(9.0))
