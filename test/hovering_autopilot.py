@@ -50,9 +50,11 @@ class Wire:
 class HoveringAutopilot:
     """Speaks MAVLink 2 on a wire from a thread of its own until it is closed."""
 
-    def __init__(self, wire: Wire, system: int = 1, north: float = 3.0) -> None:
+    def __init__(
+        self, wire: Wire, system: int = 1, north: float = 3.0, uptime: float = 5.0
+    ) -> None:
         self._wire, self._north = wire, north
-        self._boot = time.time_ns() - 5_000_000_000
+        self._boot = time.time_ns() - round(uptime * 1e9)
         self._sender = mavlink.MAVLink(wire, system, 1)
         self._parser = mavlink.MAVLink(None)
         self._asked: set[int] = set()

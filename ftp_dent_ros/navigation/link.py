@@ -25,6 +25,7 @@ _MOST_AT_ONCE = 100
 _SHORTEST_WAIT, _LONGEST_WAIT = 0.5, 2.0
 # A stream connection that is silent for longer may be dead without saying so.
 _SILENCE = 5.0
+_TIME_TO_END = 5.0
 
 
 @dataclass(frozen=True)
@@ -65,8 +66,8 @@ class Link:
         Whom to believe and what to ask for.
     ros_time : callable
         ROS time in nanoseconds.
-    on_news : callable, optional
-        Called in the link's thread when there are new poses.
+    on_poses : callable, optional
+        Called in the link's thread with new poses and their ROS times in nanoseconds.
 
     Raises
     ------
@@ -80,11 +81,11 @@ class Link:
         baud: int,
         settings: Settings,
         ros_time: Callable[[], int] = time.time_ns,
-        on_news: Callable[[], None] = lambda: None,
+        on_poses: Callable[[list[tuple[int, Pose]]], None] = lambda poses: None,
     ) -> None:
         check_address(address)
         self._address, self._baud = address, baud
-        self._ros_time, self._on_news = ros_time, on_news
+        self._ros_time, self._on_poses = ros_time, on_poses
         self._vehicle = Vehicle(settings)
         self._lock = threading.Lock()
         self._transport: Transport | None = None
@@ -103,7 +104,8 @@ class Link:
         self._closing.set()
         with contextlib.suppress(OSError):
             self._waker.send(b'.')
-        self._thread.join()
+        # It may hang in the search for a host's name, and then ends with the process.
+        self._thread.join(_TIME_TO_END)
         self._waker.close()
         self._wakened.close()
 
@@ -125,11 +127,6 @@ class Link:
         """As `Vehicle.pose_at`, now."""
         with self._lock:
             return self._vehicle.pose_at(stamp, self._now())
-
-    def new_poses(self) -> list[tuple[int, Pose]]:
-        """As `Vehicle.new_poses`, now."""
-        with self._lock:
-            return self._vehicle.new_poses(self._now())
 
     def state(self) -> LinkState:
         """State at this moment."""
@@ -203,8 +200,10 @@ class Link:
                     if self._vehicle.receive(message, now):
                         # Answers go where the believed vehicle is, after a reboot elsewhere.
                         self._peer = peer
-        if self._vehicle.has_new_poses:
-            self._on_news()
+        with self._lock:
+            poses = self._vehicle.new_poses(self._now())
+        if poses:
+            self._on_poses(poses)
         return has_come
 
     def _parsed(self, data: bytes, is_whole: bool) -> list[Any]:

@@ -153,12 +153,12 @@ class PoseHistory:
         return Pose(rotation, start + along * (end - start))
 
     def stamps_since(self, stamp: int) -> list[int]:
-        """Stamps of attitudes later than `stamp` at which the pose is known by now."""
-        if not self._positions.stamps:
+        """Stamps of attitudes later than `stamp` that lie within the known positions."""
+        stamps, positions = self._attitudes.stamps, self._positions.stamps
+        if not positions:
             return []
-        stamps = self._attitudes.stamps
-        begin = bisect.bisect_right(stamps, stamp)
-        return stamps[begin : bisect.bisect_right(stamps, self._positions.stamps[-1])]
+        begin = max(bisect.bisect_right(stamps, stamp), bisect.bisect_left(stamps, positions[0]))
+        return stamps[begin : bisect.bisect_right(stamps, positions[-1])]
 
     def _add(self, track: _Track, stamp: int, value: ArrayLike, rate: ArrayLike) -> bool:
         if track.stamps and stamp <= track.stamps[-1]:

@@ -7,8 +7,11 @@ from typing import Literal
 
 from ftp_dent_ros.navigation.link import LinkState
 
-# Rates a little under what was asked for are the link's jitter.
-_ENOUGH = 0.8
+_ESTIMATOR = {
+    'not ready': "the autopilot's estimator is not ready: wait until it knows its position",
+    'awaited': 'the autopilot has not reported the state of its estimator yet',
+    'silent': 'the autopilot has stopped reporting the state of its estimator',
+}
 
 
 @dataclass(frozen=True)
@@ -41,11 +44,11 @@ def judge(state: LinkState, address: str) -> Verdict:
         )
     if not vehicle.clock.converged:
         return Verdict('warning', "the autopilot's clock is not known well enough yet")
-    if vehicle.estimator not in ('ready', 'not reported'):
-        return Verdict('warning', f"the autopilot's estimator is {vehicle.estimator}")
-    slow = [name for name, rate in vehicle.asked.items() if vehicle.rates[name] < _ENOUGH * rate]
-    if slow:
-        return Verdict('warning', f'{" and ".join(slow)} come too slowly; asked for again')
+    if vehicle.estimator in _ESTIMATOR:
+        return Verdict('warning', _ESTIMATOR[vehicle.estimator])
+    if vehicle.slow:
+        names = ' and '.join(vehicle.slow)
+        return Verdict('warning', f'too few {names} come; asked for again')
     return Verdict('ok', f'believing the autopilot {_name(vehicle.identity)}')
 
 

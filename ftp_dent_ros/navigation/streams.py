@@ -54,12 +54,21 @@ class Stream:
         """Interval to ask for."""
         return max(1, round(1000 / self.rate)) * 1000
 
+    @property
+    def window(self) -> float:
+        """How far the measured rate looks back, seconds."""
+        return max(_WINDOW, 5 / self.rate)
+
     def measured(self, now: float) -> float:
         """Rate over the last seconds, Hz."""
-        window = max(_WINDOW, 5 / self.rate)
-        while self.arrivals and self.arrivals[0] < now - window:
+        while self.arrivals and self.arrivals[0] < now - self.window:
             self.arrivals.popleft()
-        return len(self.arrivals) / window
+        return len(self.arrivals) / self.window
+
+    def is_slow(self, now: float) -> bool:
+        """Whether it comes too slowly although it was asked for some time ago."""
+        has_had_time = self.asked is not None and now - self.asked > self.window
+        return has_had_time and self.measured(now) < _ENOUGH * self.rate
 
     def is_due(self, now: float) -> bool:
         """Whether it has to be asked for (again)."""
@@ -70,7 +79,7 @@ class Stream:
         if self.measured(now) >= _ENOUGH * self.rate and not self.denied:
             self.patience = _PATIENCE
             return False
-        return now - self.asked > self.patience + max(0.0, 5 / self.rate - _WINDOW)
+        return now - self.asked > self.patience + self.window - _WINDOW
 
 
 class Streams:
@@ -113,9 +122,9 @@ class Streams:
         """Measured rate of each message, Hz."""
         return {name: stream.measured(now) for name, stream in self._streams.items()}
 
-    def asked(self) -> dict[str, float]:
-        """Rate that each required message was asked for at, Hz."""
-        return {name: s.rate for name, s in self._streams.items() if s.required}
+    def slow(self, now: float) -> list[str]:
+        """Names of the required messages that come too slowly."""
+        return [s.name for s in self._streams.values() if s.required and s.is_slow(now)]
 
     def denied(self) -> list[str]:
         """Names of the required messages that the autopilot denies."""

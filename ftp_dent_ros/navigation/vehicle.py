@@ -6,6 +6,7 @@ thread and no clock in here, so that a flight can be replayed through it faster 
 
 from __future__ import annotations
 
+import contextlib
 import math
 from typing import Any
 
@@ -136,11 +137,6 @@ class Vehicle:
                 f'the autopilot has been silent for {silence:.1f} s ({error})', 'link lost'
             ) from None
 
-    @property
-    def has_new_poses(self) -> bool:
-        """Whether `new_poses` would look at anything."""
-        return bool(self._history.stamps_since(self._streamed))
-
     def new_poses(self, at: Instant) -> list[tuple[int, Pose]]:
         """Poses that have become known since the last call, with their ROS times in ns.
 
@@ -155,9 +151,12 @@ class Vehicle:
         poses = []
         for boot in fresh:
             stamp = self._clock.ros_time(boot)
-            if stamp is not None and stamp > self._streamed_ros:
-                self._streamed_ros = stamp
+            # After a step back of the clock the stream waits rather than repeat a time.
+            if stamp is None or stamp <= self._streamed_ros:
+                continue
+            with contextlib.suppress(PoseError):
                 poses.append((stamp, self._history.at(boot)))
+                self._streamed_ros = stamp
         return poses
 
     def state(self, at: Instant) -> VehicleState:
@@ -173,8 +172,8 @@ class Vehicle:
             estimator=self._estimator.state(at.ros),
             clock=clock,
             utc_error=utc_error,
-            asked=self._streams.asked(),
             rates=self._streams.rates(at.steady),
+            slow=self._streams.slow(at.steady),
             denied=self._streams.denied(),
             messages=self._messages,
             foreign=self._foreign,

@@ -53,8 +53,10 @@ class VehicleState:
         Time since the autopilot was last heard.
     utc_error : float or None
         How far this computer's clock is ahead of the autopilot's UTC (of GPS), if it has one.
-    asked, rates : dict
-        Rate asked for and rate measured of messages, by name.
+    rates : dict
+        Rates measured, by the messages' names.
+    slow, denied : list
+        Names of the required messages that come too slowly, and that are denied.
     foreign, malformed, lost : int
         Messages of others; of the autopilot's own with impossible contents; that never came.
     resets : int
@@ -67,8 +69,8 @@ class VehicleState:
     estimator: str
     clock: ClockState
     utc_error: float | None
-    asked: dict[str, float]
     rates: dict[str, float]
+    slow: list[str]
     denied: list[str]
     messages: int
     foreign: int

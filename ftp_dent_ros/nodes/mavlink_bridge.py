@@ -101,12 +101,12 @@ class MavlinkBridge(Node):
         self.create_subscription(
             PointCloud2, 'points', self._on_points, CLOUDS, qos_overriding_options=OVERRIDABLE
         )
-        news = self.create_guard_condition(self._on_news)
+        self._news = self.create_guard_condition(self._settle)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_CHECK_PERIOD, self._settle, clock=steady)
         self.create_timer(1.0, self._send_heartbeat, clock=steady)
         # Last, for its thread must not be left behind if something above fails.
-        self._link = Link(address, baud, settings, self._now_ns, news.trigger)
+        self._link = Link(address, baud, settings, self._now_ns, self._on_link_poses)
 
     def destroy_node(self) -> None:
         """Close the link first."""
@@ -119,13 +119,17 @@ class MavlinkBridge(Node):
     def _send_heartbeat(self) -> None:
         self._link.send_heartbeat()
 
-    def _on_news(self) -> None:
-        for stamp, pose in self._link.new_poses():
+    def _on_link_poses(self, poses: list[tuple[int, Pose]]) -> None:
+        """Publish, in the link's thread: fifty wake-ups a second of an executor are dear."""
+        for stamp, pose in poses:
+            if not self.context.ok():
+                return
             self._diagnostics.count('poses')
             self._poses.publish(pose_stamped_message(pose, stamp, self._map))
             if self._transforms is not None:
                 self._transforms.publish(pose, self._map, self._base, stamp)
-        self._settle()
+        if self._waiting:
+            self._news.trigger()
 
     def _on_points(self, message: PointCloud2) -> None:
         self._diagnostics.count('clouds')

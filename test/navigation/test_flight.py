@@ -111,7 +111,9 @@ def test_four_seconds_of_it_over_a_socket_in_real_time(flight: Flight) -> None:
         probe.bind(('127.0.0.1', 0))
         address = probe.getsockname()
     news = threading.Event()
-    link = Link(f'udpin:{address[0]}:{address[1]}', 0, Settings(), on_news=news.set)
+    link = Link(
+        f'udpin:{address[0]}:{address[1]}', 0, Settings(), on_poses=lambda poses: news.set()
+    )
     begin = (flight.of('HEARTBEAT')[75][0] - flight.times[0]) / 1e9 - 0.1
     try:
         with FlightPlayer(flight, address, begin, begin + 4) as player:

@@ -27,7 +27,12 @@ class Subject:
 
     def __init__(self, address: str) -> None:
         self._news = threading.Event()
-        self.link = Link(address, 115200, Settings(), on_news=self._news.set)
+        self.poses: list[Any] = []
+        self.link = Link(address, 115200, Settings(), on_poses=self._take)
+
+    def _take(self, poses: list[Any]) -> None:
+        self.poses += [pose for _, pose in poses]
+        self._news.set()
 
     def until(self, condition: Callable[[], Any], timeout: float = 15.0) -> Any:
         end = time.monotonic() + timeout
@@ -159,8 +164,7 @@ def test_a_port_in_use_is_told_and_taken_when_it_is_free(connect) -> None:
 def test_an_autopilot_that_reboots_comes_back_from_another_port(connect) -> None:
     port = free_port()
     subject = connect(f'udpin:{LOCAL}:{port}')
-    with HoveringAutopilot(Wire(udp(), (LOCAL, port))) as first:
-        first._boot -= 3600_000_000_000
+    with HoveringAutopilot(Wire(udp(), (LOCAL, port)), uptime=3600.0):
         subject.until(subject.has_pose)
     with HoveringAutopilot(Wire(udp(), (LOCAL, port)), north=9.0) as second:
         subject.until(lambda: subject.has_pose(9.0))
@@ -179,7 +183,7 @@ def test_of_two_vehicles_on_one_port_only_the_first_is_followed(connect) -> None
                 mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
             }
             subject.until(lambda: subject.link.state().vehicle.foreign > 100)
-            assert {pose.translation[1] for _, pose in subject.link.new_poses()} == {3.0}
+            assert {pose.translation[1] for pose in subject.poses} == {3.0}
             assert subject.has_pose()
             assert other.received == []
 
@@ -201,7 +205,7 @@ def test_hostile_bytes_do_no_harm(connect) -> None:
                 enemy.sendto(data, (LOCAL, port))
         subject.until(lambda: subject.link.state().bad_bytes > 1000)
         subject.until(subject.has_pose)
-    assert {pose.translation[1] for _, pose in subject.link.new_poses()} == {3.0}
+    assert {pose.translation[1] for pose in subject.poses} == {3.0}
 
 
 @pytest.mark.parametrize(

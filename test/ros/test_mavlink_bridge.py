@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import signal
 import socket
+import subprocess
+import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from hovering_autopilot import HoveringAutopilot, Wire
 from numpy.testing import assert_allclose
@@ -16,6 +21,8 @@ from rclpy.clock import Clock
 from sensor_msgs.msg import PointCloud2
 
 from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.files import find, read_yaml
 from ftp_dent_ros.ros.messages import (
     cloud_from_message,
     cloud_to_message,
@@ -23,6 +30,7 @@ from ftp_dent_ros.ros.messages import (
     stamp_to_ns,
 )
 from ftp_dent_ros.ros.qos import CLOUDS, POSES
+from ftp_dent_ros.simulation.world import read_world
 
 # Hovering with the nose north 3 m north, 2 m east and 1 m above the origin.
 BASE = [2.0, 3.0, 1.0]
@@ -118,6 +126,44 @@ def test_a_cloud_comes_back_in_the_map_with_the_pose_at_its_stamp(ros, port, aut
     assert {(m.get_srcSystem(), m.get_srcComponent(), m.type) for m in beats} == {
         (1, 191, mavlink.MAV_TYPE_ONBOARD_CONTROLLER)
     }
+
+
+def test_poses_are_those_of_the_simulated_flight(ros, port, tmp_path) -> None:
+    # Quicker than the shipped one, so that an error of the clock shows.
+    scene = read_yaml(find('scene.yaml'), ConfigurationError)
+    scene['flight'] |= {'speed': 1.0, 'sway': [0.2, 0.1, 0.1], 'wobble': [0.1, 0.1, 0.2]}
+    (tmp_path / 'scene.yaml').write_text(yaml.safe_dump(scene))
+    start = Clock().now().nanoseconds
+    world = read_world(tmp_path / 'scene.yaml', start)
+    bridge = Bridge(ros, port, maximum_clock_error=0.003, pose_timeout=10.0)
+    clouds = ros.collect(PointCloud2, 'tagged/points', CLOUDS)
+    with flying(tmp_path / 'scene.yaml', start, port):
+        ros.until(lambda: bridge.stream)
+        for count in range(1, 11):
+            bridge.publish()
+            ros.until(lambda n=count: len(bridge.poses) == len(clouds) == n)
+    # 3 ms of clock at up to 1.5 m/s and 30 degrees a second, and the interpolation.
+    for tag, cloud in zip(bridge.poses, clouds, strict=True):
+        stamp = stamp_to_ns(tag.header.stamp)
+        error = world.base_pose(stamp).inverse() @ pose_from_message(tag.pose.pose)
+        assert np.linalg.norm(error.translation) < 0.005
+        assert np.degrees(error.rotation.magnitude()) < 0.12
+        seen = world.camera_pose(stamp).apply(np.array([0.2, 0.3, 1.0]))
+        assert_allclose(cloud_from_message(cloud).points[0, 0], seen, atol=0.008)
+
+
+@contextmanager
+def flying(scene: Path, start: int, port: int) -> Iterator[None]:
+    """The simulated autopilot as a process of its own."""
+    options = ['--scene', scene, '--start-ns', start, '--address', f'udpout:127.0.0.1:{port}']
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'ftp_dent_ros.simulation.autopilot', *map(str, options)]
+    )
+    try:
+        yield
+    finally:
+        process.terminate()
+        process.wait(10)
 
 
 def test_what_cannot_be_tagged_is_refused_with_its_reason(ros, port, autopilot) -> None:
