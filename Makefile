@@ -35,9 +35,9 @@ types:
 
 benchmark:
 	@tools/environment test
-	@for script in benchmarks/*.py; do echo "== $$script"; $(VENV)/python $$script || exit; done
+	@for script in $(sort $(wildcard benchmarks/*.py)); do echo "== $$script"; $(VENV)/python $$script || exit; done
 
 clean:
 	rm -rf .venv .venv-ubuntu24.04 build install log out *.egg-info \
 		.pytest_cache .mypy_cache .ruff_cache
-	find ftp_dent_ros test benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

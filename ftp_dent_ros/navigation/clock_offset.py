@@ -28,12 +28,12 @@ _DRIFT_PPM = 200
 # An autopilot reads its clock between two rounds of its scheduler: this much is no step.
 _TOLERANCE = 5 * MILLISECOND
 _MINIMUM_EXCHANGES = 5
-_KEPT_EXCHANGES = 128
+_KEPT_EXCHANGES = 64
 _KEPT_SEGMENTS = 8
 _KEPT_REQUESTS = 64
 _SILENCE = 2 * SECOND
-# Further back than any step or reordering: the autopilot has started anew.
-_REBOOT = 1 * SECOND
+# A larger step: the autopilot has rebooted, or this computer's clock has been set.
+_RESTART = 1 * SECOND
 # Segments that ended longer ago are of no use to any cloud.
 _FORGOTTEN = 60 * SECOND
 # A `time_boot_ms` further back, or ahead, of the present is none of this flight.
@@ -63,10 +63,12 @@ class _Segment:
     begin: int
     exchanges: deque[Exchange] = field(default_factory=lambda: deque(maxlen=_KEPT_EXCHANGES))
     count: int = 0
+    latest: tuple[int, int] = (0, 0)
 
     def add(self, exchange: Exchange) -> None:
         self.exchanges.append(exchange)
         self.count += 1
+        self.latest = self.offset(exchange.received)
 
     @property
     def last(self) -> Exchange:
@@ -86,12 +88,11 @@ class _Segment:
         # Bounds that cross, by less than the tolerance, leave as much doubt as bounds apart.
         return (lower + upper) // 2, abs(upper - lower) // 2
 
-    def contradicts(self, exchange: Exchange) -> bool:
-        """Whether only a step can explain an exchange after those before it."""
+    def contradiction(self, exchange: Exchange) -> int:
+        """By how much, ns, an exchange after these cannot be of the same clocks; 0 if it can."""
         offset, uncertainty = self.offset(exchange.received)
         lower, upper = exchange.sent - exchange.boot, exchange.received - exchange.boot
-        margin = uncertainty + _TOLERANCE
-        return lower > offset + margin or upper < offset - margin
+        return max(0, abs(offset - min(max(offset, lower), upper)) - uncertainty - _TOLERANCE)
 
 
 @dataclass(frozen=True)
@@ -104,7 +105,7 @@ class ClockState:
     round_trip: float | None
     answers: int
     steps: int
-    reboots: int
+    restarts: int
 
 
 class ClockOffset:
@@ -124,7 +125,7 @@ class ClockOffset:
         self._segments: deque[_Segment] = deque(maxlen=_KEPT_SEGMENTS)
         self._open_requests: dict[int, None] = {}
         self._last_request: int | None = None
-        self._answers = self._steps = self._reboots = 0
+        self._answers = self._steps = self._restarts = 0
 
     def request(self, now: int) -> int | None:
         """`ts1` of a request to send now (ROS time in ns), or None while none is due."""
@@ -138,9 +139,15 @@ class ClockOffset:
         return now
 
     def answer(self, tc1: int, ts1: int, now: int) -> bool:
-        """Take a TIMESYNC message of the autopilot's that arrived now; tell if it has rebooted.
+        """Take a TIMESYNC message of the autopilot's that arrived now.
 
         A request (tc1 = 0) and an answer to anybody else's request teach nothing.
+
+        Returns
+        -------
+        bool
+            Whether this shows that the time since boot has started anew: the autopilot has
+            rebooted (or this computer's clock has been set, which looks the same).
         """
         if tc1 <= 0 or ts1 not in self._open_requests:
             return False
@@ -152,19 +159,20 @@ class ClockOffset:
         if exchange.round_trip < 0:
             return False
         self._answers += 1
-        rebooted = bool(self._segments) and tc1 < self._segments[-1].last.boot - _REBOOT
-        if rebooted:
-            self._reboots += 1
+        off = self._segments[-1].contradiction(exchange) if self._segments else 0
+        restarted = off > _RESTART
+        if restarted:
+            self._restarts += 1
             self._segments.clear()
-        while self._segments and abs(now - self._segments[0].end) > _FORGOTTEN:
-            self._segments.popleft()
-        if self._segments and self._segments[-1].contradicts(exchange):
+        elif off:
             self._steps += 1
             self._segments.append(_Segment(now))
         if not self._segments:
             self._segments.append(_Segment(now))
         self._segments[-1].add(exchange)
-        return rebooted
+        while abs(now - self._segments[0].end) > _FORGOTTEN:
+            self._segments.popleft()
+        return restarted
 
     def boot_time(self, stamp: int) -> tuple[int, int]:
         """Autopilot's time since boot at a ROS time, and its uncertainty; nanoseconds.
@@ -207,9 +215,7 @@ class ClockOffset:
         """ROS time of a recent time since boot, both in ns; None until that is known."""
         if not self._segments or not self._is_converged(self._segments[-1]):
             return None
-        newest = self._segments[-1]
-        offset, _ = newest.offset(newest.last.received)
-        return boot + newest.offset(boot + offset)[0]
+        return boot + self._segments[-1].latest[0]
 
     def unwrap(self, time_boot_ms: int, now: int) -> int | None:
         """Time since boot in ns, past the wrap of `time_boot_ms` after 49.7 days.
@@ -226,10 +232,10 @@ class ClockOffset:
     def state(self, now: int) -> ClockState:
         """State at a ROS time."""
         if not self._segments:
-            return ClockState(False, None, None, None, self._answers, self._steps, self._reboots)
+            return ClockState(False, None, None, None, self._answers, self._steps, self._restarts)
         newest = self._segments[-1]
         last = newest.last
-        offset, uncertainty = newest.offset(last.received)
+        offset, uncertainty = newest.latest
         recent = [exchange.round_trip for exchange in list(newest.exchanges)[-20:]]
         return ClockState(
             self._is_converged(newest) and now - last.received < _SILENCE,
@@ -238,12 +244,11 @@ class ClockOffset:
             statistics.median(recent) / SECOND,
             self._answers,
             self._steps,
-            self._reboots,
+            self._restarts,
         )
 
     def _is_converged(self, segment: _Segment) -> bool:
-        uncertainty = segment.offset(segment.last.received)[1]
-        return segment.count >= _MINIMUM_EXCHANGES and uncertainty <= self._maximum_error
+        return segment.count >= _MINIMUM_EXCHANGES and segment.latest[1] <= self._maximum_error
 
     def _boot_now(self, now: int) -> int:
         last = self._segments[-1].last

@@ -76,18 +76,22 @@ class Estimator:
             )
         if not self._reports:
             return  # This autopilot reports none.
-        before = [report for report in self._reports if report[0] <= stamp]
-        after = [report for report in self._reports if report[0] > stamp]
-        if not before or not before[-1][1] or (after and not after[0][1]):
+        before = after = None
+        for report in reversed(self._reports):
+            if report[0] <= stamp:
+                before = report
+                break
+            after = report
+        if before is None or not before[1] or (after is not None and not after[1]):
             raise PoseError(
                 "the autopilot's estimator was not ready at that time", 'estimator not ready'
             )
-        if not after:
+        if after is None:
             raise PoseAwaitedError(
                 "no report of the estimator's state has come since the stamp",
                 'estimator report awaited',
             )
-        if after[0][0] - before[-1][0] > _SILENCE:
+        if after[0] - before[0] > _SILENCE:
             raise PoseError(
                 "the autopilot did not report its estimator's state around that time",
                 'estimator not reported',

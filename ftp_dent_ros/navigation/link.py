@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import contextlib
-import select
+import selectors
 import socket
 import struct
 import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from ftp_dent_ros.errors import LinkError
 from ftp_dent_ros.navigation.transport import Peer, Transport, check_address, open_transport
-from ftp_dent_ros.navigation.vehicle import Instant, Settings, Vehicle, VehicleState
+from ftp_dent_ros.navigation.vehicle import Vehicle
+from ftp_dent_ros.navigation.vehicle_state import Instant, Settings, VehicleState
 from ftp_dent_ros.pose import Pose
 
 _TICK = 0.05
@@ -64,7 +66,7 @@ class Link:
     ros_time : callable
         ROS time in nanoseconds.
     on_news : callable, optional
-        Called in the link's thread after messages of the vehicle have come.
+        Called in the link's thread when there are new poses.
 
     Raises
     ------
@@ -93,7 +95,7 @@ class Link:
         self._bad_bytes = self._opened = 0
         self._closing = threading.Event()
         self._waker, self._wakened = socket.socketpair()
-        self._thread = threading.Thread(target=self._run, name='mavlink')
+        self._thread = threading.Thread(target=self._run, name='mavlink', daemon=True)
         self._thread.start()
 
     def close(self) -> None:
@@ -145,60 +147,67 @@ class Link:
     def _run(self) -> None:
         wait = _SHORTEST_WAIT
         while not self._closing.is_set():
-            try:
-                transport = open_transport(self._address, self._baud)
-                wait = _SHORTEST_WAIT
-                with self._opened_as(transport):
-                    self._serve(transport)
-            except LinkError as error:
-                self._fault = str(error)
-                self._closing.wait(wait)
-                wait = min(2 * wait, _LONGEST_WAIT)
+            opened = self._opened
+            self._fault = self._open_and_serve()
+            wait = _SHORTEST_WAIT if self._opened > opened else min(2 * wait, _LONGEST_WAIT)
+            self._closing.wait(wait)
 
-    @contextlib.contextmanager
-    def _opened_as(self, transport: Transport):
-        with self._lock:
-            self._transport, self._peer, self._fault = transport, None, ''
-            self._parser = _new_parser()
-            self._opened += 1
+    def _open_and_serve(self) -> str:
+        """Serve one connection until it breaks; tell why it did."""
         try:
-            yield
-        finally:
-            with self._lock:
-                self._transport = None
-            transport.close()
+            with contextlib.closing(open_transport(self._address, self._baud)) as transport:
+                self._use(transport)
+                try:
+                    self._serve(transport)
+                finally:
+                    self._use(None)
+        except LinkError as error:
+            return str(error)
+        except Exception as error:
+            # The thread outlives a defect, for without it no cloud is tagged any more.
+            return f'a defect of the software ({type(error).__name__}: {error}): report it'
+        return 'closed'
+
+    def _use(self, transport: Transport | None) -> None:
+        with self._lock:
+            self._transport, self._peer, self._parser = transport, None, _new_parser()
+            if transport is not None:
+                self._fault = ''
+                self._opened += 1
 
     def _serve(self, transport: Transport) -> None:
         heard = time.monotonic()
-        while not self._closing.is_set():
-            readable, _, _ = select.select([transport, self._wakened], [], [], _TICK)
-            if transport in readable and self._receive(transport):
-                heard = time.monotonic()
-            if not transport.is_datagram and time.monotonic() - heard > _SILENCE:
-                raise LinkError(f'nothing has come for {_SILENCE:.0f} s: connecting again')
-            with self._lock:
-                for message in self._vehicle.requests(self._now()):
-                    self._send(message)
+        with selectors.DefaultSelector() as selector:
+            selector.register(transport, selectors.EVENT_READ)
+            selector.register(self._wakened, selectors.EVENT_READ)
+            while not self._closing.is_set():
+                if selector.select(_TICK) and self._receive(transport):
+                    heard = time.monotonic()
+                if not transport.is_datagram and time.monotonic() - heard > _SILENCE:
+                    raise LinkError(f'nothing has come for {_SILENCE:.0f} s: connecting again')
+                with self._lock:
+                    for message in self._vehicle.requests(self._now()):
+                        self._send(message)
 
     def _receive(self, transport: Transport) -> bool:
         """Take what has come; tell whether it was anything."""
-        has_news = False
-        for count in range(_MOST_AT_ONCE):
+        has_come = False
+        for _ in range(_MOST_AT_ONCE):
             data, peer = transport.receive()
             if not data:
                 break
+            has_come = True
             now = self._now()
             with self._lock:
                 for message in self._parsed(data, transport.is_datagram):
                     if self._vehicle.receive(message, now):
                         # Answers go where the believed vehicle is, after a reboot elsewhere.
                         self._peer = peer
-                        has_news = True
-        if has_news:
+        if self._vehicle.has_new_poses:
             self._on_news()
-        return count > 0 or bool(data)
+        return has_come
 
-    def _parsed(self, data: bytes, is_whole: bool) -> list[mavlink.MAVLink_message]:
+    def _parsed(self, data: bytes, is_whole: bool) -> list[Any]:
         if is_whole:
             # What one sender cut short must not swallow the next one's message.
             self._parser = _new_parser()
@@ -212,7 +221,7 @@ class Link:
         self._bad_bytes += len(parsed) - len(messages)
         return messages
 
-    def _send(self, message: mavlink.MAVLink_message) -> None:
+    def _send(self, message: Any) -> None:
         if self._transport is None:
             return
         self._sender.srcSystem = self._vehicle.system_id

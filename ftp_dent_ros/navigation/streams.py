@@ -113,6 +113,10 @@ class Streams:
         """Measured rate of each message, Hz."""
         return {name: stream.measured(now) for name, stream in self._streams.items()}
 
+    def asked(self) -> dict[str, float]:
+        """Rate that each required message was asked for at, Hz."""
+        return {name: s.rate for name, s in self._streams.items() if s.required}
+
     def denied(self) -> list[str]:
         """Names of the required messages that the autopilot denies."""
         return [s.name for s in self._streams.values() if s.denied and s.required]

@@ -142,7 +142,7 @@ class _Udp(Transport):
 class _Tcp(Transport):
     def __init__(self, host: str, port: int) -> None:
         self._socket = socket.create_connection((host, port), timeout=_CONNECT_TIMEOUT)
-        self._socket.settimeout(_SEND_TIMEOUT)
+        self._socket.setblocking(False)
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def fileno(self) -> int:
@@ -150,7 +150,7 @@ class _Tcp(Transport):
 
     def receive(self) -> tuple[bytes, Peer]:
         try:
-            data = self._socket.recv(_LARGEST, socket.MSG_DONTWAIT)
+            data = self._socket.recv(_LARGEST)
         except BlockingIOError:
             return b'', None
         except OSError as reason:
@@ -161,6 +161,7 @@ class _Tcp(Transport):
 
     def send(self, data: bytes, peer: Peer) -> None:
         try:
+            # A full queue is seconds of messages that nobody has read: as good as broken.
             self._socket.sendall(data)
         except OSError as reason:
             raise LinkError(f'the connection broke ({reason})') from None

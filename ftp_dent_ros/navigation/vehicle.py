@@ -7,91 +7,26 @@ thread and no clock in here, so that a flight can be replayed through it faster 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from ftp_dent_ros.errors import PoseAwaitedError
+from ftp_dent_ros.errors import PoseAwaitedError, PoseError
 from ftp_dent_ros.navigation import estimator, frames
-from ftp_dent_ros.navigation.clock_offset import ClockOffset, ClockState
+from ftp_dent_ros.navigation.clock_offset import ClockOffset
 from ftp_dent_ros.navigation.estimator import Estimator
 from ftp_dent_ros.navigation.pose_history import PoseHistory
 from ftp_dent_ros.navigation.streams import Stream, Streams
+from ftp_dent_ros.navigation.vehicle_state import SILENCE, Instant, Settings, VehicleState
 from ftp_dent_ros.pose import Pose
 
-Message = mavlink.MAVLink_message
+# pymavlink makes its messages' fields at run time: no type checker knows them.
+Message = Any
 
-_SILENCE = 2.0
 _ESTIMATOR_RATE = 5.0
-
-
-@dataclass(frozen=True)
-class Instant:
-    """One moment on both clocks: ROS time in nanoseconds, steady time in seconds."""
-
-    ros: int
-    steady: float
-
-
-@dataclass(frozen=True)
-class Settings:
-    """Whom to believe and what to ask for.
-
-    Attributes
-    ----------
-    system_id : int
-        MAVLink system to believe; 0 is that of the first autopilot heard.
-    component_id : int
-        Component to believe in it.
-    rate : float
-        Rate of attitude and position, Hz.
-    maximum_gap : float
-        Longest time between two samples that is interpolated across, seconds.
-    maximum_clock_error : float
-        Largest uncertainty of the autopilot's clock at which poses are given, seconds.
-    """
-
-    system_id: int = 0
-    component_id: int = mavlink.MAV_COMP_ID_AUTOPILOT1
-    rate: float = 50.0
-    maximum_gap: float = 0.15
-    maximum_clock_error: float = 0.01
-
-
-@dataclass(frozen=True)
-class VehicleState:
-    """State for those who watch; counts are since the start, times in seconds, rates in Hz.
-
-    Attributes
-    ----------
-    silence : float or None
-        Time since the autopilot was last heard.
-    utc_error : float or None
-        How far this computer's clock is ahead of the autopilot's UTC (of GPS), if it has one.
-    foreign, malformed, lost : int
-        Messages of others; of the autopilot's own with impossible contents; that never came.
-    resets : int
-        Jumps of the estimator.
-    """
-
-    identity: tuple[int, int] | None
-    autopilot: str
-    silence: float | None
-    estimator: str
-    clock: ClockState
-    utc_error: float | None
-    rates: dict[str, float]
-    denied: list[str]
-    messages: int
-    foreign: int
-    malformed: int
-    lost: int
-    resets: int
-
-    @property
-    def is_alive(self) -> bool:
-        """Whether the autopilot has been heard of late."""
-        return self.silence is not None and self.silence < _SILENCE
+# Poses are kept for as long; seconds.
+_LONGEST_AGE = 10.0
+_LONGEST_LEAD = 1.0
 
 
 class Vehicle:
@@ -102,7 +37,7 @@ class Vehicle:
         self._identity: tuple[int, int] | None = None
         self._autopilot = mavlink.MAV_AUTOPILOT_INVALID
         self._clock = ClockOffset(maximum_error=settings.maximum_clock_error)
-        self._history = PoseHistory(maximum_gap=settings.maximum_gap)
+        self._history = PoseHistory(_LONGEST_AGE, settings.maximum_gap)
         self._estimator = Estimator()
         self._streams = Streams([])
         self._heard: float | None = None
@@ -180,6 +115,13 @@ class Vehicle:
         PoseError
             There is no trustworthy pose at that time, and will be none.
         """
+        age = (at.ros - stamp) / 1e9
+        if age > _LONGEST_AGE:
+            raise PoseError(f'the stamp is {age:.1f} s old', 'too old')
+        if age < -_LONGEST_LEAD:
+            raise PoseError(
+                f"the stamp is {-age:.1f} s ahead of this computer's clock", 'stamp in the future'
+            )
         if self._identity is None:
             raise PoseAwaitedError('no autopilot has been heard on the link', 'no autopilot')
         try:
@@ -188,11 +130,16 @@ class Vehicle:
             return self._history.at(boot)
         except PoseAwaitedError as error:
             silence = at.steady - (self._heard or 0.0)
-            if silence < _SILENCE:
+            if silence < SILENCE:
                 raise
             raise PoseAwaitedError(
                 f'the autopilot has been silent for {silence:.1f} s ({error})', 'link lost'
             ) from None
+
+    @property
+    def has_new_poses(self) -> bool:
+        """Whether `new_poses` would look at anything."""
+        return bool(self._history.stamps_since(self._streamed))
 
     def new_poses(self, at: Instant) -> list[tuple[int, Pose]]:
         """Poses that have become known since the last call, with their ROS times in ns.
@@ -226,6 +173,7 @@ class Vehicle:
             estimator=self._estimator.state(at.ros),
             clock=clock,
             utc_error=utc_error,
+            asked=self._streams.asked(),
             rates=self._streams.rates(at.steady),
             denied=self._streams.denied(),
             messages=self._messages,

@@ -16,7 +16,7 @@ from ftp_dent_ros.profilometry.carrier import Carrier
 # Peak to trough, grey levels: twice the least modulation that gives a phase worth having.
 _LEAST_CONTRAST = 8.0
 # A fringe reaches from this share of its contrast on one flank to the same on the other.
-_FLANK = 0.25
+_FLANK = 0.35
 # A shorter run of fringes than this, in periods, fills no pass band of half the carrier.
 _SHORTEST_RUN = 2.0
 _SMALLEST_SHARE = 0.002
@@ -47,15 +47,15 @@ def lit_region(red: NDArray[np.float32], carrier: Carrier) -> NDArray[np.bool_]:
     """
     width = 2 * math.ceil(carrier.period / 2) + 1
     smooth = cv2.blur(red, (1, 3))
-    peak = cv2.dilate(smooth, np.ones((1, width), np.uint8))
-    trough = cv2.erode(smooth, np.ones((1, width), np.uint8))
+    peak = cv2.dilate(smooth, np.ones((5, width), np.uint8))
+    trough = cv2.erode(smooth, np.ones((5, width), np.uint8))
     contrast = peak - trough
     bright = (contrast > _LEAST_CONTRAST) & (smooth > trough + _FLANK * contrast)
     closed = cv2.morphologyEx(
         bright.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((1, width), np.uint8)
     )
     # One pixel less on each side: the outermost is only half covered by the surface.
-    trimmed = cv2.erode(closed, np.ones((1, 3), np.uint8))
+    trimmed = cv2.erode(closed, np.ones((3, 3), np.uint8))
     shortest = math.ceil(_SHORTEST_RUN * carrier.period)
     region = cv2.morphologyEx(trimmed, cv2.MORPH_OPEN, np.ones((1, shortest), np.uint8)) > 0
     if region.mean() < _SMALLEST_SHARE:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import threading
 from collections.abc import Sequence
@@ -54,7 +55,12 @@ class ProcessLog:
         with self._lock:
             if name in self._files:
                 print(line, file=self._files[name], flush=True)
-            print(label, line, file=self._terminal, flush=True)
+            try:
+                print(label, line, file=self._terminal, flush=True)
+            except OSError:
+                # Whoever read it has gone; the programs go on, and so do the files.
+                with open(os.devnull, 'w') as nowhere:
+                    os.dup2(nowhere.fileno(), self._terminal.fileno())
 
     def say(self, line: str) -> None:
         """Print a line of our own."""

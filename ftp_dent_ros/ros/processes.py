@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import ctypes
 import os
+import shutil
 import signal
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -14,7 +13,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from types import TracebackType
 
-PR_SET_PDEATHSIG = 1  # linux/prctl.h
+# Of util-linux; it replaces itself by the program. (A preexec_fn is not safe beside threads.)
+_ENDS_WITH_US = ('setpriv', '--pdeathsig', 'TERM', '--') if shutil.which('setpriv') else ()
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,8 @@ class Ended:
 
     def __str__(self) -> str:
         if self.status < 0:
-            return f'{self.program.name} was killed by {signal.Signals(-self.status).name}'
+            names = {each.value: each.name for each in signal.Signals}
+            return f'{self.program.name} was killed by {names.get(-self.status, -self.status)}'
         return f'{self.program.name} ended with status {self.status}'
 
 
@@ -43,8 +44,9 @@ class Processes:
     """Running programs, each in a process group of its own, so that Ctrl-C reaches us alone.
 
     Leaving the ``with`` block stops all. If this process dies in whatever way, the kernel sends
-    SIGTERM to the others (Linux): they end cleanly and give their shared memory back. It watches
-    the thread that started them, so start programs from one that lives as long as they should.
+    SIGTERM to the others (where setpriv is: any usual Linux), so that they end cleanly and give
+    their shared memory back. It watches the thread that started them: start programs from one
+    that lives as long as they should.
 
     Parameters
     ----------
@@ -76,13 +78,12 @@ class Processes:
         if program.name in self._running:
             raise ValueError(f'{program.name} runs already')
         process = subprocess.Popen(
-            program.command,
+            (*_ENDS_WITH_US, *program.command),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             env={**os.environ, **self._environment},
             start_new_session=True,
-            preexec_fn=_end_with_this_process(),
             text=True,
             errors='replace',
         )
@@ -170,17 +171,3 @@ class _Running:
         self.reader.join(1.0)
         if self.process.stdout is not None and not self.reader.is_alive():
             self.process.stdout.close()
-
-
-def _end_with_this_process() -> Callable[[], None] | None:
-    """What a new process does first, so that it does not outlive this one."""
-    if not sys.platform.startswith('linux'):
-        return None
-    prctl, parent = ctypes.CDLL(None).prctl, os.getpid()
-
-    def prepare() -> None:
-        prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
-        if os.getppid() != parent:
-            os._exit(1)
-
-    return prepare

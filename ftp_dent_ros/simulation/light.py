@@ -52,31 +52,34 @@ class Light:
         self._field = np.zeros((*light.shape[:2], 4), np.uint16)
         self._field[..., :3] = np.rint(light)
 
-    def column_index(self, u: NDArray) -> Image:
-        """Index along the field's rows of projector columns `u`."""
-        return (_FINE * u + (_FINE * (self._border + 0.5) - 0.5)).astype(np.float32)
+    def index(self, u: NDArray, v: NDArray) -> Image:
+        """Index (column, row) into the field of projector pixels of one shape, shape (2, ...)."""
+        column = np.multiply(u, _FINE, dtype=float)
+        column += _FINE * (self._border + 0.5) - 0.5
+        return np.array([column, v + self._border], np.float32)
 
-    def row_index(self, v: NDArray) -> Image:
-        """Index along the field's columns of projector rows `v`."""
-        return (v + self._border).astype(np.float32)
+    def index_change(self, drift: NDArray) -> Image:
+        """Change of an index with a change of projector pixels, both of shape (2, ...)."""
+        scale = np.array([_FINE, 1], np.float32)
+        return drift * scale.reshape(2, *(1,) * (drift.ndim - 1))
 
-    def add_image(self, total: Image, column: Image, row: Image) -> None:
-        """Add the light at indices of shape (h, w) to `total`, shape (h, w, 4), unscaled."""
+    def add(self, total: Image, column: Image, row: Image) -> None:
+        """Add the light at indices of shape (h, w) to a sum of shape (h, w, 4)."""
         cv2.accumulate(self._sample(column, row), total)
 
-    def scaled(self, total: Image, count: int) -> Image:
-        """Mean of `count` sums of `add_image` as light, 0 to 1, shape (h, w, 3)."""
-        return total[..., :3] * np.float32(1 / (_FULL * count))
+    def mean(self, total: Image, count: int) -> Image:
+        """Mean of the `count` images of light, 0 to 1, that were added, shape (3, h, w)."""
+        scale = np.float32(1 / (_FULL * count))
+        return np.stack([total[..., channel] * scale for channel in range(3)])
 
     def at(self, u: NDArray, v: NDArray) -> Image:
-        """Light, 0 to 1, at a list of projector positions of shape (n,), shape (n, 3)."""
+        """Light, 0 to 1, at a list of projector pixels of shape (n,), shape (3, n)."""
         rows = -(-len(u) // _COLUMNS)
         index = np.full((2, rows * _COLUMNS), -1.0, np.float32)
-        index[0, : len(u)] = self.column_index(u)
-        index[1, : len(u)] = self.row_index(v)
+        index[:, : len(u)] = self.index(u, v)
         column, row = index.reshape(2, rows, _COLUMNS)
-        light = self._sample(column, row).reshape(-1, 4)
-        return light[: len(u), :3] * np.float32(1 / _FULL)
+        light = self._sample(column, row).reshape(-1, 4)[: len(u), :3]
+        return light.T * np.float32(1 / _FULL)
 
     def _sample(self, column: NDArray, row: NDArray) -> Image:
         return cv2.remap(self._field, column, row, cv2.INTER_LINEAR, borderValue=0)

@@ -1,10 +1,13 @@
 """Photographs of a surface in the projector's light, by physics alone.
 
 The renderer knows of the reconstruction only what a rig is. Each pixel gathers light at points
-spread over its area and over the exposure's time.
+spread over its area and over the exposure: a few where what it sees is smooth, more elsewhere.
 """
 
 from __future__ import annotations
+
+import math
+from typing import Any
 
 import cv2
 import numpy as np
@@ -13,13 +16,15 @@ from numpy.typing import NDArray
 from ftp_dent_ros.errors import ImageError
 from ftp_dent_ros.rig import Rig
 from ftp_dent_ros.simulation.light import Light
+from ftp_dent_ros.simulation.motion import Motion
 from ftp_dent_ros.simulation.photometry import Photometry
 from ftp_dent_ros.simulation.sensor import expose, speckle
 from ftp_dent_ros.simulation.surface import Surface
-from ftp_dent_ros.simulation.tracing import Motion, look, tones
+from ftp_dent_ros.simulation.tracing import View, albedo_table, look
 from ftp_dent_ros.simulation.view import (
     broken_pixels,
     image_sweep,
+    light_drift,
     pixel_grid,
     see,
     visible_part,
@@ -29,7 +34,10 @@ from ftp_dent_ros.simulation.view import (
 # and in the sums of them along which moving fringes run.
 _LATTICE = (1, 19, 53)
 
-Image = NDArray[np.float32]
+# Longest way of the image, pixels, over which one set of points integrates a moving fringe.
+_INTERVAL = 2.0
+
+Image = NDArray[Any]
 
 
 class Renderer:
@@ -62,6 +70,7 @@ class Renderer:
         self.rig = rig
         self.photometry = photometry or Photometry()
         self._light = Light(projected, self.photometry)
+        self._points = _lattice(self.photometry.samples)
 
     def render(
         self,
@@ -86,60 +95,72 @@ class Renderer:
             RGB.
         """
         rng = rng or np.random.default_rng(0)
-        lit, ambient = self._gather(surface, rng, motion or Motion())
+        lit, albedo = self._gather(surface, rng, motion or Motion())
         if self.photometry.speckle_contrast:
             lit *= speckle(lit.shape, self.photometry, rng)
-        signal = lit + self.photometry.ambient * ambient
-        signal *= self.photometry.exposure
-        if self.photometry.shading:
-            signal *= pixel_grid(self.rig.camera).vignette[..., None]
-        return expose(signal, self.photometry, rng)
+        albedo *= self.photometry.ambient
+        lit += albedo
+        gain = np.float32(self.photometry.exposure)
+        lit *= gain * pixel_grid(self.rig.camera).vignette if self.photometry.shading else gain
+        return expose(lit, self.photometry, rng)
 
     def _gather(
         self, surface: Surface, rng: np.random.Generator, motion: Motion
     ) -> tuple[Image, Image]:
-        """Projected light off the skin, and the skin's albedo, each (height, width, 3)."""
-        light, grid = self._light, pixel_grid(self.rig.camera)
+        """Projected light off the skin, and the skin's albedo, each (3, height, width)."""
         surface = visible_part(self.rig, surface)
-        albedo = tones(surface)
-        view = see(self.rig, surface, self.photometry, motion)
-        jitter = np.zeros(grid.shape)
+        view = see(self.rig, surface, self.photometry)
         if self.photometry.phase_noise_px:
-            jitter = rng.normal(0, self.photometry.phase_noise_px, grid.shape)
-        position = np.stack([light.column_index(view.u + jitter), light.row_index(view.v)])
+            view.u += rng.normal(0, self.photometry.phase_noise_px, view.u.shape)
+        sweep = image_sweep(self.rig, surface, motion)
+        lit = self._smooth_light(surface, view, motion, sweep)
+        albedo: Image = np.stack([cv2.LUT(view.tone, tone) for tone in albedo_table(surface)])
+        for channel, tone in zip(lit, albedo, strict=True):
+            channel *= tone * view.diffuse + view.specular
+        for pixels in broken_pixels(self.rig, surface, view, sweep):
+            at = (slice(None), *np.divmod(pixels, view.u.shape[1]))
+            lit[at], albedo[at] = self._fine_light(surface, motion, pixels, rng)
+        return lit, albedo
+
+    def _smooth_light(self, surface: Surface, view: View, motion: Motion, sweep: float) -> Image:
+        """Mean light that falls on what each pixel sees, (3, height, width).
+
+        What is seen changes evenly over a pixel's area and over the exposure, during which the
+        image moves by `sweep` pixels.
+        """
+        light = self._light
+        position = light.index(view.u, view.v)
         slopes = [np.gradient(position, axis=2), np.gradient(position, axis=1)]
         if motion:
-            # What is odd in time cancels over the exposure, so that one more moment will do.
-            later = see(self.rig, surface, self.photometry, motion, 0.5)
-            moved = [light.column_index(later.u + jitter), light.row_index(later.v)]
-            slopes.append(2 * (np.stack(moved) - position))
-        points = _lattice(self.photometry.samples)
-        total = np.zeros((*grid.shape, 4), np.float32)
+            slopes.append(light.index_change(light_drift(self.rig, surface, view, motion)))
+        points = _cubature(len(slopes), math.ceil(sweep / _INTERVAL))
+        total = np.zeros((*view.u.shape, 4), np.float32)
         for point in points:
             column, row = position
-            for weight, slope in zip(point, slopes, strict=False):
-                column = cv2.scaleAdd(slope[0], weight, column)
-                row = cv2.scaleAdd(slope[1], weight, row)
-            light.add_image(total, column, row)
-        tone = albedo[view.tone]
-        factor = tone * view.diffuse[..., None].astype(np.float32)
-        if view.specular.any():
-            factor += view.specular[..., None].astype(np.float32)
-        lit = light.scaled(total, len(points)) * factor
+            for axis in np.flatnonzero(point):
+                column = cv2.scaleAdd(slopes[axis][0], point[axis], column)
+                row = cv2.scaleAdd(slopes[axis][1], point[axis], row)
+            light.add(total, column, row)
+        return light.mean(total, len(points))
 
-        sweep = image_sweep(self.rig, surface, motion)
-        for pixels in broken_pixels(self.rig, surface, view, sweep):
-            rays = grid.rays_within(pixels, points[:, 0], points[:, 1]).reshape(-1, 3)
-            moments = np.tile(points[:, 2], len(pixels))
-            fine = look(self.rig, surface, rays, self.photometry, motion, moments)
-            fine.u += np.repeat(jitter.ravel()[pixels], len(points))
-            skin = albedo[fine.tone]
-            glow = light.at(fine.u, fine.v)
-            glow *= skin * fine.diffuse[:, None] + fine.specular[:, None]
-            at = np.divmod(pixels, grid.shape[1])
-            lit[at] = glow.reshape(len(pixels), -1, 3).mean(axis=1)
-            tone[at] = skin.reshape(len(pixels), -1, 3).mean(axis=1)
-        return lit, tone
+    def _fine_light(
+        self,
+        surface: Surface,
+        motion: Motion,
+        pixels: NDArray[np.intp],
+        rng: np.random.Generator,
+    ) -> tuple[Image, Image]:
+        """Projected light off the skin and its albedo at pixels of shape (n,), each (3, n)."""
+        along_u, along_v, moments = self._points.T
+        directions = pixel_grid(self.rig.camera).rays_within(pixels, along_u, along_v)
+        fine = look(self.rig, surface, motion.rays(directions, moments), self.photometry)
+        shape = len(pixels), len(moments)
+        if self.photometry.phase_noise_px:
+            noise = rng.normal(0, self.photometry.phase_noise_px, len(pixels))
+            fine.u += np.broadcast_to(noise[:, None], shape).ravel()
+        albedo = albedo_table(surface)[:, fine.tone]
+        light = self._light.at(fine.u, fine.v) * (albedo * fine.diffuse + fine.specular)
+        return light.reshape(3, *shape).mean(axis=2), albedo.reshape(3, *shape).mean(axis=2)
 
 
 def render(
@@ -152,6 +173,20 @@ def render(
 ) -> NDArray[np.uint8]:
     """Photograph a surface once: see `Renderer`, which is quicker for more of them."""
     return Renderer(rig, projected, photometry).render(surface, rng, motion)
+
+
+def _cubature(dimensions: int, intervals: int) -> NDArray[np.float64]:
+    """Points (column, row[, time]) from -1/2 to 1/2 whose mean integrates cubic polynomials.
+
+    On each axis two points, so far out that the variance is right; time in a few intervals.
+    """
+    star = math.sqrt(dimensions / 12) * np.vstack([np.eye(dimensions), -np.eye(dimensions)])
+    if dimensions < 3:
+        return star
+    star[:, 2] /= intervals
+    centres = np.zeros((intervals, 1, 3))
+    centres[:, 0, 2] = (np.arange(intervals) + 0.5) / intervals - 0.5
+    return (centres + star).reshape(-1, 3)
 
 
 def _lattice(count: int) -> NDArray[np.float64]:

@@ -8,12 +8,15 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ive
+from scipy.special import ive, ndtri
 
 from ftp_dent_ros.simulation.photometry import Photometry
 
 # float32, for which OpenCV's annotations are too wide.
 Image = NDArray[Any]
+
+# Normal deviates by their rank: three times quicker than drawing them from a generator.
+_NORMAL = ndtri((np.arange(65536) + 0.5) / 65536).astype(np.float32)
 
 
 def blur(image: Image, sigma: float) -> Image:
@@ -24,18 +27,19 @@ def blur(image: Image, sigma: float) -> Image:
     """
     if sigma == 0:
         return image
-    reach = math.ceil(4 * sigma) + 1
+    reach = math.ceil(4 * sigma)
     kernel = ive(np.arange(-reach, reach + 1), sigma * sigma)
     kernel /= kernel.sum()
     return cv2.sepFilter2D(image, -1, kernel, kernel, borderType=cv2.BORDER_REPLICATE)
 
 
 def speckle(shape: tuple[int, ...], photometry: Photometry, rng: np.random.Generator) -> Image:
-    """Factor of mean 1 on a laser's light, log-normal and correlated between pixels.
+    """Factor of mean 1 on a laser's light, shape (3, height, width), correlated in each colour.
 
     The log-normal of small contrast is close to the gamma distribution of averaged speckle.
     """
-    grains = blur(rng.standard_normal(shape, np.float32), photometry.speckle_size_px)
+    white = rng.standard_normal(shape, np.float32)
+    grains = np.stack([blur(channel, photometry.speckle_size_px) for channel in white])
     grains /= grains.std()
     sigma2 = math.log1p(photometry.speckle_contrast**2)
     return np.exp(math.sqrt(sigma2) * grains - sigma2 / 2)
@@ -46,8 +50,8 @@ def expose(signal: Image, photometry: Photometry, rng: np.random.Generator) -> N
 
     Parameters
     ----------
-    signal : ndarray, shape (height, width, 3), float32
-        1 saturates.
+    signal : ndarray, shape (3, height, width), float32
+        Red, green and blue; 1 saturates.
     photometry : Photometry
     rng : numpy.random.Generator
 
@@ -56,16 +60,7 @@ def expose(signal: Image, photometry: Photometry, rng: np.random.Generator) -> N
     ndarray, shape (height, width, 3), uint8
         RGB.
     """
-    level = blur(255 * signal, photometry.psf_px)
-    deviation = level * np.float32(255 / photometry.full_well)
-    deviation += np.float32(photometry.read_noise**2)
-    np.sqrt(deviation, out=deviation)
-    deviation *= rng.standard_normal(level.shape, np.float32)
-    level += deviation
-    np.clip(level, 0, 255, out=level)
-    if photometry.camera_gamma != 1:
-        level = 255 * (level / 255) ** (1 / photometry.camera_gamma)
-    image = np.rint(level, out=level).astype(np.uint8)
+    image = np.stack([_digitised(channel, photometry, rng) for channel in signal], axis=-1)
     if photometry.bayer:
         image = _through_colour_filter(image)
     if photometry.jpeg_quality:
@@ -73,12 +68,28 @@ def expose(signal: Image, photometry: Photometry, rng: np.random.Generator) -> N
     return image
 
 
+def _digitised(
+    signal: Image, photometry: Photometry, rng: np.random.Generator
+) -> NDArray[np.uint8]:
+    """Grey levels of one colour, shape (height, width)."""
+    level = 255 * blur(signal, photometry.psf_px)
+    deviation = level * np.float32(255 / photometry.full_well)
+    deviation += np.float32(photometry.read_noise**2)
+    np.sqrt(deviation, out=deviation)
+    deviation *= _NORMAL[rng.integers(0, len(_NORMAL), level.shape, np.uint16)]
+    level += deviation
+    np.clip(level, 0, 255, out=level)
+    if photometry.camera_gamma != 1:
+        level = 255 * (level / 255) ** (1 / photometry.camera_gamma)
+    return np.rint(level, out=level).astype(np.uint8)
+
+
 def _through_colour_filter(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     mosaic = image[..., 1].copy()
     mosaic[::2, ::2] = image[::2, ::2, 0]
     mosaic[1::2, 1::2] = image[1::2, 1::2, 2]
     # OpenCV names a pattern by the second row's second and third pixel: BG is RGGB.
-    return cv2.cvtColor(mosaic, cv2.COLOR_BayerBG2RGB)
+    return np.asarray(cv2.cvtColor(mosaic, cv2.COLOR_BayerBG2RGB), np.uint8)
 
 
 def _through_jpeg(image: NDArray, quality: int) -> NDArray[np.uint8]:

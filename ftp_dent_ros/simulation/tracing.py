@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.rig import Lens, Rig
+from ftp_dent_ros.simulation.motion import Rays
 from ftp_dent_ros.simulation.paint import dot
 from ftp_dent_ros.simulation.panel import Panel
 from ftp_dent_ros.simulation.photometry import Photometry
@@ -19,48 +20,12 @@ from ftp_dent_ros.simulation.surface import Surface
 _FIELD = 1.2
 # A shadow's caster is at least this much nearer to the projector, as a part of the distance.
 _CLEAR = 1e-5
+# The tone of what is no panel.
+NOTHING = 255
 # A projector pixel far outside any image.
 _NOWHERE = -1000.0
 
 Field = NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """How the surface moves in the camera's frame during the exposure, at constant rates.
-
-    Attributes
-    ----------
-    rotation : ndarray, shape (3,)
-        Rotation vector from the exposure's begin to its end, radians.
-    translation : ndarray, shape (3,)
-        Metres.
-    """
-
-    rotation: Field = field(default_factory=lambda: np.zeros(3))
-    translation: Field = field(default_factory=lambda: np.zeros(3))
-
-    def __bool__(self) -> bool:
-        return bool(self.rotation.any() or self.translation.any())
-
-    def undone(self, rays: Field, moment: float | Field) -> tuple[Field, Field]:
-        """Origin and rays that see the surface in mid-exposure as `rays` do at a moment.
-
-        Parameters
-        ----------
-        rays : ndarray, shape (n, 3)
-        moment : float or ndarray, shape (n,)
-            -1/2 at the exposure's begin, 1/2 at its end.
-
-        Returns
-        -------
-        origin, rays : ndarray, shape (3,) or (n, 3), and (n, 3)
-        """
-        if not self:
-            return np.zeros(3), rays
-        back = -np.multiply.outer(moment, self.rotation)
-        turn = Rotation.from_rotvec(back)
-        return -turn.apply(np.multiply.outer(moment, self.translation)), turn.apply(rays)
 
 
 class Sight(NamedTuple):
@@ -83,8 +48,9 @@ class View:
     ----------
     u, v, diffuse, specular : ndarray
         As in `Sight`; the latter two are 0 where nothing is lit.
-    tone : ndarray of int
-        Row of `tones` that holds the albedo; -1, the last one, where there is nothing.
+    tone : ndarray of uint8
+        Column of `albedo_table` that holds the albedo: twice the panel's index, one more beyond
+        its paint's edge, and `NOTHING` where no panel is.
     shadow : ndarray of bool
         Where another panel stands in the projector's way.
     """
@@ -93,48 +59,37 @@ class View:
     v: NDArray
     diffuse: NDArray
     specular: NDArray
-    tone: NDArray[np.intp]
+    tone: NDArray[np.uint8]
     shadow: NDArray[np.bool_]
 
 
-def tones(surface: Surface) -> NDArray[np.float32]:
-    """Albedo of each panel's tones, two a panel and black for nothing, shape (n, 3)."""
-    paints = [panel.paint for panel in surface.panels]
-    rows = [tone for paint in paints for tone in (paint.albedo, paint.albedo_beyond)]
-    return np.array([*rows, (0, 0, 0)], np.float32)
+def albedo_table(surface: Surface) -> NDArray[np.float32]:
+    """Albedo of every tone that a view can have, shape (3, 256)."""
+    table = np.zeros((3, 256), np.float32)
+    for index, panel in enumerate(surface.panels):
+        table[:, 2 * index] = panel.paint.albedo
+        table[:, 2 * index + 1] = panel.paint.albedo_beyond
+    return table
 
 
-def look(
-    rig: Rig,
-    surface: Surface,
-    rays: Field,
-    photometry: Photometry,
-    motion: Motion,
-    moment: float | Field = 0.0,
-) -> View:
-    """Trace rays of shape (n, 3) in the camera's frame at a moment of the exposure."""
-    sights = [sight(rig, panel, rays, photometry, motion, moment) for panel in surface.panels]
-    return first_seen(rig, surface, sights, rays)
+def look(rig: Rig, surface: Surface, rays: Rays, photometry: Photometry) -> View:
+    """What rays see of a surface that is given in mid-exposure."""
+    sights = [sight(rig, panel, rays, photometry) for panel in surface.panels]
+    return first_seen(rig, surface, sights, rays.directions)
 
 
-def sight(
-    rig: Rig,
-    panel: Panel,
-    rays: Field,
-    photometry: Photometry,
-    motion: Motion,
-    moment: float | Field = 0.0,
-    bare: bool = False,
-) -> Sight:
-    """Trace rays of shape (n, 3) to one panel, beyond its extent too; NaN where they miss."""
-    origin, towards = motion.undone(rays, moment)
-    scale, x, y = panel.hit_bare(origin, towards)
+def sight(rig: Rig, panel: Panel, rays: Rays, photometry: Photometry, bare: bool = False) -> Sight:
+    """What rays see of one panel, beyond its extent too; NaN where they miss.
+
+    If `bare`, its dents and rivets are left out.
+    """
+    scale, x, y = panel.hit_bare(rays.origin, rays.towards)
     if not bare:
         hit = np.isfinite(scale)
         panel = panel.near(x[hit], y[hit])
-        panel.hit_features(origin, towards, scale, x, y)
-    points = scale[:, None] * rays
-    u, v = _projector_pixel(rig, points)
+        panel.hit_features(rays.origin, rays.towards, scale, x, y)
+    points = scale[:, None] * rays.directions
+    u, v = projector_pixel(rig, points)
     diffuse, specular = _brightness(rig, panel, points, x, y, photometry, bare)
     return Sight(scale, x, y, u, v, diffuse, specular)
 
@@ -148,13 +103,14 @@ def first_seen(rig: Rig, surface: Surface, sights: list[Sight], rays: NDArray) -
         first.v,
         first.diffuse,
         first.specular,
-        tone=np.full(nearest.shape, -1),
+        tone=np.full(nearest.shape, NOTHING, np.uint8),
         shadow=np.zeros(nearest.shape, bool),
     )
     for index, (panel, seen) in enumerate(zip(surface.panels, sights, strict=True)):
         closer = panel.contains(seen.x, seen.y) & (seen.scale < nearest)
         np.copyto(nearest, seen.scale, where=closer)
-        np.copyto(view.tone, 2 * index + panel.paint.beyond_edge(seen.x, seen.y), where=closer)
+        tone = 2 * index + panel.paint.beyond_edge(seen.x, seen.y).astype(np.uint8)
+        np.copyto(view.tone, tone, where=closer)
         if seen is not first:
             for name in ('u', 'v', 'diffuse', 'specular'):
                 np.copyto(getattr(view, name), getattr(seen, name), where=closer)
@@ -162,12 +118,12 @@ def first_seen(rig: Rig, surface: Surface, sights: list[Sight], rays: NDArray) -
         view.shadow = _shadowed(rig, surface, view.tone, nearest, rays)
     unlit = ~np.isfinite(view.u + view.v)
     view.u[unlit] = view.v[unlit] = _NOWHERE
-    unlit |= view.shadow | (view.tone < 0)
+    unlit |= view.shadow | (view.tone == NOTHING)
     view.diffuse[unlit] = view.specular[unlit] = 0
     return view
 
 
-def _projector_pixel(rig: Rig, points: Field) -> tuple[Field, Field]:
+def projector_pixel(rig: Rig, points: Field) -> tuple[Field, Field]:
     """Projector pixels that light points of shape (n, 3); NaN where the projector cannot."""
     seen = rig.to_projector(points)
     with np.errstate(all='ignore'):
@@ -178,6 +134,7 @@ def _projector_pixel(rig: Rig, points: Field) -> tuple[Field, Field]:
     return pixel[:, 0], pixel[:, 1]
 
 
+@lru_cache(maxsize=4)
 def _corner(lens: Lens) -> float:
     """Largest distance of an image corner's ray from the axis."""
     right, bottom = lens.width - 0.5, lens.height - 0.5
@@ -211,7 +168,7 @@ def _shadowed(
     rig: Rig, surface: Surface, tone: NDArray, scale: NDArray, rays: NDArray
 ) -> NDArray[np.bool_]:
     """Where another panel than the one seen stands between it and the projector."""
-    seen = np.flatnonzero(tone.ravel() >= 0)
+    seen = np.flatnonzero(tone.ravel() != NOTHING)
     points = scale.ravel()[seen, None] * rays.reshape(-1, 3)[seen]
     owner = tone.ravel()[seen] // 2
     centre = rig.projector_centre

@@ -1,8 +1,8 @@
 """What every camera pixel sees, quickly.
 
 The bare skin is smooth, so it is traced at nodes about 16 pixels apart and interpolated (cubic,
-to 1e-5 pixels); pixels on dents and rivets are traced one by one. What changes within a pixel is
-left to `broken_pixels`, where a caller has to sample finer.
+to 1e-5 pixels); pixels on dents are traced one by one. Rivets, and what else changes within a
+pixel, are left to `broken_pixels`, where a caller has to sample finer.
 """
 
 from __future__ import annotations
@@ -14,14 +14,16 @@ from functools import lru_cache
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.rig import Lens, Rig
 from ftp_dent_ros.simulation.dent import Dent, Rivet
+from ftp_dent_ros.simulation.motion import Motion, still
 from ftp_dent_ros.simulation.panel import Panel
 from ftp_dent_ros.simulation.photometry import Photometry
 from ftp_dent_ros.simulation.surface import Surface
-from ftp_dent_ros.simulation.tracing import Motion, Sight, View, first_seen, sight
+from ftp_dent_ros.simulation.tracing import Sight, View, first_seen, projector_pixel, sight
 
 _NODE_SPACING = 16
 # Windows around features are wider than their outline by this many pixels.
@@ -43,23 +45,26 @@ class PixelGrid:
     ----------
     rays : ndarray, shape (height, width, 3)
     node_rays : ndarray, shape (n, m, 3)
-    rows : ndarray, shape (height, n)
-    columns : ndarray, shape (m, width)
-        ``rows @ nodes @ columns`` interpolates.
+    rows, columns : scipy.sparse.csr_matrix, shape (height, n) and (width, m)
+        ``rows @ nodes @ columns.T`` is the values at every pixel.
     vignette : ndarray, shape (height, width), float32
         The cos^4 law.
     """
 
     rays: NDArray[np.float64]
     node_rays: NDArray[np.float64]
-    rows: NDArray[np.float64]
-    columns: NDArray[np.float64]
+    rows: csr_matrix
+    columns: csr_matrix
     vignette: NDArray[np.float32]
 
     @property
     def shape(self) -> tuple[int, int]:
         """Height and width, pixels."""
         return self.rays.shape[0], self.rays.shape[1]
+
+    def interpolated(self, nodes: NDArray) -> NDArray:
+        """Values at every pixel, shape (height, width), of values at the nodes."""
+        return self.rows.astype(nodes.dtype) @ (self.columns @ nodes.T).T.astype(nodes.dtype)
 
     def rays_within(
         self, pixels: NDArray[np.intp], along_u: NDArray, along_v: NDArray
@@ -98,7 +103,7 @@ def pixel_grid(lens: Lens) -> PixelGrid:
     node_rays = lens.rays(np.stack(np.meshgrid(u, v), axis=-1))
     rays = np.stack([rows @ node_rays[..., i] @ columns.T for i in range(3)], axis=-1)
     vignette = 1 / np.sum(rays * rays, axis=-1) ** 2
-    return PixelGrid(rays, node_rays, rows, columns.T.copy(), vignette.astype(np.float32))
+    return PixelGrid(rays, node_rays, rows, columns, vignette.astype(np.float32))
 
 
 def visible_part(rig: Rig, surface: Surface) -> Surface:
@@ -125,13 +130,35 @@ def image_sweep(rig: Rig, surface: Surface, motion: Motion) -> float:
     return float(np.hypot(*shift.T).max(initial=0.0))
 
 
-def see(
-    rig: Rig, surface: Surface, photometry: Photometry, motion: Motion, moment: float = 0.0
-) -> View:
-    """What each pixel's centre sees at a moment of the exposure: arrays (height, width)."""
+def see(rig: Rig, surface: Surface, photometry: Photometry) -> View:
+    """What each pixel's centre sees, without rivets: arrays of shape (height, width)."""
     grid = pixel_grid(rig.camera)
-    sights = [_sight(grid, rig, panel, photometry, motion, moment) for panel in surface.panels]
+    sights = [_sight(grid, rig, panel, photometry) for panel in surface.panels]
     return first_seen(rig, surface, sights, grid.rays)
+
+
+def light_drift(rig: Rig, surface: Surface, view: View, motion: Motion) -> NDArray[np.float32]:
+    """How far the projector pixel (u, v) that a pixel sees moves during the exposure.
+
+    That of the bare skin, which is as good: it only sets how far the blur reaches.
+
+    Returns
+    -------
+    ndarray, shape (2, height, width)
+    """
+    grid = pixel_grid(rig.camera)
+    nodes = grid.node_rays.reshape(-1, 1, 3)
+    drift = np.zeros((2, *grid.shape), np.float32)
+    for index, panel in enumerate(surface.panels):
+        ends = []
+        for moment in (-0.5, 0.5):
+            rays = motion.rays(nodes, [moment])
+            scale, _, _ = panel.hit_bare(rays.origin, rays.towards)
+            ends.append(np.stack(projector_pixel(rig, scale[:, None] * rays.directions)))
+        change = np.nan_to_num(ends[1] - ends[0]).reshape(2, *grid.node_rays.shape[:2])
+        for target, values in zip(drift, change.astype(np.float32), strict=True):
+            np.copyto(target, grid.interpolated(values), where=view.tone // 2 == index)
+    return drift
 
 
 def broken_pixels(rig: Rig, surface: Surface, view: View, sweep: float) -> list[NDArray[np.intp]]:
@@ -149,52 +176,48 @@ def broken_pixels(rig: Rig, surface: Surface, view: View, sweep: float) -> list[
     """
     grid = pixel_grid(rig.camera)
     reach = 1 + math.ceil(sweep / 2)
-    label = (2 * view.tone + view.shadow).astype(np.int16)
     square = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
-    label = np.pad(label, reach, 'edge')
-    spread = cv2.dilate(label, square) != cv2.erode(label, square)
-    broken = [np.flatnonzero(spread[reach:-reach, reach:-reach])]
+    border = np.zeros(grid.shape, bool)
+    for label in (view.tone, view.shadow.view(np.uint8)):
+        if label.min() != label.max():
+            border |= cv2.dilate(label, square) != cv2.erode(label, square)
+    broken = [np.flatnonzero(border)]
     broken += [
-        _groove(grid, rig.camera, panel, rivet, reach)
+        _on_rivet(grid, rig.camera, panel, rivet, reach)
         for panel in surface.panels
         for rivet in panel.rivets
     ]
     return [pixels for pixels in broken if len(pixels)]
 
 
-def _sight(
-    grid: PixelGrid,
-    rig: Rig,
-    panel: Panel,
-    photometry: Photometry,
-    motion: Motion,
-    moment: float,
-) -> Sight:
+def _sight(grid: PixelGrid, rig: Rig, panel: Panel, photometry: Photometry) -> Sight:
     """Sight of one panel at every pixel; NaN where it is not seen."""
-    nodes = grid.node_rays.reshape(-1, 3)
-    coarse = sight(rig, panel, nodes, photometry, motion, moment, bare=True)
+    coarse = sight(rig, panel, still(grid.node_rays.reshape(-1, 3)), photometry, bare=True)
     missing = ~np.isfinite(sum(coarse)).reshape(grid.node_rays.shape[:2])
     if missing.all():
         return Sight(*(np.full(grid.shape, np.nan) for _ in coarse))
-    fields = (np.nan_to_num(part, posinf=0, neginf=0) for part in coarse)
-    dense = Sight(*(grid.rows @ f.reshape(missing.shape) @ grid.columns for f in fields))
+    # Projector pixels to 1e-4 need double precision, the rest does not.
+    fields = (
+        np.nan_to_num(values, posinf=0, neginf=0)
+        .reshape(missing.shape)
+        .astype(np.float64 if name in 'uv' else np.float32)
+        for name, values in zip(Sight._fields, coarse, strict=True)
+    )
+    dense = Sight(*map(grid.interpolated, fields))
     patches: list[Window | NDArray[np.bool_]] = []
     if missing.any():
-        patches.append((np.abs(grid.rows) @ missing @ np.abs(grid.columns)) > 0)
+        patches.append(abs(grid.rows) @ missing @ abs(grid.columns).T > 0)
     patches += [
-        window
-        for feature in panel.features
-        if (window := _window(rig.camera, panel, feature)) is not None
+        window for dent in panel.dents if (window := _window(rig.camera, panel, dent)) is not None
     ]
     for patch in patches:
-        local = panel.near(dense.x[patch].ravel(), dense.y[patch].ravel())
-        exact = sight(rig, local, grid.rays[patch].reshape(-1, 3), photometry, motion, moment)
+        exact = sight(rig, panel, still(grid.rays[patch].reshape(-1, 3)), photometry)
         for part, values in zip(dense, exact, strict=True):
             part[patch] = values.reshape(part[patch].shape)
     return dense
 
 
-def _interpolation(size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _interpolation(size: int) -> tuple[NDArray[np.float64], csr_matrix]:
     """Nodes over 0 ... size - 1, and the matrix of Lagrange's cubic from them to each pixel."""
     count = max(4, math.ceil((size - 1) / _NODE_SPACING) + 1)
     nodes = np.linspace(0, size - 1, count)
@@ -206,7 +229,7 @@ def _interpolation(size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]
         others = [j for j in range(4) if j != k]
         weight = np.prod([(t - j) / (k - j) for j in others], axis=0)
         weights[np.arange(size), first + k] = weight
-    return nodes, weights
+    return nodes, csr_matrix(weights)
 
 
 def _window(lens: Lens, panel: Panel, feature: Dent | Rivet) -> Window | None:
@@ -230,16 +253,16 @@ def _window(lens: Lens, panel: Panel, feature: Dent | Rivet) -> Window | None:
     return slice(low[1], high[1]), slice(low[0], high[0])
 
 
-def _groove(
+def _on_rivet(
     grid: PixelGrid, lens: Lens, panel: Panel, rivet: Rivet, reach: int
 ) -> NDArray[np.intp]:
-    """Flat indices of the pixels within `reach` pixels of a rivet's groove."""
+    """Flat indices of the pixels on a rivet or within `reach` pixels of it."""
     window = _window(lens, panel, rivet)
     if window is None:
         return np.zeros(0, np.intp)
     rays = grid.rays[window]
     _, x, y = (part.reshape(rays.shape[:2]) for part in panel.hit_bare(_EYE, rays.reshape(-1, 3)))
     pixel = max(np.hypot(np.diff(x, axis=i), np.diff(y, axis=i)).max() for i in (0, 1))
-    from_head = np.abs(np.hypot(x - rivet.x, y - rivet.y) - rivet.radius)
-    rows, columns = np.nonzero(from_head < _GROOVE * rivet.sigma + reach * pixel)
+    radius = rivet.radius + _GROOVE * rivet.sigma + reach * pixel
+    rows, columns = np.nonzero(np.hypot(x - rivet.x, y - rivet.y) < radius)
     return (rows + window[0].start) * lens.width + columns + window[1].start

@@ -1,4 +1,5 @@
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -168,7 +169,7 @@ def test_leaving_the_block_by_an_error_stops_all(lines):
     assert not is_alive(pid)
 
 
-@pytest.mark.skipif(not sys.platform.startswith('linux'), reason='prctl is of Linux')
+@pytest.mark.skipif(not shutil.which('setpriv'), reason='setpriv is not installed')
 def test_leaves_no_orphan_when_it_is_killed():
     starter = f"""
 import time

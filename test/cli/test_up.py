@@ -154,6 +154,18 @@ def test_log_files_have_the_lines_alone(tmp_path):
     assert (tmp_path / 'log' / 'b.log').read_text() == ''
 
 
+def test_log_outlives_its_reader(tmp_path):
+    reader, writer = os.pipe()
+    os.close(reader)
+    with (
+        open(writer, 'w') as terminal,
+        ProcessLog(['a'], tmp_path, terminal=terminal) as log,
+    ):
+        log.show('a', 'one')
+        log.show('a', 'two')
+    assert (tmp_path / 'a.log').read_text() == 'one\ntwo\n'
+
+
 def test_log_folder_that_cannot_be_made(tmp_path):
     (tmp_path / 'file').write_text('')
     with pytest.raises(ConfigurationError, match='no log can be written'):

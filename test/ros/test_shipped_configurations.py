@@ -1,5 +1,7 @@
 """The nodes know every parameter that the shipped configurations set."""
 
+import socket
+
 import pytest
 import yaml
 
@@ -17,23 +19,35 @@ def flat(parameters, prefix=''):
 
 @pytest.mark.parametrize('configuration', ['payload.yaml', 'simulation.yaml'])
 def test_every_parameter_is_declared_and_taken(ros, tmp_path, configuration):
-    from rcl_interfaces.srv import GetParameters, ListParameters
-    from rclpy.parameter import parameter_value_to_python
-
     blocks = yaml.safe_load(files.find(configuration).read_text())
     # The address of another test must not be taken, nor may a window open.
-    blocks['mavlink_bridge']['ros__parameters']['address'] = 'udpin:127.0.0.1:0'
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(('127.0.0.1', 0))
+        address = f'udpin:127.0.0.1:{free.getsockname()[1]}'
+    blocks['mavlink_bridge']['ros__parameters']['address'] = address
     blocks['pattern_publisher']['ros__parameters'].pop('display.enabled', None)
     path = tmp_path / configuration
     path.write_text(yaml.safe_dump({f'{ros.namespace}/{key}': blocks[key] for key in NODES}))
-    for entry in read_configuration(path):
-        ros.start(entry.executable, '--params-file', str(path))
-    for name in NODES:
-        given = dict(flat(blocks[name]['ros__parameters']))
-        listed = ros.call(ListParameters, f'{name}/list_parameters', ListParameters.Request())
-        assert set(given) <= set(listed.result.names), name
-        request = GetParameters.Request(names=list(given))
-        values = ros.call(GetParameters, f'{name}/get_parameters', request).values
-        assert [parameter_value_to_python(each) for each in values] == [
-            pytest.approx(value) if isinstance(value, list) else value for value in given.values()
-        ]
+    processes = {
+        entry.executable: ros.start(entry.executable, '--params-file', str(path))
+        for entry in read_configuration(path)
+    }
+    for name, process in processes.items():
+        check(ros, name, process, dict(flat(blocks[name]['ros__parameters'])))
+
+
+def check(ros, name, process, given):
+    from rcl_interfaces.srv import GetParameters, ListParameters
+    from rclpy.parameter import parameter_value_to_python
+
+    node = (name, ros.namespace)
+    ros.until(lambda: not process.alive or node in ros.node.get_node_names_and_namespaces())
+    assert process.alive, process.output
+    declared = ros.call(ListParameters, f'{name}/list_parameters', ListParameters.Request())
+    assert set(given) <= set(declared.result.names), name
+    request = GetParameters.Request(names=list(given))
+    response = ros.call(GetParameters, f'{name}/get_parameters', request)
+    for parameter, value in zip(given, response.values, strict=True):
+        taken = parameter_value_to_python(value)
+        taken = list(taken) if isinstance(given[parameter], list) else taken
+        assert taken == given[parameter], parameter

@@ -1,0 +1,84 @@
+"""The link in words and figures that people read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from ftp_dent_ros.navigation.link import LinkState
+
+# Rates a little under what was asked for are the link's jitter.
+_ENOUGH = 0.8
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """One sentence on the link, and how bad it is."""
+
+    severity: Literal['ok', 'warning', 'error']
+    text: str
+
+
+def judge(state: LinkState, address: str) -> Verdict:
+    """The first thing that is wrong with the link, and what to do about it."""
+    vehicle = state.vehicle
+    if state.fault:
+        return Verdict('error', state.fault)
+    if vehicle.identity is None:
+        return Verdict(
+            'error',
+            f'no autopilot heard on {address}: check that it is on and sends there, and system_id',
+        )
+    if not vehicle.is_alive:
+        return Verdict('error', 'the autopilot has fallen silent: check its power and cable')
+    if vehicle.denied:
+        return Verdict(
+            'error', f'the autopilot denies {" and ".join(vehicle.denied)}: lower the rate'
+        )
+    if vehicle.clock.answers == 0:
+        return Verdict(
+            'error', 'the autopilot does not answer TIMESYNC, so that no cloud can be tagged'
+        )
+    if not vehicle.clock.converged:
+        return Verdict('warning', "the autopilot's clock is not known well enough yet")
+    if vehicle.estimator not in ('ready', 'not reported'):
+        return Verdict('warning', f"the autopilot's estimator is {vehicle.estimator}")
+    slow = [name for name, rate in vehicle.asked.items() if vehicle.rates[name] < _ENOUGH * rate]
+    if slow:
+        return Verdict('warning', f'{" and ".join(slow)} come too slowly; asked for again')
+    return Verdict('ok', f'believing the autopilot {_name(vehicle.identity)}')
+
+
+def figures(state: LinkState) -> dict[str, str]:
+    """All that is known of the link, by name, in the units that are in the names."""
+    vehicle, clock = state.vehicle, state.vehicle.clock
+    values = {
+        'autopilot': vehicle.autopilot,
+        'system/component': _name(vehicle.identity) if vehicle.identity else 'none',
+        'silence (s)': _number(vehicle.silence, 1, 2),
+        'estimator': vehicle.estimator,
+        'estimator resets': str(vehicle.resets),
+        'clock converged': str(clock.converged).lower(),
+        'clock offset (s)': _number(clock.offset, 1, 6),
+        'clock uncertainty (ms)': _number(clock.uncertainty, 1e3, 3),
+        'round trip (ms)': _number(clock.round_trip, 1e3, 3),
+        'clock steps': str(clock.steps),
+        'ahead of UTC of GPS (s)': _number(vehicle.utc_error, 1, 3),
+        'clock restarts': str(clock.restarts),
+        'reconnections': str(state.reconnections),
+        'messages': str(vehicle.messages),
+        'messages of others': str(vehicle.foreign),
+        'messages lost': str(vehicle.lost),
+        'messages malformed': str(vehicle.malformed),
+        'bytes that are no message': str(state.bad_bytes),
+    }
+    values.update({f'{name} (Hz)': f'{rate:.1f}' for name, rate in vehicle.rates.items()})
+    return values
+
+
+def _name(identity: tuple[int, int]) -> str:
+    return f'{identity[0]}/{identity[1]}'
+
+
+def _number(value: float | None, factor: float, digits: int) -> str:
+    return 'unknown' if value is None else f'{factor * value:.{digits}f}'

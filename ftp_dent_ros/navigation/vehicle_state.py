@@ -1,0 +1,82 @@
+"""What goes into a vehicle and what is known of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ftp_dent_ros.navigation.clock_offset import ClockState
+
+# An autopilot heartbeats at 1 Hz whatever else it sends; seconds.
+SILENCE = 2.0
+
+
+@dataclass(frozen=True)
+class Instant:
+    """One moment on both clocks: ROS time in nanoseconds, steady time in seconds."""
+
+    ros: int
+    steady: float
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Whom to believe and what to ask for.
+
+    Attributes
+    ----------
+    system_id : int
+        MAVLink system to believe; 0 is that of the first autopilot heard.
+    component_id : int
+        Component to believe in it.
+    rate : float
+        Rate of attitude and position, Hz.
+    maximum_gap : float
+        Longest time between two samples that is interpolated across, seconds.
+    maximum_clock_error : float
+        Largest uncertainty of the autopilot's clock at which poses are given, seconds.
+    """
+
+    system_id: int = 0
+    component_id: int = 1
+    rate: float = 50.0
+    maximum_gap: float = 0.15
+    maximum_clock_error: float = 0.01
+
+
+@dataclass(frozen=True)
+class VehicleState:
+    """State for those who watch; counts are since the start, times in seconds, rates in Hz.
+
+    Attributes
+    ----------
+    silence : float or None
+        Time since the autopilot was last heard.
+    utc_error : float or None
+        How far this computer's clock is ahead of the autopilot's UTC (of GPS), if it has one.
+    asked, rates : dict
+        Rate asked for and rate measured of messages, by name.
+    foreign, malformed, lost : int
+        Messages of others; of the autopilot's own with impossible contents; that never came.
+    resets : int
+        Jumps of the estimator.
+    """
+
+    identity: tuple[int, int] | None
+    autopilot: str
+    silence: float | None
+    estimator: str
+    clock: ClockState
+    utc_error: float | None
+    asked: dict[str, float]
+    rates: dict[str, float]
+    denied: list[str]
+    messages: int
+    foreign: int
+    malformed: int
+    lost: int
+    resets: int
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether the autopilot has been heard of late."""
+        return self.silence is not None and self.silence < SILENCE

@@ -1,0 +1,112 @@
+"""A small autopilot for the other end of a real connection: hovers, and does as it is asked."""
+
+from __future__ import annotations
+
+import os
+import select
+import socket
+import threading
+import time
+from typing import Any
+
+from flight_player import answer
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+_PERIOD = 0.02
+
+
+class Wire:
+    """One end of a connection, of whatever kind it is."""
+
+    def __init__(self, end: socket.socket | int, peer: tuple[str, int] | None = None) -> None:
+        self._end, self._peer = end, peer
+
+    def fileno(self) -> int:
+        return self._end if isinstance(self._end, int) else self._end.fileno()
+
+    def read(self) -> bytes:
+        if isinstance(self._end, int):
+            return os.read(self._end, 4096)
+        if self._end.type == socket.SOCK_STREAM:
+            return self._end.recv(4096)
+        data, self._peer = self._end.recvfrom(4096)
+        return data
+
+    def write(self, data: bytes) -> None:
+        if isinstance(self._end, int):
+            os.write(self._end, data)
+        elif self._end.type == socket.SOCK_STREAM:
+            self._end.sendall(data)
+        elif self._peer is not None:
+            self._end.sendto(data, self._peer)
+
+    def close(self) -> None:
+        if isinstance(self._end, int):
+            os.close(self._end)
+        else:
+            self._end.close()
+
+
+class HoveringAutopilot:
+    """Speaks MAVLink 2 on a wire from a thread of its own until it is closed."""
+
+    def __init__(self, wire: Wire, system: int = 1, north: float = 3.0) -> None:
+        self._wire, self._north = wire, north
+        self._boot = time.time_ns() - 5_000_000_000
+        self._sender = mavlink.MAVLink(wire, system, 1)
+        self._parser = mavlink.MAVLink(None)
+        self._asked: set[int] = set()
+        self._closing = threading.Event()
+        self.received: list[Any] = []
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Power off: the wire goes dead."""
+        self._closing.set()
+        self._thread.join()
+        self._wire.close()
+
+    def __enter__(self) -> HoveringAutopilot:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def heard(self, name: str) -> list[Any]:
+        return [message for message in list(self.received) if message.get_type() == name]
+
+    def _run(self) -> None:
+        due, tick = time.monotonic(), 0
+        try:
+            while not self._closing.is_set():
+                left = due - time.monotonic()
+                if left <= 0:
+                    self._speak(tick)
+                    due, tick = due + _PERIOD, tick + 1
+                elif select.select([self._wire], [], [], left)[0]:
+                    self._listen()
+        except OSError:
+            pass  # The other end has gone.
+
+    def _speak(self, tick: int) -> None:
+        boot_ms = (time.time_ns() - self._boot) // 1_000_000
+        if tick % 10 == 0:
+            self._sender.heartbeat_send(
+                mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, 0, 0, 4
+            )
+            self._sender.ekf_status_report_send(0x33F, 0, 0, 0, 0, 0)
+        if mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION in self._asked:
+            self._sender.attitude_quaternion_send(boot_ms, 1, 0, 0, 0, 0, 0, 0)
+        if mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED in self._asked:
+            self._sender.local_position_ned_send(boot_ms, self._north, 2, -1, 0, 0, 0)
+
+    def _listen(self) -> None:
+        boot = time.time_ns() - self._boot
+        for message in self._parser.parse_buffer(self._wire.read()) or []:
+            self.received.append(message)
+            if message.get_type() == 'COMMAND_LONG':
+                self._asked.add(int(message.param1))
+            reply = answer(message, boot)
+            if reply is not None:
+                self._sender.send(reply)

@@ -1,0 +1,223 @@
+"""The clock's estimate against clocks and links whose truth is known."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from ftp_dent_ros.errors import PoseAwaitedError, PoseError
+from ftp_dent_ros.navigation.clock_offset import MILLISECOND, SECOND, ClockOffset
+
+START = 1_800_000_000 * SECOND
+BOOT = START - 500 * SECOND  # the autopilot was switched on 500 s before
+
+
+def steady(now: int) -> int:
+    return now - BOOT
+
+
+def stepping(at: int, by: int) -> Callable[[int], int]:
+    return lambda now: now - BOOT + (by if now >= at else 0)
+
+
+def clean() -> tuple[int, int]:
+    return MILLISECOND // 5, MILLISECOND // 5
+
+
+class Wire:
+    """A clock that is asked every 100 ms over a link; `delays` gives one way and the other."""
+
+    def __init__(self, vehicle: Callable[[int], int], delays: Callable[[], tuple[int, int]]):
+        self.clock = ClockOffset()
+        self.vehicle, self.delays = vehicle, delays
+        self.now = START
+        self.restarts = 0
+
+    def run(self, seconds: float) -> Wire:
+        for _ in range(round(10 * seconds)):
+            ts1 = self.clock.request(self.now)
+            assert ts1 == self.now
+            there, back = self.delays()
+            tc1 = self.vehicle(self.now + there)
+            self.restarts += self.clock.answer(tc1, ts1, self.now + there + back)
+            self.now += SECOND // 10
+        return self
+
+    def error(self, stamp: int) -> int:
+        """Error of the boot time, checked to be within what the clock says of it."""
+        boot, uncertainty = self.clock.boot_time(stamp)
+        error = boot - self.vehicle(stamp)
+        assert abs(error) <= uncertainty
+        return error
+
+
+def test_a_jittering_link_is_filtered_by_its_fastest_ways() -> None:
+    rng = np.random.default_rng(5)
+
+    def jittering() -> tuple[int, int]:
+        # As measured on a busy link: mostly a few milliseconds, now and then a hundred.
+        there, back = rng.gamma(1.0, 2.0, 2) + 0.1 + 100 * (rng.random(2) < 0.1)
+        return int(there * MILLISECOND), int(back * MILLISECOND)
+
+    wire = Wire(steady, jittering).run(10)
+    stamps = range(START + 2 * SECOND, START + 9 * SECOND, 7 * MILLISECOND)
+    errors = [abs(wire.error(stamp)) for stamp in stamps]
+    assert np.median(errors) < 0.15 * MILLISECOND
+    assert max(errors) < 0.5 * MILLISECOND
+    assert wire.clock.state(wire.now).steps == 0
+
+
+@pytest.mark.parametrize('skew', [-50e-6, 50e-6, 150e-6])
+def test_drift_is_followed(skew: float) -> None:
+    wire = Wire(lambda now: int((now - BOOT) + skew * (now - START)), clean).run(60)
+    stamps = range(wire.now - 5 * SECOND, wire.now - SECOND, 10 * MILLISECOND)
+    assert max(abs(wire.error(stamp)) for stamp in stamps) < 0.2 * MILLISECOND
+    assert wire.clock.state(wire.now).steps == 0
+
+
+def answers(wire: Wire, stamp: int) -> bool:
+    """Whether a boot time is given, and then a right one."""
+    try:
+        assert abs(wire.error(stamp)) < MILLISECOND
+    except PoseError as error:
+        assert error.reason == 'clock stepped'
+        return False
+    return True
+
+
+@pytest.mark.parametrize('by_ms', [-150, -20, 20, 60, 150])
+def test_a_step_is_followed_and_nothing_is_said_of_the_time_around_it(by_ms: int) -> None:
+    at = START + 3 * SECOND + 43 * MILLISECOND
+    wire = Wire(stepping(at, by_ms * MILLISECOND), clean).run(6)
+    assert wire.clock.state(wire.now).steps == 1
+    stamps = range(at - SECOND, at + SECOND, 4 * MILLISECOND)
+    refused = [stamp for stamp in stamps if not answers(wire, stamp)]
+    assert refused[0] <= at <= refused[-1]
+    assert refused[-1] - refused[0] < 110 * MILLISECOND
+
+
+def test_after_a_step_it_says_that_it_has_not_converged_until_it_has() -> None:
+    wire = Wire(stepping(START + 3 * SECOND, 50 * MILLISECOND), clean).run(3.3)
+    assert not wire.clock.state(wire.now).converged
+    with pytest.raises(PoseAwaitedError) as refusal:
+        wire.clock.boot_time(wire.now - 150 * MILLISECOND)
+    assert refusal.value.reason == 'clock not converged'
+    wire.run(0.5)
+    assert wire.clock.state(wire.now).converged
+
+
+def test_after_this_computers_clock_was_set_all_starts_anew() -> None:
+    wire = Wire(steady, clean).run(3)
+    hour = 3600 * SECOND
+    wire.now -= hour
+    wire.vehicle = lambda now: now + hour - BOOT
+    wire.run(3)
+    assert abs(wire.error(wire.now - SECOND)) < MILLISECOND
+    wire.now += 2 * hour
+    wire.vehicle = lambda now: now - hour - BOOT
+    wire.run(3)
+    assert abs(wire.error(wire.now - SECOND)) < MILLISECOND
+    assert wire.restarts == wire.clock.state(wire.now).restarts == 2
+    assert wire.clock.state(wire.now).steps == 0
+
+
+def test_a_stamp_is_converted_only_between_two_exchanges() -> None:
+    wire = Wire(steady, clean)
+    with pytest.raises(PoseAwaitedError, match='not answered TIMESYNC'):
+        wire.clock.boot_time(START)
+    wire.run(2)
+    last_request = wire.now - SECOND // 10
+    assert wire.error(last_request) == 0
+    with pytest.raises(PoseAwaitedError) as later:
+        wire.clock.boot_time(last_request + 1)
+    assert later.value.reason == 'clock awaited'
+    with pytest.raises(PoseError) as earlier:
+        wire.clock.boot_time(START - SECOND)
+    assert not isinstance(earlier.value, PoseAwaitedError)
+
+
+def test_only_answers_to_its_own_requests_count() -> None:
+    clock = ClockOffset()
+    ts1 = clock.request(START)
+    assert ts1 == START
+    later = START + MILLISECOND
+    clock.answer(0, ts1, later)  # a request of the vehicle's
+    clock.answer(steady(later), ts1 + 1, later)  # an answer to somebody else
+    assert clock.state(later).answers == 0
+    clock.answer(steady(later), ts1, later)
+    clock.answer(7 * SECOND, ts1, later)  # a second answer, from another clock
+    assert clock.state(later).answers == 1
+    assert clock.state(later).restarts == 0
+
+
+def test_an_answer_that_was_overtaken_is_not_taken() -> None:
+    clock = ClockOffset()
+    first, second = clock.request(START), clock.request(START + SECOND)
+    assert first is not None and second is not None
+    clock.answer(steady(second), second, second + MILLISECOND)
+    clock.answer(steady(first), first, second + 2 * MILLISECOND)
+    assert clock.state(second).answers == 1
+
+
+def test_requests_come_at_their_rate_and_unanswered_ones_are_forgotten() -> None:
+    clock = ClockOffset(period=0.1)
+    asked = [clock.request(START + ms * MILLISECOND) for ms in range(0, 100_000, 10)]
+    assert sum(ts1 is not None for ts1 in asked) == 1000
+    clock.answer(steady(START), START, START + 100 * SECOND)
+    assert clock.state(START).answers == 0
+
+
+@pytest.mark.parametrize('up', [2 * SECOND, 500 * SECOND])
+def test_a_reboot_is_told_and_starts_anew(up: int) -> None:
+    # The second has been up as long as the first when it is heard again.
+    wire = Wire(steady, clean).run(3)
+    wire.vehicle = lambda now: now - START - 3 * SECOND + up
+    wire.run(2)
+    assert wire.restarts == 1
+    assert wire.clock.state(wire.now).restarts == 1
+    assert wire.error(wire.now - SECOND) == 0
+    with pytest.raises(PoseError):
+        wire.clock.boot_time(START + 2 * SECOND)
+
+
+def test_the_wrap_of_time_boot_ms_is_passed() -> None:
+    wrap = 2**32 * MILLISECOND  # 49.7 days
+    wire = Wire(lambda now: now - START + wrap - 2 * SECOND, clean).run(5)
+    now = wire.now
+    boot = wire.vehicle(now)
+    assert boot > wrap
+    assert wire.clock.unwrap(boot // MILLISECOND % 2**32, now) == boot // MILLISECOND * MILLISECOND
+    before = wrap - 500 * MILLISECOND
+    assert wire.clock.unwrap(before // MILLISECOND, now) == before
+    assert wire.restarts == 0
+
+
+def test_times_that_are_not_of_this_flight_are_told_apart() -> None:
+    clock = ClockOffset()
+    assert clock.unwrap(500_000, START) is None  # nothing is known of the clock yet
+    wire = Wire(steady, clean).run(1)
+    present = steady(wire.now) // MILLISECOND
+    assert wire.clock.unwrap(present - 9_000, wire.now) == (present - 9_000) * MILLISECOND
+    assert wire.clock.unwrap(present - 11_000, wire.now) is None
+    assert wire.clock.unwrap(present + 1_000, wire.now) is None
+    assert wire.clock.unwrap(0, wire.now) is None
+    assert wire.clock.unwrap(2**32 - 1, wire.now) is None
+
+
+def test_a_slow_link_says_how_little_it_knows() -> None:
+    wire = Wire(steady, lambda: (30 * MILLISECOND, 30 * MILLISECOND)).run(3)
+    state = wire.clock.state(wire.now)
+    assert not state.converged
+    assert state.uncertainty == pytest.approx(0.03, abs=1e-4)
+    with pytest.raises(PoseAwaitedError, match=r'30\.0 ms'):
+        wire.clock.boot_time(wire.now - SECOND)
+    assert wire.clock.ros_time(steady(wire.now)) is None
+
+
+def test_a_clock_that_is_not_heard_of_any_more_is_not_converged() -> None:
+    wire = Wire(steady, clean).run(3)
+    assert wire.clock.state(wire.now).converged
+    assert not wire.clock.state(wire.now + 3 * SECOND).converged
+    assert wire.clock.ros_time(steady(wire.now)) == pytest.approx(wire.now, abs=MILLISECOND)

@@ -1,0 +1,238 @@
+"""Real connections of each kind, and what becomes of them when they break."""
+
+from __future__ import annotations
+
+import os
+import random
+import socket
+import threading
+import time
+import tty
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from hovering_autopilot import HoveringAutopilot, Wire
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from ftp_dent_ros.errors import ConfigurationError, PoseError
+from ftp_dent_ros.navigation.link import Link
+from ftp_dent_ros.navigation.vehicle_state import Settings
+
+LOCAL = '127.0.0.1'
+
+
+class Subject:
+    """A link, and waiting for what becomes of it."""
+
+    def __init__(self, address: str) -> None:
+        self._news = threading.Event()
+        self.link = Link(address, 115200, Settings(), on_news=self._news.set)
+
+    def until(self, condition: Callable[[], Any], timeout: float = 15.0) -> Any:
+        end = time.monotonic() + timeout
+        while time.monotonic() < end:
+            self._news.clear()
+            result = condition()
+            if result:
+                return result
+            self._news.wait(0.02)
+        pytest.fail(f'not reached within {timeout:g} s; the link is {self.link.state()}')
+
+    def north(self) -> float | None:
+        """Where the vehicle was 50 ms ago, if that is known."""
+        try:
+            return float(self.link.pose_at(time.time_ns() - 300_000_000).translation[1])
+        except PoseError:
+            return None
+
+    def has_pose(self, north: float = 3.0) -> bool:
+        return self.north() == pytest.approx(north)
+
+
+@pytest.fixture
+def connect() -> Iterator[Callable[[str], Subject]]:
+    subjects: list[Subject] = []
+
+    def make(address: str) -> Subject:
+        subjects.append(Subject(address))
+        return subjects[-1]
+
+    yield make
+    for subject in subjects:
+        subject.link.close()
+
+
+def udp() -> socket.socket:
+    end = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    end.bind((LOCAL, 0))
+    return end
+
+
+def free_port() -> int:
+    with udp() as probe:
+        return probe.getsockname()[1]
+
+
+def listener(port: int = 0) -> socket.socket:
+    server = socket.socket()
+    server.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    server.bind((LOCAL, port))
+    server.listen()
+    server.settimeout(15)
+    return server
+
+
+def test_listening_for_an_autopilot_that_sends(connect) -> None:
+    port = free_port()
+    subject = connect(f'udpin:{LOCAL}:{port}')
+    with HoveringAutopilot(Wire(udp(), (LOCAL, port))) as autopilot:
+        subject.until(subject.has_pose)
+        subject.link.send_heartbeat()
+        heartbeat = subject.until(lambda: autopilot.heard('HEARTBEAT'))[0]
+    assert (heartbeat.get_srcSystem(), heartbeat.get_srcComponent()) == (1, 191)
+    assert heartbeat.type == mavlink.MAV_TYPE_ONBOARD_CONTROLLER
+    assert heartbeat.autopilot == mavlink.MAV_AUTOPILOT_INVALID
+    assert {m.get_msgbuf()[0] for m in autopilot.received} == {0xFD}  # MAVLink 2
+    state = subject.link.state()
+    assert state.fault == '' and state.vehicle.lost == state.bad_bytes == 0
+
+
+def test_sending_first_to_an_autopilot_that_listens(connect) -> None:
+    end = udp()
+    subject = connect(f'udpout:{LOCAL}:{end.getsockname()[1]}')
+    with HoveringAutopilot(Wire(end)):
+        subject.until(lambda: subject.link.state().fault == '')
+        subject.link.send_heartbeat()
+        subject.until(subject.has_pose)
+
+
+def test_tcp_is_connected_again_when_it_breaks(connect) -> None:
+    with listener() as server:
+        subject = connect(f'tcp:{LOCAL}:{server.getsockname()[1]}')
+        with HoveringAutopilot(Wire(server.accept()[0])):
+            subject.until(subject.has_pose)
+        subject.until(lambda: 'closed the connection' in subject.link.state().fault)
+        with HoveringAutopilot(Wire(server.accept()[0]), north=7.0):
+            subject.until(lambda: subject.has_pose(7.0))
+    assert subject.link.state().reconnections == 1
+
+
+def test_tcp_that_nobody_serves_is_told_and_tried_again(connect) -> None:
+    with listener() as server:
+        port = server.getsockname()[1]
+    subject = connect(f'tcp:{LOCAL}:{port}')
+    subject.until(lambda: 'refused' in subject.link.state().fault)
+    with listener(port) as server, HoveringAutopilot(Wire(server.accept()[0])):
+        subject.until(subject.has_pose)
+
+
+def test_a_serial_line(connect) -> None:
+    pytest.importorskip('serial')
+    ours, its = os.openpty()
+    tty.setraw(ours)
+    subject = connect(os.ttyname(its))
+    with HoveringAutopilot(Wire(ours)):
+        subject.until(subject.has_pose)
+    os.close(its)
+    subject.until(lambda: subject.link.state().fault)
+
+
+def test_a_serial_device_that_is_not_there_is_told(connect, tmp_path) -> None:
+    pytest.importorskip('serial')
+    device = tmp_path / 'ttyACM0'
+    subject = connect(str(device))
+    subject.until(lambda: str(device) in subject.link.state().fault)
+
+
+def test_a_port_in_use_is_told_and_taken_when_it_is_free(connect) -> None:
+    with udp() as other:
+        port = other.getsockname()[1]
+        subject = connect(f'udpin:{LOCAL}:{port}')
+        fault = subject.until(lambda: 'another program' in (f := subject.link.state().fault) and f)
+        assert fault.startswith(f'udpin:{LOCAL}:{port}: ')
+    subject.until(lambda: subject.link.state().fault == '')
+    with HoveringAutopilot(Wire(udp(), (LOCAL, port))):
+        subject.until(subject.has_pose)
+
+
+def test_an_autopilot_that_reboots_comes_back_from_another_port(connect) -> None:
+    port = free_port()
+    subject = connect(f'udpin:{LOCAL}:{port}')
+    with HoveringAutopilot(Wire(udp(), (LOCAL, port))) as first:
+        first._boot -= 3600_000_000_000
+        subject.until(subject.has_pose)
+    with HoveringAutopilot(Wire(udp(), (LOCAL, port)), north=9.0) as second:
+        subject.until(lambda: subject.has_pose(9.0))
+        assert second.heard('COMMAND_LONG')
+    assert subject.link.state().vehicle.clock.restarts == 1
+
+
+def test_of_two_vehicles_on_one_port_only_the_first_is_followed(connect) -> None:
+    port = free_port()
+    subject = connect(f'udpin:{LOCAL}:{port}')
+    with HoveringAutopilot(Wire(udp(), (LOCAL, port))):
+        subject.until(subject.has_pose)
+        with HoveringAutopilot(Wire(udp(), (LOCAL, port)), system=2, north=50.0) as other:
+            other._asked |= {
+                mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION,
+                mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
+            }
+            subject.until(lambda: subject.link.state().vehicle.foreign > 100)
+            assert {pose.translation[1] for _, pose in subject.link.new_poses()} == {3.0}
+            assert subject.has_pose()
+            assert other.received == []
+
+
+def test_hostile_bytes_do_no_harm(connect) -> None:
+    port = free_port()
+    subject = connect(f'udpin:{LOCAL}:{port}')
+    rng = random.Random(4)
+    frame = mavlink.MAVLink_local_position_ned_message(9000, 99, 99, 99, 0, 0, 0).pack(
+        mavlink.MAVLink(None, 1, 1)
+    )
+    with HoveringAutopilot(Wire(udp(), (LOCAL, port))), udp() as enemy:
+        subject.until(subject.has_pose)
+        for _ in range(1000):
+            noise = rng.randbytes(rng.randrange(1, 300))
+            flipped = bytearray(frame)
+            flipped[rng.randrange(1, len(frame))] ^= 1 << rng.randrange(8)
+            for data in (noise, b'\xfd' + noise, frame[: rng.randrange(1, 30)], bytes(flipped)):
+                enemy.sendto(data, (LOCAL, port))
+        subject.until(lambda: subject.link.state().bad_bytes > 1000)
+        subject.until(subject.has_pose)
+    assert {pose.translation[1] for _, pose in subject.link.new_poses()} == {3.0}
+
+
+@pytest.mark.parametrize(
+    'address',
+    [
+        '',
+        'udpin',
+        'udpin:127.0.0.1',
+        'udpin:127.0.0.1:0',
+        'udpin:127.0.0.1:99999',
+        'ttyACM0',
+        'http:localhost:80',
+        'tcp::5760',
+        'udpout:a b:14550',
+    ],
+)
+def test_a_malformed_address_is_refused(address: str) -> None:
+    with pytest.raises(ConfigurationError, match='udpin:HOST:PORT'):
+        Link(address, 115200, Settings())
+
+
+def test_a_host_that_does_not_exist_is_told(connect) -> None:
+    subject = connect('udpout:no-such-host.invalid:14550')
+    subject.until(lambda: 'cannot be opened' in subject.link.state().fault)
+
+
+def test_closing_ends_the_thread_and_frees_the_port() -> None:
+    port = free_port()
+    subject = Subject(f'udpin:{LOCAL}:{port}')
+    subject.until(lambda: subject.link.state().fault == '')
+    subject.link.close()
+    assert 'mavlink' not in {thread.name for thread in threading.enumerate()}
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as end:
+        end.bind((LOCAL, port))

@@ -1,0 +1,167 @@
+"""Interpolation against motions that are known as functions of time."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
+
+from ftp_dent_ros.errors import PoseAwaitedError, PoseError
+from ftp_dent_ros.navigation.pose_history import PoseHistory
+
+MS = 1_000_000
+
+
+class Circle:
+    """Flight on a circle at a speed (m/s), nose ahead, which turns at a rate (rad/s)."""
+
+    def __init__(self, speed: float = 2.0, rate: float = np.radians(60)) -> None:
+        self.speed, self.rate = speed, rate
+
+    def position(self, stamp: int) -> np.ndarray:
+        angle, radius = self.rate * stamp / 1e9, self.speed / self.rate
+        return np.array([radius * np.cos(angle), radius * np.sin(angle), 5.0])
+
+    def velocity(self, stamp: int) -> np.ndarray:
+        angle = self.rate * stamp / 1e9
+        return self.speed * np.array([-np.sin(angle), np.cos(angle), 0.0])
+
+    def attitude(self, stamp: int) -> Rotation:
+        heading = np.pi / 2 + self.rate * stamp / 1e9
+        return Rotation.from_euler('ZX', [heading, 0.2])
+
+    def body_rate(self, stamp: int) -> np.ndarray:
+        return self.attitude(stamp).inv().apply([0.0, 0.0, self.rate])
+
+    def feed(self, history: PoseHistory, attitudes: range, positions: range) -> PoseHistory:
+        for stamp in attitudes:
+            history.add_attitude(
+                stamp * MS, self.attitude(stamp * MS).as_quat(), self.body_rate(stamp * MS)
+            )
+        for stamp in positions:
+            history.add_position(stamp * MS, self.position(stamp * MS), self.velocity(stamp * MS))
+        return history
+
+
+def flown(step: int = 20, end: int = 2001) -> PoseHistory:
+    return Circle().feed(PoseHistory(), range(0, end, step), range(0, end, step))
+
+
+def reason_at(history: PoseHistory, stamp: int) -> str:
+    with pytest.raises(PoseError) as refusal:
+        history.at(stamp)
+    return refusal.value.reason
+
+
+def test_at_50_hz_interpolation_costs_under_2_mm_and_a_twentieth_of_a_degree() -> None:
+    history, circle = flown(), Circle()
+    for stamp in range(0, 2000 * MS, 3_333_333):
+        pose = history.at(stamp)
+        assert np.linalg.norm(pose.translation - circle.position(stamp)) < 0.15e-3
+        turn = (pose.rotation.inv() * circle.attitude(stamp)).magnitude()
+        assert np.degrees(turn) < 0.05
+    assert history.resets == 0
+
+
+def test_a_sample_is_given_back_as_it_is() -> None:
+    pose = flown().at(500 * MS)
+    assert_allclose(pose.translation, Circle().position(500 * MS), atol=1e-15)
+    assert_allclose(pose.rotation.as_matrix(), Circle().attitude(500 * MS).as_matrix())
+
+
+def test_messages_at_different_rates_are_each_interpolated() -> None:
+    history = Circle().feed(PoseHistory(), range(0, 1001, 20), range(3, 1001, 50))
+    pose = history.at(471 * MS)
+    assert_allclose(pose.translation, Circle().position(471 * MS), atol=1e-3)
+    turn = (pose.rotation.inv() * Circle().attitude(471 * MS)).magnitude()
+    assert np.degrees(turn) < 0.05
+
+
+def test_a_change_of_the_quaternions_sign_is_no_motion() -> None:
+    history, circle = PoseHistory(), Circle()
+    for index, stamp in enumerate(range(0, 200, 20)):
+        sign = -1 if index % 2 else 1
+        history.add_attitude(
+            stamp * MS, sign * circle.attitude(stamp * MS).as_quat(), circle.body_rate(stamp * MS)
+        )
+    circle.feed(history, range(0), range(0, 200, 20))
+    turn = (history.at(50 * MS).rotation.inv() * circle.attitude(50 * MS)).magnitude()
+    assert np.degrees(turn) < 0.01
+    assert history.resets == 0
+
+
+def test_nothing_is_extrapolated() -> None:
+    history = flown(end=1001)
+    with pytest.raises(PoseAwaitedError) as newer:
+        history.at(1000 * MS + 1)
+    assert newer.value.reason == 'later sample awaited'
+    assert reason_at(history, -1) == 'too old'
+    only_attitude = Circle().feed(PoseHistory(), range(0, 100, 20), range(0))
+    with pytest.raises(PoseAwaitedError, match='no position') as none:
+        only_attitude.at(50 * MS)
+    assert none.value.reason == 'no pose yet'
+
+
+def test_nothing_is_interpolated_across_a_gap() -> None:
+    history = PoseHistory(maximum_gap=0.15)
+    stamps = [*range(0, 200, 20), *range(360, 600, 20)]  # 180 ms without a sample
+    Circle().feed(history, stamps, stamps)
+    assert reason_at(history, 200 * MS) == 'gap in the samples'
+    assert reason_at(history, 359 * MS) == 'gap in the samples'
+    assert_allclose(history.at(360 * MS).translation, Circle().position(360 * MS))
+    assert history.at(150 * MS) and history.at(400 * MS)
+
+
+def test_a_yaw_reset_is_seen_and_not_interpolated_across() -> None:
+    history, circle = PoseHistory(), Circle()
+    for stamp in range(0, 400, 20):
+        reset = Rotation.from_euler('z', 2.46 if stamp >= 200 else 0.0, degrees=True)
+        attitude = reset * circle.attitude(stamp * MS)
+        history.add_attitude(stamp * MS, attitude.as_quat(), circle.body_rate(stamp * MS))
+    circle.feed(history, range(0), range(0, 400, 20))
+    assert history.resets == 1
+    assert reason_at(history, 181 * MS) == 'estimator reset'
+    assert reason_at(history, 199 * MS) == 'estimator reset'
+    assert history.at(180 * MS) and history.at(200 * MS)
+
+
+def test_a_position_reset_is_seen_and_not_interpolated_across() -> None:
+    history, circle = PoseHistory(), Circle()
+    circle.feed(history, range(0, 400, 20), range(0))
+    for stamp in range(0, 400, 20):
+        moved = circle.position(stamp * MS) + np.array([0, 0.1 * (stamp >= 200), 0])
+        history.add_position(stamp * MS, moved, circle.velocity(stamp * MS))
+    assert history.resets == 1
+    assert reason_at(history, 190 * MS) == 'estimator reset'
+
+
+@pytest.mark.parametrize('step', [5, 20, 100])
+def test_rough_flying_is_no_reset(step: int) -> None:
+    # 200 degrees a second at 5 m/s: 17 m/s2.
+    circle = Circle(speed=5.0, rate=np.radians(200))
+    history = circle.feed(PoseHistory(), range(0, 3000, step), range(0, 3000, step))
+    assert history.resets == 0
+
+
+def test_a_sample_that_is_not_newer_is_not_taken() -> None:
+    history, circle = flown(end=101), Circle()
+    assert not history.add_attitude(100 * MS, circle.attitude(0).as_quat(), [0, 0, 0])
+    assert not history.add_position(60 * MS, [0, 0, 0], [0, 0, 0])
+    assert_allclose(history.at(60 * MS).translation, circle.position(60 * MS))
+
+
+def test_it_forgets_what_is_older_than_its_duration() -> None:
+    history = Circle().feed(PoseHistory(duration=1.0), range(0, 8000, 20), range(0, 8000, 20))
+    assert reason_at(history, 5000 * MS) == 'too old'
+    assert history.at(7100 * MS)
+    assert len(history.stamps_since(0)) <= 2 * 50 + 2
+
+
+def test_stamps_since_gives_each_known_pose_once() -> None:
+    history = Circle().feed(PoseHistory(), range(20, 201, 20), range(20, 161, 20))
+    assert history.stamps_since(100 * MS) == [120 * MS, 140 * MS, 160 * MS]
+    assert history.stamps_since(160 * MS) == []
+    history.clear()
+    assert history.stamps_since(0) == []
+    assert reason_at(history, 100 * MS) == 'no pose yet'

@@ -1,0 +1,315 @@
+"""Whom the vehicle believes and when, message by message in virtual time."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from ftp_dent_ros.errors import PoseAwaitedError, PoseError
+from ftp_dent_ros.navigation.link import LinkState
+from ftp_dent_ros.navigation.report import figures, judge
+from ftp_dent_ros.navigation.vehicle import Vehicle
+from ftp_dent_ros.navigation.vehicle_state import Instant, Settings
+
+START = 1_800_000_000_000_000_000
+S, MS = 1_000_000_000, 1_000_000
+READY, STARTING = 0x33F, 0x0A7
+NOSE_EAST = (np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5))
+
+
+def heartbeat(autopilot: int = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA) -> Any:
+    return mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_QUADROTOR, autopilot, 0, 0, 4, 3)
+
+
+class World:
+    """An autopilot at 1/1 that does as it is asked, and a vehicle that listens to it.
+
+    It hovers 5 m above a point that moves north at 1 m/s, nose east.
+    """
+
+    def __init__(self, settings: Settings | None = None, boot: int = START - 100 * S) -> None:
+        self.vehicle = Vehicle(settings or Settings())
+        self.now = START
+        self.boot = boot
+        self.flags = READY
+        self.reports = True
+        self.answers = True
+        self.silent = False
+        self.intervals: dict[int, int] = {}
+        self.asked: list[int] = []
+        self.poses: list[tuple[int, Any]] = []
+        self._senders: dict[tuple[int, int], mavlink.MAVLink] = {}
+
+    @property
+    def at(self) -> Instant:
+        return Instant(self.now, self.now / S)
+
+    def boot_ms(self) -> int:
+        return (self.now - self.boot) // MS
+
+    def say(self, message: Any, system: int = 1, component: int = 1) -> bool:
+        """Bring a message over the wire, as bytes."""
+        sender = self._senders.setdefault(
+            (system, component), mavlink.MAVLink(None, system, component)
+        )
+        data = message.pack(sender)
+        sender.seq = (sender.seq + 1) % 256
+        (heard,) = mavlink.MAVLink(None).parse_buffer(data)
+        return self.vehicle.receive(heard, self.at)
+
+    def run(self, seconds: float) -> World:
+        end = self.now + round(seconds * S)
+        while self.now < end:
+            self._tick()
+            self.now += 10 * MS
+        return self
+
+    def _tick(self) -> None:
+        tick = self.now // (10 * MS)
+        if not self.silent:
+            if tick % 100 == 0:
+                self.say(heartbeat())
+            for message_id, interval in self.intervals.items():
+                if tick % max(1, interval // 10_000) == 0:
+                    self._send(message_id)
+        for request in self.vehicle.requests(self.at):
+            if not self.silent:
+                self._obey(request)
+        self.poses += self.vehicle.new_poses(self.at)
+
+    def _send(self, message_id: int) -> None:
+        north = (self.now - START) / S
+        if message_id == mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION:
+            self.say(attitude(self.boot_ms()))
+        elif message_id == mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED:
+            self.say(position(self.boot_ms(), north))
+        elif message_id == mavlink.MAVLINK_MSG_ID_SYSTEM_TIME:
+            utc_us = (self.now + 250 * MS) // 1000
+            self.say(mavlink.MAVLink_system_time_message(utc_us, self.boot_ms()))
+        elif message_id == mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT and self.reports:
+            self.say(mavlink.MAVLink_ekf_status_report_message(self.flags, 0, 0, 0, 0, 0))
+
+    def _obey(self, request: Any) -> None:
+        name = request.get_type()
+        if name == 'TIMESYNC' and self.answers:
+            self.say(mavlink.MAVLink_timesync_message(self.now - self.boot, request.ts1))
+        elif name == 'COMMAND_LONG':
+            self.asked.append(int(request.param1))
+            self.intervals[int(request.param1)] = int(request.param2)
+            self.say(mavlink.MAVLink_command_ack_message(request.command, 0, 0, 0, 1, 191))
+
+    def pose_at(self, seconds_ago: float) -> Any:
+        return self.vehicle.pose_at(self.now - round(seconds_ago * S), self.at)
+
+    def reason(self, seconds_ago: float) -> tuple[str, bool]:
+        with pytest.raises(PoseError) as refusal:
+            self.pose_at(seconds_ago)
+        return refusal.value.reason, isinstance(refusal.value, PoseAwaitedError)
+
+    def verdict(self) -> str:
+        state = LinkState('', self.vehicle.state(self.at), 0, 0)
+        assert all(isinstance(value, str) for value in figures(state).values())
+        return judge(state, 'udpin:127.0.0.1:14550').text
+
+
+def attitude(boot_ms: int, quaternion: Any = NOSE_EAST) -> Any:
+    return mavlink.MAVLink_attitude_quaternion_message(boot_ms, *quaternion, 0, 0, 0)
+
+
+def position(boot_ms: int, north: float, down: float = -5.0) -> Any:
+    return mavlink.MAVLink_local_position_ned_message(boot_ms, north, 0, down, 1, 0, 0)
+
+
+def test_a_cloud_gets_the_pose_at_its_stamp() -> None:
+    world = World().run(10)
+    stamp = world.now - 755 * MS
+    pose = world.vehicle.pose_at(stamp, world.at)
+    assert_allclose(
+        pose.translation, [0, (stamp - START) / S, 5], atol=2e-3
+    )  # stamps are whole ms
+    assert_allclose(pose.rotation.apply([1, 0, 0]), [1, 0, 0], atol=1e-6)
+    assert world.verdict() == 'believing the autopilot 1/1'
+
+
+def test_the_stream_gives_each_pose_once_in_ros_time() -> None:
+    world = World().run(10)
+    stamps = [stamp for stamp, _ in world.poses]
+    assert np.all(np.diff(stamps) > 0)
+    assert np.median(np.diff(stamps)) == 20 * MS
+    stamp, pose = world.poses[-1]
+    assert_allclose(pose.translation[1], (stamp - START) / S, atol=2e-3)
+
+
+def test_it_asks_for_what_it_needs_and_no_more() -> None:
+    world = World().run(20)
+    assert sorted(world.asked) == [
+        mavlink.MAVLINK_MSG_ID_SYSTEM_TIME,
+        mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION,
+        mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
+        mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
+    ]
+    assert world.intervals[mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION] == 20_000
+    assert world.intervals[mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED] == 20_000
+
+
+def test_it_believes_the_first_autopilot_and_from_then_on_no_other() -> None:
+    world = World()
+    invalid = mavlink.MAV_AUTOPILOT_INVALID
+    assert not world.say(heartbeat(invalid), 255, 190)  # a ground station
+    assert not world.say(heartbeat(invalid), 1, 191)  # a companion
+    assert not world.say(heartbeat(mavlink.MAV_AUTOPILOT_PX4), 1, 154)  # a gimbal
+    assert world.vehicle.state(world.at).identity is None
+    assert world.verdict().startswith('no autopilot heard on udpin')
+    assert world.say(heartbeat(), 7, 1)
+    assert not world.say(heartbeat(), 1, 1)
+    assert world.vehicle.state(world.at).identity == (7, 1)
+    assert world.vehicle.system_id == 7
+    assert world.vehicle.state(world.at).foreign == 4
+
+
+def test_a_given_system_id_is_waited_for() -> None:
+    world = World(Settings(system_id=3))
+    assert world.vehicle.system_id == 3
+    assert not world.say(heartbeat(), 1, 1)
+    assert world.say(heartbeat(), 3, 1)
+
+
+def test_another_vehicles_messages_change_nothing() -> None:
+    alone, crowded = World(), World()
+    for _ in range(200):
+        alone.run(0.05)
+        crowded.run(0.05)
+        boot_ms = crowded.boot_ms()
+        for system, component in ((2, 1), (1, 154), (255, 190)):
+            crowded.say(heartbeat(), system, component)
+            crowded.say(attitude(boot_ms, (1, 0, 0, 0)), system, component)
+            crowded.say(position(boot_ms, 77.0), system, component)
+            report = mavlink.MAVLink_ekf_status_report_message(0, 0, 0, 0, 0, 0)
+            crowded.say(report, system, component)
+            answer = mavlink.MAVLink_timesync_message(123, crowded.now - 50 * MS)
+            crowded.say(answer, system, component)
+    for one, other in zip(alone.poses, crowded.poses, strict=True):
+        assert one[0] == other[0]
+        assert_allclose(one[1].translation, other[1].translation, rtol=0, atol=0)
+    assert crowded.vehicle.state(crowded.at).foreign > 2000
+
+
+def test_nothing_is_believed_before_the_estimator_is_ready() -> None:
+    world = World()
+    world.flags = STARTING
+    world.run(5)
+    assert world.poses == []
+    assert world.reason(1.0) == ('estimator not ready', False)
+    assert world.verdict() == "the autopilot's estimator is not ready"
+    world.flags = READY
+    world.run(5)
+    assert world.poses
+    assert world.pose_at(1.0)
+    assert world.reason(5.2) == ('estimator not ready', False)
+
+
+def test_an_autopilot_that_does_not_answer_timesync_gets_no_cloud_tagged() -> None:
+    world = World()
+    world.answers = False
+    world.run(5)
+    assert world.reason(1.0) == ('clock not converged', True)
+    assert world.poses == []
+    assert 'does not answer TIMESYNC' in world.verdict()
+
+
+def test_without_an_autopilot_it_says_so() -> None:
+    world = World()
+    world.silent = True
+    world.run(1)
+    assert world.reason(0.5) == ('no autopilot', True)
+
+
+def test_a_silent_autopilot_is_told_and_its_return_recovered_from() -> None:
+    world = World().run(5)
+    world.silent = True
+    world.run(3)
+    assert world.reason(1.0) == ('link lost', True)
+    assert 'silent' in world.verdict()
+    count = len(world.poses)
+    world.run(17)
+    world.silent = False
+    world.run(5)
+    assert world.pose_at(0.5)
+    assert len(world.poses) > count
+    assert world.verdict() == 'believing the autopilot 1/1'
+    for ago in (6.0, 15.0, 20.0):
+        assert world.reason(ago)[0] in ('estimator not reported', 'gap in the samples', 'too old')
+
+
+def test_a_reboot_is_noticed_and_everything_is_asked_for_again() -> None:
+    world = World().run(5)
+    world.silent = True
+    world.run(1.2)
+    world.silent = False
+    world.boot = world.now - S
+    world.intervals.clear()
+    world.asked.clear()
+    world.run(4)
+    assert world.vehicle.state(world.at).clock.restarts == 1
+    assert mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED in world.asked
+    assert_allclose(world.pose_at(0.5).translation[1], (world.now - START) / S - 0.5, atol=2e-3)
+    before = world.reason(4.5)
+    assert before[1] is False
+
+
+def test_the_wrap_of_time_boot_ms_is_flown_through() -> None:
+    wrap = 2**32 * MS
+    world = World(boot=START - wrap + 5 * S)
+    world.boot_ms = lambda: (world.now - world.boot) // MS % 2**32  # type: ignore[method-assign]
+    world.run(8)
+    for ago in np.linspace(0.5, 6, 50):
+        assert_allclose(world.pose_at(ago).translation[1], 8 - ago, atol=2e-3)
+    assert len(world.poses) > 300
+
+
+@pytest.mark.parametrize(
+    'wrong',
+    [
+        attitude(0, (0, 0, 0, 0)),
+        attitude(0, (np.nan, 0, 0, 1)),
+        attitude(0, (2, 0, 0, 0)),
+        position(0, np.inf),
+        position(0, 0, np.nan),
+    ],
+)
+def test_impossible_contents_are_counted_and_dropped(wrong: Any) -> None:
+    world = World().run(5)
+    wrong.time_boot_ms = world.boot_ms() + 5
+    assert world.say(wrong)
+    world.run(1)
+    assert world.vehicle.state(world.at).malformed == 1
+    assert_allclose(world.pose_at(0.995).translation, [0, 5.005, 5], atol=2e-3)
+
+
+def test_it_tells_how_far_this_computers_clock_is_off_utc() -> None:
+    state = World().run(5).vehicle.state(Instant(START + 5 * S, START / S + 5))
+    assert state.utc_error == pytest.approx(-0.25, abs=2e-3)
+
+
+def test_losses_are_counted_by_the_sequence() -> None:
+    world = World()
+    world.say(heartbeat())
+    sender = world._senders[1, 1]
+    sender.seq += 3
+    world.say(heartbeat())
+    assert world.vehicle.state(world.at).lost == 3
+    sender.seq -= 1
+    world.say(heartbeat())  # the same number again: sent twice
+    assert world.vehicle.state(world.at).lost == 3
+
+
+def test_an_autopilot_other_than_ardupilot_is_asked_for_estimator_status() -> None:
+    world = World()
+    world.say(heartbeat(mavlink.MAV_AUTOPILOT_PX4))
+    world.run(3)
+    assert mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS in world.asked
+    assert mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT not in world.asked

@@ -1,0 +1,210 @@
+"""The bridge as a process between a real topic and a real MAVLink link."""
+
+from __future__ import annotations
+
+import signal
+import socket
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from hovering_autopilot import HoveringAutopilot, Wire
+from numpy.testing import assert_allclose
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from rclpy.clock import Clock
+from sensor_msgs.msg import PointCloud2
+
+from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.ros.messages import (
+    cloud_from_message,
+    cloud_to_message,
+    pose_from_message,
+    stamp_to_ns,
+)
+from ftp_dent_ros.ros.qos import CLOUDS, POSES
+
+# Hovering with the nose north 3 m north, 2 m east and 1 m above the origin.
+BASE = [2.0, 3.0, 1.0]
+
+
+@pytest.fixture
+def port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(('127.0.0.1', 0))
+        return probe.getsockname()[1]
+
+
+@pytest.fixture
+def autopilot(port: int) -> Iterator[HoveringAutopilot]:
+    with hovering(port) as instance:
+        yield instance
+
+
+def hovering(port: int, **options) -> HoveringAutopilot:
+    end = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    end.bind(('127.0.0.1', 0))
+    return HoveringAutopilot(Wire(end, ('127.0.0.1', port)), **options)
+
+
+class Bridge:
+    """The node's process and all that it publishes."""
+
+    def __init__(self, ros, port: int, **parameters) -> None:
+        self.ros = ros
+        self.process = ros.start('mavlink_bridge', address=f'udpin:127.0.0.1:{port}', **parameters)
+        self.stream = ros.collect(PoseStamped, 'mavlink/pose', POSES)
+        self.poses = ros.collect(PoseWithCovarianceStamped, 'tagged/pose', POSES)
+        self.status = ros.diagnostics('mavlink_bridge')
+        self.points = ros.publisher(PointCloud2, 'points', CLOUDS)
+
+    def publish(self, frame: str = 'camera_optical_frame', ago: float = 0.1) -> int:
+        """Publish a cloud of two points taken some seconds ago; its stamp."""
+        points = np.array([[[0.2, 0.3, 1.0], [np.nan] * 3]], np.float32)
+        cloud = Cloud(points, np.array([[7.0, 0.0]], np.float32))
+        stamp = Clock().now().nanoseconds - round(ago * 1e9)
+        self.points.publish(cloud_to_message(cloud, stamp, frame))
+        return stamp
+
+    def value(self, key: str) -> str | None:
+        status = self.status()
+        return {v.key: v.value for v in status.values}.get(key) if status else None
+
+    def number(self, key: str) -> float:
+        value = self.value(key)
+        return 0.0 if value in (None, 'unknown') else float(value)
+
+    def message(self) -> str:
+        return self.status().message if self.status() else ''
+
+
+def test_a_cloud_comes_back_in_the_map_with_the_pose_at_its_stamp(ros, port, autopilot) -> None:
+    bridge = Bridge(ros, port)
+    clouds = ros.collect(PointCloud2, 'tagged/points', CLOUDS)
+    ros.until(lambda: bridge.stream)
+    stamps = []
+    for count in range(1, 4):
+        stamps.append(bridge.publish())
+        ros.until(lambda n=count: len(clouds) == len(bridge.poses) == n)
+
+    assert [stamp_to_ns(cloud.header.stamp) for cloud in clouds] == stamps
+    assert {cloud.header.frame_id for cloud in clouds} == {'map'}
+    cloud = cloud_from_message(clouds[0])
+    # The camera is 10 cm ahead of the body and looks north: right is east, down is down.
+    assert_allclose(cloud.points[0, 0], [2.0 + 0.2, 3.0 + 0.1 + 1.0, 1.0 - 0.3], atol=1e-6)
+    assert np.isnan(cloud.points[0, 1]).all()
+    assert cloud.intensity.tolist() == [[7.0, 0.0]]
+
+    assert [stamp_to_ns(pose.header.stamp) for pose in bridge.poses] == stamps
+    assert {pose.header.frame_id for pose in bridge.poses} == {'map'}
+    pose = pose_from_message(bridge.poses[0].pose.pose)
+    assert_allclose(pose.translation, BASE, atol=1e-6)
+    assert_allclose(pose.rotation.apply([1, 0, 0]), [0, 1, 0], atol=1e-6)
+
+    ros.until(lambda: len(bridge.stream) > 30)
+    live = bridge.stream[-1]
+    assert live.header.frame_id == 'map'
+    assert_allclose(pose_from_message(live.pose).translation, BASE, atol=1e-6)
+    spacing = np.diff([stamp_to_ns(pose.header.stamp) for pose in bridge.stream])
+    assert np.median(spacing) == pytest.approx(20e6, abs=2e6)
+
+    ros.until(lambda: bridge.value('tagged') == '3')
+    assert bridge.value('system/component') == '1/1'
+    assert bridge.value('clock converged') == 'true'
+    assert bridge.number('ATTITUDE_QUATERNION (Hz)') > 0
+    assert 0 < bridge.number('round trip (ms)') < 1000
+    assert 'waited median (ms)' in {v.key for v in bridge.status().values}
+    beats = autopilot.heard('HEARTBEAT')
+    assert {(m.get_srcSystem(), m.get_srcComponent(), m.type) for m in beats} == {
+        (1, 191, mavlink.MAV_TYPE_ONBOARD_CONTROLLER)
+    }
+
+
+def test_what_cannot_be_tagged_is_refused_with_its_reason(ros, port, autopilot) -> None:
+    bridge = Bridge(ros, port)
+    ros.until(lambda: bridge.stream)
+    for count, refused in enumerate(({'frame': 'camera_link'}, {'ago': 3600}, {'ago': -3600})):
+        bridge.publish(**refused)
+        ros.until(lambda n=count: bridge.number('refused') > n)
+    assert bridge.value('refused: wrong frame') == '1'
+    assert bridge.value('refused: too old') == '1'
+    assert bridge.value('refused: stamp in the future') == '1'
+    assert 'no pose for the cloud' in bridge.process.output
+    assert bridge.poses == []
+    bridge.publish()
+    ros.until(lambda: len(bridge.poses) == 1)
+
+
+def test_mount_and_frames_are_parameters_and_clouds_wait_in_a_queue(ros, port) -> None:
+    bridge = Bridge(
+        ros,
+        port,
+        mount__translation='[0.0, 0.0, -0.5]',
+        mount__rpy='[0.0, 0.0, 0.0]',
+        map_frame='site',
+        camera_frame='lens',
+        pose_timeout=30.0,
+        queue_size=2,
+    )
+    clouds = ros.collect(PointCloud2, 'tagged/points', CLOUDS)
+    for count in range(3):
+        bridge.publish('lens', ago=0.0)
+        ros.until(lambda n=count: bridge.number('clouds') > n)
+    assert bridge.value('refused: too many waiting') == '1'
+    assert bridge.value('clouds waiting') == '2'
+    with hovering(port):
+        ros.until(lambda: bridge.stream)
+        # Those that waited are of a time when no autopilot was there.
+        ros.until(lambda: bridge.value('refused: estimator not ready') == '2')
+        bridge.publish('lens')
+        ros.until(lambda: clouds and bridge.poses)
+    assert clouds[0].header.frame_id == bridge.poses[0].header.frame_id == 'site'
+    # Mounted as the body is, half a metre below: x is north, y is west.
+    assert_allclose(
+        cloud_from_message(clouds[0]).points[0, 0], [2.0 - 0.3, 3.0 + 0.2, 0.5 + 1.0], atol=1e-6
+    )
+
+
+def test_the_life_of_a_link(ros, port) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(('127.0.0.1', port))
+        bridge = Bridge(ros, port, pose_timeout=0.3)
+        ros.until(lambda: 'another program listens' in bridge.message())
+    ros.until(lambda: bridge.message().startswith(f'no autopilot heard on udpin:127.0.0.1:{port}'))
+    bridge.publish()
+    ros.until(lambda: bridge.value('refused: no autopilot') == '1')
+    with hovering(port):
+        ros.until(lambda: bridge.stream)
+        bridge.publish()
+        ros.until(lambda: bridge.poses)
+    ros.until(lambda: bridge.number('silence (s)') > 2)
+    bridge.publish()
+    ros.until(lambda: bridge.value('refused: link lost') == '1')
+    bridge.stream.clear()
+    bridge.poses.clear()
+    with hovering(port, north=8.0):
+        ros.until(lambda: bridge.stream)
+        bridge.publish()
+        ros.until(lambda: bridge.poses)
+    assert pose_from_message(bridge.poses[0].pose.pose).translation[1] == pytest.approx(8.0)
+
+
+@pytest.mark.parametrize('with_signal', [signal.SIGINT, signal.SIGTERM])
+def test_it_ends_with_status_0_amid_the_traffic(ros, port, autopilot, with_signal) -> None:
+    bridge = Bridge(ros, port)
+    ros.until(lambda: len(bridge.stream) > 10)
+    assert bridge.process.stop(with_signal) == 0
+    assert 'Traceback' not in bridge.process.output
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as end:
+        end.bind(('127.0.0.1', port))
+
+
+@pytest.mark.parametrize(
+    ('parameters', 'sentence'),
+    [({'address': 'udp:14550'}, 'udpin:HOST:PORT'), ({'rate': 5000.0}, 'from 10 to 200')],
+)
+def test_a_wrong_parameter_ends_it_with_one_line(ros, parameters, sentence) -> None:
+    process = ros.start('mavlink_bridge', **parameters)
+    assert process.wait() == 2
+    (line,) = process.output.strip().splitlines()
+    assert sentence in line
