@@ -54,12 +54,13 @@ def _module(command: str):
     except ModuleNotFoundError as error:
         if error.name and error.name.startswith('ftp_dent_ros'):
             raise
+        package = (error.name or str(error)).split('.')[0]
         raise FtpDentError(
-            f'needs the Python package {error.name}, which is not installed: {_advice(error.name)}'
+            f'needs the Python package {package}, which is not installed: {_advice(package)}'
         ) from None
 
 
-def _advice(package: str | None) -> str:
+def _advice(package: str) -> str:
     if package in ('mcap', 'rosbags', 'lz4', 'zstandard'):
         return (
             "install it with `pip install '.[bags]'`, or where ROS 2 is installed "

@@ -1,1 +1,6 @@
 """Bags: record, replay, recover."""
+
+from ftp_dent_ros.recording.reader import Bag, open_bag, read_messages
+from ftp_dent_ros.recording.topic import Message, Topic
+
+__all__ = ['Bag', 'Message', 'Topic', 'open_bag', 'read_messages']

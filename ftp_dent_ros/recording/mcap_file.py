@@ -153,7 +153,10 @@ class McapFile:
             0,  # length of the compression's name
             size,
         )
-        indices = [_records(MessageIndex(channel_id=channel, records=times)) for channel, times in index.items()]
+        indices = [
+            _records(MessageIndex(channel_id=channel, records=times))
+            for channel, times in index.items()
+        ]
         offsets = self._offsets(indices, self._end + len(head) + size)
         chunk = ChunkIndex(
             chunk_start_offset=self._end,
@@ -175,6 +178,10 @@ class McapFile:
         for channel, times in index.items():
             self._counts[channel] += len(times)
 
+    def sync(self) -> None:
+        """Have the kernel put what is written on the disk itself."""
+        os.fdatasync(self._descriptor)
+
     def close(self, name: str, metadata: Mapping[str, str]) -> None:
         """Add a metadata record and the summary, and close; afterwards the file is whole."""
         try:
@@ -184,7 +191,7 @@ class McapFile:
             start = self._end + len(rest) + len(record)
             data_end = _records(DataEnd(0))
             self._append([rest, record, data_end, *self._summary(index, start + len(data_end))])
-            os.fsync(self._descriptor)
+            self.sync()
         finally:
             self.abandon()
 

@@ -136,12 +136,13 @@ def _records(stream: BinaryIO, size: int) -> Iterator[tuple[int, bytes, bool]]:
     """
     while True:
         head = stream.read(RECORD_HEADER.size)
-        if len(head) < RECORD_HEADER.size:
+        rest = size - stream.tell()
+        # Below 0 while a recorder still adds to the file.
+        if len(head) < RECORD_HEADER.size or rest < 0:
             return
         opcode, length = RECORD_HEADER.unpack(head)
         if not (Opcode.HEADER <= opcode <= Opcode.DATA_END or opcode >= _PRIVATE_OPCODES):
             return
-        rest = size - stream.tell()
         if length <= rest:
             yield opcode, stream.read(length), True
             continue

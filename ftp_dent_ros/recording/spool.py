@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections import deque
 
 from ftp_dent_ros.recording.topic import Message
 from ftp_dent_ros.recording.writer import BagWriter
+
+# A drone's battery may be pulled as soon as it has landed.
+SYNC_PERIOD_S = 2.0
 
 
 class Spool:
     """Hands messages to a `BagWriter` in a thread of its own, as soon as they come.
 
     Whoever receives is never held up by the disk: what comes while the thread writes waits in
-    memory, up to `capacity` bytes, and what comes when that is full is dropped and counted.
+    memory, up to `capacity` bytes, and what comes when that is full is dropped and counted. Every
+    two seconds the disk itself is brought up to date.
 
     Parameters
     ----------
@@ -64,6 +69,7 @@ class Spool:
         self._thread.join()
 
     def _run(self) -> None:
+        synced = time.monotonic()
         while True:
             with self._changed:
                 self._changed.wait_for(lambda: self._waiting or self._closing)
@@ -73,6 +79,9 @@ class Spool:
             before = self._writer.message_count
             try:
                 self._writer.write(batch)
+                if time.monotonic() - synced > SYNC_PERIOD_S:
+                    self._writer.sync()
+                    synced = time.monotonic()
             except Exception as error:
                 with self._changed:
                     self.error = error

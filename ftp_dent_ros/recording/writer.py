@@ -86,15 +86,23 @@ class BagWriter:
 
     def write(self, messages: Iterable[Message]) -> None:
         """Write messages of known topics, in chunks of about a megabyte."""
+        limit = min(CHUNK_SIZE, self._max_file_size or CHUNK_SIZE)
         chunk: list[Message] = []
         size = 0
         for message in messages:
             chunk.append(message)
             size += len(message.data)
-            if size >= CHUNK_SIZE:
+            if size >= limit:
                 self._write_chunk(chunk)
                 chunk, size = [], 0
         self._write_chunk(chunk)
+
+    def sync(self) -> None:
+        """Have what is written outlive a power cut too; takes as long as the disk needs."""
+        try:
+            self._file.sync()
+        except OSError as reason:
+            raise self._failure(reason) from None
 
     def split(self) -> None:
         """Close the file and begin the next one."""

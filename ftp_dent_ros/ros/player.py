@@ -22,7 +22,7 @@ from ftp_dent_ros.ros.bags import message_class, offer_for
 # this many bytes.
 _DEPTHS = (10, 1000)
 _HISTORY_SIZE = 1 << 26
-# Fast DDS asks for acknowledgements with every few megabytes, or else every 3 s.
+# Fast DDS asks for acknowledgements every 3 s where the shipped transport.xml is not used.
 _PATIENCE_S = 10.0
 _SETTLED_S = 0.5  # discovery is taken to be over when it has been quiet for so long
 

@@ -39,8 +39,7 @@ def session(name: str, arguments: Sequence[str] = ()) -> Iterator[tuple[Node, th
     ConfigurationError
         The arguments are not understood.
     """
-    with _stop_on_signal() as stop, transport.profile(_PARTICIPANTS) as variables:
-        os.environ.update(variables)
+    with _stop_on_signal() as stop, _transport():
         try:
             rclpy.init(
                 args=['--ros-args', *arguments], signal_handler_options=SignalHandlerOptions.NO
@@ -58,6 +57,17 @@ def session(name: str, arguments: Sequence[str] = ()) -> Iterator[tuple[Node, th
                 node.destroy_node()
         finally:
             rclpy.try_shutdown()
+
+
+@contextmanager
+def _transport() -> Iterator[None]:
+    with transport.profile(_PARTICIPANTS) as variables:
+        os.environ.update(variables)
+        try:
+            yield
+        finally:
+            for name in variables:
+                del os.environ[name]
 
 
 @contextmanager

@@ -42,7 +42,7 @@ def test_a_file_cut_at_any_byte_gives_back_every_whole_message(tmp_path, bag):
     data = (bag / 'bag_0.mcap').read_bytes()
     ends = payload_ends(data)
     # Every byte from a chunk into the next one, and of the end; elsewhere some.
-    some = range(8, len(data), 61)
+    some = range(8, len(data), 211)
     for cut in {*some, *range(ends[2] - 9, ends[3] + 9), *range(len(data) - 40, len(data) + 1)}:
         path = tmp_path / 'cut.mcap'
         path.write_bytes(data[:cut])
@@ -184,6 +184,16 @@ def test_an_output_that_exists_is_not_touched(tmp_path, bag):
     with pytest.raises(BagError, match='exists already'):
         recover(bag, tmp_path / 'new')
     assert list((tmp_path / 'new').iterdir()) == []
+
+
+def test_a_disk_too_small_for_the_new_bag(tmp_path, small_disk):
+    write_sample(
+        tmp_path / 'bag',
+        [message._replace(data=message.data + bytes(100_000)) for message in MESSAGES],
+    )
+    with pytest.raises(BagError, match=f'^{small_disk}/new: the disk is full: free some space$'):
+        recover(tmp_path / 'bag', small_disk / 'new')
+    assert list(small_disk.iterdir()) == []
 
 
 def test_the_progress_is_of_bytes(tmp_path, bag):

@@ -1,0 +1,73 @@
+import re
+import subprocess
+import sys
+from collections import Counter
+
+import pytest
+from bag_samples import sample_messages, write_sample
+
+from ftp_dent_ros.cli.main import main
+from ftp_dent_ros.recording.reader import read_messages
+
+MESSAGES = sample_messages(10)
+
+
+@pytest.fixture
+def bag(tmp_path):
+    write_sample(tmp_path / 'bag', MESSAGES)
+    return tmp_path / 'bag'
+
+
+def test_recover_says_what_was_saved_and_what_was_cut(tmp_path, bag, capsys):
+    (bag / 'metadata.yaml').unlink()
+    path = bag / 'bag_0.mcap'
+    path.write_bytes(path.read_bytes()[:2500])
+    assert main(['recover', str(bag), '--output', str(tmp_path / 'new')]) == 0
+    saved = list(read_messages(tmp_path / 'new'))
+    assert saved == MESSAGES[: len(saved)]
+    output = capsys.readouterr().out
+    assert output.startswith(f'{tmp_path}/new: {len(saved)} messages of 2 topics\n')
+    counts = Counter(message.topic for message in saved)
+    assert [line.split() for line in output.splitlines()[1:3]] == [
+        [str(counts['/poses']), '/poses'],
+        [str(counts['/words']), '/words'],
+    ]
+    assert re.fullmatch(
+        r'bag_0\.mcap: cut \d+ bytes at the end, which hold no whole message',
+        output.splitlines()[3],
+    )
+    assert len(output.splitlines()) == 4
+
+
+def test_recover_of_a_whole_bag_says_so(tmp_path, bag, capsys):
+    assert main(['recover', str(bag), '-o', str(tmp_path / 'new')]) == 0
+    assert capsys.readouterr().out.endswith(f'{bag} was whole already: the new bag is a copy\n')
+    assert list(read_messages(tmp_path / 'new')) == MESSAGES
+
+
+@pytest.mark.parametrize('name', ['nothing', 'empty.mcap', 'text.mcap'])
+def test_recover_of_nothing_is_an_error_of_one_line(tmp_path, capsys, name):
+    (tmp_path / 'empty.mcap').write_bytes(b'')
+    (tmp_path / 'text.mcap').write_bytes(b'some text')
+    assert main(['recover', str(tmp_path / name), '-o', str(tmp_path / 'new')]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f'ftp-dent recover: {tmp_path}/{name}: ')
+    assert not (tmp_path / 'new').exists()
+
+
+@pytest.mark.parametrize('missing', ['mcap', 'rosbags'])
+def test_without_the_libraries_the_commands_say_what_to_do(missing):
+    code = (
+        f'import sys; sys.modules[{missing!r}] = None; '
+        "from ftp_dent_ros.cli.main import main; sys.exit(main(['record', '/points']))"
+    )
+    result = subprocess.run(
+        [sys.executable, '-c', code], capture_output=True, text=True, check=False
+    )
+    assert result.returncode == 2
+    (line,) = result.stderr.splitlines()
+    assert line.startswith('ftp-dent record: needs the Python package ')
+    if 'rclpy' not in line:
+        assert f'{missing}, which is not installed' in line
+        assert "`pip install '.[bags]'`" in line
+        assert '`ros2 bag`' in line

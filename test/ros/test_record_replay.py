@@ -1,0 +1,515 @@
+"""Recorder and player as processes of their own, with publishers and subscribers in this one."""
+
+# ruff: noqa: E402
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from itertools import pairwise
+
+import pytest
+
+for library in ('mcap', 'rosbags'):
+    pytest.importorskip(library, reason='bags need it')
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from rcl_interfaces.msg import Log, ParameterEvent
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message, serialize_message
+from rosbags.rosbag2 import Reader
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from std_msgs.msg import String
+from visualization_msgs.msg import MarkerArray
+
+from ftp_dent_ros.cli.main import main
+from ftp_dent_ros.errors import BagError
+from ftp_dent_ros.recording.definitions import type_hash
+from ftp_dent_ros.recording.reader import open_bag, read_messages
+from ftp_dent_ros.recording.salvage import Salvage
+from ftp_dent_ros.recording.topic import Message, Qos, Topic
+from ftp_dent_ros.recording.writer import BagWriter
+
+STRING = 'std_msgs/msg/String'
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+# Enough to hold all that a test sends: the other side may not have met the publisher yet.
+LONG = QoSProfile(depth=200)
+BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+DESIGN_TYPES = {
+    'sensor_msgs/msg/Image': Image,
+    'sensor_msgs/msg/CameraInfo': CameraInfo,
+    'sensor_msgs/msg/PointCloud2': PointCloud2,
+    'geometry_msgs/msg/PoseWithCovarianceStamped': PoseWithCovarianceStamped,
+    'geometry_msgs/msg/PoseStamped': PoseStamped,
+    'visualization_msgs/msg/MarkerArray': MarkerArray,
+    'diagnostic_msgs/msg/DiagnosticArray': DiagnosticArray,
+    'rcl_interfaces/msg/Log': Log,
+    'rcl_interfaces/msg/ParameterEvent': ParameterEvent,
+}
+
+
+class Command:
+    """A command of the package as a process."""
+
+    def __init__(self, words, log):
+        self.log = log
+        with log.open('w') as output:
+            self.process = subprocess.Popen(
+                [sys.executable, '-m', 'ftp_dent_ros.cli.main', *map(str, words)],
+                stdout=output,
+                stderr=subprocess.STDOUT,
+            )
+
+    @property
+    def output(self):
+        return self.log.read_text()
+
+    def ended(self):
+        return self.process.poll() is not None
+
+    def stop(self, with_signal=signal.SIGINT):
+        """Exit status after a signal."""
+        self.process.send_signal(with_signal)
+        return self.process.wait(30)
+
+    def wait(self):
+        return self.process.wait(60)
+
+
+@pytest.fixture
+def command(ros, tmp_path):
+    """Function that starts a command."""
+    started = []
+
+    def start(*words):
+        started.append(Command(words, tmp_path / f'command{len(started)}.log'))
+        return started[-1]
+
+    yield start
+    for each in started:
+        print(f'--- {each.log.name}\n{each.output}')
+        each.process.kill()
+        each.process.wait()
+
+
+def status(*words):
+    """Exit status of a command in this process."""
+    try:
+        return main([str(word) for word in words])
+    except SystemExit as end:
+        return end.code
+
+
+def on_disk(bag, _known={}):  # noqa: B006
+    """Messages in a bag, closed or not; read again only when its file has grown."""
+    path = bag / f'{bag.name}_0.mcap'
+    size = path.stat().st_size if path.is_file() else 0
+    if _known.get(path, (0, []))[0] != size:
+        _known[path] = size, list(Salvage(path).messages())
+    return _known[path][1] if size else []
+
+
+def on_the_wire(message):
+    """A serialised message as it arrives: filled up to whole words of four bytes."""
+    data = message if isinstance(message, bytes) else serialize_message(message)
+    return data + bytes(-len(data) % 4)
+
+
+def text_of(message):
+    return deserialize_message(message.data, String).data
+
+
+def write_words(folder, topic, texts, period_ns=20_000_000, qos=(), type_=STRING, hash_=None):
+    """A bag of strings, `period_ns` apart."""
+    known = Topic(topic, type_, type_hash(type_) if hash_ is None else hash_, (Qos(*qos),))
+    with BagWriter(folder) as writer:
+        writer.add_topic(known)
+        for index, text in enumerate(texts):
+            time_ns = 1_700_000_000_000_000_000 + index * period_ns
+            data = serialize_message(String(data=text))
+            writer.write([Message(topic, type_, time_ns, time_ns, data, index)])
+
+
+class Listener:
+    """Raw messages of a topic as they come, with their time on the monotonic clock."""
+
+    def __init__(self, ros, message_type, topic, qos=10):
+        self.data = []
+        self.times = []
+        self.subscription = ros.node.create_subscription(
+            message_type, topic, self.take, qos, raw=True
+        )
+
+    def take(self, data):
+        self.data.append(data)
+        self.times.append(time.monotonic())
+
+    @property
+    def texts(self):
+        return [deserialize_message(data, String).data for data in self.data]
+
+
+# Recording
+
+
+def test_every_message_is_recorded_as_it_was_published(ros, command, tmp_path):
+    words_topic, image_topic = f'{ros.namespace}/words', f'{ros.namespace}/image_raw'
+    pattern_topic = f'{ros.namespace}/projector/image_raw'
+    latched = ros.node.create_publisher(String, pattern_topic, LATCHED)
+    latched.publish(String(data='before the recorder came'))
+    bag = tmp_path / 'bag'
+    recorder = command('record', words_topic, '--topics', image_topic, pattern_topic, '-o', bag)
+    words = ros.publisher(String, words_topic, LONG)
+    images = ros.publisher(Image, image_topic, LONG)
+    sent_words = [String(data=f'{number}' * number) for number in range(50)]
+    sent_images = [
+        Image(height=480, width=640, step=1920, data=bytes([number]) * 921600)
+        for number in range(5)
+    ]
+    for number, message in enumerate(sent_words):
+        words.publish(message)
+        if number % 10 == 0:
+            images.publish(sent_images[number // 10])
+            images.wait_for_all_acked()
+    ros.until(lambda: len(on_disk(bag)) == 56)
+    assert not (bag / 'metadata.yaml').exists()
+    assert recorder.stop() == 0
+    assert re.search(rf'{bag}: 56 messages, .* MB in .* s, 3 topics\n', recorder.output)
+
+    recorded = list(read_messages(bag))
+    by_topic = {
+        topic: [message for message in recorded if message.topic == topic]
+        for topic in (words_topic, image_topic, pattern_topic)
+    }
+    assert [text_of(each) for each in by_topic[pattern_topic]] == ['before the recorder came']
+    assert [each.data for each in by_topic[words_topic]] == [
+        on_the_wire(message) for message in sent_words
+    ]
+    assert [deserialize_message(each.data, Image) for each in by_topic[image_topic]] == sent_images
+    assert [each.sequence for each in by_topic[words_topic]] == list(range(1, 51))
+    for message in recorded:
+        assert 0 < message.publish_time_ns <= message.log_time_ns <= time.time_ns()
+    with Reader(bag) as reader:
+        assert reader.message_count == 56
+
+
+def test_types_and_quality_of_service_are_those_of_the_publishers(ros, command, tmp_path):
+    publishers = {
+        f'{ros.namespace}/{name.split("/")[-1].lower()}': ros.node.create_publisher(
+            kind, f'{ros.namespace}/{name.split("/")[-1].lower()}', LATCHED
+        )
+        for name, kind in DESIGN_TYPES.items()
+    }
+    ros.node.create_publisher(Image, f'{ros.namespace}/image', BEST_EFFORT)
+    recorder = command('record', '--regex', f'^{ros.namespace}/', '-o', tmp_path / 'bag')
+    ros.until(lambda: all(each.get_subscription_count() for each in publishers.values()))
+    assert recorder.stop(signal.SIGTERM) == 0
+    topics = {topic.name: topic for topic in open_bag(tmp_path / 'bag').metadata.topics}
+    assert sorted(topic.type for topic in topics.values()) == sorted(DESIGN_TYPES)
+    for name in publishers:
+        infos = ros.node.get_publishers_info_by_topic(name)
+        assert {str(info.topic_type_hash) for info in infos} == {topics[name].type_hash}
+        assert topics[name].type_hash == type_hash(topics[name].type)
+        assert topics[name].definition.encoding == 'ros2msg'
+    pose = topics[f'{ros.namespace}/posestamped']
+    assert pose.offered_qos == (Qos(durability='transient_local'),)
+    image = topics[f'{ros.namespace}/image']
+    assert sorted(qos.reliability for qos in image.offered_qos) == ['best_effort', 'reliable']
+
+
+def test_topics_are_found_as_they_appear(ros, command, tmp_path):
+    bag = tmp_path / 'bag'
+    command_line = ['--regex', ros.namespace, '--exclude-regex', 'secret', '-o', bag]
+    recorder = command('record', *command_line)
+    secret = ros.node.create_publisher(String, f'{ros.namespace}/secret', 10)
+    for name in ('first', 'second'):
+        ros.publisher(String, f'{ros.namespace}/{name}').publish(String(data=name))
+    secret.publish(String(data='secret'))
+    ros.until(lambda: len(on_disk(bag)) == 2)
+    assert recorder.stop() == 0
+    assert [text_of(message) for message in read_messages(bag)] == ['first', 'second']
+
+
+def test_a_publisher_that_offers_less_is_heard_too(ros, command, tmp_path):
+    bag = tmp_path / 'bag'
+    topic = f'{ros.namespace}/words'
+    recorder = command('record', topic, '-o', bag)
+    ros.publisher(String, topic).publish(String(data='reliable'))
+    ros.until(lambda: len(on_disk(bag)) == 1)
+    ros.publisher(String, topic, BEST_EFFORT).publish(String(data='best effort'))
+    ros.until(lambda: len(on_disk(bag)) == 2)
+    assert recorder.stop() == 0
+    assert [text_of(message) for message in read_messages(bag)] == ['reliable', 'best effort']
+    assert 'offers less than the others' in recorder.output
+
+
+def test_everything_means_everything(ros, command, tmp_path):
+    bag = tmp_path / 'bag'
+    recorder = command('record', '--all', '--max-bag-size', '10K', '-o', bag)
+    publisher = ros.publisher(String, f'{ros.namespace}/words', LONG)
+    for number in range(10):
+        publisher.publish(String(data=f'{number}' * 3000))
+    ros.until(lambda: (bag / 'bag_2.mcap').exists())
+    assert recorder.stop(signal.SIGHUP) == 0
+    opened = open_bag(bag)
+    assert len(opened.files) >= 3
+    names = {topic.name for topic in opened.metadata.topics}
+    assert {f'{ros.namespace}/words', '/parameter_events'} <= names
+    words = opened.messages([f'{ros.namespace}/words'])
+    assert [text_of(message)[0] for message in words] == list('0123456789')
+
+
+def test_a_killed_recorder_has_lost_no_message(ros, command, tmp_path):
+    bag, new = tmp_path / 'bag', tmp_path / 'new'
+    recorder = command('record', f'{ros.namespace}/words', f'{ros.namespace}/image', '-o', bag)
+    words = ros.publisher(String, f'{ros.namespace}/words', LONG)
+    images = ros.publisher(Image, f'{ros.namespace}/image', LONG)
+    for number in range(100):
+        words.publish(String(data=f'{number}'))
+    for number in range(10):
+        images.publish(Image(height=number, data=bytes([number]) * 500_000))
+        images.wait_for_all_acked()
+    ros.until(lambda: len(on_disk(bag)) == 110)
+    # Killed while it writes.
+    for number in range(10, 40):
+        images.publish(Image(height=number, data=bytes([number]) * 500_000))
+        words.publish(String(data=f'{number + 90}'))
+        if number == 25:
+            recorder.process.kill()
+    recorder.wait()
+
+    player = command('replay', bag)
+    assert player.wait() == 2
+    assert f'`ftp-dent recover {bag} --output NEW`' in player.output
+    with pytest.raises(BagError):
+        open_bag(bag)
+
+    before = (bag / 'bag_0.mcap').read_bytes()
+    mender = command('recover', bag, '--output', new)
+    assert mender.wait() == 0
+    assert (bag / 'bag_0.mcap').read_bytes() == before
+    saved = open_bag(new)
+    texts = [text_of(message) for message in saved.messages([f'{ros.namespace}/words'])]
+    assert texts == [f'{number}' for number in range(len(texts))]
+    pixels = [
+        deserialize_message(message.data, Image)
+        for message in saved.messages([f'{ros.namespace}/image'])
+    ]
+    assert [image.height for image in pixels] == list(range(len(pixels)))
+    assert all(bytes(image.data) == bytes([image.height]) * 500_000 for image in pixels)
+    assert len(texts) >= 100
+    assert len(pixels) >= 10
+    assert f'{new}: {len(texts) + len(pixels)} messages of 2 topics' in mender.output
+    with Reader(new) as reader:
+        assert reader.message_count == len(texts) + len(pixels)
+
+
+def test_a_full_disk_ends_the_recording_with_one_sentence_and_a_whole_bag(ros, command, tmp_path):
+    disk = tmp_path / 'disk'
+    disk.mkdir()
+    mount = ['mount', '-t', 'tmpfs', '-o', 'size=2m', 'none', str(disk)]
+    if os.geteuid() != 0 or subprocess.run(mount, capture_output=True, check=False).returncode:
+        pytest.skip('no file system can be mounted here: a full disk is not tested')
+    try:
+        recorder = command('record', f'{ros.namespace}/image', '-o', disk / 'bag')
+        images = ros.publisher(Image, f'{ros.namespace}/image', LONG)
+        for number in range(30):
+            images.publish(Image(height=number, data=bytes([number]) * 200_000))
+            ros.until(lambda n=number: recorder.ended() or len(on_disk(disk / 'bag')) > n)
+            if recorder.ended():
+                break
+        assert recorder.wait() == 2
+        sentence = recorder.output.splitlines()[-1]
+        assert sentence.startswith(f'ftp-dent record: {disk}/bag: the disk is full: free some')
+        assert sentence.endswith('which are a whole bag')
+        saved = [
+            deserialize_message(message.data, Image).height
+            for message in read_messages(disk / 'bag')
+        ]
+        assert saved == list(range(len(saved)))
+        assert len(saved) >= 8
+    finally:
+        subprocess.run(['umount', '-l', str(disk)], check=True)
+
+
+@pytest.mark.parametrize(
+    ('words', 'sentence'),
+    [
+        ([], 'nothing to record: name topics, or give --all or --regex'),
+        (['--regex', '('], 'is no regular expression'),
+        (['/x', '--output', '.'], '.: exists already and is not overwritten'),
+        (['/x', '--max-bag-size', '5T'], "'5T' is no size"),
+    ],
+)
+def test_wrong_arguments_of_record(domain, capsys, words, sentence):
+    assert status('record', *words) == 2
+    assert sentence in capsys.readouterr().err.splitlines()[-1]
+
+
+def test_topics_that_never_came_are_named(ros, command, tmp_path):
+    recorder = command('record', 'nobody/here', '-o', tmp_path / 'bag')
+    ros.until((tmp_path / 'bag' / 'bag_0.mcap').exists)
+    assert recorder.stop() == 0
+    assert '/nobody/here: not recorded, for nobody published it' in recorder.output
+    assert list(read_messages(tmp_path / 'bag')) == []
+
+
+# Replaying
+
+
+def test_replay_gives_the_same_bytes_in_the_same_order_and_no_faster(ros, command, tmp_path):
+    bag = tmp_path / 'bag'
+    topic = f'{ros.namespace}/words'
+    texts = [f'{number}' * number for number in range(30)]
+    write_words(bag, topic, texts)
+    listener = Listener(ros, String, topic, 100)
+    player = command('replay', bag, '--wait-for-subscribers')
+    ros.until(lambda: len(listener.data) == 30)
+    assert player.wait() == 0
+    assert listener.data == [on_the_wire(message.data) for message in read_messages(bag)]
+    ended = re.search(rf'{bag}: 30 messages of 1 topics in ([\d.]+) s', player.output)
+    assert float(ended.group(1)) >= 0.5
+
+
+def test_replay_at_a_rate_from_a_bare_file(ros, command, tmp_path):
+    topic = f'{ros.namespace}/words'
+    write_words(tmp_path / 'bag', topic, ['a', 'b'], period_ns=3600 * 10**9)
+    listener = Listener(ros, String, topic)
+    player = command(
+        'replay', tmp_path / 'bag' / 'bag_0.mcap', '--rate', '36000', '--wait-for-subscribers'
+    )
+    ros.until(lambda: len(listener.data) == 2)
+    assert player.wait() == 0
+    assert listener.texts == ['a', 'b']
+
+
+def test_large_messages_at_once_are_not_lost(ros, command, tmp_path):
+    bag, topic = tmp_path / 'bag', f'{ros.namespace}/image'
+    sent = [Image(height=number, data=bytes([number]) * 2_000_000) for number in range(40)]
+    with BagWriter(bag) as writer:
+        type_name = 'sensor_msgs/msg/Image'
+        writer.add_topic(Topic(topic, type_name, type_hash(type_name), (Qos(),)))
+        for number, image in enumerate(sent):
+            data = serialize_message(image)
+            writer.write([Message(topic, type_name, number * 50_000_000, 0, data)])
+    listener = Listener(ros, Image, topic, 100)
+    player = command('replay', bag, '--rate', 'inf', '--wait-for-subscribers')
+    ros.until(lambda: len(listener.data) == 40)
+    assert player.wait() == 0
+    assert listener.data == [on_the_wire(message.data) for message in read_messages(bag)]
+
+
+def test_latched_messages_reach_those_who_come_later(ros, command, tmp_path):
+    bag = tmp_path / 'bag'
+    pattern, words = f'{ros.namespace}/pattern', f'{ros.namespace}/words'
+    with BagWriter(bag) as writer:
+        writer.add_topic(Topic(pattern, STRING, '', (Qos(durability='transient_local'),)))
+        writer.add_topic(Topic(words, STRING, '', (Qos(reliability='best_effort'),)))
+        for index, (topic, text) in enumerate(
+            [(pattern, 'old'), (words, 'early'), (pattern, 'new'), (words, 'a'), (words, 'b')]
+        ):
+            time_ns = index * 10**9
+            data = serialize_message(String(data=text))
+            writer.write([Message(topic, STRING, time_ns, time_ns, data)])
+    heard = Listener(ros, String, words, BEST_EFFORT)
+    player = command('replay', bag, '--start-offset', '2.5', '--loop', '--rate', '5')
+    ros.until(lambda: heard.data)
+    late = Listener(ros, String, pattern, LATCHED)
+    ros.until(lambda: late.data)
+    ros.until(lambda: len(heard.data) >= 3)
+    assert player.stop() == 0
+    assert set(late.texts) == {'new'}
+    assert set(heard.texts) == {'a', 'b'}
+    assert all(one != other for one, other in pairwise(heard.texts))
+
+
+def test_some_topics_under_other_names(ros, command, tmp_path):
+    bag = tmp_path / 'bag'
+    with BagWriter(bag) as writer:
+        for name in ('a', 'b', 'c'):
+            topic = f'{ros.namespace}/{name}'
+            writer.add_topic(Topic(topic, STRING, '', ()))
+            data = serialize_message(String(data=name))
+            writer.write([Message(topic, STRING, 1, 1, data)])
+    listeners = {name: Listener(ros, String, name) for name in ('a', 'b', 'c', 'other')}
+    names = [f'{ros.namespace}/{name}' for name in ('a', 'b')]
+    remap = f'{ros.namespace}/b:={ros.namespace}/other'
+    player = command('replay', bag, '--topics', *names, '--remap', remap, '--wait-for-subscribers')
+    ros.until(lambda: listeners['a'].data and listeners['other'].data)
+    assert player.wait() == 0
+    assert listeners['other'].texts == ['b']
+    assert listeners['b'].data == listeners['c'].data == []
+    assert '2 messages of 2 topics' in player.output
+
+
+def test_types_that_are_not_here_as_recorded_are_left_out(domain, capsys, tmp_path):
+    write_words(tmp_path / 'foreign', '/words', ['a'], type_='wing_msgs/msg/Rib', hash_='')
+    assert status('replay', tmp_path / 'foreign') == 2
+    first, last = capsys.readouterr().err.splitlines()
+    assert 'wing_msgs/msg/Rib: this message type is not installed' in first
+    assert 'none of its topics can be replayed here' in last
+
+    write_words(tmp_path / 'changed', '/words', ['a'], hash_='RIHS01_' + '0' * 64)
+    assert status('replay', tmp_path / 'changed') == 2
+    first, last = capsys.readouterr().err.splitlines()
+    assert 'is defined in another way here than where it was recorded' in first
+
+
+def test_waiting_for_subscribers_says_for_whom_and_can_be_ended(ros, command, tmp_path):
+    write_words(tmp_path / 'bag', f'{ros.namespace}/words', ['a'])
+    player = command('replay', tmp_path / 'bag', '--wait-for-subscribers')
+    sentence = f'waiting for subscribers of {ros.namespace}/words'
+    ros.until(lambda: sentence in player.output)
+    assert player.stop(signal.SIGTERM) == 0
+    assert ': 0 messages of 1 topics' in player.output
+
+
+@pytest.mark.parametrize(
+    ('words', 'sentence'),
+    [
+        (['nothing'], 'nothing: no such bag: check the path'),
+        (['bag', '--topics', '/missing'], 'has no topic /missing'),
+        (['bag', '--rate', '0'], '0 is no speed'),
+        (['bag', '--start-offset', '-1'], '-1 is no time'),
+        (['bag', '--remap', 'a=b'], 'a=b: not understood by ROS'),
+        (['empty.mcap'], 'an empty file'),
+    ],
+)
+def test_wrong_arguments_of_replay(domain, capsys, tmp_path, monkeypatch, words, sentence):
+    monkeypatch.chdir(tmp_path)
+    write_words(tmp_path / 'bag', '/words', ['a'])
+    (tmp_path / 'empty.mcap').write_bytes(b'')
+    assert status('replay', *words) == 2
+    assert sentence in capsys.readouterr().err.splitlines()[-1]
+
+
+def test_what_was_recorded_replays_the_same(ros, command, tmp_path):
+    """Recorded, replayed, and recorded again: equal but for the times."""
+    first, second = tmp_path / 'first', tmp_path / 'second'
+    topics = [f'{ros.namespace}/words', f'{ros.namespace}/pattern']
+    recorder = command('record', *topics, '-o', first)
+    words = ros.publisher(String, topics[0], LONG)
+    pattern = ros.publisher(String, topics[1], LATCHED)
+    pattern.publish(String(data='pattern'))
+    for number in range(20):
+        words.publish(String(data=f'{number}'))
+    ros.until(lambda: len(on_disk(first)) == 21)
+    assert recorder.stop() == 0
+    ros.node.destroy_publisher(words)
+    ros.node.destroy_publisher(pattern)
+
+    recorder = command('record', *topics, '-o', second)
+    player = command('replay', first, '--wait-for-subscribers')
+    assert player.wait() == 0
+    ros.until(lambda: len(on_disk(second)) == 21)
+    assert recorder.stop() == 0
+    one, other = open_bag(first), open_bag(second)
+    for topic in topics:
+        assert [message.data for message in one.messages([topic])] == [
+            message.data for message in other.messages([topic])
+        ]
+    assert set(one.metadata.topics) == set(other.metadata.topics)
+    shutil.rmtree(first)
