@@ -1,0 +1,171 @@
+"""The simulated world: skin, flight, light and the camera's mount, as functions of ROS time."""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.files import find, read_yaml
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.rig import Rig
+from ftp_dent_ros.simulation.fields import Fields
+from ftp_dent_ros.simulation.flight import Flight
+from ftp_dent_ros.simulation.motion import Motion
+from ftp_dent_ros.simulation.photometry import Photometry
+from ftp_dent_ros.simulation.renderer import Renderer
+from ftp_dent_ros.simulation.scene import flight_from, photometry_from, surface_from
+from ftp_dent_ros.simulation.surface import Surface
+
+# The optical frame of a camera that looks along the drone's nose.
+_FORWARD = {'translation': [0.1, 0, 0], 'rpy': [-math.pi / 2, 0, -math.pi / 2]}
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """A world in which one drone flies; times are ROS times in nanoseconds.
+
+    Attributes
+    ----------
+    surface : Surface
+        The skin in ``map`` (ENU).
+    flight : Flight
+    mount : Pose
+        Of ``camera_optical_frame`` in ``base_link``.
+    photometry : Photometry
+    exposure_time : float
+        Seconds.
+    seed : int
+        Of all noise; the same seed and time give the same photograph.
+    start_ns : int
+        When the flight starts. It goes on for ever, before its start too.
+    """
+
+    surface: Surface
+    flight: Flight
+    mount: Pose
+    photometry: Photometry
+    exposure_time: float
+    seed: int = 0
+    start_ns: int = 0
+
+    def flight_time(self, stamp_ns: int) -> float:
+        """Seconds into the flight's period, exact to a nanosecond at any date."""
+        return (stamp_ns - self.start_ns) % self.flight.period_ns / 1e9
+
+    def base_pose(self, stamp_ns: int) -> Pose:
+        """Pose of ``base_link`` in ``map``."""
+        return self.flight.pose(self.flight_time(stamp_ns))
+
+    def camera_pose(self, stamp_ns: int) -> Pose:
+        """Pose of ``camera_optical_frame`` in ``map``."""
+        return self.base_pose(stamp_ns) @ self.mount
+
+    def seen_surface(self, stamp_ns: int) -> Surface:
+        """The skin in the camera's optical frame."""
+        return self.surface.transformed(self.camera_pose(stamp_ns).inverse())
+
+    def motion(self, stamp_ns: int) -> Motion:
+        """How the skin moves before the camera during an exposure around a time."""
+        half_ns = round(self.exposure_time * 5e8)
+        begin, end = (self.camera_pose(stamp_ns + shift) for shift in (-half_ns, half_ns))
+        change = end.inverse() @ begin
+        return Motion(change.rotation.as_rotvec(), change.translation)
+
+    def photograph(
+        self, rig: Rig, projected: NDArray[np.uint8], stamp_ns: int
+    ) -> NDArray[np.uint8]:
+        """What the camera sees when the projector shows an image.
+
+        Parameters
+        ----------
+        rig : Rig
+        projected : ndarray, shape (projector height, projector width, 3), uint8
+            RGB.
+        stamp_ns : int
+            The middle of the exposure.
+
+        Returns
+        -------
+        ndarray, shape (camera height, camera width, 3), uint8
+            RGB.
+
+        Raises
+        ------
+        ImageError
+            The projected image is not the projector's size or type.
+        """
+        renderer = _renderer(rig, _Pixels(projected), self.photometry)
+        rng = np.random.default_rng([self.seed, abs(stamp_ns)])
+        return renderer.render(self.seen_surface(stamp_ns), rng, self.motion(stamp_ns))
+
+
+class _Pixels:
+    """An image that is its own key: compared by its content."""
+
+    def __init__(self, image: NDArray[np.uint8]) -> None:
+        self.image = image
+        self._content = image.tobytes()
+
+    def __hash__(self) -> int:
+        return hash(self._content)
+
+    def __eq__(self, other: object) -> bool:
+        return (
+            isinstance(other, _Pixels)
+            and self.image.shape == other.image.shape
+            and self.image.dtype == other.image.dtype
+            and self._content == other._content
+        )
+
+
+@lru_cache(maxsize=2)
+def _renderer(rig: Rig, projected: _Pixels, photometry: Photometry) -> Renderer:
+    """Renderers of the last images that were projected."""
+    return Renderer(rig, projected.image, photometry)
+
+
+def read_world(path: str | os.PathLike[str], start_ns: int = 0) -> World:
+    """Read a scene file of the user's or, if there is none of that name, a shipped one.
+
+    Parameters
+    ----------
+    path : path
+        As ``config/scene.yaml``, which explains its fields.
+    start_ns : int
+        ROS time at which the flight starts.
+
+    Raises
+    ------
+    ConfigurationError
+        The file cannot be read, or a field is missing, unknown or malformed; it is named.
+    """
+    file = find(path)
+    scene = Fields(read_yaml(file, ConfigurationError), str(file))
+    camera = scene.block('camera')
+    try:
+        world = World(
+            surface=surface_from(scene),
+            flight=flight_from(scene.block('flight')),
+            mount=camera.pose('mount', _FORWARD),
+            photometry=photometry_from(scene.block('photometry', {})),
+            exposure_time=camera.number('exposure_time'),
+            seed=camera.whole('seed', 0),
+            start_ns=start_ns,
+        )
+    except ConfigurationError as reason:
+        # What a class refuses by itself does not know of the file.
+        message = str(reason)
+        raise (
+            reason if message.startswith(str(file)) else ConfigurationError(f'{file}: {message}')
+        ) from None
+    if not 0 <= world.exposure_time <= 1:
+        raise camera.error('exposure_time', world.exposure_time, '0 to 1 second')
+    camera.finish()
+    scene.finish()
+    return world
