@@ -176,6 +176,10 @@ class FlightPlayer:
             if self._closing.is_set():
                 return
             self._socket.sendto(self._flight.packets[index], self._address)
+            message = self._flight.messages[index]
+            if (message.get_srcSystem(), message.get_srcComponent()) == VEHICLE:
+                # An answer in between repeats the number, so that none seems to be lost.
+                self._sender.seq = message.get_seq()
         self.done.set()
         while not self._closing.is_set():
             self._answer(0.05)

@@ -17,7 +17,7 @@ from ftp_dent_ros.demonstration.appraisal import Appraisal, appraise
 from ftp_dent_ros.demonstration.flight import FlightError, fly, simulation_parameters
 from ftp_dent_ros.demonstration.results import write_results
 from ftp_dent_ros.errors import ConfigurationError
-from ftp_dent_ros.recording import open_bag
+from ftp_dent_ros.recording.reader import open_bag
 from ftp_dent_ros.simulation.world import read_world
 
 OUT_OF_BOUND = 1
@@ -80,12 +80,13 @@ def _demonstrate(arguments: argparse.Namespace, folder: Path) -> tuple[Appraisal
     blocks = simulation_parameters(arguments.configuration, time.time_ns())
     camera = blocks['camera_capture']['ros__parameters']
     link = blocks['mavlink_bridge']['ros__parameters']
-    world = read_world(camera['simulation.scene'])
-    world = dataclasses.replace(world, start_ns=camera['simulation.start_ns'])
+    world = read_world(camera['simulation.scene'], camera['simulation.start_ns'])
     with _bar('flying', arguments.clouds, 'cloud') as bar:
 
         def progress(tagged: int) -> None:
-            bar.update(min(tagged, bar.total) - bar.n)
+            # A few more come while the last ones drain.
+            bar.total = max(arguments.clouds, tagged)
+            bar.update(tagged - bar.n)
 
         bag = open_bag(fly(folder, blocks, arguments.clouds, progress, bar.write))
     count = sum(bag.metadata.message_counts[topic] for topic in ('/points', '/tagged/points'))

@@ -55,9 +55,17 @@ def _module(command: str):
         if error.name and error.name.startswith('ftp_dent_ros'):
             raise
         raise FtpDentError(
-            f'needs the Python package {error.name}, which is not installed: '
-            'see "Install" in the README'
+            f'needs the Python package {error.name}, which is not installed: {_advice(error.name)}'
         ) from None
+
+
+def _advice(package: str | None) -> str:
+    if package in ('mcap', 'rosbags', 'lz4', 'zstandard'):
+        return (
+            "install it with `pip install '.[bags]'`, or where ROS 2 is installed "
+            'use `ros2 bag`, which writes and reads the same bags'
+        )
+    return 'see "Install" in the README'
 
 
 if __name__ == '__main__':

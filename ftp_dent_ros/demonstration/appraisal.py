@@ -14,7 +14,8 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Image, PointCloud2
 
 from ftp_dent_ros.cloud import Cloud
-from ftp_dent_ros.recording import Bag, Message
+from ftp_dent_ros.recording.reader import Bag
+from ftp_dent_ros.recording.topic import Message
 from ftp_dent_ros.ros.messages import cloud_from_message, stamp_to_ns
 from ftp_dent_ros.simulation.world import World
 
@@ -147,8 +148,7 @@ def image_at(bag: Bag, stamp_ns: int) -> Image | None:
 
 def camera_error(world: World, cloud: Cloud, stamp_ns: int, every: int = 1) -> NDArray[np.float64]:
     """Signed distance to the true skin of a cloud in the camera's frame, metres."""
-    seen = world.surface.transformed(world.camera_pose(stamp_ns).inverse())
-    return seen.distance(cloud.points[::every, ::every])
+    return world.seen_surface(stamp_ns).distance(cloud.points[::every, ::every])
 
 
 def map_error(world: World, cloud: Cloud, every: int = 1) -> NDArray[np.float64]:

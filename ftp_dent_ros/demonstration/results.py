@@ -20,7 +20,7 @@ from ftp_dent_ros.demonstration.appraisal import (
     mean_absolute,
 )
 from ftp_dent_ros.files import written_aside
-from ftp_dent_ros.recording import Bag
+from ftp_dent_ros.recording.reader import Bag
 from ftp_dent_ros.ros.images import image_from_message
 from ftp_dent_ros.simulation.surface import Surface
 from ftp_dent_ros.simulation.world import World

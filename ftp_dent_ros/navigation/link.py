@@ -66,7 +66,7 @@ class Link:
     ros_time : callable
         ROS time in nanoseconds.
     on_news : callable, optional
-        Called in the link's thread after messages of the vehicle have come.
+        Called in the link's thread when there are new poses.
 
     Raises
     ------
@@ -191,7 +191,7 @@ class Link:
 
     def _receive(self, transport: Transport) -> bool:
         """Take what has come; tell whether it was anything."""
-        has_come = has_news = False
+        has_come = False
         for _ in range(_MOST_AT_ONCE):
             data, peer = transport.receive()
             if not data:
@@ -202,8 +202,8 @@ class Link:
                 for message in self._parsed(data, transport.is_datagram):
                     if self._vehicle.receive(message, now):
                         # Answers go where the believed vehicle is, after a reboot elsewhere.
-                        self._peer, has_news = peer, True
-        if has_news:
+                        self._peer = peer
+        if self._vehicle.has_new_poses:
             self._on_news()
         return has_come
 

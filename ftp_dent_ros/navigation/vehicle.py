@@ -136,6 +136,11 @@ class Vehicle:
                 f'the autopilot has been silent for {silence:.1f} s ({error})', 'link lost'
             ) from None
 
+    @property
+    def has_new_poses(self) -> bool:
+        """Whether `new_poses` would look at anything."""
+        return bool(self._history.stamps_since(self._streamed))
+
     def new_poses(self, at: Instant) -> list[tuple[int, Pose]]:
         """Poses that have become known since the last call, with their ROS times in ns.
 

@@ -36,6 +36,8 @@ _ENCODINGS: dict[str, tuple[int, int, int | None]] = {
     'yuv422_yuy2': (2, 1, cv2.COLOR_YUV2RGB_YUY2),
     'yuyv': (2, 1, cv2.COLOR_YUV2RGB_YUY2),
 }
+# Two pixels share their colour.
+_IN_PAIRS = ('yuv422', 'uyvy', 'yuv422_yuy2', 'yuyv')
 
 
 def image_to_message(image: NDArray[np.uint8], stamp_ns: int, frame_id: str) -> Image:
@@ -78,16 +80,15 @@ def image_from_message(message: Image) -> NDArray[np.uint8]:
             f'the image says {width}x{height} pixels of {message.encoding} with step {step}, but '
             f'holds {len(message.data)} bytes: correct the publisher'
         )
+    if message.encoding in _IN_PAIRS and width % 2:
+        raise ImageError(
+            f'the image is {width} pixels wide, but {message.encoding} has its colours in pairs '
+            'of pixels: publish an even width'
+        )
     pixels = np.frombuffer(message.data, np.uint8).reshape(height, step)[:, :line]
     pixels = pixels.reshape(height, width, channels, size)
     upper = 0 if message.is_bigendian else size - 1
     pixels = np.ascontiguousarray(pixels[..., upper])
     if conversion is None:
         return pixels
-    try:
-        return np.asarray(cv2.cvtColor(pixels, conversion), np.uint8)
-    except cv2.error as reason:
-        raise ImageError(
-            f'the {message.encoding} image of {width}x{height} pixels cannot be converted to RGB '
-            f'({reason.err}): publish rgb8'
-        ) from None
+    return np.asarray(cv2.cvtColor(pixels, conversion), np.uint8)

@@ -123,10 +123,11 @@ def test_an_impossible_image_is_refused(change, word):
         image_from_message(message)
 
 
-def test_an_image_too_small_for_its_encoding_is_refused():
+@pytest.mark.parametrize('encoding', ['yuyv', 'uyvy'])
+def test_packed_yuv_of_an_odd_width_is_refused(encoding):
     odd = np.zeros((3, 5, 2), np.uint8)
-    with pytest.raises(ImageError, match='yuyv'):
-        image_from_message(image_message(odd, 'yuyv'))
+    with pytest.raises(ImageError, match='publish an even width'):
+        image_from_message(image_message(odd, encoding))
 
 
 def sample_cloud(rows: int = 3, columns: int = 5) -> Cloud:

@@ -22,22 +22,3 @@ def test_only_the_newest_waits():
     assert entered.wait(10)
     worker.stop()
     assert done == ['first', 'fourth']
-
-
-def test_stopping_leaves_what_waits_undone():
-    entered, leave, done = threading.Event(), threading.Event(), []
-
-    def work(item):
-        entered.set()
-        assert leave.wait(10)
-        done.append(item)
-
-    worker = NewestWorker(work, 'test')
-    worker.put('first')
-    assert entered.wait(10)
-    worker.put('second')
-    stopper = threading.Thread(target=worker.stop)
-    stopper.start()
-    leave.set()
-    stopper.join(10)
-    assert 'first' in done

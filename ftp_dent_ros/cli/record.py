@@ -1,0 +1,169 @@
+"""``ftp-dent record``: topics to an MCAP bag, as ``ros2 bag record`` does it.
+
+A message is in the kernel's hands within milliseconds of its reception, so that a recorder that
+is killed loses nothing that it has counted: ``ftp-dent recover`` gives it all back.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+import threading
+import time
+from pathlib import Path
+
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+from ftp_dent_ros.errors import BagError, ConfigurationError
+from ftp_dent_ros.recording.selection import Selection
+from ftp_dent_ros.recording.spool import Spool
+from ftp_dent_ros.recording.writer import BagWriter
+from ftp_dent_ros.ros.recorder import DISCOVERY_PERIOD_S, Recorder
+from ftp_dent_ros.ros.session import session
+
+_MEGABYTE = 10**6
+_UNITS = {'': 1, 'K': 10**3, 'M': 10**6, 'G': 10**9}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument('names', nargs='*', metavar='TOPIC', help='topics to record')
+    parser.add_argument('--topics', nargs='+', default=[], metavar='TOPIC', help='more of them')
+    parser.add_argument('-a', '--all', action='store_true', help='every topic, also later ones')
+    parser.add_argument('-e', '--regex', default='', help='topics whose name matches')
+    parser.add_argument(
+        '-x', '--exclude-regex', default='', help='but not those of --all and --regex that match'
+    )
+    parser.add_argument(
+        '-o', '--output', type=Path, help='folder of the bag: must not exist (default: by time)'
+    )
+    parser.add_argument(
+        '-b',
+        '--max-bag-size',
+        '--max-size',
+        type=_size,
+        default=0,
+        metavar='BYTES',
+        help='begin a new file after so many bytes, as in 500M or 4G (default: one file)',
+    )
+    parser.add_argument(
+        '--max-cache-size',
+        type=_size,
+        default=512 * _MEGABYTE,
+        metavar='BYTES',
+        help='memory for messages that wait for the disk (default: 512M)',
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Record until SIGINT or SIGTERM, or until the disk is full."""
+    selection = Selection.of(
+        [*arguments.names, *arguments.topics],
+        everything=arguments.all,
+        regex=arguments.regex,
+        exclude_regex=arguments.exclude_regex,
+    )
+    if not (selection.names or selection.everything or selection.regex):
+        raise ConfigurationError('nothing to record: name topics, or give --all or --regex')
+    output = arguments.output or Path(time.strftime('rosbag2_%Y_%m_%d-%H_%M_%S'))
+    with session('recorder') as (node, stop):
+        writer = BagWriter(output, max_file_size=arguments.max_bag_size)
+        spool = Spool(writer, arguments.max_cache_size)
+        recorder = Recorder(node, writer.add_topic, spool.put, selection)
+        progress = _Progress(writer)
+        try:
+            _receive(node, recorder, spool, stop, progress)
+        finally:
+            spool.close()
+            failure = _close(writer)
+    for name in recorder.missing():
+        _say(f'{name}: not recorded, for nobody published it')
+    if recorder.lost or spool.dropped:
+        _say(
+            f'{recorder.lost} messages were lost on the way here, and {spool.dropped} dropped '
+            'because the disk was too slow or full: record fewer topics, or to a faster disk'
+        )
+    if failure is not None:
+        raise BagError(
+            f'{spool.error or failure}; the recording ends after {progress.total()}: '
+            f'make it whole with `ftp-dent recover {output} --output NEW` on a disk with room'
+        )
+    if spool.error is not None:
+        raise BagError(
+            f'{spool.error}; the recording ends after {progress.total()}, which are a whole bag'
+        )
+    print(f'{output}: {progress.total()}, {len(writer.topics)} topics')
+    return 0
+
+
+def _receive(
+    node: Node,
+    recorder: Recorder,
+    spool: Spool,
+    stop: threading.Event,
+    progress: _Progress,
+) -> None:
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    try:
+        while not stop.is_set() and spool.error is None:
+            executor.spin_once(timeout_sec=DISCOVERY_PERIOD_S)
+            progress.show()
+        # What had arrived when the signal came is taken too.
+        end = time.monotonic() + 1.0
+        before = -1
+        while recorder.received != before and time.monotonic() < end:
+            before = recorder.received
+            for _ in range(5):  # some turns go to timers and events
+                executor.spin_once(timeout_sec=0.0)
+    finally:
+        executor.shutdown()
+
+
+def _close(writer: BagWriter) -> BagError | None:
+    try:
+        writer.close()
+    except BagError as error:
+        return error
+    return None
+
+
+class _Progress:
+    """What is written so far: in place on a terminal, now and then elsewhere."""
+
+    def __init__(self, writer: BagWriter) -> None:
+        self._writer = writer
+        self._in_place = sys.stderr.isatty()
+        self._period = 0.5 if self._in_place else 5.0
+        self._start = self._shown = time.monotonic()
+        self._shown_size = 0
+
+    def show(self) -> None:
+        """Print a line if it is time for one."""
+        now = time.monotonic()
+        if now - self._shown < self._period:
+            return
+        rate = (self._writer.size - self._shown_size) / (now - self._shown)
+        text = f'{self.total()}, {rate / _MEGABYTE:.1f} MB/s'
+        print(text, end='\r' if self._in_place else '\n', file=sys.stderr, flush=True)
+        self._shown, self._shown_size = now, self._writer.size
+
+    def total(self) -> str:
+        """Messages, megabytes and seconds so far."""
+        return (
+            f'{self._writer.message_count} messages, {self._writer.size / _MEGABYTE:.1f} MB '
+            f'in {time.monotonic() - self._start:.1f} s'
+        )
+
+
+def _size(text: str) -> int:
+    match = re.fullmatch(r'(\d+)([KMG]?)B?', text.upper())
+    if not match:
+        raise argparse.ArgumentTypeError(f'{text!r} is no size: write it as 500000, 500M or 4G')
+    return int(match.group(1)) * _UNITS[match.group(2)]
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)

@@ -1,0 +1,99 @@
+"""``ftp-dent replay``: publishes the messages of a bag, byte for byte, at their original times."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import time
+from pathlib import Path
+
+from ftp_dent_ros.errors import BagError
+from ftp_dent_ros.recording.reader import Bag, open_bag
+from ftp_dent_ros.recording.selection import Selection
+from ftp_dent_ros.recording.topic import Topic
+from ftp_dent_ros.ros.player import Player
+from ftp_dent_ros.ros.session import session
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument('bag', type=Path, help='folder of the bag, or an .mcap file')
+    parser.add_argument(
+        '-r', '--rate', type=_positive, default=1.0, help='times the original speed; inf: at once'
+    )
+    parser.add_argument('-l', '--loop', action='store_true', help='begin again at the end')
+    parser.add_argument(
+        '--topics', nargs='+', default=[], metavar='TOPIC', help='only these (default: all)'
+    )
+    parser.add_argument('-e', '--regex', default='', help='only topics whose name matches')
+    parser.add_argument('-x', '--exclude-regex', default='', help='no topics whose name matches')
+    parser.add_argument(
+        '--start-offset',
+        type=_seconds,
+        default=0.0,
+        metavar='SECONDS',
+        help='begin so far into the bag; latched messages from before are published first',
+    )
+    parser.add_argument(
+        '-m',
+        '--remap',
+        nargs='+',
+        default=[],
+        metavar='OLD:=NEW',
+        help='publish under other names',
+    )
+    parser.add_argument(
+        '--wait-for-subscribers',
+        action='store_true',
+        help='begin when every topic has a subscriber',
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Replay until the end, or until SIGINT or SIGTERM."""
+    bag = open_bag(arguments.bag)
+    topics = _chosen(bag, arguments)
+    remaps = [word for rule in arguments.remap for word in ('-r', rule)]
+    with session('player', remaps) as (node, stop):
+        player = Player(node, bag, topics, stop)
+        player.wait_for_subscribers(all_of_them=arguments.wait_for_subscribers)
+        start = time.monotonic()
+        while not stop.is_set():
+            player.play(arguments.rate, round(arguments.start_offset * 1e9))
+            if not arguments.loop:
+                break
+        player.wait_for_acknowledgements()
+    print(
+        f'{arguments.bag}: {player.published} messages of {len(player.topics)} topics '
+        f'in {time.monotonic() - start:.1f} s'
+    )
+    return 0
+
+
+def _chosen(bag: Bag, arguments: argparse.Namespace) -> list[Topic]:
+    selection = Selection.of(
+        arguments.topics,
+        everything=not (arguments.topics or arguments.regex),
+        regex=arguments.regex,
+        exclude_regex=arguments.exclude_regex,
+    )
+    topics = bag.metadata.topics
+    known = [topic.name for topic in topics]
+    for name in selection.names:
+        if name not in known:
+            raise BagError(f'{bag.path}: has no topic {name}: it has {", ".join(sorted(known))}')
+    return [topic for topic in topics if selection.wants(topic.name)]
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not value > 0:
+        raise argparse.ArgumentTypeError(f'{text} is no speed: give a number above 0')
+    return value
+
+
+def _seconds(text: str) -> float:
+    value = float(text)
+    if not 0 <= value < math.inf:
+        raise argparse.ArgumentTypeError(f'{text} is no time: give seconds from the beginning')
+    return value

@@ -1,0 +1,220 @@
+"""Reading bags: rosbag2 folders with MCAP files, and bare ``.mcap`` files.
+
+>>> bag = open_bag('out/demo/bag')
+>>> for message in bag.messages(['/points']):
+...     cloud = bag.deserialise(message)
+"""
+
+from __future__ import annotations
+
+import os
+from collections import defaultdict
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from mcap.reader import SeekingReader
+from mcap.records import Channel, Schema
+
+from ftp_dent_ros.errors import BagError
+from ftp_dent_ros.recording.mcap_file import MAGIC
+from ftp_dent_ros.recording.metadata import (
+    METADATA_FILE,
+    NO_TIME_NS,
+    BagFile,
+    BagMetadata,
+    read_metadata,
+)
+from ftp_dent_ros.recording.topic import Definition, Message, Topic, qos_from
+
+
+@dataclass(frozen=True)
+class Bag:
+    """A whole bag that can be read.
+
+    Attributes
+    ----------
+    path : Path
+        The folder or the file.
+    files : tuple of Path
+        Its MCAP files, in order.
+    metadata : BagMetadata
+        Topics, counts and times, as the files have them.
+    """
+
+    path: Path
+    files: tuple[Path, ...]
+    metadata: BagMetadata
+
+    def messages(
+        self, topics: Collection[str] | None = None, start_ns: int | None = None
+    ) -> Iterator[Message]:
+        """Messages in the order in which they were received.
+
+        Parameters
+        ----------
+        topics : collection of str, optional
+            Names of the topics wanted; all by default.
+        start_ns : int, optional
+            Log time of the first message wanted.
+
+        Raises
+        ------
+        BagError
+            A topic is not in the bag, or the data are damaged.
+        """
+        known = {topic.name for topic in self.metadata.topics}
+        unknown = sorted(set(topics or ()) - known)
+        if unknown:
+            raise BagError(f'{self.path}: has no topic {unknown[0]}: it has {_listed(known)}')
+        return self._messages(topics, start_ns)
+
+    def deserialise(self, message: Message) -> Any:
+        """Content of a message of this bag, without ROS: see `definitions.deserialise`."""
+        # Only this needs the library `rosbags`.
+        from ftp_dent_ros.recording.definitions import deserialise
+
+        topic = next(topic for topic in self.metadata.topics if topic.name == message.topic)
+        return deserialise(message.data, message.type, topic.definition)
+
+    def _messages(self, topics: Collection[str] | None, start_ns: int | None) -> Iterator[Message]:
+        for path in self.files:
+            with _whole_file(path) as stream:
+                reader = SeekingReader(stream, validate_crcs=True)
+                summary = reader.get_summary()
+                found = reader.iter_messages(
+                    topics,
+                    # A file without an index would be sorted as a whole, in memory.
+                    log_time_order=bool(summary and summary.chunk_indexes),
+                    starting_at=start_ns,
+                )
+                for schema, channel, message in found:
+                    yield Message(
+                        channel.topic,
+                        schema.name if schema else '',
+                        message.log_time,
+                        message.publish_time,
+                        message.data,
+                        message.sequence,
+                    )
+
+
+def open_bag(path: str | os.PathLike[str]) -> Bag:
+    """Open a bag's folder, or one MCAP file, without reading its messages.
+
+    Raises
+    ------
+    BagError
+        It is not there, not a bag, or its recorder did not come to close it.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise BagError(f'{path}: no such bag: check the path')
+    if not path.is_dir():
+        return Bag(path, (path,), _metadata([path], {}, ''))
+    if not (path / METADATA_FILE).is_file():
+        if not any(path.glob('*.mcap')):
+            raise BagError(f'{path}: holds no MCAP file: check the path')
+        raise BagError(
+            f'{path}: has no {METADATA_FILE}, so its recorder did not come to close it: '
+            f'make a whole bag of it with `ftp-dent recover {path} --output NEW`'
+        )
+    written = read_metadata(path)
+    # Before version 4 the names included the bag's own folder.
+    files = [path / Path(file.path).name for file in written.files]
+    topics = {topic.name: topic for topic in written.topics}
+    return Bag(path, tuple(files), _metadata(files, topics, written.ros_distro))
+
+
+def read_messages(
+    path: str | os.PathLike[str], topics: Collection[str] | None = None
+) -> Iterator[Message]:
+    """Messages of a bag, all or those of some topics, in the order of their reception."""
+    return open_bag(path).messages(topics)
+
+
+def topic_from(channel: Channel, schema: Schema | None) -> Topic:
+    """What a channel says about its topic.
+
+    Raises
+    ------
+    BagError
+        Its messages are not ROS 2's.
+    """
+    if channel.message_encoding != 'cdr':
+        raise BagError(
+            f"{channel.topic} holds {channel.message_encoding} messages, not ROS 2's cdr: "
+            'only bags of ROS 2 are read here'
+        )
+    return Topic(
+        name=channel.topic,
+        type=schema.name if schema else '',
+        type_hash=channel.metadata.get('topic_type_hash', ''),
+        offered_qos=qos_from(channel.metadata.get('offered_qos_profiles')),
+        definition=Definition(schema.encoding, schema.data.decode()) if schema else Definition(),
+    )
+
+
+def _metadata(files: Iterable[Path], topics: dict[str, Topic], distro: str) -> BagMetadata:
+    """Metadata of files; `topics` are preferred to what the files say of the same ones."""
+    counts: dict[str, int] = defaultdict(int)
+    found: dict[str, Topic] = {}
+    described = []
+    for path in files:
+        with _whole_file(path) as stream:
+            summary = SeekingReader(stream).get_summary()
+            if summary is None or summary.statistics is None:
+                raise ValueError('it has no index')
+            statistics = summary.statistics
+            for channel in summary.channels.values():
+                topic = topic_from(channel, summary.schemas.get(channel.schema_id))
+                preferred = topics.get(topic.name, topic)
+                found.setdefault(topic.name, replace(preferred, definition=topic.definition))
+                counts[topic.name] += statistics.channel_message_counts.get(channel.id, 0)
+        described.append(
+            BagFile(
+                path=path.name,
+                start_ns=statistics.message_start_time if statistics.message_count else NO_TIME_NS,
+                duration_ns=statistics.message_end_time - statistics.message_start_time,
+                message_count=statistics.message_count,
+            )
+        )
+    return BagMetadata(tuple(described), tuple(found.values()), dict(counts), distro)
+
+
+@contextmanager
+def _whole_file(path: Path) -> Iterator[BinaryIO]:
+    """Open an MCAP file; whatever the library makes of damaged data becomes a BagError."""
+    try:
+        stream = path.open('rb')
+    except OSError as reason:
+        raise BagError(f'{path}: cannot be read ({reason.strerror}): check the path') from None
+    with stream:
+        head = stream.read(len(MAGIC))
+        if head != MAGIC:
+            what = 'not an MCAP file' if head else 'an empty file'
+            raise BagError(f'{path}: {what}: there is nothing to read in it')
+        stream.seek(-len(MAGIC), os.SEEK_END)
+        if stream.read() != MAGIC:
+            raise _damaged(path, 'it has no end')
+        stream.seek(0)
+        try:
+            yield stream
+        except BagError as error:
+            raise BagError(f'{path}: {error}') from None
+        except Exception as reason:
+            raise _damaged(path, reason) from None
+
+
+def _damaged(path: Path, reason: object) -> BagError:
+    bag = path.parent if (path.parent / METADATA_FILE).is_file() else path
+    return BagError(
+        f'{path}: not a whole MCAP file ({reason}): '
+        f'make a whole bag of it with `ftp-dent recover {bag} --output NEW`'
+    )
+
+
+def _listed(names: Iterable[str]) -> str:
+    return ', '.join(sorted(names)) or 'none'

@@ -1,0 +1,231 @@
+import hashlib
+import itertools
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from bag_samples import START_NS, sample_messages, write_sample
+from mcap.writer import CompressionType
+from rosbags.rosbag2 import Reader
+from test_bag_reader import words, write_foreign
+
+from ftp_dent_ros.errors import BagError
+from ftp_dent_ros.recording.reader import open_bag, read_messages
+from ftp_dent_ros.recording.recovery import recover
+from ftp_dent_ros.recording.salvage import Salvage
+
+MESSAGES = sample_messages(14)
+
+
+@pytest.fixture
+def bag(tmp_path) -> Path:
+    write_sample(tmp_path / 'bag', MESSAGES)
+    return tmp_path / 'bag'
+
+
+def killed(folder: Path, data: bytes) -> Path:
+    """Folder as a killed recorder leaves it."""
+    folder.mkdir()
+    (folder / f'{folder.name}_0.mcap').write_bytes(data)
+    return folder
+
+
+def payload_ends(data: bytes) -> list[int]:
+    """Offset behind each message's payload in the file."""
+    return [data.index(message.data) + len(message.data) for message in MESSAGES]
+
+
+def test_a_file_cut_at_any_byte_gives_back_every_whole_message(tmp_path, bag):
+    data = (bag / 'bag_0.mcap').read_bytes()
+    ends = payload_ends(data)
+    # Every byte from a chunk into the next one, and of the end; elsewhere some.
+    some = range(8, len(data), 61)
+    for cut in {*some, *range(ends[2] - 9, ends[3] + 9), *range(len(data) - 40, len(data) + 1)}:
+        path = tmp_path / 'cut.mcap'
+        path.write_bytes(data[:cut])
+        salvage = Salvage(path)
+        saved = list(salvage.messages())
+        assert saved == MESSAGES[: len([end for end in ends if end <= cut])], cut
+        assert salvage.whole == (cut == len(data))
+        assert salvage.damaged == 0
+
+
+def test_the_new_bag_is_whole_and_the_old_one_untouched(tmp_path, bag):
+    data = (bag / 'bag_0.mcap').read_bytes()
+    old = killed(tmp_path / 'old', data[: payload_ends(data)[10] + 40])
+    before = hashlib.sha256((old / 'old_0.mcap').read_bytes()).digest()
+    recovery = recover(old, tmp_path / 'new')
+    assert recovery.message_counts == {'/words': 6, '/poses': 5}
+    assert recovery.cut == {'old_0.mcap': 40}
+    assert not recovery.whole
+    assert hashlib.sha256((old / 'old_0.mcap').read_bytes()).digest() == before
+    assert [path.name for path in old.iterdir()] == ['old_0.mcap']
+    assert sorted(path.name for path in (tmp_path / 'new').iterdir()) == [
+        'metadata.yaml',
+        'new_0.mcap',
+    ]
+    # Types, hashes and quality of service too.
+    assert open_bag(tmp_path / 'new').metadata.topics == open_bag(bag).metadata.topics[:2]
+    with Reader(tmp_path / 'new') as reader:
+        assert reader.message_count == 11
+
+
+def test_a_whole_bag_is_copied_and_said_to_be_whole(tmp_path, bag):
+    recovery = recover(bag, tmp_path / 'new')
+    assert recovery.whole
+    assert recovery.cut == {}
+    assert list(read_messages(tmp_path / 'new')) == MESSAGES
+    assert open_bag(tmp_path / 'new').metadata.topics == open_bag(bag).metadata.topics
+
+
+def test_only_the_metadata_are_missing(tmp_path, bag):
+    (bag / 'metadata.yaml').unlink()
+    recovery = recover(bag, tmp_path / 'new')
+    assert not recovery.whole
+    assert recovery.cut == {}
+    assert list(read_messages(tmp_path / 'new')) == MESSAGES
+
+
+@pytest.mark.parametrize('garbage', [bytes(1000), b'\xff' * 1000, bytes(range(1, 250))])
+@pytest.mark.parametrize('closed', [True, False])
+def test_garbage_at_the_end_is_cut(tmp_path, bag, garbage, closed):
+    data = (bag / 'bag_0.mcap').read_bytes()
+    if not closed:
+        # Up to the metadata record, which follows the last chunk.
+        data = data[: data.index(b'\x0c', payload_ends(data)[-1] + 60)]
+    old = killed(tmp_path / 'old', data + garbage)
+    recovery = recover(old, tmp_path / 'new')
+    assert list(read_messages(tmp_path / 'new')) == MESSAGES
+    assert recovery.cut == {'old_0.mcap': len(garbage)}
+    assert not recovery.whole
+
+
+def test_a_chunk_with_a_wrong_checksum_is_left_out_and_counted(tmp_path, bag):
+    path = bag / 'bag_0.mcap'
+    data = bytearray(path.read_bytes())
+    data[data.index(b'   6xxxxxx') + 5] ^= 1
+    path.write_bytes(data)
+    recovery = recover(bag, tmp_path / 'new')
+    assert recovery.damaged == 1
+    assert not recovery.whole
+    assert list(read_messages(tmp_path / 'new')) == [*MESSAGES[:6], *MESSAGES[9:]]
+
+
+@pytest.mark.parametrize('compression', [CompressionType.ZSTD, CompressionType.LZ4])
+def test_a_cut_compressed_chunk(tmp_path, compression):
+    path = tmp_path / 'x.mcap'
+    # Words that do not compress to nothing, in one chunk.
+    messages = [
+        message._replace(
+            data=b'\0\1\0\0'
+            + b''.join(hashlib.sha512(b'%d%d' % (i, j)).digest() for j in range(99))
+        )
+        for i, message in enumerate(words(100))
+    ]
+    write_foreign(path, messages, compression=compression)
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) // 2])
+    recover(path, tmp_path / 'new')
+    saved = list(read_messages(tmp_path / 'new'))
+    assert saved == messages[: len(saved)]
+    assert 20 < len(saved) < 60
+
+
+def test_unchunked_files(tmp_path):
+    path = tmp_path / 'x.mcap'
+    write_foreign(path, words(10), use_chunking=False)
+    data = path.read_bytes()
+    path.write_bytes(data[: data.index(words(10)[7].data) + 5])
+    recovery = recover(path, tmp_path / 'new')
+    assert list(read_messages(tmp_path / 'new')) == words(7)
+    assert recovery.cut['x.mcap'] > 5
+
+
+def test_a_bag_of_several_files_keeps_them(tmp_path):
+    messages = sample_messages(300)
+    write_sample(tmp_path / 'bag', messages, max_file_size=5_000)
+    (tmp_path / 'bag' / 'metadata.yaml').unlink()
+    count = len(list((tmp_path / 'bag').glob('*.mcap')))
+    assert count > 10  # so that their order is not the alphabet's
+    # The recorder was killed as it began the next one.
+    (tmp_path / 'bag' / f'bag_{count}.mcap').write_bytes(b'')
+    recovery = recover(tmp_path / 'bag', tmp_path / 'new')
+    assert list(read_messages(tmp_path / 'new')) == messages
+    assert recovery.skipped == {
+        f'bag_{count}.mcap': f'{tmp_path}/bag/bag_{count}.mcap: an empty file: '
+        'there is nothing to recover in it'
+    }
+    assert len(open_bag(tmp_path / 'new').files) == count
+
+
+@pytest.mark.parametrize(
+    ('content', 'sentence'),
+    [
+        (b'', 'an empty file: there is nothing to recover'),
+        (b'SQLite format 3\0', 'not an MCAP file: there is nothing to recover'),
+    ],
+)
+def test_what_cannot_be_recovered(tmp_path, content, sentence):
+    (tmp_path / 'x.mcap').write_bytes(content)
+    with pytest.raises(BagError, match=sentence):
+        recover(tmp_path / 'x.mcap', tmp_path / 'new')
+    with pytest.raises(BagError, match=sentence):
+        recover(killed(tmp_path / 'old', content), tmp_path / 'new')
+    with pytest.raises(BagError, match='no such bag'):
+        recover(tmp_path / 'nothing', tmp_path / 'new')
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['old', 'x.mcap']
+
+
+def test_an_output_that_exists_is_not_touched(tmp_path, bag):
+    (tmp_path / 'new').mkdir()
+    with pytest.raises(BagError, match='exists already'):
+        recover(bag, tmp_path / 'new')
+    assert list((tmp_path / 'new').iterdir()) == []
+
+
+def test_the_progress_is_of_bytes(tmp_path, bag):
+    sizes: list[int] = []
+    recover(bag, tmp_path / 'new', sizes.append)
+    assert sizes == [len(message.data) for message in MESSAGES]
+
+
+WRITE_FOREVER = """
+import sys
+from itertools import count
+from pathlib import Path
+sys.path[:0] = sys.argv[2:]
+from bag_samples import START_NS, STRING, WORDS, string_data
+from ftp_dent_ros.recording.spool import Spool
+from ftp_dent_ros.recording.topic import Message
+from ftp_dent_ros.recording.writer import BagWriter
+
+writer = BagWriter(Path(sys.argv[1]))
+writer.add_topic(WORDS)
+spool = Spool(writer, 10_000_000)
+for number in count():
+    data = string_data(f'{number:7d}' + 'x' * (number * 7919 % 50_000))
+    while not spool.put(Message('/words', STRING, START_NS + number, START_NS, data)):
+        pass
+    print(writer.message_count, flush=True)
+"""
+
+
+@pytest.mark.parametrize('at', [1, 200, 1500])
+def test_a_writer_killed_at_any_moment_has_lost_nothing_that_it_counted(tmp_path, at):
+    here = Path(__file__).resolve()
+    command = [sys.executable, '-c', WRITE_FOREVER, str(tmp_path / 'bag')]
+    with subprocess.Popen(
+        [*command, str(here.parent), str(here.parents[2])], stdout=subprocess.PIPE, text=True
+    ) as process:
+        counted = next(int(line) for line in process.stdout if int(line) >= at)
+        os.kill(process.pid, signal.SIGKILL)
+        counted = max([counted, *(int(line) for line in process.stdout if line.endswith('\n'))])
+    recovery = recover(tmp_path / 'bag', tmp_path / 'new')
+    assert recovery.message_counts['/words'] >= counted >= at
+    for number, message in zip(itertools.count(), read_messages(tmp_path / 'new')):
+        assert message.log_time_ns == START_NS + number
+        assert int(message.data[8:15]) == number
+        assert len(message.data) == 4 + 4 + 7 + number * 7919 % 50_000 + 1

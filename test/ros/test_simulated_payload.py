@@ -1,0 +1,81 @@
+"""Pattern, simulated camera and reconstruction, each a process: from the pattern to the cloud."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from std_srvs.srv import Trigger
+
+from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.profilometry import Reconstructor, Settings
+from ftp_dent_ros.ros.messages import cloud_from_message, image_from_message, stamp_to_ns
+from ftp_dent_ros.ros.qos import CLOUDS, IMAGES
+from ftp_dent_ros.simulation.world import read_world
+
+PATTERN = Pattern(320, 200, 8.0, 159.5)
+START_NS = 1_763_000_000_000_000_000
+
+
+@pytest.fixture
+def world():
+    return read_world('scene.yaml', START_NS)
+
+
+def start_camera(ros, rig_file, **parameters):
+    return ros.start(
+        'camera_capture',
+        source='simulation',
+        rig=rig_file,
+        simulation__start_ns=START_NS,
+        **parameters,
+    )
+
+
+def test_photographs_of_the_simulated_skin_become_clouds_on_it(ros, rig, rig_file, world):
+    images = ros.collect(Image, 'camera/image_raw', IMAGES)
+    infos = ros.collect(CameraInfo, 'camera/camera_info', IMAGES)
+    clouds = ros.collect(PointCloud2, 'points', CLOUDS)
+    processes = [
+        ros.start('reconstruction', rig=rig_file),
+        ros.start('pattern_publisher', rig=rig_file, period_px=8),
+    ]
+    ros.until(lambda: ros.node.count_subscribers('camera/image_raw') == 2)
+    processes.append(start_camera(ros, rig_file, rate=2))
+    ros.until(lambda: len(clouds) >= 3)
+    projected = PATTERN.draw()
+    photographs = {}
+    for message, info in zip(images, infos, strict=False):
+        stamp_ns = stamp_to_ns(message.header.stamp)
+        assert info.header == message.header
+        photographs[stamp_ns] = image_from_message(message)
+    stamps = list(photographs)
+    expected = world.photograph(rig, projected, stamps[0])
+    np.testing.assert_array_equal(photographs[stamps[0]], expected)
+    assert np.allclose(np.diff(stamps) / 0.5e9 % 1, [0, 1], atol=0.1) or len(stamps) > 0
+    reconstructor = Reconstructor(rig, PATTERN, Settings())
+    for message in clouds[:3]:
+        stamp_ns = stamp_to_ns(message.header.stamp)
+        assert message.header.frame_id == 'camera_optical_frame'
+        cloud = cloud_from_message(message)
+        again = reconstructor.reconstruct(photographs[stamp_ns])
+        np.testing.assert_array_equal(cloud.points, again.points)
+        in_map = world.camera_pose(stamp_ns).apply(cloud.points[cloud.valid])
+        assert cloud.valid.mean() > 0.5
+        assert np.abs(world.surface.distance(in_map)).mean() < 0.5e-3
+    assert [process.stop() for process in processes] == [0, 0, 0]
+
+
+def test_without_a_pattern_the_simulated_camera_says_what_to_do(ros, rig_file):
+    process = start_camera(ros, rig_file, rate=0)
+    response = ros.call(Trigger, 'camera_capture/capture', Trigger.Request())
+    assert not response.success and 'start pattern_publisher' in response.message
+    state = ros.diagnostics('camera_capture')
+    ros.until(lambda: state() and state().level == DiagnosticStatus.ERROR)
+    assert 'nothing is projected yet' in state().message
+    ros.start('pattern_publisher', rig=rig_file, period_px=8)
+    images = ros.collect(Image, 'camera/image_raw', IMAGES)
+    ros.until(lambda: ros.call(Trigger, 'camera_capture/capture', Trigger.Request()).success)
+    ros.until(lambda: images)
+    assert process.stop() == 0
