@@ -22,7 +22,8 @@ def depth_map(path: Path, cloud: Cloud) -> None:
     """Draw the depth of a cloud in the camera's frame."""
     figure, axes = _image_axes('Depth along the optical axis')
     depth = cloud.points[..., 2] * _MM
-    _draw(figure, axes, depth, *np.nanpercentile(depth, (0.5, 99.5)), 'viridis', 'depth, mm')
+    low, high = (float(np.nanpercentile(depth, share)) for share in (0.5, 99.5))
+    _draw(figure, axes, depth, low, high, 'viridis', 'depth, mm')
     _save(figure, path)
 
 
@@ -54,27 +55,27 @@ def view_3d(
     flight : sequence of Pose
         Poses of ``base_link`` in ``map``, in the order of time.
     """
-    figure = Figure(figsize=(10, 5.6), layout='constrained')
-    axes = figure.add_subplot(projection='3d', computed_zorder=False)
+    positions = np.array([pose.translation for pose in flight])
+    forward = np.array([pose.rotation.apply((1, 0, 0)) for pose in flight])
+    figure = Figure(figsize=(10, 4.8))
+    axes = figure.add_axes((0.0, 0.0, 0.88, 0.95), projection='3d', computed_zorder=False)
     limit = float(np.percentile(dent_depth, 99.9)) * _MM
     colours = axes.scatter(
-        *points.T, c=dent_depth * _MM, s=1.0, cmap='inferno', vmin=0, vmax=limit, linewidths=0
+        *points.T, c=dent_depth * _MM, s=0.6, cmap='turbo', vmin=-0.1, vmax=limit, linewidths=0
     )
-    positions = np.array([pose.translation for pose in flight])
-    axes.plot(*positions.T, color='tab:blue', linewidth=1.2, label="the drone's path")
-    axes.quiver(
-        *positions.T,
-        *np.array([pose.rotation.apply((0.12, 0, 0)) for pose in flight]).T,
-        color='tab:blue',
-        linewidth=0.6,
-    )
+    axes.plot(*positions.T, color='black', linewidth=1.2, label="the drone's path and nose")
+    axes.quiver(*positions.T, *(0.12 * forward).T, color='black', linewidth=0.6)
     every = np.concatenate([points, positions])
-    axes.set_box_aspect(np.maximum(np.ptp(every, axis=0), 0.2))
+    axes.set_box_aspect(np.maximum(np.ptp(every, axis=0), 0.2), zoom=1.5)
     axes.set(xlabel='east, m', ylabel='north, m', zlabel='up, m')
-    axes.set_title('Tagged points in the map, coloured by their depth behind the undented skin')
-    axes.view_init(elev=22, azim=-62)
-    axes.legend(loc='upper left')
-    figure.colorbar(colours, ax=axes, label='depth, mm', shrink=0.6, pad=0.08)
+    axes.locator_params(axis='z', nbins=3)
+    figure.suptitle('Tagged points in the map, coloured by depth behind the undented skin')
+    # From behind the drone, a little to the side and above.
+    behind = np.degrees(np.arctan2(*-forward.mean(axis=0)[[1, 0]]))
+    axes.view_init(elev=18, azim=behind + 30)
+    axes.legend(loc='lower left', bbox_to_anchor=(0.05, 0.05))
+    scale = figure.add_axes((0.9, 0.2, 0.015, 0.6))
+    figure.colorbar(colours, cax=scale, label='depth, mm')
     _save(figure, path)
 
 

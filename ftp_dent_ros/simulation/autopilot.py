@@ -1,0 +1,258 @@
+"""A simulated autopilot: real MAVLink 2 over a real link, a simulated drone behind it.
+
+It flies the path from which the simulated camera photographs the skin, and behaves on the link
+like an ArduCopter: until somebody asks, it sends no pose; what it sends bears the time of its own
+boot clock. Run it as a process of its own::
+
+    simulated_autopilot --scene scene.yaml --address udpout:127.0.0.1:14550
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import random
+import signal
+import sys
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ftp_dent_ros.errors import FtpDentError, LinkError
+from ftp_dent_ros.simulation.world import World, read_world
+
+os.environ.setdefault('MAVLINK20', '1')
+from pymavlink import mavutil
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+# The world's own way from ENU to NED and from FRD to FLU: a mistake in the conversions of
+# `navigation.frames` must not cancel against itself.
+_NED_FROM_ENU = Rotation.from_matrix([[0, 1, 0], [1, 0, 0], [0, 0, -1]])
+_FLU_FROM_FRD = Rotation.from_matrix(np.diag([1, -1, -1]))
+
+_SECOND_US = 1_000_000
+_SHORTEST_US = 4_000
+_DEFAULTS_US = {
+    mavlink.MAVLINK_MSG_ID_HEARTBEAT: _SECOND_US,
+    mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: _SECOND_US,
+    mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: _SECOND_US,
+    mavlink.MAVLINK_MSG_ID_TIMESYNC: 10 * _SECOND_US,
+    mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: 0,
+    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 0,
+}
+_ON_REQUEST = {mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN}
+# Where map's origin is said to be: degrees * 1e7, millimetres.
+_ORIGIN = (474_500_000, 85_600_000, 430_000)
+# Messages that are late keep their time and are sent after each other, unless that is hopeless.
+_MOST_LATE_NS = 500_000_000
+
+
+class Autopilot:
+    """One vehicle on one link.
+
+    Parameters
+    ----------
+    world : World
+        Where the drone is at a ROS time.
+    link : pymavlink connection
+    uptime : float
+        Seconds since its boot when it is made.
+    """
+
+    def __init__(self, world: World, link: Any, uptime: float) -> None:
+        self._world, self._link = world, link
+        self._boot_ns = time.time_ns() - round(uptime * 1e3) * 1_000_000
+        self._intervals_us = dict(_DEFAULTS_US)
+        self._due_ns: dict[int, int] = {}
+        self._messages: dict[int, Callable[[int], Any]] = {
+            mavlink.MAVLINK_MSG_ID_HEARTBEAT: self._heartbeat,
+            mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: self._system_time,
+            mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: self._estimator_status,
+            mavlink.MAVLINK_MSG_ID_TIMESYNC: self._timesync_request,
+            mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: self._attitude,
+            mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: self._position,
+            mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: self._origin,
+        }
+        for message_id, interval in self._intervals_us.items():
+            self._schedule(message_id, interval)
+
+    def run(self) -> None:
+        """Fly and talk for ever."""
+        self._send(mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN, self.time_since_boot_ns())
+        while True:
+            wait_ns = self._send_due()
+            if self._link.select(wait_ns / 1e9):
+                self._listen()
+
+    def time_since_boot_ns(self) -> int:
+        """The boot clock, which ``time_boot_ms`` and TIMESYNC show."""
+        return time.time_ns() - self._boot_ns
+
+    def _schedule(self, message_id: int, interval_us: int) -> None:
+        """Send from the next multiple of the interval on: equal rates share their times."""
+        self._intervals_us[message_id] = interval_us
+        if interval_us > 0:
+            interval_ns = interval_us * 1000
+            self._due_ns[message_id] = (self.time_since_boot_ns() // interval_ns + 1) * interval_ns
+        else:
+            self._due_ns.pop(message_id, None)
+
+    def _send_due(self) -> int:
+        """Send what is due; nanoseconds until the next one is."""
+        now = self.time_since_boot_ns()
+        for message_id, due in list(self._due_ns.items()):
+            interval = self._intervals_us[message_id] * 1000
+            if due < now - _MOST_LATE_NS:
+                due = now // interval * interval
+            while due <= now:
+                self._send(message_id, due)
+                due += interval
+            self._due_ns[message_id] = due
+        return max(min(self._due_ns.values()) - self.time_since_boot_ns(), 0)
+
+    def _send(self, message_id: int, boot_ns: int) -> None:
+        self._link.mav.send(self._messages[message_id](boot_ns))
+
+    def _listen(self) -> None:
+        while (message := self._link.recv_msg()) is not None:
+            kind = message.get_type()
+            if kind == 'TIMESYNC' and message.tc1 == 0:
+                self._link.mav.timesync_send(self.time_since_boot_ns(), message.ts1)
+            elif kind == 'COMMAND_LONG' and message.target_system in (0, self._link.source_system):
+                result = self._obey(message)
+                self._link.mav.command_ack_send(message.command, result)
+
+    def _obey(self, message: Any) -> int:
+        """Result of a COMMAND_LONG, a MAV_RESULT."""
+        if message.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
+            if not all(map(math.isfinite, (message.param1, message.param2))):
+                return mavlink.MAV_RESULT_DENIED
+            return self._set_interval(int(message.param1), int(message.param2))
+        if message.command == mavlink.MAV_CMD_REQUEST_MESSAGE:
+            if message.param1 not in self._messages:
+                return mavlink.MAV_RESULT_DENIED
+            self._send(int(message.param1), self.time_since_boot_ns())
+            return mavlink.MAV_RESULT_ACCEPTED
+        return mavlink.MAV_RESULT_UNSUPPORTED
+
+    def _set_interval(self, message_id: int, interval_us: int) -> int:
+        if message_id not in _DEFAULTS_US or 0 < interval_us < _SHORTEST_US or interval_us < -1:
+            return mavlink.MAV_RESULT_DENIED
+        if interval_us == 0:
+            interval_us = _DEFAULTS_US[message_id]
+        # Whole milliseconds: that is what its clock counts.
+        self._schedule(message_id, interval_us // 1000 * 1000 if interval_us > 0 else 0)
+        return mavlink.MAV_RESULT_ACCEPTED
+
+    def _heartbeat(self, _: int) -> Any:
+        return mavlink.MAVLink_heartbeat_message(
+            mavlink.MAV_TYPE_QUADROTOR,
+            mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA,
+            mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | mavlink.MAV_MODE_FLAG_SAFETY_ARMED,
+            mavlink.COPTER_MODE_GUIDED,
+            mavlink.MAV_STATE_ACTIVE,
+            3,
+        )
+
+    def _system_time(self, boot_ns: int) -> Any:
+        unix_us = (self._boot_ns + boot_ns) // 1000
+        return mavlink.MAVLink_system_time_message(unix_us, boot_ns // 1_000_000)
+
+    def _estimator_status(self, _: int) -> Any:
+        ready = (
+            mavlink.EKF_ATTITUDE
+            | mavlink.EKF_VELOCITY_HORIZ
+            | mavlink.EKF_VELOCITY_VERT
+            | mavlink.EKF_POS_HORIZ_REL
+            | mavlink.EKF_POS_HORIZ_ABS
+            | mavlink.EKF_POS_VERT_ABS
+            | mavlink.EKF_PRED_POS_HORIZ_REL
+            | mavlink.EKF_PRED_POS_HORIZ_ABS
+        )
+        return mavlink.MAVLink_ekf_status_report_message(ready, 0.02, 0.02, 0.02, 0.02, 0.0)
+
+    def _timesync_request(self, _: int) -> Any:
+        return mavlink.MAVLink_timesync_message(0, self.time_since_boot_ns())
+
+    def _origin(self, boot_ns: int) -> Any:
+        return mavlink.MAVLink_gps_global_origin_message(*_ORIGIN, boot_ns // 1000)
+
+    def _attitude(self, boot_ns: int) -> Any:
+        stamp_ns = self._boot_ns + boot_ns
+        rotation = _NED_FROM_ENU * self._world.base_pose(stamp_ns).rotation * _FLU_FROM_FRD
+        x, y, z, w = rotation.as_quat()
+        flight = self._world.flight
+        rates = flight.body_rates(self._world.flight_time(stamp_ns))
+        return mavlink.MAVLink_attitude_quaternion_message(
+            boot_ns // 1_000_000, w, x, y, z, *_FLU_FROM_FRD.inv().apply(rates)
+        )
+
+    def _position(self, boot_ns: int) -> Any:
+        stamp_ns = self._boot_ns + boot_ns
+        velocity = self._world.flight.velocity(self._world.flight_time(stamp_ns))
+        return mavlink.MAVLink_local_position_ned_message(
+            boot_ns // 1_000_000,
+            *_NED_FROM_ENU.apply(self._world.base_pose(stamp_ns).translation),
+            *_NED_FROM_ENU.apply(velocity),
+        )
+
+
+def open_link(address: str, system_id: int) -> Any:
+    """Open a link by pymavlink's name of it, as component 1 of a system.
+
+    Raises
+    ------
+    LinkError
+        The address is none, or is taken.
+    """
+    try:
+        link = mavutil.mavlink_connection(
+            address,
+            source_system=system_id,
+            source_component=mavlink.MAV_COMP_ID_AUTOPILOT1,
+            dialect='ardupilotmega',
+        )
+    except (OSError, ValueError) as reason:
+        raise LinkError(
+            f'{address}: cannot be opened ({reason}): give udpout:HOST:PORT of the bridge, '
+            'udpin:HOST:PORT or tcp:HOST:PORT'
+        ) from None
+    return link
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run until SIGINT or SIGTERM: 0; 2 for bad usage or input."""
+    parser = argparse.ArgumentParser(prog='simulated_autopilot', description='A simulated drone.')
+    parser.add_argument('--scene', default='scene.yaml', help='scene file; default: %(default)s')
+    parser.add_argument(
+        '--address', default='udpout:127.0.0.1:14550', help='the link; default: %(default)s'
+    )
+    parser.add_argument(
+        '--start-ns', type=int, default=0, help='ROS time at which the flight starts, ns'
+    )
+    parser.add_argument('--system-id', type=int, default=1, help='default: %(default)s')
+    parser.add_argument(
+        '--uptime',
+        type=float,
+        help='seconds since boot at the start; default: 20 to 120 by chance',
+    )
+    parsed = parser.parse_args(arguments)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        world = read_world(parsed.scene, parsed.start_ns)
+        uptime = random.uniform(20, 120) if parsed.uptime is None else parsed.uptime
+        Autopilot(world, open_link(parsed.address, parsed.system_id), uptime).run()
+    except FtpDentError as error:
+        print(f'simulated_autopilot: {error}', file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        pass
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

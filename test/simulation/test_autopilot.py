@@ -1,0 +1,165 @@
+"""The simulated autopilot as a process, at the other end of a real socket."""
+
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from scipy.spatial.transform import Rotation
+
+from ftp_dent_ros.simulation.world import read_world
+
+os.environ['MAVLINK20'] = '1'
+mavutil = pytest.importorskip('pymavlink.mavutil')
+
+START_NS = 1_700_000_000_123_456_789
+ATTITUDE = mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION
+POSITION = mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED
+
+
+class Client:
+    """A companion computer on a socket of its own, and the autopilot that it talks to."""
+
+    def __init__(self, *options):
+        self.link = mavutil.mavlink_connection(
+            'udpin:127.0.0.1:0', source_system=1, source_component=191, dialect='ardupilotmega'
+        )
+        port = self.link.port.getsockname()[1]
+        self.process = subprocess.Popen(
+            [
+                *(sys.executable, '-m', 'ftp_dent_ros.simulation.autopilot'),
+                *('--address', f'udpout:127.0.0.1:{port}', '--start-ns', str(START_NS), *options),
+            ]
+        )
+
+    def receive(self, kind, timeout=20.0):
+        message = self.link.recv_match(type=kind, blocking=True, timeout=timeout)
+        assert message is not None, f'no {kind} within {timeout} s'
+        return message
+
+    def command(self, command, *parameters):
+        filled = [*parameters, *[0] * (7 - len(parameters))]
+        self.link.mav.command_long_send(1, 1, command, 0, *filled)
+        acknowledgement = self.receive('COMMAND_ACK')
+        assert acknowledgement.command == command
+        return acknowledgement.result
+
+    def ask(self, message_id, interval_us):
+        return self.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, interval_us)
+
+    def close(self):
+        self.process.kill()
+        self.process.wait()
+        self.link.close()
+
+
+@pytest.fixture
+def client():
+    client = Client('--uptime', '77')
+    client.receive('HEARTBEAT')
+    yield client
+    client.close()
+
+
+def test_it_is_a_quadrotor_that_sends_no_pose_unasked(client):
+    seen = {}
+    while 'SYSTEM_TIME' not in seen or 'EKF_STATUS_REPORT' not in seen:
+        message = client.link.recv_match(blocking=True, timeout=5)
+        seen[message.get_type()] = message
+    assert not seen.keys() & {'ATTITUDE_QUATERNION', 'LOCAL_POSITION_NED'}
+    heartbeat = client.receive('HEARTBEAT')
+    assert heartbeat.get_srcSystem() == 1
+    assert heartbeat.get_srcComponent() == 1
+    assert heartbeat.type == mavlink.MAV_TYPE_QUADROTOR
+    assert heartbeat.get_msgbuf()[0] == 0xFD, 'not MAVLink 2'
+    times = seen['SYSTEM_TIME']
+    assert 77_000 <= times.time_boot_ms < 77_000 + 60_000
+    assert abs(times.time_unix_usec / 1e6 - time.time()) < 20
+    assert seen['EKF_STATUS_REPORT'].flags == 0x33F
+
+
+def test_intervals_are_acknowledged_or_denied(client):
+    accepted, denied = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_DENIED
+    assert client.ask(ATTITUDE, 20_000) == accepted
+    assert client.ask(ATTITUDE, -1) == accepted
+    assert client.ask(ATTITUDE, 2_000) == denied
+    assert client.ask(ATTITUDE, math.nan) == denied
+    assert client.ask(mavlink.MAVLINK_MSG_ID_ODOMETRY, 20_000) == denied
+    assert client.command(mavlink.MAV_CMD_DO_REPOSITION) == mavlink.MAV_RESULT_UNSUPPORTED
+    origin = mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN
+    client.link.mav.command_long_send(1, 1, mavlink.MAV_CMD_REQUEST_MESSAGE, 0, origin, *[0] * 6)
+    assert client.receive('GPS_GLOBAL_ORIGIN').latitude == 474_500_000
+
+
+def test_poses_are_the_flights_at_their_own_time(client):
+    """Pairs of equal time, 20 ms apart, each the true pose; the clock is found by TIMESYNC."""
+    for message_id in (ATTITUDE, POSITION):
+        assert client.ask(message_id, 20_000) == mavlink.MAV_RESULT_ACCEPTED
+    attitudes, positions, offsets = {}, {}, []
+    sent_ns = 0
+    while len(attitudes.keys() & positions.keys()) < 50:
+        if time.time_ns() - sent_ns > 50_000_000:
+            sent_ns = time.time_ns()
+            client.link.mav.timesync_send(0, sent_ns)
+        message = client.link.recv_match(blocking=True, timeout=5)
+        now = time.time_ns()
+        if message.get_type() == 'ATTITUDE_QUATERNION':
+            attitudes[message.time_boot_ms] = message
+        elif message.get_type() == 'LOCAL_POSITION_NED':
+            positions[message.time_boot_ms] = message
+        elif message.get_type() == 'TIMESYNC' and message.tc1 and message.ts1 == sent_ns:
+            offsets.append((now - sent_ns, (now + sent_ns) // 2 - message.tc1))
+    assert attitudes.keys() ^ positions.keys() <= {max(attitudes), max(positions)}
+    assert set(np.diff(sorted(attitudes))) == {20}
+
+    round_trip, boot_ns = min(offsets)
+    world = read_world('scene.yaml', START_NS)
+    # The path is known at the boot clock's exact time; the offset to within half a round trip.
+    slack = 1e-5 + round_trip / 2e9 * np.array([0.5, np.radians(10)])
+    for boot_ms in sorted(attitudes.keys() & positions.keys()):
+        pose = world.base_pose(boot_ns + boot_ms * 1_000_000)
+        position, attitude = positions[boot_ms], attitudes[boot_ms]
+        east, north, up = pose.translation
+        sent = np.array([position.x, position.y, position.z])
+        assert np.linalg.norm(sent - [north, east, -up]) < slack[0]
+        q = attitude
+        body = Rotation.from_quat([q.q2, q.q3, q.q4, q.q1])
+        nose = body.apply((1, 0, 0))
+        right = body.apply((0, 1, 0))
+        ahead, left = (pose.rotation.apply(axis) for axis in ((1, 0, 0), (0, 1, 0)))
+        np.testing.assert_allclose(nose, [ahead[1], ahead[0], -ahead[2]], atol=slack[1])
+        np.testing.assert_allclose(right, [-left[1], -left[0], left[2]], atol=slack[1])
+
+
+def test_a_late_joiner_gets_the_same_clock(client):
+    client.link.mav.timesync_send(0, 12345)
+    first = client.receive('TIMESYNC')
+    assert first.ts1 == 12345
+    assert 77e9 <= first.tc1 < 137e9
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_ends_well_on_a_signal(client, number):
+    client.process.send_signal(number)
+    assert client.process.wait(10) == 0
+
+
+@pytest.mark.parametrize(
+    'options',
+    [('--scene', 'none.yaml'), ('--address', 'nowhere'), ('--address', 'udpin:127.0.0.1:x')],
+)
+def test_bad_input_ends_it_with_one_line(options):
+    done = subprocess.run(
+        [sys.executable, '-m', 'ftp_dent_ros.simulation.autopilot', *options],
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.returncode == 2
+    assert done.stderr.startswith('simulated_autopilot: ')
+    assert done.stderr.count('\n') == 1
