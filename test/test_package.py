@@ -22,6 +22,7 @@ TOPICS = {
 # What is imported, rosdep's key for it and PyPI's name. rclpy and the messages: ROS's own.
 LIBRARIES = {
     'cv2': ('python3-opencv', 'opencv-python-headless'),
+    'lz4': ('mcap-ros2-support', 'mcap'),  # mcap brings it
     'matplotlib': ('python3-matplotlib', 'matplotlib'),
     'mcap': ('mcap-ros2-support', 'mcap'),
     'numpy': ('python3-numpy', 'numpy'),
@@ -31,6 +32,7 @@ LIBRARIES = {
     'serial': ('python3-serial', 'pyserial'),
     'tqdm': ('python3-tqdm', 'tqdm'),
     'yaml': ('python3-yaml', 'pyyaml'),
+    'zstandard': ('mcap-ros2-support', 'mcap'),  # mcap brings it
 }
 COME_WITH_RCLPY = {'rcl_interfaces', 'builtin_interfaces', 'rosidl_runtime_py', 'rpyutils'}
 
