@@ -12,6 +12,11 @@ from ftp_dent_ros.profilometry.carrier import Carrier
 _ROLL_OFF = 0.4
 
 
+def spectrum(rows: NDArray[np.float32]) -> NDArray[np.complex64]:
+    """Fourier transform of real rows, which it takes as periodic: ends should meet in peace."""
+    return scipy.fft.rfft(rows, axis=1)
+
+
 def pass_band(size: int, carrier: Carrier) -> NDArray[np.float32]:
     """Gain of the band ``[f_c - r, f_c + r]`` at the frequencies of a real FFT of `size`."""
     distance = np.abs(scipy.fft.rfftfreq(size) - carrier.frequency) / carrier.radius
@@ -19,25 +24,35 @@ def pass_band(size: int, carrier: Carrier) -> NDArray[np.float32]:
     return (np.cos(np.pi / 2 * edge) ** 2).astype(np.float32)
 
 
-def analytic_signal(rows: NDArray[np.float32], carrier: Carrier) -> NDArray[np.complex64]:
-    """Fringes of each row as ``b exp(i Phi)``, b their amplitude and Phi their phase.
+def analytic_signal(
+    transform: NDArray[np.complex64], size: int, carrier: Carrier
+) -> NDArray[np.complex64]:
+    """Fringes as ``b exp(i Phi)``, b their amplitude and Phi their phase (eq. 10).
 
     Parameters
     ----------
-    rows : ndarray, shape (rows, columns), float32
-        Grey levels. The transform takes a row as periodic: its ends should meet in peace.
+    transform : ndarray, shape (rows, size // 2 + 1), complex64
+        What `spectrum` gives for rows of `size` pixels.
     carrier : Carrier
 
     Returns
     -------
-    ndarray, shape (rows, columns), complex64
+    ndarray, shape (rows, size), complex64
         Phases grow with the projector's columns whatever the carrier's sign.
     """
-    size = rows.shape[1]
-    spectrum = scipy.fft.rfft(rows, axis=1)
-    kept = np.flatnonzero(pass_band(size, carrier))
-    whole = np.zeros((len(rows), size), np.complex64)
-    first, last = kept[0], kept[-1] + 1
-    whole[:, first:last] = 2 * pass_band(size, carrier)[first:last] * spectrum[:, first:last]
+    gain = pass_band(size, carrier)
+    kept = np.flatnonzero(gain)
+    band = slice(kept[0], kept[-1] + 1)
+    whole = np.zeros((len(transform), size), np.complex64)
+    np.multiply(transform[:, band], 2 * gain[band], out=whole[:, band])
     signal = scipy.fft.ifft(whole, axis=1, overwrite_x=True)
     return signal if carrier.sign > 0 else np.conj(signal)
+
+
+def background(
+    transform: NDArray[np.complex64], size: int, carrier: Carrier
+) -> NDArray[np.float32]:
+    """Light without the fringes: all below the pass band, shape (rows, size)."""
+    below = scipy.fft.rfftfreq(size) < carrier.frequency
+    gain = np.where(below, 1 - pass_band(size, carrier), 0).astype(np.float32)
+    return scipy.fft.irfft(transform * gain, size, axis=1)

@@ -13,25 +13,30 @@ from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.errors import ImageError, NoStripeError
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.profilometry.absolute_phase import fringe_order
-from ftp_dent_ros.profilometry.carrier import Carrier, carrier_at, measured_carrier
+from ftp_dent_ros.profilometry.carrier import (
+    Carrier,
+    ReferencePlane,
+    carrier_on,
+    measured_carrier,
+    plane_through,
+)
 from ftp_dent_ros.profilometry.extrapolation import demodulate
 from ftp_dent_ros.profilometry.reference import extend, phase_shift, reference_phase
-from ftp_dent_ros.profilometry.region import Window, clipped, lit_region
+from ftp_dent_ros.profilometry.region import Window, clipped, lit_region, trusted
 from ftp_dent_ros.profilometry.settings import Settings
 from ftp_dent_ros.profilometry.stripe import Stripe, find_stripe
 from ftp_dent_ros.profilometry.triangulation import triangulate
 from ftp_dent_ros.profilometry.unwrapping import unwrap
 from ftp_dent_ros.rig import Rig
 
-# Grey levels.
-_LEAST_MODULATION = 4.0
 # Of the rows beyond the region, in periods.
 _MARGIN = 4.0
 # The reference planes' depths are whole powers of this, so that one table serves many frames.
 _DEPTH_STEP = 1.02
 # Width of the blurred rim of the projector's panel, pixels.
 _RIM = 1.5
-_JUMP = {'virtual-reference': 0.5, 'direct': math.pi / 2}
+# Between rows, radians: a quarter of a fringe.
+_JUMP = math.pi / 2
 
 
 @dataclass(frozen=True)
@@ -105,38 +110,35 @@ class Reconstructor:
         region = lit_region(red, coarse)
         usable = ~clipped(red, region, coarse)
         stripe = find_stripe(levels, region, coarse)
-        depth = self._depth_of(stripe)
-        carrier = carrier_at(self.rig, self.pattern, depth)
+        points = self._points_of(stripe)
+        plane = plane_through(self.rig, self.pattern, points, coarse)
+        carrier = carrier_on(self.rig, self.pattern, plane)
 
         window = Window.around(region[::stride], math.ceil(_MARGIN * carrier.period))
         inside = window.padded(region[::stride])
         rows = window.padded(red[::stride])
         reference = extend(
-            window.cut(self._reference(depth, carrier)), window.before, window.after
+            window.cut(self._reference(plane, carrier)), window.before, window.after
         )
-        fringes = demodulate(rows, inside, reference, carrier)
+        fringes, explained = demodulate(rows, inside, reference, carrier)
         modulation = np.abs(fringes)
-        valid = inside & window.padded(usable[::stride]) & (modulation >= _LEAST_MODULATION)
+        valid = trusted(modulation, inside, explained, carrier)
+        valid &= window.padded(usable[::stride])
         if self.settings.method == 'virtual-reference':
             wrapped, start = phase_shift(fringes, reference, carrier), reference
         else:
             wrapped, start = np.angle(fringes), np.float32(0)
-        unwrapped = unwrap(
-            wrapped,
-            valid,
-            self.settings.unwrapping,
-            self.settings.tau,
-            _JUMP[self.settings.method],
-        )
+        unwrapped = unwrap(wrapped, valid, self.settings.unwrapping, self.settings.tau, _JUMP)
         relative = start + unwrapped.phase
         turns = fringe_order(
             relative,
             unwrapped.part,
-            np.searchsorted(window.rows, np.rint(stripe.row / stride)),
-            stripe.column - window.left + window.before,
+            np.rint(stripe.row / stride).astype(np.intp) - window.rows.start,
+            stripe.column - window.columns.start + window.before,
         )
         u_p = self.pattern.column(window.bare(relative + turns)).astype(np.float32)
-        return Measurement(self._cloud(window, u_p, window.bare(modulation)), depth)
+        cloud = self._cloud(window, u_p, window.bare(modulation))
+        return Measurement(cloud, float(np.median(points[:, 2])))
 
     def _check(self, image: NDArray[np.uint8]) -> None:
         """Raise `ImageError` unless the image is of the camera's kind and size."""
@@ -151,49 +153,50 @@ class Reconstructor:
                 'use the camera that was calibrated, at that resolution and in colour'
             )
 
-    def _depth_of(self, stripe: Stripe) -> float:
-        """l_c, metres: where the stripe is, on the whole."""
+    def _points_of(self, stripe: Stripe) -> NDArray[np.floating]:
+        """Points on the stripe, shape (points, 3), metres."""
         rays = self.rig.camera.rays(np.stack([stripe.column, stripe.row], axis=-1))[None]
-        columns = np.full(rays.shape[:2], self.pattern.stripe_center_px)
-        depth, _ = triangulate(self.rig, rays.astype(np.float32), columns.astype(np.float32))
-        if np.isnan(depth).mean() > 0.5:
+        columns = np.full(rays.shape[:2], self.pattern.stripe_center_px, np.float32)
+        depth, _ = triangulate(self.rig, rays.astype(np.float32), columns)
+        met = np.isfinite(depth)
+        if met.mean() < 0.5:
             raise NoStripeError(
                 'the red stripe is seen where the projector cannot light it: check that rig.yaml '
                 'and the pattern belong to this camera and projector'
             )
-        return float(np.nanmedian(depth))
+        return rays[met] * depth[met][:, None]
 
-    def _reference(self, depth: float, carrier: Carrier) -> NDArray[np.float32]:
+    def _reference(self, plane: ReferencePlane, carrier: Carrier) -> NDArray[np.float32]:
         """Phase of the fringes to compare with, at every `stride`-th row."""
         if self.settings.method == 'direct':
             ramp = 2 * np.pi * carrier.sign * carrier.frequency * np.arange(self.rig.camera.width)
             return np.broadcast_to(ramp.astype(np.float32), self._rays.shape[:2])
-        step = round(math.log(depth) / math.log(_DEPTH_STEP))
-        return self._reference_phase(step)
+        return self._reference_phase(
+            round(math.log(plane.depth) / math.log(_DEPTH_STEP)), plane.slope
+        )
 
-    def _reference_at(self, step: int) -> NDArray[np.float32]:
-        return reference_phase(self.rig, self.pattern, self._rays, _DEPTH_STEP**step)
+    def _reference_at(self, step: int, slope: float) -> NDArray[np.float32]:
+        plane = ReferencePlane(_DEPTH_STEP**step, slope)
+        return reference_phase(self.rig, self.pattern, self._rays, plane)
 
-    def _cloud(self, window: Window, u_p: NDArray, modulation: NDArray) -> Cloud:
+    def _cloud(
+        self, window: Window, u_p: NDArray[np.float32], modulation: NDArray[np.float32]
+    ) -> Cloud:
         """Triangulate the window's pixels on the grid, where the projector's panel reaches."""
-        stride = self.settings.stride
-        projector = self.rig.projector
-        first = -window.left % stride
-        grid = window.rows, slice(window.left + first, window.right, stride)
-        rays = self._rays[grid]
-        depth, v_p = triangulate(self.rig, rays, u_p[:, first::stride])
-        with np.errstate(invalid='ignore'):
-            reached = (
-                (u_p[:, first::stride] > _RIM - 0.5)
-                & (u_p[:, first::stride] < projector.width - 0.5 - _RIM)
-                & (v_p > _RIM - 0.5)
-                & (v_p < projector.height - 0.5 - _RIM)
-            )
+        stride, projector = self.settings.stride, self.rig.projector
+        first = -window.columns.start % stride
+        columns = slice(window.columns.start + first, window.columns.stop, stride)
+        rays, u_p = self._rays[window.rows, columns], u_p[:, first::stride]
+        depth, v_p = triangulate(self.rig, rays, u_p)
+        inset = _RIM - 0.5
+        reached = (u_p > inset) & (u_p < projector.width - 1 - inset)
+        reached &= (v_p > inset) & (v_p < projector.height - 1 - inset)
         depth[~reached] = np.nan
-        rows, columns = len(range(0, self.rig.camera.height, stride)), self._rays.shape[1]
-        points = np.full((rows, len(range(0, columns, stride)), 3), np.nan, np.float32)
-        intensity = np.zeros(points.shape[:2], np.float32)
-        at = window.rows[:, None], np.arange(*grid[1].indices(columns)) // stride
-        points[at] = rays * depth[..., None]
+
+        shape = self._rays[:, ::stride].shape
+        points = np.full(shape, np.nan, np.float32)
+        intensity = np.zeros(shape[:2], np.float32)
+        at = window.rows, slice(columns.start // stride, columns.start // stride + u_p.shape[1])
+        np.multiply(rays, depth[..., None], out=points[at])
         intensity[at] = modulation[:, first::stride]
         return Cloud(points, intensity)

@@ -6,15 +6,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.pattern import Pattern
-from ftp_dent_ros.profilometry.carrier import Carrier
-from ftp_dent_ros.profilometry.fourier import analytic_signal
+from ftp_dent_ros.profilometry.carrier import Carrier, ReferencePlane
+from ftp_dent_ros.profilometry.fourier import analytic_signal, spectrum
 from ftp_dent_ros.rig import Rig
+
+_FARTHEST = 0.1
 
 
 def reference_phase(
-    rig: Rig, pattern: Pattern, rays: NDArray[np.floating], depth: float
+    rig: Rig, pattern: Pattern, rays: NDArray[np.floating], plane: ReferencePlane
 ) -> NDArray[np.float32]:
-    """Phase Phi_0 of the pattern on the plane z = `depth`, where the camera's rays meet it.
+    """Phase Phi_0 of the pattern on a plane, where the camera's rays meet it (eq. 5).
 
     The lens distortion of both is in it: the rays' by themselves, the projector's in its
     projection. The pattern is a formula and goes on beyond the projector's panel, as it must:
@@ -26,15 +28,17 @@ def reference_phase(
     pattern : Pattern
     rays : ndarray, shape (..., 3)
         Undistorted rays of the camera, z = 1.
-    depth : float
-        l_c, metres.
+    plane : ReferencePlane
 
     Returns
     -------
     ndarray, shape (...), float32
         Radians, absolute.
     """
-    columns = rig.projector.project(rig.to_projector(np.asarray(rays, float) * depth))[..., 0]
+    rays = np.asarray(rays, float)
+    # Rays that leave the plane behind meet it far away: it only has to go on.
+    depth = plane.depth / np.maximum(1 - plane.slope * rays[..., :1], _FARTHEST)
+    columns = rig.projector.project(rig.to_projector(rays * depth))[..., 0]
     return pattern.phase(columns).astype(np.float32)
 
 
@@ -67,5 +71,6 @@ def phase_shift(
         Radians, within [-pi, pi].
     """
     image = (1 + np.cos(reference)) / 2  # eq. 6; the stripe is not needed in it
-    filtered = analytic_signal(image.astype(np.float32, copy=False), carrier)
+    transform = spectrum(image.astype(np.float32, copy=False))
+    filtered = analytic_signal(transform, image.shape[1], carrier)
     return np.angle(fringes * np.conj(filtered)).astype(np.float32, copy=False)

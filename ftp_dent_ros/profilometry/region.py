@@ -13,8 +13,12 @@ from numpy.typing import NDArray
 from ftp_dent_ros.errors import SaturatedError, TooDarkError
 from ftp_dent_ros.profilometry.carrier import Carrier
 
-# Peak to trough, grey levels: twice the least modulation that gives a phase worth having.
-_LEAST_CONTRAST = 8.0
+# Grey levels: an amplitude that gives a phase worth having, and peak to trough of one.
+_LEAST_MODULATION = 4.0
+_LEAST_CONTRAST = 2 * _LEAST_MODULATION
+# Share of a fringe that must be explained, and of the lower shoulder that is still no valley.
+_LEAST_SUPPORT = 0.4
+_VALLEY = 0.6
 # A fringe reaches from this share of its contrast on one flank to the same on the other.
 _FLANK = 0.35
 # A shorter run of fringes than this, in periods, fills no pass band of half the carrier.
@@ -89,38 +93,77 @@ def clipped(
     return lost
 
 
+def trusted(
+    modulation: NDArray[np.float32],
+    inside: NDArray[np.bool_],
+    explained: NDArray[np.bool_],
+    carrier: Carrier,
+) -> NDArray[np.bool_]:
+    """Pixels whose phase is their own.
+
+    Most of the fringe around them is explained by fringes, and they lie in no valley of the
+    modulation: over a hole, and where two surfaces meet whose fringes do not, the pass band
+    mixes both sides and the modulation sinks between them. (A painted edge only falls.)
+
+    Parameters
+    ----------
+    modulation : ndarray, shape (rows, columns), float32
+        Amplitude of the fringes, grey levels.
+    inside : ndarray, shape (rows, columns), bool
+        The lit region.
+    explained : ndarray, shape (rows, columns), bool
+        Pixels that the fringes explain.
+    carrier : Carrier
+
+    Returns
+    -------
+    ndarray, shape (rows, columns), bool
+    """
+    width = 2 * math.ceil(carrier.period / 2) + 1
+    support = cv2.blur(explained.astype(np.float32), (width, 1))
+    wide = np.ones((1, 2 * width + 1), np.uint8)
+    shoulders = cv2.morphologyEx(modulation, cv2.MORPH_CLOSE, wide)
+    return (
+        inside
+        & (support > _LEAST_SUPPORT)
+        & (modulation > _LEAST_MODULATION)
+        & (modulation > _VALLEY * shoulders)
+    )
+
+
 @dataclass(frozen=True)
 class Window:
     """The rows and columns around a region that are worth transforming.
 
     Attributes
     ----------
-    rows : ndarray, shape (rows,)
-        Rows of the image that hold part of the region.
-    left, right : int
-        First column of the region, and the first after it.
+    rows, columns : slice
+        The region's bounding box.
     before, after : int
         Columns of margin on either side; they may lie beyond the image.
     """
 
-    rows: NDArray[np.intp]
-    left: int
-    right: int
+    rows: slice
+    columns: slice
     before: int
     after: int
 
     @classmethod
     def around(cls, region: NDArray[np.bool_], margin: int) -> Window:
         """Window around `region`, at least `margin` wider on both sides."""
-        columns = np.flatnonzero(region.any(axis=0))
-        left, right = int(columns[0]), int(columns[-1]) + 1
-        size = scipy.fft.next_fast_len(right - left + 2 * margin, real=True)
-        after = size - (right - left) - margin
-        return cls(np.flatnonzero(region.any(axis=1)), left, right, margin, after)
+        rows, columns = (np.flatnonzero(region.any(axis=axis)) for axis in (1, 0))
+        width = int(columns[-1] - columns[0]) + 1
+        after = scipy.fft.next_fast_len(width + 2 * margin, real=True) - width - margin
+        return cls(
+            slice(int(rows[0]), int(rows[-1]) + 1),
+            slice(int(columns[0]), int(columns[-1]) + 1),
+            margin,
+            after,
+        )
 
     def cut(self, image: NDArray) -> NDArray:
         """Rows and columns of an image, without the margin."""
-        return image[self.rows, self.left : self.right]
+        return image[self.rows, self.columns]
 
     def padded(self, image: NDArray) -> NDArray:
         """Rows and columns of an image, zeros in the margin."""
@@ -128,4 +171,4 @@ class Window:
 
     def bare(self, values: NDArray) -> NDArray:
         """Undo the margin of a padded array."""
-        return values[:, self.before : self.before + self.right - self.left]
+        return values[:, self.before : values.shape[1] - self.after]

@@ -10,12 +10,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.errors import NoStripeError
 from ftp_dent_ros.profilometry.carrier import Carrier
-from ftp_dent_ros.profilometry.fourier import analytic_signal
+from ftp_dent_ros.profilometry.fourier import analytic_signal, spectrum
 from ftp_dent_ros.profilometry.unwrapping import unwrap
 
 _ROWS = 4
@@ -24,10 +25,12 @@ _ROWS = 4
 _LEAST_LOSS = 0.6
 _LARGEST_RIVAL = 0.7
 _LEAST_SUPPORT = 0.1
+# Between neighbouring bins of rows, radians: a quarter of a fringe.
+_JUMP = np.pi / 2
 # Grey levels of amplitude from which on a row's vote counts in full.
 _BRIGHT = 8.0
-# A fringe is whole if it reaches this near both its troughs (at pi), radians.
-_WHOLE = 0.75 * np.pi
+# A fringe serves as a neighbour if it is at least this share as wide: rims cut fringes.
+_WHOLE = 0.6
 _TURN = 2 * np.pi
 
 
@@ -62,15 +65,19 @@ def find_stripe(image: NDArray[np.float32], region: NDArray[np.bool_], carrier: 
     NoStripeError
         No fringe, or more than one, lacks green and blue in most rows.
     """
-    height = len(image) // _ROWS * _ROWS
-    binned = image[:height].reshape(-1, _ROWS, *image.shape[1:]).mean(axis=1)
-    inside = np.logical_and.reduce(region[:height].reshape(-1, _ROWS, region.shape[1]), axis=1)
+    height, width = len(image) // _ROWS, image.shape[1]
+    binned = cv2.resize(image[: height * _ROWS], (width, height), interpolation=cv2.INTER_AREA)
+    inside = (
+        cv2.erode(region.view(np.uint8), np.ones((_ROWS, 1)))[_ROWS // 2 :: _ROWS][:height] > 0
+    )
     red, other = np.ascontiguousarray(binned[..., 0]), binned[..., 1:].mean(axis=-1)
-    wrapped = np.angle(analytic_signal(red, carrier))
-    unwrapped = unwrap(wrapped, inside)
-    fringes = _fringes(unwrapped.phase, unwrapped.part, red, other)
-    loss, weight = _losses(fringes)
-    chosen = _elect(fringes, loss, weight) & (loss > 0.5)
+    wrapped = np.angle(analytic_signal(spectrum(red), red.shape[1], carrier))
+    unwrapped = unwrap(wrapped, inside, jump=_JUMP)
+    chosen = np.zeros(0, bool)
+    if inside.any():
+        fringes = _fringes(unwrapped.phase, unwrapped.part, red, other)
+        loss, weight = _losses(fringes)
+        chosen = _elect(fringes, loss, weight) & (loss > 0.5)
     if not chosen.any():
         raise NoStripeError(
             'the red stripe is not seen (no fringe, or more than one, is red over most rows): '
@@ -92,7 +99,8 @@ class _Fringes:
     column: NDArray[np.float64]
     red: NDArray[np.float64]
     other: NDArray[np.float64]
-    whole: NDArray[np.bool_]
+    left: NDArray[np.intp]
+    width: NDArray[np.intp]
 
 
 def _fringes(phase, part, red, other) -> _Fringes:
@@ -114,7 +122,6 @@ def _fringes(phase, part, red, other) -> _Fringes:
 
     within = phase - _TURN * order
     cosine = np.cos(within)
-    ends = np.minimum.reduceat(within, first), np.maximum.reduceat(within, first)
     return _Fringes(
         row=row[first],
         part=part[first],
@@ -122,7 +129,8 @@ def _fringes(phase, part, red, other) -> _Fringes:
         column=mean(column) - mean(within) * slope(within, column),
         red=slope(cosine, red[row, column].astype(float)),
         other=slope(cosine, other[row, column].astype(float)),
-        whole=(ends[0] < -_WHOLE) & (ends[1] > _WHOLE),
+        left=column[first],
+        width=count,
     )
 
 
@@ -131,12 +139,14 @@ def _losses(fringes: _Fringes) -> tuple[NDArray[np.float64], NDArray[np.float64]
     share = fringes.other / np.maximum(fringes.red, 1e-6)
     expected = np.zeros(len(share))
     expected[1:-1] = fringes.red[1:-1] * np.minimum(share[:-2], share[2:])
+    left, width, order = fringes.left, fringes.width, fringes.order
     between = np.zeros(len(share), bool)
     between[1:-1] = (
-        (fringes.whole[:-2] & fringes.whole[1:-1] & fringes.whole[2:])
-        & (fringes.row[:-2] == fringes.row[2:])
-        & (fringes.part[:-2] == fringes.part[2:])
-        & (np.abs(fringes.order[2:] - fringes.order[:-2]) == 2)
+        (fringes.row[:-2] == fringes.row[2:])
+        & (left[:-2] + width[:-2] == left[1:-1])
+        & (left[1:-1] + width[1:-1] == left[2:])
+        & (np.abs(order[2:] - order[:-2]) == 2)
+        & (np.minimum(width[:-2], width[2:]) > _WHOLE * width[1:-1])
     )
     seen = between & (fringes.red > 0) & (expected > 0)
     loss = np.where(seen, 1 - fringes.other / np.where(seen, expected, 1), 0)
@@ -145,20 +155,17 @@ def _losses(fringes: _Fringes) -> tuple[NDArray[np.float64], NDArray[np.float64]
 
 def _elect(fringes: _Fringes, loss, weight) -> NDArray[np.bool_]:
     """Fringes of the order that wins the vote of its part clearly."""
-    orders = np.stack([fringes.part, fringes.order], axis=1)
-    candidates, index = np.unique(orders, axis=0, return_inverse=True)
-    index = index.ravel()
-    support = np.bincount(index, weight)
-    lost = np.bincount(index, weight * loss)
-    part = candidates[:, 0]
-    most = np.zeros(part.max(initial=0) + 1)
-    np.maximum.at(most, part, support)
-    score = lost / np.maximum(support + _LEAST_SUPPORT * most[part], 1e-6)
-    elected = np.zeros(len(candidates), bool)
-    for label in np.unique(part):
-        members = np.flatnonzero(part == label)
-        ranking = members[np.argsort(score[members])]
-        rival = score[ranking[-2]] if len(ranking) > 1 else 0.0
-        best = score[ranking[-1]]
-        elected[ranking[-1]] = best >= _LEAST_LOSS and rival <= _LARGEST_RIVAL * best
-    return elected[index]
+    low = fringes.order.min()
+    orders = int(fringes.order.max() - low) + 1
+    index = fringes.part * orders + fringes.order - low
+    parts = int(fringes.part.max()) + 1
+    support = np.bincount(index, weight, parts * orders).reshape(parts, orders)
+    lost = np.bincount(index, weight * loss, parts * orders).reshape(parts, orders)
+    enough = _LEAST_SUPPORT * support.max(axis=1, keepdims=True)
+    score = lost / np.maximum(support + enough, 1e-6)
+    best = score.argmax(axis=1)
+    rivals = score.copy()
+    rivals[np.arange(parts), best] = 0
+    first, second = score.max(axis=1), rivals.max(axis=1)
+    clear = (first >= _LEAST_LOSS) & (second <= _LARGEST_RIVAL * first)
+    return clear[fringes.part] & (fringes.order - low == best[fringes.part])

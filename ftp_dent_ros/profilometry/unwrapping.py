@@ -16,8 +16,6 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
 
 _TURN = np.float32(2 * np.pi)
-# Votes are counted this many whole fringes about the pair's mean.
-_FARTHEST = 3
 
 
 @dataclass(frozen=True)
@@ -60,8 +58,8 @@ def unwrap(
     tau : float
         Gain of Estrada's system, in (0, 1].
     jump : float
-        Pixels one above the other whose phases differ by more than this, whole turns apart,
-        are on different surfaces and do not tie their rows; radians.
+        Pixels one above the other whose phases differ by more than this, but for whole turns
+        and the fringes' common inclination, are on different surfaces and tie no rows; radians.
 
     Returns
     -------
@@ -73,11 +71,11 @@ def unwrap(
     19, 5126 (2011).
     """
     along = _itoh(wrapped, region) if unwrapping == 'itoh' else _estrada(wrapped, region, tau)
-    starts = region & ~np.pad(region, ((0, 0), (1, 0)))[:, :-1]
-    run = np.where(region, np.cumsum(starts).reshape(region.shape) - 1, -1)
-    turns, part = _tie_runs(along, run, int(starts.sum()), jump)
+    begins = region & ~np.pad(region, ((0, 0), (1, 0)))[:, :-1]
+    run = np.cumsum(begins, dtype=np.int32).reshape(region.shape) - 1
+    turns, part = _tie_runs(along, run, region, jump)
     phase = np.where(region, along + _TURN * turns[run], 0)
-    return Unwrapped(phase, np.where(region, part[run], -1).astype(np.int32))
+    return Unwrapped(phase, np.where(region, part[run], -1))
 
 
 def _itoh(wrapped, region):
@@ -110,14 +108,15 @@ def _estrada(wrapped, region, tau):
     return np.ascontiguousarray(mean.T)
 
 
-def _tie_runs(along, run, count, jump):
+def _tie_runs(along, run, region, jump):
     """Whole turns to add to each run, and the part it belongs to."""
-    both = (run[1:] >= 0) & (run[:-1] >= 0)
-    upper, lower = run[:-1][both], run[1:][both]
+    count = int(run[-1, -1]) + 1
+    both = region[1:] & region[:-1]
     difference = (along[1:] - along[:-1])[both]
-    fresh = (np.diff(upper, prepend=-1) != 0) | (np.diff(lower, prepend=-1) != 0)
-    upper, lower = upper[fresh], lower[fresh]
-    turn, votes, voters = _vote(difference, np.cumsum(fresh) - 1, len(upper), jump)
+    row, column = np.nonzero(both & ~np.pad(both, ((0, 0), (1, 0)))[:, :-1])
+    upper, lower = run[row, column], run[row + 1, column]
+    first = np.searchsorted(np.flatnonzero(both), row * both.shape[1] + column)
+    turn, votes, voters = _vote(difference, first, jump)
     tied = 2 * votes > voters
     upper, lower, turn = upper[tied], lower[tied], turn[tied]
 
@@ -137,19 +136,25 @@ def _tie_runs(along, run, count, jump):
         if above < count:
             step = between[above, child] if above < child else -between[child, above]
             turns[child] = turns[above] - step
-    return turns[:count], part
+    return turns[:count], part.astype(np.int32)
 
 
-def _vote(difference, pair, pairs, jump):
-    """Of each pair of runs: the whole turns most columns see between them, for and of how many."""
-    turn = np.rint(difference / _TURN)
-    smooth = np.abs(difference - _TURN * turn) <= jump
-    voters = np.bincount(pair, minlength=pairs)
-    centre = np.rint(np.bincount(pair, turn, pairs) / np.maximum(voters, 1))
-    from_centre = turn - centre[pair]
-    cast = smooth & (np.abs(from_centre) <= _FARTHEST)
-    width = 2 * _FARTHEST + 1
-    ballot = pair[cast] * width + (from_centre[cast] + _FARTHEST).astype(np.intp)
-    count = np.bincount(ballot, minlength=pairs * width).reshape(pairs, width)
-    best = count.argmax(axis=1)
-    return centre + best - _FARTHEST, count.max(axis=1, initial=0), voters
+def _vote(difference, first, jump):
+    """Of each pair of runs: the turns that most columns see, how many these are, and of how many.
+
+    `difference` holds the pairs' columns one pair after the other, each from its `first` on.
+    """
+    if len(first) == 0:
+        return np.zeros(0, np.float32), np.zeros(0, np.intp), np.zeros(0, np.intp)
+    lean = np.angle(np.exp(1j * difference[::16]).sum())  # fringes may be inclined
+    turn = np.rint((difference - lean) / _TURN)
+    smooth = np.abs(difference - lean - _TURN * turn) <= jump
+    voters = np.diff(first, append=len(difference))
+    winner = np.minimum.reduceat(turn, first)
+    votes = np.add.reduceat(smooth, first, dtype=np.intp)
+    for pair in np.flatnonzero(winner < np.maximum.reduceat(turn, first)):
+        columns = slice(first[pair], first[pair] + voters[pair])
+        choices, counts = np.unique(turn[columns][smooth[columns]], return_counts=True)
+        if len(choices):
+            winner[pair], votes[pair] = choices[counts.argmax()], counts.max()
+    return winner, votes, voters
