@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -58,7 +59,8 @@ def view_3d(
     positions = np.array([pose.translation for pose in flight])
     forward = np.array([pose.rotation.apply((1, 0, 0)) for pose in flight])
     figure = Figure(figsize=(10, 4.8))
-    axes = figure.add_axes((0.0, 0.0, 0.88, 0.95), projection='3d', computed_zorder=False)
+    # Matplotlib's annotations know of no third dimension.
+    axes: Any = figure.add_axes((0.0, 0.0, 0.88, 0.95), projection='3d', computed_zorder=False)
     limit = float(np.percentile(dent_depth, 99.9)) * _MM
     colours = axes.scatter(
         *points.T, c=dent_depth * _MM, s=0.6, cmap='turbo', vmin=-0.1, vmax=limit, linewidths=0

@@ -262,7 +262,8 @@ def _on_rivet(
         return np.zeros(0, np.intp)
     rays = grid.rays[window]
     _, x, y = (part.reshape(rays.shape[:2]) for part in panel.hit_bare(_EYE, rays.reshape(-1, 3)))
-    pixel = max(np.hypot(np.diff(x, axis=i), np.diff(y, axis=i)).max() for i in (0, 1))
+    steps = (np.hypot(np.diff(x, axis=i), np.diff(y, axis=i)) for i in (0, 1))
+    pixel = max(step.max(initial=0.0) for step in steps)
     radius = rivet.radius + _GROOVE * rivet.sigma + reach * pixel
     rows, columns = np.nonzero(np.hypot(x - rivet.x, y - rivet.y) < radius)
     return (rows + window[0].start) * lens.width + columns + window[1].start
