@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from ftp_dent_ros.capture.source import Frame, PacedSource
 from ftp_dent_ros.errors import CameraError
 
-
 # A busy machine may compute a photograph that much later than it was taken, seconds.
 _PATIENCE = 2.0
 
