@@ -24,7 +24,7 @@ from ftp_dent_ros import files
 from ftp_dent_ros.demonstration.appraisal import TYPES
 from ftp_dent_ros.errors import ConfigurationError, FtpDentError
 from ftp_dent_ros.ros import transport
-from ftp_dent_ros.ros.configuration import read_configuration
+from ftp_dent_ros.ros.configuration import EXECUTABLES, read_configuration
 from ftp_dent_ros.ros.domain import free_domain
 from ftp_dent_ros.ros.process_log import ProcessLog
 from ftp_dent_ros.ros.processes import Processes, Program
@@ -45,6 +45,12 @@ class FlightError(FtpDentError):
 def simulation_parameters(configuration: str, start_ns: int) -> dict[str, Any]:
     """Blocks of a configuration, with a free port and the start of the flight filled in."""
     blocks = files.read_yaml(files.find(configuration), ConfigurationError)
+    missing = set(EXECUTABLES) - set(blocks)
+    if missing:
+        raise ConfigurationError(
+            f'{configuration}: has no {" and no ".join(sorted(missing))}: name the '
+            'configuration of a whole simulated payload, as simulation.yaml is'
+        )
     parameters = {name: block['ros__parameters'] for name, block in blocks.items()}
     port = _free_port()
     parameters['mavlink_bridge']['address'] = f'udpin:127.0.0.1:{port}'

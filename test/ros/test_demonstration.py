@@ -81,3 +81,10 @@ def test_what_is_no_demonstration_is_not_replaced(domain, tmp_path, capsys, cont
     assert main(['demo', '--output', str(output)]) == 2
     assert 'name another folder' in capsys.readouterr().err
     assert precious.read_text() == 'mine'
+
+
+def test_a_configuration_without_a_simulation_is_refused(domain, tmp_path, capsys):
+    words = ['demo', '--configuration', 'payload.yaml', '--output', str(tmp_path / 'x')]
+    assert main(words) == 2
+    assert 'has no simulated_autopilot' in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
