@@ -136,6 +136,39 @@ def test_poses_are_the_flights_at_their_own_time(client):
         np.testing.assert_allclose(right, [-left[1], -left[0], left[2]], atol=slack[1])
 
 
+def test_garbage_and_cut_frames_do_it_no_harm(client):
+    command = mavlink.MAVLink_command_long_message(
+        1, 1, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 0, ATTITUDE, 20_000, 0, 0, 0, 0, 0
+    ).pack(mavlink.MAVLink(None, 1, 191))
+    rng = np.random.default_rng(0)
+    rubbish = [rng.bytes(int(size)) for size in rng.integers(1, 300, 50)]
+    rubbish += [command[:end] for end in range(1, len(command), 5)]
+    rubbish += [b'\xfe' + rng.bytes(40), b'\xfd' * 300, bytes(2000)]
+    for data in rubbish:
+        client.link.write(data)
+    huge = [math.inf, 1e30, -1e30, 3e38]
+    for value in huge:
+        assert client.ask(value, 20_000) == mavlink.MAV_RESULT_DENIED
+    assert client.ask(ATTITUDE, 20_000) == mavlink.MAV_RESULT_ACCEPTED
+    client.receive('ATTITUDE_QUATERNION')
+
+
+def test_it_answers_when_all_its_streams_are_stopped(client):
+    for name in ('HEARTBEAT', 'SYSTEM_TIME', 'EKF_STATUS_REPORT', 'TIMESYNC'):
+        message_id = getattr(mavlink, f'MAVLINK_MSG_ID_{name}')
+        assert client.ask(message_id, -1) == mavlink.MAV_RESULT_ACCEPTED
+    assert client.ask(mavlink.MAVLINK_MSG_ID_HEARTBEAT, 0) == mavlink.MAV_RESULT_ACCEPTED
+    client.receive('HEARTBEAT')
+
+
+def test_a_clock_of_many_days_wraps():
+    client = Client('--uptime', str(2**32 / 1e3 + 5))
+    try:
+        assert client.receive('SYSTEM_TIME').time_boot_ms < 60_000
+    finally:
+        client.close()
+
+
 def test_a_late_joiner_gets_the_same_clock(client):
     client.link.mav.timesync_send(0, 12345)
     first = client.receive('TIMESYNC')
@@ -151,7 +184,14 @@ def test_ends_well_on_a_signal(client, number):
 
 @pytest.mark.parametrize(
     'options',
-    [('--scene', 'none.yaml'), ('--address', 'nowhere'), ('--address', 'udpin:127.0.0.1:x')],
+    [
+        ('--scene', 'none.yaml'),
+        ('--address', 'nowhere'),
+        ('--address', 'udpin:127.0.0.1:x'),
+        ('--address', 'tcpin:127.0.0.1:70000'),
+        ('--system-id', '300'),
+        ('--uptime', 'nan'),
+    ],
 )
 def test_bad_input_ends_it_with_one_line(options):
     done = subprocess.run(
