@@ -209,7 +209,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog='simulated_autopilot', description='A simulated drone.')
     parser.add_argument('--scene', default='scene.yaml', help='scene file; default: %(default)s')
     parser.add_argument(
-        '--address', default='udpout:127.0.0.1:14550', help='the link; default: %(default)s'
+        '--address',
+        default='udpout:127.0.0.1:14550',
+        help='udpout, udpin, tcp or tcpin:HOST:PORT; default: %(default)s',
     )
     parser.add_argument(
         '--start-ns', type=int, default=0, help='ROS time at which the flight starts, ns'

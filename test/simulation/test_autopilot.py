@@ -12,6 +12,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.spatial.transform import Rotation
 
+from ftp_dent_ros.simulation.autopilot import main
 from ftp_dent_ros.simulation.world import read_world
 
 os.environ['MAVLINK20'] = '1'
@@ -61,7 +62,7 @@ class Client:
 @pytest.fixture
 def client():
     client = Client('--uptime', '77')
-    client.receive('HEARTBEAT')
+    client.receive('GPS_GLOBAL_ORIGIN')  # Its first message says where it is.
     yield client
     client.close()
 
@@ -187,9 +188,6 @@ def test_ends_well_on_a_signal(client, number):
     [
         ('--scene', 'none.yaml'),
         ('--address', 'nowhere'),
-        ('--address', 'udpin:127.0.0.1:x'),
-        ('--address', 'tcpin:127.0.0.1:70000'),
-        ('--system-id', '300'),
         ('--uptime', 'nan'),
     ],
 )
@@ -203,3 +201,18 @@ def test_bad_input_ends_it_with_one_line(options):
     assert done.returncode == 2
     assert done.stderr.startswith('simulated_autopilot: ')
     assert done.stderr.count('\n') == 1
+
+
+@pytest.mark.parametrize(
+    ('options', 'words'),
+    [
+        (('--address', 'udpin:127.0.0.1:x'), "'udpin:127.0.0.1:x' is no address: give udpout"),
+        (('--address', 'tcpin:127.0.0.1:70000'), 'is no address'),
+        (('--system-id', '300'), '--system-id is 300: give 1 to 255'),
+        (('--uptime', '-1'), '--uptime is -1.0: give seconds, 0 or more'),
+    ],
+)
+def test_a_wrong_option_is_named(options, words, monkeypatch, capsys):
+    monkeypatch.setattr(signal, 'signal', lambda *_: None)
+    assert main(options) == 2
+    assert words in capsys.readouterr().err

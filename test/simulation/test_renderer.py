@@ -73,7 +73,7 @@ def test_each_pixel_sees_the_projector_pixel_that_opencv_says(rig, noiseless, ra
 def test_levels_are_those_of_a_plain_renderer(rig, pattern, noiseless, radius):
     plain, surface = both(radius=radius)
     image = render(rig, pattern.draw(), surface, noiseless)
-    expected = photograph(rig, pattern.draw(), plain, noiseless)
+    expected = photograph(rig, pattern.draw(), plain, noiseless, fine=5)
     assert expected.max() > 150
     assert np.abs(image - expected).max() < 1
     assert np.abs((image - expected).mean(axis=(0, 1))).max() < 0.05
@@ -84,7 +84,7 @@ def test_edges_of_skin_and_paint_cut_pixels_in_parts(rig, pattern, noiseless):
     corner = replace_lens(rig, width=28, height=20, shift=(-34, -22))
     plain, surface = both(extent=(-0.5, 0.004, -0.004, 0.5), edge=(0.6, 0.8, 0.003, 0.1))
     image = render(corner, pattern.draw(), surface, photometry)
-    expected = photograph(corner, pattern.draw(), plain, photometry, fine=20)
+    expected = photograph(corner, pattern.draw(), plain, photometry, fine=16)
     assert (expected == 0).mean() > 0.1
     # Two hundred levels lie between the sides of an edge: its area is right to a fiftieth.
     assert np.abs(image - expected)[1:-1, 1:-1].max() < 4
