@@ -135,7 +135,7 @@ SCENES = (
     scene('fuselage, 80 cm', FIELD, fuselage(0.8)),
     *(
         scene(f'A, 60 cm, tilted {x} {y}', NEAR, tile(SAMPLES['A'], 0.6, (x, y)))
-        for x, y in ((20, 0), (-20, 0), (0, 20), (0, -20))
+        for x, y in ((20, 0), (-20, 0), (0, 20), (0, -20), (0, 35), (0, -35))
     ),
     scene('A, 60 cm, distorted', BENT, tile(SAMPLES['A'], 0.6)),
     scene('fuselage, 60 cm, distorted', BENT, fuselage(0.6)),

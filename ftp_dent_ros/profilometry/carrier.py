@@ -19,7 +19,7 @@ from ftp_dent_ros.rig import Rig
 # Tilt and distance stretch the fringes by less than this against parallel, square views.
 _STRETCH = 2.0
 # Share by which the fringes' frequency may differ from the reference plane's.
-_FITS = 0.25
+_FITS = 0.15
 _SLOPES = np.arange(-40, 41) / 20
 # Below this the band reaches past half the sampling frequency.
 _SHORTEST_PERIOD = 3.0
