@@ -148,8 +148,6 @@ class CameraCapture(Node):
                 outcome = False, str(error)
                 self._stop.wait(_PAUSE)
             except Exception as error:
-                if not self.context.ok():  # A signal came in between.
-                    return
                 outcome = False, f'{type(error).__name__}: {error}'
                 self._diagnostics.fail(f'no photograph, by a defect of the software: {outcome[1]}')
                 self.get_logger().debug(traceback.format_exc())

@@ -154,8 +154,6 @@ class Reconstruction(Node):
         except InputError as error:
             self._diagnostics.refuse('wrong input', str(error))
         except Exception as error:
-            if not self.context.ok():  # A signal came in between.
-                return
             self._diagnostics.fail(
                 f'an image could not be reconstructed, by a defect of the software '
                 f'({type(error).__name__}: {error}): report it with the log'
