@@ -75,8 +75,8 @@ def test_distance_from_the_bare_skin_is_the_closed_form(radius):
     at = np.column_stack([rng.uniform(-0.2, 0.2, (300, 2)), rng.uniform(-0.1, 0.1, 300)])
     expected = radius - np.hypot(at[:, 0], radius - at[:, 2]) if radius else at[:, 2]
     # Off the end of the skin the closest point is its rim.
-    at = np.vstack([at, [0.0, 0.25, 0.0]])
-    expected = np.append(expected, 0.05)
+    at = np.vstack([at, [0.0, 0.25, 0.01]])
+    expected = np.append(expected, math.hypot(0.05, 0.01))
     distance = Surface((Panel(POSE, EXTENT, radius),)).distance(POSE.apply(at))
     np.testing.assert_allclose(distance, expected, atol=1e-12)
 
