@@ -1,6 +1,7 @@
 """README's tables of parameters are what the nodes declare."""
 
 import importlib
+import re
 from pathlib import Path
 
 import pytest
@@ -46,8 +47,9 @@ def test_every_parameter_stands_in_the_readme(ros, name):
         lines = table(node, GIVEN[name])
     finally:
         node.destroy_node()
-    text = README.read_text(encoding='utf-8').partition(f'**`{name}`**')[2].partition('\n**`')[0]
-    written = [line for line in text.splitlines() if line.startswith('|')]
+    text = README.read_text(encoding='utf-8').partition(f'**`{name}`**')[2]
+    section = re.split(r'\n(?:\*\*`|## )', text)[0]
+    written = [line for line in section.splitlines() if line.startswith('|')]
     expected = '\n'.join(lines)
     assert len(written) == len(lines), f'README should have:\n{expected}'
     for line, row in zip(written, lines, strict=True):
