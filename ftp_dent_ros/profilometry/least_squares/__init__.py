@@ -1,0 +1,1 @@
+"""Windowed least squares about the analytic reference phase."""

@@ -1,0 +1,154 @@
+"""Bins and nodes: the coarse grids that least squares works on, and the way back to pixels.
+
+Bins are averages of a few pixels, fine enough to hold the fringes; nodes, two bins wide, are
+fine enough to hold what is left of them after demodulation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+# Pixels a bin holds along v, along which the fringes hardly change.
+_ROWS = 4
+# Bins a node holds along u.
+_BINS = 2
+# Bins a fringe must at least have.
+_PER_FRINGE = 4.6
+_TAPS = 6
+# Output columns and rows that are interpolated in one matrix product.
+_BLOCK = 256
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Bins and nodes over an image.
+
+    Attributes
+    ----------
+    width, height : int
+        Of the image, pixels.
+    step : int
+        Pixels a bin holds along u.
+    """
+
+    width: int
+    height: int
+    step: int
+
+    @classmethod
+    def for_fringes(cls, width: int, height: int, period: float) -> Grid:
+        """Grid for fringes of `period` pixels."""
+        return cls(width, height, max(1, int(period / _PER_FRINGE)))
+
+    @property
+    def pitch(self) -> tuple[int, int]:
+        """Pixels between nodes along u and v."""
+        return _BINS * self.step, _ROWS
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of nodes."""
+        along_u, along_v = self.pitch
+        return -(-self.height // along_v), -(-self.width // along_u)
+
+    @property
+    def bin_shape(self) -> tuple[int, int]:
+        """Rows and columns of bins."""
+        rows, columns = self.shape
+        return rows, _BINS * columns
+
+    def node_positions(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Pixel columns and rows of the nodes' centres."""
+        return tuple(
+            step * np.arange(count) + (step - 1) / 2
+            for step, count in zip(self.pitch, self.shape[::-1], strict=True)
+        )
+
+    def bin_positions(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Pixel columns and rows of the bins' centres."""
+        columns = self.step * np.arange(self.bin_shape[1]) + (self.step - 1) / 2
+        return columns, self.node_positions()[1]
+
+    def binned(self, plane: NDArray) -> NDArray[np.float32]:
+        """Averages of a plane of pixels over the bins, shape `bin_shape`, float32."""
+        rows, columns = self.bin_shape
+        missing = rows * _ROWS - self.height, columns * self.step - self.width
+        if any(missing):
+            plane = cv2.copyMakeBorder(
+                plane, 0, missing[0], 0, missing[1], cv2.BORDER_REPLICATE
+            )
+        return cv2.resize(
+            plane.astype(np.float32), (columns, rows), interpolation=cv2.INTER_AREA
+        )
+
+    def at_nodes(self, bins: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Averages of bins over the nodes."""
+        return (bins[:, ::2] + bins[:, 1::2]) * np.float32(0.5)
+
+    def at_bins(self, nodes: NDArray) -> NDArray:
+        """Values at the nodes, interpolated to the bins."""
+        return cv2.resize(nodes, self.bin_shape[::-1], interpolation=cv2.INTER_LINEAR)
+
+
+def lagrange(targets: NDArray[np.floating], count: int) -> NDArray[np.float64]:
+    """Weights of Lagrange's interpolation through six of `count` nodes 0, 1, 2, ...
+
+    Parameters
+    ----------
+    targets : ndarray, shape (targets,)
+
+    Returns
+    -------
+    ndarray, shape (targets, count)
+    """
+    taps = min(_TAPS, count)
+    first = np.clip(np.floor(targets).astype(int) - taps // 2 + 1, 0, count - taps)
+    t = targets - first
+    weights = np.zeros((len(targets), count))
+    for k in range(taps):
+        factors = [(t - j) / (k - j) for j in range(taps) if j != k]
+        weights[np.arange(len(targets)), first + k] = np.prod(factors, axis=0)
+    return weights
+
+
+@dataclass(frozen=True, eq=False)
+class Spreader:
+    """Interpolates from nodes to every `stride`-th pixel, a band of a matrix at a time.
+
+    Attributes
+    ----------
+    along_u, along_v : list of tuple
+        For each block: its targets, the nodes that they need, and the weights.
+    """
+
+    along_u: list[tuple[slice, slice, NDArray[np.float32]]]
+    along_v: list[tuple[slice, slice, NDArray[np.float32]]]
+
+    @classmethod
+    def of(cls, grid: Grid, stride: int) -> Spreader:
+        """Spreader to a cloud's grid."""
+        columns = (np.arange(0, grid.width, stride) - (grid.pitch[0] - 1) / 2) / grid.pitch[0]
+        rows = (np.arange(0, grid.height, stride) - (grid.pitch[1] - 1) / 2) / grid.pitch[1]
+        along_u = [
+            (targets, nodes, np.ascontiguousarray(weights.T))
+            for targets, nodes, weights in _blocks(columns, grid.shape[1], _BLOCK)
+        ]
+        return cls(along_u, list(_blocks(rows, grid.shape[0], _BLOCK // 8)))
+
+    def spread(self, nodes: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Values at the pixels, shape (rows, columns)."""
+        wide = np.concatenate([nodes[:, s] @ weights for _, s, weights in self.along_u], axis=1)
+        return np.concatenate([weights @ wide[s] for _, s, weights in self.along_v])
+
+
+def _blocks(targets, count, size):
+    weights = lagrange(targets, count).astype(np.float32)
+    for first in range(0, len(targets), size):
+        block = slice(first, min(first + size, len(targets)))
+        used = np.flatnonzero(weights[block].any(axis=0))
+        nodes = slice(int(used[0]), int(used[-1]) + 1)
+        yield block, nodes, np.ascontiguousarray(weights[block, nodes])

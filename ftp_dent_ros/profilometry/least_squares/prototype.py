@@ -1,0 +1,145 @@
+"""Pipeline, being developed."""
+from __future__ import annotations
+import math
+import cv2
+import numpy as np
+from ftp_dent_ros.profilometry.carrier import Carrier, ReferencePlane, carrier_on
+from ftp_dent_ros.profilometry.least_squares.first_fit import ReferenceTable, fit
+from ftp_dent_ros.profilometry.least_squares.grid import Grid, Spreader
+from ftp_dent_ros.profilometry.least_squares.sight import Sight, rays_at
+from ftp_dent_ros.profilometry.least_squares.surface import evaluate, robust_quadric
+from ftp_dent_ros.profilometry.least_squares.windows import Windows
+from ftp_dent_ros.profilometry.unwrapping import unwrap, wrap
+from ftp_dent_ros.profilometry import stripe as stripes
+from ftp_dent_ros.cloud import Cloud
+
+class LS:
+    def __init__(self, rig, pattern, stride=1, **opt):
+        self.rig, self.pattern, self.stride = rig, pattern, stride
+        self.o = dict(thr=.25, pub_erode=0, twice=1, shrink=True); self.o.update(opt)
+        far = ReferencePlane(4 * float(np.linalg.norm(rig.translation)))
+        self.carrier = carrier_on(rig, pattern, far)
+        g = self.grid = Grid.for_fringes(rig.camera.width, rig.camera.height, self.carrier.period)
+        self.windows = Windows.for_fringes(self.carrier.period, g.pitch)
+        self.bins = Sight.of(rig, pattern, *g.bin_positions())
+        self.nodes = Sight.of(rig, pattern, *g.node_positions())
+        self.table = ReferenceTable.of(g, self.windows, self.bins, self.nodes, far.depth, 0.)
+        self.spreader = Spreader.of(g, stride)
+        self.rays = rays_at(rig.camera, np.arange(0, rig.camera.width, stride), np.arange(0, rig.camera.height, stride))
+
+    def find_order(self, phase_nodes, part_nodes, red, gb):
+        g=self.grid
+        rows=np.arange(g.shape[0]) if g.shape[0]<80 else np.linspace(0,g.shape[0]-1,64).astype(int)
+        # phase at bins for chosen rows
+        d=cv2.resize(phase_nodes[rows]-self.table.node_phase[rows],(g.bin_shape[1],len(rows)),interpolation=cv2.INTER_LINEAR)
+        ph=self.table.phase[rows]+d
+        part=np.repeat(part_nodes[rows],2,axis=1)
+        fr=stripes._fringes(ph,part,red[rows],gb[rows])
+        loss,weight=stripes._losses(fr)
+        chosen=stripes._elect(fr,loss,weight)&(loss>.5)
+        orders={}
+        for p in np.unique(fr.part[chosen]):
+            o=fr.order[chosen&(fr.part==p)]
+            orders[int(p)]=int(np.bincount(o-o.min()).argmax()+o.min())
+        return orders
+
+    def measure(self, image):
+        g,w=self.grid,self.windows
+        red=g.binned(image[...,0]); grey=g.binned(cv2.cvtColor(image,cv2.COLOR_RGB2GRAY))
+        gb=(grey-.299*red)/.701
+        f=fit(g,w,self.table,red)
+        nu,nv=(math.ceil(self.carrier.period/p) for p in g.pitch)
+        shoulder=cv2.dilate(f.modulation,np.ones((2*nv+1,2*nu+1),np.uint8))
+        region=(f.modulation>2.5)&(f.modulation>.5*shoulder)
+        un=unwrap(f.shift,region,jump=np.pi/2)
+        phase=self.table.node_phase+un.phase
+        orders=self.find_order(phase,un.part,red,gb)
+        self.dbg=dict(f=f,region=region,un=un,phase=phase,orders=orders,red=red,grey=grey,gb=gb)
+        out=None
+        for p,n in orders.items():
+            reg=un.part==p
+            r=self.refine(red,grey,gb,reg,phase-2*np.pi*n)
+            out=r
+        return out
+
+    def refine(self, red, grey, gb, region, phase):
+        g,w=self.grid,self.windows
+        inv,_=self.nodes.meet(phase)
+        inner=cv2.erode(region.astype(np.uint8),np.ones((9,9)),borderValue=0)>0
+        use=inner if inner.sum()>.2*region.sum() else region
+        q=robust_quadric(self.nodes.rays[use],inv[use])
+        node_q=self.nodes.phase(evaluate(q,self.nodes.rays))
+        # start of the shift about the quadric, carried on beyond the interior
+        m=use.astype(np.float32)
+        u=np.where(use,phase-node_q,0).astype(np.float32)
+        num,den=w.gaussian(u,1.5),w.gaussian(m,1.5)
+        U=np.where(use,u,num/(den+.02))
+        model=self.bins.phase(evaluate(q,self.bins.rays))+g.at_bins(U)
+        c,s=np.cos(model),np.sin(model)
+        m0=np.repeat(region,2,axis=1).astype(np.float32)
+        # stripe
+        instripe=np.abs(model)<np.pi+.9
+        light=self.light(red,grey,instripe,m0)
+        a,b=self.amplitude(light,c,m0)
+        pred=g.at_bins(a)+g.at_bins(b)*c
+        bb=g.at_bins(b)
+        rho=(light-pred)/np.maximum(bb,1)
+        cand=cv2.dilate(m0,np.ones((3,5)))>0
+        spread=1.4826*np.median(np.abs(rho[m0>0]))
+        thr=max(self.o['thr'],4*spread)
+        good=(np.abs(rho)<thr)&cand
+        m1=good.astype(np.float32)
+        r=(light-pred)*m1
+        zc=w.flat_top(g.at_nodes(r*c)); zs=w.flat_top(g.at_nodes(r*s))
+        d=np.arctan2(-2*zs,b+2*zc)
+        if self.o['twice']: d2=2*d-w.flat_top(d)
+        else: d2=d
+        total=U+d2
+        self.dbg.update(q=q,node_q=node_q,U=U,model=model,m0=m0,light=light,a=a,b=b,rho=rho,good=good,d=d,d2=d2,total=total,thr=thr,spread=spread,use=use)
+        inv,v_p=self.nodes.meet(node_q+total)
+        k=2*math.ceil(.6*self.carrier.period/g.step)+1
+        pub=cv2.morphologyEx(good.astype(np.uint8),cv2.MORPH_OPEN,np.ones((2,3)))
+        pub=cv2.morphologyEx(pub,cv2.MORPH_CLOSE,np.ones((5,k)))
+        u_p=self.pattern.column(g.at_bins(node_q+total)); vb=g.at_bins(v_p)
+        inset=1.0
+        P=self.rig.projector
+        pub=(pub>0)&(u_p>inset)&(u_p<P.width-1-inset)&(vb>inset)&(vb<P.height-1-inset)
+        self.dbg.update(pub=pub)
+        return self.cloud(inv,pub,b)
+
+    def light(self, red, grey, instripe, m0):
+        cols=np.flatnonzero((instripe&(m0>0)).any(0))
+        if len(cols)==0: return grey
+        k=3*math.ceil(self.carrier.period/self.grid.step)
+        sl=slice(max(cols[0]-k,0),cols[-1]+k+1)
+        R,L,I=red[:,sl],grey[:,sl],instripe[:,sl]
+        m=m0[:,sl]*~I
+        def G(x): return cv2.GaussianBlur(x,(0,0),sigmaX=k/3,sigmaY=2.5,borderType=cv2.BORDER_CONSTANT)
+        S,SR,SL,RR,RL=(G(x.astype(np.float32)) for x in (m,m*R,m*L,m*R*R,m*R*L))
+        S=np.maximum(S,1e-3)
+        slope=(RL-SR*SL/S)/np.maximum(RR-SR*SR/S,1e-3)
+        off=(SL-slope*SR)/S
+        out=grey.copy()
+        out[:,sl]=np.where(I,off+slope*R,L)
+        return out
+
+    def amplitude(self, light, c, m):
+        g,w=self.grid,self.windows
+        G=lambda x: w.gaussian(g.at_nodes(x))
+        S0,S1,S2,T0,T1=G(m),G(m*c),G(m*c*c),G(m*light),G(m*c*light)
+        det=S0*S2-S1*S1
+        ok=(S0>.1)&(det>.05*S0*S0)
+        det=np.where(ok,det,1)
+        a=np.where(ok,(S2*T0-S1*T1)/det,0); b=np.where(ok,(S0*T1-S1*T0)/det,0)
+        okf=ok.astype(np.float32)
+        den=w.gaussian(okf,2)+1e-4
+        return (np.where(ok,x,w.gaussian(x,2)/den).astype(np.float32) for x in (a,b))
+
+    def cloud(self, inv, pub, b):
+        g=self.grid
+        z=1/self.spreader.spread(np.nan_to_num(inv,nan=1.,posinf=1.).astype(np.float32))
+        mask=np.repeat(np.repeat(pub,4,axis=0),g.step,axis=1)[:g.height:self.stride,:g.width:self.stride][:g.height]
+        mask=np.repeat(np.repeat(pub,4,axis=0),g.step,axis=1)[:g.height,:g.width][::self.stride,::self.stride]
+        z=np.where(mask,z,np.nan).astype(np.float32)
+        pts=np.concatenate([self.rays*z[...,None],z[...,None]],axis=-1)
+        return Cloud(pts,np.where(mask,z*0+1,0))
