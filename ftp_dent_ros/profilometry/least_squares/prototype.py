@@ -16,7 +16,7 @@ from ftp_dent_ros.cloud import Cloud
 class LS:
     def __init__(self, rig, pattern, stride=1, **opt):
         self.rig, self.pattern, self.stride = rig, pattern, stride
-        self.o = dict(thr=.25, pub_erode=0, twice=1, shrink=True); self.o.update(opt)
+        self.o = dict(thr=.25, pub_erode=0, twice=1,me=1,se=3,rounds=2,s0=.5,ek=1.5,clip=248,thrk=4,tight=.05,tightk=4,rimu=1,rimv=1,er=1, shrink=True); self.o.update(opt)
         far = ReferencePlane(4 * float(np.linalg.norm(rig.translation)))
         self.carrier = carrier_on(rig, pattern, far)
         g = self.grid = Grid.for_fringes(rig.camera.width, rig.camera.height, self.carrier.period)
@@ -65,40 +65,56 @@ class LS:
     def refine(self, red, grey, gb, region, phase):
         g,w=self.grid,self.windows
         inv,_=self.nodes.meet(phase)
-        inner=cv2.erode(region.astype(np.uint8),np.ones((9,9)),borderValue=0)>0
+        inner=cv2.erode(region.astype(np.uint8),np.ones((2*math.ceil(3*w.sigma_v)+1,2*math.ceil(3*w.sigma_u)+1)),borderValue=0)>0
         use=inner if inner.sum()>.2*region.sum() else region
         q=robust_quadric(self.nodes.rays[use],inv[use])
         node_q=self.nodes.phase(evaluate(q,self.nodes.rays))
         # start of the shift about the quadric, carried on beyond the interior
-        m=use.astype(np.float32)
-        u=np.where(use,phase-node_q,0).astype(np.float32)
-        num,den=w.gaussian(u,1.5),w.gaussian(m,1.5)
-        U=np.where(use,u,num/(den+.02))
-        model=self.bins.phase(evaluate(q,self.bins.rays))+g.at_bins(U)
-        c,s=np.cos(model),np.sin(model)
-        m0=np.repeat(region,2,axis=1).astype(np.float32)
-        # stripe
+        seed=cv2.erode(region.astype(np.uint8),np.ones((2*self.o['se']+1,)*2),borderValue=0)>0
+        u=np.where(seed,phase-node_q,0).astype(np.float32)
+        U=self.extended(u,seed)
+        base=self.bins.phase(evaluate(q,self.bins.rays))
+        model=base+g.at_bins(U)
+        reg=np.repeat(region,2,axis=1)
         instripe=np.abs(model)<np.pi+.9
-        light=self.light(red,grey,instripe,m0)
-        a,b=self.amplitude(light,c,m0)
-        pred=g.at_bins(a)+g.at_bins(b)*c
-        bb=g.at_bins(b)
-        rho=(light-pred)/np.maximum(bb,1)
-        cand=cv2.dilate(m0,np.ones((3,5)))>0
-        spread=1.4826*np.median(np.abs(rho[m0>0]))
-        thr=max(self.o['thr'],4*spread)
-        good=(np.abs(rho)<thr)&cand
-        m1=good.astype(np.float32)
-        r=(light-pred)*m1
-        zc=w.flat_top(g.at_nodes(r*c)); zs=w.flat_top(g.at_nodes(r*s))
-        d=np.arctan2(-2*zs,b+2*zc)
+        m0=reg.astype(np.float32)
+        light,clip=self.light(red,grey,instripe,m0)
+        m0=cv2.erode(m0,np.ones((3,2*self.o['me']+1)),borderValue=0)*~clip
+        for turn in range(self.o['rounds']):
+            a,b,dd=self.amplitude(light,np.cos(model),np.sin(model),m0)
+            U=U+dd
+            model=base+g.at_bins(U)
+            c,s=np.cos(model),np.sin(model)
+            bb=g.at_bins(b)
+            pred=g.at_bins(a)+bb*c
+            rho=(light-pred)/np.maximum(bb,1)
+            cand=cv2.dilate(reg.astype(np.uint8),np.ones((3,5)))>0
+            spread=1.4826*np.median(np.abs(rho[m0>0]))
+            thr=max(self.o['thr'],self.o['thrk']*spread)
+            good=(np.abs(rho)<thr)&cand&~clip
+            k=2*math.ceil(.6*self.carrier.period/g.step)+1
+            body=cv2.morphologyEx((good|clip&cand).astype(np.uint8),cv2.MORPH_CLOSE,np.ones((5,k)))
+            core=cv2.erode(body,np.ones((2*self.o['rimv']+1,int(2*self.o['rimu']*self.carrier.period/g.step)+1)),borderValue=0)>0
+            tight=max(self.o['tight'],self.o['tightk']*spread)
+            good&=core|(np.abs(rho)<tight)
+            m1=good.astype(np.float32)
+            hole=(core&~good).astype(np.float32)
+            r=(light-pred)*m1
+            zc=w.flat_top(g.at_nodes(r*c)); zs=w.flat_top(g.at_nodes(r*s))
+            D=1-w.flat_top(g.at_nodes(2*hole*s*s)) if hole.any() else np.float32(1)
+            D=np.maximum(D,np.float32(.4))
+            if turn+1<self.o['rounds']:
+                d=np.arctan2(-2*zs/D,b+2*zc)
+                m0=good.astype(np.float32)
+                U=U+d
+                model=base+g.at_bins(U)
+        d=np.arctan2(-2*zs/D,b+2*zc)
         if self.o['twice']: d2=2*d-w.flat_top(d)
         else: d2=d
         total=U+d2
-        self.dbg.update(q=q,node_q=node_q,U=U,model=model,m0=m0,light=light,a=a,b=b,rho=rho,good=good,d=d,d2=d2,total=total,thr=thr,spread=spread,use=use)
+        self.dbg.update(q=q,node_q=node_q,U=U,model=model,m0=m0,light=light,a=a,b=b,rho=rho,good=good,D=D,d=d,d2=d2,clip=clip,total=total,thr=thr,spread=spread,use=use)
         inv,v_p=self.nodes.meet(node_q+total)
-        k=2*math.ceil(.6*self.carrier.period/g.step)+1
-        pub=cv2.morphologyEx(good.astype(np.uint8),cv2.MORPH_OPEN,np.ones((2,3)))
+        pub=cv2.morphologyEx((good|clip&core).astype(np.uint8),cv2.MORPH_OPEN,np.ones((2,3)))
         pub=cv2.morphologyEx(pub,cv2.MORPH_CLOSE,np.ones((5,k)))
         u_p=self.pattern.column(g.at_bins(node_q+total)); vb=g.at_bins(v_p)
         inset=1.0
@@ -107,9 +123,21 @@ class LS:
         self.dbg.update(pub=pub)
         return self.cloud(inv,pub,b)
 
+    def extended(self,u,ok):
+        w=self.windows
+        m=ok.astype(np.float32)
+        u=np.where(ok,u,0).astype(np.float32)
+        out=u
+        for k in (1.5,4):
+            den=w.gaussian(m,k)
+            out=np.where(m>0,out,np.where(den>.01,w.gaussian(out*m,k)/np.maximum(den,.01),0)).astype(np.float32)
+            m=np.maximum(m,(den>.01)).astype(np.float32)
+        return out
+
     def light(self, red, grey, instripe, m0):
         cols=np.flatnonzero((instripe&(m0>0)).any(0))
-        if len(cols)==0: return grey
+        clip=np.maximum(red,grey)>self.o['clip']
+        if len(cols)==0: return grey,clip
         k=3*math.ceil(self.carrier.period/self.grid.step)
         sl=slice(max(cols[0]-k,0),cols[-1]+k+1)
         R,L,I=red[:,sl],grey[:,sl],instripe[:,sl]
@@ -121,19 +149,29 @@ class LS:
         off=(SL-slope*SR)/S
         out=grey.copy()
         out[:,sl]=np.where(I,off+slope*R,L)
-        return out
+        return out,clip
 
-    def amplitude(self, light, c, m):
+    def amplitude(self, light, c, s, m):
         g,w=self.grid,self.windows
         G=lambda x: w.gaussian(g.at_nodes(x))
-        S0,S1,S2,T0,T1=G(m),G(m*c),G(m*c*c),G(m*light),G(m*c*light)
-        det=S0*S2-S1*S1
-        ok=(S0>.1)&(det>.05*S0*S0)
+        mc,ms=m*c,m*s
+        S0,S1,S2,S11,S12=G(m),G(mc),G(ms),G(mc*c),G(mc*s)
+        S22=S0-S11
+        ml=m*light
+        T0,T1,T2=G(ml),G(ml*c),G(ml*s)
+        ok=S0>self.o['s0']
+        i0=1/np.where(ok,S0,1)
+        S1,S2,T0m=S1*i0,S2*i0,T0*i0
+        A=S11*i0-S1*S1; B=S12*i0-S1*S2; C=S22*i0-S2*S2
+        p=T1*i0-T0m*S1; q=T2*i0-T0m*S2
+        det=A*C-B*B
+        ok&=det>.05
         det=np.where(ok,det,1)
-        a=np.where(ok,(S2*T0-S1*T1)/det,0); b=np.where(ok,(S0*T1-S1*T0)/det,0)
-        okf=ok.astype(np.float32)
-        den=w.gaussian(okf,2)+1e-4
-        return (np.where(ok,x,w.gaussian(x,2)/den).astype(np.float32) for x in (a,b))
+        x=(C*p-B*q)/det; y=(A*q-B*p)/det
+        a=T0m-x*S1-y*S2
+        d=np.arctan2(-y,x); b=np.hypot(x,y)
+        ext=lambda v: self.extended(v,ok)
+        return ext(a),ext(b),ext(d)
 
     def cloud(self, inv, pub, b):
         g=self.grid
