@@ -8,7 +8,8 @@ from ftp_dent_ros.profilometry.least_squares.first_fit import ReferenceTable, fi
 from ftp_dent_ros.profilometry.least_squares.grid import Grid, Spreader
 from ftp_dent_ros.profilometry.least_squares.sight import Sight, rays_at
 from ftp_dent_ros.profilometry.least_squares.surface import evaluate, robust_quadric
-from ftp_dent_ros.profilometry.least_squares.windows import Windows
+from ftp_dent_ros.profilometry.least_squares.windows import WIDTH, Windows
+from ftp_dent_ros.profilometry.least_squares.shrinkage import shrink
 from ftp_dent_ros.profilometry.unwrapping import unwrap, wrap
 from ftp_dent_ros.profilometry import stripe as stripes
 from ftp_dent_ros.cloud import Cloud
@@ -16,7 +17,7 @@ from ftp_dent_ros.cloud import Cloud
 class LS:
     def __init__(self, rig, pattern, stride=1, **opt):
         self.rig, self.pattern, self.stride = rig, pattern, stride
-        self.o = dict(thr=.25, pub_erode=0, twice=1,me=1,se=3,rounds=2,s0=.5,ek=1.5,clip=248,thrk=4,tight=.05,tightk=4,rimu=1,rimv=1,er=1, shrink=True); self.o.update(opt)
+        self.o = dict(thr=.25, pub_erode=0, twice=0,me=3,se=3,rounds=2,s0=.5,ek=1.5,clip=248,thrk=4,tight=.05,tightk=4,rimu=1,rimv=1,er=1, shrink=2,power=2,lam=1.5,rho=.25,ew=1.5); self.o.update(opt)
         far = ReferencePlane(4 * float(np.linalg.norm(rig.translation)))
         self.carrier = carrier_on(rig, pattern, far)
         g = self.grid = Grid.for_fringes(rig.camera.width, rig.camera.height, self.carrier.period)
@@ -82,7 +83,7 @@ class LS:
         m0=cv2.erode(m0,np.ones((3,2*self.o['me']+1)),borderValue=0)*~clip
         for turn in range(self.o['rounds']):
             a,b,dd=self.amplitude(light,np.cos(model),np.sin(model),m0)
-            U=U+dd
+            U=U+dd*(1 if turn==0 else 0)
             model=base+g.at_bins(U)
             c,s=np.cos(model),np.sin(model)
             bb=g.at_bins(b)
@@ -103,15 +104,25 @@ class LS:
             zc=w.flat_top(g.at_nodes(r*c)); zs=w.flat_top(g.at_nodes(r*s))
             D=1-w.flat_top(g.at_nodes(2*hole*s*s)) if hole.any() else np.float32(1)
             D=np.maximum(D,np.float32(.4))
+            d=np.arctan2(-2*zs/D,b+2*zc)
+            sup=w.gaussian(g.at_nodes(m1))
+            sig=w.gaussian(g.at_nodes(r*r),2)/np.maximum(w.gaussian(g.at_nodes(m1),2),.05)
+            var=2*sig/np.maximum(b,1)**2/(6.85*(WIDTH*self.carrier.period)**2/(4*g.step))
+            var=np.maximum(var,1e-8)
+            ins=sup>.5
             if turn+1<self.o['rounds']:
-                d=np.arctan2(-2*zs/D,b+2*zc)
                 m0=good.astype(np.float32)
                 U=U+d
+                if self.o['shrink']>1:
+                    U=shrink(self.extended(U,ins),self.extended(var,ins),ins,w,4,self.o).values
                 model=base+g.at_bins(U)
-        d=np.arctan2(-2*zs/D,b+2*zc)
         if self.o['twice']: d2=2*d-w.flat_top(d)
         else: d2=d
         total=U+d2
+        if self.o['shrink']:
+            sh=shrink(self.extended(total,ins),self.extended(var,ins),ins,w,self.o['power'],self.o)
+            total=sh.values
+            self.dbg.update(sh=sh,var=var,ins=ins)
         self.dbg.update(q=q,node_q=node_q,U=U,model=model,m0=m0,light=light,a=a,b=b,rho=rho,good=good,D=D,d=d,d2=d2,clip=clip,total=total,thr=thr,spread=spread,use=use)
         inv,v_p=self.nodes.meet(node_q+total)
         pub=cv2.morphologyEx((good|clip&core).astype(np.uint8),cv2.MORPH_OPEN,np.ones((2,3)))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 # Standard deviation of the windows, fringe periods: below 0.45 the second harmonic of a camera
 # that is not linear comes through.
-WIDTH = 0.6
+WIDTH = 0.5
 _REACH = 3.6
 
 
