@@ -19,6 +19,9 @@ _BINS = 2
 # Bins a fringe must at least have.
 _PER_FRINGE = 4.6
 _TAPS = 6
+# Boxes that average pixels to bins, one over the other: an odd number.
+_ORDER = 5
+_NODE_TAPS = np.array([1, 3, 3, 1]) / 8
 # Output columns and rows that are interpolated in one matrix product.
 _BLOCK = 256
 
@@ -81,13 +84,37 @@ class Grid:
             plane = cv2.copyMakeBorder(
                 plane, 0, missing[0], 0, missing[1], cv2.BORDER_REPLICATE
             )
-        return cv2.resize(
-            plane.astype(np.float32), (columns, rows), interpolation=cv2.INTER_AREA
+        fine = cv2.resize(
+            plane.astype(np.float32), (columns * self.step, rows), interpolation=cv2.INTER_AREA
         )
+        if self.step == 1:
+            return fine
+        taps = self._taps()
+        anchor = ((len(taps) - 1) // 2, 0)
+        fine = cv2.sepFilter2D(
+            fine, -1, taps, np.ones(1), anchor=anchor, borderType=cv2.BORDER_REFLECT_101
+        )
+        return np.ascontiguousarray(fine[:, (self.step - 1) // 2 :: self.step])
+
+    def _taps(self):
+        """Weights of the pixels around a bin's centre: harmonics must not come back as fringes."""
+        box = np.ones(self.step)
+        taps = np.ones(1)
+        for _ in range(_ORDER):
+            taps = np.convolve(taps, box)
+        return taps / taps.sum()
 
     def at_nodes(self, bins: NDArray[np.float32]) -> NDArray[np.float32]:
         """Averages of bins over the nodes."""
-        return (bins[:, ::2] + bins[:, 1::2]) * np.float32(0.5)
+        wide = cv2.sepFilter2D(
+            bins, -1, _NODE_TAPS, np.ones(1), anchor=(1, 0), borderType=cv2.BORDER_CONSTANT
+        )
+        return np.ascontiguousarray(wide[:, ::2])
+
+    @property
+    def node_variance(self) -> tuple[float, float]:
+        """Of the averages over pixels that nodes are, along u and v."""
+        return 3 * self.step**2 / 4, (_ROWS**2 - 1) / 12
 
     def at_bins(self, nodes: NDArray) -> NDArray:
         """Values at the nodes, interpolated to the bins."""

@@ -17,11 +17,11 @@ from ftp_dent_ros.cloud import Cloud
 class LS:
     def __init__(self, rig, pattern, stride=1, **opt):
         self.rig, self.pattern, self.stride = rig, pattern, stride
-        self.o = dict(thr=.25, pub_erode=0, twice=0,me=3,se=3,rounds=2,s0=.5,ek=1.5,clip=248,thrk=4,tight=.05,tightk=4,rimu=1,rimv=1,er=1, shrink=2,power=2,lam=1.5,rho=.25,ew=1.5); self.o.update(opt)
+        self.o = dict(thr=.25, pub_erode=0, twice=0,harm=1,me=3,se=3,rounds=2,s0=.5,ek=1.5,clip=248,thrk=4,tight=.05,tightk=4,rimu=1,rimv=1,er=1, shrink=2,power=2,lam=1.5,rho=.25,ew=1.5); self.o.update(opt)
         far = ReferencePlane(4 * float(np.linalg.norm(rig.translation)))
         self.carrier = carrier_on(rig, pattern, far)
         g = self.grid = Grid.for_fringes(rig.camera.width, rig.camera.height, self.carrier.period)
-        self.windows = Windows.for_fringes(self.carrier.period, g.pitch)
+        self.windows = Windows.for_fringes(self.carrier.period, g)
         self.bins = Sight.of(rig, pattern, *g.bin_positions())
         self.nodes = Sight.of(rig, pattern, *g.node_positions())
         self.table = ReferenceTable.of(g, self.windows, self.bins, self.nodes, far.depth, 0.)
@@ -51,7 +51,12 @@ class LS:
         f=fit(g,w,self.table,red)
         nu,nv=(math.ceil(self.carrier.period/p) for p in g.pitch)
         shoulder=cv2.dilate(f.modulation,np.ones((2*nv+1,2*nu+1),np.uint8))
-        region=(f.modulation>2.5)&(f.modulation>.5*shoulder)
+        lit=f.modulation>2.5
+        ru,rv=math.ceil(2*w.sigma_u)+nu,math.ceil(2*w.sigma_v)+nv
+        far=cv2.erode(lit.astype(np.uint8),np.ones((2*rv+1,2*ru+1),np.uint8),borderValue=1)>0
+        wide=np.ones((2*nv+1,4*nu+1),np.uint8)
+        valley=cv2.morphologyEx(f.modulation,cv2.MORPH_CLOSE,wide)
+        region=lit&(far|(f.modulation>.5*shoulder))&(f.modulation>.6*valley)
         un=unwrap(f.shift,region,jump=np.pi/2)
         phase=self.table.node_phase+un.phase
         orders=self.find_order(phase,un.part,red,gb)
@@ -88,6 +93,14 @@ class LS:
             c,s=np.cos(model),np.sin(model)
             bb=g.at_bins(b)
             pred=g.at_bins(a)+bb*c
+            if self.o['harm']:
+                sub=(slice(None,None,3),)
+                mm=m0[sub]*bb[sub]; cc=c[sub]; rr=((light-pred)*m0)[sub]
+                C2=2*cc*cc-1; C3=cc*(4*cc*cc-3)
+                A=np.stack([(mm*C2).ravel(),(mm*C3).ravel()])
+                h2,h3=np.linalg.solve(A@A.T,A@rr.ravel()).astype(np.float32)
+                pred=pred+bb*(h2*(2*c*c-1)+h3*c*(4*c*c-3))
+                self.dbg.update(h=(h2,h3))
             rho=(light-pred)/np.maximum(bb,1)
             cand=cv2.dilate(reg.astype(np.uint8),np.ones((3,5)))>0
             spread=1.4826*np.median(np.abs(rho[m0>0]))

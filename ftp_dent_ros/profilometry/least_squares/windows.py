@@ -9,6 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.profilometry.least_squares.grid import Grid
+
 # Standard deviation of the windows, fringe periods: below 0.45 the second harmonic of a camera
 # that is not linear comes through.
 WIDTH = 0.5
@@ -29,11 +31,11 @@ class Windows:
     sigma_v: float
 
     @classmethod
-    def for_fringes(cls, period: float, pitch: tuple[int, int]) -> Windows:
-        """Windows for fringes of `period` pixels on nodes `pitch` pixels apart."""
-        # The nodes are averages of pixels already, which is a part of the window.
+    def for_fringes(cls, period: float, grid: Grid) -> Windows:
+        """Windows for fringes of `period` pixels; the nodes' own averages are a part of them."""
         spread = [
-            math.sqrt((WIDTH * period) ** 2 - (step**2 - 1) / 12) / step for step in pitch
+            math.sqrt((WIDTH * period) ** 2 - variance) / step
+            for step, variance in zip(grid.pitch, grid.node_variance, strict=True)
         ]
         return cls(*spread)
 
