@@ -14,10 +14,13 @@ from ftp_dent_ros.profilometry.unwrapping import unwrap, wrap
 from ftp_dent_ros.profilometry import stripe as stripes
 from ftp_dent_ros.cloud import Cloud
 
+def smoothed_const(v,w,k):
+    return cv2.GaussianBlur(v,(0,0),sigmaX=k*w.sigma_u,sigmaY=k*w.sigma_v,borderType=cv2.BORDER_CONSTANT)
+
 class LS:
     def __init__(self, rig, pattern, stride=1, **opt):
         self.rig, self.pattern, self.stride = rig, pattern, stride
-        self.o = dict(thr=.25, pub_erode=0, twice=0,harm=1,me=3,se=3,rounds=2,s0=.5,ek=1.5,clip=248,thrk=4,tight=.05,tightk=4,rimu=1,rimv=1,er=1, shrink=2,power=2,lam=1.5,rho=.25,ew=1.5); self.o.update(opt)
+        self.o = dict(thr=.25, pub_erode=0, twice=0,lk=(4,),dm=1,floor=.5,harm=1,me=3,se=3,rounds=2,s0=.5,ek=1.5,clip=248,thrk=4,tight=.05,tightk=4,rimu=1,rimv=1,er=1, shrink=2,power=2,lam=2,rho=.03,ew=1.5); self.o.update(opt)
         far = ReferencePlane(4 * float(np.linalg.norm(rig.translation)))
         self.carrier = carrier_on(rig, pattern, far)
         g = self.grid = Grid.for_fringes(rig.camera.width, rig.camera.height, self.carrier.period)
@@ -78,7 +81,7 @@ class LS:
         # start of the shift about the quadric, carried on beyond the interior
         seed=cv2.erode(region.astype(np.uint8),np.ones((2*self.o['se']+1,)*2),borderValue=0)>0
         u=np.where(seed,phase-node_q,0).astype(np.float32)
-        U=self.extended(u,seed)
+        U=self.linear(u,seed)
         base=self.bins.phase(evaluate(q,self.bins.rays))
         model=base+g.at_bins(U)
         reg=np.repeat(region,2,axis=1)
@@ -115,8 +118,9 @@ class LS:
             hole=(core&~good).astype(np.float32)
             r=(light-pred)*m1
             zc=w.flat_top(g.at_nodes(r*c)); zs=w.flat_top(g.at_nodes(r*s))
-            D=1-w.flat_top(g.at_nodes(2*hole*s*s)) if hole.any() else np.float32(1)
-            D=np.maximum(D,np.float32(.4))
+            if self.o['dm']: D=w.flat_top(g.at_nodes(2*m1*s*s))
+            else: D=1-w.flat_top(g.at_nodes(2*hole*s*s)) if hole.any() else np.float32(1)
+            D=np.maximum(D,np.float32(self.o['floor']))
             d=np.arctan2(-2*zs/D,b+2*zc)
             sup=w.gaussian(g.at_nodes(m1))
             sig=w.gaussian(g.at_nodes(r*r),2)/np.maximum(w.gaussian(g.at_nodes(m1),2),.05)
@@ -127,13 +131,13 @@ class LS:
                 m0=good.astype(np.float32)
                 U=U+d
                 if self.o['shrink']>1:
-                    U=shrink(self.extended(U,ins),self.extended(var,ins),ins,w,4,self.o).values
+                    U=shrink(self.linear(U,ins),self.extended(var,ins),ins,w,4,self.o).values
                 model=base+g.at_bins(U)
         if self.o['twice']: d2=2*d-w.flat_top(d)
         else: d2=d
         total=U+d2
         if self.o['shrink']:
-            sh=shrink(self.extended(total,ins),self.extended(var,ins),ins,w,self.o['power'],self.o)
+            sh=shrink(self.linear(total,ins),self.extended(var,ins),ins,w,self.o['power'],self.o)
             total=sh.values
             self.dbg.update(sh=sh,var=var,ins=ins)
         self.dbg.update(q=q,node_q=node_q,U=U,model=model,m0=m0,light=light,a=a,b=b,rho=rho,good=good,D=D,d=d,d2=d2,clip=clip,total=total,thr=thr,spread=spread,use=use)
@@ -156,6 +160,26 @@ class LS:
             den=w.gaussian(m,k)
             out=np.where(m>0,out,np.where(den>.01,w.gaussian(out*m,k)/np.maximum(den,.01),0)).astype(np.float32)
             m=np.maximum(m,(den>.01)).astype(np.float32)
+        return out
+
+    def linear(self,u,ok):
+        if ok.all(): return u
+        w=self.windows
+        m=ok.astype(np.float32)
+        u=np.where(ok,u,0).astype(np.float32)
+        gx=np.zeros_like(u); gy=np.zeros_like(u)
+        px=np.zeros_like(u); py=np.zeros_like(u)
+        px[:,1:-1]=m[:,2:]*m[:,:-2]; gx[:,1:-1]=(u[:,2:]-u[:,:-2])/2*px[:,1:-1]
+        py[1:-1]=m[2:]*m[:-2]; gy[1:-1]=(u[2:]-u[:-2])/2*py[1:-1]
+        y,x=np.mgrid[:u.shape[0],:u.shape[1]].astype(np.float32)
+        out=u; known=ok
+        for k in self.o['lk']:
+            G=lambda v: smoothed_const(v,w,k)
+            den=G(m); den_=np.maximum(den,1e-3)
+            g=lambda v,n: G(v)/np.maximum(G(n),1e-3)
+            ext=G(m*u)/den_-(G(m*x)/den_-x)*g(gx,px)-(G(m*y)/den_-y)*g(gy,py)
+            out=np.where(known,out,np.where(den>.01,ext,0)).astype(np.float32)
+            known=known|(den>.01)
         return out
 
     def light(self, red, grey, instripe, m0):
@@ -195,7 +219,7 @@ class LS:
         a=T0m-x*S1-y*S2
         d=np.arctan2(-y,x); b=np.hypot(x,y)
         ext=lambda v: self.extended(v,ok)
-        return ext(a),ext(b),ext(d)
+        return ext(a),ext(b),self.linear(d,ok)
 
     def cloud(self, inv, pub, b):
         g=self.grid
