@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,6 +18,11 @@ from ftp_dent_ros.profilometry.least_squares.windows import Windows
 
 # Standard deviations of the bands' edges, in those of the windows.
 _SCALES = (1.0, 2.0, 4.0, 8.0)
+# Energy is a mean over so many times the width of a band's coarser edge; what exceeds so many
+# times the noise is signal; and so much of the signal is expected in the next finer band.
+_NEIGHBOURHOOD = 1.5
+_NOISE = 2.0
+_HANDED_DOWN = 0.03
 _MEDIAN_OF_SQUARE = 0.4549
 
 
@@ -29,49 +34,20 @@ class Shrunk:
     ----------
     values : ndarray, shape (rows, columns), float32
     variance : ndarray, shape (rows, columns), float32
-        Of what is left of the noise.
+        Of what is left of the noise, and of what was taken off with it.
     """
 
     values: NDArray[np.float32]
     variance: NDArray[np.float32]
-    scale: float
-    gains: list
 
 
-def band_shares(power: int) -> list[float]:
-    """Variance of white noise in each band, and below them all, for noise that the windows
-    ``1 - (1 - G)^power`` have let through with variance 1."""
-    f = np.linspace(0, 1.5, 3001)[1:]  # of isotropic frequencies, in 1 / sigma
-    passed = np.square(1 - (1 - np.exp(-2 * (np.pi * f) ** 2)) ** power) * f
-    edges = [np.ones_like(f)] + [np.exp(-2 * (np.pi * f * scale) ** 2) for scale in _SCALES]
-    shares = [
-        (passed * np.square(upper - lower)).sum()
-        for upper, lower in zip(edges[:-1], edges[1:], strict=True)
-    ]
-    return [float(share / passed.sum()) for share in (*shares, (passed * edges[-1] ** 2).sum())]
-
-
-def smoothed(values, windows: Windows, scale: float):
-    """Gaussian of `scale` windows, the wide ones on a coarser grid."""
-    step = 1
-    while scale * min(windows.sigma_u, windows.sigma_v) / (2 * step) > 2.0 and step < 4:
-        step *= 2
-    if step == 1:
-        return cv2.GaussianBlur(
-            values, (0, 0), sigmaX=scale * windows.sigma_u, sigmaY=scale * windows.sigma_v,
-            borderType=cv2.BORDER_REPLICATE,
-        )
-    rows, columns = values.shape
-    small = cv2.resize(
-        values, (-(-columns // step), -(-rows // step)), interpolation=cv2.INTER_AREA
-    )
-    lost = (step * step - 1) / 12 + 0.16 * step * step
-    su, sv = (math.sqrt(max((scale * s) ** 2 - lost, 0.25)) / step for s in (windows.sigma_u, windows.sigma_v))
-    small = cv2.GaussianBlur(small, (0, 0), sigmaX=su, sigmaY=sv, borderType=cv2.BORDER_REPLICATE)
-    return cv2.resize(small, (columns, rows), interpolation=cv2.INTER_LINEAR)
-
-
-def shrink(values, variance, inside, windows: Windows, power: int, o=None) -> Shrunk:
+def shrink(
+    values: NDArray[np.float32],
+    variance: NDArray[np.float32],
+    inside: NDArray[np.bool_],
+    windows: Windows,
+    power: int,
+) -> Shrunk:
     """Shrink a field.
 
     Parameters
@@ -79,27 +55,49 @@ def shrink(values, variance, inside, windows: Windows, power: int, o=None) -> Sh
     values : ndarray, shape (rows, columns), float32
         Continued beyond the region.
     variance : ndarray, shape (rows, columns), float32
-        Predicted variance of its noise, but for a common factor.
+        Of its noise, but for a common factor, which the finest band tells.
     inside : ndarray, shape (rows, columns), bool
+        The region.
+    windows : Windows
+    power : int
+        Windows that the noise has come through, see `band_shares`.
     """
-    o = o or {}
-    lam, rho, ew = o.get('lam', 1.5), o.get('rho', .25), o.get('ew', 1.5)
-    shares = band_shares(power)
-    levels = [values] + [smoothed(values, windows, s) for s in _SCALES]
-    bands = [a - b for a, b in zip(levels[:-1], levels[1:], strict=True)]
+    levels = [values, *(windows.wide(values, scale) for scale in _SCALES)]
+    bands = [finer - coarser for finer, coarser in zip(levels[:-1], levels[1:], strict=True)]
+    *shares, rest = band_shares(power)
     finest = np.square(bands[0][inside]) / variance[inside]
     factor = float(np.median(finest)) / _MEDIAN_OF_SQUARE / shares[0]
-    noise = factor * variance
-    result, left = levels[-1].copy(), shares[-1] * noise
+    noise = np.maximum(np.float32(factor) * variance, np.float32(1e-12))
+    result = levels[-1].copy()
+    left = np.float32(rest) * noise
     signal = np.zeros_like(values)
-    gains = []
-    ins = inside.astype(np.float32)
-    for k in range(len(bands) - 1, -1, -1):
-        energy = smoothed(bands[k] ** 2, windows, ew * _SCALES[k])
-        here = shares[k] * noise
-        signal = np.maximum(energy - lam * here, rho * signal)
-        gain = signal / np.maximum(signal + here, 1e-30)
-        result += gain * bands[k]
-        left = left + gain * here
-        gains.append(gain)
-    return Shrunk(result, left, math.sqrt(factor), gains)
+    for band, share, scale in reversed(list(zip(bands, shares, _SCALES, strict=True))):
+        energy = windows.wide(band * band, _NEIGHBOURHOOD * scale)
+        here = np.float32(share) * noise
+        signal = np.maximum(energy - np.float32(_NOISE) * here, np.float32(_HANDED_DOWN) * signal)
+        gain = signal / (signal + here)
+        result += gain * band
+        left += gain * here
+    return Shrunk(result, left)
+
+
+@lru_cache(maxsize=8)
+def band_shares(power: int) -> tuple[float, ...]:
+    """Share of each band, and of what lies below them, in the variance of white noise.
+
+    Parameters
+    ----------
+    power : int
+        The noise has come through windows ``1 - (1 - G)^power``: 1 for a Gaussian, 2 for a
+        flat-top.
+    """
+    frequency = np.linspace(0, 1.5, 3001)  # radial, in 1 / sigma of the windows
+
+    def gaussian(scale: float) -> NDArray[np.float64]:
+        return np.exp(-2 * (math.pi * scale * frequency) ** 2)
+
+    weight = frequency * np.square(1 - (1 - gaussian(1)) ** power)
+    edges = [np.ones_like(frequency), *(gaussian(scale) for scale in _SCALES)]
+    pieces = [finer - coarser for finer, coarser in zip(edges[:-1], edges[1:], strict=True)]
+    shares = [weight @ np.square(piece) for piece in (*pieces, edges[-1])]
+    return tuple(float(share / weight.sum()) for share in shares)

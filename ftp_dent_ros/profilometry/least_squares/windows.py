@@ -1,4 +1,4 @@
-"""Weighted sums over windows: Gaussians, and flat-tops made of two of them."""
+"""Weighted means over windows: Gaussians, and flat-tops made of two of them."""
 
 from __future__ import annotations
 
@@ -11,10 +11,13 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.profilometry.least_squares.grid import Grid
 
-# Standard deviation of the windows, fringe periods: below 0.45 the second harmonic of a camera
-# that is not linear comes through.
+# Standard deviation of the windows, fringe periods: wider takes depth off small dents, below
+# 0.45 the second harmonic of a camera that is not linear comes through.
 WIDTH = 0.5
 _REACH = 3.6
+# A wide Gaussian is computed on a grid so coarse that it is still this wide, nodes.
+_LEAST_SIGMA = 2.0
+_COARSEST = 4
 
 
 @dataclass(frozen=True)
@@ -40,7 +43,7 @@ class Windows:
         return cls(*spread)
 
     def gaussian(self, nodes: NDArray, scale: float = 1.0) -> NDArray[np.float32]:
-        """Convolve with a Gaussian that is `scale` times as wide."""
+        """Mean weighted by a Gaussian `scale` times as wide as the windows, zero beyond."""
         return cv2.sepFilter2D(
             nodes,
             cv2.CV_32F,
@@ -50,8 +53,26 @@ class Windows:
         )
 
     def flat_top(self, nodes: NDArray) -> NDArray[np.float32]:
-        """Convolve with 2 G_s - G_(sqrt(2) s), which leaves cubics as they are."""
+        """Mean weighted by 2 G_s - G_(sqrt(2) s), which leaves cubics as they are."""
         return 2 * self.gaussian(nodes) - self.gaussian(nodes, math.sqrt(2))
+
+    def wide(
+        self, nodes: NDArray, scale: float, border: int = cv2.BORDER_REPLICATE
+    ) -> NDArray[np.float32]:
+        """Mean weighted by a Gaussian much wider than the windows, on a coarser grid."""
+        sigmas = scale * self.sigma_u, scale * self.sigma_v
+        step = 1
+        while step < _COARSEST and min(sigmas) >= 2 * step * _LEAST_SIGMA:
+            step *= 2
+        if step == 1:
+            return cv2.GaussianBlur(nodes, (0, 0), *sigmas, borderType=border)
+        rows, columns = nodes.shape
+        coarse = -(-columns // step), -(-rows // step)
+        lost = (step * step - 1) / 12 + step * step / 6  # by averaging, and by interpolation
+        small = cv2.resize(nodes, coarse, interpolation=cv2.INTER_AREA)
+        left = [math.sqrt(sigma * sigma - lost) / step for sigma in sigmas]
+        small = cv2.GaussianBlur(small, (0, 0), *left, borderType=border)
+        return cv2.resize(small, (columns, rows), interpolation=cv2.INTER_LINEAR)
 
 
 def _kernel(sigma: float) -> NDArray[np.float32]:
