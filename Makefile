@@ -20,9 +20,9 @@ demo:
 
 test:
 	@tools/environment test
-	$(VENV)/python -m pytest
+	$(VENV)/python -m pytest -n 2
 	@tools/environment ubuntu24.04 || test $$? -eq 3
-	@test ! -e $(UBUNTU)/../ready || (set -x; $(UBUNTU)/python -m pytest)
+	@test ! -e $(UBUNTU)/../ready || (set -x; $(UBUNTU)/python -m pytest -n 2)
 
 lint:
 	@tools/environment test

@@ -65,7 +65,13 @@ setup(
             'ros-visualization-msgs==5.3.6',
         ],
         'bags': ['mcap>=1.6', 'rosbags>=0.11'],
-        'test': ['colcon-common-extensions>=0.3', 'pytest>=7.4', 'setuptools>=59,<80', 'wheel'],
+        'test': [
+            'colcon-common-extensions>=0.3',
+            'pytest>=7.4',
+            'pytest-xdist>=3.4',
+            'setuptools>=59,<80',
+            'wheel',
+        ],
         'lint': ['mypy==2.4.1', 'ruff==0.17.5', 'types-PyYAML', 'types-tqdm'],
     },
     entry_points={

@@ -71,6 +71,11 @@ def write_ply(path: str | os.PathLike[str], cloud: Cloud, frame_id: str) -> None
 
     The grid's size stands in the header as ``obj_info num_cols`` and ``num_rows``, each
     vertex has its ``row`` and ``column``: readers that know only x, y, z ignore both.
+
+    Raises
+    ------
+    CloudError
+        The file cannot be written.
     """
     row, column = np.nonzero(cloud.valid)
     vertex = np.empty(len(row), _VERTEX)
@@ -91,9 +96,14 @@ def write_ply(path: str | os.PathLike[str], cloud: Cloud, frame_id: str) -> None
         'property ushort column',
         'end_header',
     ]
-    with written_aside(path) as aside, aside.open('wb') as file:
-        file.write('\n'.join(header).encode('ascii') + b'\n')
-        file.write(vertex.tobytes())
+    try:
+        with written_aside(path) as aside, aside.open('wb') as file:
+            file.write('\n'.join(header).encode('ascii') + b'\n')
+            file.write(vertex.tobytes())
+    except OSError as reason:
+        raise CloudError(
+            f'{path}: cannot be written ({reason.strerror}): check the path and the disk'
+        ) from None
 
 
 def read_ply(path: str | os.PathLike[str]) -> tuple[Cloud, str]:

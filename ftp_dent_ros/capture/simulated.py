@@ -10,9 +10,12 @@ from numpy.typing import NDArray
 from ftp_dent_ros.capture.source import Frame, PacedSource
 from ftp_dent_ros.errors import CameraError
 
+# A busy machine may compute a photograph that much later than it was taken, seconds.
+_PATIENCE = 2.0
+
 
 class SimulatedSource(PacedSource):
-    """Photographs that are computed when they are due.
+    """Photographs of the moments at which they are due, computed then or a little later.
 
     Parameters
     ----------
@@ -30,14 +33,27 @@ class SimulatedSource(PacedSource):
         rate: float,
         now_ns: Callable[[], int],
     ) -> None:
-        super().__init__(rate)
+        super().__init__(rate, _PATIENCE)
         self._photograph = photograph
         self._now_ns = now_ns
         self._projected: NDArray[np.uint8] | None = None
+        self._prepared: NDArray[np.uint8] | None = None
 
     def project(self, image: NDArray[np.uint8]) -> None:
         """Let the projector show RGB pixels from now on."""
         self._projected = image
+
+    def next_frame(self, timeout: float) -> Frame | None:
+        """Photograph that is due by the rate; None if none is within `timeout` seconds."""
+        projected = self._shown()
+        if projected is not self._prepared:
+            # The first photograph of a pattern takes long: tables are made for it.
+            self._photograph(projected, self._now_ns())
+            self._prepared = projected
+            self.rest()
+        if not self._pace.wait(timeout):
+            return None
+        return self._photograph_at(self._now_ns() - round(self._pace.late * 1e9))
 
     def shoot(self) -> Frame:
         """Photograph of this moment.
@@ -49,8 +65,12 @@ class SimulatedSource(PacedSource):
         ImageError
             What is projected has not the projector's size.
         """
-        projected = self._projected
-        if projected is None:
+        return self._photograph_at(self._now_ns())
+
+    def _photograph_at(self, stamp_ns: int) -> Frame:
+        return Frame(self._photograph(self._shown(), stamp_ns), stamp_ns)
+
+    def _shown(self) -> NDArray[np.uint8]:
+        if self._projected is None:
             raise CameraError('nothing is projected yet: start pattern_publisher')
-        stamp_ns = self._now_ns()
-        return Frame(self._photograph(projected, stamp_ns), stamp_ns)
+        return self._projected

@@ -76,11 +76,16 @@ class Pace:
         Deadlines a second; 0 for none.
     now : callable
         Monotonic time in seconds.
+    patience : float
+        Seconds by which a deadline may have passed and is not left out all the same.
     """
 
-    def __init__(self, rate: float, now: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self, rate: float, now: Callable[[], float] = time.monotonic, patience: float = 0.0
+    ) -> None:
         self._period = 1 / rate if rate > 0 else float('inf')
         self._now = now
+        self._patience = patience
         self._stop = threading.Event()
         self.missed = 0
         self.restart()
@@ -90,10 +95,16 @@ class Pace:
         early = self._due - self._now()
         if early > 0 and (self._stop.wait(min(early, timeout)) or early > timeout):
             return False
-        late = int((self._now() - self._due) / self._period)
-        self.missed += late
-        self._due += (1 + late) * self._period
+        late = max(0.0, self._now() - self._due - self._patience)
+        missed = int(late / self._period)
+        self.missed += missed
+        self._due += (1 + missed) * self._period
         return True
+
+    @property
+    def late(self) -> float:
+        """Seconds since the deadline that was reached last."""
+        return self._now() - (self._due - self._period)
 
     def restart(self) -> None:
         """Let the next deadline be now."""
@@ -109,9 +120,9 @@ class PacedSource:
 
     runs_by_itself = False
 
-    def __init__(self, rate: float) -> None:
+    def __init__(self, rate: float, patience: float = 0.0) -> None:
         self.finished = False
-        self._pace = Pace(rate)
+        self._pace = Pace(rate, patience=patience)
 
     @property
     def missed(self) -> int:

@@ -8,6 +8,7 @@ import json
 import math
 import os
 import shutil
+import sys
 import time
 from pathlib import Path
 
@@ -21,6 +22,7 @@ from ftp_dent_ros.recording.reader import open_bag
 from ftp_dent_ros.simulation.world import read_world
 
 OUT_OF_BOUND = 1
+SUMMARY = 'summary.json'
 
 # What the payload promises in this simulation.
 BOUNDS = {
@@ -55,9 +57,15 @@ def run(arguments: argparse.Namespace) -> int:
         raise ConfigurationError(f'--clouds is {arguments.clouds}: give at least 1')
     started = time.monotonic()
     output = arguments.output
+    _refuse_to_replace_others(output)
     # Everything is made aside: a demonstration under its name is a whole one.
     aside = output.with_name(f'.{output.name}.{os.getpid()}')
-    aside.mkdir(parents=True)
+    try:
+        aside.mkdir(parents=True)
+    except OSError as error:
+        raise ConfigurationError(
+            f'--output {output} cannot be made ({error.strerror}): name another folder'
+        ) from None
     try:
         appraisal, summary = _demonstrate(arguments, aside)
     except FlightError as error:
@@ -74,6 +82,16 @@ def run(arguments: argparse.Namespace) -> int:
     print(f'\n{summary}\n\n{_files(output)}')
     print(f'Done in {time.monotonic() - started:.0f} s.')
     return _verdict(appraisal, output)
+
+
+def _refuse_to_replace_others(output: Path) -> None:
+    """Only a demonstration's folder, or an empty one, is replaced."""
+    if output.is_dir() and ((output / SUMMARY).exists() or not any(output.iterdir())):
+        return
+    if output.exists() or output.is_symlink():
+        raise ConfigurationError(
+            f'--output {output} exists and is no demonstration: name another folder'
+        )
 
 
 def _demonstrate(arguments: argparse.Namespace, folder: Path) -> tuple[Appraisal, str]:
@@ -95,7 +113,7 @@ def _demonstrate(arguments: argparse.Namespace, folder: Path) -> tuple[Appraisal
     summary = _table(appraisal)
     (folder / 'summary.txt').write_text(f'{summary}\n', encoding='utf-8')
     figures = {'figures': dataclasses.asdict(appraisal), 'bounds': BOUNDS}
-    (folder / 'summary.json').write_text(json.dumps(figures, indent=1), encoding='utf-8')
+    (folder / SUMMARY).write_text(json.dumps(figures, indent=1), encoding='utf-8')
     with _bar('writing clouds and pictures', None, 'file') as bar:
         write_results(bag, world, folder, bar.update)
     return appraisal, summary
@@ -143,6 +161,9 @@ def _verdict(appraisal: Appraisal, output: Path) -> int:
     if math.isnan(appraisal.camera_mae_mm) or outside:
         print(f'OUT OF BOUND: {", ".join(outside)}. The logs are in {output}/log.')
         return OUT_OF_BOUND
+    program = 'ftp-dent' if shutil.which('ftp-dent') else sys.argv[0]
     print('All figures are within their bounds. Try next:\n')
-    print(f'  ftp-dent replay {output}/bag        # the recorded messages, on their topics')
+    print(f'  {program} reconstruct {output}/camera.png \\')
+    print('      --rig rig.yaml --pattern pattern.yaml --output cloud.ply')
+    print(f'  {program} replay {output}/bag')
     return 0

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import cv2
@@ -78,7 +82,8 @@ def read_image(path: str) -> NDArray[np.uint8]:
         data = np.fromfile(path, np.uint8)
     except OSError as reason:
         raise ImageError(f'{path}: cannot be read ({reason.strerror}): check the path') from None
-    image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if len(data) else None
+    with _silent():
+        image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if len(data) else None
     if image is None:
         raise ImageError(f'{path}: empty, damaged or not an image: take it again')
     if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] not in (3, 4):
@@ -86,3 +91,17 @@ def read_image(path: str) -> NDArray[np.uint8]:
             f'{path}: {image.dtype} in shape {image.shape}, not 8-bit colours: save it as RGB'
         )
     return np.ascontiguousarray(image[..., 2::-1])
+
+
+@contextmanager
+def _silent() -> Iterator[None]:
+    """Keep the decoders' own words about damaged files off the standard error."""
+    sys.stderr.flush()
+    kept = os.dup(2)
+    with open(os.devnull, 'wb') as nothing:
+        os.dup2(nothing.fileno(), 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)

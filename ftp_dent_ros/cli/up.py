@@ -9,13 +9,13 @@ import signal
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import FrameType
 
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.ros import transport
 from ftp_dent_ros.ros.configuration import read_configuration
 from ftp_dent_ros.ros.process_log import ProcessLog
 from ftp_dent_ros.ros.processes import Processes, Program
+from ftp_dent_ros.ros.signals import stop_event
 
 WRONG_PARAMETERS = 2  # the exit status of a node that cannot use what it was given
 OTHER_PARTICIPANTS = 3  # a recorder and two viewers, for the share of the shared memory
@@ -50,7 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
             return 0
         if importlib.util.find_spec('rclpy') is None:
             raise ConfigurationError('needs rclpy, which is not here: see "Install" in the README')
-        stopping = _told_to_stop()
+        stopping = stop_event().is_set
         with ProcessLog([each.name for each in programs], folder=arguments.log_dir) as log:
             colours = {'RCUTILS_COLORIZED_OUTPUT': '1' if log.coloured else '0'}
             with Processes(log.show, {**colours, **variables}) as processes:
@@ -99,14 +99,3 @@ def keep_running(
             say(f'{name} did not end when asked to, and was killed')
     say('stopped')
     return status
-
-
-def _told_to_stop() -> Callable[[], bool]:
-    received: list[int] = []
-
-    def note(number: int, frame: FrameType | None) -> None:
-        received.append(number)
-
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, note)
-    return lambda: bool(received)

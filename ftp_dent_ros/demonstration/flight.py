@@ -7,30 +7,34 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import rclpy
 import yaml
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from rclpy.parameter_client import AsyncParameterClient
 from sensor_msgs.msg import CameraInfo
 
 from ftp_dent_ros import files
 from ftp_dent_ros.demonstration.appraisal import TYPES
 from ftp_dent_ros.errors import ConfigurationError, FtpDentError
 from ftp_dent_ros.ros import transport
-from ftp_dent_ros.ros.configuration import read_configuration
+from ftp_dent_ros.ros.configuration import EXECUTABLES, read_configuration
 from ftp_dent_ros.ros.domain import free_domain
 from ftp_dent_ros.ros.process_log import ProcessLog
 from ftp_dent_ros.ros.processes import Processes, Program
-from ftp_dent_ros.ros.qos import IMAGES, POSES
+from ftp_dent_ros.ros.qos import DIAGNOSTICS, IMAGES, POSES
 
 # Until everything is discovered and the clocks are matched, on a slow and busy machine.
 _READY_S = 60.0
 _DRAIN_S = 10.0
-_PROJECTOR = 'pattern_publisher'
 _CAMERA = 'camera_capture'
+_RECONSTRUCTION = 'reconstruction'
 _RECORDER = 'recorder'
 
 
@@ -41,6 +45,12 @@ class FlightError(FtpDentError):
 def simulation_parameters(configuration: str, start_ns: int) -> dict[str, Any]:
     """Blocks of a configuration, with a free port and the start of the flight filled in."""
     blocks = files.read_yaml(files.find(configuration), ConfigurationError)
+    missing = set(EXECUTABLES) - set(blocks)
+    if missing:
+        raise ConfigurationError(
+            f'{configuration}: has no {" and no ".join(sorted(missing))}: name the '
+            'configuration of a whole simulated payload, as simulation.yaml is'
+        )
     parameters = {name: block['ros__parameters'] for name, block in blocks.items()}
     port = _free_port()
     parameters['mavlink_bridge']['address'] = f'udpin:127.0.0.1:{port}'
@@ -85,25 +95,28 @@ def fly(
     configuration, bag, logs = folder / 'payload.yaml', folder / 'bag', folder / 'log'
     configuration.write_text(yaml.safe_dump(blocks, sort_keys=False), encoding='utf-8')
     programs = {entry.name: entry.program for entry in read_configuration(configuration)}
-    projector = programs.pop(_PROJECTOR)
+    # No photograph before everybody is there: what comes first would have nobody to take it.
+    camera = programs[_CAMERA]
+    command = (*camera.command, '-p', 'continuous:=false')
+    programs[_CAMERA] = replace(camera, command=command)
     record = ('-m', 'ftp_dent_ros.cli.main', 'record', '--all', '--output', str(bag))
     programs[_RECORDER] = Program(_RECORDER, (sys.executable, *record))
-    names = (*programs, _PROJECTOR)
     with (
         free_domain(),
-        transport.profile(len(names) + 1) as variables,
+        transport.profile(len(programs) + 1) as variables,
         (folder / 'terminal.log').open('w') as quiet,
-        ProcessLog(names, folder=logs, terminal=quiet) as log,
+        ProcessLog(tuple(programs), folder=logs, terminal=quiet) as log,
         Processes(log.show, variables) as processes,
         _observer(processes, logs) as observer,
     ):
-        say(f'starting {len(names)} processes')
+        say(f'starting {len(programs)} processes')
         for program in programs.values():
             processes.start(program)
         observer.until(lambda: observer.poses > 0, _READY_S, 'no pose from the autopilot')
         observer.until(observer.all_subscribed, _READY_S, 'not everybody is subscribed')
-        say('the link to the autopilot stands; switching the projector on')
-        processes.start(projector)
+        observer.until(observer.ready_to_reconstruct, _READY_S, 'reconstruction is not ready')
+        say('the link to the autopilot stands, the pattern is projected: photographing')
+        observer.start_camera()
         for number in range(1, clouds + 1):
             observer.until_tagged(number)
             progress(observer.tagged)
@@ -125,6 +138,9 @@ class _Observer:
         node.create_subscription(PoseStamped, '/mavlink/pose', self._on_pose, POSES)
         node.create_subscription(CameraInfo, '/camera/camera_info', self._on_image, IMAGES)
         node.create_subscription(PoseWithCovarianceStamped, '/tagged/pose', self._on_tagged, POSES)
+        node.create_subscription(DiagnosticArray, '/diagnostics', self._on_state, DIAGNOSTICS)
+        self._state: dict[str, bytes] = {}
+        self._camera = AsyncParameterClient(node, _CAMERA)
 
     def until(self, condition: Callable[[], bool], timeout: float, trouble: str) -> None:
         """Spin until `condition`; a process that ends or the timeout raises `FlightError`."""
@@ -146,6 +162,17 @@ class _Observer:
         count = self._node.count_subscribers
         return all(count(topic) >= readers for topic, readers in topics.items())
 
+    def ready_to_reconstruct(self) -> bool:
+        """Whether the reconstruction knows the pattern, and waits for images."""
+        return self._state.get(_RECONSTRUCTION) == DiagnosticStatus.OK
+
+    def start_camera(self) -> None:
+        """Let the camera photograph at its rate."""
+        trouble = 'the camera does not take parameters'
+        self.until(self._camera.services_are_ready, _READY_S, trouble)
+        answer = self._camera.set_parameters([Parameter('continuous', value=True)])
+        self.until(answer.done, _READY_S, trouble)
+
     def drain(self) -> None:
         """Wait until each photograph's cloud is tagged; what is missing then counts as lost."""
         end = time.monotonic() + _DRAIN_S
@@ -156,6 +183,9 @@ class _Observer:
         log = self._logs / f'{ended.program.name}.log'
         lines = log.read_text(errors='replace').strip().splitlines()
         return lines[-1] if lines else 'none'
+
+    def _on_state(self, message: DiagnosticArray) -> None:
+        self._state |= {status.name: status.level for status in message.status}
 
     def _on_pose(self, _: PoseStamped) -> None:
         self.poses += 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -58,7 +59,8 @@ def view_3d(
     positions = np.array([pose.translation for pose in flight])
     forward = np.array([pose.rotation.apply((1, 0, 0)) for pose in flight])
     figure = Figure(figsize=(10, 4.8))
-    axes = figure.add_axes((0.0, 0.0, 0.88, 0.95), projection='3d', computed_zorder=False)
+    # Matplotlib's annotations know of no third dimension.
+    axes: Any = figure.add_axes((0.0, 0.0, 0.88, 0.95), projection='3d', computed_zorder=False)
     limit = float(np.percentile(dent_depth, 99.9)) * _MM
     colours = axes.scatter(
         *points.T, c=dent_depth * _MM, s=0.6, cmap='turbo', vmin=-0.1, vmax=limit, linewidths=0
@@ -66,14 +68,14 @@ def view_3d(
     axes.plot(*positions.T, color='black', linewidth=1.2, label="the drone's path and nose")
     axes.quiver(*positions.T, *(0.12 * forward).T, color='black', linewidth=0.6)
     every = np.concatenate([points, positions])
-    axes.set_box_aspect(np.maximum(np.ptp(every, axis=0), 0.2), zoom=1.5)
+    axes.set_box_aspect(np.maximum(np.ptp(every, axis=0), 0.2), zoom=1.7)
     axes.set(xlabel='east, m', ylabel='north, m', zlabel='up, m')
     axes.locator_params(axis='z', nbins=3)
     figure.suptitle('Tagged points in the map, coloured by depth behind the undented skin')
     # From behind the drone, a little to the side and above.
     behind = np.degrees(np.arctan2(*-forward.mean(axis=0)[[1, 0]]))
     axes.view_init(elev=18, azim=behind + 30)
-    axes.legend(loc='lower left', bbox_to_anchor=(0.05, 0.05))
+    axes.legend(loc='upper left', bbox_to_anchor=(0.05, 0.95))
     scale = figure.add_axes((0.9, 0.2, 0.015, 0.6))
     figure.colorbar(colours, cax=scale, label='depth, mm')
     _save(figure, path)

@@ -83,7 +83,7 @@ def _picture_of_all(bag: Bag, world: World, stamps: list[int], folder: Path) -> 
         points = cloud.points[cloud.valid]
         step = max(1, len(points) * len(stamps) // _SHOWN)
         every.append(points[::step])
-    points = np.concatenate(every).astype(np.float64)
+    skin = np.concatenate(every).astype(np.float64)
     undented = Surface(tuple(replace(panel, dents=()) for panel in world.surface.panels))
     flight = [world.base_pose(stamp) for stamp in stamps]
-    pictures.view_3d(folder / 'view_3d.png', points, undented.distance(points), flight)
+    pictures.view_3d(folder / 'view_3d.png', skin, undented.distance(skin), flight)

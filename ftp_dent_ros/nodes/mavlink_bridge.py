@@ -122,8 +122,6 @@ class MavlinkBridge(Node):
     def _on_link_poses(self, poses: list[tuple[int, Pose]]) -> None:
         """Publish, in the link's thread: fifty wake-ups a second of an executor are dear."""
         for stamp, pose in poses:
-            if not self.context.ok():
-                return
             self._diagnostics.count('poses')
             self._poses.publish(pose_stamped_message(pose, stamp, self._map))
             if self._transforms is not None:

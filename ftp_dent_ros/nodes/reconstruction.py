@@ -8,6 +8,7 @@ its reason, in the log and on ``/diagnostics``.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import sys
 import traceback
@@ -116,6 +117,9 @@ class Reconstruction(Node):
         self._diagnostics.note('period (px)', f'{period:g}')
         self._diagnostics.note('stripe centre (px)', f'{stripe:g}')
         self.get_logger().info(f'pattern with period {period:g} px, stripe at {stripe:g} px')
+        # The tables are made now, so that the first image does not wait for them.
+        with contextlib.suppress(RefusedFrameError, PatternError):
+            self._reconstructor()
 
     def _on_info(self, message: CameraInfo) -> None:
         values = (message.width, message.height, tuple(message.k), tuple(message.d))

@@ -12,14 +12,14 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from ftp_dent_ros.errors import RigError, TooDarkError
+from ftp_dent_ros.errors import RigError
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.rig import Rig
 
 # Tilt and distance stretch the fringes by less than this against parallel, square views.
 _STRETCH = 2.0
 # Share by which the fringes' frequency may differ from the reference plane's.
-_FITS = 0.25
+_FITS = 0.15
 _SLOPES = np.arange(-40, 41) / 20
 # Below this the band reaches past half the sampling frequency.
 _SHORTEST_PERIOD = 3.0
@@ -126,7 +126,7 @@ def plane_through(
 
 
 def measured_carrier(red: NDArray[np.float32], rig: Rig, pattern: Pattern) -> Carrier:
-    """Carrier read off the mean spectrum of the rows.
+    """Carrier read off the mean spectrum of the rows; what the rig suggests if they are even.
 
     Parameters
     ----------
@@ -137,8 +137,6 @@ def measured_carrier(red: NDArray[np.float32], rig: Rig, pattern: Pattern) -> Ca
     ------
     RigError
         As `carrier_on`.
-    TooDarkError
-        The image has no structure at all.
     """
     # At any depth well beyond the baseline the fringes are about as wide as this.
     far = ReferencePlane(4 * float(np.linalg.norm(rig.translation)))
@@ -149,5 +147,5 @@ def measured_carrier(red: NDArray[np.float32], rig: Rig, pattern: Pattern) -> Ca
     frequency = scipy.fft.rfftfreq(size)
     power[np.abs(np.log(np.maximum(frequency, 1e-9) / nominal.frequency)) > np.log(_STRETCH)] = 0
     if not power.any():
-        raise TooDarkError('the image shows no fringes: switch the projector on, or come closer')
+        return nominal
     return Carrier(float(frequency[np.argmax(power)]), nominal.sign)

@@ -49,6 +49,11 @@ def analytic_signal(
     return signal if carrier.sign > 0 else np.conj(signal)
 
 
+def phase_of(signal: NDArray[np.complex64]) -> NDArray[np.float32]:
+    """Wrapped phase of an analytic signal (eq. 11), within [-pi, pi]."""
+    return np.arctan2(signal.imag, signal.real)
+
+
 def background(
     transform: NDArray[np.complex64], size: int, carrier: Carrier
 ) -> NDArray[np.float32]:

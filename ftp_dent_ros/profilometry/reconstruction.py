@@ -21,6 +21,7 @@ from ftp_dent_ros.profilometry.carrier import (
     plane_through,
 )
 from ftp_dent_ros.profilometry.extrapolation import demodulate
+from ftp_dent_ros.profilometry.fourier import phase_of
 from ftp_dent_ros.profilometry.reference import extend, phase_shift, reference_phase
 from ftp_dent_ros.profilometry.region import Window, clipped, lit_region, trusted
 from ftp_dent_ros.profilometry.settings import Settings
@@ -127,7 +128,7 @@ class Reconstructor:
         if self.settings.method == 'virtual-reference':
             wrapped, start = phase_shift(fringes, reference, carrier), reference
         else:
-            wrapped, start = np.angle(fringes), np.float32(0)
+            wrapped, start = phase_of(fringes), np.float32(0)
         unwrapped = unwrap(wrapped, valid, self.settings.unwrapping, self.settings.tau, _JUMP)
         relative = start + unwrapped.phase
         turns = fringe_order(

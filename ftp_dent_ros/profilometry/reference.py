@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.profilometry.carrier import Carrier, ReferencePlane
-from ftp_dent_ros.profilometry.fourier import analytic_signal, spectrum
+from ftp_dent_ros.profilometry.fourier import analytic_signal, phase_of, spectrum
 from ftp_dent_ros.rig import Rig
 
 _FARTHEST = 0.1
@@ -73,4 +73,4 @@ def phase_shift(
     image = (1 + np.cos(reference)) / 2  # eq. 6; the stripe is not needed in it
     transform = spectrum(image.astype(np.float32, copy=False))
     filtered = analytic_signal(transform, image.shape[1], carrier)
-    return np.angle(fringes * np.conj(filtered)).astype(np.float32, copy=False)
+    return phase_of(fringes * np.conj(filtered))

@@ -23,8 +23,11 @@ _VALLEY = 0.6
 _FLANK = 0.35
 # A shorter run of fringes than this, in periods, fills no pass band of half the carrier.
 _SHORTEST_RUN = 2.0
+_LOWEST_RUN = 5  # rows
 _SMALLEST_SHARE = 0.002
 _CLIPPED = 254.5
+# Of the image, from which on fringes may well be lost in it: more than a lamp or a highlight.
+_BLINDING_SHARE = 0.02
 _LARGEST_CLIPPED_SHARE = 0.5
 
 
@@ -46,8 +49,8 @@ def lit_region(red: NDArray[np.float32], carrier: Carrier) -> NDArray[np.bool_]:
 
     Raises
     ------
-    TooDarkError
-        Nowhere are there fringes.
+    SaturatedError, TooDarkError
+        Nowhere are there fringes; with or without a large part of the image clipped.
     """
     width = 2 * math.ceil(carrier.period / 2) + 1
     smooth = cv2.blur(red, (1, 3))
@@ -61,8 +64,16 @@ def lit_region(red: NDArray[np.float32], carrier: Carrier) -> NDArray[np.bool_]:
     # One pixel less on each side: the outermost is only half covered by the surface.
     trimmed = cv2.erode(closed, np.ones((3, 3), np.uint8))
     shortest = math.ceil(_SHORTEST_RUN * carrier.period)
-    region = cv2.morphologyEx(trimmed, cv2.MORPH_OPEN, np.ones((1, shortest), np.uint8)) > 0
+    long = cv2.morphologyEx(trimmed, cv2.MORPH_OPEN, np.ones((1, shortest), np.uint8))
+    # What is lower than a few rows is no fringe but a horizontal edge.
+    region = cv2.morphologyEx(long, cv2.MORPH_OPEN, np.ones((_LOWEST_RUN, 1), np.uint8)) > 0
     if region.mean() < _SMALLEST_SHARE:
+        white = float((red >= _CLIPPED).mean())
+        if white > _BLINDING_SHARE:
+            raise SaturatedError(
+                f'no part of the image shows fringes and {white:.0%} of it is clipped: '
+                'expose for a shorter time'
+            )
         raise TooDarkError(
             'no part of the image shows fringes: switch the projector on, come closer, or '
             'expose longer'

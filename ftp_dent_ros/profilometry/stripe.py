@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.errors import NoStripeError
 from ftp_dent_ros.profilometry.carrier import Carrier
-from ftp_dent_ros.profilometry.fourier import analytic_signal, spectrum
+from ftp_dent_ros.profilometry.fourier import analytic_signal, phase_of, spectrum
 from ftp_dent_ros.profilometry.unwrapping import unwrap
 
 _ROWS = 4
@@ -70,8 +70,9 @@ def find_stripe(image: NDArray[np.float32], region: NDArray[np.bool_], carrier: 
     inside = (
         cv2.erode(region.view(np.uint8), np.ones((_ROWS, 1)))[_ROWS // 2 :: _ROWS][:height] > 0
     )
-    red, other = np.ascontiguousarray(binned[..., 0]), binned[..., 1:].mean(axis=-1)
-    wrapped = np.angle(analytic_signal(spectrum(red), red.shape[1], carrier))
+    red = np.ascontiguousarray(binned[..., 0], np.float32)
+    other = binned[..., 1:].mean(axis=-1)
+    wrapped = phase_of(analytic_signal(spectrum(red), red.shape[1], carrier))
     unwrapped = unwrap(wrapped, inside, jump=_JUMP)
     chosen = np.zeros(0, bool)
     if inside.any():

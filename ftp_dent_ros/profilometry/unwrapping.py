@@ -70,6 +70,8 @@ def unwrap(
     K. Itoh, Appl. Opt. 21, 2470 (1982). J. C. Estrada, M. Servin, J. A. Quiroga, Opt. Express
     19, 5126 (2011).
     """
+    if not region.any():
+        return Unwrapped(np.zeros_like(wrapped), np.full(region.shape, -1, np.int32))
     along = _itoh(wrapped, region) if unwrapping == 'itoh' else _estrada(wrapped, region, tau)
     begins = region & ~np.pad(region, ((0, 0), (1, 0)))[:, :-1]
     run = np.cumsum(begins, dtype=np.int32).reshape(region.shape) - 1
@@ -103,7 +105,7 @@ def _estrada(wrapped, region, tau):
     was_inside = np.zeros(len(region), bool)
     for column in range(len(psi) - 1, -1, -1):
         forth = there[column]
-        phi = np.where(was_inside, phi + tau * wrap(psi[column] - phi), forth)
+        phi = np.where(was_inside, phi + tau * wrap(psi[column] - phi), psi[column])
         mean[column], was_inside = forth + wrap(phi - forth) / 2, inside[column]
     return np.ascontiguousarray(mean.T)
 

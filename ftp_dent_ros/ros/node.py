@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-import signal
 import sys
 import traceback
 from collections.abc import Callable, Sequence
 
 import rclpy
-from rclpy.executors import (
-    Executor,
-    ExternalShutdownException,
-    MultiThreadedExecutor,
-    SingleThreadedExecutor,
-)
+from rclpy.executors import Executor, MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 
 from ftp_dent_ros.errors import FtpDentError
+from ftp_dent_ros.ros.signals import stop_event
+
+# A signal is noticed after that long at most, seconds.
+_LONGEST_WAIT = 0.2
+# For a callback that waits.
+_TIME_TO_END = 2.0
 
 
 def run(
@@ -25,7 +26,7 @@ def run(
     arguments: Sequence[str] | None = None,
     threads: int = 1,
 ) -> int:
-    """Run a node until SIGINT or SIGTERM.
+    """Run a node until SIGINT, SIGTERM or SIGHUP.
 
     An exception of a callback is logged and the node goes on: a message from anywhere must not
     end it. What a node holds (threads, devices, sockets) it lets go in its `destroy_node`.
@@ -47,33 +48,31 @@ def run(
         Exit status: 0 after a signal, 2 if the parameters or arguments are wrong (one line on
         stderr).
     """
+    stop = stop_event()
     node: Node | None = None
     executor: Executor | None = None
     try:
-        rclpy.init(args=None if arguments is None else list(arguments))
+        # Not rclpy's own handlers: they end the context while threads still publish.
+        rclpy.init(
+            args=None if arguments is None else list(arguments),
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
         executor = SingleThreadedExecutor() if threads == 1 else MultiThreadedExecutor(threads)
         node = make_node()
         executor.add_node(node)
-        while rclpy.ok():
+        while not stop.is_set():
             _spin_once(executor, node)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
     except FtpDentError as error:
         print(f'{name}: {error}', file=sys.stderr)
         return 2
     except Exception as error:
         if node is not None or not _is_of_rclpy(error):
             raise
-        # Else a signal came while the node was being made.
-        if executor is None or rclpy.ok():
-            print(f'{name}: {str(error).splitlines()[0]}', file=sys.stderr)
-            return 2
+        print(f'{name}: {str(error).splitlines()[0]}', file=sys.stderr)
+        return 2
     finally:
-        # A second signal must not interrupt the cleaning up.
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-        signal.signal(signal.SIGTERM, signal.SIG_IGN)
         if executor is not None:
-            executor.shutdown()
+            executor.shutdown(_TIME_TO_END)
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
@@ -86,13 +85,9 @@ def _is_of_rclpy(error: Exception) -> bool:
 
 
 def _spin_once(executor: Executor, node: Node) -> None:
-    # The timeout matters: without it a signal is missed now and then.
     try:
-        executor.spin_once(timeout_sec=0.5)
-    except ExternalShutdownException:
-        raise
+        executor.spin_once(timeout_sec=_LONGEST_WAIT)
     except Exception as error:
-        if rclpy.ok():
-            node.get_logger().error(
-                f'unexpected {type(error).__name__}: {error}\n{traceback.format_exc()}'
-            )
+        node.get_logger().error(
+            f'unexpected {type(error).__name__}: {error}\n{traceback.format_exc()}'
+        )

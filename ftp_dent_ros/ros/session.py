@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import signal
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -14,9 +13,8 @@ from rclpy.signals import SignalHandlerOptions
 
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.ros import transport
+from ftp_dent_ros.ros.signals import stop_event_meanwhile
 
-# A terminal that is closed, or a lost ssh connection, sends the third one.
-_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _PARTICIPANTS = 8  # a payload and a few tools, for the share of the shared memory
 
 
@@ -39,7 +37,7 @@ def session(name: str, arguments: Sequence[str] = ()) -> Iterator[tuple[Node, th
     ConfigurationError
         The arguments are not understood.
     """
-    with _stop_on_signal() as stop, _transport():
+    with stop_event_meanwhile() as stop, _transport():
         try:
             rclpy.init(
                 args=['--ros-args', *arguments], signal_handler_options=SignalHandlerOptions.NO
@@ -68,18 +66,3 @@ def _transport() -> Iterator[None]:
         finally:
             for name in variables:
                 del os.environ[name]
-
-
-@contextmanager
-def _stop_on_signal() -> Iterator[threading.Event]:
-    stop = threading.Event()
-    before = {number: signal.getsignal(number) for number in _SIGNALS}
-    for number, handler in before.items():
-        # What `nohup` ignores stays ignored.
-        if number != signal.SIGHUP or handler != signal.SIG_IGN:
-            signal.signal(number, lambda *_: stop.set())
-    try:
-        yield stop
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

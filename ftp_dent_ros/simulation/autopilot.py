@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import os
 import random
 import signal
 import sys
@@ -22,12 +21,9 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ftp_dent_ros.errors import FtpDentError, LinkError
+from ftp_dent_ros.errors import ConfigurationError, FtpDentError
+from ftp_dent_ros.simulation.link import Link, mavlink
 from ftp_dent_ros.simulation.world import World, read_world
-
-os.environ.setdefault('MAVLINK20', '1')
-from pymavlink import mavutil
-from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 # The world's own way from ENU to NED and from FRD to FLU: a mistake in the conversions of
 # `navigation.frames` must not cancel against itself.
@@ -44,11 +40,11 @@ _DEFAULTS_US = {
     mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: 0,
     mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 0,
 }
-_ON_REQUEST = {mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN}
 # Where map's origin is said to be: degrees * 1e7, millimetres.
 _ORIGIN = (474_500_000, 85_600_000, 430_000)
 # Messages that are late keep their time and are sent after each other, unless that is hopeless.
 _MOST_LATE_NS = 500_000_000
+_LONGEST_WAIT_NS = 500_000_000
 
 
 class Autopilot:
@@ -58,12 +54,12 @@ class Autopilot:
     ----------
     world : World
         Where the drone is at a ROS time.
-    link : pymavlink connection
+    link : Link
     uptime : float
         Seconds since its boot when it is made.
     """
 
-    def __init__(self, world: World, link: Any, uptime: float) -> None:
+    def __init__(self, world: World, link: Link, uptime: float) -> None:
         self._world, self._link = world, link
         self._boot_ns = time.time_ns() - round(uptime * 1e3) * 1_000_000
         self._intervals_us = dict(_DEFAULTS_US)
@@ -85,8 +81,8 @@ class Autopilot:
         self._send(mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN, self.time_since_boot_ns())
         while True:
             wait_ns = self._send_due()
-            if self._link.select(wait_ns / 1e9):
-                self._listen()
+            for message in self._link.receive(wait_ns / 1e9):
+                self._answer(message)
 
     def time_since_boot_ns(self) -> int:
         """The boot clock, which ``time_boot_ms`` and TIMESYNC show."""
@@ -112,19 +108,21 @@ class Autopilot:
                 self._send(message_id, due)
                 due += interval
             self._due_ns[message_id] = due
-        return max(min(self._due_ns.values()) - self.time_since_boot_ns(), 0)
+        # Also with nothing to send, a server that was lost is looked for.
+        next_ns = min([now + _LONGEST_WAIT_NS, *self._due_ns.values()])
+        return max(next_ns - self.time_since_boot_ns(), 0)
 
     def _send(self, message_id: int, boot_ns: int) -> None:
-        self._link.mav.send(self._messages[message_id](boot_ns))
+        self._link.send(self._messages[message_id](boot_ns))
 
-    def _listen(self) -> None:
-        while (message := self._link.recv_msg()) is not None:
-            kind = message.get_type()
-            if kind == 'TIMESYNC' and message.tc1 == 0:
-                self._link.mav.timesync_send(self.time_since_boot_ns(), message.ts1)
-            elif kind == 'COMMAND_LONG' and message.target_system in (0, self._link.source_system):
-                result = self._obey(message)
-                self._link.mav.command_ack_send(message.command, result)
+    def _answer(self, message: Any) -> None:
+        kind = message.get_type()
+        if kind == 'TIMESYNC' and message.tc1 == 0:
+            now = self.time_since_boot_ns()
+            self._link.send(mavlink.MAVLink_timesync_message(now, message.ts1))
+        elif kind == 'COMMAND_LONG' and message.target_system in (0, self._link.system_id):
+            result = self._obey(message)
+            self._link.send(mavlink.MAVLink_command_ack_message(message.command, result))
 
     def _obey(self, message: Any) -> int:
         """Result of a COMMAND_LONG, a MAV_RESULT."""
@@ -160,7 +158,7 @@ class Autopilot:
 
     def _system_time(self, boot_ns: int) -> Any:
         unix_us = (self._boot_ns + boot_ns) // 1000
-        return mavlink.MAVLink_system_time_message(unix_us, boot_ns // 1_000_000)
+        return mavlink.MAVLink_system_time_message(unix_us, _milliseconds(boot_ns))
 
     def _estimator_status(self, _: int) -> Any:
         ready = (
@@ -188,40 +186,22 @@ class Autopilot:
         flight = self._world.flight
         rates = flight.body_rates(self._world.flight_time(stamp_ns))
         return mavlink.MAVLink_attitude_quaternion_message(
-            boot_ns // 1_000_000, w, x, y, z, *_FLU_FROM_FRD.inv().apply(rates)
+            _milliseconds(boot_ns), w, x, y, z, *_FLU_FROM_FRD.inv().apply(rates)
         )
 
     def _position(self, boot_ns: int) -> Any:
         stamp_ns = self._boot_ns + boot_ns
         velocity = self._world.flight.velocity(self._world.flight_time(stamp_ns))
         return mavlink.MAVLink_local_position_ned_message(
-            boot_ns // 1_000_000,
+            _milliseconds(boot_ns),
             *_NED_FROM_ENU.apply(self._world.base_pose(stamp_ns).translation),
             *_NED_FROM_ENU.apply(velocity),
         )
 
 
-def open_link(address: str, system_id: int) -> Any:
-    """Open a link by pymavlink's name of it, as component 1 of a system.
-
-    Raises
-    ------
-    LinkError
-        The address is none, or is taken.
-    """
-    try:
-        link = mavutil.mavlink_connection(
-            address,
-            source_system=system_id,
-            source_component=mavlink.MAV_COMP_ID_AUTOPILOT1,
-            dialect='ardupilotmega',
-        )
-    except (OSError, ValueError) as reason:
-        raise LinkError(
-            f'{address}: cannot be opened ({reason}): give udpout:HOST:PORT of the bridge, '
-            'udpin:HOST:PORT or tcp:HOST:PORT'
-        ) from None
-    return link
+def _milliseconds(boot_ns: int) -> int:
+    """``time_boot_ms``, which starts again after 49.7 days."""
+    return boot_ns // 1_000_000 % 2**32
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -229,7 +209,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog='simulated_autopilot', description='A simulated drone.')
     parser.add_argument('--scene', default='scene.yaml', help='scene file; default: %(default)s')
     parser.add_argument(
-        '--address', default='udpout:127.0.0.1:14550', help='the link; default: %(default)s'
+        '--address',
+        default='udpout:127.0.0.1:14550',
+        help='udpout, udpin, tcp or tcpin:HOST:PORT; default: %(default)s',
     )
     parser.add_argument(
         '--start-ns', type=int, default=0, help='ROS time at which the flight starts, ns'
@@ -245,7 +227,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         world = read_world(parsed.scene, parsed.start_ns)
         uptime = random.uniform(20, 120) if parsed.uptime is None else parsed.uptime
-        Autopilot(world, open_link(parsed.address, parsed.system_id), uptime).run()
+        if not 0 <= uptime < 1e9:
+            raise ConfigurationError(f'--uptime is {uptime}: give seconds, 0 or more')
+        if not 0 < parsed.system_id < 256:
+            raise ConfigurationError(f'--system-id is {parsed.system_id}: give 1 to 255')
+        Autopilot(world, Link(parsed.address, parsed.system_id), uptime).run()
     except FtpDentError as error:
         print(f'simulated_autopilot: {error}', file=sys.stderr)
         return 2

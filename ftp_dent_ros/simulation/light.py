@@ -45,7 +45,9 @@ class Light:
         self._border = math.ceil(4 * photometry.defocus_px) + 2
         border = ((self._border, self._border), (self._border, self._border), (0, 0))
         light = np.repeat(np.pad(light, border), _FINE, axis=1)
-        along_u = _pixel_kernel(_FINE * photometry.defocus_px)
+        # Linear interpolation blurs too, by a variance of a sixth of a sample.
+        blur = max((_FINE * photometry.defocus_px) ** 2 - 1 / 6, 0)
+        along_u = _pixel_kernel(math.sqrt(blur))
         along_v = _pixel_kernel(photometry.defocus_px)
         light = cv2.sepFilter2D(light, -1, along_u, along_v, borderType=cv2.BORDER_REPLICATE)
         # Four channels of 16 bits are what cv2.remap is quickest with.

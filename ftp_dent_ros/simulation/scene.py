@@ -80,8 +80,14 @@ def _paint(fields: Fields) -> Paint:
 
 
 def _dent(fields: Fields) -> Dent:
-    names = ('x', 'y', 'length', 'width', 'depth')
-    dent = Dent(*(fields.number(name) for name in names), angle=fields.number('angle', 0.0))
+    dent = Dent(
+        x=fields.number('x'),
+        y=fields.number('y'),
+        length=fields.number('length'),
+        width=fields.number('width'),
+        depth=fields.number('depth'),
+        angle=fields.number('angle', 0.0),
+    )
     fields.finish()
     return dent
 
@@ -90,10 +96,10 @@ def _rivets(fields: Fields) -> Iterator[Rivet]:
     """Rivets at equal steps from the first."""
     first, step = (np.array(fields.numbers(name, 2)) for name in ('first', 'step'))
     count = fields.whole('count')
+    # The dataclass's defaults are its class's attributes.
     shape = {
-        field.name: fields.number(field.name, field.default)
-        for field in dataclasses.fields(Rivet)
-        if field.name not in ('x', 'y')
+        name: fields.number(name, getattr(Rivet, name))
+        for name in ('radius', 'groove', 'sigma', 'proud', 'dirt')
     }
     fields.finish()
     for index in range(count):

@@ -38,6 +38,18 @@ def test_deadlines_that_the_work_outlasts_are_missed_and_counted():
     assert pace.wait(0.0)
 
 
+def test_with_patience_deadlines_are_made_up_for():
+    clock = Clock()
+    pace = Pace(2.0, clock, patience=1.0)
+    assert pace.wait(0.0)
+    clock.now += 2.25
+    late = []
+    while pace.wait(0.0):
+        late.append(pace.late)
+    assert late == [1.25, 0.75, 0.25]
+    assert pace.missed == 1, 'that at 50.5 is too long ago'
+
+
 def test_a_rest_misses_nothing():
     clock = Clock()
     pace = Pace(2.0, clock)

@@ -1,5 +1,4 @@
 import os
-import signal
 import sys
 import time
 
@@ -67,19 +66,6 @@ def test_says_what_had_to_be_killed(monkeypatch):
     monkeypatch.setattr(Processes, 'stop', lambda self: patient(self, patience=0.1))
     run = Run(Program('deaf', (*BARE, deaf)), lines=1)
     assert 'deaf did not end when asked to, and was killed' in run.said
-
-
-def test_signals_are_noted_and_end_nothing():
-    before = {each: signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM)}
-    hangup = signal.getsignal(signal.SIGHUP)
-    try:
-        stopping = up._told_to_stop()
-        assert not stopping()
-        os.kill(os.getpid(), signal.SIGTERM)
-        assert stopping()
-    finally:
-        for number, handler in (*before.items(), (signal.SIGHUP, hangup)):
-            signal.signal(number, handler)
 
 
 def test_dry_run_prints_the_commands(tmp_path, capsys, monkeypatch):

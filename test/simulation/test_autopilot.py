@@ -12,6 +12,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.spatial.transform import Rotation
 
+from ftp_dent_ros.simulation.autopilot import main
 from ftp_dent_ros.simulation.world import read_world
 
 os.environ['MAVLINK20'] = '1'
@@ -61,7 +62,7 @@ class Client:
 @pytest.fixture
 def client():
     client = Client('--uptime', '77')
-    client.receive('HEARTBEAT')
+    client.receive('GPS_GLOBAL_ORIGIN')  # Its first message says where it is.
     yield client
     client.close()
 
@@ -136,6 +137,39 @@ def test_poses_are_the_flights_at_their_own_time(client):
         np.testing.assert_allclose(right, [-left[1], -left[0], left[2]], atol=slack[1])
 
 
+def test_garbage_and_cut_frames_do_it_no_harm(client):
+    command = mavlink.MAVLink_command_long_message(
+        1, 1, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 0, ATTITUDE, 20_000, 0, 0, 0, 0, 0
+    ).pack(mavlink.MAVLink(None, 1, 191))
+    rng = np.random.default_rng(0)
+    rubbish = [rng.bytes(int(size)) for size in rng.integers(1, 300, 50)]
+    rubbish += [command[:end] for end in range(1, len(command), 5)]
+    rubbish += [b'\xfe' + rng.bytes(40), b'\xfd' * 300, bytes(2000)]
+    for data in rubbish:
+        client.link.write(data)
+    huge = [math.inf, 1e30, -1e30, 3e38]
+    for value in huge:
+        assert client.ask(value, 20_000) == mavlink.MAV_RESULT_DENIED
+    assert client.ask(ATTITUDE, 20_000) == mavlink.MAV_RESULT_ACCEPTED
+    client.receive('ATTITUDE_QUATERNION')
+
+
+def test_it_answers_when_all_its_streams_are_stopped(client):
+    for name in ('HEARTBEAT', 'SYSTEM_TIME', 'EKF_STATUS_REPORT', 'TIMESYNC'):
+        message_id = getattr(mavlink, f'MAVLINK_MSG_ID_{name}')
+        assert client.ask(message_id, -1) == mavlink.MAV_RESULT_ACCEPTED
+    assert client.ask(mavlink.MAVLINK_MSG_ID_HEARTBEAT, 0) == mavlink.MAV_RESULT_ACCEPTED
+    client.receive('HEARTBEAT')
+
+
+def test_a_clock_of_many_days_wraps():
+    client = Client('--uptime', str(2**32 / 1e3 + 5))
+    try:
+        assert client.receive('SYSTEM_TIME').time_boot_ms < 60_000
+    finally:
+        client.close()
+
+
 def test_a_late_joiner_gets_the_same_clock(client):
     client.link.mav.timesync_send(0, 12345)
     first = client.receive('TIMESYNC')
@@ -151,7 +185,11 @@ def test_ends_well_on_a_signal(client, number):
 
 @pytest.mark.parametrize(
     'options',
-    [('--scene', 'none.yaml'), ('--address', 'nowhere'), ('--address', 'udpin:127.0.0.1:x')],
+    [
+        ('--scene', 'none.yaml'),
+        ('--address', 'nowhere'),
+        ('--uptime', 'nan'),
+    ],
 )
 def test_bad_input_ends_it_with_one_line(options):
     done = subprocess.run(
@@ -163,3 +201,18 @@ def test_bad_input_ends_it_with_one_line(options):
     assert done.returncode == 2
     assert done.stderr.startswith('simulated_autopilot: ')
     assert done.stderr.count('\n') == 1
+
+
+@pytest.mark.parametrize(
+    ('options', 'words'),
+    [
+        (('--address', 'udpin:127.0.0.1:x'), "'udpin:127.0.0.1:x' is no address: give udpout"),
+        (('--address', 'tcpin:127.0.0.1:70000'), 'is no address'),
+        (('--system-id', '300'), '--system-id is 300: give 1 to 255'),
+        (('--uptime', '-1'), '--uptime is -1.0: give seconds, 0 or more'),
+    ],
+)
+def test_a_wrong_option_is_named(options, words, monkeypatch, capsys):
+    monkeypatch.setattr(signal, 'signal', lambda *_: None)
+    assert main(options) == 2
+    assert words in capsys.readouterr().err

@@ -1,0 +1,59 @@
+"""Accuracy of a method on simulated photographs, scene by scene.
+
+python benchmarks/accuracy.py [--method virtual-reference] [--unwrapping itoh] [--only fuselage]
+"""
+
+from __future__ import annotations
+
+import argparse
+
+import numpy as np
+from scenes import PATTERN, SCENES, Scene
+from tqdm import tqdm
+
+from ftp_dent_ros.errors import RefusedFrameError
+from ftp_dent_ros.profilometry import METHODS, UNWRAPPINGS, Reconstructor, Settings
+
+COLUMNS = ('coverage %', 'outside', 'MAE', 'p95', 'max', 'bias', 'dent MAE', 'dent bias')
+
+
+def figures(scene: Scene, settings: Settings) -> list[str]:
+    """A row of the table; distances to the true surface in millimetres."""
+    try:
+        cloud = Reconstructor(scene.rig, PATTERN, settings).reconstruct(scene.photograph())
+    except RefusedFrameError as reason:
+        return [f'refused: {reason.reason}']
+    lit = scene.lit()[:: settings.stride, :: settings.stride]
+    points = cloud.points[cloud.valid].astype(float)
+    error = 1e3 * scene.surface.distance(points)
+    on_dent = error[scene.on_dents(points)]
+    distances = (
+        np.abs(error).mean(),
+        np.percentile(np.abs(error), 95),
+        np.abs(error).max(),
+        error.mean(),
+        np.abs(on_dent).mean(),
+        on_dent.mean(),
+    )
+    coverage = 100 * (cloud.valid & lit).sum() / lit.sum()
+    outside = str((cloud.valid & ~lit).sum())
+    return [f'{coverage:.1f}', outside, *(f'{distance:.4f}' for distance in distances)]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--method', choices=METHODS, default='virtual-reference')
+    parser.add_argument('--unwrapping', choices=UNWRAPPINGS, default='itoh')
+    parser.add_argument('--stride', type=int, default=1)
+    parser.add_argument('--only', default='', help='part of the names of the scenes wanted')
+    arguments = parser.parse_args()
+    settings = Settings(arguments.method, arguments.unwrapping, stride=arguments.stride)
+    wanted = [scene for scene in SCENES if arguments.only in scene.name]
+    rows = [(scene.name, *figures(scene, settings)) for scene in tqdm(wanted, unit='scene')]
+    print(f'{settings.method}, {settings.unwrapping}, stride {settings.stride}; millimetres')
+    for name, *values in [('', *COLUMNS), *rows]:
+        print(f'{name:28}' + ''.join(f'{value:>12}' for value in values))
+
+
+if __name__ == '__main__':
+    main()

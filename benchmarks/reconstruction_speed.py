@@ -1,0 +1,70 @@
+"""Seconds a photograph takes, method by method, beside a Fourier transform of the same frame.
+
+python benchmarks/reconstruction_speed.py [--repetitions 9]
+
+The yardstick is one scipy.fft.rfft and irfft of the rows, float32, one worker, measured in turn
+with the rest, so that what else the machine does falls on all of them alike.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import scipy.fft
+from scenes import FIELD, PATTERN, Scene, fuselage, scene
+
+from ftp_dent_ros.profilometry import METHODS, Reconstructor, Settings
+from ftp_dent_ros.rig import Lens
+
+SIZES = ((1280, 720), (1920, 1080))
+STRIDES = (1, 2)
+
+
+def scene_at(width: int, height: int) -> Scene:
+    """The fuselage, which fills the frame, before a camera of that size."""
+    lens = FIELD.camera
+    share = width / lens.width
+    matrix = lens.camera_matrix.copy()
+    matrix[:2] *= share
+    camera = Lens(width, height, matrix, np.array([-0.08, 0.03, 5e-4, -5e-4, 0.0]))
+    return scene(f'{width}x{height}', replace(FIELD, camera=camera), fuselage(0.8))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.partition('\n')[0])
+    parser.add_argument('--repetitions', type=int, default=9)
+    repetitions = parser.parse_args().repetitions
+    cv2.setNumThreads(1)
+    for size in SIZES:
+        image = scene_at(*size).photograph()
+        rows = image[..., 0].astype(np.float32)
+        work = {
+            'rfft + irfft of the frame': lambda rows=rows: scipy.fft.irfft(scipy.fft.rfft(rows))
+        }
+        for method in METHODS:
+            for stride in STRIDES:
+                rig = scene_at(*size).rig
+                reconstructor = Reconstructor(rig, PATTERN, Settings(method, stride=stride))
+                reconstructor.reconstruct(image)  # the tables
+                work[f'{method}, stride {stride}'] = lambda one=reconstructor, image=image: (
+                    one.reconstruct(image)
+                )
+        durations: dict[str, list[float]] = {name: [] for name in work}
+        for _ in range(repetitions):
+            for name, function in work.items():
+                start = time.perf_counter()
+                function()
+                durations[name].append(time.perf_counter() - start)
+        yardstick = np.median(durations['rfft + irfft of the frame'])
+        print(f'{size[0]}x{size[1]}, median of {repetitions}')
+        for name, values in durations.items():
+            median = np.median(values)
+            print(f'  {name:30}{1e3 * median:8.1f} ms {median / yardstick:8.1f} x')
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,280 @@
+import copy
+import os
+import subprocess
+import sys
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+from scipy.spatial.transform import Rotation
+
+from ftp_dent_ros.cli.main import main
+from ftp_dent_ros.cloud import read_ply
+from ftp_dent_ros.pattern import Pattern, read_pattern, write_pattern
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.profilometry import Reconstructor, Settings
+from ftp_dent_ros.rig import Lens, Rig, read_rig, write_rig
+from ftp_dent_ros.simulation import Panel, Photometry, Renderer, Surface
+
+PATTERN = Pattern(320, 240, 8.0, 160.0)
+SKIN = Surface((Panel(Pose.from_rpy((0, 0.05, 0), (0, 0, 0.65)), (-0.09, 0.09, -0.09, 0.09)),))
+
+
+def lens(focal):
+    return Lens(320, 240, np.array([[focal, 0, 160.0], [0, focal, 119], [0, 0, 1]]), np.zeros(5))
+
+
+@pytest.fixture(scope='module')
+def photograph():
+    turn = Rotation.from_euler('y', 0.3).as_matrix()
+    rig = Rig(lens(450.0), lens(470.0), turn, np.array([-0.2, 0.005, 0.03]))
+    light = Photometry(reference_distance=0.65)
+    return rig, Renderer(rig, PATTERN.draw(), light).render(SKIN)
+
+
+@pytest.fixture
+def folder(tmp_path, photograph):
+    rig, image = photograph
+    write_rig(tmp_path / 'rig.yaml', rig)
+    write_pattern(tmp_path / 'pattern.yaml', PATTERN)
+    write_image(tmp_path / 'image.png', image)
+    return tmp_path
+
+
+def write_image(path, rgb):
+    assert cv2.imwrite(str(path), rgb[..., ::-1] if rgb.ndim == 3 else rgb)
+
+
+def words(folder, image='image.png', output='cloud.ply', rig='rig.yaml', pattern='pattern.yaml'):
+    return [
+        'reconstruct',
+        str(folder / image),
+        *('--rig', str(folder / rig)),
+        *('--pattern', str(folder / pattern)),
+        *('--output', str(folder / output)),
+    ]
+
+
+def run(*arguments):
+    command = [sys.executable, '-m', 'ftp_dent_ros.cli.main', *arguments]
+    environment = {**os.environ, 'OPENBLAS_NUM_THREADS': '1'}
+    return subprocess.run(command, capture_output=True, text=True, env=environment)
+
+
+def refused(folder, capfd, *options, **names):
+    """The one line on stderr with which the command refuses what it is given."""
+    before = sorted(folder.rglob('*'))
+    assert main([*words(folder, **names), *options]) == 2
+    said = capfd.readouterr()
+    assert said.out == ''
+    assert said.err.startswith('ftp-dent reconstruct: ')
+    assert said.err.count('\n') == 1
+    assert sorted(folder.rglob('*')) == before
+    return said.err
+
+
+def test_a_photograph_becomes_a_cloud(folder):
+    done = run(*words(folder))
+    assert (done.returncode, done.stderr) == (0, '')
+    cloud, frame_id = read_ply(folder / 'cloud.ply')
+    assert frame_id == 'camera_optical_frame'
+    off = np.abs(SKIN.distance(cloud.points[cloud.valid]))
+    assert off.mean() < 1e-4
+    first, second = done.stdout.splitlines()
+    assert first.startswith(f'{folder}/cloud.ply: {cloud.valid.sum()} points, ')
+    assert second.startswith('depth 0.65')
+    assert not list(folder.glob('.*'))
+
+
+def test_a_photograph_without_a_stripe_is_refused(folder, photograph):
+    white = np.repeat(photograph[1][..., :1], 3, axis=2)
+    write_image(folder / 'image.png', white)
+    done = run(*words(folder))
+    assert (done.returncode, done.stdout) == (2, '')
+    assert done.stderr.startswith('ftp-dent reconstruct: the red stripe is not seen')
+    assert done.stderr.count('\n') == 1
+    assert not (folder / 'cloud.ply').exists()
+
+
+def test_the_options_reach_the_reconstruction(folder, photograph, capsys):
+    options = '--method direct --unwrapping estrada --tau 0.7 --stride 2'
+    assert main([*words(folder), *options.split()]) == 0
+    cloud, _ = read_ply(folder / 'cloud.ply')
+    rig, pattern = read_rig(folder / 'rig.yaml'), read_pattern(folder / 'pattern.yaml')
+    expected = Reconstructor(rig, pattern, Settings('direct', 'estrada', 0.7, 2))
+    np.testing.assert_array_equal(
+        cloud.points, expected.reconstruct(np.ascontiguousarray(photograph[1])).points
+    )
+    assert cloud.points.shape == (120, 160, 3)
+
+
+@pytest.mark.parametrize('suffix', ['.tif', '.jpg'])
+def test_other_formats_are_read(folder, photograph, capsys, suffix):
+    write_image(folder / f'image{suffix}', photograph[1])
+    assert main(words(folder, image=f'image{suffix}')) == 0
+    cloud, _ = read_ply(folder / 'cloud.ply')
+    assert np.abs(SKIN.distance(cloud.points[cloud.valid])).mean() < 5e-4
+
+
+def test_an_existing_cloud_survives_a_refusal(folder, capfd):
+    (folder / 'cloud.ply').write_text('the last one')
+    write_image(folder / 'black.png', np.zeros((240, 320, 3), np.uint8))
+    assert 'projector on' in refused(folder, capfd, image='black.png')
+    assert (folder / 'cloud.ply').read_text() == 'the last one'
+
+
+GREY = np.full((240, 320, 3), 90, np.uint8)
+
+
+@pytest.mark.parametrize(
+    ('pixels', 'said'),
+    [
+        (0 * GREY, 'no part of the image shows fringes'),
+        (0 * GREY + 255, 'clipped'),
+        (GREY[..., 0], 'shape (240, 320), not 8-bit colours'),
+        (GREY.astype(np.uint16), 'uint16 in shape (240, 320, 3), not 8-bit'),
+        (GREY[:100], "320x100x3, the rig's camera 320x240x3"),
+    ],
+    ids=['black', 'white', 'grey', '16 bit', 'cropped'],
+)
+def test_bad_photographs_are_refused(folder, capfd, pixels, said):
+    write_image(folder / 'bad.png', pixels)
+    assert said in refused(folder, capfd, image='bad.png')
+
+
+@pytest.mark.parametrize('suffix', ['.png', '.tif'])
+@pytest.mark.parametrize('kept', [0.0, 0.01, 0.5])
+def test_files_that_are_cut_short_are_refused(folder, photograph, capfd, suffix, kept):
+    path = folder / f'bad{suffix}'
+    write_image(path, photograph[1])
+    path.write_bytes(path.read_bytes()[: int(kept * path.stat().st_size)])
+    assert f'{path}: empty, damaged or not an image' in refused(folder, capfd, image=path.name)
+
+
+@pytest.mark.parametrize(
+    ('name', 'said'),
+    [
+        ('none.png', 'cannot be read (No such file'),
+        ('rig.yaml', 'not a photograph'),
+        ('text.png', 'not an image'),
+        ('folder.png', 'cannot be read (Is a directory)'),
+    ],
+)
+def test_what_is_no_photograph_is_refused(folder, capfd, name, said):
+    (folder / 'text.png').write_text('fringes')
+    (folder / 'folder.png').mkdir()
+    assert said in refused(folder, capfd, image=name)
+
+
+RIG_FIELDS = [
+    *(
+        (block, field)
+        for block in ('camera', 'projector')
+        for field in (
+            'image_width',
+            'image_height',
+            'camera_matrix',
+            'distortion_model',
+            'distortion_coefficients',
+        )
+    ),
+    ('extrinsics', 'rotation'),
+    ('extrinsics', 'translation'),
+]
+
+
+@pytest.mark.parametrize('value', [None, 'seven', [1.0]])
+@pytest.mark.parametrize(('block', 'field'), RIG_FIELDS)
+def test_each_field_of_the_rig_is_needed(folder, capfd, block, field, value):
+    fields = copy.deepcopy(yaml.safe_load((folder / 'rig.yaml').read_text()))
+    if value is None:
+        del fields[block][field]
+    else:
+        fields[block][field] = value
+    (folder / 'bad.yaml').write_text(yaml.safe_dump(fields))
+    said = refused(folder, capfd, rig='bad.yaml')
+    assert f'{folder}/bad.yaml: {block}.{field}' in said
+
+
+@pytest.mark.parametrize(
+    ('keys', 'value', 'said'),
+    [
+        (('extrinsics', 'rotation', 'data'), [1, 0, 0, 0, 1, 0, 0, 0, 2], 'not a rotation'),
+        (('extrinsics', 'rotation', 'data'), [1, 0, 0, 0, 1, 0, 0, 0, -1], 'not a rotation'),
+        (('extrinsics', 'translation'), [0, 0, 0], 'without a baseline'),
+        (('camera', 'camera_matrix', 'rows'), 2, 'rows: 3, cols: 3'),
+    ],
+)
+def test_an_impossible_rig_is_refused(folder, capfd, keys, value, said):
+    fields = yaml.safe_load((folder / 'rig.yaml').read_text())
+    block = fields
+    for key in keys[:-1]:
+        block = block[key]
+    block[keys[-1]] = value
+    (folder / 'bad.yaml').write_text(yaml.safe_dump(fields))
+    assert said in refused(folder, capfd, rig='bad.yaml')
+
+
+@pytest.mark.parametrize(
+    ('changes', 'said'),
+    [
+        ({'width': 640}, 'the pattern is 640x240, the projector 320x240'),
+        ({'period_px': 1.0}, 'period_px is 1, outside 3 to 80'),
+        ({'stripe_center_px': 400.0}, 'the stripe leaves the image'),
+        ({'axis': 'v'}, "axis is 'v'"),
+        ({'height': None}, 'height is None'),
+        ({'colour': 'red'}, "unknown field 'colour'"),
+    ],
+)
+def test_a_pattern_that_does_not_fit_is_refused(folder, capfd, changes, said):
+    fields = yaml.safe_load((folder / 'pattern.yaml').read_text())
+    (folder / 'bad.yaml').write_text(yaml.safe_dump({**fields, **changes}))
+    assert said in refused(folder, capfd, pattern='bad.yaml')
+
+
+@pytest.mark.parametrize('name', ['rig', 'pattern'])
+@pytest.mark.parametrize(
+    ('file', 'said'),
+    [
+        ('none.yaml', 'no such file'),
+        ('list.yaml', 'no mapping'),
+        ('torn.yaml', 'not valid YAML in line'),
+    ],
+)
+def test_files_that_are_no_calibration_are_refused(folder, capfd, name, file, said):
+    (folder / 'list.yaml').write_text('- 1\n')
+    (folder / 'torn.yaml').write_text('camera: [1, 2\n')
+    assert said in refused(folder, capfd, **{name: file})
+
+
+@pytest.mark.parametrize(
+    ('output', 'said'),
+    [
+        ('cloud.xyz', 'ends in .ply'),
+        ('image.png/cloud.ply', 'cannot be written'),
+        ('folder.ply', 'cannot be written'),
+    ],
+)
+def test_an_output_that_cannot_be_written_is_refused(folder, capfd, output, said):
+    (folder / 'folder.ply').mkdir()
+    assert said in refused(folder, capfd, output=output)
+
+
+@pytest.mark.parametrize(
+    ('option', 'value', 'said'),
+    [
+        ('--tau', '0', 'tau is 0.0'),
+        ('--tau', 'nan', 'tau is nan'),
+        ('--stride', '17', 'stride is'),
+    ],
+)
+def test_options_out_of_range_are_refused(folder, capfd, option, value, said):
+    assert said in refused(folder, capfd, option, value)
+
+
+def test_a_choice_that_does_not_exist_is_bad_usage(folder, capfd):
+    with pytest.raises(SystemExit) as ended:
+        main([*words(folder), '--method', 'guess'])
+    assert ended.value.code == 2
+    assert 'virtual-reference' in capfd.readouterr().err

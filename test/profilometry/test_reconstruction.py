@@ -1,0 +1,236 @@
+import importlib.util
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from small_scenes import DEPTH, PATTERN, RIG, Scene, panel
+
+from ftp_dent_ros.errors import (
+    ImageError,
+    NoStripeError,
+    PatternError,
+    SaturatedError,
+    TooDarkError,
+)
+from ftp_dent_ros.pattern import read_pattern
+from ftp_dent_ros.profilometry import Reconstructor, Settings
+from ftp_dent_ros.rig import read_rig
+
+
+def check(scene, cloud, mae, p95, coverage, stride=1):
+    errors = scene.errors_mm(cloud)
+    lit = scene.lit()[::stride, ::stride]
+    assert cloud.valid.shape == lit.shape
+    assert errors.mean() < mae
+    assert np.percentile(errors, 95) < p95
+    assert (cloud.valid & lit).sum() / lit.sum() > coverage
+    assert (cloud.valid & ~lit).mean() < 1e-4
+    assert cloud.points.dtype == cloud.intensity.dtype == np.float32
+
+
+# A camera pixel is 2.3 mm of depth here, a fringe 19 mm.
+@pytest.mark.parametrize(
+    ('name', 'coverage'),
+    [
+        ('flat', 0.97),
+        ('tilted left', 0.96),
+        ('tilted right', 0.96),
+        ('tilted up', 0.96),
+        ('cylinder', 0.95),
+        ('distorted', 0.98),
+        ('inverted', 0.97),
+    ],
+)
+def test_cloud_lies_on_the_true_surface(scene, name, coverage):
+    seen = scene(name)
+    cloud = Reconstructor(seen.rig, PATTERN).reconstruct(seen.image)
+    check(seen, cloud, mae=0.035, p95=0.08, coverage=coverage)
+
+
+@pytest.mark.parametrize('name', ['two tones', 'dim and ambient'])
+def test_paint_and_daylight_cost_accuracy_but_no_fringe(scene, name):
+    seen = scene(name)
+    cloud = Reconstructor(seen.rig, PATTERN).reconstruct(seen.image)
+    check(seen, cloud, mae=0.08, p95=0.3, coverage=0.95)
+
+
+@pytest.mark.parametrize('stride', [2, 3])
+def test_stride_keeps_the_grid(scene, stride):
+    seen = scene('flat')
+    cloud = Reconstructor(RIG, PATTERN, Settings(stride=stride)).reconstruct(seen.image)
+    check(seen, cloud, mae=0.03, p95=0.08, coverage=0.96, stride=stride)
+    row, column = np.argwhere(cloud.valid)[1000]
+    pixel = RIG.camera.project(cloud.points[row, column])
+    np.testing.assert_allclose(pixel, [stride * column, stride * row], atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ('method', 'unwrapping', 'mae'),
+    [
+        ('virtual-reference', 'estrada', 0.03),
+        ('direct', 'itoh', 0.03),
+        ('direct', 'estrada', 0.04),
+    ],
+)
+def test_other_methods(scene, method, unwrapping, mae):
+    seen = scene('flat')
+    settings = Settings(method=method, unwrapping=unwrapping)
+    cloud = Reconstructor(RIG, PATTERN, settings).reconstruct(seen.image)
+    check(seen, cloud, mae=mae, p95=0.09, coverage=0.97)
+
+
+def test_the_dent_has_its_depth(scene):
+    seen = scene('flat')
+    cloud = Reconstructor(RIG, PATTERN).reconstruct(seen.image)
+    bare = replace(seen.surface.panels[0], dents=())
+    depth = bare.distance(cloud.points[cloud.valid].astype(float))
+    assert np.percentile(depth, 99.9) == pytest.approx(0.002, abs=0.1e-3)
+    assert np.percentile(depth, 1) > -0.1e-3
+
+
+def test_nothing_is_measured_beside_the_panel(scene):
+    seen = scene('flat')
+    cloud = Reconstructor(RIG, PATTERN).reconstruct(seen.image)
+    assert np.isnan(cloud.points[~cloud.valid]).all()
+    assert not cloud.valid[:50].any()
+    assert cloud.intensity[cloud.valid].min() > 4
+
+
+def test_reports_the_stripe_s_depth_and_reads_the_image_only(scene):
+    seen = scene('flat')
+    image = seen.image.copy()
+    image.flags.writeable = False
+    measurement = Reconstructor(RIG, PATTERN).measure(image)
+    assert measurement.stripe_depth == pytest.approx(DEPTH, abs=0.005)
+
+
+def test_the_same_photograph_gives_the_same_bits(scene):
+    seen = scene('flat')
+    reconstructor = Reconstructor(RIG, PATTERN)
+    first = reconstructor.reconstruct(seen.image)
+    reconstructor.reconstruct(scene('tilted left').image)
+    again = reconstructor.reconstruct(seen.image)
+    np.testing.assert_array_equal(first.points, again.points)
+
+
+def test_two_panels_without_a_tie_give_only_the_one_with_the_stripe():
+    step = 0.012
+    near = panel(half=0.06, centre=(0.0, 0.0), dents=())
+    far = replace(near, pose=replace(near.pose, translation=np.array([0.13, 0.0, DEPTH + step])))
+    seen = Scene.of(near, far)
+    cloud = Reconstructor(RIG, PATTERN).reconstruct(seen.image)
+    errors = seen.errors_mm(cloud)
+    assert np.percentile(errors, 99.9) < 0.5
+    on_near = Scene(RIG, type(seen.surface)((near,)), seen.image).lit()
+    assert (cloud.valid & on_near).sum() > 0.95 * on_near.sum()
+
+
+GREY = np.full((480, 640, 3), 90, np.uint8)
+
+
+def fringes_only():
+    return np.repeat(PATTERN.draw()[..., :1], 3, axis=2)
+
+
+def lamp_off():
+    return np.zeros_like(PATTERN.draw())
+
+
+@pytest.mark.parametrize(
+    ('image', 'error', 'said'),
+    [
+        (GREY.astype(np.float32), ImageError, 'float32, not 8-bit'),
+        (GREY.astype(np.uint16), ImageError, 'uint16, not 8-bit'),
+        (None, ImageError, 'NoneType, not 8-bit'),
+        (GREY[..., 0], ImageError, '640x480, the .* 640x480x3: .* in colour'),
+        (np.dstack([GREY, GREY[..., :1]]), ImageError, '640x480x4'),
+        (GREY[:-2], ImageError, '640x478x3, the .* 640x480x3'),
+        (GREY.transpose(1, 0, 2), ImageError, '480x640x3'),
+        (GREY[:0], ImageError, '640x0x3'),
+        (0 * GREY, TooDarkError, 'projector on'),
+        (GREY, TooDarkError, 'projector on'),
+        (GREY // 90 * 255, SaturatedError, 'shorter'),
+    ],
+    ids=[
+        'float',
+        'sixteen',
+        'none',
+        'flat',
+        'alpha',
+        'short',
+        'turned',
+        'empty',
+        'black',
+        'grey',
+        'white',
+    ],
+)
+def test_bad_images_are_refused(image, error, said):
+    with pytest.raises(error, match=said) as refused:
+        Reconstructor(RIG, PATTERN).reconstruct(image)
+    assert '\n' not in str(refused.value)
+
+
+@pytest.mark.parametrize('seed', [0, 1, 2])
+def test_noise_without_a_projector_is_too_dark(seed):
+    noise = np.random.default_rng(seed).normal(20, 2, GREY.shape).clip(0, 255).astype(np.uint8)
+    with pytest.raises(TooDarkError):
+        Reconstructor(RIG, PATTERN).reconstruct(noise)
+
+
+@pytest.mark.parametrize(
+    ('scene', 'error', 'said'),
+    [
+        (lambda: Scene.of(panel(), exposure=4.0), SaturatedError, 'clipped over .*shorter'),
+        (lambda: Scene.of(panel(), exposure=12.0), SaturatedError, 'shorter'),
+        (lambda: Scene.of(panel(), exposure=0.01), TooDarkError, 'expose longer'),
+        (lambda: Scene.of(panel(), projected=lamp_off()), TooDarkError, 'projector on'),
+        (lambda: Scene.of(panel(), projected=fringes_only()), NoStripeError, 'red stripe is not'),
+        (
+            lambda: Scene.of(panel(half=0.06, centre=(0.13, 0.0))),
+            NoStripeError,
+            'red stripe is not seen',
+        ),
+        (
+            lambda: replace(Scene.of(panel()), rig=replace(RIG, translation=-RIG.translation)),
+            NoStripeError,
+            'rig.yaml and the pattern',
+        ),
+    ],
+    ids=['saturated', 'white', 'dark', 'off', 'colourless', 'beside', 'mistaken'],
+)
+def test_photographs_that_give_no_measurement_are_refused(scene, error, said):
+    seen = scene()
+    with pytest.raises(error, match=said) as refused:
+        Reconstructor(seen.rig, PATTERN).reconstruct(seen.image)
+    assert '\n' not in str(refused.value)
+
+
+def test_a_pattern_of_another_projector_is_refused():
+    with pytest.raises(PatternError, match='800x480, the projector 640x480'):
+        Reconstructor(RIG, replace(PATTERN, width=800))
+
+
+@pytest.mark.parametrize(
+    ('name', 'mae', 'coverage'),
+    [
+        ('static_A', 0.025, 0.95),
+        ('dynamic_C', 0.144, 0.93),
+        ('field_fuselage', 0.054, 0.88),
+    ],
+)
+def test_photographs_of_an_independent_renderer(shared, name, mae, coverage):
+    spec = importlib.util.spec_from_file_location('score', shared / 'eval' / 'score.py')
+    score = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(score)
+    folder = shared / 'eval' / 'scenes' / name
+    image = cv2.cvtColor(cv2.imread(str(folder / 'image.png')), cv2.COLOR_BGR2RGB)
+    rig, pattern = read_rig(folder / 'rig.yaml'), read_pattern(folder / 'pattern.yaml')
+    cloud = Reconstructor(rig, pattern).reconstruct(image)
+    # Every third point each way, which the scorer widens by a pixel: a ninth of its time.
+    some = cloud.points[1::3, 1::3]
+    result = score.score_cloud(score.Scene(str(folder)), some[np.isfinite(some[..., 2])])
+    assert result['full']['mae'] < mae
+    assert result['coverage'] > coverage
+    assert result['full']['outliers_1mm'] < 1e-4

@@ -1,0 +1,90 @@
+"""The whole payload flown once, and its bag replayed into another reconstruction."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+import yaml
+
+pytest.importorskip('mcap', reason='the demonstration records a bag')
+
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import PointCloud2
+
+from ftp_dent_ros.cli.demo import BOUNDS
+from ftp_dent_ros.cli.main import main
+from ftp_dent_ros.cloud import read_ply
+from ftp_dent_ros.recording.reader import open_bag, read_messages
+from ftp_dent_ros.ros.messages import stamp_to_ns
+
+INPUTS = ('/projector/image_raw', '/camera/camera_info', '/camera/image_raw')
+
+
+def ftp_dent(*words):
+    command = [sys.executable, '-m', 'ftp_dent_ros.cli.main', *map(str, words)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=200)
+
+
+@pytest.fixture(scope='module')
+def flight(domain, tmp_path_factory):
+    """Folder of a demonstration."""
+    folder = tmp_path_factory.mktemp('flight') / 'demo'
+    done = ftp_dent('demo', '--clouds', 5, '--output', folder)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return folder
+
+
+def test_figures_are_within_their_bounds_and_files_are_there(flight):
+    figures = json.loads((flight / 'summary.json').read_text())['figures']
+    assert all(figures[name] <= bound for name, bound in BOUNDS.items())
+    assert figures['tagged_clouds'] >= 5
+    pictures = ('camera.png', 'depth.png', 'error_camera.png', 'error_map.png', 'view_3d.png')
+    assert all((flight / name).stat().st_size > 10_000 for name in pictures)
+    clouds = [read_ply(path)[0] for path in (flight / 'clouds').glob('*.ply')]
+    assert len(clouds) == 6, 'first, middle and last, in both frames'
+    assert all(cloud.valid.mean() > 0.5 for cloud in clouds)
+    assert 'images' in (flight / 'summary.txt').read_text()
+    assert not list(flight.parent.glob('.demo*'))
+
+
+def test_its_bag_gives_a_fresh_reconstruction_the_same_clouds_bit_for_bit(flight, ros):
+    recorded = {
+        stamp_to_ns(cloud.header.stamp): cloud
+        for message in read_messages(flight / 'bag', ['/points'])
+        for cloud in [deserialize_message(message.data, PointCloud2)]
+    }
+    clouds = ros.collect(PointCloud2, 'points')
+    blocks = yaml.safe_load((flight / 'payload.yaml').read_text())
+    ros.start('reconstruction', **blocks['reconstruction']['ros__parameters'])
+    remaps = [f'{name}:={ros.namespace}{name}' for name in INPUTS]
+    words = ['replay', flight / 'bag', '--topics', *INPUTS, '--remap', *remaps]
+    done = ftp_dent(*words, '--wait-for-subscribers', '--rate', 0.7)
+    assert done.returncode == 0, done.stderr
+    ros.until(lambda: len(clouds) >= len(recorded))
+    assert {stamp_to_ns(cloud.header.stamp): cloud for cloud in clouds} == recorded
+
+
+def test_the_bag_holds_every_topic_of_the_design(flight):
+    names = {topic.name for topic in open_bag(flight / 'bag').metadata.topics}
+    expected = {*INPUTS, '/projector/camera_info', '/points', '/tagged/points', '/tagged/pose'}
+    assert expected | {'/mavlink/pose', '/diagnostics'} <= names
+
+
+@pytest.mark.parametrize('content', ['file', 'folder'])
+def test_what_is_no_demonstration_is_not_replaced(domain, tmp_path, capsys, content):
+    output = tmp_path / 'mine'
+    if content == 'folder':
+        output.mkdir()
+    precious = output / 'precious' if content == 'folder' else output
+    precious.write_text('mine')
+    assert main(['demo', '--output', str(output)]) == 2
+    assert 'name another folder' in capsys.readouterr().err
+    assert precious.read_text() == 'mine'
+
+
+def test_a_configuration_without_a_simulation_is_refused(domain, tmp_path, capsys):
+    words = ['demo', '--configuration', 'payload.yaml', '--output', str(tmp_path / 'x')]
+    assert main(words) == 2
+    assert 'has no simulated_autopilot' in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())

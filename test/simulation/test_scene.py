@@ -1,0 +1,133 @@
+"""What a scene file can ask for, as the skin that comes of it."""
+
+import numpy as np
+import pytest
+import yaml
+
+from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.files import find, read_yaml
+from ftp_dent_ros.simulation.world import read_world
+
+
+@pytest.fixture
+def world_of(tmp_path):
+    """The world of the shipped scene with other panels before the camera, and photometry."""
+
+    def build(panels, **photometry):
+        scene = read_yaml(find('scene.yaml'), ConfigurationError)
+        scene['panels'] = panels
+        scene['photometry'] = photometry
+        scene['flight'] |= {
+            'middle': {'translation': [-0.7, 0, 0], 'rpy': [0, 0, 0]},
+            'length': 1e-6,
+            'sway': [0, 0, 0],
+            'wobble': [0, 0, 0],
+        }
+        file = tmp_path / 'scene.yaml'
+        file.write_text(yaml.safe_dump(scene))
+        return read_world(file)
+
+    return build
+
+
+def panel(distance=0.0, extent=(-0.5, 0.5, -0.5, 0.5), **fields):
+    """A flat panel 0.6 m before the camera: its x is the image's x, its y the image's y."""
+    pose = {'translation': [distance, 0, 0], 'rpy': [-np.pi / 2, 0, -np.pi / 2]}
+    return {'pose': pose, 'extent': list(extent), **fields}
+
+
+def depth(world, x, y=0.0):
+    """Depth before the camera along rays through points 0.6 m away."""
+    x, y = np.broadcast_arrays(x, y)
+    rays = np.stack([np.divide(x, 0.6), np.divide(y, 0.6), np.ones(x.shape)], axis=-1)
+    return world.seen_surface(0).intersect(rays)
+
+
+def photograph(world, rig, pattern, level=None):
+    image = pattern.draw()
+    if level is not None:
+        image[:] = level
+    return world.photograph(rig, image, 0).astype(float)
+
+
+def test_a_dent_is_pushed_in_and_a_bump_stands_out(world_of):
+    dents = [
+        {'x': -0.05, 'y': 0, 'length': 0.04, 'width': 0.04, 'depth': 0.002},
+        {'x': 0.05, 'y': 0, 'length': 0.04, 'width': 0.04, 'depth': -0.001},
+    ]
+    world = world_of([panel(dents=dents)])
+    # A ray meets the deeper skin a little further out.
+    np.testing.assert_allclose(depth(world, [0, -0.05, 0.05]), [0.6, 0.602, 0.599], atol=2e-6)
+
+
+def test_two_touching_dents_add_up(world_of):
+    dents = [
+        {'x': x, 'y': 0, 'length': 0.04, 'width': 0.04, 'depth': 0.002} for x in (-0.012, 0.012)
+    ]
+    world = world_of([panel(dents=dents)])
+    ridge, left, right = depth(world, [0.0, -0.012, 0.012])
+    bell = np.exp(1 - 1 / (1 - 0.6**2))
+    assert ridge == pytest.approx(0.6 + 2 * 0.002 * bell, abs=1e-6)
+    assert left == pytest.approx(right, abs=1e-9)
+    assert 0.6019 < left < 0.6025
+
+
+def test_a_step_of_5_cm_parts_the_fringes(world_of, rig, pattern):
+    """Two panels: the far one is what is left of the near one's edge, without a gap."""
+    near, far = panel(extent=(0.0, 0.5, -0.5, 0.5)), panel(0.05, (-0.5, 0.5, -0.5, 0.5))
+    world = world_of([near, far])
+    np.testing.assert_allclose(depth(world, [-0.001, 0.001]), [0.65, 0.6], atol=1e-9)
+    image = photograph(world, rig, pattern)
+    assert image.std() > 10
+    assert (image.max(axis=(0, 1)) > 50).all()
+
+
+def test_a_lap_joint_is_a_step_of_a_sheet(world_of):
+    lap = [panel(extent=(-0.5, 0.01, -0.5, 0.5)), panel(0.0016, extent=(-0.02, 0.5, -0.5, 0.5))]
+    world = world_of(lap)
+    np.testing.assert_allclose(depth(world, [0.009, 0.011]), [0.6, 0.6016], atol=1e-9)
+
+
+def test_a_livery_of_two_tones_has_a_sharp_diagonal(world_of, rig, pattern):
+    paint = {'albedo': 0.8, 'edge': [0.6, 0.8, 0.0], 'albedo_beyond': [0.05, 0.1, 0.4]}
+    world = world_of([panel(paint=paint)], exposure=0.4)
+    image = photograph(world, rig, pattern, 255)
+    bright, dark = image[:20, :30].mean(axis=(0, 1)), image[-20:, -30:].mean(axis=(0, 1))
+    np.testing.assert_allclose(dark / bright, [0.0625, 0.125, 0.5], rtol=0.15)
+
+
+@pytest.mark.parametrize('contrast', [0.10, 0.15])
+def test_a_laser_projector_speckles(world_of, rig, pattern, contrast):
+    quiet = {'full_well': 1e12, 'read_noise': 0.0, 'psf_px': 0.0, 'exposure': 0.3}
+    plain, grainy = (
+        photograph(world_of([panel()], **quiet, speckle_contrast=c), rig, pattern, 255)
+        for c in (0.0, contrast)
+    )
+    ratio = grainy / plain
+    assert ratio.std() == pytest.approx(contrast, rel=0.1)
+    assert ratio.mean() == pytest.approx(1, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    'camera',
+    [{'camera_gamma': 2.2}, {'bayer': True, 'jpeg_quality': 90}, {'projector_gamma': 2.2}],
+)
+def test_a_consumer_camera_or_projector_bends_the_fringes(world_of, rig, pattern, camera):
+    quiet = {'full_well': 1e12, 'read_noise': 0.0, 'reference_distance': 0.6}
+    plain, bent = (
+        photograph(world_of([panel()], **quiet, **fields), rig, pattern) for fields in ({}, camera)
+    )
+    assert plain.shape == bent.shape
+    assert np.abs(plain - bent).mean() > 0.5
+    # The fringes are still the same ones.
+    assert np.corrcoef(plain[..., 0].ravel(), bent[..., 0].ravel())[0, 1] > 0.9
+
+
+def test_rivets_stand_in_a_row_of_equal_steps(world_of):
+    row = {'first': [-0.02, 0.01], 'step': [0.02, 0.0], 'count': 3, 'radius': 0.003}
+    world = world_of([panel(rivet_rows=[row])])
+    rivets = world.surface.panels[0].rivets
+    np.testing.assert_allclose(
+        [(r.x, r.y) for r in rivets], [(-0.02, 0.01), (0, 0.01), (0.02, 0.01)]
+    )
+    assert {(r.radius, r.groove, r.sigma) for r in rivets} == {(0.003, 80e-6, 250e-6)}

@@ -1,0 +1,111 @@
+"""The sensor: noise, blur, gamma, colour filter, compression, speckle."""
+
+import cv2
+import numpy as np
+import pytest
+
+from ftp_dent_ros.simulation import Photometry
+from ftp_dent_ros.simulation.sensor import blur, expose, speckle
+
+QUIET = Photometry(psf_px=0.0, full_well=1e15, read_noise=0.0)
+
+
+def even(level, shape=(200, 250)):
+    return np.full((3, *shape), level / 255, np.float32)
+
+
+def smooth_scene():
+    u, v = np.meshgrid(np.arange(96), np.arange(64))
+    red = 0.5 + 0.3 * np.sin(u / 9)
+    green = 0.5 + 0.3 * np.cos(v / 8)
+    return np.stack([red, green, 0.3 + 0.004 * u]).astype(np.float32)
+
+
+@pytest.mark.parametrize('level', [20.0, 60.0, 200.0])
+@pytest.mark.parametrize(('full_well', 'read_noise'), [(12000.0, 0.8), (3000.0, 2.0)])
+def test_noise_is_shot_and_read_noise(level, full_well, read_noise):
+    """Variance: the level's electrons, the reading, and a twelfth for whole grey levels."""
+    photometry = Photometry(psf_px=0.0, full_well=full_well, read_noise=read_noise)
+    image = expose(even(level), photometry, np.random.default_rng(2)).astype(float)
+    expected = level * 255 / full_well + read_noise**2 + 1 / 12
+    # The error of a variance of 150 000 values is 0.4 %.
+    assert image.var() == pytest.approx(expected, rel=0.02)
+    assert image.mean() == pytest.approx(level, abs=0.03)
+    channels = np.corrcoef(image.reshape(-1, 3).T)
+    assert np.abs(channels - np.eye(3)).max() < 0.02
+    neighbours = np.corrcoef(image[:, 1:, 0].ravel(), image[:, :-1, 0].ravel())[0, 1]
+    assert abs(neighbours) < 0.02
+
+
+def test_levels_end_at_0_and_255():
+    rng = np.random.default_rng(0)
+    assert (expose(even(400.0), Photometry(), rng) == 255).all()
+    assert expose(even(0.0), Photometry(), rng).max() <= 5
+
+
+@pytest.mark.parametrize('gamma', [1.0, 1.8, 2.2])
+def test_gamma_bends_the_levels(gamma):
+    levels = np.array([0, 10, 100, 200, 255], float)
+    signal = np.tile((levels / 255).astype(np.float32), (3, 4, 1))
+    photometry = Photometry(psf_px=0.0, full_well=1e15, read_noise=0.0, camera_gamma=gamma)
+    image = expose(signal, photometry, np.random.default_rng(0))
+    expected = np.rint(255 * (levels / 255) ** (1 / gamma))
+    assert (image[1, :, 1] == expected).all()
+
+
+@pytest.mark.parametrize('sigma', [0.4, 1.0, 2.5])
+def test_blur_has_the_variance_asked_for_and_keeps_the_light(sigma):
+    point = np.zeros((41, 41), np.float32)
+    point[20, 20] = 1
+    image = blur(point, sigma).astype(float)
+    offset = np.arange(41) - 20
+    assert image.sum() == pytest.approx(1, abs=1e-5)
+    assert image.sum(axis=0) @ offset**2 == pytest.approx(sigma**2, rel=0.01)
+    assert image.sum(axis=1) @ offset**2 == pytest.approx(sigma**2, rel=0.01)
+
+
+def test_colour_filter_keeps_a_smooth_scene_in_its_colours():
+    plain = expose(smooth_scene(), QUIET, np.random.default_rng(0))
+    through = Photometry(psf_px=0.0, full_well=1e15, read_noise=0.0, bayer=True)
+    image = expose(smooth_scene(), through, np.random.default_rng(0))
+    difference = np.abs(image.astype(int) - plain)[2:-2, 2:-2]
+    assert difference.max() <= 4
+    assert 0 < difference.mean() < 1
+    # What a filter passes is the light itself: RGGB.
+    assert (image[2:-2:2, 2:-2:2, 0] == plain[2:-2:2, 2:-2:2, 0]).all()
+    assert (image[3:-2:2, 3:-2:2, 2] == plain[3:-2:2, 3:-2:2, 2]).all()
+    assert (image[2:-2:2, 3:-2:2, 1] == plain[2:-2:2, 3:-2:2, 1]).all()
+
+
+def test_jpeg_harms_the_more_the_lower_its_quality():
+    signal = smooth_scene()
+    plain = expose(signal, QUIET, np.random.default_rng(0)).astype(int)
+    errors = []
+    for quality in (95, 75, 20):
+        photometry = Photometry(psf_px=0.0, full_well=1e15, read_noise=0.0, jpeg_quality=quality)
+        image = expose(signal, photometry, np.random.default_rng(0))
+        errors.append(np.abs(image - plain).mean())
+    assert 0 < errors[0] < errors[1] < errors[2] < 8
+    assert errors[0] < 1.5
+
+
+def test_the_image_is_rgb_and_whole():
+    image = expose(smooth_scene(), QUIET, np.random.default_rng(0))
+    assert image.dtype == np.uint8
+    assert image.shape == (64, 96, 3)
+    np.testing.assert_allclose(image[..., 0], 255 * smooth_scene()[0], atol=0.51)
+    assert cv2.imencode('.png', image)[0]
+
+
+@pytest.mark.parametrize('contrast', [0.1, 0.15])
+def test_speckle_has_its_contrast_and_dims_nothing(contrast):
+    photometry = Photometry(speckle_contrast=contrast, speckle_size_px=0.5)
+    grains = speckle((3, 200, 300), photometry, np.random.default_rng(1)).astype(float)
+    assert grains.mean() == pytest.approx(1, abs=0.002)
+    assert grains.std() == pytest.approx(contrast, rel=0.02)
+    assert grains.min() > 0
+    neighbours = np.corrcoef(grains[0, :, 1:].ravel(), grains[0, :, :-1].ravel())[0, 1]
+    # A blur of half a pixel: grains are as large as pixels.
+    assert 0.1 < neighbours < 0.5
+    colours = np.corrcoef(grains[0].ravel(), grains[1].ravel())[0, 1]
+    assert abs(colours) < 0.02

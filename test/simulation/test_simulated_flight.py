@@ -1,0 +1,76 @@
+"""The drone's flight: its velocity and body rates are those of its poses."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.simulation.flight import Flight
+
+MIDDLE = Pose.from_rpy([0.02, -0.03, 0.6], [3.0, -2.0, 5.0])
+NONE = np.zeros(3)
+
+
+def flight(**changes):
+    values = {
+        'middle': MIDDLE,
+        'length': 3.0,
+        'speed': 0.2,
+        'sway': np.array([0.03, 0.02, 0.01]),
+        'wobble': np.array([0.04, 0.05, 0.06]),
+    }
+    return Flight(**{**values, **changes})
+
+
+@pytest.mark.parametrize('seconds', [0.0, 3.1, 7.5, 22.2])
+def test_rates_are_the_derivatives_of_the_pose(seconds):
+    step = 1e-4
+    before, after = (flight().pose(seconds + shift) for shift in (-step, step))
+    velocity = (after.translation - before.translation) / (2 * step)
+    np.testing.assert_allclose(flight().velocity(seconds), velocity, atol=1e-7)
+    rates = (before.rotation.inv() * after.rotation).as_rotvec() / (2 * step)
+    np.testing.assert_allclose(flight().body_rates(seconds), rates, atol=1e-7)
+
+
+def test_it_goes_there_and_back_along_its_track():
+    plain = flight(sway=NONE, wobble=NONE)
+    period = plain.period_ns / 1e9
+    assert period == pytest.approx(2 * 3.0 / 0.2)
+    start, turn, end = (plain.pose(t).translation for t in (0.0, period / 2, period))
+    left = MIDDLE.rotation.apply([0, 1, 0])
+    np.testing.assert_allclose(start, MIDDLE.translation - 1.5 * left, atol=1e-9)
+    np.testing.assert_allclose(turn, MIDDLE.translation + 1.5 * left, atol=1e-9)
+    np.testing.assert_allclose(end, start, atol=1e-9)
+
+
+def test_sway_and_wobble_keep_their_limits():
+    swaying = flight(length=1e-6)
+    offsets, turns = [], []
+    for seconds in np.linspace(0, 30, 400):
+        relative = MIDDLE.inverse() @ swaying.pose(seconds * 1e-6)
+        offsets.append(relative.translation)
+        turns.append(relative.rotation.as_euler('xyz'))
+    assert (np.abs(offsets).max(axis=0) <= np.array([0.03, 0.0200011, 0.01])).all()
+    assert (np.abs(turns).max(axis=0) <= np.array([0.04, 0.05, 0.06])).all()
+
+
+def test_the_middle_is_in_the_map():
+    assert isinstance(flight().pose(1.0).rotation, Rotation)
+    still = flight(sway=NONE, wobble=NONE).pose(flight().period_ns / 4e9)
+    np.testing.assert_allclose(still.translation, MIDDLE.translation, atol=1e-9)
+    np.testing.assert_allclose(still.quaternion, MIDDLE.quaternion, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ('name', 'value'),
+    [
+        ('length', 0.0),
+        ('speed', -1.0),
+        ('sway', np.array([0, -0.1, 0])),
+        ('wobble', np.array([0, 0, 1.1])),
+    ],
+)
+def test_a_value_out_of_its_range_is_refused_by_name(name, value):
+    with pytest.raises(ConfigurationError, match=f'flight: .*{name}'):
+        flight(**{name: value})

@@ -1,0 +1,195 @@
+"""The world: the skin, the drone and the camera agree on where things are."""
+
+import dataclasses
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+
+from ftp_dent_ros.errors import ConfigurationError, ImageError
+from ftp_dent_ros.files import find, read_yaml
+from ftp_dent_ros.simulation.view import see
+from ftp_dent_ros.simulation.world import read_world
+
+START_NS = 1_700_000_000_000_000_000
+
+
+@pytest.fixture(scope='module')
+def world():
+    return read_world('scene.yaml', START_NS)
+
+
+@pytest.fixture(scope='module')
+def scene():
+    return read_yaml(find('scene.yaml'), ConfigurationError)
+
+
+@pytest.fixture
+def refused(tmp_path, scene):
+    """The sentence with which a changed scene is refused."""
+
+    def message(path, value):
+        changed = yaml.safe_load(yaml.safe_dump(scene))
+        *parents, name = path
+        block = changed
+        for parent in parents:
+            block = block[parent]
+        if value is None:
+            del block[name]
+        else:
+            block[name] = value
+        file = tmp_path / 'changed.yaml'
+        file.write_text(yaml.safe_dump(changed))
+        with pytest.raises(ConfigurationError) as refusal:
+            read_world(file)
+        sentence = str(refusal.value)
+        assert sentence.startswith(str(file))
+        assert '\n' not in sentence
+        return sentence
+
+    return message
+
+
+@pytest.mark.parametrize('after_s', [0.0, 3.3, 100.0, 239.9, 1000.0])
+def test_the_seen_surface_is_the_skin_from_the_cameras_pose(world, after_s):
+    """Points that the camera sees, brought to the map by its pose, are on the skin."""
+    stamp_ns = START_NS + round(after_s * 1e9)
+    rays = np.array([[0, 0, 1], [0.2, 0.1, 1], [-0.3, 0.1, 1], [0.1, -0.15, 1]])
+    points = world.seen_surface(stamp_ns).intersect(rays)[:, None] * rays
+    assert (np.abs(points[:, 2] - 0.8) < 0.15).all()
+    in_map = world.camera_pose(stamp_ns).apply(points)
+    assert np.abs(world.surface.distance(in_map)).max() < 1e-9
+    assert np.abs(world.seen_surface(stamp_ns).distance(points)).max() < 1e-9
+
+
+def test_the_camera_is_mounted_on_the_drone(world):
+    stamp_ns = START_NS + 12_345_678_901
+    base, camera = world.base_pose(stamp_ns), world.camera_pose(stamp_ns)
+    ahead, left, up = base.rotation.apply(np.eye(3))
+    right, down, forward = camera.rotation.apply(np.eye(3))
+    np.testing.assert_allclose([right, down, forward], [-left, -up, ahead], atol=1e-12)
+    np.testing.assert_allclose(camera.translation, base.translation + 0.1 * ahead, atol=1e-12)
+
+
+def test_the_flight_is_periodic_and_exact_at_any_date(world):
+    period = world.flight.period_ns
+    for times in (-3, 1, 100_000):
+        early, late = (world.base_pose(START_NS + 777 + n * period) for n in (0, times))
+        np.testing.assert_allclose(late.translation, early.translation, atol=1e-12)
+    a, b = (world.base_pose(START_NS + 5_000_000_000 + ns).translation for ns in (0, 1000))
+    speed = world.flight.velocity(5.0)
+    np.testing.assert_allclose((b - a) / 1e-6, speed, atol=1e-6)
+
+
+def test_motion_is_that_of_the_skin_before_the_camera(world):
+    """A point of the skin, seen at the exposure's begin and end."""
+    stamp_ns, half_ns = START_NS + 9_000_000_000, 1_500_000
+    assert world.exposure_time == 0.003
+    motion = world.motion(stamp_ns)
+    point = world.camera_pose(stamp_ns).apply(np.array([0.1, 0.05, 0.8]))
+    begin, end = (
+        world.camera_pose(stamp_ns + shift).inverse().apply(point) for shift in (-half_ns, half_ns)
+    )
+    turn, _ = cv2.Rodrigues(motion.rotation)
+    np.testing.assert_allclose(turn @ begin + motion.translation, end, atol=1e-12)
+    assert 1e-5 < np.linalg.norm(end - begin) < 1e-3
+
+
+def test_a_photograph_shows_the_skin_where_the_truth_says(world, rig, pattern):
+    """Fringes in the photograph have the phase of the projector columns seen at its stamp."""
+    stamp_ns = START_NS + 31_000_000_000
+    closer = dataclasses.replace(world, exposure_time=0.0)
+    # The shipped world is 0.8 m away, where the small rig's axes have crossed.
+    matrix = rig.projector.camera_matrix.copy()
+    wide = dataclasses.replace(
+        rig,
+        projector=dataclasses.replace(
+            rig.projector, camera_matrix=matrix * [[0.4], [0.4], [1]], distortion=np.zeros(5)
+        ),
+    )
+    wide.projector.camera_matrix[:2, 2] = 80, 50
+    image = closer.photograph(wide, pattern.draw(), stamp_ns).astype(float)
+    view = see(wide, closer.seen_surface(stamp_ns), closer.photometry)
+    inside = (np.abs(view.u - 80) > 8) & (view.u > 4) & (view.u < 155)
+    inside &= (view.v > 4) & (view.v < 95)
+    assert inside.sum() > 2000
+    level = image[..., 0][inside]
+    phase = 2 * np.pi * (view.u[inside] - 80) / 8
+    basis = np.column_stack([np.ones_like(phase), np.cos(phase), np.sin(phase)])
+    (mean, cosine, sine), *_ = np.linalg.lstsq(basis, level, rcond=None)
+    assert cosine > 0.3 * mean
+    assert abs(np.arctan2(sine, cosine)) < 0.02
+
+
+def test_a_photograph_is_the_same_each_time(world, rig, pattern):
+    first, again, later = (
+        world.photograph(rig, pattern.draw(), START_NS + ns) for ns in (0, 0, 500_000_000)
+    )
+    assert (first == again).all()
+    assert (first != later).any()
+    other = dataclasses.replace(world, seed=world.seed + 1)
+    assert (other.photograph(rig, pattern.draw(), START_NS) != first).any()
+
+
+def test_another_projected_image_is_another_photograph(world, rig, pattern):
+    dark = world.photograph(rig, np.zeros((100, 160, 3), np.uint8), START_NS)
+    lit = world.photograph(rig, np.full((100, 160, 3), 255, np.uint8), START_NS)
+    assert dark.mean() < lit.mean()
+    with pytest.raises(ImageError, match='projected image'):
+        world.photograph(rig, pattern.draw()[:, :-1], START_NS)
+
+
+NUMBER = 'a finite number'
+
+
+@pytest.mark.parametrize(
+    ('path', 'value', 'words'),
+    [
+        (['panels'], [], 'panels is []: give one panel or more'),
+        (['panels'], 'flat', "panels is 'flat': give a list"),
+        (['panels', 0, 'extent'], [0, 1, 2], 'panels[0]: extent is [0, 1, 2]: give a list of 4'),
+        (['panels', 0, 'extent'], [1, 0, 0, 1], 'the extent of a panel is [1.0, 0.0, 0.0, 1.0]'),
+        (['panels', 0, 'cylinder_radius'], -2, 'the cylinder_radius of a panel is -2.0'),
+        (['panels', 0, 'cylinder_radius'], '2 m', f"cylinder_radius is '2 m': give {NUMBER}"),
+        (['panels', 0, 'pose'], None, 'panels[0]: pose is missing: add it'),
+        (['panels', 0, 'pose', 'rpy'], [0, 0], 'pose: rpy is [0, 0]: give a list of 3 numbers'),
+        (['panels', 0, 'pose', 'yaw'], 1, "pose: unknown field 'yaw': remove it"),
+        (['panels', 0, 'colour'], 1, "panels[0]: unknown field 'colour': remove it"),
+        (['panels', 0, 'paint', 'albedo'], 1.5, 'paint: albedo is 1.5: give one or three numbers'),
+        (['panels', 0, 'paint', 'albedo'], [1, 1], 'paint: albedo is [1, 1]: give one or three'),
+        (['panels', 0, 'paint', 'edge'], [1], 'paint: edge is [1]: give a list of 3 numbers'),
+        (['panels', 0, 'paint', 'roughness'], 2, 'paint: roughness is 2.0: give 0 (matt) to 1'),
+        (['panels', 0, 'dents', 1, 'width'], 0, 'the width of a dent is 0.0'),
+        (['panels', 0, 'dents', 1, 'depth'], None, 'dents[1]: depth is missing: add it'),
+        (['panels', 0, 'dents', 1, 'angle'], float('nan'), f'angle is nan: give {NUMBER}'),
+        (
+            ['panels', 0, 'rivet_rows', 0, 'count'],
+            1.5,
+            'rivet_rows[0]: count is 1.5: give a whole',
+        ),
+        (['panels', 0, 'rivet_rows', 0, 'radius'], 0, 'the radius of a rivet is 0.0'),
+        (['flight'], None, 'flight is missing: add it'),
+        (['flight', 'speed'], 0, 'flight: speed is 0.0: give a positive number'),
+        (['flight', 'wobble'], [0, 0, 2], 'sway and wobble are largest deviations'),
+        (['flight', 'height'], 2, "flight: unknown field 'height': remove it"),
+        (['camera', 'exposure_time'], 2, 'camera: exposure_time is 2.0: give 0 to 1 second'),
+        (['camera', 'seed'], -1, 'camera: seed is -1: give a whole number'),
+        (['camera', 'gain'], 1, "camera: unknown field 'gain': remove it"),
+        (['photometry', 'read_noise'], -1, 'photometry: read_noise is -1: give a number'),
+        (['photometry', 'fog'], 1, 'photometry: fog is 1: give only ambient, bayer, '),
+        (['weather'], 'fine', "unknown field 'weather': remove it"),
+    ],
+)
+def test_a_wrong_field_is_named_in_one_sentence(refused, path, value, words):
+    assert words in refused(path, value)
+
+
+def test_a_file_that_is_no_scene_is_refused(tmp_path):
+    for text in ('', '[]', 'panels: [', '42'):
+        file = tmp_path / 'scene.yaml'
+        file.write_text(text)
+        with pytest.raises(ConfigurationError, match=r'scene\.yaml'):
+            read_world(file)
+    with pytest.raises(ConfigurationError, match=r'none\.yaml'):
+        read_world(tmp_path / 'none.yaml')
