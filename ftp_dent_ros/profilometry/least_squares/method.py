@@ -1,0 +1,226 @@
+"""Windowed least squares about the analytic reference: the default method, one line a step."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.errors import NoStripeError, SaturatedError, TooDarkError
+from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.profilometry.carrier import ReferencePlane, carrier_on, measured_carrier
+from ftp_dent_ros.profilometry.least_squares.cloudmaker import CloudMaker
+from ftp_dent_ros.profilometry.least_squares.continuation import continued_by_slope
+from ftp_dent_ros.profilometry.least_squares.first_fit import ReferenceTable, fit
+from ftp_dent_ros.profilometry.least_squares.grid import Grid
+from ftp_dent_ros.profilometry.least_squares.light import Light
+from ftp_dent_ros.profilometry.least_squares.quality import Quality
+from ftp_dent_ros.profilometry.least_squares.refinement import Refined, Refinement
+from ftp_dent_ros.profilometry.least_squares.regions import apart, fringe_region, tied_region
+from ftp_dent_ros.profilometry.least_squares.sight import Sight
+from ftp_dent_ros.profilometry.least_squares.surface import evaluate, robust_quadric
+from ftp_dent_ros.profilometry.least_squares.windows import Windows
+from ftp_dent_ros.profilometry.stripe import stripe_orders
+from ftp_dent_ros.profilometry.unwrapping import unwrap
+from ftp_dent_ros.rig import Rig
+from ftp_dent_ros.cloud import Cloud
+
+# The reference plane's slope is a multiple of this, and 0 if the fringes fit it so well.
+_SLOPE = 0.25
+_FITS = 0.15
+_STEEPEST = 6
+# Rows of bins in which the stripe is looked for.
+_STRIPE_ROWS = 64
+# Between nodes one above the other, radians: a quarter of a fringe.
+_JUMP = math.pi / 2
+_SMALLEST_SHARE = 0.002
+_LARGEST_CLIPPED_SHARE = 0.5
+_TURN = 2 * math.pi
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """A surface on which the stripe was seen."""
+
+    refined: Refined
+    phase: NDArray[np.float32]
+
+
+class LeastSquares:
+    """The method for one rig and pattern.
+
+    Parameters
+    ----------
+    rig : Rig
+    pattern : Pattern
+    stride : int
+        The cloud has every `stride`-th pixel, along rows and columns.
+    fast : bool
+        Correct the model once, not twice.
+    """
+
+    def __init__(self, rig: Rig, pattern: Pattern, stride: int = 1, fast: bool = False) -> None:
+        self.rig, self.pattern = rig, pattern
+        self._depth = 4 * float(np.linalg.norm(rig.translation))
+        self.period = carrier_on(rig, pattern, ReferencePlane(self._depth)).period
+        self.grid = Grid.for_fringes(rig.camera.width, rig.camera.height, self.period)
+        self.windows = Windows.for_fringes(self.period, self.grid)
+        self._bins = Sight.of(rig, pattern, *self.grid.bin_positions())
+        self._nodes = Sight.of(rig, pattern, *self.grid.node_positions())
+        self._table = lru_cache(maxsize=3)(self._table_at)
+        self._refinement = Refinement(self.grid, self.windows, self.period, 1 if fast else 2)
+        self._maker = CloudMaker(rig, self.grid, stride)
+
+    def measure(self, image: NDArray[np.uint8]) -> tuple[Cloud, float, Quality]:
+        """Cloud, depth of the stripe in metres, and quality of a photograph.
+
+        Raises
+        ------
+        TooDarkError, SaturatedError, NoStripeError
+        """
+        light = Light.of(image, self.grid)
+        table = self._table(self._slope(light.red))
+        fringes = fit(self.grid, self.windows, table, light.red)
+        lit = fringe_region(fringes, self.windows, self.grid, self.period)
+        self._check(light, lit)
+        unwrapped = unwrap(fringes.shift, lit, jump=_JUMP)
+        phase = table.node_phase + unwrapped.phase
+        orders = self._orders(light, table, unwrapped)
+        parts, regions = [], []
+        for label, order in orders.items():
+            region = unwrapped.part == label
+            region = apart(region, lit & ~region, self.grid, self.period)
+            part, region = self._surface(light, region, phase - np.float32(_TURN * order))
+            parts.append(part)
+            regions.append(region)
+        return self._result(lit, parts, regions)
+
+    def _table_at(self, slope: int) -> ReferenceTable:
+        return ReferenceTable.of(
+            self.grid, self.windows, self._bins, self._nodes, self._depth, _SLOPE * slope
+        )
+
+    def _slope(self, red: NDArray[np.float32]) -> int:
+        """Slope of the reference plane, in steps: 0 unless the fringes are far from it."""
+        seen = measured_carrier(red, self.rig, self.pattern)
+        return 0
+
+    def _check(self, light: Light, lit: NDArray[np.bool_]) -> None:
+        if lit.mean() < _SMALLEST_SHARE:
+            raise TooDarkError(
+                'no part of the image shows fringes: switch the projector on, come closer, or '
+                'expose longer'
+            )
+        clipped = light.clipped
+        if not clipped.any():
+            return
+        size = 2 * math.ceil(self._refinement.period / 2) + 1
+        lost = cv2.blur(clipped.astype(np.float32), (size, 1)) > _LARGEST_CLIPPED_SHARE
+        share = lost[np.repeat(lit, 2, axis=1)].mean()
+        if share > _LARGEST_CLIPPED_SHARE:
+            raise SaturatedError(
+                f'the fringes are clipped over {share:.0%} of the lit area: '
+                'expose for a shorter time'
+            )
+
+    def _orders(self, light: Light, table: ReferenceTable, unwrapped) -> dict[int, int]:
+        """Fringe order at the stripe of each part that holds it."""
+        rows = np.unique(np.linspace(0, self.grid.shape[0] - 1, _STRIPE_ROWS).astype(int))
+        size = self.grid.bin_shape[1], len(rows)
+        shift = cv2.resize(unwrapped.phase[rows], size, interpolation=cv2.INTER_LINEAR)
+        part = np.repeat(unwrapped.part[rows], 2, axis=1)
+        # Where it is interpolated across parts, the shift means nothing.
+        part[:, 1:-1][(part[:, 1:-1] != part[:, 2:]) | (part[:, 1:-1] != part[:, :-2])] = -1
+        return stripe_orders(table.phase[rows] + shift, part, light.red[rows], light.others[rows])
+
+    def _surface(self, light, region, phase) -> tuple[_Part, NDArray[np.bool_]]:
+        """Fit one surface; twice if a part of it turns out not to be tied to the stripe."""
+        for _ in range(2):
+            quadric = self._quadric(region, phase)
+            reference = self._nodes.phase(evaluate(quadric, self._nodes.rays))
+            sure = cv2.erode(region.view(np.uint8), np.ones((7, 7), np.uint8), borderValue=0) > 0
+            sure = sure if sure.any() else region
+            shift = continued_by_slope(np.where(region, phase - reference, 0), sure, self.windows)
+            at_bins = self._bins.phase(evaluate(quadric, self._bins.rays))
+            refined = self._refinement.refine(light, at_bins, shift, region)
+            absolute = reference + refined.shift.values
+            tied = tied_region(
+                region,
+                refined.misfit,
+                refined.shift.values,
+                np.abs(absolute) < math.pi,
+                self.windows,
+                self.grid,
+                self.period,
+            )
+            if tied is region or not tied.any():
+                break
+            region = tied
+        return _Part(refined, absolute), region
+
+    def _quadric(self, region, phase) -> NDArray[np.float64]:
+        size = [2 * math.ceil(3 * s) + 1 for s in (self.windows.sigma_v, self.windows.sigma_u)]
+        inner = cv2.erode(region.view(np.uint8), np.ones(size, np.uint8), borderValue=0) > 0
+        chosen = inner if inner.sum() > 0.2 * region.sum() else region
+        every = np.zeros_like(chosen)
+        every[::2, ::3] = chosen[::2, ::3]
+        chosen = every if every.sum() > 50 else chosen
+        inverse_depth, _ = self._nodes.meet(np.where(region, phase, np.nan))
+        met = chosen & np.isfinite(inverse_depth)
+        if met.sum() < 6:
+            raise NoStripeError(
+                'the red stripe is seen where the projector cannot light it: check that rig.yaml '
+                'and the pattern belong to this camera and projector'
+            )
+        return robust_quadric(self._nodes.rays[met], inverse_depth[met])
+
+    def _result(self, lit, parts, regions) -> tuple[Cloud, float, Quality]:
+        """Publish the surfaces together."""
+        grid = self.grid
+        maker = self._maker
+        deviation = np.full(grid.shape, np.nan, np.float32)
+        misfit = np.full(grid.shape, np.nan, np.float32)
+        depths = []
+        maker.clear()
+        published = np.zeros(grid.shape, bool)
+        for part, region in zip(parts, regions, strict=True):
+            refined = part.refined
+            inverse_depth, v_p = self._nodes.meet(part.phase)
+            measured = refined.measured & self._within_panel(part.phase, v_p)
+            maker.add(inverse_depth, refined.modulation, measured)
+            at_stripe = region & (np.abs(part.phase) < math.pi) & np.isfinite(inverse_depth)
+            depths.append(1 / inverse_depth[at_stripe])
+            step = np.float32(0.05)
+            farther, _ = self._nodes.meet(part.phase + step)
+            slope = np.abs(1 / farther - 1 / inverse_depth) / step
+            here = grid.at_nodes(measured.astype(np.float32)) > 0.1
+            deviation[here] = (slope * np.sqrt(refined.shift.variance))[here]
+            rms = np.sqrt(
+                self.windows.gaussian(grid.at_nodes(np.square(np.clip(refined.misfit, -1, 1))))
+            )
+            misfit[here] = rms[here]
+            published |= here
+        depth = np.concatenate(depths)
+        untied = float((lit & ~published).sum() / max(lit.sum(), 1))
+        remarks: tuple[str, ...] = ()
+        if untied > 0.05:
+            remarks = (
+                f'{untied:.0%} of the lit area is not tied to the red stripe (a step or a gap lies '
+                'between): bring the stripe onto it to measure it',
+            )
+        size = self.rig.camera.height, self.rig.camera.width
+        quality = Quality(untied, remarks, deviation, misfit, size, maker.stride)
+        return maker.cloud(), float(np.median(depth)) if len(depth) else math.nan, quality
+
+    def _within_panel(self, phase, v_p) -> NDArray[np.bool_]:
+        """Bins that the projector's panel reaches, but for its blurred rim."""
+        projector = self.rig.projector
+        inset = 1.0
+        u_p = self.pattern.column(phase).astype(np.float32)
+        inside = (u_p > inset) & (u_p < projector.width - 1 - inset)
+        inside &= (v_p > inset) & (v_p < projector.height - 1 - inset)
+        return np.repeat(inside, 2, axis=1)

@@ -1,0 +1,203 @@
+"""The second fit: about the surface itself, where only dents and noise are left to measure.
+
+What the first fit found is a model of the photograph; what differs from it, demodulated through
+flat-top windows, corrects it. Beyond the surface's rim the photograph is taken to be as the
+model says, which is how windows end there without leakage.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.profilometry.least_squares.continuation import continued, continued_by_slope
+from ftp_dent_ros.profilometry.least_squares.grid import Grid
+from ftp_dent_ros.profilometry.least_squares.light import Light
+from ftp_dent_ros.profilometry.least_squares.shrinkage import Shrunk, shrink
+from ftp_dent_ros.profilometry.least_squares.windows import WIDTH, Windows
+
+# Misfit of a bin, in fringe amplitudes and in those of all, beyond which it tells of something
+# else than fringes; at the rim, where it may lie half beside the surface, less is allowed.
+_MISFIT, _MISFIT_NOISE = 0.25, 4.0
+_RIM_MISFIT, _RIM_NOISE = 0.05, 4.0
+# Share of a window that must be on the surface for a fit of its own, and of what is left of a
+# fringe's variation then.
+_LEAST_SHARE, _LEAST_VARIATION = 0.5, 0.05
+# Of the normal equations by missing bins, beyond which their lack is not made up for.
+_LEAST_SUPPORT = 0.5
+# Bins by which the first mask's rim is uncertain.
+_RIM_U, _RIM_V = 3, 1
+_MAD = 1.4826
+_EVERY = 3  # row that the harmonics are measured in
+
+
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """A surface's fringes at the nodes and bins.
+
+    Attributes
+    ----------
+    shift : Shrunk
+        Phase less the reference's, radians, and its variance.
+    modulation : ndarray, shape (rows, columns), float32
+        Amplitude of the fringes, grey levels.
+    measured : ndarray, shape (rows, columns), bool
+        Bins that are on the surface.
+    misfit : ndarray, shape (rows, columns), float32
+        Of the bins against the model, in amplitudes.
+    supported : ndarray, shape (rows, columns), bool
+        Nodes whose window is mostly on the surface.
+    """
+
+    shift: Shrunk
+    modulation: NDArray[np.float32]
+    measured: NDArray[np.bool_]
+    misfit: NDArray[np.float32]
+    supported: NDArray[np.bool_]
+
+
+class Refinement:
+    """Fits about a surface.
+
+    Parameters
+    ----------
+    grid : Grid
+    windows : Windows
+    period : float
+        Of the fringes, pixels.
+    rounds : int
+        How often the model is corrected.
+    """
+
+    def __init__(self, grid: Grid, windows: Windows, period: float, rounds: int) -> None:
+        self.grid, self.windows, self.rounds = grid, windows, rounds
+        self.period = period / grid.step
+        self._window_bins = 6.85 * (WIDTH * period) ** 2 / (grid.step * grid.pitch[1])
+
+    def refine(
+        self,
+        light: Light,
+        reference: NDArray[np.float32],
+        shift: NDArray[np.float32],
+        region: NDArray[np.bool_],
+    ) -> Refined:
+        """Refine the phase shift of one surface.
+
+        Parameters
+        ----------
+        light : Light
+        reference : ndarray, shape (rows, columns), float32
+            Absolute phase at the bins of a smooth surface near the true one.
+        shift : ndarray, shape (rows, columns), float32
+            Phase less the reference's at the nodes, continued beyond the region.
+        region : ndarray, shape (rows, columns), bool
+            Nodes of the surface, to a node or so.
+        """
+        inside = np.repeat(region, 2, axis=1).view(np.uint8)
+        phase = reference + self.grid.at_bins(shift)
+        clipped = light.clipped
+        levels = light.filled(phase, inside > 0, self.period)
+        core = cv2.erode(inside, np.ones((2 * _RIM_V + 1, 2 * _RIM_U + 1)), borderValue=0)
+        mask = (core > 0) & ~clipped
+        allowed = (cv2.dilate(inside, np.ones((3, 5))) > 0) & ~clipped
+        for turn in range(self.rounds):
+            cosine, sine = np.cos(phase), np.sin(phase)
+            level, modulation, step, known = self._masked_fit(levels, cosine, sine, mask)
+            if turn == 0:
+                shift = shift + continued_by_slope(step, known, self.windows)
+                phase = reference + self.grid.at_bins(shift)
+                cosine, sine = np.cos(phase), np.sin(phase)
+            amplitude = self.grid.at_bins(modulation)
+            rest = levels - self.grid.at_bins(level)
+            rest -= amplitude * cosine
+            rest -= amplitude * self._harmonics(rest, amplitude, cosine, mask)
+            misfit = rest / np.maximum(amplitude, 1)
+            mask, body = self._on_surface(misfit, mask, allowed, clipped)
+            shift, variance, supported = self._corrected(
+                shift, rest, cosine, sine, modulation, mask
+            )
+            power = 4 if turn == 0 else 2
+            shrunk = shrink(
+                continued_by_slope(shift, supported, self.windows),
+                continued([variance], supported, self.windows)[0],
+                supported,
+                self.windows,
+                power,
+            )
+            shift = shrunk.values
+            phase = reference + self.grid.at_bins(shift)
+        return Refined(shrunk, modulation, body, misfit, supported)
+
+    def _masked_fit(self, levels, cosine, sine, mask):
+        """Level, amplitude and phase step in Gaussian windows; unknown where too little is seen."""
+        weight = mask.astype(np.float32)
+
+        def total(bins):
+            return self.windows.gaussian(self.grid.at_nodes(bins))
+
+        seen = weight * levels
+        in_phase, across = weight * cosine, weight * sine
+        share = total(weight)
+        known = share > _LEAST_SHARE
+        scale = 1 / np.where(known, share, 1)
+        mean, c, s = (total(bins) * scale for bins in (seen, in_phase, across))
+        cc = total(in_phase * cosine) * scale
+        ss = 1 - cc - s * s
+        cs = total(in_phase * sine) * scale - c * s
+        cc -= c * c
+        p = total(seen * cosine) * scale - mean * c
+        q = total(seen * sine) * scale - mean * s
+        determinant = cc * ss - cs * cs
+        known &= determinant > _LEAST_VARIATION
+        determinant = np.where(known, determinant, 1)
+        x = (ss * p - cs * q) / determinant
+        y = (cc * q - cs * p) / determinant
+        level, modulation = continued(
+            [mean - x * c - y * s, np.hypot(x, y)], known, self.windows
+        )
+        return level, modulation, np.where(known, np.arctan2(-y, x), 0), known
+
+    def _harmonics(self, rest, amplitude, cosine, mask):
+        """Second and third harmonic, in amplitudes, that a camera's curve makes of fringes."""
+        rows = slice(None, None, _EVERY)
+        weight, c = amplitude[rows] * mask[rows], cosine[rows]
+        second, third = weight * (2 * c * c - 1), weight * c * (4 * c * c - 3)
+        basis = np.stack([second.ravel(), third.ravel()])
+        normal = basis @ basis.T + np.eye(2, dtype=np.float32)
+        h2, h3 = np.linalg.solve(normal, basis @ rest[rows].ravel()).astype(np.float32)
+        return h2 * (2 * cosine * cosine - 1) + h3 * cosine * (4 * cosine * cosine - 3)
+
+    def _on_surface(self, misfit, mask, allowed, clipped):
+        """Bins that the fit may use, and those that lie on the surface."""
+        size = np.abs(misfit)
+        noise = _MAD * float(np.median(size[mask])) if mask.any() else 0.0
+        good = (size < max(_MISFIT, _MISFIT_NOISE * noise)) & allowed
+        across = 2 * math.ceil(0.6 * self.period) + 1
+        closing = np.ones((5, across), np.uint8)
+        body = cv2.morphologyEx((good | (clipped & allowed)).view(np.uint8), cv2.MORPH_CLOSE, closing)
+        core = cv2.erode(body, np.ones((3, int(2 * self.period) + 1), np.uint8), borderValue=0) > 0
+        good &= core | (size < max(_RIM_MISFIT, _RIM_NOISE * noise))
+        body = (good | (clipped & core)).view(np.uint8)
+        body = cv2.morphologyEx(body, cv2.MORPH_OPEN, np.ones((2, 3), np.uint8))
+        return good, cv2.morphologyEx(body, cv2.MORPH_CLOSE, closing) > 0
+
+    def _corrected(self, shift, rest, cosine, sine, modulation, mask):
+        """The shift corrected by what is left of the photograph, and its predicted variance."""
+        weight = mask.astype(np.float32)
+        rest = rest * weight
+        in_phase = self.windows.flat_top(self.grid.at_nodes(rest * cosine))
+        across = self.windows.flat_top(self.grid.at_nodes(rest * sine))
+        support = self.windows.flat_top(self.grid.at_nodes(2 * weight * sine * sine))
+        step = np.arctan2(
+            -2 * across / np.maximum(support, np.float32(_LEAST_SUPPORT)),
+            modulation + 2 * in_phase,
+        )
+        share = self.windows.gaussian(self.grid.at_nodes(weight))
+        spread = self.windows.gaussian(self.grid.at_nodes(rest * rest), 2)
+        spread /= np.maximum(self.windows.gaussian(self.grid.at_nodes(weight), 2), 0.05)
+        variance = 2 * spread / np.square(np.maximum(modulation, 1)) / self._window_bins
+        return shift + step, np.maximum(variance, np.float32(1e-8)), share > _LEAST_SHARE
