@@ -110,21 +110,20 @@ class LeastSquares:
         return 0
 
     def _check(self, light: Light, lit: NDArray[np.bool_]) -> None:
+        """Raise the reason if there are too few fringes, or most of them are clipped."""
+        size = 2 * math.ceil(self._refinement.period / 2) + 1
+        clipped = light.clipped
+        lost = cv2.blur(clipped.astype(np.float32), (size, 1)) > _LARGEST_CLIPPED_SHARE
+        share = lost.sum() / max((lost | np.repeat(lit, 2, axis=1)).sum(), 1)
+        if lost.mean() > _SMALLEST_SHARE and share > _LARGEST_CLIPPED_SHARE:
+            raise SaturatedError(
+                f'the fringes are clipped over {share:.0%} of the lit area: '
+                'expose for a shorter time'
+            )
         if lit.mean() < _SMALLEST_SHARE:
             raise TooDarkError(
                 'no part of the image shows fringes: switch the projector on, come closer, or '
                 'expose longer'
-            )
-        clipped = light.clipped
-        if not clipped.any():
-            return
-        size = 2 * math.ceil(self._refinement.period / 2) + 1
-        lost = cv2.blur(clipped.astype(np.float32), (size, 1)) > _LARGEST_CLIPPED_SHARE
-        share = lost[np.repeat(lit, 2, axis=1)].mean()
-        if share > _LARGEST_CLIPPED_SHARE:
-            raise SaturatedError(
-                f'the fringes are clipped over {share:.0%} of the lit area: '
-                'expose for a shorter time'
             )
 
     def _orders(self, light: Light, table: ReferenceTable, unwrapped) -> dict[int, int]:
@@ -191,7 +190,7 @@ class LeastSquares:
             refined = part.refined
             inverse_depth, v_p = self._nodes.meet(part.phase)
             measured = refined.measured & self._within_panel(part.phase, v_p)
-            maker.add(inverse_depth, refined.modulation, measured)
+            maker.add(inverse_depth, refined.modulation, measured, refined.covered)
             at_stripe = region & (np.abs(part.phase) < math.pi) & np.isfinite(inverse_depth)
             depths.append(1 / inverse_depth[at_stripe])
             step = np.float32(0.05)

@@ -47,6 +47,8 @@ class Refined:
         Amplitude of the fringes, grey levels.
     measured : ndarray, shape (rows, columns), bool
         Bins that are on the surface.
+    covered : ndarray, shape (rows, columns), float32
+        Share of each bin that the surface covers, as far as the fringes' amplitude tells.
     misfit : ndarray, shape (rows, columns), float32
         Of the bins against the model, in amplitudes.
     supported : ndarray, shape (rows, columns), bool
@@ -56,6 +58,7 @@ class Refined:
     shift: Shrunk
     modulation: NDArray[np.float32]
     measured: NDArray[np.bool_]
+    covered: NDArray[np.float32]
     misfit: NDArray[np.float32]
     supported: NDArray[np.bool_]
 
@@ -130,7 +133,8 @@ class Refinement:
             )
             shift = shrunk.values
             phase = reference + self.grid.at_bins(shift)
-        return Refined(shrunk, modulation, body, misfit, supported)
+        covered = self._covered(levels, amplitude, cosine, allowed)
+        return Refined(shrunk, modulation, body, covered, misfit, supported)
 
     def _masked_fit(self, levels, cosine, sine, mask):
         """Level, amplitude and phase step in Gaussian windows; unknown where too little is seen."""
@@ -182,8 +186,17 @@ class Refinement:
         core = cv2.erode(body, np.ones((3, int(2 * self.period) + 1), np.uint8), borderValue=0) > 0
         good &= core | (size < max(_RIM_MISFIT, _RIM_NOISE * noise))
         body = (good | (clipped & core)).view(np.uint8)
-        body = cv2.morphologyEx(body, cv2.MORPH_OPEN, np.ones((2, 3), np.uint8))
+        body = cv2.morphologyEx(body, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
         return good, cv2.morphologyEx(body, cv2.MORPH_CLOSE, closing) > 0
+
+    def _covered(self, levels, amplitude, cosine, allowed):
+        """Amplitude of the fringes of one row of bins, as a share of the model's."""
+        size = 2 * math.ceil(self.period / 2) + 1, 1
+        model = amplitude * cosine
+        model -= cv2.blur(model, size)
+        seen = cv2.boxFilter(levels * model, -1, size)
+        share = seen / np.maximum(cv2.boxFilter(model * model, -1, size), 1e-3)
+        return np.where(allowed, share, 0).astype(np.float32)
 
     def _corrected(self, shift, rest, cosine, sine, modulation, mask):
         """The shift corrected by what is left of the photograph, and its predicted variance."""

@@ -105,6 +105,7 @@ def tied_region(
         joined = []
         for label in waiting:
             seam = beside & (labels == label)
+            print(label,sizes[label],seam.sum(),np.percentile(np.abs(wrap(shift-ahead)[seam]),[10,25,50,75,90]).round(3)) if seam.any() else None
             if seam.any() and np.median(np.abs(wrap(shift - ahead)[seam])) < _TIED:
                 joined.append(label)
         if not joined:
