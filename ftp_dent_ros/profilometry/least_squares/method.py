@@ -20,7 +20,14 @@ from ftp_dent_ros.profilometry.least_squares.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.light import Light
 from ftp_dent_ros.profilometry.least_squares.quality import Quality
 from ftp_dent_ros.profilometry.least_squares.refinement import Refined, Refinement
-from ftp_dent_ros.profilometry.least_squares.regions import apart, fringe_region, tied_region
+from ftp_dent_ros.profilometry.least_squares.regions import (
+    apart,
+    edges,
+    eroded,
+    fringe_region,
+    joined,
+    untied,
+)
 from ftp_dent_ros.profilometry.least_squares.sight import Sight
 from ftp_dent_ros.profilometry.least_squares.surface import evaluate, robust_quadric
 from ftp_dent_ros.profilometry.least_squares.windows import Windows
@@ -87,15 +94,14 @@ class LeastSquares:
         fringes = fit(self.grid, self.windows, table, light.red)
         lit = fringe_region(fringes, self.windows, self.grid, self.period)
         self._check(light, lit)
-        unwrapped = unwrap(fringes.shift, lit, jump=_JUMP)
-        phase = table.node_phase + unwrapped.phase
-        orders = self._orders(light, table, unwrapped)
+        phase, part, orders = self._absolute(light, table, fringes, lit)
         parts, regions = [], []
         for label, order in orders.items():
-            region = unwrapped.part == label
-            region = apart(region, lit & ~region, self.grid, self.period)
-            part, region = self._surface(light, region, phase - np.float32(_TURN * order))
-            parts.append(part)
+            others = np.where(np.isin(part, list(orders)) | (part < 0), 0, part + 1)
+            surface, region = self._surface(
+                light, lit, part == label, others, phase - np.float32(_TURN * order)
+            )
+            parts.append(surface)
             regions.append(region)
         return self._result(lit, parts, regions)
 
@@ -126,6 +132,24 @@ class LeastSquares:
                 'expose longer'
             )
 
+    def _absolute(self, light, table, fringes, lit):
+        """Phase at the nodes, the part each is tied to, and the stripe's order by part."""
+        unwrapped = unwrap(fringes.shift, lit, jump=_JUMP)
+        try:
+            orders = self._orders(light, table, unwrapped)
+        except NoStripeError:
+            # Two surfaces may have been taken for one: cut along edges, and vote again.
+            phase = table.phase + self.grid.at_bins(unwrapped.phase)
+            model = self.grid.at_bins(fringes.level)
+            amplitude = self.grid.at_bins(fringes.modulation)
+            misfit = (light.red - model - amplitude * np.cos(phase)) / np.maximum(amplitude, 1)
+            lines = self._edges(lit, misfit)
+            if not lines.any():
+                raise
+            unwrapped = unwrap(fringes.shift, lit & ~lines, jump=_JUMP)
+            orders = self._orders(light, table, unwrapped)
+        return table.node_phase + unwrapped.phase, unwrapped.part, orders
+
     def _orders(self, light: Light, table: ReferenceTable, unwrapped) -> dict[int, int]:
         """Fringe order at the stripe of each part that holds it."""
         rows = np.unique(np.linspace(0, self.grid.shape[0] - 1, _STRIPE_ROWS).astype(int))
@@ -136,30 +160,39 @@ class LeastSquares:
         part[:, 1:-1][(part[:, 1:-1] != part[:, 2:]) | (part[:, 1:-1] != part[:, :-2])] = -1
         return stripe_orders(table.phase[rows] + shift, part, light.red[rows], light.others[rows])
 
-    def _surface(self, light, region, phase) -> tuple[_Part, NDArray[np.bool_]]:
-        """Fit one surface; twice if a part of it turns out not to be tied to the stripe."""
+    def _surface(self, light, lit, region, others, phase) -> tuple[_Part, NDArray[np.bool_]]:
+        """Fit one surface; once more if a part of it turns out not to be tied to the stripe."""
+        place = self.windows, self.grid, self.period
+        quadric = self._quadric(region, phase)
+        reference = self._nodes.phase(evaluate(quadric, self._nodes.rays))
+        for label, turns in joined(
+            eroded(region), others * eroded(others > 0), phase - reference, *place
+        ).items():
+            more = others == label
+            region = region | more
+            phase = phase + np.float32(_TURN * turns) * more
+        strange = lit & ~region
         for _ in range(2):
+            region = apart(region, strange, self.grid, self.period)
             quadric = self._quadric(region, phase)
             reference = self._nodes.phase(evaluate(quadric, self._nodes.rays))
-            sure = cv2.erode(region.view(np.uint8), np.ones((7, 7), np.uint8), borderValue=0) > 0
+            sure = eroded(region)
             sure = sure if sure.any() else region
             shift = continued_by_slope(np.where(region, phase - reference, 0), sure, self.windows)
             at_bins = self._bins.phase(evaluate(quadric, self._bins.rays))
             refined = self._refinement.refine(light, at_bins, shift, region)
             absolute = reference + refined.shift.values
-            tied = tied_region(
-                region,
-                refined.misfit,
-                refined.shift.values,
-                np.abs(absolute) < math.pi,
-                self.windows,
-                self.grid,
-                self.period,
+            lines = self._edges(region, refined.misfit)
+            strange = untied(
+                region, lines, refined.shift.values, np.abs(absolute) < math.pi, *place
             )
-            if tied is region or not tied.any():
+            if not strange.any():
                 break
-            region = tied
+            strange = cv2.dilate(strange.view(np.uint8), np.ones((9, 9), np.uint8)) > 0
         return _Part(refined, absolute), region
+
+    def _edges(self, region, misfit) -> NDArray[np.bool_]:
+        return edges(region, misfit, self.windows, self.grid, self.period)
 
     def _quadric(self, region, phase) -> NDArray[np.float64]:
         size = [2 * math.ceil(3 * s) + 1 for s in (self.windows.sigma_v, self.windows.sigma_u)]
@@ -218,7 +251,7 @@ class LeastSquares:
     def _within_panel(self, phase, v_p) -> NDArray[np.bool_]:
         """Bins that the projector's panel reaches, but for its blurred rim."""
         projector = self.rig.projector
-        inset = 1.0
+        inset = 1.5
         u_p = self.pattern.column(phase).astype(np.float32)
         inside = (u_p > inset) & (u_p < projector.width - 1 - inset)
         inside &= (v_p > inset) & (v_p < projector.height - 1 - inset)

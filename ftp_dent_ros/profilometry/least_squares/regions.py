@@ -24,6 +24,9 @@ _VALLEY = 0.6
 _ROUGH, _ROUGH_NOISE = 0.04, 4.0
 _GAP = 12.0
 _TIED = 0.25
+# Fringes beyond an edge within which the phases of both sides are compared.
+_NEAR = 4.0
+_TURN = 2 * math.pi
 _SMALLEST = 30  # nodes of a surface
 
 
@@ -54,19 +57,14 @@ def apart(
     return region & ~(cv2.dilate(others.view(np.uint8), np.ones(size, np.uint8)) > 0)
 
 
-def tied_region(
+def edges(
     region: NDArray[np.bool_],
     misfit: NDArray[np.float32],
-    shift: NDArray[np.float32],
-    home: NDArray[np.bool_],
     windows: Windows,
     grid: Grid,
     period: float,
 ) -> NDArray[np.bool_]:
-    """The part of a region whose phase goes on, across all edges, from where the stripe is.
-
-    Where no smooth phase explains the photograph there is an edge, of paint or of the surface.
-    What lies beyond an edge is the same surface if its phase is where this side's slope leads.
+    """Nodes of a region where no smooth phase explains the photograph, gaps closed.
 
     Parameters
     ----------
@@ -74,44 +72,108 @@ def tied_region(
         Nodes.
     misfit : ndarray, shape (rows, bins), float32
         Of the bins, in fringe amplitudes.
-    shift : ndarray, shape (rows, columns), float32
-        Phase shift at the nodes, radians.
-    home : ndarray, shape (rows, columns), bool
-        Nodes on the stripe.
     """
     rough = np.sqrt(windows.gaussian(grid.at_nodes(np.square(np.clip(misfit, -1, 1)))))
-    inner = cv2.erode(region.view(np.uint8), np.ones((7, 7), np.uint8), borderValue=0) > 0
+    inner = eroded(region)
     if not inner.any():
-        return region
-    edge = inner & (rough > max(_ROUGH, _ROUGH_NOISE * float(np.median(rough[inner]))))
-    if not edge.any():
-        return region
-    lines = edge.view(np.uint8)
-    for shape in ((1, int(_GAP * period / grid.pitch[0])), (int(_GAP * period / grid.pitch[1]), 1)):
-        lines = lines | cv2.morphologyEx(edge.view(np.uint8), cv2.MORPH_CLOSE, np.ones(shape))
-    lines = cv2.dilate(lines, np.ones((3, 3), np.uint8)) > 0
-    count, labels = cv2.connectedComponents((region & ~lines).view(np.uint8), connectivity=4)
-    sizes = np.bincount(labels.ravel(), minlength=count)
-    at_home = np.bincount(labels[home & region & ~lines], minlength=count)
-    at_home[0] = 0
-    if count <= 2 or not at_home.any():
-        return region
-    tied = labels == int(at_home.argmax())
-    near = [2 * math.ceil(2 * period / pitch) + 1 for pitch in grid.pitch[::-1]]
-    waiting = [label for label in range(1, count) if sizes[label] >= _SMALLEST and label != int(at_home.argmax())]
+        return inner
+    typical = float(np.median(rough[inner]))
+    edge = (inner & (rough > max(_ROUGH, _ROUGH_NOISE * typical))).view(np.uint8)
+    lines = edge
+    if edge.any():
+        along_u, along_v = (int(_GAP * period / pitch) for pitch in grid.pitch)
+        for shape in ((1, along_u), (along_v, 1)):
+            lines = lines | cv2.morphologyEx(edge, cv2.MORPH_CLOSE, np.ones(shape, np.uint8))
+        lines = cv2.dilate(lines, np.ones((3, 3), np.uint8))
+    return lines > 0
+
+
+def eroded(region: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The nodes of a region whose windows do not see its rim."""
+    return cv2.erode(region.view(np.uint8), np.ones((7, 7), np.uint8), borderValue=0) > 0
+
+
+def joined(
+    home: NDArray[np.bool_],
+    labels: NDArray[np.integer],
+    shift: NDArray[np.float32],
+    windows: Windows,
+    grid: Grid,
+    period: float,
+) -> dict[int, int]:
+    """Regions that are one surface with another, and the whole turns that part their phases.
+
+    A region beyond an edge, of paint or of the surface, is the same surface if its phase is
+    where the slope on this side leads. (A step by whole fringes looks the same.)
+
+    Parameters
+    ----------
+    home : ndarray, shape (rows, columns), bool
+    labels : ndarray, shape (rows, columns), integer
+        Other regions, from 1.
+    shift : ndarray, shape (rows, columns), float32
+        Phase less that of a smooth reference, radians.
+
+    Returns
+    -------
+    dict
+        Turns to add to the phase of each region that is tied to `home`, by its label.
+    """
+    sizes = np.bincount(labels.ravel())
+    waiting = [label for label in range(1, len(sizes)) if sizes[label] >= _SMALLEST]
+    near = [2 * math.ceil(_NEAR * period / pitch) + 1 for pitch in grid.pitch[::-1]]
+    turns: dict[int, int] = {}
+    tied, shift = home.copy(), shift.copy()
     while waiting:
-        ahead = continued_by_slope(shift, tied, windows)
+        ahead = continued_by_slope(np.where(tied, shift, 0), tied, windows)
         beside = cv2.dilate(tied.view(np.uint8), np.ones(near, np.uint8)) > 0
-        joined = []
+        found = []
         for label in waiting:
             seam = beside & (labels == label)
-            print(label,sizes[label],seam.sum(),np.percentile(np.abs(wrap(shift-ahead)[seam]),[10,25,50,75,90]).round(3)) if seam.any() else None
-            if seam.any() and np.median(np.abs(wrap(shift - ahead)[seam])) < _TIED:
-                joined.append(label)
-        if not joined:
+            if not seam.any():
+                continue
+            ahead_by = (ahead - shift)[seam]
+            if np.median(np.abs(wrap(ahead_by))) < _TIED:
+                found.append(label)
+                turns[label] = round(float(np.median(ahead_by)) / _TURN)
+                shift[labels == label] += np.float32(_TURN * turns[label])
+        if not found:
             break
-        tied |= np.isin(labels, joined)
-        waiting = [label for label in waiting if label not in joined]
-    if not waiting:
-        return region
-    return apart(region, np.isin(labels, waiting), grid, 3 * period)
+        tied |= np.isin(labels, found)
+        waiting = [label for label in waiting if label not in found]
+    return turns
+
+
+def untied(
+    region: NDArray[np.bool_],
+    lines: NDArray[np.bool_],
+    shift: NDArray[np.float32],
+    at_stripe: NDArray[np.bool_],
+    windows: Windows,
+    grid: Grid,
+    period: float,
+) -> NDArray[np.bool_]:
+    """Nodes of a region beyond edges that do not go on from where the stripe is.
+
+    Parameters
+    ----------
+    region, lines, at_stripe : ndarray, shape (rows, columns), bool
+        The region, the edges in it, and the nodes on the stripe.
+    shift : ndarray, shape (rows, columns), float32
+        Phase less that of a smooth reference, radians.
+    """
+    if not lines.any():
+        return lines
+    _, labels = cv2.connectedComponents((region & ~lines).view(np.uint8), connectivity=4)
+    at_home = np.bincount(labels[at_stripe & region & ~lines], minlength=labels.max() + 1)
+    at_home[0] = 0
+    if not at_home.any():
+        return np.zeros_like(lines)
+    home = labels == int(at_home.argmax())
+    labels[home] = 0
+    tied = joined(home, labels, shift, windows, grid, period)
+    return (labels > 0) & ~np.isin(labels, list(tied)) & (_sizes(labels) >= _SMALLEST)
+
+
+def _sizes(labels):
+    return np.bincount(labels.ravel())[labels]
