@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -12,18 +14,20 @@ from ftp_dent_ros.profilometry.least_squares.windows import Windows
 _WIDTH = 4.0
 # Share of it that must be known.
 _LEAST = 0.01
+# Of a coarse node, that must be known for a slope.
+_WHOLE = 0.9
+# Standard deviation that is left on the coarse grid.
+_SIGMA = 2.0
 
 
 def continued(
-    fields: list[NDArray[np.float32]], known: NDArray[np.bool_], windows: Windows
-) -> list[NDArray[np.float32]]:
-    """Continue positive fields by the weighted mean of what is known around."""
+    field: NDArray[np.float32], known: NDArray[np.bool_], windows: Windows
+) -> NDArray[np.float32]:
+    """Continue a positive field by the weighted mean of what is known around."""
     if known.all():
-        return fields
-    weight = known.astype(np.float32)
-    total = np.maximum(_blur(weight, windows), _LEAST)
-    means = [_blur(field * weight, windows) / total for field in fields]
-    return [np.where(known, *both) for both in zip(fields, means, strict=True)]
+        return field
+    coarse = _Coarse.of(field, known, windows)
+    return np.where(known, field, coarse.fine(coarse.mean(coarse.values)))
 
 
 def continued_by_slope(
@@ -47,31 +51,57 @@ def continued_by_slope(
     """
     if known.all():
         return field
-    weight = known.astype(np.float32)
-    values = field * weight
-    total = _blur(weight, windows)
-    scale = 1 / np.maximum(total, _LEAST)
-    result = _blur(values, windows) * scale
-    for axis, positions in enumerate(np.ogrid[: field.shape[0], : field.shape[1]]):
-        position = np.broadcast_to(positions.astype(np.float32), field.shape)
-        slope, pairs = _slope(values, weight, axis)
-        slope = _blur(slope, windows) / np.maximum(_blur(pairs, windows), _LEAST)
-        result += slope * (position - _blur(position * weight, windows) * scale)
-    result[total < _LEAST] = 0
-    return np.where(known, field, result)
+    coarse = _Coarse.of(field, known, windows)
+    result = coarse.mean(coarse.values)
+    rows, columns = coarse.values.shape
+    for axis, positions in enumerate(np.ogrid[:rows, :columns]):
+        position = np.broadcast_to(positions.astype(np.float32), (rows, columns))
+        result += coarse.slope(axis) * (position - coarse.mean(position * coarse.weight))
+    result[coarse.total < _LEAST] = 0
+    return np.where(known, field, coarse.fine(result))
 
 
-def _slope(values, weight, axis):
-    """Central differences where both neighbours are known, and where that is."""
-    ahead, behind, inner = (
-        tuple(part if one == axis else slice(None) for one in (0, 1))
-        for part in (slice(2, None), slice(None, -2), slice(1, -1))
-    )
-    slope, pairs = np.zeros_like(values), np.zeros_like(values)
-    pairs[inner] = weight[ahead] * weight[behind]
-    slope[inner] = 0.5 * (values[ahead] - values[behind]) * pairs[inner]
-    return slope, pairs
+@dataclass(frozen=True, eq=False)
+class _Coarse:
+    """A field on a grid as coarse as the neighbourhoods allow: times weight, weight, and total."""
 
+    values: NDArray[np.float32]
+    weight: NDArray[np.float32]
+    total: NDArray[np.float32]
+    sigmas: tuple[float, float]
+    shape: tuple[int, int]
 
-def _blur(field, windows: Windows) -> NDArray[np.float32]:
-    return windows.wide(field, _WIDTH, cv2.BORDER_CONSTANT)
+    @classmethod
+    def of(cls, field, known, windows: Windows) -> _Coarse:
+        weight = known.astype(np.float32)
+        sigmas = _WIDTH * windows.sigma_u, _WIDTH * windows.sigma_v
+        steps = [max(1, int(sigma / _SIGMA)) for sigma in sigmas]
+        size = [-(-length // step) for length, step in zip(field.shape[::-1], steps, strict=True)]
+        values = cv2.resize(field * weight, size, interpolation=cv2.INTER_AREA)
+        weight = cv2.resize(weight, size, interpolation=cv2.INTER_AREA)
+        left = tuple(sigma / step for sigma, step in zip(sigmas, steps, strict=True))
+        total = cv2.GaussianBlur(weight, (0, 0), *left, borderType=cv2.BORDER_CONSTANT)
+        return cls(values, weight, total, left, field.shape)
+
+    def blur(self, field):
+        return cv2.GaussianBlur(field, (0, 0), *self.sigmas, borderType=cv2.BORDER_CONSTANT)
+
+    def mean(self, weighted):
+        return self.blur(weighted) / np.maximum(self.total, _LEAST)
+
+    def slope(self, axis):
+        """Mean of the central differences between known neighbours."""
+        ahead, behind, inner = (
+            tuple(part if one == axis else slice(None) for one in (0, 1))
+            for part in (slice(2, None), slice(None, -2), slice(1, -1))
+        )
+        whole = self.weight > _WHOLE
+        values = self.values / np.maximum(self.weight, _WHOLE)
+        pairs = (whole[ahead] & whole[behind]).astype(np.float32)
+        slope, seen = np.zeros_like(values), np.zeros_like(values)
+        slope[inner] = 0.5 * (values[ahead] - values[behind]) * pairs
+        seen[inner] = pairs
+        return self.blur(slope) / np.maximum(self.blur(seen), _LEAST)
+
+    def fine(self, field):
+        return cv2.resize(field, self.shape[::-1], interpolation=cv2.INTER_LINEAR)

@@ -7,6 +7,7 @@ fine enough to hold what is left of them after demodulation.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -14,14 +15,14 @@ from numpy.typing import NDArray
 
 # Pixels a bin holds along v, along which the fringes hardly change.
 _ROWS = 4
-# Bins a node holds along u.
-_BINS = 2
+# Pixels between nodes along u, about.
+_PITCH = 4
 # Bins a fringe must at least have.
 _PER_FRINGE = 4.6
 _TAPS = 6
 # Boxes that average pixels to bins, one over the other: an odd number.
 _ORDER = 5
-_NODE_TAPS = np.array([1, 3, 3, 1]) / 8
+_NODE_ORDER = 3
 # Output columns and rows that are interpolated in one matrix product.
 _BLOCK = 256
 
@@ -36,21 +37,25 @@ class Grid:
         Of the image, pixels.
     step : int
         Pixels a bin holds along u.
+    bins : int
+        Bins a node holds along u.
     """
 
     width: int
     height: int
     step: int
+    bins: int
 
     @classmethod
     def for_fringes(cls, width: int, height: int, period: float) -> Grid:
         """Grid for fringes of `period` pixels."""
-        return cls(width, height, max(1, int(period / _PER_FRINGE)))
+        step = max(1, int(period / _PER_FRINGE))
+        return cls(width, height, step, max(2, _PITCH // step))
 
     @property
     def pitch(self) -> tuple[int, int]:
         """Pixels between nodes along u and v."""
-        return _BINS * self.step, _ROWS
+        return self.bins * self.step, _ROWS
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -62,7 +67,7 @@ class Grid:
     def bin_shape(self) -> tuple[int, int]:
         """Rows and columns of bins."""
         rows, columns = self.shape
-        return rows, _BINS * columns
+        return rows, self.bins * columns
 
     def node_positions(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Pixel columns and rows of the nodes' centres."""
@@ -89,36 +94,49 @@ class Grid:
         )
         if self.step == 1:
             return fine
-        taps = self._taps()
+        taps = _boxes(self.step, _ORDER)
         anchor = ((len(taps) - 1) // 2, 0)
         fine = cv2.sepFilter2D(
             fine, -1, taps, np.ones(1), anchor=anchor, borderType=cv2.BORDER_REFLECT_101
         )
         return np.ascontiguousarray(fine[:, (self.step - 1) // 2 :: self.step])
 
-    def _taps(self):
-        """Weights of the pixels around a bin's centre: harmonics must not come back as fringes."""
-        box = np.ones(self.step)
-        taps = np.ones(1)
-        for _ in range(_ORDER):
-            taps = np.convolve(taps, box)
-        return taps / taps.sum()
+    def to_bins(self, nodes: NDArray) -> NDArray:
+        """Values at the nodes, repeated for each of their bins."""
+        return np.repeat(nodes, self.bins, axis=1)
 
     def at_nodes(self, bins: NDArray[np.float32]) -> NDArray[np.float32]:
         """Averages of bins over the nodes."""
+        taps = _boxes(self.bins, _NODE_ORDER)
+        first = (self.bins - 1) // 2
         wide = cv2.sepFilter2D(
-            bins, -1, _NODE_TAPS, np.ones(1), anchor=(1, 0), borderType=cv2.BORDER_CONSTANT
+            bins,
+            -1,
+            taps,
+            np.ones(1),
+            anchor=(len(taps) // 2 - self.bins // 2 + first, 0),
+            borderType=cv2.BORDER_CONSTANT,
         )
-        return np.ascontiguousarray(wide[:, ::2])
+        return np.ascontiguousarray(wide[:, first :: self.bins])
 
     @property
     def node_variance(self) -> tuple[float, float]:
         """Of the averages over pixels that nodes are, along u and v."""
-        return 3 * self.step**2 / 4, (_ROWS**2 - 1) / 12
+        along_u = _NODE_ORDER * (self.bins**2 - 1) / 12 * self.step**2
+        return along_u, (_ROWS**2 - 1) / 12
 
     def at_bins(self, nodes: NDArray) -> NDArray:
         """Values at the nodes, interpolated to the bins."""
         return cv2.resize(nodes, self.bin_shape[::-1], interpolation=cv2.INTER_LINEAR)
+
+
+@lru_cache(maxsize=16)
+def _boxes(size: int, order: int) -> NDArray[np.float64]:
+    """Weights of averages over `size`, taken `order` times."""
+    taps = np.ones(1)
+    for _ in range(order):
+        taps = np.convolve(taps, np.full(size, 1 / size))
+    return taps
 
 
 def lagrange(targets: NDArray[np.floating], count: int) -> NDArray[np.float64]:

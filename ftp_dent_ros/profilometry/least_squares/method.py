@@ -120,7 +120,7 @@ class LeastSquares:
         size = 2 * math.ceil(self._refinement.period / 2) + 1
         clipped = light.clipped
         lost = cv2.blur(clipped.astype(np.float32), (size, 1)) > _LARGEST_CLIPPED_SHARE
-        share = lost.sum() / max((lost | np.repeat(lit, 2, axis=1)).sum(), 1)
+        share = lost.sum() / max((lost | self.grid.to_bins(lit)).sum(), 1)
         if lost.mean() > _SMALLEST_SHARE and share > _LARGEST_CLIPPED_SHARE:
             raise SaturatedError(
                 f'the fringes are clipped over {share:.0%} of the lit area: '
@@ -155,7 +155,7 @@ class LeastSquares:
         rows = np.unique(np.linspace(0, self.grid.shape[0] - 1, _STRIPE_ROWS).astype(int))
         size = self.grid.bin_shape[1], len(rows)
         shift = cv2.resize(unwrapped.phase[rows], size, interpolation=cv2.INTER_LINEAR)
-        part = np.repeat(unwrapped.part[rows], 2, axis=1)
+        part = self.grid.to_bins(unwrapped.part[rows])
         # Where it is interpolated across parts, the shift means nothing.
         part[:, 1:-1][(part[:, 1:-1] != part[:, 2:]) | (part[:, 1:-1] != part[:, :-2])] = -1
         return stripe_orders(table.phase[rows] + shift, part, light.red[rows], light.others[rows])
@@ -255,4 +255,4 @@ class LeastSquares:
         u_p = self.pattern.column(phase).astype(np.float32)
         inside = (u_p > inset) & (u_p < projector.width - 1 - inset)
         inside &= (v_p > inset) & (v_p < projector.height - 1 - inset)
-        return np.repeat(inside, 2, axis=1)
+        return self.grid.to_bins(inside)

@@ -100,7 +100,7 @@ class Refinement:
         region : ndarray, shape (rows, columns), bool
             Nodes of the surface, to a node or so.
         """
-        inside = np.repeat(region, 2, axis=1).view(np.uint8)
+        inside = self.grid.to_bins(region).view(np.uint8)
         phase = reference + self.grid.at_bins(shift)
         clipped = light.clipped
         levels = light.filled(phase, inside > 0, self.period)
@@ -126,7 +126,7 @@ class Refinement:
             power = 4 if turn == 0 else 2
             shrunk = shrink(
                 continued_by_slope(shift, supported, self.windows),
-                continued([variance], supported, self.windows)[0],
+                continued(variance, supported, self.windows),
                 supported,
                 self.windows,
                 power,
@@ -160,9 +160,8 @@ class Refinement:
         determinant = np.where(known, determinant, 1)
         x = (ss * p - cs * q) / determinant
         y = (cc * q - cs * p) / determinant
-        level, modulation = continued(
-            [mean - x * c - y * s, np.hypot(x, y)], known, self.windows
-        )
+        level = continued(mean - x * c - y * s, known, self.windows)
+        modulation = continued(np.hypot(x, y), known, self.windows)
         return level, modulation, np.where(known, np.arctan2(-y, x), 0), known
 
     def _harmonics(self, rest, amplitude, cosine, mask):
@@ -178,7 +177,7 @@ class Refinement:
     def _on_surface(self, misfit, mask, allowed, clipped):
         """Bins that the fit may use, and those that lie on the surface."""
         size = np.abs(misfit)
-        noise = _MAD * float(np.median(size[mask])) if mask.any() else 0.0
+        noise = _MAD * float(np.median(size[::_EVERY][mask[::_EVERY]])) if mask.any() else 0.0
         good = (size < max(_MISFIT, _MISFIT_NOISE * noise)) & allowed
         across = 2 * math.ceil(0.6 * self.period) + 1
         closing = np.ones((5, across), np.uint8)

@@ -16,8 +16,8 @@ from ftp_dent_ros.profilometry.least_squares.grid import Grid
 WIDTH = 0.5
 _REACH = 3.6
 # A wide Gaussian is computed on a grid so coarse that it is still this wide, nodes.
-_LEAST_SIGMA = 2.0
-_COARSEST = 4
+_LEAST_SIGMA = 1.5
+_COARSEST = 8
 
 
 @dataclass(frozen=True)
@@ -61,18 +61,27 @@ class Windows:
     ) -> NDArray[np.float32]:
         """Mean weighted by a Gaussian much wider than the windows, on a coarser grid."""
         sigmas = scale * self.sigma_u, scale * self.sigma_v
-        step = 1
-        while step < _COARSEST and min(sigmas) >= 2 * step * _LEAST_SIGMA:
-            step *= 2
-        if step == 1:
+        steps = [_coarsening(sigma) for sigma in sigmas]
+        if max(steps) == 1:
             return cv2.GaussianBlur(nodes, (0, 0), *sigmas, borderType=border)
-        rows, columns = nodes.shape
-        coarse = -(-columns // step), -(-rows // step)
-        lost = (step * step - 1) / 12 + step * step / 6  # by averaging, and by interpolation
+        size = nodes.shape[::-1]
+        coarse = [-(-length // step) for length, step in zip(size, steps, strict=True)]
         small = cv2.resize(nodes, coarse, interpolation=cv2.INTER_AREA)
-        left = [math.sqrt(sigma * sigma - lost) / step for sigma in sigmas]
+        # What averaging and interpolation blur already.
+        left = [
+            math.sqrt(sigma * sigma - (step > 1) * (step * step / 4 - 1 / 12)) / step
+            for sigma, step in zip(sigmas, steps, strict=True)
+        ]
         small = cv2.GaussianBlur(small, (0, 0), *left, borderType=border)
-        return cv2.resize(small, (columns, rows), interpolation=cv2.INTER_LINEAR)
+        return cv2.resize(small, size, interpolation=cv2.INTER_LINEAR)
+
+
+def _coarsening(sigma: float) -> int:
+    """Nodes that a coarser grid may take together for a Gaussian of `sigma` nodes."""
+    step = 1
+    while step < _COARSEST and sigma >= 2 * step * _LEAST_SIGMA:
+        step *= 2
+    return step
 
 
 def _kernel(sigma: float) -> NDArray[np.float32]:
