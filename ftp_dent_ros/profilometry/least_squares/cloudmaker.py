@@ -2,91 +2,137 @@
 
 from __future__ import annotations
 
+import math
+import sys
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud import Cloud
-from ftp_dent_ros.profilometry.least_squares.grid import Grid, Spreader
+from ftp_dent_ros.profilometry.least_squares.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.sight import rays_at
+from ftp_dent_ros.profilometry.least_squares.spreading import Spreader
 from ftp_dent_ros.rig import Rig
 
 
 # Pixel rows by which the camera's blur makes the surface look larger.
 _BLURRED = 0.5
 _LEAST_COVER = 0.3
+# Clouds whose memory is kept.
+_POOL = 3
 
 
 class CloudMaker:
     """Makes clouds of inverse depths at the nodes.
 
-    Inverse depth is what is interpolated: of a plane it is linear in the pixels.
+    Inverse depth is what is interpolated: of a plane it is linear in the pixels. Everything is
+    allocated once; a cloud's memory is used again when nobody holds the cloud any more.
+
+    Parameters
+    ----------
+    rig : Rig
+    grid : Grid
+    stride : int
+        The cloud has every `stride`-th pixel, along rows and columns.
     """
 
     def __init__(self, rig: Rig, grid: Grid, stride: int) -> None:
         self.grid, self.stride = grid, stride
         self._spreader = Spreader.of(grid, stride)
-        columns = np.arange(0, grid.width, stride)
-        rows = np.arange(0, grid.height, stride)
-        self._rays = rays_at(rig.camera, columns, rows)
-        self.clear()
+        rays = rays_at(rig.camera, np.arange(0, grid.width, stride), np.arange(0, grid.height, stride))
+        self._x, self._y = (np.ascontiguousarray(rays[..., axis]) for axis in (0, 1))
+        self._pool: list[tuple[NDArray[np.float32], NDArray[np.float32]]] = []
 
-    def clear(self) -> None:
-        """Begin a new cloud."""
-        shape = self._rays.shape[:2]
-        self._points = np.full((*shape, 3), np.nan, np.float32)
-        self._intensity = np.zeros(shape, np.float32)
+    def cloud(self, surfaces: list[Published]) -> Cloud:
+        """Cloud of surfaces, the later ones over the earlier."""
+        points, intensity = self._memory()
+        for number, surface in enumerate(surfaces):
+            if number == 0:
+                self._fill(surface, points, intensity)
+            else:
+                more = np.empty_like(points), np.empty_like(intensity)
+                self._fill(surface, *more)
+                seen = np.isfinite(more[0][..., 2])
+                points[seen], intensity[seen] = more[0][seen], more[1][seen]
+        return Cloud(points, intensity)
 
-    def add(
-        self,
-        inverse_depth: NDArray[np.float32],
-        modulation: NDArray[np.float32],
-        measured: NDArray[np.bool_],
-        covered: NDArray[np.float32],
-    ) -> None:
-        """Add a surface.
+    def _memory(self):
+        """Arrays that only the pool refers to, or new ones."""
+        for index in range(len(self._pool)):
+            # The pool's tuple and the function's argument.
+            if all(sys.getrefcount(self._pool[index][part]) <= 2 for part in (0, 1)):
+                return self._pool[index]
+        arrays = np.empty((*self._x.shape, 3), np.float32), np.empty(self._x.shape, np.float32)
+        if len(self._pool) < _POOL:
+            self._pool.append(arrays)
+        return arrays
 
-        Parameters
-        ----------
-        inverse_depth, modulation : ndarray, shape (rows, columns), float32
-            At the nodes.
-        measured : ndarray, shape (rows, bins), bool
-            Bins that are published.
-        covered : ndarray, shape (rows, bins), float32
-            Share of each bin that the surface covers.
-        """
+    def _fill(self, surface: Published, points, intensity) -> None:
         grid, stride = self.grid, self.stride
-        finite = np.isfinite(inverse_depth)
-        filled = np.where(finite, inverse_depth, np.float32(1))
-        depth = 1 / self._spreader.spread(filled)
-        rows, columns = measured.shape
-        size = columns * grid.step, rows * grid.pitch[1]
-        rows_in = self._rows_in(measured, covered)
-        mask = cv2.resize(rows_in, size, interpolation=cv2.INTER_NEAREST)
-        mask = mask[: grid.height : stride, : grid.width : stride] > 0
-        brightness = cv2.resize(modulation, size, interpolation=cv2.INTER_LINEAR)
-        depth = depth[mask]
-        self._points[mask, 0] = self._rays[mask, 0] * depth
-        self._points[mask, 1] = self._rays[mask, 1] * depth
-        self._points[mask, 2] = depth
-        self._intensity[mask] = brightness[: grid.height : stride, : grid.width : stride][mask]
+        self._spreader.widen(surface.inverse_depth)
+        mask = _rows_in(surface, grid.pitch[1])
+        width = mask.shape[1] * grid.step
+        brightness = cv2.resize(surface.modulation, (width, surface.modulation.shape[0]))
+        brightness = np.ascontiguousarray(brightness[:, : grid.width : stride])
+        level = cv2.resize(
+            brightness, (brightness.shape[1], len(mask)), interpolation=cv2.INTER_LINEAR
+        )
+        for rows, nodes, weights in self._spreader.rows:
+            inverse = weights @ self._spreader.wide[nodes]
+            some = mask[rows.start * stride : (rows.stop - 1) * stride + 1 : stride]
+            some = cv2.resize(some, (width, len(some)), interpolation=cv2.INTER_NEAREST)
+            some = np.ascontiguousarray(some[:, : grid.width : stride])
+            outside = cv2.compare(some, 0, cv2.CMP_EQ)
+            depth = cv2.divide(1.0, inverse)
+            z = _blank(depth, outside, math.nan)
+            x = self._x[rows] * z
+            y = self._y[rows] * z
+            cv2.merge([x, y, z], dst=points[rows])
+            bright = level[rows.start * stride : (rows.stop - 1) * stride + 1 : stride]
+            intensity[rows] = _blank(bright.copy(), outside, 0.0)
 
-    def _rows_in(self, measured, covered) -> NDArray[np.uint8]:
-        """Mask of the bins' rows of pixels: those beside measured bins are so as far as covered."""
-        count = self.grid.pitch[1]
-        mask = np.repeat(measured[:, None], count, axis=1)
-        inner, outer = slice(1, None), slice(None, -1)
-        for outside, inside, rows in (
-            (outer, inner, range(count - 1, -1, -1)),  # the surface is below
-            (inner, outer, range(count)),
-        ):
-            rim = measured[inside] & ~measured[outside]
-            share = covered[outside] / np.maximum(covered[inside], _LEAST_COVER)
-            seen = (count * share - _BLURRED) * rim
-            for number, row in enumerate(rows, 1):
-                mask[outside, row] |= seen >= number
-        return mask.reshape(-1, measured.shape[1]).view(np.uint8)
 
-    def cloud(self) -> Cloud:
-        """The cloud."""
-        return Cloud(self._points, self._intensity)
+@dataclass(frozen=True, eq=False)
+class Published:
+    """A surface to make a cloud of.
+
+    Attributes
+    ----------
+    inverse_depth, modulation : ndarray, shape (rows, columns), float32
+        At the nodes; finite.
+    measured : ndarray, shape (rows, bins), bool
+        Bins that are published.
+    covered : ndarray, shape (rows, bins), float32
+        Share of each bin that the surface covers.
+    """
+
+    inverse_depth: NDArray[np.float32]
+    modulation: NDArray[np.float32]
+    measured: NDArray[np.bool_]
+    covered: NDArray[np.float32]
+
+
+def _blank(values, where, value):
+    """Set `values` to `value` where the mask is set, in place."""
+    np.copyto(values, np.float32(value), where=where.view(bool))
+    return values
+
+
+def _rows_in(surface: Published, count: int) -> NDArray[np.uint8]:
+    """Mask of the bins' rows of pixels: beside measured bins they are in as far as covered."""
+    measured, covered = surface.measured, surface.covered
+    mask = np.repeat(measured[:, None], count, axis=1)
+    inner, outer = slice(1, None), slice(None, -1)
+    for outside, inside, rows in (
+        (outer, inner, range(count - 1, -1, -1)),  # the surface is below
+        (inner, outer, range(count)),
+    ):
+        rim = np.nonzero(measured[inside] & ~measured[outside])
+        share = covered[outside][rim] / np.maximum(covered[inside][rim], _LEAST_COVER)
+        seen = count * share - _BLURRED
+        row, column = rim
+        for number, pixel in enumerate(rows, 1):
+            mask[outside][row, pixel, column] |= seen >= number
+    return mask.reshape(-1, measured.shape[1]).view(np.uint8)

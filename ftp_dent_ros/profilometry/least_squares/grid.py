@@ -19,12 +19,9 @@ _ROWS = 4
 _PITCH = 4
 # Bins a fringe must at least have.
 _PER_FRINGE = 4.6
-_TAPS = 6
 # Boxes that average pixels to bins, one over the other: an odd number.
 _ORDER = 5
 _NODE_ORDER = 3
-# Output columns and rows that are interpolated in one matrix product.
-_BLOCK = 256
 
 
 @dataclass(frozen=True)
@@ -137,63 +134,3 @@ def _boxes(size: int, order: int) -> NDArray[np.float64]:
     for _ in range(order):
         taps = np.convolve(taps, np.full(size, 1 / size))
     return taps
-
-
-def lagrange(targets: NDArray[np.floating], count: int) -> NDArray[np.float64]:
-    """Weights of Lagrange's interpolation through six of `count` nodes 0, 1, 2, ...
-
-    Parameters
-    ----------
-    targets : ndarray, shape (targets,)
-
-    Returns
-    -------
-    ndarray, shape (targets, count)
-    """
-    taps = min(_TAPS, count)
-    first = np.clip(np.floor(targets).astype(int) - taps // 2 + 1, 0, count - taps)
-    t = targets - first
-    weights = np.zeros((len(targets), count))
-    for k in range(taps):
-        factors = [(t - j) / (k - j) for j in range(taps) if j != k]
-        weights[np.arange(len(targets)), first + k] = np.prod(factors, axis=0)
-    return weights
-
-
-@dataclass(frozen=True, eq=False)
-class Spreader:
-    """Interpolates from nodes to every `stride`-th pixel, a band of a matrix at a time.
-
-    Attributes
-    ----------
-    along_u, along_v : list of tuple
-        For each block: its targets, the nodes that they need, and the weights.
-    """
-
-    along_u: list[tuple[slice, slice, NDArray[np.float32]]]
-    along_v: list[tuple[slice, slice, NDArray[np.float32]]]
-
-    @classmethod
-    def of(cls, grid: Grid, stride: int) -> Spreader:
-        """Spreader to a cloud's grid."""
-        columns = (np.arange(0, grid.width, stride) - (grid.pitch[0] - 1) / 2) / grid.pitch[0]
-        rows = (np.arange(0, grid.height, stride) - (grid.pitch[1] - 1) / 2) / grid.pitch[1]
-        along_u = [
-            (targets, nodes, np.ascontiguousarray(weights.T))
-            for targets, nodes, weights in _blocks(columns, grid.shape[1], _BLOCK)
-        ]
-        return cls(along_u, list(_blocks(rows, grid.shape[0], _BLOCK // 8)))
-
-    def spread(self, nodes: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Values at the pixels, shape (rows, columns)."""
-        wide = np.concatenate([nodes[:, s] @ weights for _, s, weights in self.along_u], axis=1)
-        return np.concatenate([weights @ wide[s] for _, s, weights in self.along_v])
-
-
-def _blocks(targets, count, size):
-    weights = lagrange(targets, count).astype(np.float32)
-    for first in range(0, len(targets), size):
-        block = slice(first, min(first + size, len(targets)))
-        used = np.flatnonzero(weights[block].any(axis=0))
-        nodes = slice(int(used[0]), int(used[-1]) + 1)
-        yield block, nodes, np.ascontiguousarray(weights[block, nodes])

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ftp_dent_ros.errors import NoStripeError, SaturatedError, TooDarkError
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.profilometry.carrier import ReferencePlane, carrier_on, measured_carrier
-from ftp_dent_ros.profilometry.least_squares.cloudmaker import CloudMaker
+from ftp_dent_ros.profilometry.least_squares.cloudmaker import CloudMaker, Published
 from ftp_dent_ros.profilometry.least_squares.continuation import continued_by_slope
 from ftp_dent_ros.profilometry.least_squares.first_fit import ReferenceTable, fit
 from ftp_dent_ros.profilometry.least_squares.grid import Grid
@@ -217,13 +217,20 @@ class LeastSquares:
         deviation = np.full(grid.shape, np.nan, np.float32)
         misfit = np.full(grid.shape, np.nan, np.float32)
         depths = []
-        maker.clear()
+        surfaces = []
         published = np.zeros(grid.shape, bool)
         for part, region in zip(parts, regions, strict=True):
             refined = part.refined
             inverse_depth, v_p = self._nodes.meet(part.phase)
             measured = refined.measured & self._within_panel(part.phase, v_p)
-            maker.add(inverse_depth, refined.modulation, measured, refined.covered)
+            surfaces.append(
+                Published(
+                    np.where(np.isfinite(inverse_depth), inverse_depth, np.float32(1)),
+                    refined.modulation,
+                    measured,
+                    refined.covered,
+                )
+            )
             at_stripe = region & (np.abs(part.phase) < math.pi) & np.isfinite(inverse_depth)
             depths.append(1 / inverse_depth[at_stripe])
             step = np.float32(0.05)
@@ -246,7 +253,7 @@ class LeastSquares:
             )
         size = self.rig.camera.height, self.rig.camera.width
         quality = Quality(untied, remarks, deviation, misfit, size, maker.stride)
-        return maker.cloud(), float(np.median(depth)) if len(depth) else math.nan, quality
+        return maker.cloud(surfaces), float(np.median(depth)) if len(depth) else math.nan, quality
 
     def _within_panel(self, phase, v_p) -> NDArray[np.bool_]:
         """Bins that the projector's panel reaches, but for its blurred rim."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.profilometry.triangulation import triangulate
 from ftp_dent_ros.rig import Lens, Rig
-from ftp_dent_ros.profilometry.least_squares.grid import lagrange
+from ftp_dent_ros.profilometry.least_squares.spreading import lagrange
 
 # Between rays that are undistorted one by one, pixels.
 _SPACING = 16
