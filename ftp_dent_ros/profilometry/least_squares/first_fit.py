@@ -57,11 +57,11 @@ class ReferenceTable:
 
     @classmethod
     def of(
-        cls, grid: Grid, windows: Windows, bins: Sight, nodes: Sight, depth: float, slope: float
+        cls, grid: Grid, windows: Windows, bins: Sight, nodes: Sight, depth: float
     ) -> ReferenceTable:
-        """Table of the plane z = depth + slope x."""
-        phase = bins.phase((1 - slope * bins.rays[..., 0]) / np.float32(depth))
-        node_phase = nodes.phase((1 - slope * nodes.rays[..., 0]) / np.float32(depth))
+        """Table of the plane z = depth."""
+        phase = bins.phase(np.full(grid.bin_shape, 1 / depth, np.float32))
+        node_phase = nodes.phase(np.full(grid.shape, 1 / depth, np.float32))
         cosine, sine = np.cos(phase), np.sin(phase)
 
         def mean(bins):

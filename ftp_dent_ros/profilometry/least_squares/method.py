@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.errors import NoStripeError, SaturatedError, TooDarkError
 from ftp_dent_ros.pattern import Pattern
-from ftp_dent_ros.profilometry.carrier import ReferencePlane, carrier_on, measured_carrier
+from ftp_dent_ros.profilometry.carrier import ReferencePlane, carrier_on
 from ftp_dent_ros.profilometry.least_squares.cloudmaker import CloudMaker, Published
 from ftp_dent_ros.profilometry.least_squares.continuation import continued_by_slope
 from ftp_dent_ros.profilometry.least_squares.first_fit import ReferenceTable, fit
@@ -36,17 +35,15 @@ from ftp_dent_ros.profilometry.unwrapping import unwrap
 from ftp_dent_ros.rig import Rig
 from ftp_dent_ros.cloud import Cloud
 
-# The reference plane's slope is a multiple of this, and 0 if the fringes fit it so well.
-_SLOPE = 0.25
-_FITS = 0.15
-_STEEPEST = 6
 # Rows of bins in which the stripe is looked for.
-_STRIPE_ROWS = 64
+_STRIPE_ROWS = 32
 # Between nodes one above the other, radians: a quarter of a fringe.
 _JUMP = math.pi / 2
 _SMALLEST_SHARE = 0.002
 _LARGEST_CLIPPED_SHARE = 0.5
 _TURN = 2 * math.pi
+# Nodes that the quadric is fitted to, about.
+_POINTS = 2000
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,8 +75,10 @@ class LeastSquares:
         self.windows = Windows.for_fringes(self.period, self.grid)
         self._bins = Sight.of(rig, pattern, *self.grid.bin_positions())
         self._nodes = Sight.of(rig, pattern, *self.grid.node_positions())
-        self._table = lru_cache(maxsize=3)(self._table_at)
-        self._refinement = Refinement(self.grid, self.windows, self.period, 1 if fast else 2)
+        self._table = ReferenceTable.of(
+            self.grid, self.windows, self._bins, self._nodes, self._depth
+        )
+        self._refinement = Refinement(self.grid, self.windows, self.period, fast)
         self._maker = CloudMaker(rig, self.grid, stride)
 
     def measure(self, image: NDArray[np.uint8]) -> tuple[Cloud, float, Quality]:
@@ -90,7 +89,7 @@ class LeastSquares:
         TooDarkError, SaturatedError, NoStripeError
         """
         light = Light.of(image, self.grid)
-        table = self._table(self._slope(light.red))
+        table = self._table
         fringes = fit(self.grid, self.windows, table, light.red)
         lit = fringe_region(fringes, self.windows, self.grid, self.period)
         self._check(light, lit)
@@ -104,16 +103,6 @@ class LeastSquares:
             parts.append(surface)
             regions.append(region)
         return self._result(lit, parts, regions)
-
-    def _table_at(self, slope: int) -> ReferenceTable:
-        return ReferenceTable.of(
-            self.grid, self.windows, self._bins, self._nodes, self._depth, _SLOPE * slope
-        )
-
-    def _slope(self, red: NDArray[np.float32]) -> int:
-        """Slope of the reference plane, in steps: 0 unless the fringes are far from it."""
-        seen = measured_carrier(red, self.rig, self.pattern)
-        return 0
 
     def _check(self, light: Light, lit: NDArray[np.bool_]) -> None:
         """Raise the reason if there are too few fringes, or most of them are clipped."""
@@ -163,23 +152,20 @@ class LeastSquares:
     def _surface(self, light, lit, region, others, phase) -> tuple[_Part, NDArray[np.bool_]]:
         """Fit one surface; once more if a part of it turns out not to be tied to the stripe."""
         place = self.windows, self.grid, self.period
-        quadric = self._quadric(region, phase)
-        reference = self._nodes.phase(evaluate(quadric, self._nodes.rays))
-        for label, turns in joined(
-            eroded(region), others * eroded(others > 0), phase - reference, *place
-        ).items():
+        reference, at_bins = self._reference(region, phase)
+        turns = joined(eroded(region), others * eroded(others > 0), phase - reference, *place)
+        for label, number in turns.items():
             more = others == label
             region = region | more
-            phase = phase + np.float32(_TURN * turns) * more
+            phase = phase + np.float32(_TURN * number) * more
+        if turns:
+            reference, at_bins = self._reference(region, phase)
         strange = lit & ~region
         for _ in range(2):
             region = apart(region, strange, self.grid, self.period)
-            quadric = self._quadric(region, phase)
-            reference = self._nodes.phase(evaluate(quadric, self._nodes.rays))
             sure = eroded(region)
             sure = sure if sure.any() else region
             shift = continued_by_slope(np.where(region, phase - reference, 0), sure, self.windows)
-            at_bins = self._bins.phase(evaluate(quadric, self._bins.rays))
             refined = self._refinement.refine(light, at_bins, shift, region)
             absolute = reference + refined.shift.values
             lines = self._edges(region, refined.misfit)
@@ -189,26 +175,30 @@ class LeastSquares:
             if not strange.any():
                 break
             strange = cv2.dilate(strange.view(np.uint8), np.ones((9, 9), np.uint8)) > 0
+            reference, at_bins = self._reference(region & ~strange, phase)
         return _Part(refined, absolute), region
 
     def _edges(self, region, misfit) -> NDArray[np.bool_]:
         return edges(region, misfit, self.windows, self.grid, self.period)
 
-    def _quadric(self, region, phase) -> NDArray[np.float64]:
-        size = [2 * math.ceil(3 * s) + 1 for s in (self.windows.sigma_v, self.windows.sigma_u)]
-        inner = cv2.erode(region.view(np.uint8), np.ones(size, np.uint8), borderValue=0) > 0
+    def _reference(self, region, phase) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Phase at the nodes and bins of the quadric through a region's first fit."""
+        inner = eroded(region)
         chosen = inner if inner.sum() > 0.2 * region.sum() else region
-        every = np.zeros_like(chosen)
-        every[::2, ::3] = chosen[::2, ::3]
-        chosen = every if every.sum() > 50 else chosen
-        inverse_depth, _ = self._nodes.meet(np.where(region, phase, np.nan))
-        met = chosen & np.isfinite(inverse_depth)
+        row, column = np.nonzero(chosen)
+        every = max(1, len(row) // _POINTS)
+        points = self._nodes.at(row[::every], column[::every])
+        inverse_depth, _ = points.meet(phase[row[::every], column[::every]][None])
+        met = np.isfinite(inverse_depth)
         if met.sum() < 6:
             raise NoStripeError(
                 'the red stripe is seen where the projector cannot light it: check that rig.yaml '
                 'and the pattern belong to this camera and projector'
             )
-        return robust_quadric(self._nodes.rays[met], inverse_depth[met])
+        quadric = robust_quadric(points.rays[met], inverse_depth[met])
+        return tuple(
+            sight.phase(evaluate(quadric, sight.rays)) for sight in (self._nodes, self._bins)
+        )
 
     def _result(self, lit, parts, regions) -> tuple[Cloud, float, Quality]:
         """Publish the surfaces together."""

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from ftp_dent_ros.profilometry.least_squares.continuation import continued, continued_by_slope
 from ftp_dent_ros.profilometry.least_squares.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.light import Light
-from ftp_dent_ros.profilometry.least_squares.shrinkage import Shrunk, shrink
-from ftp_dent_ros.profilometry.least_squares.windows import WIDTH, Windows
+from ftp_dent_ros.profilometry.least_squares.shrinkage import Shrunk, noise_through, shrink
+from ftp_dent_ros.profilometry.least_squares.windows import Windows
 
 # Misfit of a bin, in fringe amplitudes and in those of all, beyond which it tells of something
 # else than fringes; at the rim, where it may lie half beside the surface, less is allowed.
@@ -33,6 +33,8 @@ _LEAST_SUPPORT = 0.5
 _RIM_U, _RIM_V = 3, 1
 _MAD = 1.4826
 _EVERY = 3  # row that the harmonics are measured in
+# Gaussian windows that the noise has come through, one correcting the other; a flat-top is two.
+_FITS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,14 +74,14 @@ class Refinement:
     windows : Windows
     period : float
         Of the fringes, pixels.
-    rounds : int
-        How often the model is corrected.
+    fast : bool
+        Leave out the correction through flat-top windows.
     """
 
-    def __init__(self, grid: Grid, windows: Windows, period: float, rounds: int) -> None:
-        self.grid, self.windows, self.rounds = grid, windows, rounds
+    def __init__(self, grid: Grid, windows: Windows, period: float, fast: bool) -> None:
+        self.grid, self.windows, self.fast = grid, windows, fast
         self.period = period / grid.step
-        self._window_bins = 6.85 * (WIDTH * period) ** 2 / (grid.step * grid.pitch[1])
+        self._noise = noise_through(grid, windows, _FITS - 2 * fast)
 
     def refine(
         self,
@@ -107,32 +109,27 @@ class Refinement:
         core = cv2.erode(inside, np.ones((2 * _RIM_V + 1, 2 * _RIM_U + 1)), borderValue=0)
         mask = (core > 0) & ~clipped
         allowed = (cv2.dilate(inside, np.ones((3, 5))) > 0) & ~clipped
-        for turn in range(self.rounds):
-            cosine, sine = np.cos(phase), np.sin(phase)
-            level, modulation, step, known = self._masked_fit(levels, cosine, sine, mask)
-            if turn == 0:
-                shift = shift + continued_by_slope(step, known, self.windows)
-                phase = reference + self.grid.at_bins(shift)
-                cosine, sine = np.cos(phase), np.sin(phase)
-            amplitude = self.grid.at_bins(modulation)
-            rest = levels - self.grid.at_bins(level)
-            rest -= amplitude * cosine
-            rest -= amplitude * self._harmonics(rest, amplitude, cosine, mask)
-            misfit = rest / np.maximum(amplitude, 1)
-            mask, body = self._on_surface(misfit, mask, allowed, clipped)
-            shift, variance, supported = self._corrected(
-                shift, rest, cosine, sine, modulation, mask
-            )
-            power = 4 if turn == 0 else 2
-            shrunk = shrink(
-                continued_by_slope(shift, supported, self.windows),
-                continued(variance, supported, self.windows),
-                supported,
-                self.windows,
-                power,
-            )
-            shift = shrunk.values
-            phase = reference + self.grid.at_bins(shift)
+        cosine, sine = np.cos(phase), np.sin(phase)
+        level, modulation, step, known = self._masked_fit(levels, cosine, sine, mask)
+        shift = shift + continued_by_slope(step, known, self.windows)
+        phase = reference + self.grid.at_bins(shift)
+        cosine, sine = np.cos(phase), np.sin(phase)
+        amplitude = self.grid.at_bins(modulation)
+        rest = levels - self.grid.at_bins(level)
+        rest -= amplitude * cosine
+        rest -= amplitude * self._harmonics(rest, amplitude, cosine, mask)
+        misfit = rest / np.maximum(amplitude, 1)
+        mask, body = self._on_surface(misfit, mask, allowed, clipped)
+        step, variance, supported = self._correction(rest, cosine, sine, modulation, mask)
+        if not self.fast:
+            shift = shift + step
+        shrunk = shrink(
+            continued_by_slope(shift, supported, self.windows),
+            continued(variance, supported, self.windows),
+            supported,
+            self.windows,
+            self._noise,
+        )
         covered = self._covered(levels, amplitude, cosine, allowed)
         return Refined(shrunk, modulation, body, covered, misfit, supported)
 
@@ -197,19 +194,19 @@ class Refinement:
         share = seen / np.maximum(cv2.boxFilter(model * model, -1, size), 1e-3)
         return np.where(allowed, share, 0).astype(np.float32)
 
-    def _corrected(self, shift, rest, cosine, sine, modulation, mask):
-        """The shift corrected by what is left of the photograph, and its predicted variance."""
+    def _correction(self, rest, cosine, sine, modulation, mask):
+        """Phase step by what is left of the photograph, and its predicted variance."""
+        grid, windows = self.grid, self.windows
         weight = mask.astype(np.float32)
         rest = rest * weight
-        in_phase = self.windows.flat_top(self.grid.at_nodes(rest * cosine))
-        across = self.windows.flat_top(self.grid.at_nodes(rest * sine))
-        support = self.windows.flat_top(self.grid.at_nodes(2 * weight * sine * sine))
-        step = np.arctan2(
-            -2 * across / np.maximum(support, np.float32(_LEAST_SUPPORT)),
-            modulation + 2 * in_phase,
-        )
-        share = self.windows.gaussian(self.grid.at_nodes(weight))
-        spread = self.windows.gaussian(self.grid.at_nodes(rest * rest), 2)
-        spread /= np.maximum(self.windows.gaussian(self.grid.at_nodes(weight), 2), 0.05)
-        variance = 2 * spread / np.square(np.maximum(modulation, 1)) / self._window_bins
-        return shift + step, np.maximum(variance, np.float32(1e-8)), share > _LEAST_SHARE
+        across = rest * sine
+        support = windows.flat_top(grid.at_nodes(2 * weight * (sine * sine)))
+        enough = np.maximum(support, np.float32(_LEAST_SUPPORT))
+        step = np.float32(0)
+        if not self.fast:
+            in_phase = windows.flat_top(grid.at_nodes(rest * cosine))
+            across = windows.flat_top(grid.at_nodes(across))
+            step = np.arctan2(-2 * across / enough, modulation + 2 * in_phase)
+        spread = windows.gaussian(grid.at_nodes(rest * rest), 2) / enough
+        variance = spread / np.square(np.maximum(modulation, 1))
+        return step, np.maximum(variance, np.float32(1e-8)), support > _LEAST_SHARE

@@ -7,13 +7,13 @@ finer one holds the details of it, so that energy is handed down from coarse to 
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from functools import lru_cache
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.profilometry.least_squares.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.windows import Windows
 
 # Standard deviations of the bands' edges, in those of the windows.
@@ -24,6 +24,9 @@ _NEIGHBOURHOOD = 1.5
 _NOISE = 2.0
 _HANDED_DOWN = 0.03
 _MEDIAN_OF_SQUARE = 0.4549
+_EVERY = 2  # node that the noise is measured at
+# Nodes of noise that tell what windows make of it, and of their rim.
+_SAMPLE, _SAMPLE_RIM = (192, 192), 16
 
 
 @dataclass(frozen=True)
@@ -46,7 +49,7 @@ def shrink(
     variance: NDArray[np.float32],
     inside: NDArray[np.bool_],
     windows: Windows,
-    power: int,
+    gain: NoiseGain,
 ) -> Shrunk:
     """Shrink a field.
 
@@ -59,13 +62,16 @@ def shrink(
     inside : ndarray, shape (rows, columns), bool
         The region.
     windows : Windows
-    power : int
-        Windows that the noise has come through, see `band_shares`.
+    gain : NoiseGain
+        Of the windows that the field has come through.
     """
     levels = [values, *(windows.wide(values, scale) for scale in _SCALES)]
     bands = [finer - coarser for finer, coarser in zip(levels[:-1], levels[1:], strict=True)]
-    *shares, rest = band_shares(power)
-    finest = np.square(bands[0][inside]) / variance[inside]
+    *shares, rest = gain.shares
+    variance = variance * np.float32(gain.total)
+    some = (slice(None, None, _EVERY), slice(None, None, _EVERY))
+    sample = inside[some]
+    finest = np.square(bands[0][some][sample]) / variance[some][sample]
     factor = float(np.median(finest)) / _MEDIAN_OF_SQUARE / shares[0]
     noise = np.maximum(np.float32(factor) * variance, np.float32(1e-12))
     result = levels[-1].copy()
@@ -75,29 +81,41 @@ def shrink(
         energy = windows.wide(band * band, _NEIGHBOURHOOD * scale)
         here = np.float32(share) * noise
         signal = np.maximum(energy - np.float32(_NOISE) * here, np.float32(_HANDED_DOWN) * signal)
-        gain = signal / (signal + here)
-        result += gain * band
-        left += gain * here
+        weight = signal / (signal + here)
+        result += weight * band
+        left += weight * here
     return Shrunk(result, left)
 
 
-@lru_cache(maxsize=8)
-def band_shares(power: int) -> tuple[float, ...]:
-    """Share of each band, and of what lies below them, in the variance of white noise.
+@dataclass(frozen=True)
+class NoiseGain:
+    """What becomes of white noise of variance 1 in the products of bins.
 
-    Parameters
+    Attributes
     ----------
-    power : int
-        The noise has come through windows ``1 - (1 - G)^power``: 1 for a Gaussian, 2 for a
-        flat-top.
+    total : float
+        Its variance in the phase, for fringes of amplitude 1.
+    shares : tuple of float
+        Parts of it in the bands, from fine to coarse, and below them all.
     """
-    frequency = np.linspace(0, 1.5, 3001)  # radial, in 1 / sigma of the windows
 
-    def gaussian(scale: float) -> NDArray[np.float64]:
-        return np.exp(-2 * (math.pi * scale * frequency) ** 2)
+    total: float
+    shares: tuple[float, ...]
 
-    weight = frequency * np.square(1 - (1 - gaussian(1)) ** power)
-    edges = [np.ones_like(frequency), *(gaussian(scale) for scale in _SCALES)]
-    pieces = [finer - coarser for finer, coarser in zip(edges[:-1], edges[1:], strict=True)]
-    shares = [weight @ np.square(piece) for piece in (*pieces, edges[-1])]
-    return tuple(float(share / weight.sum()) for share in shares)
+
+def noise_through(grid: Grid, windows: Windows, fits: int) -> NoiseGain:
+    """Send noise through `fits` windows, each of which corrects the ones before."""
+    rows, columns = _SAMPLE
+    noise = np.random.default_rng(0).standard_normal((rows, columns * grid.bins), np.float32)
+    bin_size = noise.shape[::-1]
+    field = np.zeros(_SAMPLE, np.float32)
+    for _ in range(fits):
+        known = cv2.resize(field, bin_size, interpolation=cv2.INTER_LINEAR)
+        field = field + windows.gaussian(grid.at_nodes(noise - known))
+    levels = [field, *(windows.wide(field, scale) for scale in _SCALES)]
+    pieces = [finer - coarser for finer, coarser in zip(levels[:-1], levels[1:], strict=True)]
+    inner = slice(_SAMPLE_RIM, -_SAMPLE_RIM)
+    variances = [float(np.square(piece[inner, inner]).mean()) for piece in (*pieces, levels[-1])]
+    total = float(np.square(field[inner, inner]).mean())
+    # Half of the noise is in phase with the fringes, and the amplitude counts twice.
+    return NoiseGain(2 * total, tuple(variance / total for variance in variances))

@@ -78,6 +78,11 @@ class Sight:
         rotation = rig.rotation.astype(np.float32)
         return cls(rig, pattern, rays, [r[0] * x + r[1] * y + r[2] for r in rotation])
 
+    def at(self, row: NDArray[np.integer], column: NDArray[np.integer]) -> Sight:
+        """Sight of some points of the grid, as one row."""
+        rays, *along = (field[row, column][None] for field in (self.rays, *self.along))
+        return Sight(self.rig, self.pattern, rays, along)
+
     def phase(self, inverse_depth: NDArray[np.float32]) -> NDArray[np.float32]:
         """Absolute phase at points of inverse depth 1 / z, radians (eq. 16)."""
         lens = self.rig.projector

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-_ROUNDS = 8
+_ROUNDS = 6
 _BISQUARE = 4.7
 _MAD = 1.4826
-_POINTS = 6000
 
 
 def basis(rays: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -29,8 +28,7 @@ def robust_quadric(
     rays : ndarray, shape (points, 2)
     inverse_depth : ndarray, shape (points,)
     """
-    every = max(1, len(rays) // _POINTS)
-    rays, values = rays[::every], inverse_depth[::every].astype(float)
+    values = inverse_depth.astype(float)
     scale = np.abs(rays).max(axis=0) + 1e-9
     terms = basis((rays / scale).astype(float))
     weight = np.ones(len(values))
