@@ -17,7 +17,7 @@ _LEAST = 0.01
 # Of a coarse node, that must be known for a slope.
 _WHOLE = 0.9
 # Standard deviation that is left on the coarse grid.
-_SIGMA = 1.0
+_SIGMA = 1.5
 
 
 def continued(

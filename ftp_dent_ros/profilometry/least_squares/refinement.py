@@ -23,14 +23,14 @@ from ftp_dent_ros.profilometry.least_squares.windows import Windows
 # Misfit of a bin, in fringe amplitudes and in those of all, beyond which it tells of something
 # else than fringes; at the rim, where it may lie half beside the surface, less is allowed.
 _MISFIT, _MISFIT_NOISE = 0.25, 4.0
-_RIM_MISFIT, _RIM_NOISE = 0.05, 4.0
+_RIM_MISFIT, _RIM_NOISE = 0.07, 4.0
 # Share of a window that must be on the surface for a fit of its own, and of what is left of a
 # fringe's variation then.
 _LEAST_SHARE, _LEAST_VARIATION = 0.5, 0.05
 # Of the normal equations by missing bins, beyond which their lack is not made up for.
 _LEAST_SUPPORT = 0.5
-# Bins by which the first mask's rim is uncertain.
-_RIM_U, _RIM_V = 3, 1
+# Fringes along u, and bins along v, by which the first mask's rim is uncertain.
+_RIM_U, _RIM_V = 0.5, 1
 _MAD = 1.4826
 _EVERY = 3  # row that the harmonics are measured in
 # Gaussian windows that the noise has come through, one correcting the other; a flat-top is two.
@@ -106,7 +106,8 @@ class Refinement:
         phase = reference + self.grid.at_bins(shift)
         clipped = light.clipped
         levels = light.filled(phase, inside > 0, self.period)
-        core = cv2.erode(inside, np.ones((2 * _RIM_V + 1, 2 * _RIM_U + 1)), borderValue=0)
+        rim = math.ceil(self.grid.bins / 2 + _RIM_U * self.period)
+        core = cv2.erode(inside, np.ones((2 * _RIM_V + 1, 2 * rim + 1)), borderValue=0)
         mask = (core > 0) & ~clipped
         allowed = (cv2.dilate(inside, np.ones((3, 5))) > 0) & ~clipped
         cosine, sine = np.cos(phase), np.sin(phase)
