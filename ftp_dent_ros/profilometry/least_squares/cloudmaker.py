@@ -16,7 +16,6 @@ from ftp_dent_ros.profilometry.least_squares.sight import rays_at
 from ftp_dent_ros.profilometry.least_squares.spreading import Spreader
 from ftp_dent_ros.rig import Rig
 
-
 # Pixel rows by which the camera's blur makes the surface look larger.
 _BLURRED = 0.5
 _LEAST_COVER = 0.3
@@ -41,7 +40,9 @@ class CloudMaker:
     def __init__(self, rig: Rig, grid: Grid, stride: int) -> None:
         self.grid, self.stride = grid, stride
         self._spreader = Spreader.of(grid, stride)
-        rays = rays_at(rig.camera, np.arange(0, grid.width, stride), np.arange(0, grid.height, stride))
+        rays = rays_at(
+            rig.camera, np.arange(0, grid.width, stride), np.arange(0, grid.height, stride)
+        )
         self._x, self._y = (np.ascontiguousarray(rays[..., axis]) for axis in (0, 1))
         self._pool: list[tuple[NDArray[np.float32], NDArray[np.float32]]] = []
 
@@ -81,10 +82,9 @@ class CloudMaker:
         )
         for rows, nodes, weights in self._spreader.rows:
             inverse = weights @ self._spreader.wide[nodes]
-            some = mask[rows.start * stride : (rows.stop - 1) * stride + 1 : stride]
-            some = cv2.resize(some, (width, len(some)), interpolation=cv2.INTER_NEAREST)
-            some = np.ascontiguousarray(some[:, : grid.width : stride])
-            outside = cv2.compare(some, 0, cv2.CMP_EQ)
+            part = mask[rows.start * stride : (rows.stop - 1) * stride + 1 : stride]
+            some = cv2.resize(part, (width, len(part)), interpolation=cv2.INTER_NEAREST)
+            outside = some[:, : grid.width : stride] == 0
             depth = cv2.divide(1.0, inverse)
             z = _blank(depth, outside, math.nan)
             x = self._x[rows] * z
@@ -116,7 +116,7 @@ class Published:
 
 def _blank(values, where, value):
     """Set `values` to `value` where the mask is set, in place."""
-    np.copyto(values, np.float32(value), where=where.view(bool))
+    np.copyto(values, np.float32(value), where=where)
     return values
 
 

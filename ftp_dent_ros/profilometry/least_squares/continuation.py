@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.profilometry.least_squares.windows import Windows
+from ftp_dent_ros.profilometry.least_squares.windows import Windows, blurred
 
 # Width of the neighbourhood that speaks for what lies beyond, windows.
 _WIDTH = 4.0
@@ -79,12 +79,12 @@ class _Coarse:
         size = [-(-length // step) for length, step in zip(field.shape[::-1], steps, strict=True)]
         values = cv2.resize(field * weight, size, interpolation=cv2.INTER_AREA)
         weight = cv2.resize(weight, size, interpolation=cv2.INTER_AREA)
-        left = tuple(sigma / step for sigma, step in zip(sigmas, steps, strict=True))
-        total = cv2.GaussianBlur(weight, (0, 0), *left, borderType=cv2.BORDER_CONSTANT)
+        left = sigmas[0] / steps[0], sigmas[1] / steps[1]
+        total = blurred(weight, left, cv2.BORDER_CONSTANT)
         return cls(values, weight, total, left, field.shape)
 
     def blur(self, field):
-        return cv2.GaussianBlur(field, (0, 0), *self.sigmas, borderType=cv2.BORDER_CONSTANT)
+        return blurred(field, self.sigmas, cv2.BORDER_CONSTANT)
 
     def mean(self, weighted):
         return self.blur(weighted) / np.maximum(self.total, _LEAST)

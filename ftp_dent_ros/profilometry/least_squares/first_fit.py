@@ -75,9 +75,7 @@ class ReferenceTable:
         return cls(phase, node_phase, cosine, sine, np.ascontiguousarray(inverse))
 
 
-def fit(
-    grid: Grid, windows: Windows, table: ReferenceTable, bins: NDArray[np.float32]
-) -> Fringes:
+def fit(grid: Grid, windows: Windows, table: ReferenceTable, bins: NDArray[np.float32]) -> Fringes:
     """Fit the fringes in each node's window.
 
     Parameters

@@ -78,14 +78,17 @@ class Grid:
         columns = self.step * np.arange(self.bin_shape[1]) + (self.step - 1) / 2
         return columns, self.node_positions()[1]
 
+    @property
+    def bin_variance(self) -> float:
+        """Of the averages over pixels along u that bins are."""
+        return _ORDER * (self.step**2 - 1) / 12
+
     def binned(self, plane: NDArray) -> NDArray[np.float32]:
         """Averages of a plane of pixels over the bins, shape `bin_shape`, float32."""
         rows, columns = self.bin_shape
         missing = rows * _ROWS - self.height, columns * self.step - self.width
         if any(missing):
-            plane = cv2.copyMakeBorder(
-                plane, 0, missing[0], 0, missing[1], cv2.BORDER_REPLICATE
-            )
+            plane = cv2.copyMakeBorder(plane, 0, missing[0], 0, missing[1], cv2.BORDER_REPLICATE)
         fine = cv2.resize(
             plane.astype(np.float32), (columns * self.step, rows), interpolation=cv2.INTER_AREA
         )

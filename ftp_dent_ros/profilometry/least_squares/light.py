@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.profilometry.least_squares.grid import Grid
+from ftp_dent_ros.profilometry.least_squares.windows import blurred
 
 # Luma (ITU-R BT.601), in which the errors of demosaicing and of JPEG cancel.
 _RED, _OTHERS = 0.299, 0.701
@@ -18,6 +19,8 @@ _CLIPPED = 248.0
 # Phase up to which green and blue are missing, and a little of their blur, radians.
 _STRIPE = math.pi + 0.9
 _LEAST = 1e-3
+# Standard deviation over rows of bins of the ratio of the colours.
+_ROWS = 2.5
 
 
 @dataclass(frozen=True)
@@ -77,9 +80,7 @@ class Light:
         weight = (inside[band] & ~stripe).astype(np.float32)
 
         def mean(values):
-            return cv2.GaussianBlur(
-                weight * values, (0, 0), period, 0, sigmaY=2.5, borderType=cv2.BORDER_CONSTANT
-            )
+            return blurred(weight * values, (period, _ROWS), cv2.BORDER_CONSTANT)
 
         total = np.maximum(mean(np.float32(1)), _LEAST)
         mean_red, mean_grey = mean(red) / total, mean(grey) / total

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.errors import NoStripeError, SaturatedError, TooDarkError
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.profilometry.carrier import ReferencePlane, carrier_on
@@ -33,7 +34,6 @@ from ftp_dent_ros.profilometry.least_squares.windows import Windows
 from ftp_dent_ros.profilometry.stripe import stripe_orders
 from ftp_dent_ros.profilometry.unwrapping import unwrap
 from ftp_dent_ros.rig import Rig
-from ftp_dent_ros.cloud import Cloud
 
 # Rows of bins in which the stripe is looked for.
 _STRIPE_ROWS = 32
@@ -196,9 +196,10 @@ class LeastSquares:
                 'and the pattern belong to this camera and projector'
             )
         quadric = robust_quadric(points.rays[met], inverse_depth[met])
-        return tuple(
+        at_nodes, at_bins = (
             sight.phase(evaluate(quadric, sight.rays)) for sight in (self._nodes, self._bins)
         )
+        return at_nodes, at_bins
 
     def _result(self, lit, parts, regions) -> tuple[Cloud, float, Quality]:
         """Publish the surfaces together."""
@@ -238,8 +239,8 @@ class LeastSquares:
         remarks: tuple[str, ...] = ()
         if untied > 0.05:
             remarks = (
-                f'{untied:.0%} of the lit area is not tied to the red stripe (a step or a gap lies '
-                'between): bring the stripe onto it to measure it',
+                f'{untied:.0%} of the lit area is not tied to the red stripe (a step or a gap '
+                'lies between): bring the stripe onto it to measure it',
             )
         size = self.rig.camera.height, self.rig.camera.width
         quality = Quality(untied, remarks, deviation, misfit, size, maker.stride)

@@ -32,6 +32,9 @@ _LEAST_SUPPORT = 0.5
 # Fringes along u, and bins along v, by which the first mask's rim is uncertain.
 _RIM_U, _RIM_V = 0.5, 1
 _MAD = 1.4826
+# Windows that light is smoothed over, and the most it grows a pixel, but at edges of paint.
+_LIGHT = 4.0
+_STEEPEST_LIGHT = 0.003
 _EVERY = 3  # row that the harmonics are measured in
 # Gaussian windows that the noise has come through, one correcting the other; a flat-top is two.
 _FITS = 4
@@ -131,11 +134,14 @@ class Refinement:
             self.windows,
             self._noise,
         )
+        if self.grid.bin_variance:
+            lag = self._lag(modulation, reference)
+            shrunk = Shrunk(shrunk.values - lag, shrunk.variance)
         covered = self._covered(levels, amplitude, cosine, allowed)
         return Refined(shrunk, modulation, body, covered, misfit, supported)
 
     def _masked_fit(self, levels, cosine, sine, mask):
-        """Level, amplitude and phase step in Gaussian windows; unknown where too little is seen."""
+        """Level, amplitude and phase step in Gaussian windows, and where they are known."""
         weight = mask.astype(np.float32)
 
         def total(bins):
@@ -179,12 +185,21 @@ class Refinement:
         good = (size < max(_MISFIT, _MISFIT_NOISE * noise)) & allowed
         across = 2 * math.ceil(0.6 * self.period) + 1
         closing = np.ones((5, across), np.uint8)
-        body = cv2.morphologyEx((good | (clipped & allowed)).view(np.uint8), cv2.MORPH_CLOSE, closing)
+        body = (good | (clipped & allowed)).view(np.uint8)
+        body = cv2.morphologyEx(body, cv2.MORPH_CLOSE, closing)
         core = cv2.erode(body, np.ones((3, int(2 * self.period) + 1), np.uint8), borderValue=0) > 0
         good &= core | (size < max(_RIM_MISFIT, _RIM_NOISE * noise))
         body = (good | (clipped & core)).view(np.uint8)
         body = cv2.morphologyEx(body, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
         return good, cv2.morphologyEx(body, cv2.MORPH_CLOSE, closing) > 0
+
+    def _lag(self, modulation, reference):
+        """Phase by which averaging to bins leads, where the light grows along the fringes."""
+        smooth = self.windows.wide(np.log(np.maximum(modulation, 1)), _LIGHT)
+        growth = np.gradient(smooth, axis=1) / self.grid.pitch[0]
+        frequency = np.gradient(reference[:, :: self.grid.bins], axis=1) / self.grid.pitch[0]
+        limited = np.clip(growth, -_STEEPEST_LIGHT, _STEEPEST_LIGHT)
+        return (limited * frequency * np.float32(self.grid.bin_variance)).astype(np.float32)
 
     def _covered(self, levels, amplitude, cosine, allowed):
         """Amplitude of the fringes of one row of bins, as a share of the model's."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import cv2
 import numpy as np
@@ -35,7 +36,8 @@ def fringe_region(
 ) -> NDArray[np.bool_]:
     """Nodes that see fringes of one surface."""
     nu, nv = (math.ceil(period / pitch) for pitch in grid.pitch)
-    reach = [2 * math.ceil(2 * s) + 2 * n + 1 for s, n in ((windows.sigma_v, nv), (windows.sigma_u, nu))]
+    reaches = (windows.sigma_v, nv), (windows.sigma_u, nu)
+    reach = [2 * math.ceil(2 * sigma) + 2 * n + 1 for sigma, n in reaches]
     lit = fringes.modulation > _LEAST_MODULATION
     beside_dark = cv2.dilate((~lit).view(np.uint8), np.ones(reach, np.uint8), borderValue=0) > 0
     shoulder = cv2.dilate(fringes.modulation, np.ones((2 * nv + 1, 2 * nu + 1), np.uint8))
@@ -78,7 +80,7 @@ def edges(
     if not inner.any():
         return inner
     typical = float(np.median(rough[inner]))
-    edge = (inner & (rough > max(_ROUGH, _ROUGH_NOISE * typical))).view(np.uint8)
+    edge: Any = (inner & (rough > max(_ROUGH, _ROUGH_NOISE * typical))).view(np.uint8)
     lines = edge
     if edge.any():
         along_u, along_v = (int(_GAP * period / pitch) for pitch in grid.pitch)
@@ -164,6 +166,7 @@ def untied(
     """
     if not lines.any():
         return lines
+    labels: Any
     _, labels = cv2.connectedComponents((region & ~lines).view(np.uint8), connectivity=4)
     at_home = np.bincount(labels[at_stripe & region & ~lines], minlength=labels.max() + 1)
     at_home[0] = 0

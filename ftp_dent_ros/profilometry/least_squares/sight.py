@@ -8,17 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.profilometry.least_squares.spreading import lagrange
 from ftp_dent_ros.profilometry.triangulation import triangulate
 from ftp_dent_ros.rig import Lens, Rig
-from ftp_dent_ros.profilometry.least_squares.spreading import lagrange
 
 # Between rays that are undistorted one by one, pixels.
 _SPACING = 16
 
 
-def rays_at(
-    lens: Lens, columns: NDArray[np.floating], rows: NDArray[np.floating]
-) -> NDArray[np.float32]:
+def rays_at(lens: Lens, columns: NDArray, rows: NDArray) -> NDArray[np.float32]:
     """Undistorted rays through the crossings of pixel columns and rows, quickly.
 
     Returns
@@ -33,16 +31,18 @@ def rays_at(
             for p, c, f in zip((columns, rows), lens.camera_matrix[:2, 2], focal, strict=True)
         )
         return np.stack(np.meshgrid(x, y), axis=-1).astype(np.float32)
-    ends = [np.linspace(-_SPACING, size + _SPACING, size // _SPACING + 3) for size in
-            (lens.width, lens.height)]
+    ends = [
+        np.linspace(-_SPACING, size + _SPACING, size // _SPACING + 3)
+        for size in (lens.width, lens.height)
+    ]
     exact = lens.rays(np.stack(np.meshgrid(*ends), axis=-1))[..., :2]
     along_u, along_v = (
         lagrange((p - e[0]) / (e[1] - e[0]), len(e))
         for p, e in zip((columns, rows), ends, strict=True)
     )
-    return np.stack(
-        [along_v @ (along_u @ exact[..., i].T).T for i in range(2)], axis=-1
-    ).astype(np.float32)
+    return np.stack([along_v @ (along_u @ exact[..., i].T).T for i in range(2)], axis=-1).astype(
+        np.float32
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,4 +104,4 @@ class Sight:
         columns = self.pattern.column(phase).astype(np.float32)
         rays = np.concatenate([self.rays, np.ones_like(self.rays[..., :1])], axis=-1)
         depth, v_p = triangulate(self.rig, rays, columns)
-        return 1 / depth, v_p
+        return np.float32(1) / depth, v_p

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -63,7 +65,7 @@ class Windows:
         sigmas = scale * self.sigma_u, scale * self.sigma_v
         steps = [_coarsening(sigma) for sigma in sigmas]
         if max(steps) == 1:
-            return cv2.GaussianBlur(nodes, (0, 0), *sigmas, borderType=border)
+            return blurred(nodes, sigmas, border)
         size = nodes.shape[::-1]
         coarse = [-(-length // step) for length, step in zip(size, steps, strict=True)]
         small = cv2.resize(nodes, coarse, interpolation=cv2.INTER_AREA)
@@ -72,8 +74,13 @@ class Windows:
             math.sqrt(sigma * sigma - (step > 1) * (step * step / 4 - 1 / 12)) / step
             for sigma, step in zip(sigmas, steps, strict=True)
         ]
-        small = cv2.GaussianBlur(small, (0, 0), *left, borderType=border)
+        small = blurred(small, left, border)
         return cv2.resize(small, size, interpolation=cv2.INTER_LINEAR)
+
+
+def blurred(field: Any, sigmas: Sequence[float], border: int) -> Any:
+    """Gaussian of standard deviations along u and v, in samples of the field."""
+    return cv2.GaussianBlur(field, (0, 0), sigmaX=sigmas[0], sigmaY=sigmas[1], borderType=border)
 
 
 def _coarsening(sigma: float) -> int:
