@@ -23,7 +23,7 @@ from ftp_dent_ros.profilometry.least_squares.windows import Windows
 # Misfit of a bin, in fringe amplitudes and in those of all, beyond which it tells of something
 # else than fringes; at the rim, where it may lie half beside the surface, less is allowed.
 _MISFIT, _MISFIT_NOISE = 0.25, 4.0
-_RIM_MISFIT, _RIM_NOISE = 0.07, 4.0
+_RIM_MISFIT, _RIM_NOISE = 0.055, 4.0
 # Share of a window that must be on the surface for a fit of its own, and of what is left of a
 # fringe's variation then.
 _LEAST_SHARE, _LEAST_VARIATION = 0.5, 0.05
