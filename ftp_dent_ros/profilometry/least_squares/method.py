@@ -26,6 +26,7 @@ from ftp_dent_ros.profilometry.least_squares.regions import (
     eroded,
     fringe_region,
     joined,
+    separated,
     untied,
 )
 from ftp_dent_ros.profilometry.least_squares.sight import Sight
@@ -134,10 +135,9 @@ class LeastSquares:
             model = self.grid.at_bins(fringes.level)
             amplitude = self.grid.at_bins(fringes.modulation)
             misfit = (light.red - model - amplitude * np.cos(phase)) / np.maximum(amplitude, 1)
-            lines = self._edges(lit, roughness(misfit, self.windows, self.grid))
-            if not lines.any():
-                raise
-            unwrapped = unwrap(fringes.shift, lit & ~lines, jump=_JUMP)
+            rough = roughness(misfit, self.windows, self.grid)
+            cut = separated(lit, edges(lit, rough, self.grid, self.period))
+            unwrapped = unwrap(fringes.shift, cut, jump=_JUMP)
             orders = self._orders(light, table, unwrapped)
         return table.node_phase + unwrapped.phase, unwrapped.part, orders
 
@@ -170,7 +170,7 @@ class LeastSquares:
             shift = continued_by_slope(np.where(region, phase - reference, 0), sure, self.windows)
             refined = self._refinement.refine(light, at_bins, shift, region)
             absolute = reference + refined.shift.values
-            lines = self._edges(region, refined.roughness)
+            lines = edges(region, refined.roughness, self.grid, self.period)
             strange = untied(
                 region, lines, refined.shift.values, np.abs(absolute) < math.pi, *place
             )
@@ -179,9 +179,6 @@ class LeastSquares:
             strange = cv2.dilate(strange.view(np.uint8), np.ones((9, 9), np.uint8)) > 0
             reference, at_bins = self._reference(region & ~strange, phase)
         return _Part(refined, absolute), region
-
-    def _edges(self, region, rough) -> NDArray[np.bool_]:
-        return edges(region, rough, self.grid, self.period)
 
     def _reference(self, region, phase) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Phase at the nodes and bins of the quadric through a region's first fit."""

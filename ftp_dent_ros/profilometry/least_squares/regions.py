@@ -25,6 +25,8 @@ _VALLEY = 0.6
 _ROUGH, _ROUGH_NOISE = 0.04, 4.0
 _GAP = 12.0
 _TIED = 0.25
+# Nodes whose windows see the rim.
+_RIM_NODES = 3
 # Fringes beyond an edge within which the phases of both sides are compared.
 _NEAR = 4.0
 _TURN = 2 * math.pi
@@ -84,9 +86,27 @@ def edges(
     return lines > 0
 
 
+def separated(region: NDArray[np.bool_], lines: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The nodes of a region, cut along lines and at its necks."""
+    labels: Any
+    count, labels = cv2.connectedComponents(
+        (eroded(region) & ~lines).view(np.uint8), connectivity=4
+    )
+    sizes = np.bincount(labels.ravel())
+    grown, met = np.zeros(region.shape, np.uint8), np.zeros(region.shape, np.uint8)
+    size = 2 * _RIM_NODES + 1
+    for label in range(1, count):
+        if sizes[label] >= _SMALLEST:
+            core = (labels == label).view(np.uint8)
+            grown |= cv2.dilate(core, np.ones((size, size), np.uint8))
+            met += cv2.dilate(core, np.ones((size + 2, size + 2), np.uint8))
+    return region & (grown > 0) & (met < 2)
+
+
 def eroded(region: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """The nodes of a region whose windows do not see its rim."""
-    return cv2.erode(region.view(np.uint8), np.ones((7, 7), np.uint8), borderValue=0) > 0
+    size = 2 * _RIM_NODES + 1
+    return cv2.erode(region.view(np.uint8), np.ones((size, size), np.uint8), borderValue=0) > 0
 
 
 def joined(
