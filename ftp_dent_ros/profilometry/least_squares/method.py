@@ -92,14 +92,14 @@ class LeastSquares:
         light = Light.of(image, self.grid)
         table = self._table
         fringes = fit(self.grid, self.windows, table, light.red)
-        lit = fringe_region(fringes, self.windows, self.grid, self.period)
+        lit, seams = fringe_region(fringes, self.windows, self.grid, self.period)
         self._check(light, lit)
         phase, part, orders = self._absolute(light, table, fringes, lit)
         parts, regions = [], []
         for label, order in orders.items():
             others = np.where(np.isin(part, list(orders)) | (part < 0), 0, part + 1)
             surface, region = self._surface(
-                light, lit, part == label, others, phase - np.float32(_TURN * order)
+                light, lit, seams, part == label, others, phase - np.float32(_TURN * order)
             )
             parts.append(surface)
             regions.append(region)
@@ -151,7 +151,9 @@ class LeastSquares:
         part[:, 1:-1][(part[:, 1:-1] != part[:, 2:]) | (part[:, 1:-1] != part[:, :-2])] = -1
         return stripe_orders(table.phase[rows] + shift, part, light.red[rows], light.others[rows])
 
-    def _surface(self, light, lit, region, others, phase) -> tuple[_Part, NDArray[np.bool_]]:
+    def _surface(
+        self, light, lit, seams, region, others, phase
+    ) -> tuple[_Part, NDArray[np.bool_]]:
         """Fit one surface; once more if a part of it turns out not to be tied to the stripe."""
         place = self.windows, self.grid, self.period
         reference, at_bins = self._reference(region, phase)
@@ -164,7 +166,7 @@ class LeastSquares:
             reference, at_bins = self._reference(region, phase)
         strange = lit & ~region
         for _ in range(2):
-            region = apart(region, strange, self.grid, self.period)
+            region = apart(region, strange, seams, self.grid, self.period)
             sure = eroded(region)
             sure = sure if sure.any() else region
             shift = continued_by_slope(np.where(region, phase - reference, 0), sure, self.windows)

@@ -25,6 +25,8 @@ _VALLEY = 0.6
 _ROUGH, _ROUGH_NOISE = 0.04, 4.0
 _GAP = 12.0
 _TIED = 0.25
+# Fringes that are left out beside another surface.
+_MARGIN = 0.7
 # Nodes whose windows see the rim.
 _RIM_NODES = 3
 # Fringes beyond an edge within which the phases of both sides are compared.
@@ -35,8 +37,8 @@ _SMALLEST = 30  # nodes of a surface
 
 def fringe_region(
     fringes: Fringes, windows: Windows, grid: Grid, period: float
-) -> NDArray[np.bool_]:
-    """Nodes that see fringes of one surface."""
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Nodes that see fringes of one surface, and those in between that see two."""
     nu, nv = (math.ceil(period / pitch) for pitch in grid.pitch)
     reaches = (windows.sigma_v, nv), (windows.sigma_u, nu)
     reach = [2 * math.ceil(2 * sigma) + 2 * n + 1 for sigma, n in reaches]
@@ -46,19 +48,23 @@ def fringe_region(
     between = cv2.morphologyEx(
         fringes.modulation, cv2.MORPH_CLOSE, np.ones((2 * nv + 1, 4 * nu + 1), np.uint8)
     )
-    return (
-        lit
-        & (~beside_dark | (fringes.modulation > _RIM * shoulder))
-        & (fringes.modulation > _VALLEY * between)
-    )
+    valley = fringes.modulation <= _VALLEY * between
+    rim = beside_dark & (fringes.modulation <= _RIM * shoulder)
+    return lit & ~rim & ~valley, lit & valley
 
 
 def apart(
-    region: NDArray[np.bool_], others: NDArray[np.bool_], grid: Grid, period: float
+    region: NDArray[np.bool_],
+    others: NDArray[np.bool_],
+    seams: NDArray[np.bool_],
+    grid: Grid,
+    period: float,
 ) -> NDArray[np.bool_]:
-    """The nodes of `region` that are not beside nodes of other surfaces."""
-    size = [2 * math.ceil(0.7 * period / pitch) + 1 for pitch in grid.pitch[::-1]]
-    return region & ~(cv2.dilate(others.view(np.uint8), np.ones(size, np.uint8)) > 0)
+    """The nodes of `region` that are not beside other surfaces, nor beside a seam with them."""
+    reach = np.ones((2 * _RIM_NODES + 1, 2 * _RIM_NODES + 1), np.uint8)
+    strange = others | (seams & (cv2.dilate(others.view(np.uint8), reach) > 0))
+    size = [2 * math.ceil(_MARGIN * period / pitch) + 1 for pitch in grid.pitch[::-1]]
+    return region & ~(cv2.dilate(strange.view(np.uint8), np.ones(size, np.uint8)) > 0)
 
 
 def edges(
@@ -93,13 +99,15 @@ def separated(region: NDArray[np.bool_], lines: NDArray[np.bool_]) -> NDArray[np
         (eroded(region) & ~lines).view(np.uint8), connectivity=4
     )
     sizes = np.bincount(labels.ravel())
+    grown: Any
+    met: Any
     grown, met = np.zeros(region.shape, np.uint8), np.zeros(region.shape, np.uint8)
     size = 2 * _RIM_NODES + 1
     for label in range(1, count):
         if sizes[label] >= _SMALLEST:
             core = (labels == label).view(np.uint8)
-            grown |= cv2.dilate(core, np.ones((size, size), np.uint8))
-            met += cv2.dilate(core, np.ones((size + 2, size + 2), np.uint8))
+            grown = grown | cv2.dilate(core, np.ones((size, size), np.uint8))
+            met = met + cv2.dilate(core, np.ones((size + 2, size + 2), np.uint8))
     return region & (grown > 0) & (met < 2)
 
 
