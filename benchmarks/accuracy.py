@@ -1,6 +1,6 @@
 """Accuracy of a method on simulated photographs, scene by scene.
 
-python benchmarks/accuracy.py [--method least-squares] [--fast] [--unwrapping itoh] [--only fuselage]
+python benchmarks/accuracy.py [--method least-squares] [--fast] [--only fuselage]
 """
 
 from __future__ import annotations

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -82,15 +83,19 @@ class CloudMaker:
         for rows, nodes, weights in self._spreader.rows:
             inverse = weights @ self._spreader.wide[nodes]
             here = slice(rows.start * stride, (rows.stop - 1) * stride + 1, stride)
-            part, bright = mask[here], level[here]
+            part: Any = mask[here]
+            bright = level[here]
             z = np.reciprocal(inverse, out=inverse)
             if not part.all():
-                some = cv2.resize(part, (width, len(part)), interpolation=cv2.INTER_NEAREST)
-                outside = some[:, : grid.width : stride] == 0
+                if grid.step > 1:
+                    part = cv2.resize(part, (width, len(part)), interpolation=cv2.INTER_NEAREST)
+                outside = part[:, : grid.width : stride] == 0
                 np.copyto(z, np.float32(np.nan), where=outside)
-                bright = np.where(outside, np.float32(0), bright)
+                intensity[rows] = bright
+                np.copyto(intensity[rows], np.float32(0), where=outside)
+            else:
+                intensity[rows] = bright
             cv2.merge([self._x[rows] * z, self._y[rows] * z, z], dst=points[rows])
-            intensity[rows] = bright
 
 
 @dataclass(frozen=True, eq=False)

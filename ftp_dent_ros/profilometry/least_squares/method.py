@@ -37,14 +37,14 @@ from ftp_dent_ros.profilometry.unwrapping import unwrap
 from ftp_dent_ros.rig import Rig
 
 # Rows of bins in which the stripe is looked for.
-_STRIPE_ROWS = 32
+_STRIPE_ROWS = 24
 # Between nodes one above the other, radians: a quarter of a fringe.
 _JUMP = math.pi / 2
 _SMALLEST_SHARE = 0.002
 _LARGEST_CLIPPED_SHARE = 0.5
 _TURN = 2 * math.pi
 # Nodes that the quadric is fitted to, about.
-_POINTS = 2000
+_POINTS = 1200
 
 
 @dataclass(frozen=True, eq=False)

@@ -35,7 +35,7 @@ _MAD = 1.4826
 # Windows that light is smoothed over, and the most it grows a pixel, but at edges of paint.
 _LIGHT = 4.0
 _STEEPEST_LIGHT = 0.003
-_EVERY = 3  # row that the harmonics are measured in
+_EVERY = 6  # row that the harmonics are measured in
 # Gaussian windows that the noise has come through, one correcting the other; a flat-top is two.
 _FITS = 4
 
