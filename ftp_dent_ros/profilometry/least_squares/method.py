@@ -26,6 +26,7 @@ from ftp_dent_ros.profilometry.least_squares.regions import (
     eroded,
     fringe_region,
     joined,
+    rim_strips,
     separated,
     untied,
 )
@@ -164,13 +165,15 @@ class LeastSquares:
             phase = phase + np.float32(_TURN * number) * more
         if turns:
             reference, at_bins = self._reference(region, phase)
-        strange = lit & ~region
+        strips = rim_strips(region, lit, seams)
+        strange, seams = lit & ~region & ~strips, seams & ~strips
         for _ in range(2):
             region = apart(region, strange, seams, self.grid, self.period)
             sure = eroded(region)
             sure = sure if sure.any() else region
             shift = continued_by_slope(np.where(region, phase - reference, 0), sure, self.windows)
-            refined = self._refinement.refine(light, at_bins, shift, region)
+            whole = region | strips
+            refined = self._refinement.refine(light, at_bins, shift, whole)
             absolute = reference + refined.shift.values
             lines = edges(region, refined.roughness, self.grid, self.period)
             strange = untied(

@@ -67,6 +67,23 @@ def apart(
     return region & ~(cv2.dilate(strange.view(np.uint8), np.ones(size, np.uint8)) > 0)
 
 
+def rim_strips(
+    region: NDArray[np.bool_], lit: NDArray[np.bool_], seams: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Lit nodes between a region and the dark, so few that no window is theirs alone.
+
+    Where a bright panel ends before the dark, the first fit takes the end for fringes, and cuts
+    off the rim. Where there are other surfaces, none: a strip may be of theirs.
+    """
+    if eroded(lit & ~region).any():
+        return np.zeros_like(region)
+    reach = np.ones((2 * _RIM_NODES + 1, 4 * _RIM_NODES + 1), np.uint8)
+    others = (lit & ~region) | seams
+    dark = (~(lit | seams)).view(np.uint8)
+    beside_dark = cv2.dilate(dark, reach, borderValue=1) > 0
+    return others & beside_dark & (cv2.dilate(region.view(np.uint8), reach) > 0)
+
+
 def edges(
     region: NDArray[np.bool_], rough: NDArray[np.float32], grid: Grid, period: float
 ) -> NDArray[np.bool_]:
