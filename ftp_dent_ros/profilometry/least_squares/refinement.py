@@ -23,14 +23,14 @@ from ftp_dent_ros.profilometry.least_squares.windows import Windows
 # Misfit of a bin, in fringe amplitudes and in those of all, beyond which it tells of something
 # else than fringes; at the rim, where it may lie half beside the surface, less is allowed.
 _MISFIT, _MISFIT_NOISE = 0.25, 4.0
-_RIM_MISFIT, _RIM_NOISE = 0.055, 4.0
+_RIM_MISFIT, _RIM_NOISE = 0.08, 4.0
 # Share of a window that must be on the surface for a fit of its own, and of what is left of a
 # fringe's variation then.
-_LEAST_SHARE, _LEAST_VARIATION = 0.5, 0.05
+_LEAST_SHARE, _LEAST_VARIATION = 0.7, 0.05
 # Of the normal equations by missing bins, beyond which their lack is not made up for.
 _LEAST_SUPPORT = 0.5
 # Fringes along u, and bins along v, by which the first mask's rim is uncertain.
-_RIM_U, _RIM_V = 0.5, 1
+_RIM_U, _RIM_V = 0.6, 1
 _MAD = 1.4826
 # Windows that light is smoothed over, and the most it grows a pixel, but at edges of paint.
 _LIGHT = 4.0
