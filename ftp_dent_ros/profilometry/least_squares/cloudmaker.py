@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from dataclasses import dataclass
 
@@ -82,16 +81,16 @@ class CloudMaker:
         )
         for rows, nodes, weights in self._spreader.rows:
             inverse = weights @ self._spreader.wide[nodes]
-            part = mask[rows.start * stride : (rows.stop - 1) * stride + 1 : stride]
-            some = cv2.resize(part, (width, len(part)), interpolation=cv2.INTER_NEAREST)
-            outside = some[:, : grid.width : stride] == 0
-            depth = cv2.divide(1.0, inverse)
-            z = _blank(depth, outside, math.nan)
-            x = self._x[rows] * z
-            y = self._y[rows] * z
-            cv2.merge([x, y, z], dst=points[rows])
-            bright = level[rows.start * stride : (rows.stop - 1) * stride + 1 : stride]
-            intensity[rows] = _blank(bright.copy(), outside, 0.0)
+            here = slice(rows.start * stride, (rows.stop - 1) * stride + 1, stride)
+            part, bright = mask[here], level[here]
+            z = np.reciprocal(inverse, out=inverse)
+            if not part.all():
+                some = cv2.resize(part, (width, len(part)), interpolation=cv2.INTER_NEAREST)
+                outside = some[:, : grid.width : stride] == 0
+                np.copyto(z, np.float32(np.nan), where=outside)
+                bright = np.where(outside, np.float32(0), bright)
+            cv2.merge([self._x[rows] * z, self._y[rows] * z, z], dst=points[rows])
+            intensity[rows] = bright
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,12 +111,6 @@ class Published:
     modulation: NDArray[np.float32]
     measured: NDArray[np.bool_]
     covered: NDArray[np.float32]
-
-
-def _blank(values, where, value):
-    """Set `values` to `value` where the mask is set, in place."""
-    np.copyto(values, np.float32(value), where=where)
-    return values
 
 
 def _rows_in(surface: Published, count: int) -> NDArray[np.uint8]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import cv2
 import numpy as np
@@ -68,15 +69,13 @@ class Grid:
 
     def node_positions(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Pixel columns and rows of the nodes' centres."""
-        return tuple(
-            step * np.arange(count) + (step - 1) / 2
-            for step, count in zip(self.pitch, self.shape[::-1], strict=True)
-        )
+        rows, columns = self.shape
+        return _centres(columns, self.pitch[0]), _centres(rows, self.pitch[1])
 
     def bin_positions(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Pixel columns and rows of the bins' centres."""
-        columns = self.step * np.arange(self.bin_shape[1]) + (self.step - 1) / 2
-        return columns, self.node_positions()[1]
+        rows, columns = self.bin_shape
+        return _centres(columns, self.step), _centres(rows, self.pitch[1])
 
     @property
     def bin_variance(self) -> float:
@@ -89,9 +88,11 @@ class Grid:
         missing = rows * _ROWS - self.height, columns * self.step - self.width
         if any(missing):
             plane = cv2.copyMakeBorder(plane, 0, missing[0], 0, missing[1], cv2.BORDER_REPLICATE)
-        fine = cv2.resize(
-            plane.astype(np.float32), (columns * self.step, rows), interpolation=cv2.INTER_AREA
-        )
+        total = np.add(plane[0::_ROWS], plane[1::_ROWS], dtype=np.uint16)
+        for row in range(2, _ROWS):
+            total += plane[row::_ROWS]
+        fine: Any = total.astype(np.float32)
+        fine *= np.float32(1 / _ROWS)
         if self.step == 1:
             return fine
         taps = _boxes(self.step, _ORDER)
@@ -130,8 +131,12 @@ class Grid:
         return cv2.resize(nodes, self.bin_shape[::-1], interpolation=cv2.INTER_LINEAR)
 
 
+def _centres(count: int, pitch: int) -> NDArray[np.float64]:
+    return pitch * np.arange(count, dtype=float) + (pitch - 1) / 2
+
+
 @lru_cache(maxsize=16)
-def _boxes(size: int, order: int) -> NDArray[np.float64]:
+def _boxes(size: int, order: int) -> NDArray[np.floating]:
     """Weights of averages over `size`, taken `order` times."""
     taps = np.ones(1)
     for _ in range(order):

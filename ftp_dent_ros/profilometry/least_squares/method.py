@@ -18,14 +18,15 @@ from ftp_dent_ros.profilometry.least_squares.continuation import continued_by_sl
 from ftp_dent_ros.profilometry.least_squares.first_fit import ReferenceTable, fit
 from ftp_dent_ros.profilometry.least_squares.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.light import Light
-from ftp_dent_ros.profilometry.least_squares.quality import Quality
-from ftp_dent_ros.profilometry.least_squares.refinement import Refined, Refinement
+from ftp_dent_ros.profilometry.least_squares.quality import Fit, Quality
+from ftp_dent_ros.profilometry.least_squares.refinement import Refined, Refinement, roughness
 from ftp_dent_ros.profilometry.least_squares.regions import (
     apart,
     edges,
     eroded,
     fringe_region,
     joined,
+    separated,
     untied,
 )
 from ftp_dent_ros.profilometry.least_squares.sight import Sight
@@ -108,7 +109,9 @@ class LeastSquares:
         """Raise the reason if there are too few fringes, or most of them are clipped."""
         size = 2 * math.ceil(self._refinement.period / 2) + 1
         clipped = light.clipped
-        lost = cv2.blur(clipped.astype(np.float32), (size, 1)) > _LARGEST_CLIPPED_SHARE
+        lost = clipped
+        if clipped.mean() > _SMALLEST_SHARE / 2:
+            lost = cv2.blur(clipped.astype(np.float32), (size, 1)) > _LARGEST_CLIPPED_SHARE
         share = lost.sum() / max((lost | self.grid.to_bins(lit)).sum(), 1)
         if lost.mean() > _SMALLEST_SHARE and share > _LARGEST_CLIPPED_SHARE:
             raise SaturatedError(
@@ -132,10 +135,9 @@ class LeastSquares:
             model = self.grid.at_bins(fringes.level)
             amplitude = self.grid.at_bins(fringes.modulation)
             misfit = (light.red - model - amplitude * np.cos(phase)) / np.maximum(amplitude, 1)
-            lines = self._edges(lit, misfit)
-            if not lines.any():
-                raise
-            unwrapped = unwrap(fringes.shift, lit & ~lines, jump=_JUMP)
+            rough = roughness(misfit, self.windows, self.grid)
+            cut = separated(lit, edges(lit, rough, self.grid, self.period))
+            unwrapped = unwrap(fringes.shift, cut, jump=_JUMP)
             orders = self._orders(light, table, unwrapped)
         return table.node_phase + unwrapped.phase, unwrapped.part, orders
 
@@ -168,7 +170,7 @@ class LeastSquares:
             shift = continued_by_slope(np.where(region, phase - reference, 0), sure, self.windows)
             refined = self._refinement.refine(light, at_bins, shift, region)
             absolute = reference + refined.shift.values
-            lines = self._edges(region, refined.misfit)
+            lines = edges(region, refined.roughness, self.grid, self.period)
             strange = untied(
                 region, lines, refined.shift.values, np.abs(absolute) < math.pi, *place
             )
@@ -177,9 +179,6 @@ class LeastSquares:
             strange = cv2.dilate(strange.view(np.uint8), np.ones((9, 9), np.uint8)) > 0
             reference, at_bins = self._reference(region & ~strange, phase)
         return _Part(refined, absolute), region
-
-    def _edges(self, region, misfit) -> NDArray[np.bool_]:
-        return edges(region, misfit, self.windows, self.grid, self.period)
 
     def _reference(self, region, phase) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Phase at the nodes and bins of the quadric through a region's first fit."""
@@ -204,47 +203,31 @@ class LeastSquares:
     def _result(self, lit, parts, regions) -> tuple[Cloud, float, Quality]:
         """Publish the surfaces together."""
         grid = self.grid
-        maker = self._maker
-        deviation = np.full(grid.shape, np.nan, np.float32)
-        misfit = np.full(grid.shape, np.nan, np.float32)
-        depths = []
-        surfaces = []
+        surfaces, depths = [], []
         published = np.zeros(grid.shape, bool)
         for part, region in zip(parts, regions, strict=True):
             refined = part.refined
             inverse_depth, v_p = self._nodes.meet(part.phase)
             measured = refined.measured & self._within_panel(part.phase, v_p)
+            inverse_depth = np.nan_to_num(inverse_depth, copy=False, nan=1.0)
             surfaces.append(
-                Published(
-                    np.where(np.isfinite(inverse_depth), inverse_depth, np.float32(1)),
-                    refined.modulation,
-                    measured,
-                    refined.covered,
-                )
+                Published(inverse_depth, refined.modulation, measured, refined.covered)
             )
-            at_stripe = region & (np.abs(part.phase) < math.pi) & np.isfinite(inverse_depth)
+            at_stripe = region & (np.abs(part.phase) < math.pi)
             depths.append(1 / inverse_depth[at_stripe])
-            step = np.float32(0.05)
-            farther, _ = self._nodes.meet(part.phase + step)
-            slope = np.abs(1 / farther - 1 / inverse_depth) / step
-            here = grid.at_nodes(measured.astype(np.float32)) > 0.1
-            deviation[here] = (slope * np.sqrt(refined.shift.variance))[here]
-            rms = np.sqrt(
-                self.windows.gaussian(grid.at_nodes(np.square(np.clip(refined.misfit, -1, 1))))
-            )
-            misfit[here] = rms[here]
-            published |= here
+            published |= measured[:, :: grid.bins] | measured[:, grid.bins - 1 :: grid.bins]
         depth = np.concatenate(depths)
-        untied = float((lit & ~published).sum() / max(lit.sum(), 1))
-        remarks: tuple[str, ...] = ()
-        if untied > 0.05:
-            remarks = (
-                f'{untied:.0%} of the lit area is not tied to the red stripe (a step or a gap '
-                'lies between): bring the stripe onto it to measure it',
-            )
-        size = self.rig.camera.height, self.rig.camera.width
-        quality = Quality(untied, remarks, deviation, misfit, size, maker.stride)
-        return maker.cloud(surfaces), float(np.median(depth)) if len(depth) else math.nan, quality
+        stripe_depth = float(np.median(depth)) if len(depth) else math.nan
+        quality = Quality(
+            float((lit & ~published).sum() / max(lit.sum(), 1)),
+            tuple(
+                Fit(self._nodes, part.phase, part.refined, surface.measured)
+                for part, surface in zip(parts, surfaces, strict=True)
+            ),
+            grid,
+            self._maker.stride,
+        )
+        return self._maker.cloud(surfaces), stripe_depth, quality
 
     def _within_panel(self, phase, v_p) -> NDArray[np.bool_]:
         """Bins that the projector's panel reaches, but for its blurred rim."""

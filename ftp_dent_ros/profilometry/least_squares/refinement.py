@@ -23,7 +23,7 @@ from ftp_dent_ros.profilometry.least_squares.windows import Windows
 # Misfit of a bin, in fringe amplitudes and in those of all, beyond which it tells of something
 # else than fringes; at the rim, where it may lie half beside the surface, less is allowed.
 _MISFIT, _MISFIT_NOISE = 0.25, 4.0
-_RIM_MISFIT, _RIM_NOISE = 0.07, 4.0
+_RIM_MISFIT, _RIM_NOISE = 0.055, 4.0
 # Share of a window that must be on the surface for a fit of its own, and of what is left of a
 # fringe's variation then.
 _LEAST_SHARE, _LEAST_VARIATION = 0.5, 0.05
@@ -40,6 +40,11 @@ _EVERY = 3  # row that the harmonics are measured in
 _FITS = 4
 
 
+def roughness(misfit: NDArray[np.float32], windows: Windows, grid: Grid) -> NDArray[np.float32]:
+    """Root mean square misfit of the bins, in amplitudes, in the window of each node."""
+    return np.sqrt(windows.gaussian(grid.at_nodes(np.square(np.clip(misfit, -1, 1)))))
+
+
 @dataclass(frozen=True, eq=False)
 class Refined:
     """A surface's fringes at the nodes and bins.
@@ -54,8 +59,8 @@ class Refined:
         Bins that are on the surface.
     covered : ndarray, shape (rows, columns), float32
         Share of each bin that the surface covers, as far as the fringes' amplitude tells.
-    misfit : ndarray, shape (rows, columns), float32
-        Of the bins against the model, in amplitudes.
+    roughness : ndarray, shape (rows, columns), float32
+        Root mean square misfit of the bins around each node, in amplitudes.
     supported : ndarray, shape (rows, columns), bool
         Nodes whose window is mostly on the surface.
     """
@@ -64,7 +69,7 @@ class Refined:
     modulation: NDArray[np.float32]
     measured: NDArray[np.bool_]
     covered: NDArray[np.float32]
-    misfit: NDArray[np.float32]
+    roughness: NDArray[np.float32]
     supported: NDArray[np.bool_]
 
 
@@ -137,8 +142,9 @@ class Refinement:
         if self.grid.bin_variance:
             lag = self._lag(modulation, reference)
             shrunk = Shrunk(shrunk.values - lag, shrunk.variance)
-        covered = self._covered(levels, amplitude, cosine, allowed)
-        return Refined(shrunk, modulation, body, covered, misfit, supported)
+        covered = self._covered(levels, amplitude, cosine, body, allowed)
+        rough = roughness(misfit, self.windows, self.grid)
+        return Refined(shrunk, modulation, body, covered, rough, supported)
 
     def _masked_fit(self, levels, cosine, sine, mask):
         """Level, amplitude and phase step in Gaussian windows, and where they are known."""
@@ -201,14 +207,18 @@ class Refinement:
         limited = np.clip(growth, -_STEEPEST_LIGHT, _STEEPEST_LIGHT)
         return (limited * frequency * np.float32(self.grid.bin_variance)).astype(np.float32)
 
-    def _covered(self, levels, amplitude, cosine, allowed):
-        """Amplitude of the fringes of one row of bins, as a share of the model's."""
+    def _covered(self, levels, amplitude, cosine, body, allowed):
+        """Amplitude of the fringes in a row of bins as a share of the model's, at the rim."""
+        covered = np.zeros(body.shape, np.float32)
+        change = (body[1:] != body[:-1]).any(axis=1)
+        rows = np.flatnonzero(np.append(change, False) | np.append(False, change))
         size = 2 * math.ceil(self.period / 2) + 1, 1
-        model = amplitude * cosine
+        model = amplitude[rows] * cosine[rows]
         model -= cv2.blur(model, size)
-        seen = cv2.boxFilter(levels * model, -1, size)
-        share = seen / np.maximum(cv2.boxFilter(model * model, -1, size), 1e-3)
-        return np.where(allowed, share, 0).astype(np.float32)
+        seen = cv2.blur(levels[rows] * model, size)
+        share = seen / np.maximum(cv2.blur(model * model, size), 1e-3)
+        covered[rows] = share * allowed[rows]
+        return covered
 
     def _correction(self, rest, cosine, sine, modulation, mask):
         """Phase step by what is left of the photograph, and its predicted variance."""

@@ -25,6 +25,8 @@ _VALLEY = 0.6
 _ROUGH, _ROUGH_NOISE = 0.04, 4.0
 _GAP = 12.0
 _TIED = 0.25
+# Nodes whose windows see the rim.
+_RIM_NODES = 3
 # Fringes beyond an edge within which the phases of both sides are compared.
 _NEAR = 4.0
 _TURN = 2 * math.pi
@@ -60,26 +62,20 @@ def apart(
 
 
 def edges(
-    region: NDArray[np.bool_],
-    misfit: NDArray[np.float32],
-    windows: Windows,
-    grid: Grid,
-    period: float,
+    region: NDArray[np.bool_], rough: NDArray[np.float32], grid: Grid, period: float
 ) -> NDArray[np.bool_]:
     """Nodes of a region where no smooth phase explains the photograph, gaps closed.
 
     Parameters
     ----------
     region : ndarray, shape (rows, columns), bool
-        Nodes.
-    misfit : ndarray, shape (rows, bins), float32
-        Of the bins, in fringe amplitudes.
+    rough : ndarray, shape (rows, columns), float32
+        Misfit around each node, in fringe amplitudes.
     """
-    rough = np.sqrt(windows.gaussian(grid.at_nodes(np.square(np.clip(misfit, -1, 1)))))
     inner = eroded(region)
     if not inner.any():
         return inner
-    typical = float(np.median(rough[inner]))
+    typical = float(np.median(rough[::2, ::2][inner[::2, ::2]])) if inner.any() else 0.0
     edge: Any = (inner & (rough > max(_ROUGH, _ROUGH_NOISE * typical))).view(np.uint8)
     lines = edge
     if edge.any():
@@ -90,9 +86,27 @@ def edges(
     return lines > 0
 
 
+def separated(region: NDArray[np.bool_], lines: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The nodes of a region, cut along lines and at its necks."""
+    labels: Any
+    count, labels = cv2.connectedComponents(
+        (eroded(region) & ~lines).view(np.uint8), connectivity=4
+    )
+    sizes = np.bincount(labels.ravel())
+    grown, met = np.zeros(region.shape, np.uint8), np.zeros(region.shape, np.uint8)
+    size = 2 * _RIM_NODES + 1
+    for label in range(1, count):
+        if sizes[label] >= _SMALLEST:
+            core = (labels == label).view(np.uint8)
+            grown |= cv2.dilate(core, np.ones((size, size), np.uint8))
+            met += cv2.dilate(core, np.ones((size + 2, size + 2), np.uint8))
+    return region & (grown > 0) & (met < 2)
+
+
 def eroded(region: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """The nodes of a region whose windows do not see its rim."""
-    return cv2.erode(region.view(np.uint8), np.ones((7, 7), np.uint8), borderValue=0) > 0
+    size = 2 * _RIM_NODES + 1
+    return cv2.erode(region.view(np.uint8), np.ones((size, size), np.uint8), borderValue=0) > 0
 
 
 def joined(

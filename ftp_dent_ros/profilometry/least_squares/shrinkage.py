@@ -23,7 +23,7 @@ _SCALES = (1.0, 2.0, 4.0, 8.0)
 # times the noise is signal; and so much of the signal is expected in the next finer band.
 _NEIGHBOURHOOD = 1.5
 _NOISE = 2.0
-_HANDED_DOWN = 0.03
+_HANDED_DOWN = 0.06
 _MEDIAN_OF_SQUARE = 0.4549
 _EVERY = 2  # node that the noise is measured at
 # Variance that shrinkage hides, as a factor, and that of a fit without any noise, radians^2.

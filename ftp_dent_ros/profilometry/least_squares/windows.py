@@ -46,13 +46,14 @@ class Windows:
 
     def gaussian(self, nodes: NDArray, scale: float = 1.0) -> NDArray[np.float32]:
         """Mean weighted by a Gaussian `scale` times as wide as the windows, zero beyond."""
-        return cv2.sepFilter2D(
+        mean: Any = cv2.sepFilter2D(
             nodes,
             cv2.CV_32F,
             _kernel(scale * self.sigma_u),
             _kernel(scale * self.sigma_v),
             borderType=cv2.BORDER_CONSTANT,
         )
+        return mean
 
     def flat_top(self, nodes: NDArray) -> NDArray[np.float32]:
         """Mean weighted by 2 G_s - G_(sqrt(2) s), which leaves cubics as they are."""
