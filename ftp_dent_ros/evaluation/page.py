@@ -123,15 +123,14 @@ def _better(direct: Entry, virtual: Entry) -> str:
 
 
 def _tables(study: Study) -> list[Table]:
-    noise = 'white noise of 0.6 rad'
     section = (*ITOH, *ESTRADA, *SMOOTHER, LEAST_SQUARES)
-    photographs = '12,000 electrons at saturation, 0.8 grey levels of read noise, 8 bits'
+    photographs = 'noise of 12,000 electrons at saturation, 0.8 grey levels of read noise, 8 bits'
     return [
         _table(
             study,
             'Section 3: dent of 3 mm x 30 mm at 1 m',
-            f'{noise}, added to the phase map (as in the paper), or put into the light of each '
-            'pixel before it is photographed, or none. Where a photograph was refused, the '
+            'White noise of 0.6 rad, added to the phase map (as in the paper), or put into the '
+            'light of each pixel before it is photographed, or none. Where a photograph was refused, the '
             'figures are of the others.',
             'section 3',
             section,
@@ -139,21 +138,21 @@ def _tables(study: Study) -> list[Table]:
         _table(
             study,
             "Table 3: samples at 60 cm, Itoh's unwrapping",
-            photographs,
+            f'Photographs with {photographs}.',
             'static',
             (*ITOH, LEAST_SQUARES),
         ),
         _table(
             study,
             "Table 4: samples at 60 cm, Estrada's unwrapping",
-            photographs,
+            f'Photographs with {photographs}.',
             'static',
             (*ESTRADA, LEAST_SQUARES),
         ),
         _table(
             study,
             "Table 6: samples at 120 cm, Estrada's unwrapping",
-            f'0.1 m/s, exposed for 10 ms, and still; {photographs}',
+            f'Moving at 0.1 m/s, exposed for 10 ms, and still; photographs with {photographs}.',
             'dynamic',
             (*ESTRADA, LEAST_SQUARES),
         ),

@@ -64,9 +64,10 @@ def sections(entries: Sequence[Entry]) -> bytes:
         below.plot(x, error[row], linewidth=0.6)
         below.set_xlabel('along the panel, mm', fontsize=8)
         limit = max(limit, float(np.nanpercentile(np.abs(error[row]), 99.5)))
-    for below in lower:
-        below.set_ylim(-1.2 * limit, 1.2 * limit)
-    upper[0].legend(fontsize=8)
+    if limit:
+        for below in lower:
+            below.set_ylim(-1.2 * limit, 1.2 * limit)
+        upper[0].legend(fontsize=8)
     upper[0].set_ylabel('height, mm', fontsize=8)
     lower[0].set_ylabel('error, mm', fontsize=8)
     return _png(figure)
