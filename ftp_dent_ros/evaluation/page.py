@@ -130,8 +130,8 @@ def _tables(study: Study) -> list[Table]:
             study,
             'Section 3: dent of 3 mm x 30 mm at 1 m',
             'White noise of 0.6 rad, added to the phase map (as in the paper), or put into the '
-            'light of each pixel before it is photographed, or none. Where a photograph was refused, the '
-            'figures are of the others.',
+            'light of each pixel before it is photographed, or none. Where a photograph was '
+            'refused, the figures are of the others.',
             'section 3',
             section,
         ),
