@@ -24,6 +24,7 @@ SAMPLES = {
     'C': Dent(0.0, 0.0, length=0.100, width=0.080, depth=0.003),
     'D': Dent(0.0, 0.0, length=0.120, width=0.080, depth=0.001),
 }
+_STRAIGHT = (0.0,) * 5
 SPEED = 0.1  # m/s along x (section 4.2)
 EXPOSURE = 0.01  # s
 
@@ -35,37 +36,46 @@ class Scene:
     Attributes
     ----------
     rig : Rig
-    panel : Panel
-        With one dent.
+    panels : tuple of Panel
     photometry : Photometry
     motion : Motion
     """
 
     rig: Rig
-    panel: Panel
+    panels: tuple[Panel, ...]
     photometry: Photometry
     motion: Motion = field(default_factory=Motion)
 
     @property
+    def surface(self) -> Surface:
+        """The panels together."""
+        return Surface(self.panels)
+
+    @property
+    def panel(self) -> Panel:
+        """The first panel."""
+        return self.panels[0]
+
+    @property
     def dent(self) -> Dent:
-        """The panel's dent."""
+        """The first panel's first dent."""
         return self.panel.dents[0]
 
-    def photograph(self, seed: int) -> NDArray[np.uint8]:
+    def photograph(self, seed: int = 0) -> NDArray[np.uint8]:
         """Render it with the noise of a seed."""
         renderer = Renderer(self.rig, PATTERN.draw(), self.photometry)
-        return renderer.render(Surface((self.panel,)), np.random.default_rng(seed), self.motion)
+        return renderer.render(self.surface, np.random.default_rng(seed), self.motion)
 
     def lit(self) -> NDArray[np.bool_]:
         """Pixels of the camera whose surface the projector reaches."""
         points = self.rig.camera.rays(self.rig.camera.pixel_grid())
-        points *= Surface((self.panel,)).intersect(points)[..., None]
+        points *= self.surface.intersect(points)[..., None]
         u, v = np.moveaxis(self.rig.projector.project(self.rig.to_projector(points)), -1, 0)
         return (u > 0) & (u < PATTERN.width - 1) & (v > 0) & (v < PATTERN.height - 1)
 
     def error(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
         """Signed distance to the true surface, positive behind it, metres."""
-        return Surface((self.panel,)).distance(points)
+        return self.surface.distance(points)
 
     def on_panel(self, points: NDArray[np.floating]) -> tuple[NDArray, NDArray]:
         """Coordinates along the panel from the dent's centre, metres."""
@@ -78,23 +88,31 @@ def make_rig(
     baseline: float,
     camera: tuple[int, int, float],
     projector_focal: float,
+    camera_distortion: Sequence[float] = _STRAIGHT,
+    projector_distortion: Sequence[float] = _STRAIGHT,
 ) -> Rig:
     """Camera of (width, height, focal length), and a projector to its right, toed in."""
     turn = Rotation.from_euler('yxz', [math.atan(baseline / distance), 0.021, -0.017])
     rotation = turn.as_matrix()
     width, height, focal = camera
     return Rig(
-        _lens(width, height, focal, (8.3, -6.1)),
-        _lens(PATTERN.width, PATTERN.height, projector_focal, (-9.2, 17.4)),
+        _lens(width, height, focal, (8.3, -6.1), camera_distortion),
+        _lens(PATTERN.width, PATTERN.height, projector_focal, (-9.2, 17.4), projector_distortion),
         rotation,
         -rotation @ [baseline, -0.009, -0.012],
     )
 
 
-def _lens(width: int, height: int, focal: float, offset: Sequence[float]) -> Lens:
+def _lens(
+    width: int,
+    height: int,
+    focal: float,
+    offset: Sequence[float],
+    distortion: Sequence[float],
+) -> Lens:
     centre_u, centre_v = (width - 1) / 2 + offset[0], (height - 1) / 2 + offset[1]
     matrix = [[focal, 0, centre_u], [0, 1.001 * focal, centre_v], [0, 0, 1]]
-    return Lens(width, height, np.array(matrix), np.zeros(5))
+    return Lens(width, height, np.array(matrix), np.array(distortion, float))
 
 
 # Baselines are the paper's (section 4.1 and 4.2); focal lengths it does not give.
@@ -108,7 +126,7 @@ def sample(name: str, rig: Rig, distance: float, speed: float = 0.0) -> Scene:
     pose = Pose.from_rpy(np.radians([2.0, -3.0, 1.0]), (0.003, -0.002, distance))
     panel = Panel(pose, (-0.075, 0.075, -0.075, 0.075), dents=(SAMPLES[name],))
     motion = Motion(translation=np.array([EXPOSURE * speed, 0, 0]))
-    return Scene(rig, panel, Photometry(reference_distance=distance), motion)
+    return Scene(rig, (panel,), Photometry(reference_distance=distance), motion)
 
 
 def simulated_dent(phase_noise: float = 0.0) -> Scene:
@@ -129,4 +147,4 @@ def simulated_dent(phase_noise: float = 0.0) -> Scene:
         full_well=1e12,
         phase_noise_px=noise_px,
     )
-    return Scene(SIMULATED_RIG, panel, light)
+    return Scene(SIMULATED_RIG, (panel,), light)
