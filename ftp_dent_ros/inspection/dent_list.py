@@ -71,11 +71,17 @@ class ListedDent:
 
 
 class DentList:
-    """Dents over the frames of a flight, in one frame of reference (``map``)."""
+    """Dents over the frames of a flight, in one frame of reference (``map``).
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    first : int
+        Number of the first dent.
+    """
+
+    def __init__(self, first: int = 1) -> None:
         self._entries: list[ListedDent] = []
-        self._numbers = 0
+        self._numbers = first - 1
 
     @property
     def entries(self) -> tuple[ListedDent, ...]:
@@ -84,7 +90,8 @@ class DentList:
 
     def clear(self) -> None:
         """Forget all."""
-        self._entries, self._numbers = [], 0
+        self._entries.clear()
+        self._numbers = 0
 
     def add(
         self,
@@ -136,9 +143,9 @@ def position_covariance(
     covariance: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float64]:
     """Covariance of a point that a pose places, shape (3, 3), square metres."""
-    if pose is None or covariance is None or not np.any(covariance):
+    if covariance is None or not np.any(covariance):
         return np.eye(3) * UNKNOWN_POSITION**2
-    x, y, z = position - pose.translation
+    x, y, z = position - (0.0 if pose is None else pose.translation)
     turned = np.array([[0, z, -y], [-z, 0, x], [y, -x, 0]])
     jacobian = np.hstack([np.eye(3), turned])
     return jacobian @ np.asarray(covariance, float).reshape(6, 6) @ jacobian.T

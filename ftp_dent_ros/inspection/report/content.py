@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.inspection.dent import MeasuredDent
 from ftp_dent_ros.inspection.dent_list import ListedDent
 from ftp_dent_ros.inspection.gauge import Gauge
 from ftp_dent_ros.inspection.report.mesh import Mesh
@@ -97,6 +96,8 @@ class Report:
         What was inspected.
     frame_id : str
         Frame of all positions.
+    placed : bool
+        Whether it is one and the same for all clouds; if not, each cloud stands by itself.
     frames : tuple of Frame
     entries : tuple of ListedDent
         Dents, bumps and steps.
@@ -127,6 +128,7 @@ class Report:
     rules: Rules | None = None
     gauges: tuple[Gauge, ...] = ()
     refused: tuple[str, ...] = ()
+    placed: bool = True
 
     @property
     def dents(self) -> tuple[ListedDent, ...]:
@@ -141,8 +143,15 @@ class Report:
 
     def findings(self) -> list[tuple[Finding, ...]]:
         """Of each of `dents`; empty ones without rules."""
-        dents: list[MeasuredDent] = [entry.dent for entry in self.dents]
-        return self.rules.judge(dents) if self.rules else [()] * len(dents)
+        if self.rules is None:
+            return [()] * len(self.dents)
+        together = {e.number: 0 if self.placed else e.best for e in self.dents}
+        found: dict[int, tuple[Finding, ...]] = {}
+        for group in set(together.values()):
+            members = [e for e in self.dents if together[e.number] == group]
+            judged = self.rules.judge([e.dent for e in members])
+            found.update(zip((e.number for e in members), judged, strict=True))
+        return [found[e.number] for e in self.dents]
 
 
 def content_id(path: str | os.PathLike[str]) -> str:

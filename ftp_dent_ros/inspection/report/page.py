@@ -285,14 +285,19 @@ def _scale(limit: float) -> dict[str, Any]:
 
 def _scene(report: Report, limit: float) -> dict[str, Any]:
     """What the 3-D view shows, about the middle of it all."""
-    found = [frame.mesh.points[np.isfinite(frame.mesh.points).all(-1)] for frame in report.frames]
+    frames = report.frames
+    if not report.placed:
+        # Each is where its camera was: one is shown.
+        frames = tuple(frame for frame in frames if frame.view)[:1]
+    shown = {frame.number for frame in frames}
+    found = [frame.mesh.points[np.isfinite(frame.mesh.points).all(-1)] for frame in frames]
     every = np.concatenate([np.zeros((0, 3), np.float32), *found]).astype(float)
     if not len(every):
         return {'meshes': []}
     origin = (every.min(axis=0) + every.max(axis=0)) / 2
-    inward = _mean([frame.mesh.inward for frame in report.frames])
-    down = _mean([np.diff(frame.mesh.points, axis=0) for frame in report.frames])
-    meshes = [frame.mesh.packed(origin) for frame in report.frames]
+    inward = _mean([frame.mesh.inward for frame in frames])
+    down = _mean([np.diff(frame.mesh.points, axis=0) for frame in frames])
+    meshes = [frame.mesh.packed(origin) for frame in frames]
     return {
         'meshes': [mesh for mesh in meshes if mesh],
         'radius': float(np.linalg.norm(every - origin, axis=1).max()),
@@ -309,6 +314,7 @@ def _scene(report: Report, limit: float) -> dict[str, Any]:
                 'normal': entry.dent.normal.tolist(),
             }
             for entry in (*report.dents, *report.others)
+            if shown & {sighting.frame for sighting in entry.sightings}
         ],
     }
 

@@ -139,8 +139,8 @@
     const back = unit(add(around.map((v) => v * Math.cos(tilt)), up, Math.sin(tilt)));
     const y = cross(back, x);
     const distance = 3.2 * scene.radius / zoom;
-    const eye = [dot(x, [0, 0, 0]) + shift[0], shift[1], distance];
-    const focal = 2.9 * Math.max(1, 0.8 * width / height) ;
+    const eye = [shift[0], shift[1], distance];
+    const focal = 2.9 * Math.max(1, 0.8 * width / height);
     const near = distance * 0.05, far = distance + 3 * scene.radius;
     const depth = [(far + near) / (near - far), 2 * far * near / (near - far)];
     const fx = focal * height / width;
@@ -157,7 +157,7 @@
     const place = (name) => gl.getUniformLocation(skin, name);
     gl.uniformMatrix4fv(place('camera'), false, camera);
     gl.uniform1f(place('times'), amount);
-    gl.uniform1f(place('limit'), 2 * scene.limit / 2);
+    gl.uniform1f(place('limit'), scene.limit);
     gl.uniform3fv(place('light'), unit(add(add(back, y, 0.5), x, -0.4)));
     for (const mesh of meshes) {
       gl.uniform3fv(place('middle'), mesh.middle);
