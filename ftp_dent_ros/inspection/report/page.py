@@ -276,10 +276,10 @@ def _scale_bar(points: NDArray[np.float32]) -> dict[str, Any] | None:
 
 
 def _scale(limit: float) -> dict[str, Any]:
-    table = drawing.colour_table()[::-1]
+    values = np.linspace(-1, 1, 5) * limit * _MM
     return {
-        'data': Markup(drawing.png(table[:, None])),
-        'marks': [f'{value:+.3g}' if value else '0' for value in np.linspace(1, -1, 5) * limit * _MM],
+        'data': Markup(drawing.png(drawing.colour_table()[None])),
+        'marks': [f'{value:+.3g}' if value else '0' for value in values],
     }
 
 

@@ -122,8 +122,12 @@
   // Seen as the camera saw it, turned a little; the axes of the screen in the scene.
   const down = unit(add(scene.down, outward, -dot(scene.down, outward)));
   const right = cross(down, outward.map((value) => -value));
+  // From how many radii it is seen, and how large, so that all of it is in view.
+  const DISTANCE = 3.4;
+  const magnification = () =>
+    DISTANCE * Math.max(0.85, Math.min(1.6, 0.62 * canvas.clientWidth / canvas.clientHeight));
   let turn, tilt, zoom, shift, waiting = false;
-  const reset = () => { turn = -0.45; tilt = 0.5; zoom = 1; shift = [0, 0]; };
+  const reset = () => { turn = -0.35; tilt = 0.35; zoom = 1; shift = [0, 0]; };
 
   const draw = () => {
     waiting = false;
@@ -138,9 +142,9 @@
     const x = unit(cross(up, around));
     const back = unit(add(around.map((v) => v * Math.cos(tilt)), up, Math.sin(tilt)));
     const y = cross(back, x);
-    const distance = 3.2 * scene.radius / zoom;
+    const distance = DISTANCE * scene.radius / zoom;
     const eye = [shift[0], shift[1], distance];
-    const focal = 2.9 * Math.max(1, 0.8 * width / height);
+    const focal = magnification();
     const near = distance * 0.05, far = distance + 3 * scene.radius;
     const depth = [(far + near) / (near - far), 2 * far * near / (near - far)];
     const fx = focal * height / width;
@@ -183,7 +187,7 @@
   };
 
   const move = (dx, dy) => {
-    const size = 2 * 3.2 * scene.radius / zoom / 2.9 / canvas.clientHeight;
+    const size = 2 * DISTANCE * scene.radius / zoom / magnification() / canvas.clientHeight;
     shift = [shift[0] + dx * size, shift[1] - dy * size];
   };
   const rotate = (dx, dy) => {
