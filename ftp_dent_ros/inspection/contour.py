@@ -1,0 +1,262 @@
+"""The undeformed contour of a panel: a smooth surface that dents do not bend."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+# Tukey's biweight: full efficiency is 95 % at this many standard deviations.
+_TUKEY = 4.7
+_SHRINK = 0.6
+_SAMPLES = 1500
+_FEW = 350
+_STEEPEST = 0.9
+
+Field = NDArray[np.floating]
+
+
+@dataclass(frozen=True, eq=False)
+class Contour:
+    """A height over a tangent plane, exact for planes, cylinders and spheres.
+
+    ``w = c0 + c1 x + c2 y + 2 q / (1 + sqrt(1 - |grad q|^2)) + higher terms``, where q is the
+    quadratic form of c3, c4, c5: the sagitta of a circle instead of a parabola's.
+
+    Attributes
+    ----------
+    origin : ndarray, shape (3,)
+        Metres.
+    axes : ndarray, shape (3, 3)
+        Rows x, y along the skin and w inward.
+    scale : float
+        Metres; the polynomials are in x / scale and y / scale, in units of scale.
+    coefficients : ndarray, shape (6,) or more
+    covariance : ndarray
+        Of the coefficients.
+    """
+
+    origin: NDArray[np.float64]
+    axes: NDArray[np.float64]
+    scale: float
+    coefficients: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+
+    def local(self, points: NDArray) -> tuple[Field, Field, Field]:
+        """Coordinates x, y and w of points, shape (..., 3)."""
+        axes = self.axes.astype(points.dtype)
+        local = (points - self.origin.astype(points.dtype)) @ axes.T
+        return local[..., 0], local[..., 1], local[..., 2]
+
+    def height(self, x: Field, y: Field) -> Field:
+        """Height w of the contour at x, y, metres."""
+        kind = x.dtype.type
+        x, y = x / kind(self.scale), y / kind(self.scale)
+        c = self.coefficients.astype(kind)
+        w = c[0] + c[1] * x + c[2] * y + _sagitta(c, x, y)
+        for c_n, (i, j) in zip(c[6:], _powers(len(c))[6:], strict=True):
+            w += c_n * x**i * y**j
+        return w * kind(self.scale)
+
+    def slopes(self, x: Field, y: Field) -> tuple[Field, Field]:
+        """Derivatives of the height along x and y."""
+        kind = x.dtype.type
+        x, y = x / kind(self.scale), y / kind(self.scale)
+        c = self.coefficients.astype(kind)
+        along_x, along_y = 2 * c[3] * x + c[4] * y, c[4] * x + 2 * c[5] * y
+        flat = np.sqrt(1 - np.minimum(along_x**2 + along_y**2, kind(_STEEPEST)))
+        along_x, along_y = c[1] + along_x / flat, c[2] + along_y / flat
+        for c_n, (i, j) in zip(c[6:], _powers(len(c))[6:], strict=True):
+            along_x += c_n * i * x ** max(i - 1, 0) * y**j
+            along_y += c_n * j * x**i * y ** max(j - 1, 0)
+        return along_x, along_y
+
+    def deviation(self, points: NDArray) -> tuple[Field, Field, Field]:
+        """Feet x, y of points (..., 3) on the contour, and their depth below it, metres."""
+        x, y, w = self.local(points)
+        above = w - self.height(x, y)
+        along_x, along_y = self.slopes(x, y)
+        square = 1 + along_x * along_x + along_y * along_y
+        # One Newton step towards the foot; the rest is of the order of the curvature.
+        return (
+            x + above * along_x / square,
+            y + above * along_y / square,
+            above / np.sqrt(square),
+        )
+
+    def point(self, x: Field, y: Field, depth: Field | float = 0.0) -> NDArray[np.float64]:
+        """Points, shape (..., 3), that lie `depth` below the contour's x, y."""
+        x, y = np.asarray(x, float), np.asarray(y, float)
+        local = np.stack([x, y, self.height(x, y)], axis=-1)
+        return self.origin + local @ self.axes - np.asarray(depth)[..., None] * self.normal(x, y)
+
+    def normal(self, x: Field, y: Field) -> NDArray[np.float64]:
+        """Unit normals outward, shape (..., 3)."""
+        along_x, along_y = self.slopes(np.asarray(x, float), np.asarray(y, float))
+        outward = np.stack([along_x, along_y, np.full_like(along_x, -1.0)], axis=-1)
+        return (outward / np.linalg.norm(outward, axis=-1, keepdims=True)) @ self.axes
+
+    def uncertainty(self, x: Field, y: Field) -> Field:
+        """Standard uncertainty of the height at x, y, metres."""
+        basis = _basis(np.atleast_1d(x) / self.scale, np.atleast_1d(y) / self.scale, self.terms)
+        return self.scale * np.sqrt(np.einsum('ij,jk,ik->i', basis, self.covariance, basis))
+
+    @property
+    def terms(self) -> int:
+        """Number of coefficients."""
+        return len(self.coefficients)
+
+
+def first_contour(
+    points: NDArray, viewpoint: NDArray[np.float64], noise: float, rng: np.random.Generator
+) -> Contour:
+    """Contour that most of the points agree on, the others left out.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+    viewpoint : ndarray, shape (3,)
+        Of the camera, on the outer side.
+    noise : float
+        Standard deviation that points of the skin have, metres.
+    """
+    points = _some(points, _SAMPLES, rng)
+    contour = _plane(points, viewpoint)
+    few = _some(points, _FEW, rng)
+    x, y, w = contour.local(few)
+    starts = [np.ones(len(few), bool)]
+    for along in (x, y, x + y, x - y):
+        starts += [along > np.median(along), along < np.median(along)]
+    fits = [_redescended(x, y, w, contour.scale, start, noise) for start in starts]
+    best = min(fits, key=lambda fit: fit[0])[1]
+    for _ in range(2):
+        # Again over the plane that is tangent to it: the sagitta is about its foot.
+        contour = _tangent(replace(contour, coefficients=best))
+        x, y, w = contour.local(points)
+        best = _polished(x, y, w, contour.scale, contour.coefficients, noise)
+    return replace(contour, coefficients=best)
+
+
+def refined(contour: Contour, points: NDArray, noise: float, terms: int = 6) -> Contour:
+    """The contour fitted again to points of the bare skin, shape (n, 3), with its covariance.
+
+    Points must be so far apart that their errors, of standard deviation `noise`, are independent.
+    """
+    x, y, w = contour.local(points)
+    start = np.zeros(terms)
+    start[: min(terms, contour.terms)] = contour.coefficients[:terms]
+    coefficients = _polished(x, y, w, contour.scale, start, noise)
+    basis = _basis(x / contour.scale, y / contour.scale, terms)
+    left = w / contour.scale - _model(basis, coefficients, x / contour.scale, y / contour.scale)
+    weight = _biweight(left * contour.scale / (_TUKEY * noise))
+    share = max(weight.sum() - terms, 1.0)
+    variance = (weight * left * left).sum() / share
+    inverse = np.linalg.pinv(basis.T @ (basis * weight[:, None]))
+    return replace(contour, coefficients=coefficients, covariance=variance * inverse)
+
+
+def _plane(points: NDArray, viewpoint: NDArray[np.float64]) -> Contour:
+    """Frame of the principal axes, w away from the viewpoint."""
+    origin = np.median(points, axis=0).astype(float)
+    centred = points - origin
+    _, axes = np.linalg.eigh(centred.T @ centred)
+    inward = axes[:, 0]
+    if inward @ (origin - viewpoint) < 0:
+        inward = -inward
+    along = axes[:, 2]
+    frame = np.stack([along, np.cross(inward, along), inward])
+    scale = float(np.abs(centred).max())
+    return Contour(origin, frame, scale, np.zeros(6), np.zeros((6, 6)))
+
+
+def _tangent(contour: Contour) -> Contour:
+    """The same contour over its tangent plane at the origin, to first order."""
+    at = np.zeros(1)
+    inward = -contour.normal(at, at)[0]
+    origin = contour.point(at, at)[0]
+    along = contour.axes[0] - inward * (contour.axes[0] @ inward)
+    along /= np.linalg.norm(along)
+    frame = np.stack([along, np.cross(inward, along), inward])
+    coefficients = contour.coefficients.copy()
+    coefficients[:3] = 0
+    return replace(contour, origin=origin, axes=frame, coefficients=coefficients)
+
+
+def _redescended(x, y, w, scale, start, noise) -> tuple[float, NDArray[np.float64]]:
+    """Cost and coefficients of a fit that starts from some points and narrows down."""
+    x, y, w = x / scale, y / scale, w / scale
+    basis = _basis(x, y, 6)
+    coefficients = _solved(basis, w, start.astype(float), np.zeros(6), x, y)
+    left = np.abs(w - _model(basis, coefficients, x, y))
+    floor = noise / scale
+    width = max(1.5 * float(np.median(left)), floor)
+    # Least absolute deviations first: the biweight would drop points for good.
+    for _ in range(3):
+        weight = 1 / np.maximum(left, 0.3 * width)
+        coefficients = _solved(basis, w, weight, coefficients, x, y)
+        left = np.abs(w - _model(basis, coefficients, x, y))
+    width = max(1.5 * float(np.median(left)), floor)
+    while True:
+        for _ in range(2):
+            weight = _biweight(left / (_TUKEY * width))
+            coefficients = _solved(basis, w, weight, coefficients, x, y)
+            left = np.abs(w - _model(basis, coefficients, x, y))
+        if width == floor:
+            break
+        width = max(_SHRINK * width, floor)
+    return float(np.minimum(left / (_TUKEY * floor), 1).mean()), coefficients
+
+
+def _polished(x, y, w, scale, coefficients, noise) -> NDArray[np.float64]:
+    """Coefficients by Tukey's biweight from nearby ones."""
+    x, y, w = x / scale, y / scale, w / scale
+    basis = _basis(x, y, len(coefficients))
+    for width in (2.0, 1.4, 1.0, 1.0, 1.0):
+        left = w - _model(basis, coefficients, x, y)
+        weight = _biweight(left * scale / (_TUKEY * noise * width))
+        coefficients = _solved(basis, w, weight, coefficients, x, y)
+    return coefficients
+
+
+def _solved(basis, w, weight, coefficients, x, y) -> NDArray[np.float64]:
+    """Weighted least squares, the sagitta's excess over the parabola taken from before."""
+    excess = _model(basis, coefficients, x, y) - basis @ coefficients
+    weighted = basis * weight[:, None]
+    normal = weighted.T @ basis
+    normal.flat[:: len(normal) + 1] += 1e-9 * np.trace(normal)
+    return np.linalg.solve(normal, weighted.T @ (w - excess))
+
+
+def _model(basis, coefficients, x, y):
+    linear = basis @ coefficients
+    c = coefficients
+    return linear + _sagitta(c, x, y) - (c[3] * x * x + c[4] * x * y + c[5] * y * y)
+
+
+def _sagitta(c, x: Field, y: Field) -> Field:
+    square = (2 * c[3] * x + c[4] * y) ** 2 + (c[4] * x + 2 * c[5] * y) ** 2
+    flat = np.sqrt(1 - np.minimum(square, x.dtype.type(_STEEPEST)))
+    return 2 * (c[3] * x * x + c[4] * x * y + c[5] * y * y) / (1 + flat)
+
+
+def _biweight(ratio: Field) -> Field:
+    return np.square(1 - np.minimum(ratio * ratio, 1))
+
+
+def _powers(terms: int) -> list[tuple[int, int]]:
+    """Exponents of x and y: all of degree 0, 1, 2 and so on."""
+    degree = int((math.isqrt(8 * terms + 1) - 3) // 2)
+    return [(n - j, j) for n in range(degree + 1) for j in range(n + 1)]
+
+
+def _basis(x: Field, y: Field, terms: int) -> NDArray[np.float64]:
+    return np.stack([np.asarray(x**i * y**j, float) for i, j in _powers(terms)], axis=1)
+
+
+def _some(points: NDArray, count: int, rng: np.random.Generator) -> NDArray:
+    """About `count` of the points, spread evenly."""
+    if len(points) <= count:
+        return points.astype(float)
+    return points[rng.choice(len(points), count, replace=False)].astype(float)

@@ -1,0 +1,244 @@
+"""A dent's sizes with their uncertainties, on the full cloud."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.inspection.contour import Contour
+from ftp_dent_ros.inspection.dent import Estimate, MeasuredDent
+from ftp_dent_ros.inspection.detection import Candidate
+from ftp_dent_ros.inspection.model import DentModel, fit_dents
+from ftp_dent_ros.inspection.noise import Noise
+from ftp_dent_ros.inspection.outline import Outline, find_outline
+from ftp_dent_ros.inspection.patch import Patch
+
+LEVEL = 0.1
+# Cells of the patch along a dent, and of the points that are resampled to it.
+_CELLS = 64
+# Of the smoothing: part of the dent's width at most, and of its depth that noise may be.
+_WIDEST = 0.04
+_SMALLEST = 0.02
+# Of the cap that the depth is read from.
+_CAP = 0.6
+_MODEL_POINTS = 900
+_PROFILE = 81
+
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """Points of the cloud around one candidate, on their panel.
+
+    Attributes
+    ----------
+    x, y, depth : ndarray, shape (n,)
+        Feet on the contour and depths below it, metres.
+    peaks : ndarray, shape (dents, 2)
+        x, y of the candidate's maxima.
+    spacing : float
+        Between points, metres.
+    bounds : tuple of 4 floats
+        x_min, x_max, y_min, y_max.
+    extra : float
+        Noise beyond the common one here, metres.
+    """
+
+    x: Vector
+    y: Vector
+    depth: Vector
+    peaks: Vector
+    spacing: float
+    bounds: tuple[float, float, float, float]
+    extra: float
+
+
+def measure(
+    candidate: Candidate, around: Surroundings, contour: Contour, noise: Noise, area: float
+) -> list[MeasuredDent]:
+    """Measure every dent of a candidate.
+
+    Parameters
+    ----------
+    candidate : Candidate
+    around : Surroundings
+    contour : Contour
+        In the frame of the cloud.
+    noise : Noise
+    area : float
+        Of the candidate, square metres.
+    """
+    depth = candidate.sign * around.depth
+    size = 2 * math.sqrt(area / len(around.peaks) / math.pi)
+    spread = max(np.ptp(around.bounds[:2]), np.ptp(around.bounds[2:]))
+    step = max(around.spacing, spread / (2 * _CELLS))
+    scale = max(_SMALLEST * size, 0.7 * step)
+    while (
+        scale < _WIDEST * size
+        and noise.after(scale, around.extra) > 0.01 * candidate.heights[-1]
+    ):
+        scale *= 1.3
+    raw = Patch.of(around.x, around.y, depth, around.bounds, step, scale)
+    models = _models(raw, candidate, around.peaks, noise, size)
+    dents = []
+    for index, model in enumerate(models):
+        patch = raw
+        if len(models) > 1:
+            others = sum(
+                other(around.x, around.y) for k, other in enumerate(models) if k != index
+            )
+            patch = Patch.of(
+                around.x, around.y, depth - others, around.bounds, step, scale
+            )
+        found = _one(candidate.sign, patch, around, around.peaks[index], model, contour, noise)
+        if found is not None:
+            dents.append(found)
+    return dents
+
+
+def _models(
+    patch: Patch, candidate: Candidate, peaks: Vector, noise: Noise, size: float
+) -> list[DentModel]:
+    """Dent functions of all the candidate's dents, fitted together."""
+    x, y = np.meshgrid(patch.x, patch.y)
+    chosen = patch.known
+    every = max(1, math.ceil(math.sqrt(chosen.sum() / _MODEL_POINTS)))
+    sparse = np.zeros_like(chosen)
+    sparse[::every, ::every] = True
+    chosen = chosen & sparse
+    starts = np.zeros((len(peaks), 6))
+    starts[:, :2] = peaks
+    starts[:, 2:4] = math.log(0.65 * size)
+    starts[:, 5] = candidate.heights
+    if len(peaks) == 1:
+        inside = patch.known & (patch.depth > LEVEL * candidate.heights[0])
+        if inside.sum() > 8:
+            spread = np.cov(np.stack([x[inside], y[inside]])) + patch.step**2 * np.eye(2) / 12
+            values, vectors = np.linalg.eigh(spread)
+            starts[0, 2:4] = np.log(2.3 * np.sqrt(values[::-1]))
+            starts[0, 4] = math.atan2(vectors[1, 1], vectors[0, 1])
+    correlated = noise.correlated_area / (every * patch.step) ** 2
+    return fit_dents(x[chosen], y[chosen], patch.depth[chosen], starts, correlated)
+
+
+def _one(sign, patch, around, peak, model, contour, noise) -> MeasuredDent | None:
+    at = _highest(patch, peak)
+    if at is None:
+        return None
+    deepest = _cap(patch, at)
+    outline = find_outline(patch, at, LEVEL * deepest)
+    if outline is None or outline.area <= 0:
+        return None
+    centre_x, centre_y = outline.centre
+    length, angle, length_flatness = outline.length()
+    width, width_flatness = outline.width(angle)
+    local = noise.after(patch.scale, around.extra)
+    offset = float(contour.uncertainty(np.array([centre_x]), np.array([centre_y]))[0])
+    chance = noise.after(0.12 * width, around.extra)
+    deep = math.hypot(chance, offset)
+    # The contour and the level move all of the outline, the noise each end for itself.
+    shift = math.hypot(offset, LEVEL * deep)
+    ends = math.hypot(math.sqrt(2) * local, 2 * shift)
+    cell = patch.step**2
+    volume = float(patch.depth[outline.inside].sum()) * cell
+    perimeter = float(np.hypot(*np.diff([outline.x, outline.y], append=0)[:, :-1]).sum())
+    flatness = float(np.mean(1 / outline.slope))
+    independent = math.sqrt(max(perimeter / (4 * max(patch.scale, 1e-9)), 1))
+    area_error = perimeter * flatness * math.hypot(local / independent, shift)
+    normal = contour.normal(np.array([centre_x]), np.array([centre_y]))[0]
+    axis = _axis(contour, normal, angle)
+    model_length, model_width = model.axes
+    length_error, width_error = model.axes_uncertainty
+    return MeasuredDent(
+        kind='dent' if sign > 0 else 'bump',
+        position=contour.point(np.array([centre_x]), np.array([centre_y]))[0],
+        normal=normal,
+        axis=axis,
+        depth=Estimate(sign * deepest, deep),
+        length=Estimate(length, ends * length_flatness),
+        width=Estimate(width, ends * width_flatness),
+        model_length=Estimate(model_length, length_error),
+        model_width=Estimate(model_width, width_error),
+        orientation=Estimate(_orientation(normal, axis), model.angle_uncertainty),
+        area=Estimate(outline.area, area_error),
+        volume=Estimate(
+            sign * volume,
+            math.hypot(
+                outline.area * offset,
+                noise.after(0, around.extra) * math.sqrt(noise.correlated_area * outline.area),
+            ),
+        ),
+        significance=deepest / chance,
+        is_cut=outline.is_cut,
+        outline=_on_skin(contour, outline, sign * LEVEL * deepest),
+        length_profile=_profile(patch, sign, centre_x, centre_y, angle, length),
+        width_profile=_profile(patch, sign, centre_x, centre_y, angle + math.pi / 2, width),
+    )
+
+
+def _highest(patch: Patch, peak: Vector) -> tuple[int, int] | None:
+    """Row and column of the maximum uphill of a place."""
+    column, row = (int(round(float(v))) for v in patch.cells(peak[0], peak[1]))
+    rows, columns = patch.depth.shape
+    for _ in range(rows + columns):
+        top, left = max(row - 3, 0), max(column - 3, 0)
+        window = patch.depth[top : row + 4, left : column + 4]
+        if not window.size or window.max() <= 0:
+            return None
+        i, j = np.unravel_index(np.argmax(window), window.shape)
+        if (top + i, left + j) == (row, column):
+            break
+        row, column = int(top + i), int(left + j)
+    return row, column
+
+
+def _cap(patch: Patch, at: tuple[int, int]) -> float:
+    """Maximum of a polynomial of degree 4 that is fitted to the cap around a cell."""
+    rows, columns = np.indices(patch.depth.shape)
+    high = patch.depth[at]
+    cap = patch.known & (patch.depth > _CAP * high)
+    distance = np.hypot(rows - at[0], columns - at[1])
+    # Not into a neighbour: as far as the cap's area would reach as a long ellipse.
+    cap &= distance < 2.5 * math.sqrt(max(cap.sum(), 1) / math.pi)
+    if cap.sum() < 40:
+        return float(high)
+    reach = float(distance[cap].max())
+    u, v = (columns[cap] - at[1]) / reach, (rows[cap] - at[0]) / reach
+    powers = [(i - j, j) for i in range(5) for j in range(i + 1)]
+    basis = np.stack([u**i * v**j for i, j in powers], axis=1)
+    solution = np.linalg.lstsq(basis, patch.depth[cap], rcond=None)[0]
+    top = (basis @ solution)[np.hypot(u, v) < 0.6]
+    return float(top.max()) if len(top) else float(high)
+
+
+def _axis(contour: Contour, normal: Vector, angle: float) -> Vector:
+    along = contour.axes[0] * math.cos(angle) + contour.axes[1] * math.sin(angle)
+    along = along - normal * (along @ normal)
+    return along / np.linalg.norm(along)
+
+
+def _orientation(normal: Vector, axis: Vector) -> float:
+    """Angle about the normal from the frame's x axis, as it lies on the skin, to the axis."""
+    x = np.array([1.0, 0, 0]) - normal * normal[0]
+    if np.linalg.norm(x) < 1e-6:
+        x = np.array([0, 1.0, 0])
+    angle = math.atan2(float(np.cross(x, axis) @ normal), float(x @ axis))
+    return (angle + math.pi / 2) % math.pi - math.pi / 2
+
+
+def _on_skin(contour: Contour, outline: Outline, depth: float) -> NDArray[np.float64]:
+    points = contour.point(outline.x, outline.y, np.full(len(outline.x), depth))
+    return np.concatenate([points, points[:1]])
+
+
+def _profile(patch, sign, x, y, angle, length) -> NDArray[np.float64]:
+    """Depths along a line, shape (n, 2), a third of the length beyond both ends."""
+    along = np.linspace(-0.83 * length, 0.83 * length, _PROFILE)
+    at_x, at_y = x + along * math.cos(angle), y + along * math.sin(angle)
+    depth = sign * patch.at(at_x, at_y)
+    depth[~patch.is_known(at_x, at_y)] = np.nan
+    return np.stack([along, depth], axis=1)
