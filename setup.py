@@ -8,7 +8,13 @@ from setuptools import find_packages, setup
 NAME = 'ftp_dent_ros'
 HERE = Path(__file__).resolve().parent
 VERSION = re.search(r"__version__ = '(.+)'", (HERE / NAME / '__init__.py').read_text()).group(1)
-NODES = ('pattern_publisher', 'camera_capture', 'reconstruction', 'mavlink_bridge')
+NODES = (
+    'pattern_publisher',
+    'camera_capture',
+    'reconstruction',
+    'mavlink_bridge',
+    'dent_inspector',
+)
 
 
 def shared_files(folder: str) -> list[tuple[str, list[str]]]:
@@ -32,6 +38,7 @@ setup(
     maintainer='The ftp_dent_ros maintainers',
     maintainer_email='maintainers@ftp-dent-ros.example',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
+    package_data={f'{NAME}.inspection.report': ['*.html', '*.css', '*.js']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
@@ -42,6 +49,7 @@ setup(
     zip_safe=False,
     python_requires='>=3.10',
     install_requires=[
+        'jinja2>=3.0',
         'matplotlib>=3.6',
         'numpy>=1.26',
         'opencv-python-headless>=4.6',

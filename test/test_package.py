@@ -22,6 +22,7 @@ TOPICS = {
 # What is imported, rosdep's key for it and PyPI's name. rclpy and the messages: ROS's own.
 LIBRARIES = {
     'cv2': ('python3-opencv', 'opencv-python-headless'),
+    'jinja2': ('python3-jinja2', 'jinja2'),
     'lz4': ('mcap-ros2-support', 'mcap'),  # mcap brings it
     'matplotlib': ('python3-matplotlib', 'matplotlib'),
     'mcap': ('mcap-ros2-support', 'mcap'),

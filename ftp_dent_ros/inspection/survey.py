@@ -165,7 +165,7 @@ class Survey:
             return []
         noise = captured.noise
         rows = len(captured.cloud.points) // 2 * 2
-        found = []
+        found: list[Sequence[MeasuredDent]] = []
         for start, half in enumerate(halves(captured.cloud)):
             of_half = None if noise is None else noise[start:rows:2]
             again = self._inspect(half, noise=of_half, viewpoint=captured.viewpoint)

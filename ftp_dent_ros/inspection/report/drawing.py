@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+from typing import Any
 
 import cv2
 import matplotlib
@@ -108,7 +109,11 @@ def on_photograph(
 
 def profiles(dent: MeasuredDent, limit: float) -> str:
     """Sections along length and width as an SVG's data URI; `limit` is the scale's end, mm."""
-    style = {'font.size': 8, 'axes.edgecolor': _FAINT, 'svg.hashsalt': 'ftp_dent_ros'}
+    style: dict[Any, Any] = {
+        'font.size': 8,
+        'axes.edgecolor': _FAINT,
+        'svg.hashsalt': 'ftp_dent_ros',
+    }
     style |= {'text.color': _INK, 'axes.labelcolor': _INK, 'xtick.color': _INK}
     style |= {'ytick.color': _INK, 'font.family': 'sans-serif'}
     with matplotlib.rc_context(style):

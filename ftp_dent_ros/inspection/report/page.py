@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 from jinja2 import Environment, StrictUndefined
-from markupsafe import Markup
 from numpy.typing import NDArray
 
 from ftp_dent_ros.inspection.dent import Estimate
@@ -47,9 +46,9 @@ def page(report: Report) -> str:
     findings = dict(zip((e.number for e in report.dents), report.findings(), strict=True))
     return environment.from_string(texts['page.html']).render(
         report=report,
-        style=Markup(texts['page.css']),
-        script=Markup(texts['view.js']),
-        scene=Markup(json.dumps(_scene(report, limit))),
+        style=texts['page.css'],
+        script=texts['view.js'],
+        scene=json.dumps(_scene(report, limit)),
         headline=_headline(report, findings),
         facts=_facts(report),
         dents=[_dent(entry, findings[entry.number], limit) for entry in report.dents],
@@ -175,7 +174,7 @@ def _dent(entry: ListedDent, findings: Sequence[Finding], limit: float) -> dict[
         'cut': dent.is_cut,
         'verdict': verdict(findings),
         'findings': [_finding(finding) for finding in findings],
-        'profiles': Markup(drawing.profiles(dent, limit * _MM)),
+        'profiles': drawing.profiles(dent, limit * _MM),
     }
 
 
@@ -221,7 +220,7 @@ def _pictures(frame: Frame, report: Report, limit: float) -> dict[str, Any]:
     photograph = None
     if view.photograph is not None:
         photograph = {
-            'data': Markup(drawing.data_uri(view.photograph, 'image/jpeg')),
+            'data': drawing.data_uri(view.photograph, 'image/jpeg'),
             'width': view.size[0],
             'height': view.size[1],
             'outlines': [
@@ -234,7 +233,7 @@ def _pictures(frame: Frame, report: Report, limit: float) -> dict[str, Any]:
         'title': frame.name if frame.stamp_ns is None else iso_time(frame.stamp_ns),
         'shows': ', '.join(str(entry.number) for entry in shown),
         'heat': {
-            'data': Markup(drawing.heat_map(view.deviation, limit)),
+            'data': drawing.heat_map(view.deviation, limit),
             'width': columns,
             'height': rows,
             'outlines': heat,
@@ -278,7 +277,7 @@ def _scale_bar(points: NDArray[np.float32]) -> dict[str, Any] | None:
 def _scale(limit: float) -> dict[str, Any]:
     values = np.linspace(-1, 1, 5) * limit * _MM
     return {
-        'data': Markup(drawing.png(drawing.colour_table()[None])),
+        'data': drawing.png(drawing.colour_table()[None]),
         'marks': [f'{value:+.3g}' if value else '0' for value in values],
     }
 

@@ -47,7 +47,7 @@ def report_record(report: Report) -> dict[str, Any]:
         'software': f'ftp_dent_ros {report.version}',
         'written': iso_time(report.written_ns),
     }
-    return _finite(record)
+    return finite(record)
 
 
 def dent_record(entry: ListedDent, findings: Sequence[Finding] = ()) -> dict[str, Any]:
@@ -145,11 +145,12 @@ def _header() -> list[str]:
     return [*words, 'is_cut', 'significance', 'sightings', 'frame', 'verdict']
 
 
-def _finite(value: Any) -> Any:
+def finite(value: Any) -> Any:
+    """The same data with None for numbers that JSON cannot hold."""
     if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
+        return {key: finite(item) for key, item in value.items()}
     if isinstance(value, list):
-        return [_finite(item) for item in value]
+        return [finite(item) for item in value]
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
