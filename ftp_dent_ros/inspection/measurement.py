@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.inspection.contour import Contour
 from ftp_dent_ros.inspection.dent import Estimate, MeasuredDent
 from ftp_dent_ros.inspection.detection import Candidate
-from ftp_dent_ros.inspection.model import DentModel, fit_dents
+from ftp_dent_ros.inspection.model import FittedDents, Grid, fit_dents
 from ftp_dent_ros.inspection.noise import Noise
 from ftp_dent_ros.inspection.outline import Outline, find_outline
-from ftp_dent_ros.inspection.patch import Patch
+from ftp_dent_ros.inspection.patch import Patch, sampled
 
 LEVEL = 0.1
 # Cells of the patch along a dent, and of the points that are resampled to it.
@@ -24,7 +25,11 @@ _WIDEST = 0.04
 _SMALLEST = 0.02
 # Of the cap that the depth is read from.
 _CAP = 0.6
-_MODEL_POINTS = 900
+_MODEL_CELLS = 40
+# The model corrects for the blur if it leaves less than this part of the depth.
+_EXPLAINED = 0.05
+# Of that correction.
+_DOUBT = 0.3
 _PROFILE = 81
 
 Vector = NDArray[np.float64]
@@ -83,38 +88,36 @@ def measure(
     ):
         scale *= 1.3
     raw = Patch.of(around.x, around.y, depth, around.bounds, step, scale)
-    models = _models(raw, candidate, around.peaks, noise, size)
+    fitted = _fitted(raw, candidate, around.peaks, noise, size)
+    grid = Grid(raw.x, raw.y)
+    blurred = [fitted.blurred(index, grid) for index in range(len(fitted.dents))]
     dents = []
-    for index, model in enumerate(models):
-        patch = raw
-        if len(models) > 1:
-            others = sum(
-                other(around.x, around.y) for k, other in enumerate(models) if k != index
-            )
-            patch = Patch.of(
-                around.x, around.y, depth - others, around.bounds, step, scale
-            )
-        found = _one(candidate.sign, patch, around, around.peaks[index], model, contour, noise)
+    for index, model in enumerate(fitted.dents):
+        alone = raw.depth - (sum(blurred) - blurred[index])
+        change = np.zeros_like(alone)
+        if fitted.left < _EXPLAINED * model.parameters[5]:
+            change = model(grid.x, grid.y) - blurred[index]
+        patch = replace(raw, depth=np.where(raw.known, alone + change, 0.0))
+        found = _one(
+            candidate.sign, patch, change, around, around.peaks[index], model, contour, noise
+        )
         if found is not None:
             dents.append(found)
     return dents
 
 
-def _models(
+def _fitted(
     patch: Patch, candidate: Candidate, peaks: Vector, noise: Noise, size: float
-) -> list[DentModel]:
+) -> FittedDents:
     """Dent functions of all the candidate's dents, fitted together."""
-    x, y = np.meshgrid(patch.x, patch.y)
-    chosen = patch.known
-    every = max(1, math.ceil(math.sqrt(chosen.sum() / _MODEL_POINTS)))
-    sparse = np.zeros_like(chosen)
-    sparse[::every, ::every] = True
-    chosen = chosen & sparse
+    every = max(1, max(patch.depth.shape) // _MODEL_CELLS)
+    coarse = Grid(patch.x[::every], patch.y[::every])
     starts = np.zeros((len(peaks), 6))
     starts[:, :2] = peaks
     starts[:, 2:4] = math.log(0.65 * size)
     starts[:, 5] = candidate.heights
     if len(peaks) == 1:
+        x, y = np.meshgrid(patch.x, patch.y)
         inside = patch.known & (patch.depth > LEVEL * candidate.heights[0])
         if inside.sum() > 8:
             spread = np.cov(np.stack([x[inside], y[inside]])) + patch.step**2 * np.eye(2) / 12
@@ -122,10 +125,11 @@ def _models(
             starts[0, 2:4] = np.log(2.3 * np.sqrt(values[::-1]))
             starts[0, 4] = math.atan2(vectors[1, 1], vectors[0, 1])
     correlated = noise.correlated_area / (every * patch.step) ** 2
-    return fit_dents(x[chosen], y[chosen], patch.depth[chosen], starts, correlated)
+    known = patch.known[::every, ::every]
+    return fit_dents(coarse, patch.depth[::every, ::every], known, starts, correlated)
 
 
-def _one(sign, patch, around, peak, model, contour, noise) -> MeasuredDent | None:
+def _one(sign, patch, change, around, peak, model, contour, noise) -> MeasuredDent | None:
     at = _highest(patch, peak)
     if at is None:
         return None
@@ -139,9 +143,10 @@ def _one(sign, patch, around, peak, model, contour, noise) -> MeasuredDent | Non
     local = noise.after(patch.scale, around.extra)
     offset = float(contour.uncertainty(np.array([centre_x]), np.array([centre_y]))[0])
     chance = noise.after(0.12 * width, around.extra)
-    deep = math.hypot(chance, offset)
+    deep = math.hypot(chance, offset, _DOUBT * change[at])
     # The contour and the level move all of the outline, the noise each end for itself.
-    shift = math.hypot(offset, LEVEL * deep)
+    doubt = _DOUBT * float(np.abs(_along(patch, change, outline)).mean())
+    shift = math.hypot(offset, LEVEL * deep, doubt)
     ends = math.hypot(math.sqrt(2) * local, 2 * shift)
     cell = patch.step**2
     volume = float(patch.depth[outline.inside].sum()) * cell
@@ -178,6 +183,11 @@ def _one(sign, patch, around, peak, model, contour, noise) -> MeasuredDent | Non
         length_profile=_profile(patch, sign, centre_x, centre_y, angle, length),
         width_profile=_profile(patch, sign, centre_x, centre_y, angle + math.pi / 2, width),
     )
+
+
+def _along(patch: Patch, values, outline: Outline) -> Vector:
+    """Values of the patch's cells along an outline."""
+    return sampled(values, *patch.cells(outline.x, outline.y), cv2.INTER_LINEAR)
 
 
 def _highest(patch: Patch, peak: Vector) -> tuple[int, int] | None:

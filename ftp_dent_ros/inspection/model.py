@@ -6,10 +6,14 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.fft
 from numpy.typing import NDArray
 
-_ROUNDS = 40
-_ENDED = 1e-7
+_ROUNDS = 25
+_ENDED = 1e-5
+# Of the blur, metres: what is usual, and how much of a dent's half axes there can be.
+_USUAL_BLUR = 1.5e-3
+_BLUR = 0.25
 # exp(1 - 1/q) and its slopes vanish below.
 _RIM = 2e-2
 
@@ -59,58 +63,134 @@ def dent_function(parameters: NDArray, x: Field, y: Field) -> Field:
     return np.where(q > _RIM, parameters[5] * np.exp(1 - 1 / np.maximum(q, _RIM)), 0.0)
 
 
-def fit_dents(
-    x: Field, y: Field, depth: Field, starts: NDArray[np.float64], correlated: float
-) -> list[DentModel]:
-    """Fit the sum of dent functions by damped least squares (Levenberg and Marquardt).
+@dataclass(frozen=True, eq=False)
+class FittedDents:
+    """Dent functions whose sum, blurred, explains a grid of depths.
+
+    Attributes
+    ----------
+    dents : tuple of DentModel
+    blur : float
+        Standard deviation of the Gaussian that the reconstruction smooths with, metres.
+    left : float
+        Root mean square of what the fit leaves, metres.
+    """
+
+    dents: tuple[DentModel, ...]
+    blur: float
+    left: float
+
+    def blurred(self, index: int, grid: Grid) -> Field:
+        """One of the dents as the reconstruction shows it."""
+        return grid.blurred(self.dents[index](grid.x, grid.y), self.blur**2)
+
+
+class Grid:
+    """Positions on a square grid, and Gaussian blurs over it.
 
     Parameters
     ----------
-    x, y, depth : ndarray, shape (n,)
+    x, y : ndarray, shape (columns,) and (rows,)
         Metres.
+    """
+
+    def __init__(self, x: Field, y: Field) -> None:
+        self.x, self.y = np.meshgrid(x, y)
+        self._shape = tuple(scipy.fft.next_fast_len(n, real=True) for n in self.x.shape)
+        step = x[1] - x[0]
+        down = 2 * np.pi * scipy.fft.fftfreq(self._shape[0], step)
+        across = 2 * np.pi * scipy.fft.rfftfreq(self._shape[1], step)
+        self._square = down[:, None] ** 2 + across**2
+
+    def blurred(self, values: Field, variance: float) -> Field:
+        """Values, shape (..., rows, columns), after a Gaussian of `variance`, square metres."""
+        return self._back(self._forth(values) * np.exp(-variance / 2 * self._square))
+
+    def blurred_and_slope(self, values: Field, variance: float) -> tuple[Field, Field]:
+        """The same, and its derivative with the variance."""
+        spectrum = self._forth(values) * np.exp(-variance / 2 * self._square)
+        return self._back(spectrum), self._back(-self._square / 2 * spectrum)
+
+    def _forth(self, values: Field) -> Field:
+        return scipy.fft.rfft2(values, self._shape)
+
+    def _back(self, spectrum: Field) -> Field:
+        rows, columns = self.x.shape
+        return scipy.fft.irfft2(spectrum, self._shape)[..., :rows, :columns]
+
+
+def fit_dents(
+    grid: Grid, depth: Field, known: NDArray[np.bool_], starts: Field, correlated: float
+) -> FittedDents:
+    """Fit the blurred sum of dent functions by damped least squares (Levenberg and Marquardt).
+
+    Parameters
+    ----------
+    grid : Grid
+    depth, known : ndarray, shape (rows, columns)
+        Metres, and where they are measured.
     starts : ndarray, shape (dents, 6)
         Parameters to begin with.
     correlated : float
-        Number of points whose noise is one independent value.
+        Number of cells whose noise is one independent value.
     """
-    parameters = starts.astype(float).copy()
-    damping = 1e-3
-    left = depth - _sum(parameters, x, y)
+    shapes, variance, damping = starts.astype(float).copy(), 0.0, 1e-3
+    correlated = max(correlated, 1.0)
+    longest = (_BLUR * float(np.exp(starts[:, 2:4].mean()))) ** 2
+    data, count = depth[known], starts.size
+    left = data - _total(grid, shapes, variance)[known]
     cost = left @ left
     for _ in range(_ROUNDS):
-        jacobian = np.concatenate([_jacobian(one, x, y) for one in parameters], axis=1)
+        jacobian = _jacobian(grid, shapes, variance)[:, known].T
         normal, gradient = jacobian.T @ jacobian, jacobian.T @ left
+        # Without evidence there is no blur.
+        prior = correlated * cost / (len(data) * _USUAL_BLUR**4)
+        normal[-1, -1] += prior
+        gradient[-1] -= prior * variance
         diagonal = np.diag(normal)
         while True:
-            damped = normal + np.diag(damping * diagonal + 1e-12 * diagonal.max())
-            step = np.linalg.solve(damped, gradient).reshape(parameters.shape)
-            step[:, 2:4] = np.clip(step[:, 2:4], -0.3, 0.3)
-            step[:, 4] = np.clip(step[:, 4], -0.5, 0.5)
-            trial = parameters + step
-            left_then = depth - _sum(trial, x, y)
+            step = np.linalg.solve(
+                normal + np.diag(damping * diagonal + 1e-12 * diagonal), gradient
+            )
+            change = step[:count].reshape(shapes.shape)
+            change[:, 2:4] = np.clip(change[:, 2:4], -0.3, 0.3)
+            change[:, 4] = np.clip(change[:, 4], -0.5, 0.5)
+            trial, wider = shapes + change, float(np.clip(variance + step[-1], 0, longest))
+            left_then = data - _total(grid, trial, wider)[known]
             cost_then = left_then @ left_then
-            if cost_then <= cost or damping > 1e6:
+            if cost_then + prior * wider**2 <= cost + prior * variance**2 or damping > 1e4:
                 break
-            damping *= 6
-        gain = cost - cost_then
-        if cost_then <= cost:
-            parameters, left, cost = trial, left_then, cost_then
-        damping = max(damping / 6, 1e-9)
-        if gain <= _ENDED * cost:
+            damping *= 8
+        if damping > 1e4:
             break
-    jacobian = np.concatenate([_jacobian(one, x, y) for one in parameters], axis=1)
-    variance = cost / max(len(x) - parameters.size, 1) * max(correlated, 1.0)
-    scale = np.sqrt(np.maximum(np.diag(jacobian.T @ jacobian), 1e-300))
-    covariance = np.linalg.pinv(jacobian.T @ jacobian / np.outer(scale, scale))
-    covariance *= variance / np.outer(scale, scale)
-    return [
+        gain = cost - cost_then
+        shapes, variance, left, cost = trial, wider, left_then, cost_then
+        damping = max(damping / 8, 1e-9)
+        if abs(gain) <= _ENDED * cost:
+            break
+    jacobian = _jacobian(grid, shapes, variance)[:, known].T
+    normal = jacobian.T @ jacobian
+    noise = correlated * cost / max(len(data) - count - 1, 1)
+    normal[-1, -1] += noise / _USUAL_BLUR**4
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    covariance = noise * np.linalg.pinv(normal / np.outer(scale, scale)) / np.outer(scale, scale)
+    dents = tuple(
         DentModel(one, covariance[6 * k : 6 * k + 6, 6 * k : 6 * k + 6])
-        for k, one in enumerate(parameters)
-    ]
+        for k, one in enumerate(shapes)
+    )
+    return FittedDents(dents, math.sqrt(variance), math.sqrt(cost / max(len(data), 1)))
 
 
-def _sum(parameters, x, y):
-    return sum(dent_function(one, x, y) for one in parameters)
+def _total(grid: Grid, shapes: Field, variance: float) -> Field:
+    return grid.blurred(sum(dent_function(one, grid.x, grid.y) for one in shapes), variance)
+
+
+def _jacobian(grid: Grid, shapes: Field, variance: float) -> Field:
+    """Derivatives with every parameter and the blur's variance, shape (n, rows, columns)."""
+    sharp = np.concatenate([_slopes(one, grid.x, grid.y) for one in shapes])
+    total = sum(dent_function(one, grid.x, grid.y) for one in shapes)
+    _, wider = grid.blurred_and_slope(total, variance)
+    return np.concatenate([grid.blurred(sharp, variance), wider[None]])
 
 
 def _normalised(parameters, x, y):
@@ -120,7 +200,7 @@ def _normalised(parameters, x, y):
     return (c * dx + s * dy) / a, (c * dy - s * dx) / b, a, b
 
 
-def _jacobian(parameters, x, y):
+def _slopes(parameters, x, y):
     u, v, a, b = _normalised(parameters, x, y)
     q = np.maximum(1 - u * u - v * v, _RIM)
     shape = np.where(q > _RIM, np.exp(1 - 1 / q), 0.0)
@@ -136,5 +216,4 @@ def _jacobian(parameters, x, y):
             slope * u * v * (b / a - a / b),
             shape,
         ],
-        axis=1,
     )
