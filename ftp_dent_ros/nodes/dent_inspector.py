@@ -1,8 +1,8 @@
 """Point clouds in, dents out.
 
-Inspects the clouds of ``points``, each by itself, or those of ``tagged/points`` with their poses on
-``tagged/pose``; then a dent that is seen again is one dent of the list, in the map. The dents of
-each cloud go to ``dents``, the list to ``dents/list`` and ``dents/markers``, both latched. The
+Inspects the clouds of ``points``, each by itself, or those of ``tagged/points`` with their poses
+on ``tagged/pose``; then a dent that is seen again is one dent of the list, in the map. The dents
+of each cloud go to ``dents``, the list to ``dents/list`` and ``dents/markers``, both latched. The
 service ``~/take_list`` returns the list as JSON and clears it. Nothing is computed while nobody
 subscribes, unless the parameter `always` asks for the list.
 """
