@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 from tqdm import tqdm
@@ -86,52 +85,17 @@ def summary(report: Report) -> str:
     return '\n'.join(lines)
 
 
-def survey_bag(
-    path: str | Path, rig: str | None, rules: Rules | None = None, repeat: bool = True
-) -> tuple[Survey, Report]:
-    """Inspect every cloud of a bag.
-
-    Raises
-    ------
-    BagError, CloudError, RigError
-        The bag, all of its clouds, or the rig cannot be used.
-    """
-    from ftp_dent_ros.recording.reader import open_bag
-    from ftp_dent_ros.ros.bag_clouds import bag_clouds, count_clouds
-
-    named, camera = _rig(rig)
-    bag = open_bag(path)
-    count, tagged = count_clouds(bag)
-    survey = Survey(inspect, count, repeat and tagged, tagged)
-    frame_id = _CAMERA_FRAME
-    in_camera = True
-    with tqdm(desc='inspecting', total=count, unit='cloud', dynamic_ncols=True) as bar:
-        for item in bag_clouds(bag):
-            captured = Captured(
-                name=f'{item.stamp_ns / 1e9:.3f} s',
-                cloud=item.cloud,
-                stamp_ns=item.stamp_ns,
-                vehicle=item.vehicle,
-                covariance=item.covariance,
-                pose_age=0.0 if tagged else None,
-                photograph=item.photograph,
-            )
-            if item.pose is not None:
-                captured = replace(captured, pose=item.pose)
-            elif not item.in_camera:
-                captured = replace(captured, viewpoint=viewpoint_of(item.cloud))
-            survey.add(captured)
-            frame_id, in_camera = item.frame_id, in_camera and item.in_camera
-            bar.update()
-    report = survey.report(str(path), frame_id, named, camera if in_camera else None, rules)
-    if not report.frames:
-        reason = f' ({survey.refused[0]})' if survey.refused else ''
-        raise CloudError(f'{path}: no cloud in it could be inspected{reason}: check the clouds')
-    return survey, report
-
-
 def _of_bag(arguments: argparse.Namespace, rules: Rules | None) -> Report:
-    return survey_bag(arguments.input, arguments.rig, rules)[1]
+    # Only this needs ROS.
+    from ftp_dent_ros.recording.reader import open_bag
+    from ftp_dent_ros.ros.bag_clouds import count_clouds
+    from ftp_dent_ros.ros.bag_survey import survey_bag
+
+    named, camera = _rig(arguments.rig)
+    bag = open_bag(arguments.input)
+    count, _ = count_clouds(bag)
+    with tqdm(desc='inspecting', total=count, unit='cloud', dynamic_ncols=True) as bar:
+        return survey_bag(bag, inspect, named, camera, rules, bar.update)
 
 
 def _of_cloud(arguments: argparse.Namespace, rules: Rules | None) -> Report:

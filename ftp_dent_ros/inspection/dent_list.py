@@ -223,7 +223,9 @@ def _entry(number: int, sightings: tuple[Sighting, ...]) -> ListedDent:
     covariance = np.linalg.inv(sum(np.linalg.inv(_regular(i)) for i in used))
     position = covariance @ sum(np.linalg.inv(_regular(i)) @ i.dent.position for i in used)
     dents = [item.dent for item in used]
-    values: dict[str, Any] = {name: combined([getattr(d, name) for d in dents]) for name in _ESTIMATES}
+    values: dict[str, Any] = {
+        name: combined([getattr(d, name) for d in dents]) for name in _ESTIMATES
+    }
     axis = _mean_direction([d.axis for d in dents], best.dent.axis)
     # Angles of an axis repeat after half a turn.
     turns = [(d.orientation.value - best.dent.orientation.value) for d in dents]
@@ -261,5 +263,9 @@ def _mean_direction(vectors: list[NDArray], like: NDArray) -> NDArray[np.float64
 
 def _without_curves(item: Sighting) -> Sighting:
     """A long flight has many sightings, and only the best one's curves are shown."""
-    curves: dict[str, Any] = {'outline': _NONE, 'length_profile': _NO_PROFILE, 'width_profile': _NO_PROFILE}
+    curves: dict[str, Any] = {
+        'outline': _NONE,
+        'length_profile': _NO_PROFILE,
+        'width_profile': _NO_PROFILE,
+    }
     return replace(item, dent=replace(item.dent, **curves))
