@@ -72,12 +72,15 @@ class FittedDents:
     dents : tuple of DentModel
     blur : float
         Standard deviation of the Gaussian that the reconstruction smooths with, metres.
+    evidence : float
+        For the blur: from 0, none, to 1.
     left : float
         Root mean square of what the fit leaves, metres.
     """
 
     dents: tuple[DentModel, ...]
     blur: float
+    evidence: float
     left: float
 
     def blurred(self, index: int, grid: Grid) -> Field:
@@ -178,7 +181,8 @@ def fit_dents(
         DentModel(one, covariance[6 * k : 6 * k + 6, 6 * k : 6 * k + 6])
         for k, one in enumerate(shapes)
     )
-    return FittedDents(dents, math.sqrt(variance), math.sqrt(cost / max(len(data), 1)))
+    evidence = variance**2 / (variance**2 + covariance[-1, -1] + 1e-30)
+    return FittedDents(dents, math.sqrt(variance), evidence, math.sqrt(cost / max(len(data), 1)))
 
 
 def _total(grid: Grid, shapes: Field, variance: float) -> Field:
