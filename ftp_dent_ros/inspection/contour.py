@@ -187,13 +187,14 @@ def _redescended(x, y, w, scale, start, noise) -> tuple[float, NDArray[np.float6
     coefficients = _solved(basis, w, start.astype(float), np.zeros(6), x, y)
     left = np.abs(w - _model(basis, coefficients, x, y))
     floor = noise / scale
-    width = max(1.5 * float(np.median(left)), floor)
-    # Least absolute deviations first: the biweight would drop points for good.
-    for _ in range(3):
-        weight = 1 / np.maximum(left, 0.3 * width)
-        coefficients = _solved(basis, w, weight, coefficients, x, y)
-        left = np.abs(w - _model(basis, coefficients, x, y))
-    width = max(1.5 * float(np.median(left)), floor)
+    if start.all():
+        width = max(1.5 * float(np.median(left)), floor)
+        # Least absolute deviations first: the biweight would drop points for good.
+        for _ in range(3):
+            weight = 1 / np.maximum(left, 0.3 * width)
+            coefficients = _solved(basis, w, weight, coefficients, x, y)
+            left = np.abs(w - _model(basis, coefficients, x, y))
+    width = max(1.5 * float(np.median(left[start])), floor)
     while True:
         for _ in range(2):
             weight = _biweight(left / (_TUKEY * width))

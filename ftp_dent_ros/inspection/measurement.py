@@ -175,7 +175,7 @@ def _one(sign, patch, doubted, explained, around, peak, model, contour, noise) -
     width, width_flatness = outline.width(angle)
     local = noise.after(patch.scale, around.extra)
     offset = float(contour.uncertainty(np.array([centre_x]), np.array([centre_y]))[0])
-    chance = noise.after(0.12 * width, around.extra)
+    chance = noise.after(0.1 * width, around.extra)
     deep = math.hypot(chance, offset, doubted[at], _SAMPLING * deepest)
     # The contour and the level move all of the outline, the noise each end for itself.
     doubt = float(np.abs(_along(patch, doubted, outline)).mean())

@@ -150,7 +150,8 @@ def fit_dents(
         prior = correlated * cost / (len(data) * _USUAL_BLUR**4)
         normal[-1, -1] += prior
         gradient[-1] -= prior * variance
-        diagonal = np.diag(normal)
+        # A dent that has left the grid has no slopes, and stays where it is.
+        diagonal = np.where(np.diag(normal) > 0, np.diag(normal), 1.0)
         while True:
             step = np.linalg.solve(
                 normal + np.diag(damping * diagonal + 1e-12 * diagonal), gradient
@@ -181,7 +182,7 @@ def fit_dents(
         DentModel(one, covariance[6 * k : 6 * k + 6, 6 * k : 6 * k + 6])
         for k, one in enumerate(shapes)
     )
-    evidence = variance**2 / (variance**2 + covariance[-1, -1] + 1e-30)
+    evidence = variance**2 / (variance**2 + 4 * covariance[-1, -1] + 1e-30)
     return FittedDents(dents, math.sqrt(variance), evidence, math.sqrt(cost / max(len(data), 1)))
 
 
