@@ -126,6 +126,43 @@ def scene(name: str, rig: Rig, panel: Panel, speed: float = 0.0, **photometry) -
     return Scene(name, rig, (panel,), light, Motion(translation=np.array([0.01 * speed, 0, 0])))
 
 
+def steps() -> tuple[Scene, ...]:
+    """Two panels that fill the frame, one behind the other, cut upright or across."""
+    fringe = 8 * 0.8**2 / (1810 * 0.24)
+    scenes = []
+    for name, step in (('5 cm', 0.05), ('1/2', 0.5 * fringe), ('3/2', 1.5 * fringe)):
+        for cut in ('upright', 'across'):
+            extents = (-0.6, 0.05, -0.6, 0.6), (0.05, 0.6, -0.6, 0.6)
+            if cut == 'across':
+                extents = tuple(extent[2:] + extent[:2] for extent in extents)
+            panels = tuple(
+                Panel(Pose.from_rpy((0, 0, 0), (0, 0, distance)), extent)
+                for distance, extent in zip((0.77, 0.77 + step), extents, strict=True)
+            )
+            light = Photometry(reference_distance=0.8)
+            scenes.append(Scene(f'step {name} {cut}', FIELD, panels, light))
+    return tuple(scenes)
+
+
+def wide(dent: Dent, distance: float) -> Panel:
+    """A panel that fills the frame."""
+    return replace(tile(dent, distance), extent=(-0.9, 0.9, -0.9, 0.9))
+
+
+LIVERY = Paint(edge=(0.7, 0.714, 0.012), albedo_beyond=(0.25, 0.25, 0.25))
+# Around a contrast of 30 %, and noisy.
+DAYLIGHT = {'exposure': 0.28, 'ambient': 2.0, 'full_well': 6000.0, 'read_noise': 1.5}
+CLEAN = {'full_well': 1e9, 'read_noise': 0.0}
+NOISY_PHASE = 0.6 * PATTERN.period_px / (2 * math.pi)
+LIGHTS = {
+    'speckle 0.10': {'speckle_contrast': 0.10},
+    'speckle 0.15': {'speckle_contrast': 0.15},
+    'daylight': DAYLIGHT,
+    'gamma': {'camera_gamma': 2.2},
+    'Bayer, JPEG': {'bayer': True, 'jpeg_quality': 90},
+}
+BIASES = ((0.6, 0.015, 10), (0.6, 0.015, 20), (0.6, 0.030, 10), (1.0, 0.020, 10), (1.0, 0.020, 20))
+
 SCENES = (
     *(scene(f'{name}, 60 cm', NEAR, tile(dent, 0.6)) for name, dent in SAMPLES.items()),
     *(
@@ -139,4 +176,37 @@ SCENES = (
     ),
     scene('A, 60 cm, distorted', BENT, tile(SAMPLES['A'], 0.6)),
     scene('fuselage, 60 cm, distorted', BENT, fuselage(0.6)),
+    *(
+        scene(f'{name}, 60 cm, {light}', NEAR, tile(SAMPLES[name], 0.6), **values)
+        for light, values in LIGHTS.items()
+        for name in 'AC'
+    ),
+    *(
+        scene(f'fuselage, {light}', FIELD, fuselage(0.8), **LIGHTS[light])
+        for light in ('gamma', 'Bayer, JPEG')
+    ),
+    scene('A, 60 cm, livery', NEAR, replace(tile(SAMPLES['A'], 0.6), paint=LIVERY)),
+    scene('A, livery, wide', FIELD, replace(wide(SAMPLES['A'], 0.8), paint=LIVERY)),
+    *(
+        scene(f'A, {100 * distance:.0f} cm, one rig', FIELD, wide(SAMPLES['A'], distance))
+        for distance in (0.4, 0.6, 0.9, 1.2, 1.5)
+    ),
+    *steps(),
+    *(
+        scene(
+            f'{1e3 * width:.0f} mm, 1:{ratio}, {100 * distance:.0f} cm',
+            NEAR if distance < 0.8 else FAR,
+            wide(Dent(0.003, 0.002, width, width, width / ratio), distance),
+            **CLEAN,
+        )
+        for distance, width, ratio in BIASES
+    ),
+    scene(
+        'section 3, noisy phase',
+        FAR,
+        wide(Dent(0.003, 0.002, 0.03, 0.03, 0.003), 1.0),
+        shading=False,
+        phase_noise_px=NOISY_PHASE,
+        **CLEAN,
+    ),
 )

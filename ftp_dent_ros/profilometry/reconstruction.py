@@ -22,6 +22,7 @@ from ftp_dent_ros.profilometry.carrier import (
 )
 from ftp_dent_ros.profilometry.extrapolation import demodulate
 from ftp_dent_ros.profilometry.fourier import phase_of
+from ftp_dent_ros.profilometry.least_squares import LeastSquares, Quality
 from ftp_dent_ros.profilometry.reference import extend, phase_shift, reference_phase
 from ftp_dent_ros.profilometry.region import Window, clipped, lit_region, trusted
 from ftp_dent_ros.profilometry.settings import Settings
@@ -49,10 +50,13 @@ class Measurement:
     cloud : Cloud
     stripe_depth : float
         l_c, the depth of the red stripe and of the virtual reference, metres.
+    quality : Quality or None
+        Of each point; only ``'least-squares'`` knows it.
     """
 
     cloud: Cloud
     stripe_depth: float
+    quality: Quality | None = None
 
 
 class Reconstructor:
@@ -73,6 +77,11 @@ class Reconstructor:
     def __init__(self, rig: Rig, pattern: Pattern, settings: Settings | None = None) -> None:
         pattern.check_fits(rig.projector)
         self.rig, self.pattern, self.settings = rig, pattern, settings or Settings()
+        if self.settings.method == 'least-squares':
+            self._least_squares = LeastSquares(
+                rig, pattern, self.settings.stride, self.settings.fast
+            )
+            return
         rows = rig.camera.pixel_grid()[:: self.settings.stride]
         self._rays = rig.camera.rays(rows).astype(np.float32)
         self._reference_phase = lru_cache(maxsize=4)(self._reference_at)
@@ -103,6 +112,8 @@ class Reconstructor:
             The image gives no measurement; the message says why and what to do.
         """
         self._check(image)
+        if self.settings.method == 'least-squares':
+            return Measurement(*self._least_squares.measure(image))
         stride = self.settings.stride
         levels = image.astype(np.float32)
         red = np.ascontiguousarray(levels[..., 0])
