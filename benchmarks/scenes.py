@@ -4,61 +4,32 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
-from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.evaluation import scenes as evaluation
+from ftp_dent_ros.evaluation.scenes import PATTERN, SAMPLES, make_rig
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.rig import Lens, Rig
+from ftp_dent_ros.rig import Rig
 from ftp_dent_ros.simulation import (
     Dent,
     Motion,
     Paint,
     Panel,
     Photometry,
-    Renderer,
     Rivet,
-    Surface,
 )
 
-PATTERN = Pattern(1280, 720, 8.0, 640.0)
-
-# The samples of the paper (table 2): tiles of 15 x 15 cm, one dent in the middle.
-SAMPLES = {
-    'A': Dent(0.0, 0.0, length=0.060, width=0.040, depth=0.002),
-    'B': Dent(0.0, 0.0, length=0.120, width=0.100, depth=0.002),
-    'C': Dent(0.0, 0.0, length=0.100, width=0.080, depth=0.003),
-    'D': Dent(0.0, 0.0, length=0.120, width=0.080, depth=0.001),
-}
+CAMERA = 1920, 1080
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
-    """One photograph to take: a surface in the camera's frame before a rig."""
+class Scene(evaluation.Scene):
+    """One photograph to take."""
 
-    name: str
-    rig: Rig
-    panels: tuple[Panel, ...]
-    photometry: Photometry
-    motion: Motion = field(default_factory=Motion)
-
-    @property
-    def surface(self) -> Surface:
-        return Surface(self.panels)
-
-    def photograph(self, seed: int = 0) -> NDArray[np.uint8]:
-        renderer = Renderer(self.rig, PATTERN.draw(), self.photometry)
-        return renderer.render(self.surface, np.random.default_rng(seed), self.motion)
-
-    def lit(self) -> NDArray[np.bool_]:
-        """Camera pixels whose surface the projector's panel reaches."""
-        points = self.rig.camera.rays(self.rig.camera.pixel_grid())
-        points *= self.surface.intersect(points)[..., None]
-        u, v = np.moveaxis(self.rig.projector.project(self.rig.to_projector(points)), -1, 0)
-        return (u > 0) & (u < PATTERN.width - 1) & (v > 0) & (v < PATTERN.height - 1)
+    name: str = ''
 
     def on_dents(self, points: NDArray) -> NDArray[np.bool_]:
         """Mask of the points of shape (n, 3) that lie on dents."""
@@ -71,36 +42,16 @@ class Scene:
         return mask
 
 
-def make_rig(
-    distance: float,
-    baseline: float,
-    camera_focal: float,
-    projector_focal: float,
-    camera_distortion: Sequence[float] = (0.0,) * 5,
-    projector_distortion: Sequence[float] = (0.0,) * 5,
-) -> Rig:
-    """Full HD camera, and a projector to its right that looks where the camera looks."""
-    turn = Rotation.from_euler('yxz', [math.atan(baseline / distance), 0.021, -0.017])
-    rotation = turn.as_matrix()
-    return Rig(
-        _lens(1920, 1080, camera_focal, (8.3, -6.1), camera_distortion),
-        _lens(1280, 720, projector_focal, (-9.2, 17.4), projector_distortion),
-        rotation,
-        -rotation @ [baseline, -0.009, -0.012],
-    )
-
-
-def _lens(width, height, focal, offset, distortion) -> Lens:
-    centre_u, centre_v = (width - 1) / 2 + offset[0], (height - 1) / 2 + offset[1]
-    matrix = [[focal, 0, centre_u], [0, 1.001 * focal, centre_v], [0, 0, 1]]
-    return Lens(width, height, np.array(matrix), np.array(distortion, float))
-
-
-NEAR = make_rig(0.6, 0.23, 2740.0, 1870.0)
-FAR = make_rig(1.2, 0.27, 2740.0, 2020.0)
-FIELD = make_rig(0.8, 0.24, 2290.0, 1810.0)
+NEAR = make_rig(0.6, 0.23, (*CAMERA, 2740.0), 1870.0)
+FAR = make_rig(1.2, 0.27, (*CAMERA, 2740.0), 2020.0)
+FIELD = make_rig(0.8, 0.24, (*CAMERA, 2290.0), 1810.0)
 BENT = make_rig(
-    0.6, 0.23, 2290.0, 1870.0, (-0.12, 0.05, 8e-4, -6e-4, 0.0), (-0.05, 0.02, -5e-4, 7e-4, 0.0)
+    0.6,
+    0.23,
+    (*CAMERA, 2290.0),
+    1870.0,
+    (-0.12, 0.05, 8e-4, -6e-4, 0.0),
+    (-0.05, 0.02, -5e-4, 7e-4, 0.0),
 )
 
 
@@ -123,7 +74,8 @@ def scene(name: str, rig: Rig, panel: Panel, speed: float = 0.0, **photometry) -
     """Scene of a panel that moves along x during an exposure of 10 ms, metres a second."""
     distance = float(panel.pose.translation[2])
     light = replace(Photometry(reference_distance=distance), **photometry)
-    return Scene(name, rig, (panel,), light, Motion(translation=np.array([0.01 * speed, 0, 0])))
+    motion = Motion(translation=np.array([0.01 * speed, 0, 0]))
+    return Scene(rig, (panel,), light, motion, name)
 
 
 def steps() -> tuple[Scene, ...]:
@@ -140,7 +92,7 @@ def steps() -> tuple[Scene, ...]:
                 for distance, extent in zip((0.77, 0.77 + step), extents, strict=True)
             )
             light = Photometry(reference_distance=0.8)
-            scenes.append(Scene(f'step {name} {cut}', FIELD, panels, light))
+            scenes.append(Scene(FIELD, panels, light, name=f'step {name} {cut}'))
     return tuple(scenes)
 
 

@@ -90,13 +90,18 @@ class Reconstructor:
         """Cloud of a photograph: that of `measure`."""
         return self.measure(image).cloud
 
-    def measure(self, image: NDArray[np.uint8]) -> Measurement:
+    def measure(
+        self, image: NDArray[np.uint8], phase_noise: NDArray[np.float32] | None = None
+    ) -> Measurement:
         """Measure the surface in a photograph.
 
         Parameters
         ----------
         image : ndarray, shape (height, width, 3), uint8
             RGB, as large as the camera's calibration says.
+        phase_noise : ndarray, shape (height, width), optional
+            Added to the phase map before it is unwrapped, as the paper's simulation does
+            (section 3); radians. Least squares have no such map.
 
         Returns
         -------
@@ -134,6 +139,8 @@ class Reconstructor:
         )
         fringes, explained = demodulate(rows, inside, reference, carrier)
         modulation = np.abs(fringes)
+        if phase_noise is not None:
+            fringes = fringes * np.exp(1j * window.padded(phase_noise[::stride]))
         valid = trusted(modulation, inside, explained, carrier)
         valid &= window.padded(usable[::stride])
         if self.settings.method == 'virtual-reference':
