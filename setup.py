@@ -38,7 +38,6 @@ setup(
     maintainer='The ftp_dent_ros maintainers',
     maintainer_email='maintainers@ftp-dent-ros.example',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
-    package_data={f'{NAME}.inspection.report': ['*.html', '*.css', '*.js']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
@@ -48,8 +47,12 @@ setup(
     ],
     zip_safe=False,
     python_requires='>=3.10',
+    package_data={
+        f'{NAME}.evaluation': ['templates/*.j2'],
+        f'{NAME}.inspection.report': ['*.html', '*.css', '*.js'],
+    },
     install_requires=[
-        'jinja2>=3.0',
+        'jinja2>=3.1',
         'matplotlib>=3.6',
         'numpy>=1.26',
         'opencv-python-headless>=4.6',

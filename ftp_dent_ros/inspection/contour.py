@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 _TUKEY = 4.7
 _SHRINK = 0.6
 _SAMPLES = 1500
-_FEW = 350
+_FEW = 300
 _STEEPEST = 0.9
 
 Field = NDArray[np.floating]
@@ -52,32 +52,28 @@ class Contour:
 
     def height(self, x: Field, y: Field) -> Field:
         """Height w of the contour at x, y, metres."""
-        kind = x.dtype.type
-        x, y = x / kind(self.scale), y / kind(self.scale)
-        c = self.coefficients.astype(kind)
-        w = c[0] + c[1] * x + c[2] * y + _sagitta(c, x, y)
-        for c_n, (i, j) in zip(c[6:], _powers(len(c))[6:], strict=True):
-            w += c_n * x**i * y**j
-        return w * kind(self.scale)
+        return self.surface(x, y)[0]
 
-    def slopes(self, x: Field, y: Field) -> tuple[Field, Field]:
-        """Derivatives of the height along x and y."""
+    def surface(self, x: Field, y: Field) -> tuple[Field, Field, Field]:
+        """Height at x, y, metres, and its derivatives along them."""
         kind = x.dtype.type
         x, y = x / kind(self.scale), y / kind(self.scale)
         c = self.coefficients.astype(kind)
         along_x, along_y = 2 * c[3] * x + c[4] * y, c[4] * x + 2 * c[5] * y
-        flat = np.sqrt(1 - np.minimum(along_x**2 + along_y**2, kind(_STEEPEST)))
+        flat = np.sqrt(1 - np.minimum(along_x * along_x + along_y * along_y, kind(_STEEPEST)))
+        w = c[0] + c[1] * x + c[2] * y + (along_x * x + along_y * y) / (1 + flat)
         along_x, along_y = c[1] + along_x / flat, c[2] + along_y / flat
         for c_n, (i, j) in zip(c[6:], _powers(len(c))[6:], strict=True):
+            w += c_n * x**i * y**j
             along_x += c_n * i * x ** max(i - 1, 0) * y**j
             along_y += c_n * j * x**i * y ** max(j - 1, 0)
-        return along_x, along_y
+        return w * kind(self.scale), along_x, along_y
 
     def deviation(self, points: NDArray) -> tuple[Field, Field, Field]:
         """Feet x, y of points (..., 3) on the contour, and their depth below it, metres."""
         x, y, w = self.local(points)
-        above = w - self.height(x, y)
-        along_x, along_y = self.slopes(x, y)
+        height, along_x, along_y = self.surface(x, y)
+        above = w - height
         square = 1 + along_x * along_x + along_y * along_y
         # One Newton step towards the foot; the rest is of the order of the curvature.
         return (
@@ -94,7 +90,7 @@ class Contour:
 
     def normal(self, x: Field, y: Field) -> NDArray[np.float64]:
         """Unit normals outward, shape (..., 3)."""
-        along_x, along_y = self.slopes(np.asarray(x, float), np.asarray(y, float))
+        _, along_x, along_y = self.surface(np.asarray(x, float), np.asarray(y, float))
         outward = np.stack([along_x, along_y, np.full_like(along_x, -1.0)], axis=-1)
         return (outward / np.linalg.norm(outward, axis=-1, keepdims=True)) @ self.axes
 
@@ -127,7 +123,7 @@ def first_contour(
     few = _some(points, _FEW, rng)
     x, y, w = contour.local(few)
     starts = [np.ones(len(few), bool)]
-    for along in (x, y, x + y, x - y):
+    for along in (x, y):
         starts += [along > np.median(along), along < np.median(along)]
     fits = [_redescended(x, y, w, contour.scale, start, noise) for start in starts]
     best = min(fits, key=lambda fit: fit[0])[1]
@@ -191,13 +187,14 @@ def _redescended(x, y, w, scale, start, noise) -> tuple[float, NDArray[np.float6
     coefficients = _solved(basis, w, start.astype(float), np.zeros(6), x, y)
     left = np.abs(w - _model(basis, coefficients, x, y))
     floor = noise / scale
-    width = max(1.5 * float(np.median(left)), floor)
-    # Least absolute deviations first: the biweight would drop points for good.
-    for _ in range(3):
-        weight = 1 / np.maximum(left, 0.3 * width)
-        coefficients = _solved(basis, w, weight, coefficients, x, y)
-        left = np.abs(w - _model(basis, coefficients, x, y))
-    width = max(1.5 * float(np.median(left)), floor)
+    if start.all():
+        width = max(1.5 * float(np.median(left)), floor)
+        # Least absolute deviations first: the biweight would drop points for good.
+        for _ in range(3):
+            weight = 1 / np.maximum(left, 0.3 * width)
+            coefficients = _solved(basis, w, weight, coefficients, x, y)
+            left = np.abs(w - _model(basis, coefficients, x, y))
+    width = max(1.5 * float(np.median(left[start])), floor)
     while True:
         for _ in range(2):
             weight = _biweight(left / (_TUKEY * width))

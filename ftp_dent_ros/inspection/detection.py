@@ -78,13 +78,26 @@ def find_candidates(
             left, top, width, height, _ = stats[index]
             window = slice(top, top + height), slice(left, left + width)
             part = labels[window] == index
-            local = np.where(part, values[window], 0).astype(np.float32)
-            peaks = _peaks(local, float(np.median(spread[window][part])))
+            local, chance = _sharpest(maps, spreads, sign, window, part)
+            peaks = _peaks(local, chance)
             mask = np.zeros_like(panel)
             mask[window] = part
             heights = local[peaks[:, 0], peaks[:, 1]].astype(float)
             found.append(Candidate(sign, mask, peaks + (top, left), heights))
     return found
+
+
+def _sharpest(
+    maps: list[Map], spreads: list[Map], sign: int, window: tuple[slice, slice], part: Mask
+) -> tuple[Map, float]:
+    """Heights at the finest scale that shows saddles beyond the noise, and that noise."""
+    for smooth, spread in zip(maps, spreads, strict=True):
+        values = sign * smooth[window]
+        local = np.where(part & np.isfinite(values), values, 0).astype(np.float32)
+        chance = float(np.median(spread[window][part]))
+        if SIGNIFICANT * chance < _SADDLE * local.max():
+            break
+    return local, chance
 
 
 def _peaks(values: Map, noise: float) -> NDArray[np.intp]:

@@ -80,7 +80,7 @@ def inspect(
             if around is None:
                 continue
             area = candidate.mask.sum() * lattice.spacing[0] * lattice.spacing[1]
-            dents = measure(candidate, around, contour, chance, area)
+            dents = measure(candidate, around, contour, chance, area, settings)
             found += [dent for dent in dents if _is_reported(dent, settings)]
     moved = [_moved(dent, lattice.origin) for dent in found]
     dents = sorted((d for d in moved if d.kind == 'dent'), key=lambda d: -d.depth.value)

@@ -64,7 +64,7 @@ class Lattice:
                 f'the points of the cloud lie {max(across):.2g} m apart, so that it seems to be in '
                 'millimetres: give it in metres'
             )
-        block = max(1, int(settings.smallest_width / _CELLS / max(across)))
+        block = max(1, round(settings.smallest_width / _CELLS / max(across)))
         share = _means(finite.astype(np.float32), block)
         valid = share > 0.5
         points = _means(relative, block) / np.where(valid, share, 1)[..., None]

@@ -16,6 +16,7 @@ from ftp_dent_ros.inspection.model import FittedDents, Grid, fit_dents
 from ftp_dent_ros.inspection.noise import Noise
 from ftp_dent_ros.inspection.outline import Outline, find_outline
 from ftp_dent_ros.inspection.patch import Patch, sampled
+from ftp_dent_ros.inspection.settings import Settings
 
 LEVEL = 0.1
 # Cells of the patch along a dent, and of the points that are resampled to it.
@@ -28,11 +29,19 @@ _CAP = 0.6
 _MODEL_CELLS = 40
 # The model corrects for the blur if it leaves less than this part of the depth.
 _EXPLAINED = 0.05
+# A first look has to find this part of the smallest dent.
+_NEARLY = 0.8
+# What the rim cuts is its artefact if it is longer than so many widths.
+_STRIP = 2.8
+# Of the depth, and of the cells in which outlines are found: errors of the sampling.
+_SAMPLING = 0.0015
+_GRAIN = 0.06
 # Of that correction.
 _DOUBT = 0.3
 _PROFILE = 81
 
 Vector = NDArray[np.float64]
+Field = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,9 +72,14 @@ class Surroundings:
 
 
 def measure(
-    candidate: Candidate, around: Surroundings, contour: Contour, noise: Noise, area: float
+    candidate: Candidate,
+    around: Surroundings,
+    contour: Contour,
+    noise: Noise,
+    area: float,
+    settings: Settings,
 ) -> list[MeasuredDent]:
-    """Measure every dent of a candidate.
+    """Measure every dent of a candidate that is not too small, nor an artefact of the rim.
 
     Parameters
     ----------
@@ -76,6 +90,7 @@ def measure(
     noise : Noise
     area : float
         Of the candidate, square metres.
+    settings : Settings
     """
     depth = candidate.sign * around.depth
     size = 2 * math.sqrt(area / len(around.peaks) / math.pi)
@@ -88,22 +103,38 @@ def measure(
     ):
         scale *= 1.3
     raw = Patch.of(around.x, around.y, depth, around.bounds, step, scale)
+    if len(around.peaks) == 1 and not _is_worth(raw, around.peaks[0], settings):
+        return []
     fitted = _fitted(raw, candidate, around.peaks, noise, size)
     grid = Grid(raw.x, raw.y)
     blurred = [fitted.blurred(index, grid) for index in range(len(fitted.dents))]
     dents = []
     for index, model in enumerate(fitted.dents):
         alone = raw.depth - (sum(blurred) - blurred[index])
-        change = np.zeros_like(alone)
-        if fitted.left < _EXPLAINED * model.parameters[5]:
-            change = model(grid.x, grid.y) - blurred[index]
+        explained = fitted.left < _EXPLAINED * model.parameters[5]
+        change = explained * fitted.evidence * (model(grid.x, grid.y) - blurred[index])
+        doubt = math.hypot(_DOUBT, 1 - fitted.evidence)
         patch = replace(raw, depth=np.where(raw.known, alone + change, 0.0))
         found = _one(
-            candidate.sign, patch, change, around, around.peaks[index], model, contour, noise
+            candidate.sign, patch, doubt * change, explained, around, around.peaks[index], model,
+            contour, noise,
         )
         if found is not None:
             dents.append(found)
     return dents
+
+
+def _is_worth(patch: Patch, peak: Vector, settings: Settings) -> bool:
+    """Whether a closer look may find a dent large enough, and not a strip along the rim."""
+    at = _highest(patch, peak)
+    outline = None if at is None else find_outline(patch, at, LEVEL * patch.depth[at])
+    if at is None or outline is None:
+        return False
+    length, angle, _ = outline.length()
+    width, _ = outline.width(angle)
+    large = patch.depth[at] > _NEARLY * settings.smallest_depth
+    large &= width > _NEARLY * settings.smallest_width
+    return large and not (outline.is_cut and length > _STRIP * width)
 
 
 def _fitted(
@@ -129,11 +160,13 @@ def _fitted(
     return fit_dents(coarse, patch.depth[::every, ::every], known, starts, correlated)
 
 
-def _one(sign, patch, change, around, peak, model, contour, noise) -> MeasuredDent | None:
+def _one(sign, patch, doubted, explained, around, peak, model, contour, noise) -> MeasuredDent | None:
     at = _highest(patch, peak)
     if at is None:
         return None
-    deepest = _cap(patch, at)
+    grid = Grid(patch.x, patch.y)
+    shape = model(grid.x, grid.y) if explained else np.zeros_like(patch.depth)
+    deepest = _cap(patch, at, shape)
     outline = find_outline(patch, at, LEVEL * deepest)
     if outline is None or outline.area <= 0:
         return None
@@ -142,20 +175,23 @@ def _one(sign, patch, change, around, peak, model, contour, noise) -> MeasuredDe
     width, width_flatness = outline.width(angle)
     local = noise.after(patch.scale, around.extra)
     offset = float(contour.uncertainty(np.array([centre_x]), np.array([centre_y]))[0])
-    chance = noise.after(0.12 * width, around.extra)
-    deep = math.hypot(chance, offset, _DOUBT * change[at])
+    chance = noise.after(0.1 * width, around.extra)
+    deep = math.hypot(chance, offset, doubted[at], _SAMPLING * deepest)
     # The contour and the level move all of the outline, the noise each end for itself.
-    doubt = _DOUBT * float(np.abs(_along(patch, change, outline)).mean())
+    doubt = float(np.abs(_along(patch, doubted, outline)).mean())
     shift = math.hypot(offset, LEVEL * deep, doubt)
     ends = math.hypot(math.sqrt(2) * local, 2 * shift)
-    cell = patch.step**2
-    volume = float(patch.depth[outline.inside].sum()) * cell
+    cell, grain = patch.step**2, _GRAIN * patch.step
+    volume = float((patch.depth * outline.inside).sum()) * cell
     perimeter = float(np.hypot(*np.diff([outline.x, outline.y], append=0)[:, :-1]).sum())
     flatness = float(np.mean(1 / outline.slope))
-    independent = math.sqrt(max(perimeter / (4 * max(patch.scale, 1e-9)), 1))
-    area_error = perimeter * flatness * math.hypot(local / independent, shift)
+    independent = math.sqrt(max(perimeter / math.sqrt(noise.correlated_area), 1))
+    area_error = perimeter * math.hypot(
+        flatness * local / independent, flatness * shift, grain / 2
+    )
     normal = contour.normal(np.array([centre_x]), np.array([centre_y]))[0]
-    axis = _axis(contour, normal, angle)
+    longer = model.parameters[4] + math.pi / 2 * (model.parameters[3] > model.parameters[2])
+    axis = _axis(contour, normal, longer if explained else outline.axis())
     model_length, model_width = model.axes
     length_error, width_error = model.axes_uncertainty
     return MeasuredDent(
@@ -164,8 +200,8 @@ def _one(sign, patch, change, around, peak, model, contour, noise) -> MeasuredDe
         normal=normal,
         axis=axis,
         depth=Estimate(sign * deepest, deep),
-        length=Estimate(length, ends * length_flatness),
-        width=Estimate(width, ends * width_flatness),
+        length=Estimate(length, math.hypot(ends * length_flatness, grain)),
+        width=Estimate(width, math.hypot(ends * width_flatness, grain)),
         model_length=Estimate(model_length, length_error),
         model_width=Estimate(model_width, width_error),
         orientation=Estimate(_orientation(normal, axis), model.angle_uncertainty),
@@ -206,8 +242,8 @@ def _highest(patch: Patch, peak: Vector) -> tuple[int, int] | None:
     return row, column
 
 
-def _cap(patch: Patch, at: tuple[int, int]) -> float:
-    """Maximum of a polynomial of degree 4 that is fitted to the cap around a cell."""
+def _cap(patch: Patch, at: tuple[int, int], model: Field) -> float:
+    """Maximum of the model and a quadratic of what it leaves on the cap around a cell."""
     rows, columns = np.indices(patch.depth.shape)
     high = patch.depth[at]
     cap = patch.known & (patch.depth > _CAP * high)
@@ -218,11 +254,16 @@ def _cap(patch: Patch, at: tuple[int, int]) -> float:
         return float(high)
     reach = float(distance[cap].max())
     u, v = (columns[cap] - at[1]) / reach, (rows[cap] - at[0]) / reach
-    powers = [(i - j, j) for i in range(5) for j in range(i + 1)]
+    degree = 2 if model.any() else 4
+    powers = [(i - j, j) for i in range(degree + 1) for j in range(i + 1)]
     basis = np.stack([u**i * v**j for i, j in powers], axis=1)
-    solution = np.linalg.lstsq(basis, patch.depth[cap], rcond=None)[0]
-    top = (basis @ solution)[np.hypot(u, v) < 0.6]
-    return float(top.max()) if len(top) else float(high)
+    solution = np.linalg.lstsq(basis, (patch.depth - model)[cap], rcond=None)[0]
+    top = basis @ solution + model[cap]
+    if degree == 2:
+        # Where the model is deepest: a maximum over noise would be too deep.
+        return float(top[np.argmax(model[cap])])
+    middle = top[np.hypot(u, v) < 0.6]
+    return float(middle.max()) if len(middle) else float(high)
 
 
 def _axis(contour: Contour, normal: Vector, angle: float) -> Vector:

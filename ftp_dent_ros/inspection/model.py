@@ -72,12 +72,15 @@ class FittedDents:
     dents : tuple of DentModel
     blur : float
         Standard deviation of the Gaussian that the reconstruction smooths with, metres.
+    evidence : float
+        For the blur: from 0, none, to 1.
     left : float
         Root mean square of what the fit leaves, metres.
     """
 
     dents: tuple[DentModel, ...]
     blur: float
+    evidence: float
     left: float
 
     def blurred(self, index: int, grid: Grid) -> Field:
@@ -147,7 +150,8 @@ def fit_dents(
         prior = correlated * cost / (len(data) * _USUAL_BLUR**4)
         normal[-1, -1] += prior
         gradient[-1] -= prior * variance
-        diagonal = np.diag(normal)
+        # A dent that has left the grid has no slopes, and stays where it is.
+        diagonal = np.where(np.diag(normal) > 0, np.diag(normal), 1.0)
         while True:
             step = np.linalg.solve(
                 normal + np.diag(damping * diagonal + 1e-12 * diagonal), gradient
@@ -178,7 +182,8 @@ def fit_dents(
         DentModel(one, covariance[6 * k : 6 * k + 6, 6 * k : 6 * k + 6])
         for k, one in enumerate(shapes)
     )
-    return FittedDents(dents, math.sqrt(variance), math.sqrt(cost / max(len(data), 1)))
+    evidence = variance**2 / (variance**2 + 4 * covariance[-1, -1] + 1e-30)
+    return FittedDents(dents, math.sqrt(variance), evidence, math.sqrt(cost / max(len(data), 1)))
 
 
 def _total(grid: Grid, shapes: Field, variance: float) -> Field:

@@ -15,7 +15,9 @@ _RAYS = 96
 _SAMPLES = 80
 _FURTHEST = 2.2
 _HARMONICS = 8
-_POINTS = 240
+_POINTS = 180
+# Parts of a cell's side, for areas.
+_FINE = 4
 
 Vector = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -31,8 +33,8 @@ class Outline:
         Metres.
     slope : ndarray, shape (n,)
         How fast the depth falls across it.
-    inside : ndarray, shape (rows, columns), bool
-        Cells of the patch within.
+    inside : ndarray, shape (rows, columns)
+        Part of each cell of the patch that lies within.
     is_cut : bool
         Whether it leaves what is measured.
     """
@@ -40,7 +42,7 @@ class Outline:
     x: Vector
     y: Vector
     slope: Vector
-    inside: Mask
+    inside: Vector
     is_cut: bool
 
     @property
@@ -58,6 +60,18 @@ class Outline:
     def area(self) -> float:
         """Square metres."""
         return abs(float(self._cross().sum() / 2))
+
+    def axis(self) -> float:
+        """Angle of the longer principal axis of the area."""
+        x, y = self.centre
+        a, b = self.x - x, self.y - y
+        cross = a * np.roll(b, -1) - np.roll(a, -1) * b
+        u, v = np.roll(a, -1), np.roll(b, -1)
+        xx = (cross * (a * a + a * u + u * u)).sum()
+        yy = (cross * (b * b + b * v + v * v)).sum()
+        xy = (cross * (a * v + 2 * a * b + 2 * u * v + u * b)).sum() / 2
+        sign = math.copysign(1, cross.sum())
+        return math.atan2(2 * sign * xy, sign * (xx - yy)) / 2
 
     def length(self) -> tuple[float, float, float]:
         """Longest distance between two points, its angle, and the mean of 1/slope at its ends."""
@@ -116,16 +130,23 @@ def find_outline(patch: Patch, peak: tuple[int, int], level: float) -> Outline |
     out_x, out_y = column + dense * ray[0], row + dense * ray[1]
     cut = _cut(patch, out_x, out_y)
     slope = _slope(patch, out_x, out_y, level)
-    inside = np.zeros(patch.depth.shape, np.uint8)
-    corners = np.rint(16 * np.stack([out_x, out_y], axis=1)).astype(np.int32)
-    cv2.fillPoly(inside, [corners], 1, shift=4)
     return Outline(
         patch.corner[0] + patch.step * out_x,
         patch.corner[1] + patch.step * out_y,
         slope,
-        inside > 0,
+        _covered(patch.depth.shape, out_x, out_y),
         cut,
     )
+
+
+def _covered(shape: tuple[int, ...], columns: Vector, rows: Vector) -> Vector:
+    """Part of each cell within a polygon."""
+    fine = np.zeros((_FINE * shape[0], _FINE * shape[1]), np.uint8)
+    corners = _FINE * (np.stack([columns, rows], axis=1) + 0.5) - 0.5
+    cv2.fillPoly(fine, [np.rint(16 * corners).astype(np.int32)], 1, shift=4)
+    return cv2.resize(
+        fine.astype(np.float32), shape[::-1], interpolation=cv2.INTER_AREA
+    ).astype(float)
 
 
 def _filled(part: Mask) -> Mask:
