@@ -112,6 +112,13 @@ class Survey:
         except FtpDentError as error:
             self.refused.append(f'{captured.name}: {error}')
             return None
+        except Exception as error:
+            # One cloud must not cost the report on all the others.
+            self.refused.append(
+                f'{captured.name}: could not be inspected, by a defect of the software '
+                f'({type(error).__name__}: {error}): report it with the cloud'
+            )
+            return None
         number = len(self._frames) + 1
         dents = (*found.dents, *found.others)
         covariance = captured.covariance
