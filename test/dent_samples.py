@@ -6,7 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.inspection.dent import Estimate, Inspection, MeasuredDent
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.rig import Lens
+from ftp_dent_ros.simulation.dent import Dent
+from ftp_dent_ros.simulation.panel import Panel
 from ftp_dent_ros.simulation.surface import Surface
 from ftp_dent_ros.simulation.truth import TrueDent, true_dents
 
@@ -79,3 +84,25 @@ class TrueInspector:
         ]
         dents.sort(key=lambda dent: -dent.depth.value)
         return Inspection(tuple(dents), (), deviation, np.full_like(deviation, self.noise))
+
+
+CAMERA = Lens(320, 240, np.array([[400.0, 0, 159.5], [0, 400, 119.5], [0, 0, 1]]), np.zeros(5))
+DENTED = Surface(
+    (
+        Panel(
+            pose=Pose.from_rpy((0, 0.05, 0), (0, 0, 0.6)),
+            extent=(-1, 1, -1, 1),
+            cylinder_radius=2.0,
+            dents=(Dent(0.0, 0.0, 0.08, 0.06, 0.002), Dent(0.13, 0.05, 0.05, 0.04, 0.001, 0.3)),
+        ),
+    )
+)
+
+
+def noisy_cloud(surface=DENTED, seed=1, sigma=8e-6):
+    """Cloud of `CAMERA` on a surface in its frame, with noise along the rays."""
+    rays = CAMERA.rays(CAMERA.pixel_grid())
+    depth = surface.intersect(rays)
+    depth = depth + sigma * np.random.default_rng(seed).standard_normal(depth.shape)
+    points = (rays * depth[..., None]).astype(np.float32)
+    return Cloud(points, np.ones(depth.shape, np.float32))

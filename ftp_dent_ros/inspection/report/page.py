@@ -84,7 +84,9 @@ def _limit(report: Report) -> float:
     largest = max((depth for depth in depths if math.isfinite(depth)), default=0.0)
     largest = max(largest, 1e-4)
     power = 10.0 ** math.floor(math.log10(largest))
-    return next(step * power for step in (1, 1.5, 2, 3, 5, 7, 10) if 1.05 * step * power >= largest)
+    return next(
+        step * power for step in (1, 1.5, 2, 3, 5, 7, 10) if 1.05 * step * power >= largest
+    )
 
 
 def _headline(report: Report, findings: dict[int, tuple[Finding, ...]]) -> dict[str, Any]:
