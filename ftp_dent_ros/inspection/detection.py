@@ -79,6 +79,8 @@ def find_candidates(
             window = slice(top, top + height), slice(left, left + width)
             part = labels[window] == index
             local, chance = _sharpest(maps, spreads, sign, window, part)
+            if not local.any():
+                continue
             peaks = _peaks(local, chance)
             mask = np.zeros_like(panel)
             mask[window] = part
@@ -93,7 +95,7 @@ def _sharpest(
     """Heights at the finest scale that shows saddles beyond the noise, and that noise."""
     for smooth, spread in zip(maps, spreads, strict=True):
         values = sign * smooth[window]
-        local = np.where(part & np.isfinite(values), values, 0).astype(np.float32)
+        local = np.where(part & (values > 0), values, 0).astype(np.float32)
         chance = float(np.median(spread[window][part]))
         if SIGNIFICANT * chance < _SADDLE * local.max():
             break

@@ -32,12 +32,14 @@ _EXPLAINED = 0.05
 # A first look has to find this part of the smallest dent.
 _NEARLY = 0.8
 # What the rim cuts is its artefact if it is longer than so many widths.
-_STRIP = 2.8
+_STRIP = 3.3
 # Of the depth, and of the cells in which outlines are found: errors of the sampling.
 _SAMPLING = 0.0015
 _GRAIN = 0.06
-# Of that correction.
+# Of such corrections.
 _DOUBT = 0.3
+# What differs from the model by more than this part of the depth, and the noise, is an artefact.
+_STRAYS = 0.02
 _PROFILE = 81
 
 Vector = NDArray[np.float64]
@@ -110,13 +112,22 @@ def measure(
     blurred = [fitted.blurred(index, grid) for index in range(len(fitted.dents))]
     dents = []
     for index, model in enumerate(fitted.dents):
-        alone = raw.depth - (sum(blurred) - blurred[index])
+        depth = raw.depth - (sum(blurred) - blurred[index])
         explained = fitted.left < _EXPLAINED * model.parameters[5]
-        change = explained * fitted.evidence * (model(grid.x, grid.y) - blurred[index])
-        doubt = math.hypot(_DOUBT, 1 - fitted.evidence)
-        patch = replace(raw, depth=np.where(raw.known, alone + change, 0.0))
+        doubted = np.zeros_like(depth)
+        if explained:
+            # Fringes too oblique or too bright leave ripples beyond noise and shape.
+            left = depth - blurred[index]
+            most = max(3 * noise.after(scale, around.extra), _STRAYS * model.parameters[5])
+            kept = np.clip(left, -most, most)
+            change = fitted.evidence * (model(grid.x, grid.y) - blurred[index])
+            depth = blurred[index] + kept + change
+            doubted = np.hypot(
+                math.hypot(_DOUBT, 1 - fitted.evidence) * change, _DOUBT * (left - kept)
+            )
+        patch = replace(raw, depth=np.where(raw.known, depth, 0.0))
         found = _one(
-            candidate.sign, patch, doubt * change, explained, around, around.peaks[index], model,
+            candidate.sign, patch, doubted, explained, around, around.peaks[index], model,
             contour, noise,
         )
         if found is not None:
@@ -178,7 +189,7 @@ def _one(sign, patch, doubted, explained, around, peak, model, contour, noise) -
     chance = noise.after(0.1 * width, around.extra)
     deep = math.hypot(chance, offset, doubted[at], _SAMPLING * deepest)
     # The contour and the level move all of the outline, the noise each end for itself.
-    doubt = float(np.abs(_along(patch, doubted, outline)).mean())
+    doubt = float(np.sqrt(np.square(_along(patch, doubted, outline)).mean()))
     shift = math.hypot(offset, LEVEL * deep, doubt)
     ends = math.hypot(math.sqrt(2) * local, 2 * shift)
     cell, grain = patch.step**2, _GRAIN * patch.step
