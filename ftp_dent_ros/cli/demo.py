@@ -40,7 +40,9 @@ BOUNDS = {
     'poses_lost': 0,
     'camera_mae_mm': 0.1,
     'map_mae_mm': 0.5,
+    'clouds_not_inspected': 0,
     'dents_missed': 0,
+    'sightings_missed': 0,
     'dents_false': 0,
     'dents_false_in_list': 0,
 }
@@ -170,6 +172,7 @@ def _table(appraisal: Appraisal, dents: DentAppraisal) -> str:
             f'{a.map_mae_mm:.4f} mm, worst cloud {a.map_mae_worst_mm:.4f} mm '
             f'(bound {BOUNDS["map_mae_mm"]} mm)',
         ),
+        ('clouds not inspected', f'{d.clouds_not_inspected}'),
         ('true dents in view', f'{d.dents}, missed {d.dents_missed}, false {d.dents_false}'),
         ('their sightings', f'{d.sightings}, missed {d.sightings_missed}'),
         (

@@ -42,6 +42,7 @@ class DentAppraisal:
         Largest absolute error of the combined measurements of dents that were seen whole.
     dents_in_list, dents_false_in_list : int
         What the node's own list held at the end.
+    clouds_not_inspected : int
     """
 
     dents: int
@@ -54,6 +55,7 @@ class DentAppraisal:
     width_error_mm: float
     dents_in_list: int
     dents_false_in_list: int
+    clouds_not_inspected: int
 
 
 def appraise_dents(bag: Bag, report: Report, world: World, camera: Lens) -> DentAppraisal:
@@ -96,6 +98,7 @@ def appraise_dents(bag: Bag, report: Report, world: World, camera: Lens) -> Dent
         width_error_mm=float(worst[2]),
         dents_in_list=len(listed),
         dents_false_in_list=sum(_true_index(place, truth) is None for place in listed),
+        clouds_not_inspected=len(report.refused),
     )
 
 

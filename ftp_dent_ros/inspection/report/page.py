@@ -66,14 +66,14 @@ def page(report: Report) -> str:
 _FILES = ('page.html', 'page.css', 'view.js')
 
 
-def interval(estimate: Estimate, factor: float = _MM) -> tuple[str, str]:
+def interval(estimate: Estimate, factor: float = _MM, finest: int = 2) -> tuple[str, str]:
     """A value and half its 95 % interval, in as many digits as that has a meaning."""
     value, half = estimate.value * factor, COVERAGE * estimate.uncertainty * factor
     if not math.isfinite(value):
         return '–', ''
     if not math.isfinite(half) or half <= 0:
         return f'{value:.3g}', ''
-    digits = min(max(1 - math.floor(math.log10(half)), 0), 3)
+    digits = min(max(1 - math.floor(math.log10(half)), 0), finest)
     return f'{value:.{digits}f}', f'± {half:.{digits}f}'
 
 
@@ -95,7 +95,7 @@ def _headline(report: Report, findings: dict[int, tuple[Finding, ...]]) -> dict[
     found = f'{count or "No"} dent{"" if count == 1 else "s"} found'
     deepest = ''
     if dents:
-        value, half = interval(dents[0].dent.depth)
+        value, half = interval(dents[0].dent.depth, finest=3)
         deepest = f'The deepest, no. {dents[0].number}, is {value} {half} mm deep.'
     kinds = Counter(entry.dent.kind for entry in report.others)
     besides = ' and '.join(
@@ -106,7 +106,7 @@ def _headline(report: Report, findings: dict[int, tuple[Finding, ...]]) -> dict[
     return {
         'found': found,
         'deepest': deepest,
-        'besides': f'Besides them {besides}, which are no dents.' if besides else '',
+        'besides': f'Also found: {besides}.' if besides else '',
         'cut': cut,
         'verdicts': [(word, verdicts[word]) for word in (EXCEEDS, UNDECIDED, WITHIN)],
     }
@@ -160,15 +160,15 @@ def _dent(entry: ListedDent, findings: Sequence[Finding], limit: float) -> dict[
     return {
         'number': entry.number,
         'kind': dent.kind,
-        'depth': interval(dent.depth),
+        'depth': interval(dent.depth, finest=3),
         'length': interval(dent.length),
         'width': interval(dent.width),
-        'ratio': interval(width_to_depth(dent), 1.0),
-        'orientation': interval(dent.orientation, 180 / math.pi),
-        'area': interval(dent.area, square),
-        'volume': interval(dent.volume, cube),
+        'ratio': interval(width_to_depth(dent), 1.0, 1),
+        'orientation': interval(dent.orientation, 180 / math.pi, 1),
+        'area': interval(dent.area, square, 0),
+        'volume': interval(dent.volume, cube, 0),
         'model': (interval(dent.model_length), interval(dent.model_width)),
-        'clearance': interval(clearance(dent)),
+        'clearance': interval(clearance(dent), finest=1),
         'position': [f'{value:.3f}' for value in dent.position],
         'spread': f'{math.sqrt(float(np.trace(entry.position_covariance)) / 3) * _MM:.0f}',
         'sightings': len(entry.sightings),
@@ -181,7 +181,7 @@ def _dent(entry: ListedDent, findings: Sequence[Finding], limit: float) -> dict[
 
 
 def _finding(finding: Finding) -> dict[str, str]:
-    value, half = interval(Estimate(finding.value, finding.uncertainty), 1.0)
+    value, half = interval(Estimate(finding.value, finding.uncertainty), 1.0, 3)
     return {
         'measure': finding.limit.measure.replace('_', ' ').replace(' mm', ', mm'),
         'limit': finding.limit.text,
