@@ -146,7 +146,7 @@ class Survey:
         rules: Rules | None = None,
     ) -> Report:
         """What was found, with the calibration's name and id and the user's limits."""
-        entries = self._entries()
+        entries = _renumbered(self._entries())
         several = len(self._frames) > 1
         return Report(
             source=source,
@@ -213,6 +213,12 @@ def viewpoint_of(cloud: Cloud) -> NDArray[np.float64]:
     if not length or not len(valid):
         return np.zeros(3)
     return np.asarray(np.median(valid, axis=0) - away / length, float)
+
+
+def _renumbered(entries: Sequence[ListedDent]) -> tuple[ListedDent, ...]:
+    """From 1, the deepest dent first, bumps and steps after them."""
+    in_order = sorted(entries, key=lambda e: (e.dent.kind != 'dent', -e.dent.depth.value))
+    return tuple(replace(entry, number=i) for i, entry in enumerate(in_order, start=1))
 
 
 def _angle(axis: NDArray, normal: NDArray) -> float:

@@ -73,7 +73,9 @@ def interval(estimate: Estimate, factor: float = _MM, finest: int = 2) -> tuple[
         return '–', ''
     if not math.isfinite(half) or half <= 0:
         return f'{value:.3g}', ''
-    digits = min(max(1 - math.floor(math.log10(half)), 0), finest)
+    places = -math.floor(math.log10(half))
+    # At least one digit of the interval, two where they are not finer than can be of use.
+    digits = max(min(places + 1, finest), places, 0)
     return f'{value:.{digits}f}', f'± {half:.{digits}f}'
 
 
@@ -163,7 +165,7 @@ def _dent(entry: ListedDent, findings: Sequence[Finding], limit: float) -> dict[
         'depth': interval(dent.depth, finest=3),
         'length': interval(dent.length),
         'width': interval(dent.width),
-        'ratio': interval(width_to_depth(dent), 1.0, 1),
+        'ratio': interval(width_to_depth(dent), 1.0),
         'orientation': interval(dent.orientation, 180 / math.pi, 1),
         'area': interval(dent.area, square, 0),
         'volume': interval(dent.volume, cube, 0),
