@@ -117,8 +117,11 @@ def _of_photograph(arguments: argparse.Namespace, rules: Rules | None) -> Report
     rig, pattern = read_rig(find(arguments.rig)), read_pattern(find(arguments.pattern))
     reconstructor = Reconstructor(rig, pattern, Settings(stride=arguments.stride))
     image = read_image(arguments.input)
-    cloud = reconstructor.measure(image).cloud
-    captured = Captured(Path(arguments.input).name, cloud, photograph=image)
+    measured = reconstructor.measure(image)
+    noise = None if measured.quality is None else measured.quality.standard_deviation()
+    captured = Captured(
+        Path(arguments.input).name, measured.cloud, noise=noise, photograph=image
+    )
     return _of_one(arguments, captured, _CAMERA_FRAME, rules)
 
 
