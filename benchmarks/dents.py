@@ -37,9 +37,18 @@ from ftp_dent_ros.inspection.inspection import inspect
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.rig import Rig
-from ftp_dent_ros.simulation import Dent, Paint, Panel, Rivet, Surface
+from ftp_dent_ros.simulation import Dent, Panel, Rivet, Surface
 
-SIZES = ('depth', 'length', 'width', 'model_length', 'model_width', 'orientation', 'area', 'volume')
+SIZES = (
+    'depth',
+    'length',
+    'width',
+    'model_length',
+    'model_width',
+    'orientation',
+    'area',
+    'volume',
+)
 SMALL = Dent(0.012, -0.006, 0.020, 0.020, 0.0003)
 FIELD_DENTS = (
     Dent(-0.07, -0.025, 0.04, 0.04, 0.002),
@@ -75,7 +84,8 @@ def lap_scene(name: str, height: float, *dents: Dent, **light) -> Scene:
 SAMPLE_SCENES = tuple(
     one
     for one in SCENES
-    if any(word in one.name for word in ('A,', 'B,', 'C,', 'D,', 'fuselage')) and 'Bayer' not in one.name
+    if any(word in one.name for word in ('A,', 'B,', 'C,', 'D,', 'fuselage'))
+    and 'Bayer' not in one.name
 )
 MORE = (
     scene('two beside a rivet row', FIELD, aircraft(0.8, *FIELD_DENTS)),
@@ -88,8 +98,11 @@ MORE = (
     ),
     scene('the same, noise', FIELD, aircraft(0.8, *FIELD_DENTS), full_well=3000.0, read_noise=2.0),
     scene('the same, gamma', FIELD, aircraft(0.8, *FIELD_DENTS), camera_gamma=2.2),
-    scene('2 mm x 60 mm, 150 cm', make_rig(1.5, 0.35, (1920, 1080, 2740.0), 1950.0),
-          wide(Dent(0.01, 0.0, 0.06, 0.06, 0.002), 1.5)),
+    scene(
+        '2 mm x 60 mm, 150 cm',
+        make_rig(1.5, 0.35, (1920, 1080, 2740.0), 1950.0),
+        wide(Dent(0.01, 0.0, 0.06, 0.06, 0.002), 1.5),
+    ),
     scene('0.3 mm x 20 mm', NEAR, wide(SMALL, 0.6)),
     scene('touching', FIELD, aircraft(0.8, *TOUCHING)),
     scene('cut by the frame', FIELD, aircraft(0.8, Dent(0.0, -0.175, 0.06, 0.05, 0.002))),
@@ -109,8 +122,11 @@ def matched(one: Iterator[tuple[Dent, np.ndarray]], found: Inspection):
     """Pairs of the true and the measured (or None), and the measured that are left."""
     left, pairs = list(found.dents), []
     for dent, centre in one:
-        near = [m for m in left if np.linalg.norm(m.position - centre) < max(0.01, dent.length / 2)]
-        best = min(near, key=lambda m: np.linalg.norm(m.position - centre), default=None)
+        near = [
+            m for m in left if np.linalg.norm(m.position - centre) < max(0.01, dent.length / 2)
+        ]
+        apart = [float(np.linalg.norm(m.position - centre)) for m in near]
+        best = near[int(np.argmin(apart))] if near else None
         left = [m for m in left if m is not best]
         pairs.append((dent, best))
     return pairs, left
@@ -157,8 +173,13 @@ def table(only: str, stride: int) -> None:
 def row(dent: Dent, m: MeasuredDent) -> str:
     length, width = dent.size_at(0.1)
     values = (
-        dent.depth, m.depth.value - dent.depth, m.depth.uncertainty,
-        length, m.length.value - length, width, m.width.value - width,
+        dent.depth,
+        m.depth.value - dent.depth,
+        m.depth.uncertainty,
+        length,
+        m.length.value - length,
+        width,
+        m.width.value - width,
     )
     return ''.join(f'{1e3 * v:9.3f}' for v in values) + f'{"yes" if m.is_cut else "":>9}'
 
@@ -219,7 +240,8 @@ def rates(count: int, stride: int) -> None:
     off = 1e3 * np.array([hit.depth.value - SMALL.depth for hit in hits])
     print(
         f'0.3 mm x 20 mm at 60 cm, noisy: found {len(hits)} of {count}, '
-        f'false {sum(len(left) for _, left in found)}; depth {off.mean():+.4f} +- {off.std():.4f} mm'
+        f'false {sum(len(left) for _, left in found)}; '
+        f'depth {off.mean():+.4f} +- {off.std():.4f} mm'
     )
     bare = (
         scene('flat', FIELD, aircraft(0.8, radius=0.0, rivets=False), **noisy),

@@ -80,7 +80,7 @@ def _squares(lattice: Lattice, bare: Mask, settings: Settings) -> NDArray[np.flo
         interpolation=cv2.INTER_AREA,
     )
     enough = share > 0.35
-    return total[enough] / share[enough][:, None]
+    return np.asarray(total[enough] / share[enough][:, None], np.float32)
 
 
 def _deviation(contour: Contour, lattice: Lattice, part: Mask) -> Map:

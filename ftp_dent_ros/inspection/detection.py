@@ -69,10 +69,10 @@ def find_candidates(
         values = np.where(panel & np.isfinite(maps[base]), sign * maps[base], 0)
         above = values > np.maximum(_EDGE * spread, floor)
         seeds = np.zeros_like(panel)
-        for smooth, chance in zip(maps, spreads, strict=True):
+        for smooth, usual in zip(maps, spreads, strict=True):
             with np.errstate(invalid='ignore'):
-                seeds |= sign * smooth > np.maximum(SIGNIFICANT * chance, 2 * floor)
-        count, labels, stats, _ = cv2.connectedComponentsWithStats(above.astype(np.uint8))
+                seeds |= sign * smooth > np.maximum(SIGNIFICANT * usual, 2 * floor)
+        _, labels, stats, _ = cv2.connectedComponentsWithStats(above.astype(np.uint8))
         seeded = np.unique(labels[seeds & above])
         for index in seeded[seeded > 0]:
             left, top, width, height, _ = stats[index]
@@ -85,7 +85,7 @@ def find_candidates(
             mask = np.zeros_like(panel)
             mask[window] = part
             heights = local[peaks[:, 0], peaks[:, 1]].astype(float)
-            found.append(Candidate(sign, mask, peaks + (top, left), heights))
+            found.append(Candidate(sign, mask, peaks + np.array([top, left]), heights))
     return found
 
 

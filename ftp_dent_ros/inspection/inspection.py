@@ -103,7 +103,11 @@ def _feet(points: NDArray, at: NDArray[np.bool_], contour: Contour) -> _Feet:
 
 
 def _surroundings(
-    candidate: Candidate, feet: _Feet, lattice: Lattice, contour: Contour, noise: Noise,
+    candidate: Candidate,
+    feet: _Feet,
+    lattice: Lattice,
+    contour: Contour,
+    noise: Noise,
     seams: NDArray[np.bool_],
 ) -> Surroundings | None:
     """Points around a candidate; none if it is smaller than anything to report."""
@@ -143,8 +147,10 @@ def _surroundings(
     peak_x, peak_y, _ = contour.local(at_peak)
     pad = 0.35 * max(np.ptp(around_x), np.ptp(around_y)) + 4 * max(lattice.spacing)
     bounds = (
-        float(around_x.min() - pad), float(around_x.max() + pad),
-        float(around_y.min() - pad), float(around_y.max() + pad),
+        float(around_x.min() - pad),
+        float(around_x.max() + pad),
+        float(around_y.min() - pad),
+        float(around_y.max() + pad),
     )
     spacing = every * max(lattice.spacing) / block
     local = float(np.median(noise.extra[candidate.mask]))

@@ -61,8 +61,8 @@ class Lattice:
         across = _spacing(relative, finite, 1), _spacing(relative, finite, 0)
         if max(across) > _WIDEST_SPACING:
             raise CloudError(
-                f'the points of the cloud lie {max(across):.2g} m apart, so that it seems to be in '
-                'millimetres: give it in metres'
+                f'the points of the cloud lie {max(across):.2g} m apart, so that it seems to be '
+                'in millimetres: give it in metres'
             )
         block = max(1, round(settings.smallest_width / _CELLS / max(across)))
         share = _means(finite.astype(np.float32), block)
@@ -78,7 +78,7 @@ class Lattice:
             coarse = np.where(weight > 0, total / np.maximum(weight, 1e-6), usual)
             coarse = coarse.astype(np.float32) if usual else None
         spacing = block * across[0], block * across[1]
-        return cls(points, valid, coarse, block, spacing, origin)
+        return cls(points.astype(np.float32), valid, coarse, block, spacing, origin)
 
     def spread(self, coarse: NDArray, shape: tuple[int, int]) -> NDArray:
         """Values of the cells at the cloud's points, shape `shape`."""
@@ -144,4 +144,5 @@ def _means(values: NDArray[np.float32], block: int) -> NDArray[np.float32]:
         return values.copy()
     rows, columns = values.shape[0] // block, values.shape[1] // block
     whole = np.ascontiguousarray(values[: rows * block, : columns * block])
-    return cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA)
+    means = cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA)
+    return np.asarray(means, np.float32)

@@ -31,8 +31,10 @@ _MODEL_CELLS = 40
 _EXPLAINED = 0.05
 # A first look has to find this part of the smallest dent.
 _NEARLY = 0.8
-# What the rim cuts is its artefact if it is longer than so many widths.
-_STRIP = 3.3
+# What the rim cuts is its artefact if it is longer than so many widths, and not deeper than so
+# many smallest depths.
+_STRIP = 2.8
+_STRIP_DEPTH = 4.0
 # Of the depth, and of the cells in which outlines are found: errors of the sampling.
 _SAMPLING = 0.0015
 _GRAIN = 0.06
@@ -100,8 +102,7 @@ def measure(
     step = max(around.spacing, spread / (2 * _CELLS))
     scale = max(_SMALLEST * size, 0.7 * step)
     while (
-        scale < _WIDEST * size
-        and noise.after(scale, around.extra) > 0.01 * candidate.heights[-1]
+        scale < _WIDEST * size and noise.after(scale, around.extra) > 0.01 * candidate.heights[-1]
     ):
         scale *= 1.3
     raw = Patch.of(around.x, around.y, depth, around.bounds, step, scale)
@@ -120,15 +121,22 @@ def measure(
             left = depth - blurred[index]
             most = max(3 * noise.after(scale, around.extra), _STRAYS * model.parameters[5])
             kept = np.clip(left, -most, most)
-            change = fitted.evidence * (model(grid.x, grid.y) - blurred[index])
+            change = fitted.evidence * (model.depth(grid.x, grid.y) - blurred[index])
             depth = blurred[index] + kept + change
             doubted = np.hypot(
                 math.hypot(_DOUBT, 1 - fitted.evidence) * change, _DOUBT * (left - kept)
             )
         patch = replace(raw, depth=np.where(raw.known, depth, 0.0))
         found = _one(
-            candidate.sign, patch, doubted, explained, around, around.peaks[index], model,
-            contour, noise,
+            candidate.sign,
+            patch,
+            doubted,
+            explained,
+            around,
+            around.peaks[index],
+            model,
+            contour,
+            noise,
         )
         if found is not None:
             dents.append(found)
@@ -145,7 +153,9 @@ def _is_worth(patch: Patch, peak: Vector, settings: Settings) -> bool:
     width, _ = outline.width(angle)
     large = patch.depth[at] > _NEARLY * settings.smallest_depth
     large &= width > _NEARLY * settings.smallest_width
-    return large and not (outline.is_cut and length > _STRIP * width)
+    if outline.is_cut and length > _STRIP * width:
+        large &= patch.depth[at] > _STRIP_DEPTH * settings.smallest_depth
+    return bool(large)
 
 
 def _fitted(
@@ -171,12 +181,14 @@ def _fitted(
     return fit_dents(coarse, patch.depth[::every, ::every], known, starts, correlated)
 
 
-def _one(sign, patch, doubted, explained, around, peak, model, contour, noise) -> MeasuredDent | None:
+def _one(
+    sign, patch, doubted, explained, around, peak, model, contour, noise
+) -> MeasuredDent | None:
     at = _highest(patch, peak)
     if at is None:
         return None
     grid = Grid(patch.x, patch.y)
-    shape = model(grid.x, grid.y) if explained else np.zeros_like(patch.depth)
+    shape = model.depth(grid.x, grid.y) if explained else np.zeros_like(patch.depth)
     deepest = _cap(patch, at, shape)
     outline = find_outline(patch, at, LEVEL * deepest)
     if outline is None or outline.area <= 0:
@@ -239,7 +251,7 @@ def _along(patch: Patch, values, outline: Outline) -> Vector:
 
 def _highest(patch: Patch, peak: Vector) -> tuple[int, int] | None:
     """Row and column of the maximum uphill of a place."""
-    column, row = (int(round(float(v))) for v in patch.cells(peak[0], peak[1]))
+    column, row = (round(float(v)) for v in patch.cells(peak[0], peak[1]))
     rows, columns = patch.depth.shape
     for _ in range(rows + columns):
         top, left = max(row - 3, 0), max(column - 3, 0)
@@ -255,7 +267,8 @@ def _highest(patch: Patch, peak: Vector) -> tuple[int, int] | None:
 
 def _cap(patch: Patch, at: tuple[int, int], model: Field) -> float:
     """Maximum of the model and a quadratic of what it leaves on the cap around a cell."""
-    rows, columns = np.indices(patch.depth.shape)
+    every = patch.depth.shape
+    rows, columns = np.mgrid[: every[0], : every[1]]
     high = patch.depth[at]
     cap = patch.known & (patch.depth > _CAP * high)
     distance = np.hypot(rows - at[0], columns - at[1])

@@ -34,13 +34,14 @@ class DentModel:
     parameters: NDArray[np.float64]
     covariance: NDArray[np.float64]
 
-    def __call__(self, x: Field, y: Field) -> Field:
+    def depth(self, x: Field, y: Field) -> Field:
+        """Depth at positions, metres."""
         return dent_function(self.parameters, x, y)
 
     @property
     def axes(self) -> tuple[float, float]:
         """Full axes, the longer first, metres."""
-        a, b = 2 * np.exp(self.parameters[2:4])
+        a, b = (2 * math.exp(half) for half in self.parameters[2:4])
         return max(a, b), min(a, b)
 
     @property
@@ -85,7 +86,7 @@ class FittedDents:
 
     def blurred(self, index: int, grid: Grid) -> Field:
         """One of the dents as the reconstruction shows it."""
-        return grid.blurred(self.dents[index](grid.x, grid.y), self.blur**2)
+        return grid.blurred(self.dents[index].depth(grid.x, grid.y), self.blur**2)
 
 
 class Grid:
@@ -187,14 +188,17 @@ def fit_dents(
 
 
 def _total(grid: Grid, shapes: Field, variance: float) -> Field:
-    return grid.blurred(sum(dent_function(one, grid.x, grid.y) for one in shapes), variance)
+    return grid.blurred(_sum(grid, shapes), variance)
+
+
+def _sum(grid: Grid, shapes: Field) -> Field:
+    return np.sum([dent_function(one, grid.x, grid.y) for one in shapes], axis=0)
 
 
 def _jacobian(grid: Grid, shapes: Field, variance: float) -> Field:
     """Derivatives with every parameter and the blur's variance, shape (n, rows, columns)."""
     sharp = np.concatenate([_slopes(one, grid.x, grid.y) for one in shapes])
-    total = sum(dent_function(one, grid.x, grid.y) for one in shapes)
-    _, wider = grid.blurred_and_slope(total, variance)
+    _, wider = grid.blurred_and_slope(_sum(grid, shapes), variance)
     return np.concatenate([grid.blurred(sharp, variance), wider[None]])
 
 

@@ -49,7 +49,8 @@ class Noise:
         """Standard deviation after a Gaussian of `scale` metres, of each cell or for one value."""
         first = float(np.interp(scale, self.scales, self.common))
         left = 1 / math.sqrt(1 + (scale / _SHORT) ** 2)
-        return np.hypot(np.float32(first), np.float32(left) * (self.extra if extra is None else extra))
+        beyond = self.extra if extra is None else extra
+        return np.hypot(np.float32(first), np.float32(left) * beyond)
 
     @property
     def correlated_area(self) -> float:
@@ -61,11 +62,15 @@ class Noise:
 def smoothed(values: Map, valid: Mask, cells: tuple[float, float]) -> Map:
     """Gaussian mean of the valid values; NaN where fewer than half of the weights are valid."""
     size = [2 * math.ceil(2.5 * sigma) + 1 for sigma in cells]
-    blur = {'ksize': size, 'sigmaX': cells[0], 'sigmaY': cells[1]}
-    weight = cv2.GaussianBlur(valid.astype(np.float32), **blur, borderType=cv2.BORDER_CONSTANT)
-    total = cv2.GaussianBlur(
-        np.where(valid, values, np.float32(0)), **blur, borderType=cv2.BORDER_CONSTANT
-    )
+
+    def blurred(image: Map) -> Map:
+        result = cv2.GaussianBlur(
+            image, size, cells[0], sigmaY=cells[1], borderType=cv2.BORDER_CONSTANT
+        )
+        return np.asarray(result, np.float32)
+
+    weight = blurred(valid.astype(np.float32))
+    total = blurred(np.where(valid, values, np.float32(0)))
     return np.where(weight > 0.45, total / np.maximum(weight, 0.1), np.float32(np.nan))
 
 
@@ -110,15 +115,16 @@ def measured_noise(
         strayed = np.abs(values[calm])
         strayed = strayed[np.isfinite(strayed)]
         common.append(_MAD * float(np.median(strayed)) if len(strayed) else _LEAST)
-    common = np.minimum.accumulate(np.maximum(common, _LEAST))
-    return Noise(common, np.array((0.0, *scales)), extra), maps
+    falling = np.minimum.accumulate(np.maximum(common, _LEAST))
+    return Noise(falling, np.array((0.0, *scales)), extra), maps
 
 
 def _local(deviation: Map, bare: Mask, lattice: Lattice) -> Map:
     """What the noise has beyond its median, from the deviations around each cell."""
     usual = max(_MAD * float(np.median(np.abs(deviation[bare]))), _LEAST)
     clipped = np.minimum(np.abs(np.where(bare, deviation, 0)), 4 * usual)
-    wide = tuple(min(12.0, cells) for cells in lattice.cells(0.02))
+    across, down = lattice.cells(0.02)
+    wide = min(12.0, across), min(12.0, down)
     square = smoothed(np.square(clipped).astype(np.float32), bare, wide)
     beyond = np.where(np.isfinite(square), square, 0) - (1.5 * usual) ** 2
     return np.sqrt(np.maximum(beyond, 0)).astype(np.float32)

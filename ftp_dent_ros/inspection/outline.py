@@ -144,15 +144,13 @@ def _covered(shape: tuple[int, ...], columns: Vector, rows: Vector) -> Vector:
     fine = np.zeros((_FINE * shape[0], _FINE * shape[1]), np.uint8)
     corners = _FINE * (np.stack([columns, rows], axis=1) + 0.5) - 0.5
     cv2.fillPoly(fine, [np.rint(16 * corners).astype(np.int32)], 1, shift=4)
-    return cv2.resize(
-        fine.astype(np.float32), shape[::-1], interpolation=cv2.INTER_AREA
-    ).astype(float)
+    return cv2.resize(fine.astype(np.float32), shape[::-1], interpolation=cv2.INTER_AREA).astype(
+        float
+    )
 
 
 def _filled(part: Mask) -> Mask:
-    contours, _ = cv2.findContours(
-        part.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
-    )
+    contours, _ = cv2.findContours(part.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     filled = np.zeros(part.shape, np.uint8)
     cv2.drawContours(filled, contours, -1, 1, cv2.FILLED)
     return filled > 0
@@ -176,8 +174,10 @@ def _cut(patch: Patch, at_x: Vector, at_y: Vector) -> bool:
     """Whether more than a twentieth of the outline is not measured around."""
     size = 2 * math.ceil(patch.scale / patch.step) + 1
     inner = cv2.erode(
-        patch.known.astype(np.uint8), np.ones((size, size), np.uint8),
-        borderType=cv2.BORDER_CONSTANT, borderValue=0,
+        patch.known.astype(np.uint8),
+        np.ones((size, size), np.uint8),
+        borderType=cv2.BORDER_CONSTANT,
+        borderValue=0,
     )
     known = sampled(inner.astype(float), at_x, at_y, cv2.INTER_NEAREST) > 0.5
     return bool((~known).mean() > 0.05)

@@ -39,8 +39,13 @@ class Patch:
 
     @classmethod
     def of(
-        cls, x: Map, y: Map, depth: Map, bounds: tuple[float, float, float, float],
-        step: float, scale: float,
+        cls,
+        x: Map,
+        y: Map,
+        depth: Map,
+        bounds: tuple[float, float, float, float],
+        step: float,
+        scale: float,
     ) -> Patch:
         """Resample scattered depths, each of shape (n,), within (x_min, x_max, y_min, y_max).
 
@@ -58,9 +63,8 @@ class Patch:
         size = 2 * math.ceil(3 * sigma) + 1
 
         def blur(values: Map) -> Map:
-            return cv2.GaussianBlur(
-                values, (size, size), sigma, borderType=cv2.BORDER_CONSTANT
-            )
+            result = cv2.GaussianBlur(values, (size, size), sigma, borderType=cv2.BORDER_CONSTANT)
+            return np.asarray(result, float)
 
         weight = blur(splat.add(np.ones_like(depth)))
         # At a straight rim half of the weight is left.
@@ -69,17 +73,22 @@ class Patch:
         first = blur(splat.add(depth)) / divisor
         over = depth - splat.take(first)
         return cls(
-            (x_min, y_min), step, np.where(known, first + blur(splat.add(over)) / divisor, 0.0),
-            known, scale,
+            (x_min, y_min),
+            step,
+            np.where(known, first + blur(splat.add(over)) / divisor, 0.0),
+            known,
+            scale,
         )
 
     @property
     def x(self) -> Map:
-        return self.corner[0] + self.step * np.arange(self.depth.shape[1])
+        """Positions of the columns, metres."""
+        return self.corner[0] + self.step * np.arange(self.depth.shape[1], dtype=float)
 
     @property
     def y(self) -> Map:
-        return self.corner[1] + self.step * np.arange(self.depth.shape[0])
+        """Positions of the rows, metres."""
+        return self.corner[1] + self.step * np.arange(self.depth.shape[0], dtype=float)
 
     def cells(self, x: Map, y: Map) -> tuple[Map, Map]:
         """Columns and rows of positions, fractions of cells."""
@@ -100,9 +109,13 @@ def sampled(values: Map, columns: Map, rows: Map, interpolation: int) -> Map:
     shape = np.shape(columns)
     columns = np.atleast_2d(columns).astype(np.float32)
     rows = np.atleast_2d(rows).astype(np.float32)
-    return cv2.remap(
-        values.astype(np.float32), columns, rows, interpolation, borderMode=cv2.BORDER_CONSTANT
-    ).astype(float).reshape(shape)
+    return (
+        cv2.remap(
+            values.astype(np.float32), columns, rows, interpolation, borderMode=cv2.BORDER_CONSTANT
+        )
+        .astype(float)
+        .reshape(shape)
+    )
 
 
 class _Splat:
@@ -120,7 +133,7 @@ class _Splat:
         total = np.bincount(
             self._at.ravel(), (self._weight * values).ravel(), self._shape[0] * self._shape[1]
         )
-        return total.reshape(self._shape)
+        return total.reshape(self._shape).astype(float)
 
     def take(self, grid: Map) -> Map:
         return (self._weight * grid.ravel()[self._at]).sum(axis=0)
