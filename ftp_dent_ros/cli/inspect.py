@@ -119,9 +119,7 @@ def _of_photograph(arguments: argparse.Namespace, rules: Rules | None) -> Report
     image = read_image(arguments.input)
     measured = reconstructor.measure(image)
     noise = None if measured.quality is None else measured.quality.standard_deviation()
-    captured = Captured(
-        Path(arguments.input).name, measured.cloud, noise=noise, photograph=image
-    )
+    captured = Captured(Path(arguments.input).name, measured.cloud, noise=noise, photograph=image)
     return _of_one(arguments, captured, _CAMERA_FRAME, rules)
 
 
