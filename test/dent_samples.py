@@ -74,7 +74,7 @@ class TrueInspector:
         self.surface, self.noise = surface, noise
         self.bare = Surface(tuple(replace(panel, dents=()) for panel in surface.panels))
 
-    def __call__(self, cloud, noise=None, viewpoint=(0.0, 0.0, 0.0)):
+    def __call__(self, cloud, noise=None, settings=None, viewpoint=(0.0, 0.0, 0.0)):
         deviation = self.bare.distance(cloud.points).astype(np.float32)
         centres = cloud.points[cloud.valid].astype(float)
         dents = [

@@ -15,11 +15,13 @@ from ftp_dent_ros.files import find
 from ftp_dent_ros.inspection.inspection import inspect
 from ftp_dent_ros.inspection.report import Report, content_id, write_report
 from ftp_dent_ros.inspection.rules import Rules, read_rules, verdict
+from ftp_dent_ros.inspection.settings import Settings
 from ftp_dent_ros.inspection.survey import Captured, Survey, viewpoint_of
 from ftp_dent_ros.pattern import read_pattern
 from ftp_dent_ros.rig import Lens, read_rig
 
 _CAMERA_FRAME = 'camera_optical_frame'
+_MM = 1e3
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -39,6 +41,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--pattern', metavar='PATTERN.yaml', help='projected pattern; needed for a photograph'
     )
     parser.add_argument('--rules', metavar='RULES.yaml', help='limits to judge the dents by')
+    default = Settings()
+    parser.add_argument(
+        '--smallest-depth',
+        type=float,
+        default=default.smallest_depth * _MM,
+        metavar='MM',
+        help='shallower dents are not reported; default: %(default)g',
+    )
+    parser.add_argument(
+        '--smallest-width',
+        type=float,
+        default=default.smallest_width * _MM,
+        metavar='MM',
+        help='narrower ones are rivets, scratches and gaps; default: %(default)g',
+    )
     parser.add_argument(
         '--stride', type=int, default=2, metavar='N', help="a photograph's every N-th pixel only"
     )
@@ -95,7 +112,8 @@ def _of_bag(arguments: argparse.Namespace, rules: Rules | None) -> Report:
     bag = open_bag(arguments.input)
     count, _ = count_clouds(bag)
     with tqdm(desc='inspecting', total=count, unit='cloud', dynamic_ncols=True) as bar:
-        return survey_bag(bag, inspect, named, camera, rules, bar.update)
+        settings = _settings(arguments)
+        return survey_bag(bag, inspect, named, camera, rules, settings, bar.update)
 
 
 def _of_cloud(arguments: argparse.Namespace, rules: Rules | None) -> Report:
@@ -107,7 +125,7 @@ def _of_cloud(arguments: argparse.Namespace, rules: Rules | None) -> Report:
 
 
 def _of_photograph(arguments: argparse.Namespace, rules: Rules | None) -> Report:
-    from ftp_dent_ros.profilometry import Reconstructor, Settings
+    from ftp_dent_ros import profilometry
 
     if not arguments.rig or not arguments.pattern:
         raise ConfigurationError(
@@ -115,7 +133,9 @@ def _of_photograph(arguments: argparse.Namespace, rules: Rules | None) -> Report
             'give --rig RIG.yaml and --pattern PATTERN.yaml'
         )
     rig, pattern = read_rig(find(arguments.rig)), read_pattern(find(arguments.pattern))
-    reconstructor = Reconstructor(rig, pattern, Settings(stride=arguments.stride))
+    reconstructor = profilometry.Reconstructor(
+        rig, pattern, profilometry.Settings(stride=arguments.stride)
+    )
     image = read_image(arguments.input)
     measured = reconstructor.measure(image)
     noise = None if measured.quality is None else measured.quality.standard_deviation()
@@ -127,11 +147,15 @@ def _of_one(
     arguments: argparse.Namespace, captured: Captured, frame_id: str, rules: Rules | None
 ) -> Report:
     named, camera = _rig(arguments.rig)
-    survey = Survey(inspect)
+    survey = Survey(inspect, settings=_settings(arguments))
     if survey.add(captured) is None:
         raise CloudError(survey.refused[0])
     in_camera = frame_id == _CAMERA_FRAME
     return survey.report(arguments.input, frame_id, named, camera if in_camera else None, rules)
+
+
+def _settings(arguments: argparse.Namespace) -> Settings:
+    return Settings(arguments.smallest_depth / _MM, arguments.smallest_width / _MM)
 
 
 def _rig(name: str | None) -> tuple[tuple[str, str], Lens | None]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from ftp_dent_ros.inspection.report.content import Frame, Report, View
 from ftp_dent_ros.inspection.report.drawing import jpeg
 from ftp_dent_ros.inspection.report.mesh import Mesh
 from ftp_dent_ros.inspection.rules import Rules
+from ftp_dent_ros.inspection.settings import Settings
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig import Lens
 
@@ -78,19 +80,27 @@ class Survey:
     Parameters
     ----------
     inspect : callable
-        `ftp_dent_ros.inspection.inspection.inspect`, with its settings bound.
+        `ftp_dent_ros.inspection.inspection.inspect`.
     clouds : int
         How many clouds are about to come, to share the 3-D view's points between them.
     repeat : bool
         Whether each cloud is measured again in two halves, for the gauge study.
     placed : bool
         Whether all clouds' poses are known, so that a dent can be seen again.
+    settings : Settings, optional
     """
 
     def __init__(
-        self, inspect: Inspect, clouds: int = 1, repeat: bool = False, placed: bool = True
+        self,
+        inspect: Inspect,
+        clouds: int = 1,
+        repeat: bool = False,
+        placed: bool = True,
+        settings: Settings | None = None,
     ) -> None:
-        self._inspect, self._repeat, self._placed = inspect, repeat, placed
+        self._settings = settings or Settings()
+        self._inspect = partial(inspect, settings=self._settings)
+        self._repeat, self._placed = repeat, placed
         self._vertices = max(400, min(_VERTICES, _ALL_VERTICES // max(clouds, 1)))
         self._lists: list[DentList] = []
         self._frames: list[Frame] = []
@@ -155,6 +165,7 @@ class Survey:
             entries=entries,
             version=__version__,
             written_ns=time.time_ns(),
+            settings=self._settings,
             rig_name=rig[0],
             rig_id=rig[1],
             camera=camera,

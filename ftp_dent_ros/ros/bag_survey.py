@@ -8,6 +8,7 @@ from typing import Any
 from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.inspection.report import Report
 from ftp_dent_ros.inspection.rules import Rules
+from ftp_dent_ros.inspection.settings import Settings
 from ftp_dent_ros.inspection.survey import SAME, Captured, Inspect, Survey, viewpoint_of
 from ftp_dent_ros.recording.reader import Bag
 from ftp_dent_ros.rig import Lens
@@ -20,6 +21,7 @@ def survey_bag(
     rig: tuple[str, str] = ('', ''),
     camera: Lens | None = None,
     rules: Rules | None = None,
+    settings: Settings | None = None,
     progress: Callable[[], Any] = lambda: None,
 ) -> Report:
     """Inspect every cloud of a bag: the tagged ones with their poses, else those of ``points``.
@@ -34,6 +36,7 @@ def survey_bag(
     camera : Lens, optional
         Of that rig, to draw the dents into the photographs.
     rules : Rules, optional
+    settings : Settings, optional
     progress : callable
         Called after each cloud.
 
@@ -45,7 +48,7 @@ def survey_bag(
         No cloud in it could be inspected.
     """
     count, tagged = count_clouds(bag)
-    survey = Survey(inspect, count, repeat=tagged, placed=tagged)
+    survey = Survey(inspect, count, repeat=tagged, placed=tagged, settings=settings)
     frame_id, in_camera = '', True
     for item in bag_clouds(bag):
         survey.add(_captured(item))

@@ -56,6 +56,12 @@ def test_a_cloud_gives_its_dents_and_their_verdicts(tmp_path, capsys, cloud):
     assert lines[1].endswith('width 50.1 mm: exceeds')
 
 
+def test_dents_smaller_than_asked_for_are_left_out(tmp_path, cloud):
+    write_ply(tmp_path / 'cloud.ply', cloud, 'camera_optical_frame')
+    data = inspected(tmp_path / 'out', tmp_path / 'cloud.ply', '--smallest-depth', '1.5')
+    assert len(data['dents']) == 1 and data['smallest_depth_mm'] == pytest.approx(1.5)
+
+
 def test_a_cloud_in_the_map_is_seen_from_its_outside(tmp_path, cloud):
     pose = Pose.from_rpy((0.4, 1.0, -2.0), (9, -4, 2))
     write_ply(tmp_path / 'map.ply', cloud.transformed(pose), 'map')
@@ -93,6 +99,8 @@ def test_each_wrong_input_is_one_sentence(tmp_path, capsys, cloud):
     (tmp_path / 'rules.yaml').write_text('limits: 3')
     rules = ('--rules', tmp_path / 'rules.yaml')
     assert 'limits is no list' in refusal(capsys, tmp_path / 'cloud.ply', *out, *rules)
+    depth = ('--smallest-depth', '-1')
+    assert 'smallest_depth' in refusal(capsys, tmp_path / 'cloud.ply', *out, *depth)
     taken = ('--output', tmp_path / 'x.txt')
     assert 'name a folder' in refusal(capsys, tmp_path / 'cloud.ply', *taken)
     assert not (tmp_path / 'out').exists()

@@ -103,7 +103,8 @@ def test_the_page_needs_nothing_but_itself(tmp_path, report):
 def test_a_report_without_dents_says_so(tmp_path):
     flat = Surface((replace(SKIN.panels[0], dents=()),))
     page = write_report(tmp_path, survey(flat).report('x', 'camera_optical_frame'))
-    assert 'No dents found' in page.read_text()
+    text = page.read_text()
+    assert 'No dents found' in text and 'dents of 0.1 mm depth and 10 mm width' in text
     assert json.loads((tmp_path / 'dents.json').read_text())['dents'] == []
     header = (tmp_path / 'dents.csv').read_text().splitlines()
     assert len(header) == 1
@@ -114,7 +115,7 @@ def test_a_report_without_dents_says_so(tmp_path):
 def test_a_cloud_with_nothing_measured_is_still_a_report(tmp_path):
     nothing = np.full((20, 30), np.nan, np.float32)
 
-    def inspect(cloud, noise=None, viewpoint=None):
+    def inspect(cloud, **_):
         return Inspection((), (), nothing, nothing)
 
     clouds = Survey(inspect)
@@ -150,7 +151,7 @@ def test_clouds_without_poses_share_no_dents():
 
 
 def test_a_cloud_that_cannot_be_inspected_is_named_with_its_reason():
-    def inspect(cloud, noise=None, viewpoint=None):
+    def inspect(cloud, **_):
         raise CloudError('all NaN: light it')
 
     clouds = Survey(inspect)

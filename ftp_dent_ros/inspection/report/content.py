@@ -14,6 +14,7 @@ from ftp_dent_ros.inspection.dent_list import ListedDent
 from ftp_dent_ros.inspection.gauge import Gauge
 from ftp_dent_ros.inspection.report.mesh import Mesh
 from ftp_dent_ros.inspection.rules import Finding, Rules
+from ftp_dent_ros.inspection.settings import Settings
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig import Lens
 
@@ -105,6 +106,8 @@ class Report:
         Of the software.
     written_ns : int
         Time of writing, nanoseconds since 1970.
+    settings : Settings
+        The smallest dents that were looked for.
     rig_name, rig_id : str
         File of the calibration, and the id of its content; empty if none was given.
     camera : Lens, optional
@@ -122,6 +125,7 @@ class Report:
     entries: tuple[ListedDent, ...]
     version: str
     written_ns: int
+    settings: Settings
     rig_name: str = ''
     rig_id: str = ''
     camera: Lens | None = None

@@ -129,6 +129,7 @@ def _facts(report: Report) -> list[tuple[str, str]]:
         ('Photographed', taken),
         ('Clouds', f'{len(frames)}' + (f', {len(report.refused)} refused' * bool(report.refused))),
         ('Measured area', f'{area:.0f} cm²' + (', overlaps counted twice' * (len(frames) > 1))),
+        ('Looked for', _smallest(report)),
         ('Noise of a point', f'{np.median(noise) * _MM:.3f} mm' if noise else 'not known'),
         ('Rig', f'{report.rig_name}, id {report.rig_id}' if report.rig_id else 'not given'),
         ('Positions in', report.frame_id),
@@ -139,6 +140,11 @@ def _facts(report: Report) -> list[tuple[str, str]]:
     if report.rules:
         facts.append(('Limits', report.rules.title or report.rules.reference or 'given'))
     return facts
+
+
+def _smallest(report: Report) -> str:
+    depth, width = report.settings.smallest_depth, report.settings.smallest_width
+    return f'dents of {depth * _MM:g} mm depth and {width * _MM:g} mm width, and larger'
 
 
 def _pose(frames: Sequence[Frame]) -> str:

@@ -31,6 +31,8 @@ def report_record(report: Report) -> dict[str, Any]:
         'source': report.source,
         'rig': {'file': report.rig_name, 'id': report.rig_id} if report.rig_id else None,
         'rules': {'title': rules.title, 'reference': rules.reference} if rules else None,
+        'smallest_depth_mm': report.settings.smallest_depth * _MM,
+        'smallest_width_mm': report.settings.smallest_width * _MM,
         'frames': [_frame_record(frame) for frame in report.frames],
         'refused': list(report.refused),
         'gauge': [
