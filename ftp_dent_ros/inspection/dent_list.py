@@ -16,6 +16,8 @@ from ftp_dent_ros.pose import Pose
 
 # Standard uncertainty of a position whose covariance is not known (all zeros, in ROS), metres.
 UNKNOWN_POSITION = 0.02
+# Of a pose that nothing is uncertain about: a cloud in its own frame.
+EXACT = np.eye(6) * 1e-12
 # Two sightings of one dent lie within this many standard uncertainties (chi, 3 axes, 99.7 %).
 _GATE = 3.75
 _ESTIMATES = ('depth', 'length', 'width', 'model_length', 'model_width', 'area', 'volume')
@@ -220,9 +222,13 @@ def _entry(number: int, sightings: tuple[Sighting, ...]) -> ListedDent:
     else:
         best = max(sightings, key=lambda item: _rank(item.dent.length.value, -1.0))
     used = whole or [best]
-    covariance = np.linalg.inv(sum(np.linalg.inv(_regular(i)) for i in used))
-    position = covariance @ sum(np.linalg.inv(_regular(i)) @ i.dent.position for i in used)
     dents = [item.dent for item in used]
+    spreads = np.stack([item.position_covariance for item in used]) + np.eye(3) * 1e-12
+    weights = np.linalg.inv(spreads)
+    places = np.stack([dent.position for dent in dents])
+    # The poses of one flight share most of their error: it does not average out.
+    covariance = np.linalg.inv(weights.mean(axis=0))
+    position = covariance @ np.einsum('nij,nj->i', weights, places) / len(used)
     values: dict[str, Any] = {
         name: combined([getattr(d, name) for d in dents]) for name in _ESTIMATES
     }
@@ -250,10 +256,6 @@ def _entry(number: int, sightings: tuple[Sighting, ...]) -> ListedDent:
 
 def _rank(value: float, unknown: float = float('inf')) -> float:
     return value if np.isfinite(value) else unknown
-
-
-def _regular(item: Sighting) -> NDArray[np.float64]:
-    return item.position_covariance + np.eye(3) * 1e-12
 
 
 def _mean_direction(vectors: list[NDArray], like: NDArray) -> NDArray[np.float64]:

@@ -15,7 +15,7 @@ from ftp_dent_ros import __version__
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.errors import FtpDentError
 from ftp_dent_ros.inspection.dent import Inspection, MeasuredDent
-from ftp_dent_ros.inspection.dent_list import DentList, ListedDent
+from ftp_dent_ros.inspection.dent_list import EXACT, DentList, ListedDent
 from ftp_dent_ros.inspection.gauge import halves, repeats_of, study
 from ftp_dent_ros.inspection.report.content import Frame, Report, View
 from ftp_dent_ros.inspection.report.drawing import jpeg
@@ -30,9 +30,6 @@ SAME = Pose(Rotation.identity(), np.zeros(3))
 _VERTICES, _ALL_VERTICES = 16_000, 120_000
 # The maps of so many frames are kept, whatever else they show, where there are no dents.
 _LEAST_VIEWS = 1
-
-# A cloud in its own frame: no pose is uncertain.
-_EXACT = np.eye(6) * 1e-12
 
 Inspect = Callable[..., Inspection]
 
@@ -140,7 +137,7 @@ class Survey:
             number,
             [in_frame(dent, captured.pose) for dent in dents],
             captured.vehicle,
-            _EXACT if captured.vehicle is None else covariance,
+            EXACT if captured.vehicle is None else covariance,
             repeats_of(dents, again) if again else (),
         )
         self._frames.append(_frame(number, captured, covariance, found, self._vertices))

@@ -25,7 +25,7 @@ from visualization_msgs.msg import MarkerArray
 
 from ftp_dent_ros.errors import CloudError, PoseError
 from ftp_dent_ros.files import find
-from ftp_dent_ros.inspection.dent_list import DentList, ListedDent
+from ftp_dent_ros.inspection.dent_list import EXACT, DentList, ListedDent
 from ftp_dent_ros.inspection.inspection import inspect
 from ftp_dent_ros.inspection.report.records import dent_record, finite
 from ftp_dent_ros.inspection.rules import read_rules
@@ -170,7 +170,7 @@ class DentInspector(Node):
     def _inspect(self, item: _Cloud) -> None:
         started_ns = self._now_ns()
         header = item.message.header
-        pose = covariance = None
+        pose, covariance = None, EXACT
         viewpoint = np.zeros(3)
         if item.pose is not None:
             pose = pose_from_message(item.pose.pose.pose)

@@ -31,7 +31,8 @@ def test_a_dent_that_is_seen_again_stays_one_dent_with_a_better_measurement():
     assert entry.dent.depth.value == pytest.approx(2e-3, abs=1e-9)
     assert entry.dent.depth.uncertainty == pytest.approx(sigma / np.sqrt(3))
     assert np.allclose(entry.position_covariance, np.eye(3) * entry.position_covariance[0, 0])
-    assert entry.position_covariance[0, 0] < KNOWN[0, 0]
+    # What the poses of a flight have in common does not average out.
+    assert entry.position_covariance[0, 0] == pytest.approx(KNOWN[0, 0], rel=0.01)
 
 
 def test_neighbours_stay_apart_and_each_keeps_its_own_sightings():
