@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -72,8 +72,8 @@ def inspect(
     for index, panel in enumerate(panels):
         contour, chance, maps = bare_skin(lattice, panel, seams, settings)
         feet = _feet(relative, fine == index, contour)
-        deviation[feet.at] = feet.depth
-        spread[feet.at] = lattice.spread(chance.after(0), shape)[feet.at]
+        np.copyto(deviation, feet.depth, where=feet.at)
+        np.copyto(spread, lattice.spread(chance.after(0), shape), where=feet.at)
         inner = panel.mask & ~seams
         for candidate in find_candidates(maps, chance, inner, settings):
             around = _surroundings(candidate, feet, lattice, contour, chance, seams)
@@ -88,18 +88,19 @@ def inspect(
     return Inspection(_with_clearance(dents), others, deviation, spread)
 
 
+@dataclass(frozen=True, eq=False)
 class _Feet:
-    """Feet and depths of one panel's points, on the cloud's grid."""
+    """Feet (x, y) and depths of one panel's points, each on the cloud's grid, and where."""
 
-    def __init__(self, at: NDArray[np.bool_], x: NDArray, y: NDArray, depth: NDArray) -> None:
-        self.at, self.depth = at, depth
-        self.grid = np.full((*at.shape, 3), np.nan, np.float32)
-        self.grid[at] = np.stack([x, y, depth], axis=-1)
+    x: NDArray[np.float32]
+    y: NDArray[np.float32]
+    depth: NDArray[np.float32]
+    at: NDArray[np.bool_]
 
 
 def _feet(points: NDArray, at: NDArray[np.bool_], contour: Contour) -> _Feet:
-    at = at & np.isfinite(points[..., 2])
-    return _Feet(at, *contour.deviation(points[at]))
+    x, y, depth = contour.deviation(points)
+    return _Feet(x, y, depth, at & np.isfinite(depth))
 
 
 def _surroundings(
@@ -119,10 +120,11 @@ def _surroundings(
     top, left = max(rows.min() - margin, 0), max(columns.min() - margin, 0)
     bottom, right = rows.max() + margin + 1, columns.max() + margin + 1
     window = slice(top * block, bottom * block), slice(left * block, right * block)
-    grid = feet.grid[window]
+    grid = np.stack([feet.x[window], feet.y[window], feet.depth[window]], axis=-1)
     every = max(1, max(grid.shape[:2]) // _WINDOW)
-    usable = np.isfinite(grid[..., 2])
-    usable &= ~lattice.spread(seams, feet.at.shape)[window]
+    usable = feet.at[window]
+    if seams.any():
+        usable = usable & ~lattice.spread(seams, feet.at.shape)[window]
     if every > 1:
         share = cv2.resize(
             usable.astype(np.float32),

@@ -26,7 +26,7 @@ _WIDEST = 0.04
 _SMALLEST = 0.02
 # Of the cap that the depth is read from.
 _CAP = 0.6
-_MODEL_CELLS = 40
+_MODEL_CELLS = 32
 # The model corrects for the blur if it leaves less than this part of the depth.
 _EXPLAINED = 0.05
 # A first look has to find this part of the smallest dent.
