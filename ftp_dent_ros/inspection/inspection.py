@@ -24,9 +24,8 @@ from ftp_dent_ros.inspection.steps import find_steps
 
 # Cells beside a border of two panels where the reconstruction blurs one into the other.
 _SEAM = 3
-# Of a candidate's window, as a part of its size and in cells.
+# Of a candidate's window, as a part of its size.
 _MARGIN = 0.45
-_FEWEST_CELLS = 6
 # Points along the longer side of a candidate's window, about.
 _WINDOW = 110
 
@@ -66,12 +65,11 @@ def inspect(
     found: list[MeasuredDent] = find_steps(lattice, panels, labels, seams, settings)
     shape = cloud.points.shape[:2]
     fine = lattice.spread(labels, shape)
-    relative = cloud.points - lattice.origin.astype(np.float32)
     deviation = np.full(shape, np.nan, np.float32)
     spread = np.full(shape, np.nan, np.float32)
     for index, panel in enumerate(panels):
         contour, chance, maps = bare_skin(lattice, panel, seams, settings)
-        feet = _feet(relative, fine == index, contour)
+        feet = _feet(lattice, fine == index, contour)
         np.copyto(deviation, feet.depth, where=feet.at)
         np.copyto(spread, lattice.spread(chance.after(0), shape), where=feet.at)
         inner = panel.mask & ~seams
@@ -98,9 +96,9 @@ class _Feet:
     at: NDArray[np.bool_]
 
 
-def _feet(points: NDArray, at: NDArray[np.bool_], contour: Contour) -> _Feet:
-    x, y, depth = contour.deviation(points)
-    return _Feet(x, y, depth, at & np.isfinite(depth))
+def _feet(lattice: Lattice, at: NDArray[np.bool_], contour: Contour) -> _Feet:
+    x, y, depth = contour.deviation(lattice.all_points)
+    return _Feet(x, y, depth, at & lattice.measured)
 
 
 def _surroundings(
@@ -113,7 +111,15 @@ def _surroundings(
 ) -> Surroundings | None:
     """Points around a candidate; none if it is smaller than anything to report."""
     rows, columns = np.nonzero(candidate.mask)
-    if len(rows) < _FEWEST_CELLS:
+    extent = candidate.mask[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
+    bulk = cv2.erode(
+        extent.astype(np.uint8),
+        np.ones((3, 3), np.uint8),
+        borderType=cv2.BORDER_CONSTANT,
+        borderValue=0,
+    )
+    if not np.any(bulk):
+        # Two cells wide: narrower than half of the smallest dent.
         return None
     margin = int(_MARGIN * max(np.ptp(rows), np.ptp(columns))) + 5
     block = lattice.block

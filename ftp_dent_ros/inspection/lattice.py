@@ -37,6 +37,9 @@ class Lattice:
         From cell to cell along columns (x) and rows (y), metres.
     origin : ndarray, shape (3,)
         In the cloud's frame.
+    all_points : ndarray, shape (rows of the cloud, columns of the cloud, 3), float32
+        Relative to `origin`, metres; 0 where not `measured`.
+    measured : ndarray, shape (rows of the cloud, columns of the cloud), bool
     """
 
     points: NDArray[np.float32]
@@ -45,6 +48,8 @@ class Lattice:
     block: int
     spacing: tuple[float, float]
     origin: NDArray[np.float64]
+    all_points: NDArray[np.float32]
+    measured: NDArray[np.bool_]
 
     @classmethod
     def of(cls, cloud: Cloud, noise: NDArray | None, settings: Settings) -> Lattice:
@@ -79,7 +84,9 @@ class Lattice:
             coarse = np.where(weight > 0, total / np.maximum(weight, 1e-6), usual)
             coarse = coarse.astype(np.float32) if usual else None
         spacing = block * across[0], block * across[1]
-        return cls(points.astype(np.float32), valid, coarse, block, spacing, origin)
+        return cls(
+            points.astype(np.float32), valid, coarse, block, spacing, origin, relative, finite
+        )
 
     def spread(self, coarse: NDArray, shape: tuple[int, int]) -> NDArray:
         """Values of the cells at the cloud's points, shape `shape`."""
