@@ -35,12 +35,11 @@ def bare_skin(
     scales = tuple(settings.smallest_width * share for share in (0.2, 0.5, 1.0))
     contour = panel.contour
     usable = panel.mask & ~seams
-    for _ in range(2):
-        deviation = _deviation(contour, lattice, panel.mask)
-        bare = usable & (np.abs(deviation) < panel.tolerance)
-        chance, maps = measured_noise(deviation, bare, lattice, scales)
-        bare = usable & ~_off(maps, chance, settings)
-        contour = _fitted(contour, lattice, bare, settings)
+    deviation = _deviation(contour, lattice, panel.mask)
+    bare = usable & (np.abs(deviation) < panel.tolerance)
+    chance, maps = measured_noise(deviation, bare, lattice, scales)
+    bare = usable & ~_off(maps, chance, settings)
+    contour = _fitted(contour, lattice, bare, settings)
     deviation = _deviation(contour, lattice, panel.mask)
     chance, maps = measured_noise(deviation, bare, lattice, scales)
     return contour, chance, maps
@@ -84,6 +83,6 @@ def _squares(lattice: Lattice, bare: Mask, settings: Settings) -> NDArray[np.flo
 
 
 def _deviation(contour: Contour, lattice: Lattice, part: Mask) -> Map:
-    deviation = np.full(part.shape, np.nan, np.float32)
-    deviation[part] = contour.deviation(lattice.points[part])[2]
+    deviation = contour.deviation(lattice.points)[2]
+    deviation[~(part & lattice.valid)] = np.nan
     return deviation

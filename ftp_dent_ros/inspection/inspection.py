@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -24,9 +24,8 @@ from ftp_dent_ros.inspection.steps import find_steps
 
 # Cells beside a border of two panels where the reconstruction blurs one into the other.
 _SEAM = 3
-# Of a candidate's window, as a part of its size and in cells.
+# Of a candidate's window, as a part of its size.
 _MARGIN = 0.45
-_FEWEST_CELLS = 6
 # Points along the longer side of a candidate's window, about.
 _WINDOW = 110
 
@@ -66,14 +65,13 @@ def inspect(
     found: list[MeasuredDent] = find_steps(lattice, panels, labels, seams, settings)
     shape = cloud.points.shape[:2]
     fine = lattice.spread(labels, shape)
-    relative = cloud.points - lattice.origin.astype(np.float32)
     deviation = np.full(shape, np.nan, np.float32)
     spread = np.full(shape, np.nan, np.float32)
     for index, panel in enumerate(panels):
         contour, chance, maps = bare_skin(lattice, panel, seams, settings)
-        feet = _feet(relative, fine == index, contour)
-        deviation[feet.at] = feet.depth
-        spread[feet.at] = lattice.spread(chance.after(0), shape)[feet.at]
+        feet = _feet(lattice, fine == index, contour)
+        np.copyto(deviation, feet.depth, where=feet.at)
+        np.copyto(spread, lattice.spread(chance.after(0), shape), where=feet.at)
         inner = panel.mask & ~seams
         for candidate in find_candidates(maps, chance, inner, settings):
             around = _surroundings(candidate, feet, lattice, contour, chance, seams)
@@ -88,18 +86,19 @@ def inspect(
     return Inspection(_with_clearance(dents), others, deviation, spread)
 
 
+@dataclass(frozen=True, eq=False)
 class _Feet:
-    """Feet and depths of one panel's points, on the cloud's grid."""
+    """Feet (x, y) and depths of one panel's points, each on the cloud's grid, and where."""
 
-    def __init__(self, at: NDArray[np.bool_], x: NDArray, y: NDArray, depth: NDArray) -> None:
-        self.at, self.depth = at, depth
-        self.grid = np.full((*at.shape, 3), np.nan, np.float32)
-        self.grid[at] = np.stack([x, y, depth], axis=-1)
+    x: NDArray[np.float32]
+    y: NDArray[np.float32]
+    depth: NDArray[np.float32]
+    at: NDArray[np.bool_]
 
 
-def _feet(points: NDArray, at: NDArray[np.bool_], contour: Contour) -> _Feet:
-    at = at & np.isfinite(points[..., 2])
-    return _Feet(at, *contour.deviation(points[at]))
+def _feet(lattice: Lattice, at: NDArray[np.bool_], contour: Contour) -> _Feet:
+    x, y, depth = contour.deviation(lattice.all_points)
+    return _Feet(x, y, depth, at & lattice.measured)
 
 
 def _surroundings(
@@ -112,17 +111,26 @@ def _surroundings(
 ) -> Surroundings | None:
     """Points around a candidate; none if it is smaller than anything to report."""
     rows, columns = np.nonzero(candidate.mask)
-    if len(rows) < _FEWEST_CELLS:
+    extent = candidate.mask[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
+    bulk = cv2.erode(
+        extent.astype(np.uint8),
+        np.ones((3, 3), np.uint8),
+        borderType=cv2.BORDER_CONSTANT,
+        borderValue=0,
+    )
+    if not np.any(bulk):
+        # Two cells wide: narrower than half of the smallest dent.
         return None
     margin = int(_MARGIN * max(np.ptp(rows), np.ptp(columns))) + 5
     block = lattice.block
     top, left = max(rows.min() - margin, 0), max(columns.min() - margin, 0)
     bottom, right = rows.max() + margin + 1, columns.max() + margin + 1
     window = slice(top * block, bottom * block), slice(left * block, right * block)
-    grid = feet.grid[window]
+    grid = np.stack([feet.x[window], feet.y[window], feet.depth[window]], axis=-1)
     every = max(1, max(grid.shape[:2]) // _WINDOW)
-    usable = np.isfinite(grid[..., 2])
-    usable &= ~lattice.spread(seams, feet.at.shape)[window]
+    usable = feet.at[window]
+    if seams.any():
+        usable = usable & ~lattice.spread(seams, feet.at.shape)[window]
     if every > 1:
         share = cv2.resize(
             usable.astype(np.float32),

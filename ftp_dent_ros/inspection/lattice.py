@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -36,6 +37,9 @@ class Lattice:
         From cell to cell along columns (x) and rows (y), metres.
     origin : ndarray, shape (3,)
         In the cloud's frame.
+    all_points : ndarray, shape (rows of the cloud, columns of the cloud, 3), float32
+        Relative to `origin`, metres; 0 where not `measured`.
+    measured : ndarray, shape (rows of the cloud, columns of the cloud), bool
     """
 
     points: NDArray[np.float32]
@@ -44,6 +48,8 @@ class Lattice:
     block: int
     spacing: tuple[float, float]
     origin: NDArray[np.float64]
+    all_points: NDArray[np.float32]
+    measured: NDArray[np.bool_]
 
     @classmethod
     def of(cls, cloud: Cloud, noise: NDArray | None, settings: Settings) -> Lattice:
@@ -56,7 +62,7 @@ class Lattice:
         """
         origin = _checked(cloud, noise)
         relative = cloud.points - origin.astype(np.float32)
-        finite = np.isfinite(relative.sum(axis=2))
+        finite = np.isfinite(relative[..., 0] + relative[..., 1] + relative[..., 2])
         relative[~finite] = 0
         across = _spacing(relative, finite, 1), _spacing(relative, finite, 0)
         if max(across) > _WIDEST_SPACING:
@@ -78,7 +84,9 @@ class Lattice:
             coarse = np.where(weight > 0, total / np.maximum(weight, 1e-6), usual)
             coarse = coarse.astype(np.float32) if usual else None
         spacing = block * across[0], block * across[1]
-        return cls(points.astype(np.float32), valid, coarse, block, spacing, origin)
+        return cls(
+            points.astype(np.float32), valid, coarse, block, spacing, origin, relative, finite
+        )
 
     def spread(self, coarse: NDArray, shape: tuple[int, int]) -> NDArray:
         """Values of the cells at the cloud's points, shape `shape`."""
@@ -125,17 +133,14 @@ def _checked(cloud: Cloud, noise: NDArray | None) -> NDArray[np.float64]:
 
 def _spacing(points: NDArray, finite: NDArray[np.bool_], axis: int) -> float:
     """Median distance of neighbours along an axis."""
-    ahead, behind = (slice(1, None), slice(None, -1))
-    step = max(1, finite.size // 40000)
-    select = (ahead, slice(None)) if axis == 0 else (slice(None), ahead)
-    before = (behind, slice(None)) if axis == 0 else (slice(None), behind)
-    both = np.flatnonzero(finite[select] & finite[before])[::step]
-    if not len(both):
+    step = max(1, math.isqrt(finite.size // 40000))
+    here = slice(None, -1), slice(None, -1)
+    there = (slice(1, None), here[1]) if axis == 0 else (here[0], slice(1, None))
+    both = (finite[here] & finite[there])[::step, ::step]
+    if not both.any():
         raise CloudError('the points of the cloud have no neighbours: give a dense cloud')
-    row, column = np.unravel_index(both, finite[select].shape)
-    nearer = points[row, column]
-    further = points[row + (axis == 0), column + (axis == 1)]
-    return float(np.median(np.linalg.norm(further - nearer, axis=1)))
+    apart = points[there][::step, ::step] - points[here][::step, ::step]
+    return float(np.median(np.linalg.norm(apart[both], axis=1)))
 
 
 def _means(values: NDArray[np.float32], block: int) -> NDArray[np.float32]:

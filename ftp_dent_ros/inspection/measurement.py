@@ -26,7 +26,7 @@ _WIDEST = 0.04
 _SMALLEST = 0.02
 # Of the cap that the depth is read from.
 _CAP = 0.6
-_MODEL_CELLS = 40
+_MODEL_CELLS = 30
 # The model corrects for the blur if it leaves less than this part of the depth.
 _EXPLAINED = 0.05
 # A first look has to find this part of the smallest dent.
@@ -162,7 +162,7 @@ def _fitted(
     patch: Patch, candidate: Candidate, peaks: Vector, noise: Noise, size: float
 ) -> FittedDents:
     """Dent functions of all the candidate's dents, fitted together."""
-    every = max(1, max(patch.depth.shape) // _MODEL_CELLS)
+    every = math.ceil(max(patch.depth.shape) / _MODEL_CELLS)
     coarse = Grid(patch.x[::every], patch.y[::every])
     starts = np.zeros((len(peaks), 6))
     starts[:, :2] = peaks

@@ -10,7 +10,7 @@ import scipy.fft
 from numpy.typing import NDArray
 
 _ROUNDS = 25
-_ENDED = 1e-5
+_ENDED = 1e-4
 # Of the blur, metres: what is usual, and how much of a dent's half axes there can be.
 _USUAL_BLUR = 1.5e-3
 _BLUR = 0.25

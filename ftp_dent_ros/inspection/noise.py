@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from ftp_dent_ros.inspection.lattice import Lattice
 
 _MAD = 1.4826
+# Cells that a median is taken of, about.
+_ENOUGH = 5000
 # Below this no cloud is trusted, metres.
 _LEAST = 5e-7
 # Over which noise beyond the common one is correlated, metres.
@@ -109,10 +111,11 @@ def measured_noise(
     if sample.sum() < 100:
         sample = known
     extra = lattice.noise if lattice.noise is not None else _local(deviation, sample, lattice)
-    calm = sample & (extra <= np.median(extra[sample]))
+    calm = np.flatnonzero(sample & (extra <= np.median(extra[sample])))
+    calm = calm[:: max(1, len(calm) // _ENOUGH)]
     common = []
     for values in (deviation, *maps):
-        strayed = np.abs(values[calm])
+        strayed = np.abs(values.ravel()[calm])
         strayed = strayed[np.isfinite(strayed)]
         common.append(_MAD * float(np.median(strayed)) if len(strayed) else _LEAST)
     falling = np.minimum.accumulate(np.maximum(common, _LEAST))

@@ -146,9 +146,7 @@ def _another_panel(contour, lattice, deviation, rest, part, tolerance) -> Mask |
 
 
 def _map(contour: Contour, lattice: Lattice, part: Mask) -> Map:
-    deviation = np.zeros(part.shape, np.float32)
-    deviation[part] = contour.deviation(lattice.points[part])[2]
-    return deviation
+    return np.where(part, contour.deviation(lattice.points)[2], np.float32(0))
 
 
 def _at_frame(mask: Mask) -> bool:
