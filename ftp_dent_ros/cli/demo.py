@@ -180,6 +180,7 @@ def _table(appraisal: Appraisal, dents: DentAppraisal) -> str:
             f'depth {d.depth_error_mm:.3f} mm, length {d.length_error_mm:.2f} mm, '
             f'width {d.width_error_mm:.2f} mm',
         ),
+        ('false bumps and steps', f'{d.bumps_and_steps_false}'),
         ("dents in the node's list", f'{d.dents_in_list}, false {d.dents_false_in_list}'),
     ]
     return '\n'.join(f'{name:26}{value}' for name, value in rows)

@@ -43,6 +43,8 @@ class DentAppraisal:
     dents_in_list, dents_false_in_list : int
         What the node's own list held at the end.
     clouds_not_inspected : int
+    bumps_and_steps_false : int
+        Reported; the simulated skin of the demonstration has none.
     """
 
     dents: int
@@ -56,6 +58,7 @@ class DentAppraisal:
     dents_in_list: int
     dents_false_in_list: int
     clouds_not_inspected: int
+    bumps_and_steps_false: int
 
 
 def appraise_dents(bag: Bag, report: Report, world: World, camera: Lens) -> DentAppraisal:
@@ -99,6 +102,7 @@ def appraise_dents(bag: Bag, report: Report, world: World, camera: Lens) -> Dent
         dents_in_list=len(listed),
         dents_false_in_list=sum(_true_index(place, truth) is None for place in listed),
         clouds_not_inspected=len(report.refused),
+        bumps_and_steps_false=len(report.others),
     )
 
 
