@@ -15,6 +15,7 @@ _SHRINK = 0.6
 _SAMPLES = 1500
 _FEW = 300
 _STEEPEST = 0.9
+_RICH = 15
 
 Field = NDArray[np.floating]
 
@@ -141,22 +142,57 @@ def first_contour(
     return replace(contour, coefficients=best)
 
 
-def refined(contour: Contour, points: NDArray, noise: float, terms: int = 6) -> Contour:
+def richer_contour(
+    contour: Contour, points: NDArray, noise: float, rng: np.random.Generator
+) -> Contour:
+    """The contour with all terms up to the fourth degree, for skin that no quadric meets."""
+    points = _some(points, _SAMPLES, rng)
+    x, y, w = (axis / contour.scale for axis in contour.local(points))
+    basis = _basis(x, y, _RICH)
+    start = np.zeros(_RICH)
+    start[: contour.terms] = contour.coefficients
+    left = np.abs(w - _model(basis, start, x, y))
+    floor = noise / contour.scale
+    width = max(1.5 * float(np.median(left)), floor)
+    found = _narrowed(basis, w, start, x, y, width, floor)
+    return replace(contour, coefficients=found, covariance=np.zeros((_RICH, _RICH)))
+
+
+def refined(contour: Contour, points: NDArray, noise: float) -> Contour:
     """The contour fitted again to points of the bare skin, shape (n, 3), with its covariance.
 
-    Points must be so far apart that their errors, of standard deviation `noise`, are independent.
+    Parameters
+    ----------
+    contour : Contour
+    points : ndarray, shape (n, 3)
+    noise : float
+        Their standard deviation, metres. How far it is correlated is seen from the fit.
     """
     x, y, w = contour.local(points)
-    start = np.zeros(terms)
-    start[: min(terms, contour.terms)] = contour.coefficients[:terms]
-    coefficients = _polished(x, y, w, contour.scale, start, noise)
+    terms = contour.terms
+    coefficients = _polished(x, y, w, contour.scale, contour.coefficients, noise)
     basis = _basis(x / contour.scale, y / contour.scale, terms)
     left = w / contour.scale - _model(basis, coefficients, x / contour.scale, y / contour.scale)
     weight = _biweight(left * contour.scale / (_TUKEY * noise))
     share = max(weight.sum() - terms, 1.0)
     variance = (weight * left * left).sum() / share
     inverse = np.linalg.pinv(basis.T @ (basis * weight[:, None]))
-    return replace(contour, coefficients=coefficients, covariance=variance * inverse)
+    alike = _alike(x, y, left, weight)
+    return replace(contour, coefficients=coefficients, covariance=alike * variance * inverse)
+
+
+def _alike(x: Field, y: Field, left: Field, weight: Field) -> float:
+    """Number of neighbours that err alike, from the means of groups of about 16."""
+    kept = weight > 0
+    x, y, left = x[kept], y[kept], left[kept]
+    side = 4 * math.sqrt(np.ptp(x) * np.ptp(y) / max(len(x), 1)) + 1e-12
+    _, group = np.unique(np.floor(x / side) + 1e4 * np.floor(y / side), return_inverse=True)
+    count = np.bincount(group)
+    mean = np.bincount(group, left) / count
+    full = count >= 6
+    if full.sum() < 4:
+        return 1.0
+    return float(np.clip(np.mean((count * mean**2)[full]) / np.mean(left**2), 1, 16))
 
 
 def _plane(points: NDArray, viewpoint: NDArray[np.float64]) -> Contour:
@@ -201,15 +237,21 @@ def _redescended(x, y, w, scale, start, noise) -> tuple[float, NDArray[np.float6
             coefficients = _solved(basis, w, weight, coefficients, x, y)
             left = np.abs(w - _model(basis, coefficients, x, y))
     width = max(1.5 * float(np.median(left[start])), floor)
+    coefficients = _narrowed(basis, w, coefficients, x, y, width, floor)
+    left = np.abs(w - _model(basis, coefficients, x, y))
+    return float(np.minimum(left / (_TUKEY * floor), 1).mean()), coefficients
+
+
+def _narrowed(basis, w, coefficients, x, y, width, floor) -> NDArray[np.float64]:
+    """Coefficients by biweights that shrink from `width` to `floor`."""
     while True:
         for _ in range(2):
+            left = w - _model(basis, coefficients, x, y)
             weight = _biweight(left / (_TUKEY * width))
             coefficients = _solved(basis, w, weight, coefficients, x, y)
-            left = np.abs(w - _model(basis, coefficients, x, y))
         if width == floor:
-            break
+            return coefficients
         width = max(_SHRINK * width, floor)
-    return float(np.minimum(left / (_TUKEY * floor), 1).mean()), coefficients
 
 
 def _polished(x, y, w, scale, coefficients, noise) -> NDArray[np.float64]:
