@@ -1,7 +1,8 @@
 """Accuracy of the dents found in simulated photographs and clouds, against their truth.
 
 python benchmarks/dents.py [--only fuselage] [--stride 1]     # a photograph a row
-python benchmarks/dents.py --calibration 200                  # do the 95 % intervals hold?
+python benchmarks/dents.py --calibration 200    # do the 95 % intervals hold? Synthetic clouds
+python benchmarks/dents.py --photographs 100    # the same for photographs
 python benchmarks/dents.py --rates 100                        # found, and false alarms
 """
 
@@ -207,6 +208,31 @@ def calibration(count: int) -> None:
             for name, error in errors(dent, panel, m).items():
                 ratios[name].append(error / getattr(m, name).uncertainty)
     print(f'{count} dents, 3 to 50 um of correlated noise: missed {missed}, false {extra}')
+    show(ratios)
+
+
+def photographs(count: int, stride: int) -> None:
+    """The same over photographs of the fuselage and of flat skin, in ordinary light."""
+    rng = np.random.default_rng(7)
+    ratios: dict[str, list[float]] = {name: [] for name in SIZES}
+    missed = extra = 0
+    for index in tqdm(range(count)):
+        dent, radius = random_dent(rng), float(rng.choice([0.0, 2.0]))
+        one = moved(scene('random', FIELD, aircraft(0.8, dent, radius=radius)), rng)
+        pairs, left = matched(truths(one), inspected(one, stride, seed=index))
+        extra += len(left)
+        m = pairs[0][1]
+        if m is None:
+            missed += dent.size_at(0.1)[1] > 0.011
+        elif not m.is_cut:
+            for name, error in errors(dent, one.panels[0], m).items():
+                ratios[name].append(error / getattr(m, name).uncertainty)
+    print(f'{count} dents photographed at 80 cm: missed {missed}, false {extra}')
+    show(ratios)
+
+
+def show(ratios: dict[str, list[float]]) -> None:
+    """A line a size."""
     for name, values in ratios.items():
         held = np.mean(np.abs(values) < 1.96)
         spread = f'mean {np.mean(values):+.2f}, standard deviation {np.std(values):.2f}'
@@ -271,9 +297,12 @@ def main() -> None:
     parser.add_argument('--only', default='', help='part of the names of the scenes wanted')
     parser.add_argument('--stride', type=int, default=1)
     parser.add_argument('--calibration', type=int, default=0, metavar='DENTS')
+    parser.add_argument('--photographs', type=int, default=0, metavar='DENTS')
     parser.add_argument('--rates', type=int, default=0, metavar='FRAMES')
     arguments = parser.parse_args()
-    if arguments.calibration:
+    if arguments.photographs:
+        photographs(arguments.photographs, arguments.stride)
+    elif arguments.calibration:
         calibration(arguments.calibration)
     elif arguments.rates:
         rates(arguments.rates, arguments.stride)

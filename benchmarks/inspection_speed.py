@@ -2,9 +2,9 @@
 
 python benchmarks/inspection_speed.py [--repetitions 15]
 
-Clouds of photographs of 1280 x 720 at stride 2; processor time of one thread. The yardstick is scipy.fft.rfft2 of the depths,
-float32, one worker, measured in turn with the rest, so that what else the machine does falls on
-all of them alike.
+Clouds of photographs of 1280 x 720 at stride 2; processor time of one thread. The yardstick is
+scipy.fft.rfft2 of the depths, float32, one worker, measured in turn with the rest, so that what
+else the machine does falls on all of them alike.
 """
 
 from __future__ import annotations

@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.inspection.robust_fit import (
+    alike,
+    basis,
+    biweight,
+    model,
+    narrowed,
+    polished,
+    powers,
+    redescended,
+    some,
+)
+
 # Tukey's biweight: full efficiency is 95 % at this many standard deviations.
 _TUKEY = 4.7
-_SHRINK = 0.6
 _SAMPLES = 1500
 _FEW = 300
 _STEEPEST = 0.9
+_RICH = 15
 
 Field = NDArray[np.floating]
 
@@ -69,7 +80,7 @@ class Contour:
         flat = np.sqrt(1 - np.minimum(along_x * along_x + along_y * along_y, kind(_STEEPEST)))
         w = c[0] + c[1] * x + c[2] * y + (along_x * x + along_y * y) / (1 + flat)
         along_x, along_y = c[1] + along_x / flat, c[2] + along_y / flat
-        for c_n, (i, j) in zip(c[6:], _powers(len(c))[6:], strict=True):
+        for c_n, (i, j) in zip(c[6:], powers(len(c))[6:], strict=True):
             w += c_n * x**i * y**j
             along_x += c_n * i * x ** max(i - 1, 0) * y**j
             along_y += c_n * j * x**i * y ** max(j - 1, 0)
@@ -102,8 +113,8 @@ class Contour:
 
     def uncertainty(self, x: Field, y: Field) -> Field:
         """Standard uncertainty of the height at x, y, metres."""
-        basis = _basis(np.atleast_1d(x) / self.scale, np.atleast_1d(y) / self.scale, self.terms)
-        return self.scale * np.sqrt(np.einsum('ij,jk,ik->i', basis, self.covariance, basis))
+        columns = basis(np.atleast_1d(x) / self.scale, np.atleast_1d(y) / self.scale, self.terms)
+        return self.scale * np.sqrt(np.einsum('ij,jk,ik->i', columns, self.covariance, columns))
 
     @property
     def terms(self) -> int:
@@ -124,39 +135,60 @@ def first_contour(
     noise : float
         Standard deviation that points of the skin have, metres.
     """
-    points = _some(points, _SAMPLES, rng)
+    points = some(points, _SAMPLES, rng)
     contour = _plane(points, viewpoint)
-    few = _some(points, _FEW, rng)
+    few = some(points, _FEW, rng)
     x, y, w = contour.local(few)
     starts = [np.ones(len(few), bool)]
     for along in (x, y):
         starts += [along > np.median(along), along < np.median(along)]
-    fits = [_redescended(x, y, w, contour.scale, start, noise) for start in starts]
+    fits = [redescended(x, y, w, contour.scale, start, noise) for start in starts]
     best = min(fits, key=lambda fit: fit[0])[1]
     for _ in range(2):
         # Again over the plane that is tangent to it: the sagitta is about its foot.
         contour = _tangent(replace(contour, coefficients=best))
         x, y, w = contour.local(points)
-        best = _polished(x, y, w, contour.scale, contour.coefficients, noise)
+        best = polished(x, y, w, contour.scale, contour.coefficients, noise)
     return replace(contour, coefficients=best)
 
 
-def refined(contour: Contour, points: NDArray, noise: float, terms: int = 6) -> Contour:
+def richer_contour(
+    contour: Contour, points: NDArray, noise: float, rng: np.random.Generator
+) -> Contour:
+    """The contour with all terms up to the fourth degree, for skin that no quadric meets."""
+    points = some(points, _SAMPLES, rng)
+    x, y, w = (axis / contour.scale for axis in contour.local(points))
+    columns = basis(x, y, _RICH)
+    start = np.zeros(_RICH)
+    start[: contour.terms] = contour.coefficients
+    left = np.abs(w - model(columns, start, x, y))
+    floor = noise / contour.scale
+    width = max(1.5 * float(np.median(left)), floor)
+    found = narrowed(columns, w, start, x, y, width, floor)
+    return replace(contour, coefficients=found, covariance=np.zeros((_RICH, _RICH)))
+
+
+def refined(contour: Contour, points: NDArray, noise: float) -> Contour:
     """The contour fitted again to points of the bare skin, shape (n, 3), with its covariance.
 
-    Points must be so far apart that their errors, of standard deviation `noise`, are independent.
+    Parameters
+    ----------
+    contour : Contour
+    points : ndarray, shape (n, 3)
+    noise : float
+        Their standard deviation, metres. How far it is correlated is seen from the fit.
     """
     x, y, w = contour.local(points)
-    start = np.zeros(terms)
-    start[: min(terms, contour.terms)] = contour.coefficients[:terms]
-    coefficients = _polished(x, y, w, contour.scale, start, noise)
-    basis = _basis(x / contour.scale, y / contour.scale, terms)
-    left = w / contour.scale - _model(basis, coefficients, x / contour.scale, y / contour.scale)
-    weight = _biweight(left * contour.scale / (_TUKEY * noise))
+    terms = contour.terms
+    coefficients = polished(x, y, w, contour.scale, contour.coefficients, noise)
+    columns = basis(x / contour.scale, y / contour.scale, terms)
+    left = w / contour.scale - model(columns, coefficients, x / contour.scale, y / contour.scale)
+    weight = biweight(left * contour.scale / (_TUKEY * noise))
     share = max(weight.sum() - terms, 1.0)
     variance = (weight * left * left).sum() / share
-    inverse = np.linalg.pinv(basis.T @ (basis * weight[:, None]))
-    return replace(contour, coefficients=coefficients, covariance=variance * inverse)
+    inverse = np.linalg.pinv(columns.T @ (columns * weight[:, None]))
+    together = alike(x, y, left, weight)
+    return replace(contour, coefficients=coefficients, covariance=together * variance * inverse)
 
 
 def _plane(points: NDArray, viewpoint: NDArray[np.float64]) -> Contour:
@@ -184,82 +216,3 @@ def _tangent(contour: Contour) -> Contour:
     coefficients = contour.coefficients.copy()
     coefficients[:3] = 0
     return replace(contour, origin=origin, axes=frame, coefficients=coefficients)
-
-
-def _redescended(x, y, w, scale, start, noise) -> tuple[float, NDArray[np.float64]]:
-    """Cost and coefficients of a fit that starts from some points and narrows down."""
-    x, y, w = x / scale, y / scale, w / scale
-    basis = _basis(x, y, 6)
-    coefficients = _solved(basis, w, start.astype(float), np.zeros(6), x, y)
-    left = np.abs(w - _model(basis, coefficients, x, y))
-    floor = noise / scale
-    if start.all():
-        width = max(1.5 * float(np.median(left)), floor)
-        # Least absolute deviations first: the biweight would drop points for good.
-        for _ in range(3):
-            weight = 1 / np.maximum(left, 0.3 * width)
-            coefficients = _solved(basis, w, weight, coefficients, x, y)
-            left = np.abs(w - _model(basis, coefficients, x, y))
-    width = max(1.5 * float(np.median(left[start])), floor)
-    while True:
-        for _ in range(2):
-            weight = _biweight(left / (_TUKEY * width))
-            coefficients = _solved(basis, w, weight, coefficients, x, y)
-            left = np.abs(w - _model(basis, coefficients, x, y))
-        if width == floor:
-            break
-        width = max(_SHRINK * width, floor)
-    return float(np.minimum(left / (_TUKEY * floor), 1).mean()), coefficients
-
-
-def _polished(x, y, w, scale, coefficients, noise) -> NDArray[np.float64]:
-    """Coefficients by Tukey's biweight from nearby ones."""
-    x, y, w = x / scale, y / scale, w / scale
-    basis = _basis(x, y, len(coefficients))
-    for width in (2.0, 1.4, 1.0, 1.0, 1.0):
-        left = w - _model(basis, coefficients, x, y)
-        weight = _biweight(left * scale / (_TUKEY * noise * width))
-        coefficients = _solved(basis, w, weight, coefficients, x, y)
-    return coefficients
-
-
-def _solved(basis, w, weight, coefficients, x, y) -> NDArray[np.float64]:
-    """Weighted least squares, the sagitta's excess over the parabola taken from before."""
-    excess = _model(basis, coefficients, x, y) - basis @ coefficients
-    weighted = basis * weight[:, None]
-    normal = weighted.T @ basis
-    normal.flat[:: len(normal) + 1] += 1e-9 * np.trace(normal)
-    return np.linalg.solve(normal, weighted.T @ (w - excess))
-
-
-def _model(basis, coefficients, x, y):
-    linear = basis @ coefficients
-    c = coefficients
-    return linear + _sagitta(c, x, y) - (c[3] * x * x + c[4] * x * y + c[5] * y * y)
-
-
-def _sagitta(c, x: Field, y: Field) -> Field:
-    square = (2 * c[3] * x + c[4] * y) ** 2 + (c[4] * x + 2 * c[5] * y) ** 2
-    flat = np.sqrt(1 - np.minimum(square, x.dtype.type(_STEEPEST)))
-    return 2 * (c[3] * x * x + c[4] * x * y + c[5] * y * y) / (1 + flat)
-
-
-def _biweight(ratio: Field) -> Field:
-    return np.square(1 - np.minimum(ratio * ratio, 1))
-
-
-def _powers(terms: int) -> list[tuple[int, int]]:
-    """Exponents of x and y: all of degree 0, 1, 2 and so on."""
-    degree = int((math.isqrt(8 * terms + 1) - 3) // 2)
-    return [(n - j, j) for n in range(degree + 1) for j in range(n + 1)]
-
-
-def _basis(x: Field, y: Field, terms: int) -> NDArray[np.float64]:
-    return np.stack([np.asarray(x**i * y**j, float) for i, j in _powers(terms)], axis=1)
-
-
-def _some(points: NDArray, count: int, rng: np.random.Generator) -> NDArray:
-    """About `count` of the points, spread evenly."""
-    if len(points) <= count:
-        return points.astype(float)
-    return points[rng.choice(len(points), count, replace=False)].astype(float)

@@ -16,6 +16,7 @@ from ftp_dent_ros.inspection.model import FittedDents, Grid, fit_dents
 from ftp_dent_ros.inspection.noise import Noise
 from ftp_dent_ros.inspection.outline import Outline, find_outline
 from ftp_dent_ros.inspection.patch import Patch, sampled
+from ftp_dent_ros.inspection.peak import deepest_of, highest
 from ftp_dent_ros.inspection.settings import Settings
 
 LEVEL = 0.1
@@ -24,8 +25,6 @@ _CELLS = 64
 # Of the smoothing: part of the dent's width at most, and of its depth that noise may be.
 _WIDEST = 0.04
 _SMALLEST = 0.02
-# Of the cap that the depth is read from.
-_CAP = 0.6
 _MODEL_CELLS = 30
 # The model corrects for the blur if it leaves less than this part of the depth.
 _EXPLAINED = 0.05
@@ -38,6 +37,8 @@ _STRIP_DEPTH = 4.0
 # Of the depth, and of the cells in which outlines are found: errors of the sampling.
 _SAMPLING = 0.0015
 _GRAIN = 0.06
+# How far off the reconstruction's smoothing leaves a dent's foot, as a part of the depth.
+_FORM = 0.006
 # Of such corrections.
 _DOUBT = 0.3
 # What differs from the model by more than this part of the depth, and the noise, is an artefact.
@@ -145,7 +146,7 @@ def measure(
 
 def _is_worth(patch: Patch, peak: Vector, settings: Settings) -> bool:
     """Whether a closer look may find a dent large enough, and not a strip along the rim."""
-    at = _highest(patch, peak)
+    at = highest(patch, peak)
     outline = None if at is None else find_outline(patch, at, LEVEL * patch.depth[at])
     if at is None or outline is None:
         return False
@@ -184,12 +185,12 @@ def _fitted(
 def _one(
     sign, patch, doubted, explained, around, peak, model, contour, noise
 ) -> MeasuredDent | None:
-    at = _highest(patch, peak)
+    at = highest(patch, peak)
     if at is None:
         return None
     grid = Grid(patch.x, patch.y)
     shape = model.depth(grid.x, grid.y) if explained else np.zeros_like(patch.depth)
-    deepest = _cap(patch, at, shape)
+    deepest = deepest_of(patch, at, shape)
     outline = find_outline(patch, at, LEVEL * deepest)
     if outline is None or outline.area <= 0:
         return None
@@ -202,7 +203,7 @@ def _one(
     deep = math.hypot(chance, offset, doubted[at], _SAMPLING * deepest)
     # The contour and the level move all of the outline, the noise each end for itself.
     doubt = float(np.sqrt(np.square(_along(patch, doubted, outline)).mean()))
-    shift = math.hypot(offset, LEVEL * deep, doubt)
+    shift = math.hypot(offset, LEVEL * deep, doubt, _FORM * deepest)
     ends = math.hypot(math.sqrt(2) * local, 2 * shift)
     cell, grain = patch.step**2, _GRAIN * patch.step
     volume = float((patch.depth * outline.inside).sum()) * cell
@@ -247,47 +248,6 @@ def _one(
 def _along(patch: Patch, values, outline: Outline) -> Vector:
     """Values of the patch's cells along an outline."""
     return sampled(values, *patch.cells(outline.x, outline.y), cv2.INTER_LINEAR)
-
-
-def _highest(patch: Patch, peak: Vector) -> tuple[int, int] | None:
-    """Row and column of the maximum uphill of a place."""
-    column, row = (round(float(v)) for v in patch.cells(peak[0], peak[1]))
-    rows, columns = patch.depth.shape
-    for _ in range(rows + columns):
-        top, left = max(row - 3, 0), max(column - 3, 0)
-        window = patch.depth[top : row + 4, left : column + 4]
-        if not window.size or window.max() <= 0:
-            return None
-        i, j = np.unravel_index(np.argmax(window), window.shape)
-        if (top + i, left + j) == (row, column):
-            break
-        row, column = int(top + i), int(left + j)
-    return row, column
-
-
-def _cap(patch: Patch, at: tuple[int, int], model: Field) -> float:
-    """Maximum of the model and a quadratic of what it leaves on the cap around a cell."""
-    every = patch.depth.shape
-    rows, columns = np.mgrid[: every[0], : every[1]]
-    high = patch.depth[at]
-    cap = patch.known & (patch.depth > _CAP * high)
-    distance = np.hypot(rows - at[0], columns - at[1])
-    # Not into a neighbour: as far as the cap's area would reach as a long ellipse.
-    cap &= distance < 2.5 * math.sqrt(max(cap.sum(), 1) / math.pi)
-    if cap.sum() < 40:
-        return float(high)
-    reach = float(distance[cap].max())
-    u, v = (columns[cap] - at[1]) / reach, (rows[cap] - at[0]) / reach
-    degree = 2 if model.any() else 4
-    powers = [(i - j, j) for i in range(degree + 1) for j in range(i + 1)]
-    basis = np.stack([u**i * v**j for i, j in powers], axis=1)
-    solution = np.linalg.lstsq(basis, (patch.depth - model)[cap], rcond=None)[0]
-    top = basis @ solution + model[cap]
-    if degree == 2:
-        # Where the model is deepest: a maximum over noise would be too deep.
-        return float(top[np.argmax(model[cap])])
-    middle = top[np.hypot(u, v) < 0.6]
-    return float(middle.max()) if len(middle) else float(high)
 
 
 def _axis(contour: Contour, normal: Vector, angle: float) -> Vector:

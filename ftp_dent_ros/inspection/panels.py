@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.inspection.contour import Contour, first_contour
+from ftp_dent_ros.inspection.contour import Contour, first_contour, richer_contour
 from ftp_dent_ros.inspection.lattice import Lattice
 from ftp_dent_ros.inspection.noise import rough_noise, smoothed
 from ftp_dent_ros.inspection.settings import Settings
@@ -21,6 +21,8 @@ _SMALLEST_SECOND = 4.0
 # Part of a panel that one plane beside the first panel's contour has to explain.
 _EXPLAINED = 0.6
 _MOST = 8
+# Part of the rim that a quadric has to miss before a higher degree is tried.
+_RIM_OFF = 0.3
 
 Mask = NDArray[np.bool_]
 Map = NDArray[np.float32]
@@ -116,8 +118,30 @@ def _split(lattice, region, viewpoint, settings, second, rng) -> list[Panel]:
             if agreed is not None:
                 queue.append(agreed)
                 taken |= rest
+        if not taken.any():
+            contour = _demanded(contour, lattice, part, tolerance, points, rng)
         panels.append(Panel(part & ~taken, contour, tolerance))
     return panels
+
+
+def _demanded(contour, lattice, part, tolerance, points, rng) -> Contour:
+    """The quadric, or a contour of degree 4 if most of the rim demands it.
+
+    Dents lie within: a higher degree that is fitted for their sake would swallow them.
+    """
+    before = _rim_off(contour, lattice, part, tolerance)
+    if before < _RIM_OFF:
+        return contour
+    richer = richer_contour(contour, points, tolerance / 5, rng)
+    after = _rim_off(richer, lattice, part, tolerance)
+    return richer if after < before / 2 else contour
+
+
+def _rim_off(contour, lattice, part, tolerance) -> float:
+    """Part of the rim that strays from a contour."""
+    inner = cv2.erode(part.astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=0) > 0
+    strays = np.abs(_map(contour, lattice, part))[part & ~inner] > tolerance
+    return float(strays.mean()) if len(strays) else 0.0
 
 
 def _another_panel(contour, lattice, deviation, rest, part, tolerance) -> Mask | None:

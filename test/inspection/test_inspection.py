@@ -62,6 +62,15 @@ def test_the_deviation_is_depth_below_the_skin_and_nan_where_nothing_is_measured
     assert np.nanmedian(inspection.noise) == pytest.approx(5e-6, rel=0.5)
 
 
+def test_skin_that_no_quadric_meets_gets_a_higher_degree():
+    points = cloud_of(panel(DENT)).points.astype(float)
+    x, y = points[..., 0], points[..., 1]
+    points[..., 2] += 0.1 * x**2 + 0.3 * y**2 + 0.15 * x**3 + 0.1 * x * y**2
+    (dent,) = inspect(Cloud(points.astype(np.float32), np.ones(x.shape, np.float32))).dents
+    assert dent.depth.value == pytest.approx(DENT.depth, abs=3e-5)
+    assert dent.length.value == pytest.approx(DENT.size_at()[0], abs=1e-3)
+
+
 def test_a_dent_that_fills_nearly_half_of_a_tile_is_not_swallowed():
     large = Dent(0.0, 0.0, 0.12, 0.10, 0.002)
     (dent,) = inspect(cloud_of(panel(large, extent=(-0.075, 0.075, -0.075, 0.075)))).dents
