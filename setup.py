@@ -8,7 +8,13 @@ from setuptools import find_packages, setup
 NAME = 'ftp_dent_ros'
 HERE = Path(__file__).resolve().parent
 VERSION = re.search(r"__version__ = '(.+)'", (HERE / NAME / '__init__.py').read_text()).group(1)
-NODES = ('pattern_publisher', 'camera_capture', 'reconstruction', 'mavlink_bridge')
+NODES = (
+    'pattern_publisher',
+    'camera_capture',
+    'reconstruction',
+    'mavlink_bridge',
+    'dent_inspector',
+)
 
 
 def shared_files(folder: str) -> list[tuple[str, list[str]]]:
@@ -41,7 +47,10 @@ setup(
     ],
     zip_safe=False,
     python_requires='>=3.10',
-    package_data={f'{NAME}.evaluation': ['templates/*.j2']},
+    package_data={
+        f'{NAME}.evaluation': ['templates/*.j2'],
+        f'{NAME}.inspection.report': ['*.html', '*.css', '*.js'],
+    },
     install_requires=[
         'jinja2>=3.1',
         'matplotlib>=3.6',

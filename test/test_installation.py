@@ -25,10 +25,13 @@ PARTS = (
 COMMANDS = {
     'ftp-dent',
     *('pattern_publisher', 'camera_capture', 'reconstruction', 'mavlink_bridge'),
+    'dent_inspector',
     'simulated_autopilot',
 }
 ASK = (
-    'import json, ftp_dent_ros\nfrom ftp_dent_ros import files\n'
+    'import json, ftp_dent_ros\nfrom importlib import resources\nfrom ftp_dent_ros import files\n'
+    'report = resources.files("ftp_dent_ros.inspection.report")\n'
+    'assert all(report.joinpath(name).is_file() for name in ("page.html", "view.js"))\n'
     'print(json.dumps([ftp_dent_ros.__file__, str(files.config_folder())]))'
 )
 

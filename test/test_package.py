@@ -18,12 +18,13 @@ TOPICS = {
     *('/projector/image_raw', '/projector/camera_info'),
     *('/camera/image_raw', '/camera/camera_info', '/points'),
     *('/tagged/points', '/tagged/pose', '/mavlink/pose', '/diagnostics'),
+    *('/dents', '/dents/list', '/dents/markers'),
 }
 # What is imported, rosdep's key for it and PyPI's name. rclpy and the messages: ROS's own.
 LIBRARIES = {
     'cv2': ('python3-opencv', 'opencv-python-headless'),
-    'lz4': ('mcap-ros2-support', 'mcap'),  # mcap brings it
     'jinja2': ('python3-jinja2', 'jinja2'),
+    'lz4': ('mcap-ros2-support', 'mcap'),  # mcap brings it
     'matplotlib': ('python3-matplotlib', 'matplotlib'),
     'mcap': ('mcap-ros2-support', 'mcap'),
     'numpy': ('python3-numpy', 'numpy'),
@@ -100,6 +101,7 @@ def test_rviz_shows_topics_that_exist():
     displays = layout['Visualization Manager']['Displays']
     shown = {each['Topic']['Value'] for each in displays if 'Topic' in each}
     assert {'/points', '/tagged/points', '/tagged/pose', '/camera/image_raw'} <= shown <= TOPICS
+    assert '/dents/markers' in shown
 
 
 def test_foxglove_shows_topics_that_exist():
@@ -119,7 +121,7 @@ def test_qos_overrides_are_those_of_the_bag_tools():
     for topic, policies in overrides.items():
         assert set(policies) == {'history', 'depth', 'reliability', 'durability'}
         assert policies['reliability'] == 'reliable'
-        latched = topic.startswith('/projector/')
+        latched = topic.startswith(('/projector/', '/dents/'))
         assert policies['durability'] == ('transient_local' if latched else 'volatile')
 
 

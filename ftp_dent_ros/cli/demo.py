@@ -11,18 +11,26 @@ import shutil
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 from tqdm import tqdm
 
 from ftp_dent_ros.demonstration.appraisal import Appraisal, appraise
+from ftp_dent_ros.demonstration.dents import DentAppraisal, appraise_dents
 from ftp_dent_ros.demonstration.flight import FlightError, fly, simulation_parameters
 from ftp_dent_ros.demonstration.results import write_results
 from ftp_dent_ros.errors import ConfigurationError
-from ftp_dent_ros.recording.reader import open_bag
-from ftp_dent_ros.simulation.world import read_world
+from ftp_dent_ros.files import find
+from ftp_dent_ros.inspection.inspection import inspect
+from ftp_dent_ros.inspection.report import content_id, write_report
+from ftp_dent_ros.recording.reader import Bag, open_bag
+from ftp_dent_ros.rig import read_rig
+from ftp_dent_ros.ros.bag_survey import survey_bag
+from ftp_dent_ros.simulation.world import World, read_world
 
 OUT_OF_BOUND = 1
 SUMMARY = 'summary.json'
+REPORT = 'report'
 
 # What the payload promises in this simulation.
 BOUNDS = {
@@ -32,6 +40,11 @@ BOUNDS = {
     'poses_lost': 0,
     'camera_mae_mm': 0.1,
     'map_mae_mm': 0.5,
+    'clouds_not_inspected': 0,
+    'dents_missed': 0,
+    'sightings_missed': 0,
+    'dents_false': 0,
+    'dents_false_in_list': 0,
 }
 
 
@@ -67,7 +80,7 @@ def run(arguments: argparse.Namespace) -> int:
             f'--output {output} cannot be made ({error.strerror}): name another folder'
         ) from None
     try:
-        appraisal, summary = _demonstrate(arguments, aside)
+        figures, summary = _demonstrate(arguments, aside)
     except FlightError as error:
         logs = output.with_name(f'{output.name}.failed')
         shutil.rmtree(logs, ignore_errors=True)
@@ -81,7 +94,7 @@ def run(arguments: argparse.Namespace) -> int:
     aside.rename(output)
     print(f'\n{summary}\n\n{_files(output)}')
     print(f'Done in {time.monotonic() - started:.0f} s.')
-    return _verdict(appraisal, output)
+    return _verdict(figures, output)
 
 
 def _refuse_to_replace_others(output: Path) -> None:
@@ -94,7 +107,7 @@ def _refuse_to_replace_others(output: Path) -> None:
         )
 
 
-def _demonstrate(arguments: argparse.Namespace, folder: Path) -> tuple[Appraisal, str]:
+def _demonstrate(arguments: argparse.Namespace, folder: Path) -> tuple[dict[str, Any], str]:
     blocks = simulation_parameters(arguments.configuration, time.time_ns())
     camera = blocks['camera_capture']['ros__parameters']
     link = blocks['mavlink_bridge']['ros__parameters']
@@ -110,22 +123,36 @@ def _demonstrate(arguments: argparse.Namespace, folder: Path) -> tuple[Appraisal
     count = sum(bag.metadata.message_counts[topic] for topic in ('/points', '/tagged/points'))
     with _bar('comparing with the truth', count, 'cloud') as bar:
         appraisal = appraise(bag, world, camera['rate'], link['rate'], bar.update)
-    summary = _table(appraisal)
+    dents = _inspect(bag, world, camera['rig'], folder / REPORT)
+    summary = _table(appraisal, dents)
     (folder / 'summary.txt').write_text(f'{summary}\n', encoding='utf-8')
-    figures = {'figures': dataclasses.asdict(appraisal), 'bounds': BOUNDS}
-    (folder / SUMMARY).write_text(json.dumps(figures, indent=1), encoding='utf-8')
+    figures = dataclasses.asdict(appraisal) | dataclasses.asdict(dents)
+    record = {'figures': figures, 'bounds': BOUNDS}
+    (folder / SUMMARY).write_text(json.dumps(record, indent=1), encoding='utf-8')
     with _bar('writing clouds and pictures', None, 'file') as bar:
         write_results(bag, world, folder, bar.update)
-    return appraisal, summary
+    return figures, summary
+
+
+def _inspect(bag: Bag, world: World, rig: str, folder: Path) -> DentAppraisal:
+    """Write the report on the flight's dents, and hold them against the true ones."""
+    file = find(rig)
+    camera = read_rig(file).camera
+    named = (file.name, content_id(file))
+    count = bag.metadata.message_counts['/tagged/points']
+    with _bar('inspecting', count, 'cloud') as bar:
+        report = survey_bag(bag, inspect, named, camera, progress=bar.update)
+    write_report(folder, dataclasses.replace(report, source='flight of the demonstration'))
+    return appraise_dents(bag, report, world, camera)
 
 
 def _bar(what: str, total: int | None, unit: str) -> tqdm:
     return tqdm(desc=what, total=total, unit=unit, dynamic_ncols=True)
 
 
-def _table(appraisal: Appraisal) -> str:
+def _table(appraisal: Appraisal, dents: DentAppraisal) -> str:
     """Summary as people read it."""
-    a = appraisal
+    a, d = appraisal, dents
     rows = [
         ('images', f'{a.images}, lost {a.images_lost}'),
         ('clouds', f'{a.clouds}, lost {a.clouds_lost}'),
@@ -145,6 +172,16 @@ def _table(appraisal: Appraisal) -> str:
             f'{a.map_mae_mm:.4f} mm, worst cloud {a.map_mae_worst_mm:.4f} mm '
             f'(bound {BOUNDS["map_mae_mm"]} mm)',
         ),
+        ('clouds not inspected', f'{d.clouds_not_inspected}'),
+        ('true dents in view', f'{d.dents}, missed {d.dents_missed}, false {d.dents_false}'),
+        ('their sightings', f'{d.sightings}, missed {d.sightings_missed}'),
+        (
+            'largest error of a dent',
+            f'depth {d.depth_error_mm:.3f} mm, length {d.length_error_mm:.2f} mm, '
+            f'width {d.width_error_mm:.2f} mm',
+        ),
+        ('false bumps and steps', f'{d.bumps_and_steps_false}'),
+        ("dents in the node's list", f'{d.dents_in_list}, false {d.dents_false_in_list}'),
     ]
     return '\n'.join(f'{name:26}{value}' for name, value in rows)
 
@@ -154,11 +191,11 @@ def _files(output: Path) -> str:
     return '\n'.join([f'In {output}/:', *(f'  {name}' for name in sorted(names))])
 
 
-def _verdict(appraisal: Appraisal, output: Path) -> int:
-    figures = dataclasses.asdict(appraisal)
+def _verdict(figures: dict[str, Any], output: Path) -> int:
+    print(f'The report: {output / REPORT / "report.html"}')
     # A figure that could not be measured (NaN) is out of its bound.
     outside = [name for name, bound in BOUNDS.items() if not figures[name] <= bound]
-    if math.isnan(appraisal.camera_mae_mm) or outside:
+    if math.isnan(figures['camera_mae_mm']) or outside:
         print(f'OUT OF BOUND: {", ".join(outside)}. The logs are in {output}/log.')
         return OUT_OF_BOUND
     program = 'ftp-dent' if shutil.which('ftp-dent') else sys.argv[0]

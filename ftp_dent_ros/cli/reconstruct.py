@@ -77,6 +77,11 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def is_photograph(path: str | Path) -> bool:
+    """Whether a file's name is that of a photograph."""
+    return Path(path).suffix.lower() in _SUFFIXES
+
+
 def read_image(path: str) -> NDArray[np.uint8]:
     """Read a colour photograph as RGB.
 
@@ -85,7 +90,7 @@ def read_image(path: str) -> NDArray[np.uint8]:
     ImageError
         The file is no PNG, JPEG or TIFF, cannot be decoded, or has no 8-bit colours.
     """
-    if Path(path).suffix.lower() not in _SUFFIXES:
+    if not is_photograph(path):
         raise ImageError(f'{path}: not a photograph: give one of {", ".join(_SUFFIXES)}')
     try:
         data = np.fromfile(path, np.uint8)

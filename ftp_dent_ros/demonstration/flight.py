@@ -159,6 +159,8 @@ class _Observer:
     def all_subscribed(self) -> bool:
         """Whether every topic of interest has its readers, so that no message is missed."""
         topics = dict.fromkeys(TYPES, 1) | {'/camera/image_raw': 2, '/points': 2}
+        topics |= dict.fromkeys(('/tagged/points', '/tagged/pose'), 2)
+        topics |= dict.fromkeys(('/dents', '/dents/list'), 1)
         count = self._node.count_subscribers
         return all(count(topic) >= readers for topic, readers in topics.items())
 

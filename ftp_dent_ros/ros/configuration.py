@@ -27,7 +27,13 @@ from ftp_dent_ros import files
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.ros.processes import Program
 
-NODES = ('pattern_publisher', 'camera_capture', 'reconstruction', 'mavlink_bridge')
+NODES = (
+    'pattern_publisher',
+    'camera_capture',
+    'reconstruction',
+    'mavlink_bridge',
+    'dent_inspector',
+)
 # Not a ROS node: its parameters become its options.
 SIMULATED_AUTOPILOT = 'simulated_autopilot'
 EXECUTABLES = (*NODES, SIMULATED_AUTOPILOT)

@@ -19,6 +19,7 @@ LATCHED = QoSProfile(
 IMAGES = QoSProfile(depth=2, reliability=ReliabilityPolicy.RELIABLE)
 CLOUDS = QoSProfile(depth=2, reliability=ReliabilityPolicy.RELIABLE)
 POSES = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+DENTS = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 DIAGNOSTICS = QoSProfile(depth=10)
 
 # For `qos_overriding_options`: a camera driver of another make may publish best effort.

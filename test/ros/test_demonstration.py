@@ -48,6 +48,31 @@ def test_figures_are_within_their_bounds_and_files_are_there(flight):
     assert not list(flight.parent.glob('.demo*'))
 
 
+def test_it_ends_with_the_report_on_the_dents_that_are_there(flight):
+    figures = json.loads((flight / 'summary.json').read_text())['figures']
+    data = json.loads((flight / 'report/dents.json').read_text())
+    assert figures['dents'] >= 1, 'the flight begins before a dent'
+    assert len(data['dents']) >= figures['dents']
+    assert figures['depth_error_mm'] < 0.05
+    assert (data['frame_id'], data['rig']['file']) == ('map', 'rig.yaml')
+    assert len(data['frames']) == figures['clouds'] and data['refused'] == []
+    assert max(dent['sightings'] for dent in data['dents']) > 1
+    page = (flight / 'report/report.html').read_text()
+    assert 'data:image/jpeg' in page and 'Repeatability' in page
+    assert figures['dents_in_list'] >= 1, 'the node saw them in flight'
+
+
+def test_its_bag_is_inspected_again_to_the_same_dents(flight, tmp_path):
+    words = ('inspect', flight / 'bag', '--output', tmp_path / 'out')
+    done = ftp_dent(*words, '--rules', 'example_rules.yaml')
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip().endswith('report.html') and 'seen ' in done.stdout
+    again = json.loads((tmp_path / 'out/dents.json').read_text())
+    demo = json.loads((flight / 'report/dents.json').read_text())
+    assert [d['depth_mm'] for d in again['dents']] == [d['depth_mm'] for d in demo['dents']]
+    assert all(dent['verdict'] for dent in again['dents'])
+
+
 def test_its_bag_gives_a_fresh_reconstruction_the_same_clouds_bit_for_bit(flight, ros):
     recorded = {
         stamp_to_ns(cloud.header.stamp): cloud
@@ -68,6 +93,7 @@ def test_its_bag_gives_a_fresh_reconstruction_the_same_clouds_bit_for_bit(flight
 def test_the_bag_holds_every_topic_of_the_design(flight):
     names = {topic.name for topic in open_bag(flight / 'bag').metadata.topics}
     expected = {*INPUTS, '/projector/camera_info', '/points', '/tagged/points', '/tagged/pose'}
+    expected |= {'/dents', '/dents/list', '/dents/markers'}
     assert expected | {'/mavlink/pose', '/diagnostics'} <= names
 
 

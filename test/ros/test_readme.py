@@ -13,6 +13,7 @@ GIVEN = {
     'camera_capture': {'rig': 'rig.yaml', 'source': 'simulation'},
     'reconstruction': {},
     'mavlink_bridge': {'address': 'udpout:127.0.0.1:9'},
+    'dent_inspector': {},
 }
 OF_ROS = ('qos_overrides.', 'use_sim_time', 'start_type_description_service')
 

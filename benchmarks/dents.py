@@ -1,0 +1,314 @@
+"""Accuracy of the dents found in simulated photographs and clouds, against their truth.
+
+python benchmarks/dents.py [--only fuselage] [--stride 1]     # a photograph a row
+python benchmarks/dents.py --calibration 200    # do the 95 % intervals hold? Synthetic clouds
+python benchmarks/dents.py --photographs 100    # the same for photographs
+python benchmarks/dents.py --rates 100                        # found, and false alarms
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from clouds import cloud_of, random_dent, skin
+from scenes import (
+    DAYLIGHT,
+    FIELD,
+    LIVERY,
+    NEAR,
+    PATTERN,
+    SAMPLES,
+    SCENES,
+    Scene,
+    fuselage,
+    make_rig,
+    scene,
+    wide,
+)
+from scipy.integrate import quad
+from tqdm import tqdm
+
+from ftp_dent_ros.errors import RefusedFrameError
+from ftp_dent_ros.inspection.dent import Inspection, MeasuredDent
+from ftp_dent_ros.inspection.inspection import inspect
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.profilometry import Reconstructor, Settings
+from ftp_dent_ros.rig import Rig
+from ftp_dent_ros.simulation import Dent, Panel, Rivet, Surface
+
+SIZES = (
+    'depth',
+    'length',
+    'width',
+    'model_length',
+    'model_width',
+    'orientation',
+    'area',
+    'volume',
+)
+SMALL = Dent(0.012, -0.006, 0.020, 0.020, 0.0003)
+FIELD_DENTS = (
+    Dent(-0.07, -0.025, 0.04, 0.04, 0.002),
+    Dent(0.075, -0.03, 0.06, 0.025, 0.0008, math.radians(25)),
+)
+TOUCHING = Dent(-0.02, 0.0, 0.04, 0.04, 0.001), Dent(0.017, 0.003, 0.04, 0.03, 0.0015)
+
+
+def aircraft(distance: float, *dents: Dent, radius: float = 2.0, rivets: bool = True) -> Panel:
+    """Glossy skin with a row of rivets, or part of that."""
+    row = tuple(Rivet(-0.3 + 0.025 * i, 0.07) for i in range(25)) if rivets else ()
+    panel = fuselage(distance)
+    return replace(panel, dents=dents, rivets=row, cylinder_radius=radius)
+
+
+def miscalibrated(rig: Rig, shift: float) -> Rig:
+    """The same rig, its projector believed to be so many radians further round."""
+    turn = Pose.from_rpy((0, shift, 0), (0, 0, 0)).rotation.as_matrix()
+    return replace(rig, rotation=turn @ rig.rotation, translation=turn @ rig.translation)
+
+
+def lap_scene(name: str, height: float, *dents: Dent, **light) -> Scene:
+    """Two skins, the left one on the right one, with the rivets of the joint."""
+    rivets = tuple(Rivet(-0.012, 0.025 * i) for i in range(-10, 11))
+    below = replace(aircraft(0.8, *dents), rivets=())
+    pose = below.pose
+    above = Pose(pose.rotation, pose.translation + pose.rotation.apply([0, 0, -height]))
+    upper = Panel(above, (-0.6, 0.0, -0.6, 0.6), 2.0, below.paint, rivets=rivets)
+    whole = scene(name, FIELD, below, **light)
+    return replace(whole, panels=(upper, replace(below, extent=(-0.05, 0.6, -0.6, 0.6))))
+
+
+SAMPLE_SCENES = tuple(
+    one
+    for one in SCENES
+    if any(word in one.name for word in ('A,', 'B,', 'C,', 'D,', 'fuselage'))
+    and 'Bayer' not in one.name
+)
+MORE = (
+    scene('two beside a rivet row', FIELD, aircraft(0.8, *FIELD_DENTS)),
+    scene('the same, daylight', FIELD, aircraft(0.8, *FIELD_DENTS), **DAYLIGHT),
+    scene('the same, ambient 0.5', FIELD, aircraft(0.8, *FIELD_DENTS), exposure=0.6, ambient=0.5),
+    scene(
+        'the same, livery',
+        FIELD,
+        replace(aircraft(0.8, *FIELD_DENTS), paint=replace(LIVERY, roughness=0.2)),
+    ),
+    scene('the same, noise', FIELD, aircraft(0.8, *FIELD_DENTS), full_well=3000.0, read_noise=2.0),
+    scene('the same, gamma', FIELD, aircraft(0.8, *FIELD_DENTS), camera_gamma=2.2),
+    scene(
+        '2 mm x 60 mm, 150 cm',
+        make_rig(1.5, 0.35, (1920, 1080, 2740.0), 1950.0),
+        wide(Dent(0.01, 0.0, 0.06, 0.06, 0.002), 1.5),
+    ),
+    scene('0.3 mm x 20 mm', NEAR, wide(SMALL, 0.6)),
+    scene('touching', FIELD, aircraft(0.8, *TOUCHING)),
+    scene('cut by the frame', FIELD, aircraft(0.8, Dent(0.0, -0.175, 0.06, 0.05, 0.002))),
+    lap_scene('lap of 1.2 mm', 0.0012, Dent(0.08, 0.0, 0.04, 0.03, 0.001)),
+)
+
+
+def truths(one: Scene) -> Iterator[tuple[Dent, np.ndarray]]:
+    """Dents and their centres on the contour, in the camera's frame at mid exposure."""
+    for panel in one.panels:
+        for dent in panel.dents:
+            height, _ = panel.bare_height(np.array([dent.x]))
+            yield dent, panel.pose.apply(np.array([dent.x, dent.y, height[0]]))
+
+
+def matched(one: Iterator[tuple[Dent, np.ndarray]], found: Inspection):
+    """Pairs of the true and the measured (or None), and the measured that are left."""
+    left, pairs = list(found.dents), []
+    for dent, centre in one:
+        near = [
+            m for m in left if np.linalg.norm(m.position - centre) < max(0.01, dent.length / 2)
+        ]
+        apart = [float(np.linalg.norm(m.position - centre)) for m in near]
+        best = near[int(np.argmin(apart))] if near else None
+        left = [m for m in left if m is not best]
+        pairs.append((dent, best))
+    return pairs, left
+
+
+def inspected(one: Scene, stride: int, rig: Rig | None = None, seed: int = 0) -> Inspection:
+    """What is found in a photograph of a scene."""
+    measurement = reconstructor(rig or one.rig, stride).measure(one.photograph(seed))
+    return inspect(measurement.cloud, measurement.quality.standard_deviation())
+
+
+def reconstructor(rig: Rig, stride: int, kept: dict = {}) -> Reconstructor:  # noqa: B006
+    """The last one, if it is of the same rig."""
+    if kept.get('key') != (id(rig), stride):
+        kept.update(key=(id(rig), stride), rig=rig)
+        kept['value'] = Reconstructor(rig, PATTERN, Settings(stride=stride))
+    return kept['value']
+
+
+def table(only: str, stride: int) -> None:
+    """A row a dent; millimetres."""
+    columns = ('depth', 'error', '+-', 'length', 'error', 'width', 'error', 'cut')
+    print(f'stride {stride}; millimetres; length and width on the 10 % contour')
+    print(f'{"":30}' + ''.join(f'{column:>9}' for column in columns) + '  false, others')
+    rows = [(one, None) for one in (*SAMPLE_SCENES, *MORE)]
+    for name, panel in (('A', wide(SAMPLES['A'], 0.6)), ('two', aircraft(0.8, *FIELD_DENTS))):
+        rig = NEAR if name == 'A' else FIELD
+        wrong = scene(f'{name}, rig 4 mm off', rig, panel)
+        rows.append((wrong, miscalibrated(rig, 0.0025 if name == 'A' else 0.0015)))
+    for one, rig in rows:
+        if only not in one.name:
+            continue
+        try:
+            found = inspected(one, stride, rig)
+        except RefusedFrameError as reason:
+            print(f'{one.name:30} refused: {reason.reason}')
+            continue
+        pairs, left = matched(truths(one), found)
+        others = [f'{o.kind} {1e3 * o.depth.value:.2f}' for o in (*left, *found.others)]
+        for dent, m in pairs:
+            print(f'{one.name:30}' + (row(dent, m) if m else '   MISSED') + f'  {others or ""}')
+
+
+def row(dent: Dent, m: MeasuredDent) -> str:
+    length, width = dent.size_at(0.1)
+    values = (
+        dent.depth,
+        m.depth.value - dent.depth,
+        m.depth.uncertainty,
+        length,
+        m.length.value - length,
+        width,
+        m.width.value - width,
+    )
+    return ''.join(f'{1e3 * v:9.3f}' for v in values) + f'{"yes" if m.is_cut else "":>9}'
+
+
+def calibration(count: int) -> None:
+    """Share of the 95 % intervals that hold the truth, over synthetic clouds."""
+    rng = np.random.default_rng(5)
+    ratios: dict[str, list[float]] = {name: [] for name in SIZES}
+    missed = extra = 0
+    for _ in tqdm(range(count)):
+        dent, radius = random_dent(rng), float(rng.choice([0.0, 2.0]))
+        tilt = tuple(rng.uniform(-0.3, 0.3, 2))
+        panel = skin(float(rng.choice([0.6, 0.8])), tilt, radius, (dent,))
+        noise = 10 ** rng.uniform(-5.5, -4.3)
+        cloud, deviation = cloud_of(Surface((panel,)), noise, rng, rng.uniform(1.5, 4))
+        found = inspect(cloud, deviation)
+        centre = panel.bare_height(np.array([dent.x]))[0][0]
+        centre = panel.pose.apply(np.array([dent.x, dent.y, centre]))
+        pairs, left = matched(iter([(dent, centre)]), found)
+        extra += len(left)
+        m = pairs[0][1]
+        if m is None:
+            missed += dent.size_at(0.1)[1] > 0.011
+        elif not m.is_cut:
+            for name, error in errors(dent, panel, m).items():
+                ratios[name].append(error / getattr(m, name).uncertainty)
+    print(f'{count} dents, 3 to 50 um of correlated noise: missed {missed}, false {extra}')
+    show(ratios)
+
+
+def photographs(count: int, stride: int) -> None:
+    """The same over photographs of the fuselage and of flat skin, in ordinary light."""
+    rng = np.random.default_rng(7)
+    ratios: dict[str, list[float]] = {name: [] for name in SIZES}
+    missed = extra = 0
+    for index in tqdm(range(count)):
+        dent, radius = random_dent(rng), float(rng.choice([0.0, 2.0]))
+        one = moved(scene('random', FIELD, aircraft(0.8, dent, radius=radius)), rng)
+        pairs, left = matched(truths(one), inspected(one, stride, seed=index))
+        extra += len(left)
+        m = pairs[0][1]
+        if m is None:
+            missed += dent.size_at(0.1)[1] > 0.011
+        elif not m.is_cut:
+            for name, error in errors(dent, one.panels[0], m).items():
+                ratios[name].append(error / getattr(m, name).uncertainty)
+    print(f'{count} dents photographed at 80 cm: missed {missed}, false {extra}')
+    show(ratios)
+
+
+def show(ratios: dict[str, list[float]]) -> None:
+    """A line a size."""
+    for name, values in ratios.items():
+        held = np.mean(np.abs(values) < 1.96)
+        spread = f'mean {np.mean(values):+.2f}, standard deviation {np.std(values):.2f}'
+        print(f'{name:14} n {len(values)}: 95 % interval holds {100 * held:.1f} %; {spread}')
+
+
+def errors(dent: Dent, panel: Panel, m: MeasuredDent) -> dict[str, float]:
+    """Measured minus true."""
+    length, width = dent.size_at(0.1)
+    inside, _ = quad(lambda square: math.exp(1 - 1 / (1 - square)), 0, (length / dent.length) ** 2)
+    along = panel.pose.rotation.apply([math.cos(dent.angle), math.sin(dent.angle), 0])
+    turned = math.atan2(np.cross(along, m.axis) @ m.normal, along @ m.axis)
+    return {
+        'depth': m.depth.value - dent.depth,
+        'length': m.length.value - length,
+        'width': m.width.value - width,
+        'model_length': m.model_length.value - dent.length,
+        'model_width': m.model_width.value - dent.width,
+        'orientation': (turned + math.pi / 2) % math.pi - math.pi / 2,
+        'area': m.area.value - math.pi / 4 * length * width,
+        'volume': m.volume.value - math.pi / 4 * dent.length * dent.width * dent.depth * inside,
+    }
+
+
+def rates(count: int, stride: int) -> None:
+    """How often a small dent is found, and something where nothing is, in noisy photographs."""
+    noisy = {'full_well': 6000.0, 'read_noise': 1.5}
+    small = scene('0.3 mm x 20 mm, noisy', NEAR, wide(SMALL, 0.6), **noisy)
+    found = [matched(truths(small), inspected(small, stride, seed=k)) for k in tqdm(range(count))]
+    hits = [pairs[0][1] for pairs, _ in found if pairs[0][1]]
+    off = 1e3 * np.array([hit.depth.value - SMALL.depth for hit in hits])
+    print(
+        f'0.3 mm x 20 mm at 60 cm, noisy: found {len(hits)} of {count}, '
+        f'false {sum(len(left) for _, left in found)}; '
+        f'depth {off.mean():+.4f} +- {off.std():.4f} mm'
+    )
+    bare = (
+        scene('flat', FIELD, aircraft(0.8, radius=0.0, rivets=False), **noisy),
+        scene('cylindrical', FIELD, aircraft(0.8, rivets=False), **noisy),
+        scene('with rivets', FIELD, aircraft(0.8), **noisy),
+        lap_scene('with a lap joint', 0.0012, **noisy),
+    )
+    rng = np.random.default_rng(1)
+    for one in bare:
+        seen = [inspected(moved(one, rng), stride, one.rig, k) for k in tqdm(range(count // 4))]
+        alarms = sum(len(result.dents) for result in seen)
+        kinds = [other.kind for result in seen for other in result.others]
+        print(
+            f'no dent, {one.name}: {alarms} false in {len(seen)} frames; '
+            f'bumps {kinds.count("bump")}, steps {kinds.count("step")}'
+        )
+
+
+def moved(one: Scene, rng: np.random.Generator) -> Scene:
+    """The scene from nearby."""
+    by = Pose.from_rpy(rng.normal(0, 0.03, 3), rng.normal(0, 0.008, 3))
+    return replace(one, panels=Surface(one.panels).transformed(by).panels)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.partition('\n')[0])
+    parser.add_argument('--only', default='', help='part of the names of the scenes wanted')
+    parser.add_argument('--stride', type=int, default=1)
+    parser.add_argument('--calibration', type=int, default=0, metavar='DENTS')
+    parser.add_argument('--photographs', type=int, default=0, metavar='DENTS')
+    parser.add_argument('--rates', type=int, default=0, metavar='FRAMES')
+    arguments = parser.parse_args()
+    if arguments.photographs:
+        photographs(arguments.photographs, arguments.stride)
+    elif arguments.calibration:
+        calibration(arguments.calibration)
+    elif arguments.rates:
+        rates(arguments.rates, arguments.stride)
+    else:
+        table(arguments.only, arguments.stride)
+
+
+if __name__ == '__main__':
+    main()

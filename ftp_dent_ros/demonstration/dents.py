@@ -1,0 +1,155 @@
+"""The dents that a simulated flight found, held against those that were there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import PointCloud2
+
+from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.demonstration.appraisal import clouds_of
+from ftp_dent_ros.inspection.dent_list import ListedDent
+from ftp_dent_ros.inspection.report import Report
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.recording.reader import Bag
+from ftp_dent_ros.rig import Lens
+from ftp_dent_ros.ros.dent_messages import KINDS, dents_from_message
+from ftp_dent_ros.simulation.truth import TrueDent, true_dents
+from ftp_dent_ros.simulation.world import World
+
+_MM = 1e3
+
+
+@dataclass(frozen=True)
+class DentAppraisal:
+    """Figures of the dents of one flight.
+
+    Attributes
+    ----------
+    dents : int
+        True dents that lie wholly inside some cloud.
+    dents_missed : int
+        Those of them that no cloud shows.
+    sightings, sightings_missed : int
+        How often a true dent lies wholly inside a cloud, and is not found in it.
+    dents_false : int
+        Found, and not there; in any cloud.
+    depth_error_mm, length_error_mm, width_error_mm : float
+        Largest absolute error of the combined measurements of dents that were seen whole.
+    dents_in_list, dents_false_in_list : int
+        What the node's own list held at the end.
+    clouds_not_inspected : int
+    bumps_and_steps_false : int
+        Reported; the simulated skin of the demonstration has none.
+    """
+
+    dents: int
+    dents_missed: int
+    sightings: int
+    sightings_missed: int
+    dents_false: int
+    depth_error_mm: float
+    length_error_mm: float
+    width_error_mm: float
+    dents_in_list: int
+    dents_false_in_list: int
+    clouds_not_inspected: int
+    bumps_and_steps_false: int
+
+
+def appraise_dents(bag: Bag, report: Report, world: World, camera: Lens) -> DentAppraisal:
+    """Compare a report on a bag with the world that it was recorded in."""
+    truth = [true for true in true_dents(world.surface) if true.depth > 0]
+    clouds = dict(clouds_of(bag, '/points'))
+    expected: set[tuple[int, int]] = set()
+    for frame in report.frames:
+        stamp_ns = frame.stamp_ns
+        if stamp_ns in clouds:
+            seen_from = world.camera_pose(stamp_ns).inverse()
+            inside = _inside(clouds[stamp_ns], camera)
+            expected |= {
+                (index, frame.number)
+                for index, true in enumerate(truth)
+                if _lies_in(true, inside, seen_from, camera)
+            }
+    found: set[tuple[int, int]] = set()
+    false = 0
+    errors = []
+    for entry in report.dents:
+        index = _true_index(entry.dent.position, truth)
+        if index is None:
+            false += 1
+            continue
+        found |= {(index, sighting.frame) for sighting in entry.sightings}
+        if not entry.dent.is_cut:
+            errors.append(_errors(entry, truth[index]))
+    whole = {index for index, _ in expected}
+    listed = _last_list(bag)
+    worst = np.abs(errors).max(axis=0) * _MM if errors else np.full(3, np.nan)
+    return DentAppraisal(
+        dents=len(whole),
+        dents_missed=len(whole - {index for index, _ in found}),
+        sightings=len(expected),
+        sightings_missed=len(expected - found),
+        dents_false=false,
+        depth_error_mm=float(worst[0]),
+        length_error_mm=float(worst[1]),
+        width_error_mm=float(worst[2]),
+        dents_in_list=len(listed),
+        dents_false_in_list=sum(_true_index(place, truth) is None for place in listed),
+        clouds_not_inspected=len(report.refused),
+        bumps_and_steps_false=len(report.others),
+    )
+
+
+def _inside(cloud: Cloud, camera: Lens) -> tuple[np.ndarray, int]:
+    """Mask of the measured area with its small holes closed, and the cloud's stride."""
+    stride = round(camera.width / cloud.valid.shape[1])
+    closed = cv2.morphologyEx(
+        cloud.valid.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8)
+    )
+    return closed > 0, stride
+
+
+def _lies_in(
+    true: TrueDent, inside: tuple[np.ndarray, int], seen_from: Pose, camera: Lens
+) -> bool:
+    mask, stride = inside
+    points = seen_from.apply(np.concatenate([true.border, true.position[None]]))
+    if not (points[:, 2] > 0).all():
+        return False
+    column, row = np.round(camera.project(points) / stride).astype(int).T
+    rows, columns = mask.shape
+    if not ((row >= 0) & (row < rows) & (column >= 0) & (column < columns)).all():
+        return False
+    return bool(mask[row, column].all())
+
+
+def _true_index(position: np.ndarray, truth: Sequence[TrueDent]) -> int | None:
+    """The true dent within whose length a position lies; the nearest of several."""
+    apart = [float(np.linalg.norm(true.position - position)) for true in truth]
+    near = [i for i, true in enumerate(truth) if apart[i] <= true.length / 2]
+    return min(near, key=lambda i: apart[i], default=None)
+
+
+def _errors(entry: ListedDent, true: TrueDent) -> tuple[float, float, float]:
+    dent = entry.dent
+    return (
+        dent.depth.value - true.depth,
+        dent.length.value - max(true.length, true.width),
+        dent.width.value - min(true.length, true.width),
+    )
+
+
+def _last_list(bag: Bag) -> np.ndarray:
+    """Positions of the dents in the last list that the node published, shape (n, 3)."""
+    if not bag.metadata.message_counts.get('/dents/list', 0):
+        return np.zeros((0, 3))
+    *_, last = bag.messages(['/dents/list'])
+    dents = dents_from_message(deserialize_message(last.data, PointCloud2))
+    dents = dents[dents['kind'] == KINDS.index('dent')]
+    return np.stack([dents[axis] for axis in 'xyz'], axis=-1).astype(float)

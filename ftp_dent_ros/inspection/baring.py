@@ -1,0 +1,88 @@
+"""The final contour of a panel, from its skin without dents, and the noise about it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.inspection.contour import Contour, refined
+from ftp_dent_ros.inspection.lattice import Lattice
+from ftp_dent_ros.inspection.noise import Noise, measured_noise
+from ftp_dent_ros.inspection.panels import Panel
+from ftp_dent_ros.inspection.settings import Settings
+
+Mask = NDArray[np.bool_]
+Map = NDArray[np.float32]
+
+# Side of the squares whose means count as independent, in smallest widths.
+_SQUARE = 1.0
+# Cells around a dent in which its edge may run out.
+_AROUND = 15
+_MAD = 1.4826
+_LEAST = 1e-6
+_QUARTIC = 15
+# A higher degree has to leave less than this part of the misfit.
+_BETTER = 0.5
+
+
+def bare_skin(
+    lattice: Lattice, panel: Panel, seams: Mask, settings: Settings
+) -> tuple[Contour, Noise, list[Map]]:
+    """Contour, noise about it, and the deviation smoothed at the noise's scales."""
+    scales = tuple(settings.smallest_width * share for share in (0.2, 0.5, 1.0))
+    contour = panel.contour
+    usable = panel.mask & ~seams
+    deviation = _deviation(contour, lattice, panel.mask)
+    bare = usable & (np.abs(deviation) < panel.tolerance)
+    chance, maps = measured_noise(deviation, bare, lattice, scales)
+    bare = usable & ~_off(maps, chance, settings)
+    contour = _fitted(contour, lattice, bare, settings)
+    deviation = _deviation(contour, lattice, panel.mask)
+    chance, maps = measured_noise(deviation, bare, lattice, scales)
+    return contour, chance, maps
+
+
+def _off(maps: list[Map], chance: Noise, settings: Settings) -> Mask:
+    """Surroundings of what is deep enough to be a dent, as far as it strays from the contour."""
+    strays = np.zeros(maps[0].shape, bool)
+    deep = np.zeros(maps[0].shape, np.uint8)
+    with np.errstate(invalid='ignore'):
+        for smooth, scale in zip(maps, chance.scales[1:], strict=True):
+            spread = chance.after(scale)
+            strays |= np.abs(smooth) > np.maximum(2 * spread, 0.02 * settings.smallest_depth)
+            deep |= np.abs(smooth) > np.maximum(5 * spread, settings.smallest_depth / 4)
+    around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (_AROUND, _AROUND))
+    return strays & (cv2.dilate(deep, around) > 0)
+
+
+def _fitted(contour: Contour, lattice: Lattice, bare: Mask, settings: Settings) -> Contour:
+    points = _squares(lattice, bare, settings)
+    if len(points) < 30:
+        return replace(contour, covariance=np.zeros((contour.terms, contour.terms)))
+    _, _, left = contour.deviation(points)
+    noise = max(_MAD * float(np.median(np.abs(left))), _LEAST)
+    return refined(contour, points, noise)
+
+
+def _squares(lattice: Lattice, bare: Mask, settings: Settings) -> NDArray[np.float32]:
+    """Means of the bare points in squares, shape (n, 3)."""
+    rows, columns = bare.shape
+    across, down = lattice.cells(_SQUARE * settings.smallest_width)
+    size = max(2, columns // max(1, round(across))), max(2, rows // max(1, round(down)))
+    share = cv2.resize(bare.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    total = cv2.resize(
+        np.where(bare[..., None], lattice.points, np.float32(0)),
+        size,
+        interpolation=cv2.INTER_AREA,
+    )
+    enough = share > 0.35
+    return np.asarray(total[enough] / share[enough][:, None], np.float32)
+
+
+def _deviation(contour: Contour, lattice: Lattice, part: Mask) -> Map:
+    deviation = contour.deviation(lattice.points)[2]
+    deviation[~(part & lattice.valid)] = np.nan
+    return deviation

@@ -1,0 +1,279 @@
+"""A dent's sizes with their uncertainties, on the full cloud."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.inspection.contour import Contour
+from ftp_dent_ros.inspection.dent import Estimate, MeasuredDent
+from ftp_dent_ros.inspection.detection import Candidate
+from ftp_dent_ros.inspection.model import FittedDents, Grid, fit_dents
+from ftp_dent_ros.inspection.noise import Noise
+from ftp_dent_ros.inspection.outline import Outline, find_outline
+from ftp_dent_ros.inspection.patch import Patch, sampled
+from ftp_dent_ros.inspection.peak import deepest_of, highest
+from ftp_dent_ros.inspection.settings import Settings
+
+LEVEL = 0.1
+# Cells of the patch along a dent, and of the points that are resampled to it.
+_CELLS = 64
+# Of the smoothing: part of the dent's width at most, and of its depth that noise may be.
+_WIDEST = 0.04
+_SMALLEST = 0.02
+_MODEL_CELLS = 30
+# The model corrects for the blur if it leaves less than this part of the depth.
+_EXPLAINED = 0.05
+# A first look has to find this part of the smallest dent.
+_NEARLY = 0.8
+# What the rim cuts is its artefact if it is longer than so many widths, and not deeper than so
+# many smallest depths.
+_STRIP = 2.8
+_STRIP_DEPTH = 4.0
+# Of the depth, and of the cells in which outlines are found: errors of the sampling.
+_SAMPLING = 0.0015
+_GRAIN = 0.06
+# How far off the reconstruction's smoothing leaves a dent's foot, as a part of the depth.
+_FORM = 0.006
+# Of such corrections.
+_DOUBT = 0.3
+# What differs from the model by more than this part of the depth, and the noise, is an artefact.
+_STRAYS = 0.02
+_PROFILE = 81
+
+Vector = NDArray[np.float64]
+Field = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """Points of the cloud around one candidate, on their panel.
+
+    Attributes
+    ----------
+    x, y, depth : ndarray, shape (n,)
+        Feet on the contour and depths below it, metres.
+    peaks : ndarray, shape (dents, 2)
+        x, y of the candidate's maxima.
+    spacing : float
+        Between points, metres.
+    bounds : tuple of 4 floats
+        x_min, x_max, y_min, y_max.
+    extra : float
+        Noise beyond the common one here, metres.
+    """
+
+    x: Vector
+    y: Vector
+    depth: Vector
+    peaks: Vector
+    spacing: float
+    bounds: tuple[float, float, float, float]
+    extra: float
+
+
+def measure(
+    candidate: Candidate,
+    around: Surroundings,
+    contour: Contour,
+    noise: Noise,
+    area: float,
+    settings: Settings,
+) -> list[MeasuredDent]:
+    """Measure every dent of a candidate that is not too small, nor an artefact of the rim.
+
+    Parameters
+    ----------
+    candidate : Candidate
+    around : Surroundings
+    contour : Contour
+        In the frame of the cloud.
+    noise : Noise
+    area : float
+        Of the candidate, square metres.
+    settings : Settings
+    """
+    depth = candidate.sign * around.depth
+    size = 2 * math.sqrt(area / len(around.peaks) / math.pi)
+    spread = max(np.ptp(around.bounds[:2]), np.ptp(around.bounds[2:]))
+    step = max(around.spacing, spread / (2 * _CELLS))
+    scale = max(_SMALLEST * size, 0.7 * step)
+    while (
+        scale < _WIDEST * size and noise.after(scale, around.extra) > 0.01 * candidate.heights[-1]
+    ):
+        scale *= 1.3
+    raw = Patch.of(around.x, around.y, depth, around.bounds, step, scale)
+    if len(around.peaks) == 1 and not _is_worth(raw, around.peaks[0], settings):
+        return []
+    fitted = _fitted(raw, candidate, around.peaks, noise, size)
+    grid = Grid(raw.x, raw.y)
+    blurred = [fitted.blurred(index, grid) for index in range(len(fitted.dents))]
+    dents = []
+    for index, model in enumerate(fitted.dents):
+        depth = raw.depth - (sum(blurred) - blurred[index])
+        explained = fitted.left < _EXPLAINED * model.parameters[5]
+        doubted = np.zeros_like(depth)
+        if explained:
+            # Fringes too oblique or too bright leave ripples beyond noise and shape.
+            left = depth - blurred[index]
+            most = max(3 * noise.after(scale, around.extra), _STRAYS * model.parameters[5])
+            kept = np.clip(left, -most, most)
+            change = fitted.evidence * (model.depth(grid.x, grid.y) - blurred[index])
+            depth = blurred[index] + kept + change
+            doubted = np.hypot(
+                math.hypot(_DOUBT, 1 - fitted.evidence) * change, _DOUBT * (left - kept)
+            )
+        patch = replace(raw, depth=np.where(raw.known, depth, 0.0))
+        found = _one(
+            candidate.sign,
+            patch,
+            doubted,
+            explained,
+            around,
+            around.peaks[index],
+            model,
+            contour,
+            noise,
+        )
+        if found is not None:
+            dents.append(found)
+    return dents
+
+
+def _is_worth(patch: Patch, peak: Vector, settings: Settings) -> bool:
+    """Whether a closer look may find a dent large enough, and not a strip along the rim."""
+    at = highest(patch, peak)
+    outline = None if at is None else find_outline(patch, at, LEVEL * patch.depth[at])
+    if at is None or outline is None:
+        return False
+    length, angle, _ = outline.length()
+    width, _ = outline.width(angle)
+    large = patch.depth[at] > _NEARLY * settings.smallest_depth
+    large &= width > _NEARLY * settings.smallest_width
+    if outline.is_cut and length > _STRIP * width:
+        large &= patch.depth[at] > _STRIP_DEPTH * settings.smallest_depth
+    return bool(large)
+
+
+def _fitted(
+    patch: Patch, candidate: Candidate, peaks: Vector, noise: Noise, size: float
+) -> FittedDents:
+    """Dent functions of all the candidate's dents, fitted together."""
+    every = math.ceil(max(patch.depth.shape) / _MODEL_CELLS)
+    coarse = Grid(patch.x[::every], patch.y[::every])
+    starts = np.zeros((len(peaks), 6))
+    starts[:, :2] = peaks
+    starts[:, 2:4] = math.log(0.65 * size)
+    starts[:, 5] = candidate.heights
+    if len(peaks) == 1:
+        x, y = np.meshgrid(patch.x, patch.y)
+        inside = patch.known & (patch.depth > LEVEL * candidate.heights[0])
+        if inside.sum() > 8:
+            spread = np.cov(np.stack([x[inside], y[inside]])) + patch.step**2 * np.eye(2) / 12
+            values, vectors = np.linalg.eigh(spread)
+            starts[0, 2:4] = np.log(2.3 * np.sqrt(values[::-1]))
+            starts[0, 4] = math.atan2(vectors[1, 1], vectors[0, 1])
+    correlated = noise.correlated_area / (every * patch.step) ** 2
+    known = patch.known[::every, ::every]
+    return fit_dents(coarse, patch.depth[::every, ::every], known, starts, correlated)
+
+
+def _one(
+    sign, patch, doubted, explained, around, peak, model, contour, noise
+) -> MeasuredDent | None:
+    at = highest(patch, peak)
+    if at is None:
+        return None
+    grid = Grid(patch.x, patch.y)
+    shape = model.depth(grid.x, grid.y) if explained else np.zeros_like(patch.depth)
+    deepest = deepest_of(patch, at, shape)
+    outline = find_outline(patch, at, LEVEL * deepest)
+    if outline is None or outline.area <= 0:
+        return None
+    centre_x, centre_y = outline.centre
+    length, angle, length_flatness = outline.length()
+    width, width_flatness = outline.width(angle)
+    local = noise.after(patch.scale, around.extra)
+    offset = float(contour.uncertainty(np.array([centre_x]), np.array([centre_y]))[0])
+    chance = noise.after(0.1 * width, around.extra)
+    deep = math.hypot(chance, offset, doubted[at], _SAMPLING * deepest)
+    # The contour and the level move all of the outline, the noise each end for itself.
+    doubt = float(np.sqrt(np.square(_along(patch, doubted, outline)).mean()))
+    shift = math.hypot(offset, LEVEL * deep, doubt, _FORM * deepest)
+    ends = math.hypot(math.sqrt(2) * local, 2 * shift)
+    cell, grain = patch.step**2, _GRAIN * patch.step
+    volume = float((patch.depth * outline.inside).sum()) * cell
+    perimeter = float(np.hypot(*np.diff([outline.x, outline.y], append=0)[:, :-1]).sum())
+    flatness = float(np.mean(1 / outline.slope))
+    independent = math.sqrt(max(perimeter / math.sqrt(noise.correlated_area), 1))
+    area_error = perimeter * math.hypot(
+        flatness * local / independent, flatness * shift, grain / 2
+    )
+    normal = contour.normal(np.array([centre_x]), np.array([centre_y]))[0]
+    longer = model.parameters[4] + math.pi / 2 * (model.parameters[3] > model.parameters[2])
+    axis = _axis(contour, normal, longer if explained else outline.axis())
+    model_length, model_width = model.axes
+    length_error, width_error = model.axes_uncertainty
+    return MeasuredDent(
+        kind='dent' if sign > 0 else 'bump',
+        position=contour.point(np.array([centre_x]), np.array([centre_y]))[0],
+        normal=normal,
+        axis=axis,
+        depth=Estimate(sign * deepest, deep),
+        length=Estimate(length, math.hypot(ends * length_flatness, grain)),
+        width=Estimate(width, math.hypot(ends * width_flatness, grain)),
+        model_length=Estimate(model_length, length_error),
+        model_width=Estimate(model_width, width_error),
+        orientation=Estimate(_orientation(normal, axis), model.angle_uncertainty),
+        area=Estimate(outline.area, area_error),
+        volume=Estimate(
+            sign * volume,
+            math.hypot(
+                outline.area * offset,
+                noise.after(0, around.extra) * math.sqrt(noise.correlated_area * outline.area),
+            ),
+        ),
+        significance=deepest / chance,
+        is_cut=outline.is_cut,
+        outline=_on_skin(contour, outline, sign * LEVEL * deepest),
+        length_profile=_profile(patch, sign, centre_x, centre_y, angle, length),
+        width_profile=_profile(patch, sign, centre_x, centre_y, angle + math.pi / 2, width),
+    )
+
+
+def _along(patch: Patch, values, outline: Outline) -> Vector:
+    """Values of the patch's cells along an outline."""
+    return sampled(values, *patch.cells(outline.x, outline.y), cv2.INTER_LINEAR)
+
+
+def _axis(contour: Contour, normal: Vector, angle: float) -> Vector:
+    along = contour.axes[0] * math.cos(angle) + contour.axes[1] * math.sin(angle)
+    along = along - normal * (along @ normal)
+    return along / np.linalg.norm(along)
+
+
+def _orientation(normal: Vector, axis: Vector) -> float:
+    """Angle about the normal from the frame's x axis, as it lies on the skin, to the axis."""
+    x = np.array([1.0, 0, 0]) - normal * normal[0]
+    if np.linalg.norm(x) < 1e-6:
+        x = np.array([0, 1.0, 0])
+    angle = math.atan2(float(np.cross(x, axis) @ normal), float(x @ axis))
+    return (angle + math.pi / 2) % math.pi - math.pi / 2
+
+
+def _on_skin(contour: Contour, outline: Outline, depth: float) -> NDArray[np.float64]:
+    points = contour.point(outline.x, outline.y, np.full(len(outline.x), depth))
+    return np.concatenate([points, points[:1]])
+
+
+def _profile(patch, sign, x, y, angle, length) -> NDArray[np.float64]:
+    """Depths along a line, shape (n, 2), a third of the length beyond both ends."""
+    along = np.linspace(-0.83 * length, 0.83 * length, _PROFILE)
+    at_x, at_y = x + along * math.cos(angle), y + along * math.sin(angle)
+    depth = sign * patch.at(at_x, at_y)
+    depth[~patch.is_known(at_x, at_y)] = np.nan
+    return np.stack([along, depth], axis=1)

@@ -1,0 +1,228 @@
+"""The dent function (eq. 18) fitted to a deviation."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+_ROUNDS = 25
+_ENDED = 1e-4
+# Of the blur, metres: what is usual, and how much of a dent's half axes there can be.
+_USUAL_BLUR = 1.5e-3
+_BLUR = 0.25
+# exp(1 - 1/q) and its slopes vanish below.
+_RIM = 2e-2
+
+Field = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class DentModel:
+    """``depth * exp(1 - 1 / (1 - r^2))`` inside an ellipse, with its covariance.
+
+    Attributes
+    ----------
+    parameters : ndarray, shape (6,)
+        x, y, logarithms of the half axes (metres), angle (radians), depth (metres).
+    covariance : ndarray, shape (6, 6)
+    """
+
+    parameters: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+
+    def depth(self, x: Field, y: Field) -> Field:
+        """Depth at positions, metres."""
+        return dent_function(self.parameters, x, y)
+
+    @property
+    def axes(self) -> tuple[float, float]:
+        """Full axes, the longer first, metres."""
+        a, b = (2 * math.exp(half) for half in self.parameters[2:4])
+        return max(a, b), min(a, b)
+
+    @property
+    def axes_uncertainty(self) -> tuple[float, float]:
+        """Standard uncertainty of `axes`, metres."""
+        spread = 2 * np.exp(self.parameters[2:4]) * np.sqrt(np.diag(self.covariance)[2:4])
+        first, second = spread if self.parameters[2] >= self.parameters[3] else spread[::-1]
+        return float(first), float(second)
+
+    @property
+    def angle_uncertainty(self) -> float:
+        """Standard uncertainty of the angle, radians; that of any angle at most."""
+        return min(math.sqrt(self.covariance[4, 4]), math.pi / math.sqrt(12))
+
+
+def dent_function(parameters: NDArray, x: Field, y: Field) -> Field:
+    """Eq. 18 at x, y, for the parameters of `DentModel`."""
+    u, v, _, _ = _normalised(parameters, x, y)
+    q = 1 - u * u - v * v
+    return np.where(q > _RIM, parameters[5] * np.exp(1 - 1 / np.maximum(q, _RIM)), 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class FittedDents:
+    """Dent functions whose sum, blurred, explains a grid of depths.
+
+    Attributes
+    ----------
+    dents : tuple of DentModel
+    blur : float
+        Standard deviation of the Gaussian that the reconstruction smooths with, metres.
+    evidence : float
+        For the blur: from 0, none, to 1.
+    left : float
+        Root mean square of what the fit leaves, metres.
+    """
+
+    dents: tuple[DentModel, ...]
+    blur: float
+    evidence: float
+    left: float
+
+    def blurred(self, index: int, grid: Grid) -> Field:
+        """One of the dents as the reconstruction shows it."""
+        return grid.blurred(self.dents[index].depth(grid.x, grid.y), self.blur**2)
+
+
+class Grid:
+    """Positions on a square grid, and Gaussian blurs over it.
+
+    Parameters
+    ----------
+    x, y : ndarray, shape (columns,) and (rows,)
+        Metres.
+    """
+
+    def __init__(self, x: Field, y: Field) -> None:
+        self.x, self.y = np.meshgrid(x, y)
+        self._shape = tuple(scipy.fft.next_fast_len(n, real=True) for n in self.x.shape)
+        step = x[1] - x[0]
+        down = 2 * np.pi * scipy.fft.fftfreq(self._shape[0], step)
+        across = 2 * np.pi * scipy.fft.rfftfreq(self._shape[1], step)
+        self._square = down[:, None] ** 2 + across**2
+
+    def blurred(self, values: Field, variance: float) -> Field:
+        """Values, shape (..., rows, columns), after a Gaussian of `variance`, square metres."""
+        return self._back(self._forth(values) * np.exp(-variance / 2 * self._square))
+
+    def blurred_and_slope(self, values: Field, variance: float) -> tuple[Field, Field]:
+        """The same, and its derivative with the variance."""
+        spectrum = self._forth(values) * np.exp(-variance / 2 * self._square)
+        return self._back(spectrum), self._back(-self._square / 2 * spectrum)
+
+    def _forth(self, values: Field) -> Field:
+        return scipy.fft.rfft2(values, self._shape)
+
+    def _back(self, spectrum: Field) -> Field:
+        rows, columns = self.x.shape
+        return scipy.fft.irfft2(spectrum, self._shape)[..., :rows, :columns]
+
+
+def fit_dents(
+    grid: Grid, depth: Field, known: NDArray[np.bool_], starts: Field, correlated: float
+) -> FittedDents:
+    """Fit the blurred sum of dent functions by damped least squares (Levenberg and Marquardt).
+
+    Parameters
+    ----------
+    grid : Grid
+    depth, known : ndarray, shape (rows, columns)
+        Metres, and where they are measured.
+    starts : ndarray, shape (dents, 6)
+        Parameters to begin with.
+    correlated : float
+        Number of cells whose noise is one independent value.
+    """
+    shapes, variance, damping = starts.astype(float).copy(), 0.0, 1e-3
+    correlated = max(correlated, 1.0)
+    longest = (_BLUR * float(np.exp(starts[:, 2:4].mean()))) ** 2
+    data, count = depth[known], starts.size
+    left = data - _total(grid, shapes, variance)[known]
+    cost = left @ left
+    for _ in range(_ROUNDS):
+        jacobian = _jacobian(grid, shapes, variance)[:, known].T
+        normal, gradient = jacobian.T @ jacobian, jacobian.T @ left
+        # Without evidence there is no blur.
+        prior = correlated * cost / (len(data) * _USUAL_BLUR**4)
+        normal[-1, -1] += prior
+        gradient[-1] -= prior * variance
+        # A dent that has left the grid has no slopes, and stays where it is.
+        diagonal = np.where(np.diag(normal) > 0, np.diag(normal), 1.0)
+        while True:
+            step = np.linalg.solve(
+                normal + np.diag(damping * diagonal + 1e-12 * diagonal), gradient
+            )
+            change = step[:count].reshape(shapes.shape)
+            change[:, 2:4] = np.clip(change[:, 2:4], -0.3, 0.3)
+            change[:, 4] = np.clip(change[:, 4], -0.5, 0.5)
+            trial, wider = shapes + change, float(np.clip(variance + step[-1], 0, longest))
+            left_then = data - _total(grid, trial, wider)[known]
+            cost_then = left_then @ left_then
+            if cost_then + prior * wider**2 <= cost + prior * variance**2 or damping > 1e4:
+                break
+            damping *= 8
+        if damping > 1e4:
+            break
+        gain = cost - cost_then
+        shapes, variance, left, cost = trial, wider, left_then, cost_then
+        damping = max(damping / 8, 1e-9)
+        if abs(gain) <= _ENDED * cost:
+            break
+    jacobian = _jacobian(grid, shapes, variance)[:, known].T
+    normal = jacobian.T @ jacobian
+    noise = correlated * cost / max(len(data) - count - 1, 1)
+    normal[-1, -1] += noise / _USUAL_BLUR**4
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    covariance = noise * np.linalg.pinv(normal / np.outer(scale, scale)) / np.outer(scale, scale)
+    dents = tuple(
+        DentModel(one, covariance[6 * k : 6 * k + 6, 6 * k : 6 * k + 6])
+        for k, one in enumerate(shapes)
+    )
+    evidence = variance**2 / (variance**2 + 4 * covariance[-1, -1] + 1e-30)
+    return FittedDents(dents, math.sqrt(variance), evidence, math.sqrt(cost / max(len(data), 1)))
+
+
+def _total(grid: Grid, shapes: Field, variance: float) -> Field:
+    return grid.blurred(_sum(grid, shapes), variance)
+
+
+def _sum(grid: Grid, shapes: Field) -> Field:
+    return np.sum([dent_function(one, grid.x, grid.y) for one in shapes], axis=0)
+
+
+def _jacobian(grid: Grid, shapes: Field, variance: float) -> Field:
+    """Derivatives with every parameter and the blur's variance, shape (n, rows, columns)."""
+    sharp = np.concatenate([_slopes(one, grid.x, grid.y) for one in shapes])
+    _, wider = grid.blurred_and_slope(_sum(grid, shapes), variance)
+    return np.concatenate([grid.blurred(sharp, variance), wider[None]])
+
+
+def _normalised(parameters, x, y):
+    c, s = math.cos(parameters[4]), math.sin(parameters[4])
+    a, b = np.exp(np.clip(parameters[2:4], -12, 3))
+    dx, dy = x - parameters[0], y - parameters[1]
+    return (c * dx + s * dy) / a, (c * dy - s * dx) / b, a, b
+
+
+def _slopes(parameters, x, y):
+    u, v, a, b = _normalised(parameters, x, y)
+    q = np.maximum(1 - u * u - v * v, _RIM)
+    shape = np.where(q > _RIM, np.exp(1 - 1 / q), 0.0)
+    # Of the height with the square radius, twice.
+    slope = -2 * parameters[5] * shape / (q * q)
+    c, s = math.cos(parameters[4]), math.sin(parameters[4])
+    return np.stack(
+        [
+            slope * (-u * c / a + v * s / b),
+            slope * (-u * s / a - v * c / b),
+            -slope * u * u,
+            -slope * v * v,
+            slope * u * v * (b / a - a / b),
+            shape,
+        ],
+    )

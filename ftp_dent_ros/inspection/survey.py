@@ -1,0 +1,279 @@
+"""From the clouds of a flight, one after the other, to what is reported of them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from ftp_dent_ros import __version__
+from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.errors import FtpDentError
+from ftp_dent_ros.inspection.dent import Inspection, MeasuredDent
+from ftp_dent_ros.inspection.dent_list import EXACT, DentList, ListedDent
+from ftp_dent_ros.inspection.gauge import halves, repeats_of, study
+from ftp_dent_ros.inspection.report.content import Frame, Report, View
+from ftp_dent_ros.inspection.report.drawing import jpeg
+from ftp_dent_ros.inspection.report.mesh import Mesh
+from ftp_dent_ros.inspection.rules import Rules
+from ftp_dent_ros.inspection.settings import Settings
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.rig import Lens
+
+SAME = Pose(Rotation.identity(), np.zeros(3))
+# Of the 3-D view: in one cloud, and in all of them.
+_VERTICES, _ALL_VERTICES = 16_000, 120_000
+# The maps of so many frames are kept, whatever else they show, where there are no dents.
+_LEAST_VIEWS = 1
+
+Inspect = Callable[..., Inspection]
+
+
+@dataclass(frozen=True, eq=False)
+class Captured:
+    """A cloud, and what is known of it.
+
+    Attributes
+    ----------
+    name : str
+    cloud : Cloud
+    stamp_ns : int, optional
+    noise : ndarray, shape (rows, columns), optional
+        Standard deviation of each point as the reconstruction predicts it, metres.
+    viewpoint : ndarray, shape (3,)
+        From where it was seen, in its own frame, metres.
+    pose : Pose
+        Of its frame in the report's.
+    vehicle : Pose, optional
+        Of the vehicle in the report's frame.
+    covariance : ndarray, shape (6, 6), optional
+        Of that pose; all zeros is unknown.
+    pose_age : float, optional
+        Seconds between the cloud and that pose.
+    photograph : ndarray, shape (height, width, 3), uint8, optional
+        RGB.
+    """
+
+    name: str
+    cloud: Cloud
+    stamp_ns: int | None = None
+    noise: NDArray[np.float32] | None = None
+    viewpoint: NDArray[np.float64] | tuple[float, float, float] = (0.0, 0.0, 0.0)
+    pose: Pose = SAME
+    vehicle: Pose | None = None
+    covariance: NDArray[np.float64] | None = None
+    pose_age: float | None = None
+    photograph: NDArray[np.uint8] | None = None
+
+
+class Survey:
+    """Inspects clouds and keeps what a report needs, however many they are.
+
+    Parameters
+    ----------
+    inspect : callable
+        `ftp_dent_ros.inspection.inspection.inspect`.
+    clouds : int
+        How many clouds are about to come, to share the 3-D view's points between them.
+    repeat : bool
+        Whether each cloud is measured again in two halves, for the gauge study.
+    placed : bool
+        Whether all clouds' poses are known, so that a dent can be seen again.
+    settings : Settings, optional
+    """
+
+    def __init__(
+        self,
+        inspect: Inspect,
+        clouds: int = 1,
+        repeat: bool = False,
+        placed: bool = True,
+        settings: Settings | None = None,
+    ) -> None:
+        self._settings = settings or Settings()
+        self._inspect = partial(inspect, settings=self._settings)
+        self._repeat, self._placed = repeat, placed
+        self._vertices = max(400, min(_VERTICES, _ALL_VERTICES // max(clouds, 1)))
+        self._lists: list[DentList] = []
+        self._frames: list[Frame] = []
+        self.refused: list[str] = []
+
+    def add(self, captured: Captured) -> Inspection | None:
+        """Inspect one cloud; None if it is refused, and its reason is kept.
+
+        Returns
+        -------
+        Inspection or None
+            In the cloud's own frame.
+        """
+        try:
+            found = self._inspect(
+                captured.cloud, noise=captured.noise, viewpoint=captured.viewpoint
+            )
+            again = self._again(captured)
+        except FtpDentError as error:
+            self.refused.append(f'{captured.name}: {error}')
+            return None
+        except Exception as error:
+            # One cloud must not cost the report on all the others.
+            self.refused.append(
+                f'{captured.name}: could not be inspected, by a defect of the software '
+                f'({type(error).__name__}: {error}): report it with the cloud'
+            )
+            return None
+        number = len(self._frames) + 1
+        dents = (*found.dents, *found.others)
+        covariance = captured.covariance
+        if covariance is None or not np.any(covariance):
+            covariance = None
+        if not (self._placed and self._lists):
+            self._lists.append(DentList(first=len(self._entries()) + 1))
+        self._lists[-1].add(
+            number,
+            [in_frame(dent, captured.pose) for dent in dents],
+            captured.vehicle,
+            EXACT if captured.vehicle is None else covariance,
+            repeats_of(dents, again) if again else (),
+        )
+        self._frames.append(_frame(number, captured, covariance, found, self._vertices))
+        self._forget()
+        return found
+
+    def report(
+        self,
+        source: str,
+        frame_id: str,
+        rig: tuple[str, str] = ('', ''),
+        camera: Lens | None = None,
+        rules: Rules | None = None,
+    ) -> Report:
+        """What was found, with the calibration's name and id and the user's limits."""
+        entries = _renumbered(self._entries())
+        several = len(self._frames) > 1
+        return Report(
+            source=source,
+            frame_id=frame_id,
+            frames=tuple(self._frames),
+            entries=entries,
+            version=__version__,
+            written_ns=time.time_ns(),
+            settings=self._settings,
+            rig_name=rig[0],
+            rig_id=rig[1],
+            camera=camera,
+            rules=rules,
+            gauges=study(entries) if several and self._repeat and self._placed else (),
+            refused=tuple(self.refused),
+            placed=self._placed,
+        )
+
+    def _entries(self) -> tuple[ListedDent, ...]:
+        return tuple(entry for each in self._lists for entry in each.entries)
+
+    def _again(self, captured: Captured) -> list[Sequence[MeasuredDent]]:
+        if not self._repeat:
+            return []
+        noise = captured.noise
+        rows = len(captured.cloud.points) // 2 * 2
+        found: list[Sequence[MeasuredDent]] = []
+        for start, half in enumerate(halves(captured.cloud)):
+            of_half = None if noise is None else noise[start:rows:2]
+            again = self._inspect(half, noise=of_half, viewpoint=captured.viewpoint)
+            found.append((*again.dents, *again.others))
+        return found
+
+    def _forget(self) -> None:
+        """Keep the maps of the frames alone that show some dent best."""
+        best = {entry.best for entry in self._entries()}
+        if not best:
+            best = {frame.number for frame in self._frames[:_LEAST_VIEWS]}
+        self._frames = [
+            frame if frame.number in best else replace(frame, view=None) for frame in self._frames
+        ]
+
+
+def in_frame(dent: MeasuredDent, pose: Pose) -> MeasuredDent:
+    """A dent in the parent frame of `pose`, with its orientation from that frame's x axis."""
+    if pose is SAME:
+        return dent
+    moved = dent.transformed(pose)
+    return replace(
+        moved, orientation=replace(moved.orientation, value=_angle(moved.axis, moved.normal))
+    )
+
+
+def viewpoint_of(cloud: Cloud) -> NDArray[np.float64]:
+    """A point on the camera's side of an organised cloud in any frame, shape (3,), metres.
+
+    Columns go right and rows down in the image, so their product points away from the camera.
+    """
+    points = cloud.points.astype(float)
+    with np.errstate(invalid='ignore'):
+        away = np.cross(np.gradient(points, axis=1), np.gradient(points, axis=0))
+    away = away[np.isfinite(away).all(axis=-1)].sum(axis=0)
+    length = np.linalg.norm(away)
+    valid = points[cloud.valid]
+    if not length or not len(valid):
+        return np.zeros(3)
+    return np.asarray(np.median(valid, axis=0) - away / length, float)
+
+
+def _renumbered(entries: Sequence[ListedDent]) -> tuple[ListedDent, ...]:
+    """From 1, the deepest dent first, bumps and steps after them."""
+    in_order = sorted(entries, key=lambda e: (e.dent.kind != 'dent', -e.dent.depth.value))
+    return tuple(replace(entry, number=i) for i, entry in enumerate(in_order, start=1))
+
+
+def _angle(axis: NDArray, normal: NDArray) -> float:
+    """Angle of an axis from x about the normal, -pi/2 to pi/2, radians."""
+    along = np.eye(3)[0] - normal[0] * normal
+    if np.linalg.norm(along) < 1e-6:
+        along = np.eye(3)[1] - normal[1] * normal
+    angle = np.arctan2(normal @ np.cross(along, axis), along @ axis)
+    return float((angle + np.pi / 2) % np.pi - np.pi / 2)
+
+
+def _frame(
+    number: int,
+    captured: Captured,
+    covariance: NDArray[np.float64] | None,
+    found: Inspection,
+    vertices: int,
+) -> Frame:
+    cloud, photograph = captured.cloud, captured.photograph
+    noise = found.noise[np.isfinite(found.noise)]
+    view = View(
+        cloud.points,
+        found.deviation,
+        captured.pose,
+        None if photograph is None else jpeg(photograph),
+        (0, 0) if photograph is None else (photograph.shape[1], photograph.shape[0]),
+    )
+    return Frame(
+        number=number,
+        name=captured.name,
+        stamp_ns=captured.stamp_ns,
+        area=_area(cloud.points),
+        noise=float(np.median(noise)) if len(noise) else float('nan'),
+        dents=len(found.dents),
+        others=len(found.others),
+        mesh=Mesh.of(cloud.points, found.deviation, captured.pose, vertices),
+        pose=captured.vehicle,
+        covariance=covariance,
+        pose_age=captured.pose_age,
+        view=view,
+    )
+
+
+def _area(points: NDArray[np.float32]) -> float:
+    """Area of a cloud's whole cells, square metres."""
+    if min(points.shape[:2]) < 2:
+        return 0.0
+    right, down = np.diff(points, axis=1)[:-1], np.diff(points, axis=0)[:, :-1]
+    cells = np.linalg.norm(np.cross(right, down), axis=-1)
+    return float(np.nansum(cells))

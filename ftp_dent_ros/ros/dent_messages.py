@@ -1,0 +1,128 @@
+"""Dents as standard messages: a point a dent, and markers for RViz and Foxglove."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from geometry_msgs.msg import Point, Vector3
+from numpy.typing import NDArray
+from sensor_msgs.msg import PointCloud2, PointField
+from std_msgs.msg import ColorRGBA
+from visualization_msgs.msg import Marker, MarkerArray
+
+from ftp_dent_ros.errors import CloudError
+from ftp_dent_ros.inspection.dent_list import ListedDent
+from ftp_dent_ros.ros.fields import make_header, to_data
+
+KINDS = ('dent', 'bump', 'step')
+_ESTIMATES = (
+    *('length', 'width', 'depth', 'model_length', 'model_width'),
+    *('orientation', 'area', 'volume'),
+)
+_FLOATS = (
+    *('x', 'y', 'z', 'normal_x', 'normal_y', 'normal_z', 'axis_x', 'axis_y', 'axis_z'),
+    *(name for each in _ESTIMATES for name in (each, f'{each}_uncertainty')),
+    *('clearance', 'position_uncertainty', 'significance'),
+)
+_WHOLE = ('number', 'kind', 'is_cut', 'sightings')
+_POINT = np.dtype([(name, '<f4') for name in _FLOATS] + [(name, '<u4') for name in _WHOLE])
+
+# By kind; RViz needs an alpha.
+_COLOURS = {
+    'dent': (0.88, 0.08, 0.16, 1.0),
+    'bump': (0.1, 0.4, 0.8, 1.0),
+    'step': (0.5, 0.5, 0.5, 1.0),
+}
+_LINE = 0.0015
+_TEXT = 0.02
+
+
+def dents_to_message(entries: Sequence[ListedDent], stamp_ns: int, frame_id: str) -> PointCloud2:
+    """sensor_msgs/PointCloud2 with one point a dent: metres, radians, standard uncertainties.
+
+    Besides x, y, z and normal_x, normal_y, normal_z its fields are those of `MeasuredDent`, each
+    estimate with ``..._uncertainty``; `kind` is an index into `KINDS`.
+    """
+    values = np.zeros(len(entries), _POINT)
+    for row, entry in zip(values, entries, strict=True):
+        dent = entry.dent
+        for name, vector in (('', dent.position), ('normal_', dent.normal), ('axis_', dent.axis)):
+            for axis, value in zip('xyz', vector, strict=True):
+                row[f'{name}{axis}'] = value
+        for name in _ESTIMATES:
+            estimate = getattr(dent, name)
+            row[name], row[f'{name}_uncertainty'] = estimate.value, estimate.uncertainty
+        row['clearance'], row['significance'] = dent.clearance, dent.significance
+        row['position_uncertainty'] = np.sqrt(np.trace(entry.position_covariance) / 3)
+        row['number'], row['sightings'] = entry.number, len(entry.sightings)
+        row['kind'], row['is_cut'] = KINDS.index(dent.kind), dent.is_cut
+    fields = [
+        PointField(
+            name=name,
+            offset=_POINT.fields[name][1],  # type: ignore[index]
+            datatype=PointField.UINT32 if name in _WHOLE else PointField.FLOAT32,
+            count=1,
+        )
+        for name in _POINT.names or ()
+    ]
+    return PointCloud2(
+        header=make_header(stamp_ns, frame_id),
+        height=1,
+        width=len(entries),
+        fields=fields,
+        is_bigendian=False,
+        point_step=_POINT.itemsize,
+        row_step=_POINT.itemsize * len(entries),
+        data=to_data(values) if len(entries) else to_data(np.zeros(0, np.uint8)),
+        is_dense=True,
+    )
+
+
+def dents_from_message(message: PointCloud2) -> NDArray:
+    """Structured array of a message that `dents_to_message` made, one element a dent.
+
+    Raises
+    ------
+    CloudError
+        It has other fields.
+    """
+    given = [(field.name, field.offset) for field in message.fields]
+    expected = [(name, _POINT.fields[name][1]) for name in _POINT.names or ()]  # type: ignore[index]
+    if given != expected or len(message.data) != message.width * _POINT.itemsize:
+        raise CloudError('the message holds no dents: give one of the topic dents')
+    return np.frombuffer(message.data, _POINT)
+
+
+def dents_to_markers(entries: Sequence[ListedDent], stamp_ns: int, frame_id: str) -> MarkerArray:
+    """visualization_msgs/MarkerArray: outlines, and depths in millimetres as text.
+
+    Its first marker deletes all that were there before.
+    """
+    header = make_header(stamp_ns, frame_id)
+    markers = [Marker(header=header, action=Marker.DELETEALL)]
+    for entry in entries:
+        dent = entry.dent
+        red, green, blue, alpha = _COLOURS[dent.kind]
+        colour = ColorRGBA(r=red, g=green, b=blue, a=alpha)
+        outline = Marker(header=header, ns='outlines', id=entry.number, type=Marker.LINE_STRIP)
+        outline.scale.x = _LINE
+        outline.color = colour
+        outline.pose.orientation.w = 1.0
+        closed = np.concatenate([dent.outline, dent.outline[:1]])
+        outline.points = [_point(each + _LINE * dent.normal) for each in closed]
+        label = Marker(header=header, ns='depths', id=entry.number, type=Marker.TEXT_VIEW_FACING)
+        label.scale = Vector3(x=0.0, y=0.0, z=_TEXT)
+        label.color = colour
+        label.pose.orientation.w = 1.0
+        beside = dent.position + _TEXT * dent.normal
+        label.pose.position = _point(beside)
+        label.text = f'{entry.number}: {dent.depth.value * 1e3:.2f} mm'
+        if dent.kind != 'dent':
+            label.text += f' ({dent.kind})'
+        markers += [outline, label] if len(dent.outline) else [label]
+    return MarkerArray(markers=markers)
+
+
+def _point(values: NDArray) -> Point:
+    return Point(x=float(values[0]), y=float(values[1]), z=float(values[2]))

@@ -1,0 +1,84 @@
+"""What an inspection of the simulated skin should find."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.simulation.panel import Panel
+from ftp_dent_ros.simulation.surface import Surface
+
+
+@dataclass(frozen=True, eq=False)
+class TrueDent:
+    """A simulated dent in the frame of its surface.
+
+    Attributes
+    ----------
+    position : ndarray, shape (3,)
+        Centre on the undented skin, metres.
+    normal, axis : ndarray, shape (3,)
+        Unit vectors outward, and along the length.
+    depth : float
+        Along the normal, metres; a bulge's is negative.
+    length, width : float
+        Of the contour at 10 % of the depth, metres.
+    outline : ndarray, shape (n, 3)
+        That contour on the undented skin, metres.
+    border : ndarray, shape (n, 3)
+        Where the dent begins, on the undented skin, metres.
+    """
+
+    position: NDArray[np.float64]
+    normal: NDArray[np.float64]
+    axis: NDArray[np.float64]
+    depth: float
+    length: float
+    width: float
+    outline: NDArray[np.float64]
+    border: NDArray[np.float64]
+
+
+def true_dents(surface: Surface, corners: int = 72) -> tuple[TrueDent, ...]:
+    """Dents of a surface's panels, in the surface's frame."""
+    return tuple(
+        _true_dent(panel, index, corners)
+        for panel in surface.panels
+        for index in range(len(panel.dents))
+    )
+
+
+def _true_dent(panel: Panel, index: int, corners: int) -> TrueDent:
+    dent = panel.dents[index]
+    angles = np.linspace(0, 2 * np.pi, corners, endpoint=False)
+    along = np.array([np.cos(dent.angle), np.sin(dent.angle)])
+    across = np.array([-along[1], along[0]])
+    length, width = dent.size_at(0.1)
+
+    def on_skin(offsets: NDArray) -> NDArray[np.float64]:
+        x, y = (np.array([dent.x, dent.y]) + offsets).T
+        height, _ = panel.bare_height(x)
+        return panel.pose.apply(np.stack([x, y, height], axis=-1))
+
+    def ellipse(full_length: float, full_width: float) -> NDArray[np.float64]:
+        a, b = full_length / 2 * np.cos(angles), full_width / 2 * np.sin(angles)
+        return on_skin(a[:, None] * along + b[:, None] * across)
+
+    (centre,) = on_skin(np.zeros((1, 2)))
+    (normal,) = panel.normal(np.array([dent.x]), np.array([dent.y]), bare=True)
+    into = panel.pose.rotation.apply([0.0, 0.0, 1.0])
+    (ahead,) = on_skin(1e-4 * along[None])
+    axis = (ahead - centre) / np.linalg.norm(ahead - centre)
+    return TrueDent(
+        position=centre,
+        normal=normal,
+        axis=axis,
+        # The panel's dents are added along its z axis.
+        depth=float(-dent.depth * (into @ normal)),
+        length=length,
+        width=width,
+        outline=ellipse(length, width),
+        border=ellipse(dent.length, dent.width),
+    )

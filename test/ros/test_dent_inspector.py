@@ -1,0 +1,153 @@
+"""The node as a process: clouds in, dents, list and markers out."""
+
+from __future__ import annotations
+
+import json
+from array import array
+
+import numpy as np
+import pytest
+from dent_samples import DENTED, noisy_cloud
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import PoseWithCovariance, PoseWithCovarianceStamped
+from sensor_msgs.msg import PointCloud2
+from std_srvs.srv import Trigger
+from visualization_msgs.msg import MarkerArray
+
+from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.ros.dent_messages import dents_from_message
+from ftp_dent_ros.ros.messages import (
+    cloud_to_message,
+    make_header,
+    pose_to_message,
+    stamp_to_ns,
+)
+from ftp_dent_ros.ros.qos import CLOUDS, LATCHED, POSES
+from ftp_dent_ros.simulation.truth import true_dents
+
+CAMERA_POSES = [
+    Pose.from_rpy((-1.6, 0.0, -1.5 + turn), (8.0, along, 2.0))
+    for turn, along in ((0.0, 3.0), (0.02, 3.02), (-0.01, 2.99))
+]
+
+
+class Bench:
+    """An inspecting process, and what comes out of it."""
+
+    def __init__(self, ros, **parameters):
+        self.ros = ros
+        self.process = ros.start('dent_inspector', **parameters)
+        self.state = ros.diagnostics('dent_inspector')
+        tagged = parameters.get('source') == 'tagged'
+        topic = 'tagged/points' if tagged else 'points'
+        self.points = ros.publisher(PointCloud2, topic, CLOUDS)
+        if tagged:
+            self.poses = ros.publisher(PoseWithCovarianceStamped, 'tagged/pose', POSES)
+
+    def value(self, key):
+        values = self.state().values if self.state() else ()
+        return next((item.value for item in values if item.key == key), None)
+
+    def says(self, words):
+        self.ros.until(lambda: self.state() and self.state().message.startswith(words))
+
+    def show(self, cloud, stamp_ns, frame_id='camera_optical_frame'):
+        self.points.publish(cloud_to_message(cloud, stamp_ns, frame_id))
+
+    def take(self):
+        answer = self.ros.call(Trigger, 'dent_inspector/take_list', Trigger.Request())
+        assert answer.success
+        return json.loads(answer.message)
+
+
+@pytest.fixture(scope='module')
+def cloud():
+    return noisy_cloud()
+
+
+def test_a_cloud_becomes_its_dents_and_nothing_is_computed_unasked(ros, cloud):
+    bench = Bench(ros)
+    bench.says('idle: nobody subscribes')
+    bench.show(cloud, 5)
+    ros.until(lambda: bench.value('clouds') == '1')
+    assert bench.value('inspected') is None
+    dents = ros.collect(PointCloud2, 'dents')
+    bench.says('waiting for clouds' if not bench.value('clouds') else 'working')
+    bench.show(cloud, 1_763_000_000_123_456_789)
+    ros.until(lambda: dents)
+    (message,) = dents
+    assert stamp_to_ns(message.header.stamp) == 1_763_000_000_123_456_789
+    assert message.header.frame_id == 'camera_optical_frame'
+    values = dents_from_message(message)
+    truth = true_dents(DENTED)
+    assert len(values) == len(truth)
+    np.testing.assert_allclose(values['depth'], [t.depth for t in truth], atol=2e-5)
+    np.testing.assert_allclose(values['length'], [t.length for t in truth], atol=1e-3)
+    for value, true in zip(values, truth, strict=True):
+        np.testing.assert_allclose([value[a] for a in 'xyz'], true.position, atol=5e-4)
+        np.testing.assert_allclose([value[f'normal_{a}'] for a in 'xyz'], true.normal, atol=0.01)
+    # Who comes late is told the list.
+    late = ros.collect(PointCloud2, 'dents/list', LATCHED)
+    markers = ros.collect(MarkerArray, 'dents/markers', LATCHED)
+    ros.until(lambda: late and markers)
+    assert dents_from_message(late[-1])['number'].tolist() == [1, 2]
+    assert len(markers[-1].markers) == 5
+    assert bench.process.stop() == 0
+
+
+def test_tagged_clouds_become_one_list_that_the_service_takes(ros, cloud):
+    bench = Bench(ros, source='tagged', always=True, rules='example_rules.yaml')
+    covariance = np.diag([1e-6] * 3 + [1e-8] * 3).ravel()
+    for number, pose in enumerate(CAMERA_POSES, start=1):
+        seen = noisy_cloud(DENTED.transformed(pose.inverse() @ CAMERA_POSES[0]), number)
+        header = make_header(number * 10**9, 'map')
+        tag = PoseWithCovariance(pose=pose_to_message(pose), covariance=covariance)
+        # Cloud and pose may come in either order.
+        parts = [
+            lambda: bench.show(seen.transformed(pose), number * 10**9, 'map'),  # noqa: B023
+            lambda: bench.poses.publish(PoseWithCovarianceStamped(header=header, pose=tag)),  # noqa: B023
+        ]
+        for publish in parts if number % 2 else reversed(parts):
+            publish()
+        ros.until(lambda: bench.value('inspected') == str(number))  # noqa: B023
+    markers = ros.collect(MarkerArray, 'dents/markers', LATCHED)
+    listed = ros.collect(PointCloud2, 'dents/list', LATCHED)
+    ros.until(lambda: listed and markers)
+    assert dents_from_message(listed[-1])['sightings'].tolist() == [3, 3]
+    taken = bench.take()
+    truth = [CAMERA_POSES[0].apply(true.position) for true in true_dents(DENTED)]
+    assert (taken['frame_id'], taken['clouds']) == ('map', 3)
+    found = [[dent[axis] for axis in 'xyz'] for dent in taken['dents']]
+    np.testing.assert_allclose(found, truth, atol=1e-3)
+    assert [dent['sightings'] for dent in taken['dents']] == [3, 3]
+    assert [dent['depth_mm'] for dent in taken['dents']] == pytest.approx([2, 1], abs=0.02)
+    assert all(dent['verdict'] for dent in taken['dents'])
+    ros.until(lambda: dents_from_message(listed[-1]).size == 0)
+    assert bench.take()['dents'] == []
+    assert bench.process.stop() == 0
+
+
+def test_what_cannot_be_inspected_is_refused_with_its_reason_and_ends_nothing(ros, cloud):
+    bench = Bench(ros)
+    dents = ros.collect(PointCloud2, 'dents')
+    ros.until(lambda: bench.state() and not bench.state().message.startswith('idle'))
+    empty = Cloud(np.full((60, 80, 3), np.nan, np.float32), np.zeros((60, 80), np.float32))
+    bench.show(empty, 1)
+    ros.until(lambda: bench.value('refused: wrong cloud') == '1')
+    bench.points.publish(PointCloud2(height=1, width=2, data=array('B', bytes(3))))
+    ros.until(lambda: bench.value('refused: wrong cloud') == '2')
+    assert bench.state().level == DiagnosticStatus.WARN
+    bench.show(cloud, 3)
+    ros.until(lambda: dents)
+    assert bench.value('failed') == '0'
+    assert bench.process.stop() == 0
+
+
+def test_wrong_parameters_end_it_with_one_line(ros, tmp_path):
+    rules = tmp_path / 'rules.yaml'
+    rules.write_text('limits: none')
+    process = ros.start('dent_inspector', rules=rules)
+    assert process.wait() == 2
+    assert process.output.startswith('dent_inspector: ') and 'limits' in process.output
+    assert len(process.output.splitlines()) == 1

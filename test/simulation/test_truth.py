@@ -1,0 +1,38 @@
+import numpy as np
+import pytest
+
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.simulation import Panel, Surface
+from ftp_dent_ros.simulation.dent import Dent
+from ftp_dent_ros.simulation.truth import true_dents
+
+POSE = Pose.from_rpy((0.3, -0.4, 2.0), (5, -3, 1))
+BARE = Surface((Panel(POSE, (-1, 1, -1, 1), 2.0),))
+DENTS = (Dent(0.4, 0.1, 0.08, 0.05, 0.002, 0.7), Dent(-0.2, 0.3, 0.06, 0.06, -0.001))
+
+
+@pytest.fixture
+def dented():
+    return Surface((Panel(POSE, (-1, 1, -1, 1), 2.0, dents=DENTS),))
+
+
+def test_the_true_dent_lies_where_the_surface_is_pushed_in(dented):
+    deep, bulge = true_dents(dented)
+    assert abs(BARE.distance(deep.position)) < 1e-9
+    # The bottom, straight below the centre: on the dented skin, by its depth behind the bare one.
+    bottom = deep.position - deep.depth * deep.normal
+    assert BARE.distance(bottom) == pytest.approx(deep.depth, abs=1e-6)
+    assert dented.distance(bottom) == pytest.approx(0, abs=5e-6)
+    assert bulge.depth == pytest.approx(-0.001, rel=0.01)
+    assert deep.normal @ deep.axis == pytest.approx(0, abs=1e-3)
+
+
+def test_its_outline_is_the_contour_at_a_tenth_of_the_depth(dented):
+    deep, _ = true_dents(dented)
+    panel = dented.panels[0]
+    x, y, _ = POSE.inverse().apply(deep.outline).T
+    height = panel.height(x, y)[0] - panel.bare_height(x)[0]
+    np.testing.assert_allclose(height, 0.1 * 0.002, rtol=1e-9)
+    x, y, _ = POSE.inverse().apply(deep.border).T
+    assert np.abs(panel.height(x, y)[0] - panel.bare_height(x)[0]).max() < 1e-12
+    assert (deep.length, deep.width) == pytest.approx((0.835 * 0.08, 0.835 * 0.05), rel=1e-3)
