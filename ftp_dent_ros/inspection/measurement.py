@@ -39,6 +39,8 @@ _SAMPLING = 0.0015
 _GRAIN = 0.06
 # How far off the reconstruction's smoothing leaves a dent's foot, as a part of the depth.
 _FORM = 0.006
+# Of lengths and widths, metres: what the reconstruction's windows widen beyond the fitted blur.
+_BLURRED = 1.5e-4
 # Of such corrections.
 _DOUBT = 0.3
 # What differs from the model by more than this part of the depth, and the noise, is an artefact.
@@ -205,7 +207,7 @@ def _one(
     doubt = float(np.sqrt(np.square(_along(patch, doubted, outline)).mean()))
     shift = math.hypot(offset, LEVEL * deep, doubt, _FORM * deepest)
     ends = math.hypot(math.sqrt(2) * local, 2 * shift)
-    cell, grain = patch.step**2, _GRAIN * patch.step
+    cell, grain = patch.step**2, math.hypot(_GRAIN * patch.step, _BLURRED)
     volume = float((patch.depth * outline.inside).sum()) * cell
     perimeter = float(np.hypot(*np.diff([outline.x, outline.y], append=0)[:, :-1]).sum())
     flatness = float(np.mean(1 / outline.slope))
