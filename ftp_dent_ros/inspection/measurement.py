@@ -17,6 +17,7 @@ from ftp_dent_ros.inspection.noise import Noise
 from ftp_dent_ros.inspection.outline import Outline, find_outline
 from ftp_dent_ros.inspection.patch import Patch, sampled
 from ftp_dent_ros.inspection.peak import deepest_of, highest
+from ftp_dent_ros.inspection.placing import axis_along, on_skin, orientation_of, profile_of
 from ftp_dent_ros.inspection.settings import Settings
 
 LEVEL = 0.1
@@ -39,14 +40,14 @@ _SAMPLING = 0.0015
 _GRAIN = 0.06
 # How far off the reconstruction's smoothing leaves a dent's foot, as a part of the depth.
 _FORM = 0.006
+# Of lengths and widths, metres: what the reconstruction's windows widen beyond the fitted blur.
+_BLURRED = 1.5e-4
 # Of such corrections.
 _DOUBT = 0.3
 # What differs from the model by more than this part of the depth, and the noise, is an artefact.
 _STRAYS = 0.02
-_PROFILE = 81
 
 Vector = NDArray[np.float64]
-Field = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,7 +206,7 @@ def _one(
     doubt = float(np.sqrt(np.square(_along(patch, doubted, outline)).mean()))
     shift = math.hypot(offset, LEVEL * deep, doubt, _FORM * deepest)
     ends = math.hypot(math.sqrt(2) * local, 2 * shift)
-    cell, grain = patch.step**2, _GRAIN * patch.step
+    cell, grain = patch.step**2, math.hypot(_GRAIN * patch.step, _BLURRED)
     volume = float((patch.depth * outline.inside).sum()) * cell
     perimeter = float(np.hypot(*np.diff([outline.x, outline.y], append=0)[:, :-1]).sum())
     flatness = float(np.mean(1 / outline.slope))
@@ -215,7 +216,7 @@ def _one(
     )
     normal = contour.normal(np.array([centre_x]), np.array([centre_y]))[0]
     longer = model.parameters[4] + math.pi / 2 * (model.parameters[3] > model.parameters[2])
-    axis = _axis(contour, normal, longer if explained else outline.axis())
+    axis = axis_along(contour, normal, longer if explained else outline.axis())
     model_length, model_width = model.axes
     length_error, width_error = model.axes_uncertainty
     return MeasuredDent(
@@ -228,7 +229,7 @@ def _one(
         width=Estimate(width, math.hypot(ends * width_flatness, grain)),
         model_length=Estimate(model_length, length_error),
         model_width=Estimate(model_width, width_error),
-        orientation=Estimate(_orientation(normal, axis), model.angle_uncertainty),
+        orientation=Estimate(orientation_of(normal, axis), model.angle_uncertainty),
         area=Estimate(outline.area, area_error),
         volume=Estimate(
             sign * volume,
@@ -239,41 +240,12 @@ def _one(
         ),
         significance=deepest / chance,
         is_cut=outline.is_cut,
-        outline=_on_skin(contour, outline, sign * LEVEL * deepest),
-        length_profile=_profile(patch, sign, centre_x, centre_y, angle, length),
-        width_profile=_profile(patch, sign, centre_x, centre_y, angle + math.pi / 2, width),
+        outline=on_skin(contour, outline, sign * LEVEL * deepest),
+        length_profile=profile_of(patch, sign, centre_x, centre_y, angle, length),
+        width_profile=profile_of(patch, sign, centre_x, centre_y, angle + math.pi / 2, width),
     )
 
 
 def _along(patch: Patch, values, outline: Outline) -> Vector:
     """Values of the patch's cells along an outline."""
     return sampled(values, *patch.cells(outline.x, outline.y), cv2.INTER_LINEAR)
-
-
-def _axis(contour: Contour, normal: Vector, angle: float) -> Vector:
-    along = contour.axes[0] * math.cos(angle) + contour.axes[1] * math.sin(angle)
-    along = along - normal * (along @ normal)
-    return along / np.linalg.norm(along)
-
-
-def _orientation(normal: Vector, axis: Vector) -> float:
-    """Angle about the normal from the frame's x axis, as it lies on the skin, to the axis."""
-    x = np.array([1.0, 0, 0]) - normal * normal[0]
-    if np.linalg.norm(x) < 1e-6:
-        x = np.array([0, 1.0, 0])
-    angle = math.atan2(float(np.cross(x, axis) @ normal), float(x @ axis))
-    return (angle + math.pi / 2) % math.pi - math.pi / 2
-
-
-def _on_skin(contour: Contour, outline: Outline, depth: float) -> NDArray[np.float64]:
-    points = contour.point(outline.x, outline.y, np.full(len(outline.x), depth))
-    return np.concatenate([points, points[:1]])
-
-
-def _profile(patch, sign, x, y, angle, length) -> NDArray[np.float64]:
-    """Depths along a line, shape (n, 2), a third of the length beyond both ends."""
-    along = np.linspace(-0.83 * length, 0.83 * length, _PROFILE)
-    at_x, at_y = x + along * math.cos(angle), y + along * math.sin(angle)
-    depth = sign * patch.at(at_x, at_y)
-    depth[~patch.is_known(at_x, at_y)] = np.nan
-    return np.stack([along, depth], axis=1)
