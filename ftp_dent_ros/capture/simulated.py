@@ -11,7 +11,7 @@ from ftp_dent_ros.capture.source import Frame, PacedSource
 from ftp_dent_ros.errors import CameraError
 
 # A busy machine may compute a photograph that much later than it was taken, seconds.
-_PATIENCE = 2.0
+_PATIENCE = 6.0
 
 
 class SimulatedSource(PacedSource):

@@ -24,6 +24,8 @@ from ftp_dent_ros.inspection.steps import find_steps
 
 # Cells beside a border of two panels where the reconstruction blurs one into the other.
 _SEAM = 3
+# What the rim cuts must be so many times as deep: the contour is known on one side of it only.
+_CUT = 2.0
 # Of a candidate's window, as a part of its size.
 _MARGIN = 0.45
 # Points along the longer side of a candidate's window, about.
@@ -167,8 +169,9 @@ def _surroundings(
 
 
 def _is_reported(dent: MeasuredDent, settings: Settings) -> bool:
+    smallest_depth = settings.smallest_depth * (_CUT if dent.is_cut else 1)
     return (
-        abs(dent.depth.value) >= settings.smallest_depth
+        abs(dent.depth.value) >= smallest_depth
         and dent.width.value >= settings.smallest_width
         and dent.significance >= SIGNIFICANT
     )

@@ -15,7 +15,8 @@ class Settings:
     Attributes
     ----------
     smallest_depth : float
-        Shallower ones are not reported, however significant, metres.
+        Shallower ones are not reported, however significant, metres; of those that the rim cuts,
+        twice that.
     smallest_width : float
         Of the 10 % contour: narrower ones are rivets, scratches and gaps; metres.
 
