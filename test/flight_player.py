@@ -19,6 +19,8 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 VEHICLE = (1, 1)
+# TIMESYNC shows the recorded vehicle's clock as it was a few milliseconds before.
+_STAMPED_LATER = 7_000_000
 _EARTH_RADIUS, _ECCENTRICITY_SQUARED = 6378137.0, 6.69437999014e-3  # WGS 84
 
 
@@ -57,16 +59,35 @@ class Flight:
         ]
 
     def _read_boot_clock(self) -> None:
-        answers = [(stamp, m.tc1) for stamp, m in self.of('TIMESYNC') if m.tc1]
-        self._answered = np.array([stamp - self.times[0] for stamp, _ in answers], float)
-        self._boot = np.array([tc1 for _, tc1 in answers], float)
+        """Follow the vehicle's clock only as far as what was recorded forces it to go.
+
+        It was read after the question was sent and before the answer came, so that an answer
+        that came late says little; what the vehicle stamped came no earlier than its stamp.
+        Where these bounds exclude what they were before, the clock has truly stepped or halted.
+        """
+        start, asked = self.times[0], dict[int, int]()
+        times, behind = [0], list[int]()
+        for stamp, message in zip(self.times, self.messages, strict=True):
+            name = message.get_type()
+            if name == 'TIMESYNC' and not message.tc1:
+                asked[message.ts1] = stamp
+            if (message.get_srcSystem(), message.get_srcComponent()) != VEHICLE:
+                continue
+            if name == 'TIMESYNC' and message.tc1 and message.ts1 in asked:
+                lower, upper = asked[message.ts1] - message.tc1, stamp - message.tc1
+            elif name in ('ATTITUDE_QUATERNION', 'LOCAL_POSITION_NED') and behind:
+                lower, upper = -(2**63), stamp - 1_000_000 * message.time_boot_ms + _STAMPED_LATER
+            else:
+                continue
+            behind.append(min(max(behind[-1] if behind else upper, lower), upper))
+            times.append(stamp - start)
+        self._clock_times = np.array(times, float)
+        self._clock_behind = np.array([behind[0], *behind], float) - start
 
     def boot_ns(self, stamp: int) -> int:
         """The vehicle's time since boot at a time of the recording."""
         at = stamp - self.times[0]
-        boot = np.interp(at, self._answered, self._boot)
-        # Outside the recorded answers both clocks run alike.
-        return int(boot + min(0, at - self._answered[0]) + max(0, at - self._answered[-1]))
+        return int(at - np.interp(at, self._clock_times, self._clock_behind))
 
     def truth(self) -> Truth:
         """The simulator's own record of the flight (SIM_STATE)."""

@@ -65,8 +65,9 @@ def test_nearly_every_stamp_is_answered_once_it_is(flight: Flight, outcome: Outc
     ready = ready_time(flight)
     stamps = [stamp for stamp in flight.truth().times if stamp > ready]
     refused = [outcome.refusals[stamp] for stamp in stamps if stamp in outcome.refusals]
-    # The simulator's clock halts and leaps some ten times on its loaded machine.
-    assert len(refused) < 0.04 * len(stamps)
+    # The simulator's clock halts three times on its loaded machine: by 55, 121 and 160 ms.
+    assert len(refused) < 0.01 * len(stamps)
+    assert outcome.state.clock.steps < 10
     assert set(refused) <= {
         'clock stepped',
         'clock not converged',
