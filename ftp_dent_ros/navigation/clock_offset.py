@@ -224,10 +224,15 @@ class ClockOffset:
         """
         if not self._segments:
             return None
-        expected = self._boot_now(now)
         boot = time_boot_ms * MILLISECOND
-        boot += (expected - boot + _WRAP // 2) // _WRAP * _WRAP
-        return boot if -_PLAUSIBLE_AGE < boot - expected < _PLAUSIBLE_LEAD else None
+        boot += (self._boot_now(now) - boot + _WRAP // 2) // _WRAP * _WRAP
+        return boot if self.is_plausible(boot, now) else None
+
+    def is_plausible(self, boot: int, now: int) -> bool:
+        """Whether a time since boot in ns can be that of a message that has come now."""
+        if not self._segments:
+            return False
+        return -_PLAUSIBLE_AGE < boot - self._boot_now(now) < _PLAUSIBLE_LEAD
 
     def state(self, now: int) -> ClockState:
         """State at a ROS time."""

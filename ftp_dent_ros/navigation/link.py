@@ -15,6 +15,7 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from ftp_dent_ros.errors import LinkError
+from ftp_dent_ros.navigation.accuracy import Tag
 from ftp_dent_ros.navigation.transport import Peer, Transport, check_address, open_transport
 from ftp_dent_ros.navigation.vehicle import Vehicle
 from ftp_dent_ros.navigation.vehicle_state import Instant, Settings, VehicleState
@@ -123,10 +124,10 @@ class Link:
                 )
             )
 
-    def pose_at(self, stamp: int) -> Pose:
-        """As `Vehicle.pose_at`, now."""
+    def tag_at(self, stamp: int) -> Tag:
+        """As `Vehicle.tag_at`, now."""
         with self._lock:
-            return self._vehicle.pose_at(stamp, self._now())
+            return self._vehicle.tag_at(stamp, self._now())
 
     def state(self) -> LinkState:
         """State at this moment."""

@@ -7,16 +7,16 @@ thread and no clock in here, so that a flight can be replayed through it faster 
 from __future__ import annotations
 
 import contextlib
-import math
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from ftp_dent_ros.errors import PoseAwaitedError, PoseError
-from ftp_dent_ros.navigation import estimator, frames
+from ftp_dent_ros.navigation import accuracy, estimator
+from ftp_dent_ros.navigation.accuracy import Tag
 from ftp_dent_ros.navigation.clock_offset import ClockOffset
 from ftp_dent_ros.navigation.estimator import Estimator
-from ftp_dent_ros.navigation.pose_history import PoseHistory
+from ftp_dent_ros.navigation.pose_source import PoseSource
 from ftp_dent_ros.navigation.streams import Stream, Streams
 from ftp_dent_ros.navigation.vehicle_state import SILENCE, Instant, Settings, VehicleState
 from ftp_dent_ros.pose import Pose
@@ -38,7 +38,7 @@ class Vehicle:
         self._identity: tuple[int, int] | None = None
         self._autopilot = mavlink.MAV_AUTOPILOT_INVALID
         self._clock = ClockOffset(maximum_error=settings.maximum_clock_error)
-        self._history = PoseHistory(_LONGEST_AGE, settings.maximum_gap)
+        self._poses = PoseSource(self._clock, _LONGEST_AGE, settings.maximum_gap)
         self._estimator = Estimator()
         self._streams = Streams([])
         self._heard: float | None = None
@@ -46,15 +46,14 @@ class Vehicle:
         self._streamed = 0
         self._streamed_ros = 0
         self._utc_offset: int | None = None
-        self._messages = self._foreign = self._malformed = self._lost = 0
+        self._messages = self._foreign = self._lost = 0
         self._handlers = {
             'TIMESYNC': self._on_timesync,
             'COMMAND_ACK': self._on_command_ack,
             'SYSTEM_TIME': self._on_system_time,
             'EKF_STATUS_REPORT': self._on_estimator_report,
             'ESTIMATOR_STATUS': self._on_estimator_report,
-            'ATTITUDE_QUATERNION': self._on_attitude_quaternion,
-            'LOCAL_POSITION_NED': self._on_local_position_ned,
+            **self._poses.handlers,
         }
 
     @property
@@ -104,7 +103,11 @@ class Vehicle:
         return due
 
     def pose_at(self, stamp: int, at: Instant) -> Pose:
-        """Pose of `base_link` in `map` at a ROS time in nanoseconds.
+        """Pose of `tag_at`."""
+        return self.tag_at(stamp, at).pose
+
+    def tag_at(self, stamp: int, at: Instant) -> Tag:
+        """Pose of `base_link` in `map` at a ROS time in nanoseconds, and its covariance.
 
         It is given only once the clock, the estimator and the pose have all been heard of from
         both before and after the stamp, so that nothing heard later could take it back.
@@ -126,9 +129,9 @@ class Vehicle:
         if self._identity is None:
             raise PoseAwaitedError('no autopilot has been heard on the link', 'no autopilot')
         try:
-            self._estimator.check(stamp, at.ros)
-            boot, _ = self._clock.boot_time(stamp)
-            return self._history.at(boot)
+            reported = self._estimator.check(stamp, at.ros)
+            boot, doubt = self._clock.boot_time(stamp)
+            pose = self._poses.at(boot)
         except PoseAwaitedError as error:
             silence = at.steady - (self._heard or 0.0)
             if silence < SILENCE:
@@ -136,13 +139,14 @@ class Vehicle:
             raise PoseAwaitedError(
                 f'the autopilot has been silent for {silence:.1f} s ({error})', 'link lost'
             ) from None
+        return Tag(pose, self._poses.covariance(boot, reported, doubt / 1e9))
 
     def new_poses(self, at: Instant) -> list[tuple[int, Pose]]:
         """Poses that have become known since the last call, with their ROS times in ns.
 
         Their stamps follow the clock as it was last heard of, for a stream cannot wait.
         """
-        fresh = self._history.stamps_since(self._streamed)
+        fresh = self._poses.stamps_since(self._streamed)
         if not fresh:
             return []
         self._streamed = fresh[-1]
@@ -155,7 +159,7 @@ class Vehicle:
             if stamp is None or stamp <= self._streamed_ros:
                 continue
             with contextlib.suppress(PoseError):
-                poses.append((stamp, self._history.at(boot)))
+                poses.append((stamp, self._poses.at(boot)))
                 self._streamed_ros = stamp
         return poses
 
@@ -177,9 +181,9 @@ class Vehicle:
             denied=self._streams.denied(),
             messages=self._messages,
             foreign=self._foreign,
-            malformed=self._malformed,
+            malformed=self._poses.malformed,
             lost=self._lost,
-            resets=self._history.resets,
+            resets=self._poses.resets,
         )
 
     def _is_wanted(self, message: Message, source: tuple[int, int], name: str) -> bool:
@@ -200,11 +204,12 @@ class Vehicle:
             [
                 Stream('ATTITUDE_QUATERNION', rate),
                 Stream('LOCAL_POSITION_NED', rate),
+                Stream('ODOMETRY', rate, required=False),
                 Stream(report, _ESTIMATOR_RATE, required=False),
                 Stream('SYSTEM_TIME', 1.0, required=False),
             ]
         )
-        self._history.clear()
+        self._poses.clear()
         self._streamed = 0
         self._estimator.restart(at.ros)
         self._utc_offset = None
@@ -235,28 +240,5 @@ class Vehicle:
             self._utc_offset = message.time_unix_usec * 1000 - boot
 
     def _on_estimator_report(self, message: Message, at: Instant) -> None:
-        self._estimator.report(estimator.is_ready(message.get_type(), message.flags), at.ros)
-
-    def _on_attitude_quaternion(self, message: Message, at: Instant) -> None:
-        quaternion = (message.q1, message.q2, message.q3, message.q4)
-        rates = (message.rollspeed, message.pitchspeed, message.yawspeed)
-        stamp = self._clock.unwrap(message.time_boot_ms, at.ros)
-        if not _all_finite(*quaternion, *rates) or abs(math.hypot(*quaternion) - 1) > 0.01:
-            self._malformed += 1
-        elif stamp is not None:
-            attitude, body_rates = frames.enu_attitude(quaternion), frames.flu_from_frd(rates)
-            self._history.add_attitude(stamp, attitude, body_rates)
-
-    def _on_local_position_ned(self, message: Message, at: Instant) -> None:
-        position = (message.x, message.y, message.z)
-        velocity = (message.vx, message.vy, message.vz)
-        stamp = self._clock.unwrap(message.time_boot_ms, at.ros)
-        if not _all_finite(*position, *velocity):
-            self._malformed += 1
-        elif stamp is not None:
-            enu, enu_velocity = frames.enu_from_ned(position), frames.enu_from_ned(velocity)
-            self._history.add_position(stamp, enu, enu_velocity)
-
-
-def _all_finite(*values: float) -> bool:
-    return all(map(math.isfinite, values))
+        ready = estimator.is_ready(message.get_type(), message.flags)
+        self._estimator.report(ready, at.ros, accuracy.reported(message))

@@ -16,12 +16,15 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
 
 from ftp_dent_ros.errors import CloudError, PoseAwaitedError, PoseError
+from ftp_dent_ros.navigation import accuracy
+from ftp_dent_ros.navigation.accuracy import Covariance, Tag
 from ftp_dent_ros.navigation.link import Link
 from ftp_dent_ros.navigation.report import Verdict, figures, judge
 from ftp_dent_ros.navigation.vehicle_state import Settings
@@ -81,7 +84,7 @@ class MavlinkBridge(Node):
             'queue_size', 5, 'How many clouds may wait at once.', minimum=1, maximum=1000
         )
         self._map, self._base, self._camera = _declare_frames(parameters)
-        self._mount = _declare_mount(parameters)
+        self._mount, self._mount_covariance = _declare_mount(parameters)
         publishes_tf = parameters.declare(
             'publish_tf', True, 'Whether poses and mount also go to TF, where tf2_msgs exists.'
         )
@@ -151,7 +154,7 @@ class MavlinkBridge(Node):
         for _ in range(len(self._waiting)):
             cloud = self._waiting.popleft()
             try:
-                pose = self._link.pose_at(cloud.stamp)
+                tag = self._link.tag_at(cloud.stamp)
             except PoseAwaitedError as error:
                 if time.monotonic() - cloud.arrival < self._timeout:
                     self._waiting.append(cloud)
@@ -161,9 +164,9 @@ class MavlinkBridge(Node):
             except PoseError as error:
                 self._refuse(cloud, error.reason, str(error))
             else:
-                self._tag(cloud, pose)
+                self._tag(cloud, tag)
 
-    def _tag(self, cloud: _Waiting, pose: Pose) -> None:
+    def _tag(self, cloud: _Waiting, tag: Tag) -> None:
         header = make_header(cloud.stamp, self._map)
         if self._tagged_points.get_subscription_count():
             try:
@@ -171,13 +174,17 @@ class MavlinkBridge(Node):
             except CloudError as error:
                 self._diagnostics.refuse('wrong cloud', str(error))
                 return
-            in_map = points.transformed(pose @ self._mount)
+            in_map = points.transformed(tag.pose @ self._mount)
             self._tagged_points.publish(cloud_to_message(in_map, cloud.stamp, self._map))
-        # The covariance stays zero, which says that it is not known.
+        covariance = tag.covariance + self._mount_covariance
         message = PoseWithCovarianceStamped(header=header)
-        message.pose.pose = pose_to_message(pose)
+        message.pose.pose = pose_to_message(tag.pose)
+        message.pose.covariance = covariance.ravel()
         self._tagged_pose.publish(message)
         self._diagnostics.count('tagged')
+        deviations = np.sqrt(np.diag(covariance))
+        self._diagnostics.note('tag within (mm)', f'{1e3 * deviations[:3].max():.0f}')
+        self._diagnostics.note('tag within (deg)', f'{np.degrees(deviations[3:].max()):.2f}')
         self._diagnostics.measure('waited', time.monotonic() - cloud.arrival)
 
     def _refuse(self, cloud: _Waiting, reason: str, sentence: str) -> None:
@@ -261,8 +268,8 @@ def _declare_frames(parameters: Parameters) -> tuple[str, str, str]:
     )
 
 
-def _declare_mount(parameters: Parameters) -> Pose:
-    """Pose of the camera on the vehicle, from parameters; by default it looks forward."""
+def _declare_mount(parameters: Parameters) -> tuple[Pose, Covariance]:
+    """Pose of the camera on the vehicle and its covariance; by default it looks forward."""
     translation = parameters.declare(
         'mount.translation',
         [0.1, 0.0, 0.0],
@@ -277,7 +284,23 @@ def _declare_mount(parameters: Parameters) -> Pose:
         minimum=-2 * math.pi,
         maximum=2 * math.pi,
     )
-    return Pose.from_rpy(rpy, translation)
+    uncertainty = accuracy.of_mount(
+        parameters.declare(
+            'mount.translation_uncertainty',
+            0.005,
+            'Standard deviation of mount.translation along each axis, metres.',
+            minimum=0.0,
+            maximum=100.0,
+        ),
+        parameters.declare(
+            'mount.rotation_uncertainty',
+            0.01,
+            'Standard deviation of mount.rpy about each axis, radians.',
+            minimum=0.0,
+            maximum=math.pi,
+        ),
+    )
+    return Pose.from_rpy(rpy, translation), uncertainty
 
 
 def main() -> int:

@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 from flight_player import VEHICLE, Flight, FlightPlayer
 from flight_replay import Outcome, compare, own_poses, replay
+from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.errors import PoseAwaitedError, PoseError
+from ftp_dent_ros.navigation import frames
 from ftp_dent_ros.navigation.estimator import is_ready
 from ftp_dent_ros.navigation.link import Link
 from ftp_dent_ros.navigation.vehicle_state import Settings
@@ -107,6 +109,22 @@ def test_poses_agree_with_the_simulators_truth(flight: Flight, outcome: Outcome)
     assert np.all(hovering.largest()[0] < [0.05, 0.05, 0.15])
 
 
+def test_covariances_cover_the_truth(flight: Flight, outcome: Outcome) -> None:
+    truth = flight.truth()
+    index = {stamp: i for i, stamp in enumerate(truth.times)}
+    deviations = np.array([np.sqrt(np.diag(c)) for c in outcome.covariances.values()])
+    errors = []
+    for stamp, pose in outcome.tags.items():
+        position = frames.enu_from_ned(truth.position[index[stamp]])
+        turn = Rotation.from_quat(frames.enu_attitude(truth.attitude[index[stamp]]))
+        off = (pose.rotation * turn.inv()).as_rotvec()
+        errors.append(np.concatenate([pose.translation - position, off]))
+    ratios = np.abs(errors) / deviations
+    assert np.all(np.mean(ratios < 2, axis=0) > 0.95)
+    # Nor are they so wide that they say nothing.
+    assert np.all(np.median(deviations, axis=0) < [0.05, 0.05, 0.05, 0.02, 0.02, 0.04])
+
+
 def test_four_seconds_of_it_over_a_socket_in_real_time(flight: Flight) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(('127.0.0.1', 0))
@@ -143,7 +161,7 @@ def settled(link: Link, news: threading.Event, stamp: int):
     for _ in range(2000):
         news.clear()
         try:
-            return link.pose_at(stamp)
+            return link.tag_at(stamp).pose
         except PoseAwaitedError as error:
             reason = error.reason
         except PoseError:

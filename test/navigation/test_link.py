@@ -47,7 +47,7 @@ class Subject:
     def north(self) -> float | None:
         """Where the vehicle was 50 ms ago, if that is known."""
         try:
-            return float(self.link.pose_at(time.time_ns() - 300_000_000).translation[1])
+            return float(self.link.tag_at(time.time_ns() - 300_000_000).pose.translation[1])
         except PoseError:
             return None
 

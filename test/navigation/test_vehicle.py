@@ -18,6 +18,14 @@ from ftp_dent_ros.navigation.vehicle_state import Instant, Settings
 START = 1_800_000_000_000_000_000
 S, MS = 1_000_000_000, 1_000_000
 READY, STARTING = 0x33F, 0x0A7
+# ArduPilot denies ODOMETRY.
+GRANTED = {
+    mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION,
+    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
+    mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
+    mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS,
+    mavlink.MAVLINK_MSG_ID_SYSTEM_TIME,
+}
 NOSE_EAST = (np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5))
 
 
@@ -42,6 +50,7 @@ class World:
         self.late = 0  # the time until there is a position
         self.intervals: dict[int, int] = {}
         self.asked: list[int] = []
+        self.grants = GRANTED
         self.poses: list[tuple[int, Any]] = []
         self._senders: dict[tuple[int, int], mavlink.MAVLink] = {}
 
@@ -102,6 +111,9 @@ class World:
             self.say(mavlink.MAVLink_timesync_message(self.now - self.boot, request.ts1))
         elif name == 'COMMAND_LONG':
             self.asked.append(int(request.param1))
+            if int(request.param1) not in self.grants:
+                self.say(mavlink.MAVLink_command_ack_message(request.command, 2, 0, 0, 1, 191))
+                return
             self.intervals[int(request.param1)] = int(request.param2)
             self.say(mavlink.MAVLink_command_ack_message(request.command, 0, 0, 0, 1, 191))
 
@@ -179,6 +191,7 @@ def test_it_asks_for_what_it_needs_and_no_more() -> None:
         mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION,
         mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
         mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
+        mavlink.MAVLINK_MSG_ID_ODOMETRY,
     ]
     assert world.intervals[mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION] == 20_000
     assert world.intervals[mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED] == 20_000

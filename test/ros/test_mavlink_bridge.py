@@ -108,6 +108,12 @@ def test_a_cloud_comes_back_in_the_map_with_the_pose_at_its_stamp(ros, port, aut
     pose = pose_from_message(bridge.poses[0].pose.pose)
     assert_allclose(pose.translation, BASE, atol=1e-6)
     assert_allclose(pose.rotation.apply([1, 0, 0]), [0, 1, 0], atol=1e-6)
+    # A still vehicle with a content estimator, and a camera that is mounted as the default says.
+    covariance = np.reshape(bridge.poses[0].pose.covariance, (6, 6))
+    deviations = np.sqrt(np.diag(covariance))
+    assert_allclose(deviations[:3], np.hypot(0.03, 0.005), rtol=0.05)
+    assert_allclose(deviations[3:], np.hypot(np.radians([0.5, 0.5, 1]), 0.01), rtol=0.05)
+    assert_allclose(covariance, np.diag(np.diag(covariance)), atol=1e-12)
 
     ros.until(lambda: len(bridge.stream) > 30)
     live = bridge.stream[-1]
