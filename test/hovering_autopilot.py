@@ -51,12 +51,21 @@ class HoveringAutopilot:
     """Speaks MAVLink 2 on a wire from a thread of its own until it is closed."""
 
     def __init__(
-        self, wire: Wire, system: int = 1, north: float = 3.0, uptime: float = 5.0
+        self,
+        wire: Wire,
+        system: int = 1,
+        north: float = 3.0,
+        uptime: float = 5.0,
+        key: bytes = b'',
     ) -> None:
         self._wire, self._north = wire, north
         self._boot = time.time_ns() - round(uptime * 1e9)
         self._sender = mavlink.MAVLink(wire, system, 1)
         self._parser = mavlink.MAVLink(None)
+        if key:
+            for end in (self._sender, self._parser):
+                end.signing.secret_key, end.signing.sign_outgoing = key, True
+                end.signing.timestamp = (time.time_ns() - 1_420_070_400 * 10**9) // 10_000
         self._asked: set[int] = set()
         self._closing = threading.Event()
         self.received: list[Any] = []

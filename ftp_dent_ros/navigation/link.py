@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import selectors
 import socket
-import struct
 import threading
 import time
 from collections.abc import Callable
@@ -16,6 +15,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from ftp_dent_ros.errors import LinkError
 from ftp_dent_ros.navigation.accuracy import Tag
+from ftp_dent_ros.navigation.codec import Codec
+from ftp_dent_ros.navigation.roster import Roster, Speaker
 from ftp_dent_ros.navigation.transport import Peer, Transport, check_address, open_transport
 from ftp_dent_ros.navigation.vehicle import Vehicle
 from ftp_dent_ros.navigation.vehicle_state import Instant, Settings, VehicleState
@@ -43,12 +44,15 @@ class LinkState:
         Pieces that were no MAVLink message.
     reconnections : int
         How often the connection was opened again.
+    refused : int
+        Messages without the signature that was wanted.
     """
 
     fault: str
     vehicle: VehicleState
     bad_bytes: int
     reconnections: int
+    refused: int = 0
 
 
 class Link:
@@ -69,6 +73,8 @@ class Link:
         ROS time in nanoseconds.
     on_poses : callable, optional
         Called in the link's thread with new poses and their ROS times in nanoseconds.
+    signing_key : bytes
+        Key of `codec.read_key`; if it has no bytes, nothing is signed and all is taken.
 
     Raises
     ------
@@ -83,6 +89,7 @@ class Link:
         settings: Settings,
         ros_time: Callable[[], int] = time.time_ns,
         on_poses: Callable[[list[tuple[int, Pose]]], None] = lambda poses: None,
+        signing_key: bytes = b'',
     ) -> None:
         check_address(address)
         self._address, self._baud = address, baud
@@ -91,10 +98,10 @@ class Link:
         self._lock = threading.Lock()
         self._transport: Transport | None = None
         self._peer: Peer = None
-        self._parser = _new_parser()
-        self._sender = mavlink.MAVLink(None)
+        self._codec = Codec(signing_key)
+        self._roster = Roster()
         self._fault = 'not opened yet'
-        self._bad_bytes = self._opened = 0
+        self._opened = 0
         self._closing = threading.Event()
         self._waker, self._wakened = socket.socketpair()
         self._thread = threading.Thread(target=self._run, name='mavlink', daemon=True)
@@ -135,9 +142,15 @@ class Link:
             return LinkState(
                 self._fault,
                 self._vehicle.state(self._now()),
-                self._bad_bytes,
+                self._codec.bad_bytes,
                 max(0, self._opened - 1),
+                self._codec.refused,
             )
+
+    def speakers(self) -> list[Speaker]:
+        """Who has been heard on the link."""
+        with self._lock:
+            return self._roster.speakers()
 
     def _now(self) -> Instant:
         return Instant(self._ros_time(), time.monotonic())
@@ -168,8 +181,9 @@ class Link:
 
     def _use(self, transport: Transport | None) -> None:
         with self._lock:
-            self._transport, self._peer, self._parser = transport, None, _new_parser()
+            self._transport, self._peer = transport, None
             if transport is not None:
+                self._codec.restart(transport.is_datagram)
                 self._fault = ''
                 self._opened += 1
 
@@ -197,7 +211,8 @@ class Link:
             has_come = True
             now = self._now()
             with self._lock:
-                for message in self._parsed(data, transport.is_datagram):
+                for message in self._codec.messages(data, time.time_ns()):
+                    self._roster.hear(message, now.steady)
                     if self._vehicle.receive(message, now):
                         # Answers go where the believed vehicle is, after a reboot elsewhere.
                         self._peer = peer
@@ -207,33 +222,11 @@ class Link:
             self._on_poses(poses)
         return has_come
 
-    def _parsed(self, data: bytes, is_whole: bool) -> list[Any]:
-        if is_whole:
-            # What one sender cut short must not swallow the next one's message.
-            self._parser = _new_parser()
-        try:
-            parsed = self._parser.parse_buffer(data) or []
-        except (mavlink.MAVError, ValueError, TypeError, struct.error):
-            self._bad_bytes += 1
-            self._parser = _new_parser()
-            return []
-        messages = [message for message in parsed if message.get_type() != 'BAD_DATA']
-        self._bad_bytes += len(parsed) - len(messages)
-        return messages
-
     def _send(self, message: Any) -> None:
         if self._transport is None:
             return
-        self._sender.srcSystem = self._vehicle.system_id
-        self._sender.srcComponent = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
-        data = message.pack(self._sender)
-        self._sender.seq = (self._sender.seq + 1) % 256
+        component = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
+        data = self._codec.pack(message, self._vehicle.system_id, component, time.time_ns())
         # A connection that broke is found out, and mended, where it is read.
         with contextlib.suppress(LinkError):
             self._transport.send(data, self._peer)
-
-
-def _new_parser() -> mavlink.MAVLink:
-    parser = mavlink.MAVLink(None)
-    parser.robust_parsing = True
-    return parser

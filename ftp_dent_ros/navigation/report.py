@@ -27,6 +27,12 @@ def judge(state: LinkState, address: str) -> Verdict:
     vehicle = state.vehicle
     if state.fault:
         return Verdict('error', state.fault)
+    if vehicle.identity is None and state.refused:
+        return Verdict(
+            'error',
+            'all messages are unsigned or signed with another key: check signing_key, and that '
+            'the autopilot signs',
+        )
     if vehicle.identity is None:
         return Verdict(
             'error',
@@ -73,6 +79,7 @@ def figures(state: LinkState) -> dict[str, str]:
         'messages of others': str(vehicle.foreign),
         'messages lost': str(vehicle.lost),
         'messages malformed': str(vehicle.malformed),
+        'messages without the right signature': str(state.refused),
         'bytes that are no message': str(state.bad_bytes),
     }
     values.update({f'{name} (Hz)': f'{rate:.1f}' for name, rate in vehicle.rates.items()})

@@ -25,6 +25,7 @@ from sensor_msgs.msg import PointCloud2
 from ftp_dent_ros.errors import CloudError, PoseAwaitedError, PoseError
 from ftp_dent_ros.navigation import accuracy
 from ftp_dent_ros.navigation.accuracy import Covariance, Tag
+from ftp_dent_ros.navigation.codec import read_key
 from ftp_dent_ros.navigation.link import Link
 from ftp_dent_ros.navigation.report import Verdict, figures, judge
 from ftp_dent_ros.navigation.vehicle_state import Settings
@@ -65,13 +66,20 @@ class MavlinkBridge(Node):
         address = parameters.declare(
             'address',
             'udpin:127.0.0.1:14550',
-            'The autopilot: udpin:HOST:PORT (listens), udpout:HOST:PORT (sends first), '
-            'tcp:HOST:PORT, or the path of a serial device.',
+            'The autopilot: udpin:HOST:PORT (listens; on 127.0.0.1 without HOST), '
+            'udpout:HOST:PORT (sends first), tcp:HOST:PORT, or the path of a serial device.',
         )
         baud = parameters.declare(
             'baud', 921600, 'Baud rate of a serial device.', minimum=1200, maximum=4_000_000
         )
         settings = _declare_settings(parameters)
+        key_file = parameters.declare(
+            'signing_key',
+            '',
+            'File with the key of MAVLink signing, 32 bytes or 64 hexadecimal digits; what is not '
+            'signed with it is refused. Without it nothing is signed.',
+        )
+        signing_key = read_key(key_file) if key_file else b''
         self._timeout = parameters.declare(
             'pose_timeout',
             1.0,
@@ -109,7 +117,7 @@ class MavlinkBridge(Node):
         self.create_timer(_CHECK_PERIOD, self._settle, clock=steady)
         self.create_timer(1.0, self._send_heartbeat, clock=steady)
         # Last, for its thread must not be left behind if something above fails.
-        self._link = Link(address, baud, settings, self._now_ns, self._on_link_poses)
+        self._link = Link(address, baud, settings, self._now_ns, self._on_link_poses, signing_key)
 
     def destroy_node(self) -> None:
         """Close the link first."""
