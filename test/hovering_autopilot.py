@@ -57,7 +57,9 @@ class HoveringAutopilot:
         north: float = 3.0,
         uptime: float = 5.0,
         key: bytes = b'',
+        estimator_flags: int = 0x33F,
     ) -> None:
+        self._flags = estimator_flags
         self._wire, self._north = wire, north
         self._boot = time.time_ns() - round(uptime * 1e9)
         self._sender = mavlink.MAVLink(wire, system, 1)
@@ -106,7 +108,7 @@ class HoveringAutopilot:
             self._sender.heartbeat_send(
                 mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, 0, 0, 4
             )
-            self._sender.ekf_status_report_send(0x33F, 0, 0, 0, 0, 0)
+            self._sender.ekf_status_report_send(self._flags, 0, 0, 0, 0, 0)
         if mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION in self._asked:
             self._sender.attitude_quaternion_send(boot_ms, 1, 0, 0, 0, 0, 0, 0)
         if mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED in self._asked:

@@ -15,6 +15,7 @@ COMMANDS = {
     'demo': 'the whole payload on a simulated panel and autopilot',
     'up': "run a configuration's nodes and keep them running",
     'reconstruct': 'one photograph to a point cloud',
+    'link-check': "who is on the autopilot's link, and whether it is fit to fly",
     'record': 'record topics to an MCAP bag',
     'replay': 'publish the messages of a bag',
     'recover': 'mend a bag whose recorder was killed',
@@ -50,7 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _module(command: str):
     try:
-        return importlib.import_module(f'ftp_dent_ros.cli.{command}')
+        return importlib.import_module(f'ftp_dent_ros.cli.{command.replace("-", "_")}')
     except ModuleNotFoundError as error:
         if error.name and error.name.startswith('ftp_dent_ros'):
             raise

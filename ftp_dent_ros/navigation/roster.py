@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections import Counter
 from dataclasses import dataclass, field
 from typing import Any
@@ -23,24 +24,24 @@ class Speaker:
         What its heartbeat says that it is; '' before the first.
     autopilot : str
         Its firmware, if it is an autopilot; else ''.
-    first, last : float
-        When it was heard, seconds of steady time.
     counts : Counter
         How many of each message it sent.
+    first, last : dict
+        When each was heard, seconds of steady time.
     """
 
     system: int
     component: int
-    first: float
-    last: float
     kind: str = ''
     autopilot: str = ''
     counts: Counter[str] = field(default_factory=Counter)
+    first: dict[str, float] = field(default_factory=dict)
+    last: dict[str, float] = field(default_factory=dict)
 
     def rate(self, name: str) -> float:
-        """Mean rate of a message since the first that was heard, Hz."""
-        seconds = self.last - self.first
-        return max(0, self.counts[name] - 1) / seconds if seconds > 0 else 0.0
+        """Mean rate of a message between the first and the last that was heard, Hz."""
+        seconds = self.last[name] - self.first[name]
+        return (self.counts[name] - 1) / seconds if seconds > 0 else 0.0
 
 
 class Roster:
@@ -57,10 +58,11 @@ class Roster:
             # Messages that the dialect does not know are of nobody.
             if source[0] == 0 or len(self._speakers) >= _MOST:
                 return
-            speaker = self._speakers[source] = Speaker(*source, now, now)
-        speaker.last = now
+            speaker = self._speakers[source] = Speaker(*source)
         name = message.get_type()
         speaker.counts[name] += 1
+        speaker.first.setdefault(name, now)
+        speaker.last[name] = now
         if name == 'HEARTBEAT':
             speaker.kind = _name('MAV_TYPE', message.type)
             is_autopilot = message.autopilot != mavlink.MAV_AUTOPILOT_INVALID
@@ -68,10 +70,7 @@ class Roster:
 
     def speakers(self) -> list[Speaker]:
         """Who was heard, by system and component."""
-        return [
-            Speaker(**{**vars(speaker), 'counts': speaker.counts.copy()})
-            for _, speaker in sorted(self._speakers.items())
-        ]
+        return [copy.deepcopy(speaker) for _, speaker in sorted(self._speakers.items())]
 
 
 def _name(enumeration: str, value: int) -> str:
