@@ -8,6 +8,7 @@ import time
 import numpy as np
 
 from ftp_dent_ros.errors import PoseError
+from ftp_dent_ros.navigation.accuracy import Tag
 from ftp_dent_ros.navigation.codec import read_key
 from ftp_dent_ros.navigation.link import Link, LinkState
 from ftp_dent_ros.navigation.report import judge
@@ -56,24 +57,26 @@ def run(arguments: argparse.Namespace) -> int:
     link = Link(arguments.address, arguments.baud, settings, signing_key=key)
     try:
         print(f'listening on {arguments.address} for up to {arguments.seconds:g} s', flush=True)
-        state = _watch(link, arguments.address, arguments.seconds)
+        state, tag = _watch(link, arguments.address, arguments.seconds)
         speakers = link.speakers()
-        pose = _pose(link)
     finally:
         link.close()
     verdict = judge(state, arguments.address)
     print('\n'.join(_who(state, speakers)))
     if state.vehicle.identity is not None:
-        print('\n'.join([*_streams(state, speakers, arguments.rate), *_clock(state), pose]))
+        print('\n'.join([*_streams(state, speakers, arguments.rate), *_clock(state), *_pose(tag)]))
     if verdict.severity != 'ok':
         print(f'\nNO GO: {verdict.text}')
+        return 1
+    if isinstance(tag, PoseError):
+        print(f'\nNO GO: {tag}')
         return 1
     print('\nGO: the poses come, the clock is known and the estimator is ready')
     return 0
 
 
-def _watch(link: Link, address: str, seconds: float) -> LinkState:
-    """State once all has been well for a while, or at the end."""
+def _watch(link: Link, address: str, seconds: float) -> tuple[LinkState, Tag | PoseError]:
+    """State and pose once all has been well for a while, or at the end."""
     begin = time.monotonic()
     heartbeat, well_since = begin, begin
     while True:
@@ -82,29 +85,34 @@ def _watch(link: Link, address: str, seconds: float) -> LinkState:
             # As the bridge does; many an autopilot sends nothing before.
             link.send_heartbeat()
             heartbeat += 1.0
-        state = link.state()
-        if judge(state, address).severity != 'ok':
+        state, tag = link.state(), _settled_tag(link)
+        if judge(state, address).severity != 'ok' or isinstance(tag, PoseError):
             well_since = now
         if now - begin >= seconds or (now - well_since >= _WELL and now - begin >= _SHORTEST):
-            return state
+            return state, tag
         time.sleep(_TICK)
 
 
-def _pose(link: Link) -> str:
+def _settled_tag(link: Link) -> Tag | PoseError:
     try:
-        tag = link.tag_at(time.time_ns() - _SETTLED_NS)
+        return link.tag_at(time.time_ns() - _SETTLED_NS)
     except PoseError as error:
-        return f'pose         none: {error}'
+        return error
+
+
+def _pose(tag: Tag | PoseError) -> list[str]:
+    if isinstance(tag, PoseError):
+        return [f'pose         none: {tag}']
     east, north, up = tag.pose.translation
     ahead = tag.pose.rotation.apply([1.0, 0.0, 0.0])
     heading = np.degrees(np.arctan2(ahead[0], ahead[1])) % 360
     deviations = np.sqrt(np.diag(tag.covariance))
-    return (
+    return [
         f'pose         {north:.2f} m north, {east:.2f} m east, {up:.2f} m up, heading '
-        f'{heading:.0f} degrees\n'
+        f'{heading:.0f} degrees',
         f'             to within {1e3 * deviations[:3].max():.0f} mm and '
-        f'{np.degrees(deviations[3:].max()):.1f} degrees, without the mount'
-    )
+        f'{np.degrees(deviations[3:].max()):.1f} degrees, without the mount',
+    ]
 
 
 def _who(state: LinkState, speakers: list[Speaker]) -> list[str]:
