@@ -36,10 +36,12 @@ class Outcome:
         return Counter(self.refusals.values())
 
 
-def replay(flight: Flight, stamps: list[int], seed: int = 1) -> Outcome:
+def replay(
+    flight: Flight, stamps: list[int], seed: int = 1, settings: Settings | None = None
+) -> Outcome:
     """Play all packets, answer TIMESYNC after random delays, ask for the pose at each stamp."""
     rng = np.random.default_rng(seed)
-    vehicle, outcome = Vehicle(Settings()), Outcome()
+    vehicle, outcome = Vehicle(settings or Settings()), Outcome()
     ours, its = mavlink.MAVLink(None, *VEHICLE[:1], 191), mavlink.MAVLink(None, *VEHICLE)
     order = count()
     events = [(stamp, next(order), flight.messages[i]) for i, stamp in enumerate(flight.times)]

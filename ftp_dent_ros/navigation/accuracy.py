@@ -46,10 +46,14 @@ _ACCELERATION, _TURN_ACCELERATION = 3.0, 3.0
 
 @dataclass(frozen=True)
 class Tag:
-    """A pose of `base_link` in `map` and its covariance, of shape (6, 6)."""
+    """A pose of `base_link` in `map` and its covariance, of shape (6, 6).
+
+    `boot` is the autopilot's time since boot, nanoseconds.
+    """
 
     pose: Pose
     covariance: Covariance
+    boot: int
 
 
 @dataclass(frozen=True)

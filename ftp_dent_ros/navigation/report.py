@@ -77,11 +77,16 @@ def figures(state: LinkState) -> dict[str, str]:
         'reconnections': str(state.reconnections),
         'messages': str(vehicle.messages),
         'messages of others': str(vehicle.foreign),
+        'messages in its name from elsewhere': str(state.impostors),
         'messages lost': str(vehicle.lost),
         'messages malformed': str(vehicle.malformed),
         'messages without the right signature': str(state.refused),
         'bytes that are no message': str(state.bad_bytes),
     }
+    if vehicle.origin is not None:
+        values['origin (deg)'] = f'{vehicle.origin.latitude:.7f} {vehicle.origin.longitude:.7f}'
+        values['origin above the sea (m)'] = f'{vehicle.origin.above_sea:.2f}'
+        values['origin differs from GLOBAL_POSITION_INT (m)'] = _number(vehicle.origin_error, 1, 2)
     values.update({f'{name} (Hz)': f'{rate:.1f}' for name, rate in vehicle.rates.items()})
     return values
 

@@ -15,6 +15,7 @@ from ftp_dent_ros.errors import PoseAwaitedError, PoseError
 from ftp_dent_ros.navigation import accuracy, estimator
 from ftp_dent_ros.navigation.accuracy import Tag
 from ftp_dent_ros.navigation.clock_offset import ClockOffset
+from ftp_dent_ros.navigation.earth import Earth
 from ftp_dent_ros.navigation.estimator import Estimator
 from ftp_dent_ros.navigation.pose_source import PoseSource
 from ftp_dent_ros.navigation.streams import Stream, Streams
@@ -24,7 +25,7 @@ from ftp_dent_ros.pose import Pose
 # pymavlink makes its messages' fields at run time: no type checker knows them.
 Message = Any
 
-_ESTIMATOR_RATE = 5.0
+_ESTIMATOR_RATE, _EARTH_RATE = 5.0, 2.0
 # Poses are kept for as long; seconds.
 _LONGEST_AGE = 10.0
 _LONGEST_LEAD = 1.0
@@ -39,6 +40,7 @@ class Vehicle:
         self._autopilot = mavlink.MAV_AUTOPILOT_INVALID
         self._clock = ClockOffset(maximum_error=settings.maximum_clock_error)
         self._poses = PoseSource(self._clock, _LONGEST_AGE, settings.maximum_gap)
+        self._earth = Earth(self._clock, self._poses.at)
         self._estimator = Estimator()
         self._streams = Streams([])
         self._heard: float | None = None
@@ -54,7 +56,13 @@ class Vehicle:
             'EKF_STATUS_REPORT': self._on_estimator_report,
             'ESTIMATOR_STATUS': self._on_estimator_report,
             **self._poses.handlers,
+            **(self._earth.handlers if settings.earth else {}),
         }
+
+    @property
+    def identity(self) -> tuple[int, int] | None:
+        """System and component that are believed, once they are known."""
+        return self._identity
 
     @property
     def system_id(self) -> int:
@@ -90,16 +98,12 @@ class Vehicle:
             due.append(mavlink.MAVLink_timesync_message(tc1=0, ts1=ts1))
         stream = self._streams.next_request(at.steady)
         if stream is not None:
-            due.append(
-                mavlink.MAVLink_command_long_message(
-                    *self._identity,
-                    mavlink.MAV_CMD_SET_MESSAGE_INTERVAL,
-                    stream.retries,
-                    stream.message_id,
-                    stream.interval_us,
-                    *(0, 0, 0, 0, 0),
-                )
-            )
+            interval = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
+            wanted = stream.message_id, stream.interval_us
+            due.append(_command(self._identity, interval, stream.retries, *wanted))
+        once = self._earth.next_request(at.steady) if self._settings.earth else None
+        if once is not None:
+            due.append(_command(self._identity, mavlink.MAV_CMD_REQUEST_MESSAGE, 0, once, 0))
         return due
 
     def pose_at(self, stamp: int, at: Instant) -> Pose:
@@ -139,7 +143,7 @@ class Vehicle:
             raise PoseAwaitedError(
                 f'the autopilot has been silent for {silence:.1f} s ({error})', 'link lost'
             ) from None
-        return Tag(pose, self._poses.covariance(boot, reported, doubt / 1e9))
+        return Tag(pose, self._poses.covariance(boot, reported, doubt / 1e9), boot)
 
     def new_poses(self, at: Instant) -> list[tuple[int, Pose]]:
         """Poses that have become known since the last call, with their ROS times in ns.
@@ -184,6 +188,8 @@ class Vehicle:
             malformed=self._poses.malformed,
             lost=self._lost,
             resets=self._poses.resets,
+            origin=self._earth.origin,
+            origin_error=self._earth.error,
         )
 
     def _is_wanted(self, message: Message, source: tuple[int, int], name: str) -> bool:
@@ -200,6 +206,7 @@ class Vehicle:
         if self._autopilot != mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA:
             report = 'ESTIMATOR_STATUS'
         rate = self._settings.rate
+        earth = [Stream('GLOBAL_POSITION_INT', _EARTH_RATE, required=False)]
         self._streams = Streams(
             [
                 Stream('ATTITUDE_QUATERNION', rate),
@@ -207,10 +214,12 @@ class Vehicle:
                 Stream('ODOMETRY', rate, required=False),
                 Stream(report, _ESTIMATOR_RATE, required=False),
                 Stream('SYSTEM_TIME', 1.0, required=False),
+                *(earth if self._settings.earth else []),
             ]
         )
         self._poses.clear()
         self._streamed = 0
+        self._earth.clear()
         self._estimator.restart(at.ros)
         self._utc_offset = None
 
@@ -242,3 +251,10 @@ class Vehicle:
     def _on_estimator_report(self, message: Message, at: Instant) -> None:
         ready = estimator.is_ready(message.get_type(), message.flags)
         self._estimator.report(ready, at.ros, accuracy.reported(message))
+
+
+def _command(
+    target: tuple[int, int], command: int, confirmation: int, first: float, second: float
+) -> Message:
+    parameters = (first, second, 0, 0, 0, 0, 0)
+    return mavlink.MAVLink_command_long_message(*target, command, confirmation, *parameters)

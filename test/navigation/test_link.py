@@ -178,15 +178,26 @@ def test_of_two_vehicles_on_one_port_only_the_first_is_followed(connect) -> None
     subject = connect(f'udpin:{LOCAL}:{port}')
     with HoveringAutopilot(Wire(udp(), (LOCAL, port))):
         subject.until(subject.has_pose)
-        with HoveringAutopilot(Wire(udp(), (LOCAL, port)), system=2, north=50.0) as other:
-            other._asked |= {
-                mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION,
-                mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
-            }
+        with HoveringAutopilot(
+            Wire(udp(), (LOCAL, port)), system=2, north=50.0, asked=True
+        ) as other:
             subject.until(lambda: subject.link.state().vehicle.foreign > 100)
             assert {pose.translation[1] for pose in subject.poses} == {3.0}
             assert subject.has_pose()
             assert other.received == []
+
+
+def test_who_speaks_in_its_name_from_elsewhere_is_not_believed(connect) -> None:
+    port = free_port()
+    subject = connect(f'udpin:{LOCAL}:{port}')
+    with HoveringAutopilot(Wire(udp(), (LOCAL, port))):
+        subject.until(lambda: subject.poses and subject.has_pose())
+        with HoveringAutopilot(Wire(udp(), (LOCAL, port)), north=50.0, uptime=900.0) as other:
+            subject.until(lambda: subject.link.state().impostors > 10)
+            assert other.received == []
+        assert subject.link.state().vehicle.clock.restarts == 0
+        subject.until(subject.has_pose)
+    assert {pose.translation[1] for pose in subject.poses} == {3.0}
 
 
 def test_with_a_key_only_an_autopilot_that_has_it_is_believed(connect) -> None:

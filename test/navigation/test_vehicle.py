@@ -111,6 +111,8 @@ class World:
             self.say(mavlink.MAVLink_timesync_message(self.now - self.boot, request.ts1))
         elif name == 'COMMAND_LONG':
             self.asked.append(int(request.param1))
+            if request.command != mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
+                return
             if int(request.param1) not in self.grants:
                 self.say(mavlink.MAVLink_command_ack_message(request.command, 2, 0, 0, 1, 191))
                 return
