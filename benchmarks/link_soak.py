@@ -151,14 +151,14 @@ def minute(soak: Soak) -> dict[str, float]:
     begin, times = time.monotonic(), {}
     soak.run(begin + FLOODED[0])
     enemy = multiprocessing.Process(target=flood, args=(soak.port,), daemon=True)
-    before, messages = len(soak.errors), sum(map(int, numbers(soak)))
+    before, messages = len(soak.errors), heard(soak)
     enemy.start()
     soak.run(begin + FLOODED[1])
     enemy.kill()
     enemy.join()
     times['tags_in_flood'] = (len(soak.errors) - before) / (FLOODED[1] - FLOODED[0])
     soak.run(begin + LOST)
-    times['flood_rate'] = (sum(map(int, numbers(soak))) - messages) / (FLOODED[1] - FLOODED[0])
+    times['flood_rate'] = (heard(soak) - messages) / (FLOODED[1] - FLOODED[0])
     soak.vehicle.silent = True
     times['loss_told'] = soak.seconds_until(lambda: 'silent' in soak.verdict)
     soak.run(begin + BACK)
@@ -177,10 +177,10 @@ def minute(soak: Soak) -> dict[str, float]:
     return times
 
 
-def numbers(soak: Soak) -> list[str]:
-    return [
-        soak.values[key] for key in ('messages', 'messages of others', 'bytes that are no message')
-    ]
+def heard(soak: Soak) -> int:
+    """How much has come, good or bad."""
+    ours, others = 'messages', ('messages of others', 'messages in its name from elsewhere')
+    return sum(int(soak.values[key]) for key in (ours, *others, 'bytes that are no message'))
 
 
 def resident(pid: int) -> float:

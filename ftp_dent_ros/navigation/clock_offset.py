@@ -9,7 +9,8 @@ round trip filter, in each direction by itself.
 
 An exchange that contradicts the others proves that a clock has stepped between it and the one
 before. Then a new segment begins. A stamp is converted only if exchanges on both sides of it
-agree, so that no stamp is converted with the wrong side of a step.
+agree, so that no stamp is converted with the wrong side of a step. One whose round trip is longer
+than the doubt that is allowed could agree with either side: it is no witness where a quicker is.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ _MINIMUM_EXCHANGES = 5
 _KEPT_EXCHANGES = 64
 _KEPT_SEGMENTS = 8
 _KEPT_REQUESTS = 64
+_RECENT = 20
 _SILENCE = 2 * SECOND
 # A larger step: the autopilot has rebooted, or this computer's clock has been set.
 _RESTART = 1 * SECOND
@@ -63,6 +65,7 @@ class _Segment:
     begin: int
     exchanges: deque[Exchange] = field(default_factory=lambda: deque(maxlen=_KEPT_EXCHANGES))
     count: int = 0
+    is_tight: bool = False
     latest: tuple[int, int] = (0, 0)
 
     def add(self, exchange: Exchange) -> None:
@@ -117,6 +120,12 @@ class ClockOffset:
         Time between two requests, seconds.
     maximum_error : float
         Largest uncertainty at which a stamp is still converted, seconds.
+
+    Attributes
+    ----------
+    repeated_from : int or None
+        If the last answer showed that the autopilot's clock has stepped back: the first time since
+        boot, in nanoseconds, that may have come twice.
     """
 
     def __init__(self, period: float = 0.1, maximum_error: float = 0.01) -> None:
@@ -125,7 +134,9 @@ class ClockOffset:
         self._segments: deque[_Segment] = deque(maxlen=_KEPT_SEGMENTS)
         self._open_requests: dict[int, None] = {}
         self._last_request: int | None = None
+        self._round_trips: deque[int] = deque(maxlen=_RECENT)
         self._answers = self._steps = self._restarts = 0
+        self.repeated_from: int | None = None
 
     def request(self, now: int) -> int | None:
         """`ts1` of a request to send now (ROS time in ns), or None while none is due."""
@@ -159,17 +170,28 @@ class ClockOffset:
         if exchange.round_trip < 0:
             return False
         self._answers += 1
-        off = self._segments[-1].contradiction(exchange) if self._segments else 0
+        self.repeated_from = None
+        self._round_trips.append(exchange.round_trip)
+        is_tight = exchange.round_trip <= 2 * self._maximum_error
+        newest = self._segments[-1] if self._segments else None
+        off = newest.contradiction(exchange) if newest else 0
         restarted = off > _RESTART
         if restarted:
             self._restarts += 1
             self._segments.clear()
-        elif off:
+        elif newest and off:
             self._steps += 1
+            if exchange.sent - exchange.boot > newest.offset(now)[0]:
+                self.repeated_from = exchange.boot - (exchange.received - newest.end)
             self._segments.append(_Segment(now))
+        elif newest and newest.is_tight and not is_tight:
+            return False
+        elif newest and is_tight and not newest.is_tight:
+            self._segments[-1] = _Segment(now)
         if not self._segments:
             self._segments.append(_Segment(now))
         self._segments[-1].add(exchange)
+        self._segments[-1].is_tight = is_tight
         while abs(now - self._segments[0].end) > _FORGOTTEN:
             self._segments.popleft()
         return restarted
@@ -241,12 +263,11 @@ class ClockOffset:
         newest = self._segments[-1]
         last = newest.last
         offset, uncertainty = newest.latest
-        recent = [exchange.round_trip for exchange in list(newest.exchanges)[-20:]]
         return ClockState(
             self._is_converged(newest) and now - last.received < _SILENCE,
             offset / SECOND,
             uncertainty / SECOND,
-            statistics.median(recent) / SECOND,
+            statistics.median(self._round_trips) / SECOND,
             self._answers,
             self._steps,
             self._restarts,

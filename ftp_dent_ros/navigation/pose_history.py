@@ -168,6 +168,11 @@ class PoseHistory:
             rotation = rotation * Rotation.from_rotvec(weight * _turn(before, after))
         return Pose(rotation, start + along * (end - start))
 
+    @property
+    def newest(self) -> int:
+        """Stamp of the newest sample, or 0."""
+        return max(self._attitudes.stamps[-1:] + self._positions.stamps[-1:], default=0)
+
     def stamps_since(self, stamp: int) -> list[int]:
         """Stamps of attitudes later than `stamp` that lie within the known positions."""
         stamps, positions = self._attitudes.stamps, self._positions.stamps

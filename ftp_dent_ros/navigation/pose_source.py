@@ -7,6 +7,7 @@ import math
 from collections import deque
 from typing import Any
 
+from ftp_dent_ros.errors import PoseError
 from ftp_dent_ros.navigation import accuracy, samples
 from ftp_dent_ros.navigation.accuracy import Covariance
 from ftp_dent_ros.navigation.clock_offset import ClockOffset
@@ -16,7 +17,7 @@ from ftp_dent_ros.pose import Pose
 
 # For as long after an ODOMETRY the messages that say less are left alone; seconds.
 _PREFERRED = 0.5
-_KEPT_COVARIANCES = 2048
+_KEPT_COVARIANCES, _KEPT_STEPS = 2048, 8
 
 
 class PoseSource:
@@ -47,6 +48,7 @@ class PoseSource:
         """Forget everything: the stamps start anew."""
         self._history.clear()
         self._covariances.clear()
+        self._repeated = deque[tuple[int, int]](maxlen=_KEPT_STEPS)
         self._odometry_heard = -math.inf
         self._reset_counter: int | None = None
 
@@ -56,8 +58,14 @@ class PoseSource:
         return self._history.resets
 
     def at(self, boot: int) -> Pose:
-        """As `PoseHistory.at`."""
+        """As `PoseHistory.at`; `PoseError` also for a time that has come twice."""
+        if any(first <= boot <= last for first, last in self._repeated):
+            raise PoseError('a clock stepped back around that time', 'clock stepped')
         return self._history.at(boot)
+
+    def repeat_from(self, boot: int) -> None:
+        """The clock has stepped back: times from this one to the newest come twice."""
+        self._repeated.append((boot, self._history.newest + self._maximum_gap))
 
     def stamps_since(self, boot: int) -> list[int]:
         """As `PoseHistory.stamps_since`."""

@@ -233,6 +233,8 @@ class Vehicle:
     def _on_timesync(self, message: Message, at: Instant) -> None:
         if self._clock.answer(message.tc1, message.ts1, at.ros):
             self._start_anew(at)
+        elif self._clock.repeated_from is not None:
+            self._poses.repeat_from(self._clock.repeated_from)
 
     def _on_command_ack(self, message: Message, at: Instant) -> None:
         # A MAVLink 1 autopilot leaves the addressee 0.
