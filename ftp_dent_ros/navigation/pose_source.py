@@ -67,6 +67,11 @@ class PoseSource:
         """The clock has stepped back: times from this one to the newest come twice."""
         self._repeated.append((boot, self._history.newest + self._maximum_gap))
 
+    @property
+    def newest(self) -> int:
+        """As `PoseHistory.newest`."""
+        return self._history.newest
+
     def stamps_since(self, boot: int) -> list[int]:
         """As `PoseHistory.stamps_since`."""
         return self._history.stamps_since(boot)

@@ -65,6 +65,7 @@ def figures(state: LinkState) -> dict[str, str]:
         'autopilot': vehicle.autopilot,
         'system/component': _name(vehicle.identity) if vehicle.identity else 'none',
         'silence (s)': _number(vehicle.silence, 1, 2),
+        'pose age (ms)': _number(vehicle.pose_age, 1e3, 1),
         'estimator': vehicle.estimator,
         'estimator resets': str(vehicle.resets),
         'clock converged': str(clock.converged).lower(),

@@ -173,6 +173,7 @@ class Vehicle:
         utc_error = None
         if self._utc_offset is not None and clock.offset is not None:
             utc_error = clock.offset - self._utc_offset / 1e9
+        newest = self._clock.ros_time(self._poses.newest) if self._poses.newest else None
         return VehicleState(
             identity=self._identity,
             autopilot=mavlink.enums['MAV_AUTOPILOT'][self._autopilot].name,
@@ -188,6 +189,7 @@ class Vehicle:
             malformed=self._poses.malformed,
             lost=self._lost,
             resets=self._poses.resets,
+            pose_age=None if newest is None else (at.ros - newest) / 1e9,
             origin=self._earth.origin,
             origin_error=self._earth.error,
         )

@@ -65,6 +65,8 @@ class VehicleState:
         Messages of others; of the autopilot's own with impossible contents; that never came.
     resets : int
         Jumps of the estimator.
+    pose_age : float or None
+        Age of the newest sample of a pose.
     origin : Origin or None
         Where on the earth the map's origin is, if that was asked and is known.
     origin_error : float or None
@@ -85,6 +87,7 @@ class VehicleState:
     malformed: int
     lost: int
     resets: int
+    pose_age: float | None = None
     origin: Origin | None = None
     origin_error: float | None = None
 

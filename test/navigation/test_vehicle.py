@@ -304,6 +304,46 @@ def test_a_reboot_is_noticed_and_everything_is_asked_for_again() -> None:
     assert before[1] is False
 
 
+def tagged(world: World, stamp: int) -> bool:
+    """Whether a stamp has a pose, and then the right one."""
+    try:
+        north = world.vehicle.pose_at(stamp, world.at).translation[1]
+    except PoseError:
+        return False
+    assert north == pytest.approx((stamp - START) / S, abs=2e-3)
+    return True
+
+
+def seconds_until(world: World, condition: Any) -> float:
+    begin = world.now
+    while not condition():
+        world.run(0.1)
+        for ago in (300, 730):
+            tagged(world, world.now - ago * MS)
+        assert world.now - begin < 20 * S
+    return (world.now - begin) / S
+
+
+def test_loss_and_reboot_are_told_within_3_s_and_recovered_from_within_5_s() -> None:
+    world = World().run(5)
+    world.silent = True
+    lost = world.now
+    assert seconds_until(world, lambda: 'silent' in world.verdict()) < 3
+    seconds_until(world, lambda: world.now - lost >= 20 * S)
+    world.silent = False
+    back = world.now
+    assert seconds_until(world, lambda: tagged(world, world.now - 200 * MS)) < 5
+    assert not tagged(world, (lost + back) // 2)
+    world.run(5)
+    world.silent = True
+    world.run(1.2)
+    world.silent = False
+    world.boot = world.now - S // 2
+    world.intervals.clear()
+    assert seconds_until(world, lambda: world.vehicle.state(world.at).clock.restarts == 1) < 3
+    assert seconds_until(world, lambda: tagged(world, world.now - 200 * MS)) < 5
+
+
 def test_the_wrap_of_time_boot_ms_is_flown_through() -> None:
     wrap = 2**32 * MS
     world = World(boot=START - wrap + 5 * S)

@@ -139,6 +139,7 @@ def test_a_cloud_comes_back_in_the_map_with_the_pose_at_its_stamp(ros, port, aut
     assert bridge.value('clock converged') == 'true'
     assert bridge.number('ATTITUDE_QUATERNION (Hz)') > 0
     assert 0 < bridge.number('round trip (ms)') < 1000
+    assert 0 < bridge.number('pose age (ms)') < 1000
     assert 'waited median (ms)' in {v.key for v in bridge.status().values}
     beats = autopilot.heard('HEARTBEAT')
     assert {(m.get_srcSystem(), m.get_srcComponent(), m.type) for m in beats} == {
@@ -241,7 +242,7 @@ def test_the_life_of_a_link(ros, port) -> None:
         ros.until(lambda: bridge.stream)
         bridge.publish()
         ros.until(lambda: bridge.poses)
-    ros.until(lambda: bridge.number('silence (s)') > 2)
+    ros.until(lambda: 'silent' in bridge.message())
     bridge.publish()
     ros.until(lambda: bridge.value('refused: link lost') == '1')
     bridge.stream.clear()
