@@ -10,7 +10,8 @@ import numpy as np
 from ftp_dent_ros.errors import PoseError
 from ftp_dent_ros.navigation.accuracy import Tag
 from ftp_dent_ros.navigation.codec import read_key
-from ftp_dent_ros.navigation.link import Link, LinkState
+from ftp_dent_ros.navigation.link import Link
+from ftp_dent_ros.navigation.link_state import LinkState
 from ftp_dent_ros.navigation.report import judge
 from ftp_dent_ros.navigation.roster import Speaker
 from ftp_dent_ros.navigation.vehicle_state import Settings

@@ -17,19 +17,12 @@ from __future__ import annotations
 
 import statistics
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from ftp_dent_ros.errors import PoseAwaitedError, PoseError
+from ftp_dent_ros.navigation.clock_segment import MILLISECOND, SECOND, Exchange, Segment
 
-SECOND = 1_000_000_000
-MILLISECOND = 1_000_000
-
-# How far two crystals drift apart, with margin (common ones: 50 ppm each).
-_DRIFT_PPM = 200
-# An autopilot reads its clock between two rounds of its scheduler: this much is no step.
-_TOLERANCE = 5 * MILLISECOND
 _MINIMUM_EXCHANGES = 5
-_KEPT_EXCHANGES = 64
 _KEPT_SEGMENTS = 8
 _KEPT_REQUESTS = 64
 _RECENT = 20
@@ -42,60 +35,6 @@ _FORGOTTEN = 60 * SECOND
 _PLAUSIBLE_AGE = 10 * SECOND
 _PLAUSIBLE_LEAD = SECOND // 2
 _WRAP = 2**32 * MILLISECOND
-
-
-@dataclass(frozen=True)
-class Exchange:
-    """One request and its answer; all in nanoseconds."""
-
-    sent: int
-    boot: int
-    received: int
-
-    @property
-    def round_trip(self) -> int:
-        """Time from the request to its answer."""
-        return self.received - self.sent
-
-
-@dataclass
-class _Segment:
-    """Exchanges that agree: no clock has stepped between any two of them."""
-
-    begin: int
-    exchanges: deque[Exchange] = field(default_factory=lambda: deque(maxlen=_KEPT_EXCHANGES))
-    count: int = 0
-    is_tight: bool = False
-    latest: tuple[int, int] = (0, 0)
-
-    def add(self, exchange: Exchange) -> None:
-        self.exchanges.append(exchange)
-        self.count += 1
-        self.latest = self.offset(exchange.received)
-
-    @property
-    def last(self) -> Exchange:
-        return self.exchanges[-1]
-
-    @property
-    def end(self) -> int:
-        return self.last.sent
-
-    def offset(self, at: int) -> tuple[int, int]:
-        """Offset and its uncertainty, nanoseconds, at a ROS time."""
-        lower, upper = -(2**63), 2**63
-        for exchange in self.exchanges:
-            drift = abs(at - exchange.received) * _DRIFT_PPM // 1_000_000
-            lower = max(lower, exchange.sent - exchange.boot - drift)
-            upper = min(upper, exchange.received - exchange.boot + drift)
-        # Bounds that cross, by less than the tolerance, leave as much doubt as bounds apart.
-        return (lower + upper) // 2, abs(upper - lower) // 2
-
-    def contradiction(self, exchange: Exchange) -> int:
-        """By how much, ns, an exchange after these cannot be of the same clocks; 0 if it can."""
-        offset, uncertainty = self.offset(exchange.received)
-        lower, upper = exchange.sent - exchange.boot, exchange.received - exchange.boot
-        return max(0, abs(offset - min(max(offset, lower), upper)) - uncertainty - _TOLERANCE)
 
 
 @dataclass(frozen=True)
@@ -131,7 +70,7 @@ class ClockOffset:
     def __init__(self, period: float = 0.1, maximum_error: float = 0.01) -> None:
         self._period = round(period * SECOND)
         self._maximum_error = round(maximum_error * SECOND)
-        self._segments: deque[_Segment] = deque(maxlen=_KEPT_SEGMENTS)
+        self._segments: deque[Segment] = deque(maxlen=_KEPT_SEGMENTS)
         self._open_requests: dict[int, None] = {}
         self._last_request: int | None = None
         self._round_trips: deque[int] = deque(maxlen=_RECENT)
@@ -183,13 +122,13 @@ class ClockOffset:
             self._steps += 1
             if exchange.sent - exchange.boot > newest.offset(now)[0]:
                 self.repeated_from = exchange.boot - (exchange.received - newest.end)
-            self._segments.append(_Segment(now))
+            self._segments.append(Segment(now))
         elif newest and newest.is_tight and not is_tight:
             return False
         elif newest and is_tight and not newest.is_tight:
-            self._segments[-1] = _Segment(now)
+            self._segments[-1] = Segment(now)
         if not self._segments:
-            self._segments.append(_Segment(now))
+            self._segments.append(Segment(now))
         self._segments[-1].add(exchange)
         self._segments[-1].is_tight = is_tight
         while abs(now - self._segments[0].end) > _FORGOTTEN:
@@ -273,7 +212,7 @@ class ClockOffset:
             self._restarts,
         )
 
-    def _is_converged(self, segment: _Segment) -> bool:
+    def _is_converged(self, segment: Segment) -> bool:
         return segment.count >= _MINIMUM_EXCHANGES and segment.latest[1] <= self._maximum_error
 
     def _boot_now(self, now: int) -> int:

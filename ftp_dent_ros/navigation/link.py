@@ -8,7 +8,6 @@ import socket
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -16,10 +15,11 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from ftp_dent_ros.errors import LinkError
 from ftp_dent_ros.navigation.accuracy import Tag
 from ftp_dent_ros.navigation.codec import Codec
+from ftp_dent_ros.navigation.link_state import LinkState
 from ftp_dent_ros.navigation.roster import Roster, Speaker
 from ftp_dent_ros.navigation.transport import Peer, Transport, check_address, open_transport
 from ftp_dent_ros.navigation.vehicle import Vehicle
-from ftp_dent_ros.navigation.vehicle_state import Instant, Settings, VehicleState
+from ftp_dent_ros.navigation.vehicle_state import Instant, Settings
 from ftp_dent_ros.pose import Pose
 
 _COMPUTER = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
@@ -31,34 +31,6 @@ _SILENCE = 5.0
 _TIME_TO_END = 5.0
 # A vehicle that is heard from another address has been silent for as long, or is none; seconds.
 _MOVING_TIME = 1.0
-
-
-@dataclass(frozen=True)
-class LinkState:
-    """State of the connection and of the vehicle behind it.
-
-    Attributes
-    ----------
-    fault : str
-        Why the connection is not open; '' if it is.
-    vehicle : VehicleState
-        What is known of the autopilot.
-    bad_bytes : int
-        Pieces that were no MAVLink message.
-    reconnections : int
-        How often the connection was opened again.
-    refused : int
-        Messages without the signature that was wanted.
-    impostors : int
-        Messages in the vehicle's name from another address than its own.
-    """
-
-    fault: str
-    vehicle: VehicleState
-    bad_bytes: int
-    reconnections: int
-    refused: int = 0
-    impostors: int = 0
 
 
 class Link:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from ftp_dent_ros.navigation.link import LinkState
+from ftp_dent_ros.navigation.link_state import LinkState
 
 _ESTIMATOR = {
     'not ready': "the autopilot's estimator is not ready: wait until it knows its position",
