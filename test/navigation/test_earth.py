@@ -1,15 +1,12 @@
-"""The map's origin on the earth: said, derived, and against the recorded flight."""
+"""The map's origin on the earth: said and derived."""
 
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from flight_player import Flight
-from flight_replay import replay
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from test_vehicle import World
 
@@ -127,13 +124,3 @@ def ecef(place: Origin) -> np.ndarray:
     across = (normal + place.above_sea) * math.cos(phi)
     up = (normal * (1 - 6.69437999014e-3) + place.above_sea) * math.sin(phi)
     return np.array([across * math.cos(lam), across * math.sin(lam), up])
-
-
-def test_the_recorded_flights_two_ways_agree(shared: Path) -> None:
-    flight = Flight.read(shared / 'mavlink' / 'copter_flight_square.tlog')
-    outcome = replay(flight, [], settings=Settings(earth=True))
-    _, said = flight.of('GPS_GLOBAL_ORIGIN')[-1]
-    origin = outcome.state.origin
-    assert origin.latitude == pytest.approx(1e-7 * said.latitude, abs=1e-9)
-    assert outcome.state.origin_error < 0.1
-    assert origin.altitude == pytest.approx(origin.above_sea)  # the simulator has no geoid

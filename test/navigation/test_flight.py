@@ -27,7 +27,7 @@ def flight(shared: Path) -> Flight:
 
 @pytest.fixture(scope='module')
 def outcome(flight: Flight) -> Outcome:
-    return replay(flight, flight.truth().times)
+    return replay(flight, flight.truth().times, settings=Settings(earth=True))
 
 
 def ready_time(flight: Flight) -> int:
@@ -123,6 +123,14 @@ def test_covariances_cover_the_truth(flight: Flight, outcome: Outcome) -> None:
     assert np.all(np.mean(ratios < 2, axis=0) > 0.95)
     # Nor are they so wide that they say nothing.
     assert np.all(np.median(deviations, axis=0) < [0.05, 0.05, 0.05, 0.02, 0.02, 0.04])
+
+
+def test_two_ways_to_know_the_maps_origin_agree(flight: Flight, outcome: Outcome) -> None:
+    _, said = flight.of('GPS_GLOBAL_ORIGIN')[-1]
+    origin = outcome.state.origin
+    assert origin.latitude == pytest.approx(1e-7 * said.latitude, abs=1e-9)
+    assert outcome.state.origin_error < 0.1
+    assert origin.altitude == pytest.approx(origin.above_sea)  # the simulator has no geoid
 
 
 def test_four_seconds_of_it_over_a_socket_in_real_time(flight: Flight) -> None:
