@@ -41,7 +41,9 @@ setup(
     ],
     zip_safe=False,
     python_requires='>=3.10',
+    package_data={f'{NAME}.evaluation': ['templates/*.j2']},
     install_requires=[
+        'jinja2>=3.1',
         'matplotlib>=3.6',
         'numpy>=1.26',
         'opencv-python-headless>=4.6',

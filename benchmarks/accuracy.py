@@ -1,6 +1,6 @@
 """Accuracy of a method on simulated photographs, scene by scene.
 
-python benchmarks/accuracy.py [--method virtual-reference] [--unwrapping itoh] [--only fuselage]
+python benchmarks/accuracy.py [--method least-squares] [--fast] [--only fuselage]
 """
 
 from __future__ import annotations
@@ -42,17 +42,20 @@ def figures(scene: Scene, settings: Settings) -> list[str]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--method', choices=METHODS, default='virtual-reference')
+    parser.add_argument('--method', choices=METHODS, default=Settings().method)
     parser.add_argument('--unwrapping', choices=UNWRAPPINGS, default='itoh')
+    parser.add_argument('--fast', action='store_true')
     parser.add_argument('--stride', type=int, default=1)
     parser.add_argument('--only', default='', help='part of the names of the scenes wanted')
     arguments = parser.parse_args()
-    settings = Settings(arguments.method, arguments.unwrapping, stride=arguments.stride)
+    settings = Settings(
+        arguments.method, arguments.unwrapping, stride=arguments.stride, fast=arguments.fast
+    )
     wanted = [scene for scene in SCENES if arguments.only in scene.name]
     rows = [(scene.name, *figures(scene, settings)) for scene in tqdm(wanted, unit='scene')]
     print(f'{settings.method}, {settings.unwrapping}, stride {settings.stride}; millimetres')
     for name, *values in [('', *COLUMNS), *rows]:
-        print(f'{name:28}' + ''.join(f'{value:>12}' for value in values))
+        print(f'{name:32}' + ''.join(f'{value:>12}' for value in values))
 
 
 if __name__ == '__main__':

@@ -4,61 +4,32 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
-from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.evaluation import scenes as evaluation
+from ftp_dent_ros.evaluation.scenes import PATTERN, SAMPLES, make_rig
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.rig import Lens, Rig
+from ftp_dent_ros.rig import Rig
 from ftp_dent_ros.simulation import (
     Dent,
     Motion,
     Paint,
     Panel,
     Photometry,
-    Renderer,
     Rivet,
-    Surface,
 )
 
-PATTERN = Pattern(1280, 720, 8.0, 640.0)
-
-# The samples of the paper (table 2): tiles of 15 x 15 cm, one dent in the middle.
-SAMPLES = {
-    'A': Dent(0.0, 0.0, length=0.060, width=0.040, depth=0.002),
-    'B': Dent(0.0, 0.0, length=0.120, width=0.100, depth=0.002),
-    'C': Dent(0.0, 0.0, length=0.100, width=0.080, depth=0.003),
-    'D': Dent(0.0, 0.0, length=0.120, width=0.080, depth=0.001),
-}
+CAMERA = 1920, 1080
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
-    """One photograph to take: a surface in the camera's frame before a rig."""
+class Scene(evaluation.Scene):
+    """One photograph to take."""
 
-    name: str
-    rig: Rig
-    panels: tuple[Panel, ...]
-    photometry: Photometry
-    motion: Motion = field(default_factory=Motion)
-
-    @property
-    def surface(self) -> Surface:
-        return Surface(self.panels)
-
-    def photograph(self, seed: int = 0) -> NDArray[np.uint8]:
-        renderer = Renderer(self.rig, PATTERN.draw(), self.photometry)
-        return renderer.render(self.surface, np.random.default_rng(seed), self.motion)
-
-    def lit(self) -> NDArray[np.bool_]:
-        """Camera pixels whose surface the projector's panel reaches."""
-        points = self.rig.camera.rays(self.rig.camera.pixel_grid())
-        points *= self.surface.intersect(points)[..., None]
-        u, v = np.moveaxis(self.rig.projector.project(self.rig.to_projector(points)), -1, 0)
-        return (u > 0) & (u < PATTERN.width - 1) & (v > 0) & (v < PATTERN.height - 1)
+    name: str = ''
 
     def on_dents(self, points: NDArray) -> NDArray[np.bool_]:
         """Mask of the points of shape (n, 3) that lie on dents."""
@@ -71,36 +42,16 @@ class Scene:
         return mask
 
 
-def make_rig(
-    distance: float,
-    baseline: float,
-    camera_focal: float,
-    projector_focal: float,
-    camera_distortion: Sequence[float] = (0.0,) * 5,
-    projector_distortion: Sequence[float] = (0.0,) * 5,
-) -> Rig:
-    """Full HD camera, and a projector to its right that looks where the camera looks."""
-    turn = Rotation.from_euler('yxz', [math.atan(baseline / distance), 0.021, -0.017])
-    rotation = turn.as_matrix()
-    return Rig(
-        _lens(1920, 1080, camera_focal, (8.3, -6.1), camera_distortion),
-        _lens(1280, 720, projector_focal, (-9.2, 17.4), projector_distortion),
-        rotation,
-        -rotation @ [baseline, -0.009, -0.012],
-    )
-
-
-def _lens(width, height, focal, offset, distortion) -> Lens:
-    centre_u, centre_v = (width - 1) / 2 + offset[0], (height - 1) / 2 + offset[1]
-    matrix = [[focal, 0, centre_u], [0, 1.001 * focal, centre_v], [0, 0, 1]]
-    return Lens(width, height, np.array(matrix), np.array(distortion, float))
-
-
-NEAR = make_rig(0.6, 0.23, 2740.0, 1870.0)
-FAR = make_rig(1.2, 0.27, 2740.0, 2020.0)
-FIELD = make_rig(0.8, 0.24, 2290.0, 1810.0)
+NEAR = make_rig(0.6, 0.23, (*CAMERA, 2740.0), 1870.0)
+FAR = make_rig(1.2, 0.27, (*CAMERA, 2740.0), 2020.0)
+FIELD = make_rig(0.8, 0.24, (*CAMERA, 2290.0), 1810.0)
 BENT = make_rig(
-    0.6, 0.23, 2290.0, 1870.0, (-0.12, 0.05, 8e-4, -6e-4, 0.0), (-0.05, 0.02, -5e-4, 7e-4, 0.0)
+    0.6,
+    0.23,
+    (*CAMERA, 2290.0),
+    1870.0,
+    (-0.12, 0.05, 8e-4, -6e-4, 0.0),
+    (-0.05, 0.02, -5e-4, 7e-4, 0.0),
 )
 
 
@@ -123,8 +74,46 @@ def scene(name: str, rig: Rig, panel: Panel, speed: float = 0.0, **photometry) -
     """Scene of a panel that moves along x during an exposure of 10 ms, metres a second."""
     distance = float(panel.pose.translation[2])
     light = replace(Photometry(reference_distance=distance), **photometry)
-    return Scene(name, rig, (panel,), light, Motion(translation=np.array([0.01 * speed, 0, 0])))
+    motion = Motion(translation=np.array([0.01 * speed, 0, 0]))
+    return Scene(rig, (panel,), light, motion, name)
 
+
+def steps() -> tuple[Scene, ...]:
+    """Two panels that fill the frame, one behind the other, cut upright or across."""
+    fringe = 8 * 0.8**2 / (1810 * 0.24)
+    scenes = []
+    for name, step in (('5 cm', 0.05), ('1/2', 0.5 * fringe), ('3/2', 1.5 * fringe)):
+        for cut in ('upright', 'across'):
+            extents = (-0.6, 0.05, -0.6, 0.6), (0.05, 0.6, -0.6, 0.6)
+            if cut == 'across':
+                extents = tuple(extent[2:] + extent[:2] for extent in extents)
+            panels = tuple(
+                Panel(Pose.from_rpy((0, 0, 0), (0, 0, distance)), extent)
+                for distance, extent in zip((0.77, 0.77 + step), extents, strict=True)
+            )
+            light = Photometry(reference_distance=0.8)
+            scenes.append(Scene(FIELD, panels, light, name=f'step {name} {cut}'))
+    return tuple(scenes)
+
+
+def wide(dent: Dent, distance: float) -> Panel:
+    """A panel that fills the frame."""
+    return replace(tile(dent, distance), extent=(-0.9, 0.9, -0.9, 0.9))
+
+
+LIVERY = Paint(edge=(0.7, 0.714, 0.012), albedo_beyond=(0.25, 0.25, 0.25))
+# Around a contrast of 30 %, and noisy.
+DAYLIGHT = {'exposure': 0.28, 'ambient': 2.0, 'full_well': 6000.0, 'read_noise': 1.5}
+CLEAN = {'full_well': 1e9, 'read_noise': 0.0}
+NOISY_PHASE = 0.6 * PATTERN.period_px / (2 * math.pi)
+LIGHTS = {
+    'speckle 0.10': {'speckle_contrast': 0.10},
+    'speckle 0.15': {'speckle_contrast': 0.15},
+    'daylight': DAYLIGHT,
+    'gamma': {'camera_gamma': 2.2},
+    'Bayer, JPEG': {'bayer': True, 'jpeg_quality': 90},
+}
+BIASES = ((0.6, 0.015, 10), (0.6, 0.015, 20), (0.6, 0.030, 10), (1.0, 0.020, 10), (1.0, 0.020, 20))
 
 SCENES = (
     *(scene(f'{name}, 60 cm', NEAR, tile(dent, 0.6)) for name, dent in SAMPLES.items()),
@@ -139,4 +128,37 @@ SCENES = (
     ),
     scene('A, 60 cm, distorted', BENT, tile(SAMPLES['A'], 0.6)),
     scene('fuselage, 60 cm, distorted', BENT, fuselage(0.6)),
+    *(
+        scene(f'{name}, 60 cm, {light}', NEAR, tile(SAMPLES[name], 0.6), **values)
+        for light, values in LIGHTS.items()
+        for name in 'AC'
+    ),
+    *(
+        scene(f'fuselage, {light}', FIELD, fuselage(0.8), **LIGHTS[light])
+        for light in ('gamma', 'Bayer, JPEG')
+    ),
+    scene('A, 60 cm, livery', NEAR, replace(tile(SAMPLES['A'], 0.6), paint=LIVERY)),
+    scene('A, livery, wide', FIELD, replace(wide(SAMPLES['A'], 0.8), paint=LIVERY)),
+    *(
+        scene(f'A, {100 * distance:.0f} cm, one rig', FIELD, wide(SAMPLES['A'], distance))
+        for distance in (0.4, 0.6, 0.9, 1.2, 1.5)
+    ),
+    *steps(),
+    *(
+        scene(
+            f'{1e3 * width:.0f} mm, 1:{ratio}, {100 * distance:.0f} cm',
+            NEAR if distance < 0.8 else FAR,
+            wide(Dent(0.003, 0.002, width, width, width / ratio), distance),
+            **CLEAN,
+        )
+        for distance, width, ratio in BIASES
+    ),
+    scene(
+        'section 3, noisy phase',
+        FAR,
+        wide(Dent(0.003, 0.002, 0.03, 0.03, 0.003), 1.0),
+        shading=False,
+        phase_noise_px=NOISY_PHASE,
+        **CLEAN,
+    ),
 )

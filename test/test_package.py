@@ -23,6 +23,7 @@ TOPICS = {
 LIBRARIES = {
     'cv2': ('python3-opencv', 'opencv-python-headless'),
     'lz4': ('mcap-ros2-support', 'mcap'),  # mcap brings it
+    'jinja2': ('python3-jinja2', 'jinja2'),
     'matplotlib': ('python3-matplotlib', 'matplotlib'),
     'mcap': ('mcap-ros2-support', 'mcap'),
     'numpy': ('python3-numpy', 'numpy'),

@@ -15,6 +15,7 @@ COMMANDS = {
     'demo': 'the whole payload on a simulated panel and autopilot',
     'up': "run a configuration's nodes and keep them running",
     'reconstruct': 'one photograph to a point cloud',
+    'evaluate': "the paper's simulation and tables, and least squares beside them",
     'link-check': "who is on the autopilot's link, and whether it is fit to fly",
     'record': 'record topics to an MCAP bag',
     'replay': 'publish the messages of a bag',

@@ -43,11 +43,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--stride', type=int, default=default.stride, metavar='N', help='every N-th pixel only'
     )
+    parser.add_argument(
+        '--fast', action='store_true', help='least squares: one correction instead of two'
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Reconstruct the photograph, write the cloud and print what it is."""
-    settings = Settings(arguments.method, arguments.unwrapping, arguments.tau, arguments.stride)
+    settings = Settings(
+        arguments.method,
+        arguments.unwrapping,
+        arguments.tau,
+        arguments.stride,
+        arguments.fast,
+    )
     output = Path(arguments.output)
     if output.suffix.lower() != '.ply':
         raise CloudError(f'{output}: clouds are written as PLY: give a name that ends in .ply')

@@ -237,6 +237,12 @@ def _declare_settings(parameters: Parameters) -> Settings:
             maximum=16,
             changeable=True,
         ),
+        fast=parameters.declare(
+            'fast',
+            default.fast,
+            'Whether least squares correct their model once instead of twice.',
+            changeable=True,
+        ),
     )
 
 

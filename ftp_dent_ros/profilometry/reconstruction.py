@@ -22,6 +22,7 @@ from ftp_dent_ros.profilometry.carrier import (
 )
 from ftp_dent_ros.profilometry.extrapolation import demodulate
 from ftp_dent_ros.profilometry.fourier import phase_of
+from ftp_dent_ros.profilometry.least_squares import LeastSquares, Quality
 from ftp_dent_ros.profilometry.reference import extend, phase_shift, reference_phase
 from ftp_dent_ros.profilometry.region import Window, clipped, lit_region, trusted
 from ftp_dent_ros.profilometry.settings import Settings
@@ -49,10 +50,13 @@ class Measurement:
     cloud : Cloud
     stripe_depth : float
         l_c, the depth of the red stripe and of the virtual reference, metres.
+    quality : Quality or None
+        Of each point; only ``'least-squares'`` knows it.
     """
 
     cloud: Cloud
     stripe_depth: float
+    quality: Quality | None = None
 
 
 class Reconstructor:
@@ -73,6 +77,11 @@ class Reconstructor:
     def __init__(self, rig: Rig, pattern: Pattern, settings: Settings | None = None) -> None:
         pattern.check_fits(rig.projector)
         self.rig, self.pattern, self.settings = rig, pattern, settings or Settings()
+        if self.settings.method == 'least-squares':
+            self._least_squares = LeastSquares(
+                rig, pattern, self.settings.stride, self.settings.fast
+            )
+            return
         rows = rig.camera.pixel_grid()[:: self.settings.stride]
         self._rays = rig.camera.rays(rows).astype(np.float32)
         self._reference_phase = lru_cache(maxsize=4)(self._reference_at)
@@ -81,13 +90,18 @@ class Reconstructor:
         """Cloud of a photograph: that of `measure`."""
         return self.measure(image).cloud
 
-    def measure(self, image: NDArray[np.uint8]) -> Measurement:
+    def measure(
+        self, image: NDArray[np.uint8], phase_noise: NDArray[np.float32] | None = None
+    ) -> Measurement:
         """Measure the surface in a photograph.
 
         Parameters
         ----------
         image : ndarray, shape (height, width, 3), uint8
             RGB, as large as the camera's calibration says.
+        phase_noise : ndarray, shape (height, width), optional
+            Added to the phase map before it is unwrapped, as the paper's simulation does
+            (section 3); radians. Least squares have no such map.
 
         Returns
         -------
@@ -103,6 +117,8 @@ class Reconstructor:
             The image gives no measurement; the message says why and what to do.
         """
         self._check(image)
+        if self.settings.method == 'least-squares':
+            return Measurement(*self._least_squares.measure(image))
         stride = self.settings.stride
         levels = image.astype(np.float32)
         red = np.ascontiguousarray(levels[..., 0])
@@ -123,6 +139,8 @@ class Reconstructor:
         )
         fringes, explained = demodulate(rows, inside, reference, carrier)
         modulation = np.abs(fringes)
+        if phase_noise is not None:
+            fringes = fringes * np.exp(1j * window.padded(phase_noise[::stride]))
         valid = trusted(modulation, inside, explained, carrier)
         valid &= window.padded(usable[::stride])
         if self.settings.method == 'virtual-reference':

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from ftp_dent_ros.errors import ConfigurationError
 
-METHODS = ('virtual-reference', 'direct')
+METHODS = ('least-squares', 'virtual-reference', 'direct')
 UNWRAPPINGS = ('itoh', 'estrada')
 
 
@@ -17,7 +17,8 @@ class Settings:
     Attributes
     ----------
     method : str
-        One of `METHODS`: ``'virtual-reference'`` unwraps the phase shift against a virtual
+        One of `METHODS`: ``'least-squares'`` fits the fringes in windows about the analytic
+        reference phase; ``'virtual-reference'`` unwraps the phase shift against a virtual
         reference plane (eq. 12 and 13), ``'direct'`` the fringes' phase itself (eq. 11).
     unwrapping : str
         One of `UNWRAPPINGS`: Itoh's integration of wrapped differences, or Estrada's
@@ -26,6 +27,8 @@ class Settings:
         Gain of Estrada's system, above 0 and up to 1: smaller smooths more.
     stride : int
         The cloud has every `stride`-th pixel of the image, along rows and columns.
+    fast : bool
+        Whether least squares correct their model once instead of twice.
 
     Raises
     ------
@@ -33,10 +36,11 @@ class Settings:
         A value is none of the choices or out of its range.
     """
 
-    method: str = 'virtual-reference'
+    method: str = 'least-squares'
     unwrapping: str = 'itoh'
     tau: float = 0.8
     stride: int = 1
+    fast: bool = False
 
     def __post_init__(self) -> None:
         for name, value, choices in (
@@ -53,3 +57,5 @@ class Settings:
         stride = self.stride
         if isinstance(stride, bool) or not isinstance(stride, int) or not 1 <= stride <= 16:
             raise ConfigurationError(f'stride is {stride!r}: set it to a whole number, 1 to 16')
+        if not isinstance(self.fast, bool):
+            raise ConfigurationError(f'fast is {self.fast!r}: set it to true or false')

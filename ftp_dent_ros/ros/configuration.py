@@ -9,7 +9,7 @@ executable of this package::
         source: device
     /left/reconstruction:
       ros__parameters:
-        method: virtual-reference
+        method: least-squares
 
 Parameters under ``/**`` go to every node.
 """

@@ -1,0 +1,1 @@
+"""The paper's simulation and tables, reproduced, with least squares beside them."""

@@ -1,0 +1,136 @@
+"""From the nodes back to the camera's pixels: an organised cloud."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.profilometry.least_squares.grid import Grid
+from ftp_dent_ros.profilometry.least_squares.sight import rays_at
+from ftp_dent_ros.profilometry.least_squares.spreading import Spreader
+from ftp_dent_ros.rig import Rig
+
+# Pixel rows by which the camera's blur makes the surface look larger.
+_BLURRED = 0.5
+_LEAST_COVER = 0.3
+# Clouds whose memory is kept.
+_POOL = 3
+
+
+class CloudMaker:
+    """Makes clouds of inverse depths at the nodes.
+
+    Inverse depth is what is interpolated: of a plane it is linear in the pixels. Everything is
+    allocated once; a cloud's memory is used again when nobody holds the cloud any more.
+
+    Parameters
+    ----------
+    rig : Rig
+    grid : Grid
+    stride : int
+        The cloud has every `stride`-th pixel, along rows and columns.
+    """
+
+    def __init__(self, rig: Rig, grid: Grid, stride: int) -> None:
+        self.grid, self.stride = grid, stride
+        self._spreader = Spreader.of(grid, stride)
+        rays = rays_at(
+            rig.camera, np.arange(0, grid.width, stride), np.arange(0, grid.height, stride)
+        )
+        self._x, self._y = (np.ascontiguousarray(rays[..., axis]) for axis in (0, 1))
+        self._pool: list[tuple[NDArray[np.float32], NDArray[np.float32]]] = []
+
+    def cloud(self, surfaces: list[Published]) -> Cloud:
+        """Cloud of surfaces, the later ones over the earlier."""
+        points, intensity = self._memory()
+        for number, surface in enumerate(surfaces):
+            if number == 0:
+                self._fill(surface, points, intensity)
+            else:
+                more = np.empty_like(points), np.empty_like(intensity)
+                self._fill(surface, *more)
+                seen = np.isfinite(more[0][..., 2])
+                points[seen], intensity[seen] = more[0][seen], more[1][seen]
+        return Cloud(points, intensity)
+
+    def _memory(self):
+        """Arrays that only the pool refers to, or new ones."""
+        for index in range(len(self._pool)):
+            # The pool's tuple and the function's argument.
+            if all(sys.getrefcount(self._pool[index][part]) <= 2 for part in (0, 1)):
+                return self._pool[index]
+        arrays = np.empty((*self._x.shape, 3), np.float32), np.empty(self._x.shape, np.float32)
+        if len(self._pool) < _POOL:
+            self._pool.append(arrays)
+        return arrays
+
+    def _fill(self, surface: Published, points, intensity) -> None:
+        grid, stride = self.grid, self.stride
+        self._spreader.widen(surface.inverse_depth)
+        mask = _rows_in(surface, grid.pitch[1])
+        width = mask.shape[1] * grid.step
+        brightness = cv2.resize(surface.modulation, (width, surface.modulation.shape[0]))
+        brightness = np.ascontiguousarray(brightness[:, : grid.width : stride])
+        level = cv2.resize(
+            brightness, (brightness.shape[1], len(mask)), interpolation=cv2.INTER_LINEAR
+        )
+        for rows, nodes, weights in self._spreader.rows:
+            inverse = weights @ self._spreader.wide[nodes]
+            here = slice(rows.start * stride, (rows.stop - 1) * stride + 1, stride)
+            part: Any = mask[here]
+            bright = level[here]
+            z = np.reciprocal(inverse, out=inverse)
+            if not part.all():
+                if grid.step > 1:
+                    part = cv2.resize(part, (width, len(part)), interpolation=cv2.INTER_NEAREST)
+                outside = part[:, : grid.width : stride] == 0
+                np.copyto(z, np.float32(np.nan), where=outside)
+                intensity[rows] = bright
+                np.copyto(intensity[rows], np.float32(0), where=outside)
+            else:
+                intensity[rows] = bright
+            cv2.merge([self._x[rows] * z, self._y[rows] * z, z], dst=points[rows])
+
+
+@dataclass(frozen=True, eq=False)
+class Published:
+    """A surface to make a cloud of.
+
+    Attributes
+    ----------
+    inverse_depth, modulation : ndarray, shape (rows, columns), float32
+        At the nodes; finite.
+    measured : ndarray, shape (rows, bins), bool
+        Bins that are published.
+    covered : ndarray, shape (rows, bins), float32
+        Share of each bin that the surface covers.
+    """
+
+    inverse_depth: NDArray[np.float32]
+    modulation: NDArray[np.float32]
+    measured: NDArray[np.bool_]
+    covered: NDArray[np.float32]
+
+
+def _rows_in(surface: Published, count: int) -> NDArray[np.uint8]:
+    """Mask of the bins' rows of pixels: beside measured bins they are in as far as covered."""
+    measured, covered = surface.measured, surface.covered
+    mask = np.repeat(measured[:, None], count, axis=1)
+    inner, outer = slice(1, None), slice(None, -1)
+    for outside, inside, rows in (
+        (outer, inner, range(count - 1, -1, -1)),  # the surface is below
+        (inner, outer, range(count)),
+    ):
+        rim = np.nonzero(measured[inside] & ~measured[outside])
+        share = covered[outside][rim] / np.maximum(covered[inside][rim], _LEAST_COVER)
+        seen = count * share - _BLURRED
+        row, column = rim
+        for number, pixel in enumerate(rows, 1):
+            mask[outside][row, pixel, column] |= seen >= number
+    return mask.reshape(-1, measured.shape[1]).view(np.uint8)

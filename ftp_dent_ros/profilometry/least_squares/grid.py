@@ -1,0 +1,144 @@
+"""Bins and nodes: the coarse grids that least squares works on, and the way back to pixels.
+
+Bins are averages of a few pixels, fine enough to hold the fringes; nodes, two bins wide, are
+fine enough to hold what is left of them after demodulation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+# Pixels a bin holds along v, along which the fringes hardly change.
+_ROWS = 4
+# Pixels between nodes along u, about.
+_PITCH = 4
+# Bins a fringe must at least have.
+_PER_FRINGE = 4.6
+# Boxes that average pixels to bins, one over the other: an odd number.
+_ORDER = 5
+_NODE_ORDER = 3
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Bins and nodes over an image.
+
+    Attributes
+    ----------
+    width, height : int
+        Of the image, pixels.
+    step : int
+        Pixels a bin holds along u.
+    bins : int
+        Bins a node holds along u.
+    """
+
+    width: int
+    height: int
+    step: int
+    bins: int
+
+    @classmethod
+    def for_fringes(cls, width: int, height: int, period: float) -> Grid:
+        """Grid for fringes of `period` pixels."""
+        step = max(1, int(period / _PER_FRINGE))
+        return cls(width, height, step, max(2, _PITCH // step))
+
+    @property
+    def pitch(self) -> tuple[int, int]:
+        """Pixels between nodes along u and v."""
+        return self.bins * self.step, _ROWS
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of nodes."""
+        along_u, along_v = self.pitch
+        return -(-self.height // along_v), -(-self.width // along_u)
+
+    @property
+    def bin_shape(self) -> tuple[int, int]:
+        """Rows and columns of bins."""
+        rows, columns = self.shape
+        return rows, self.bins * columns
+
+    def node_positions(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Pixel columns and rows of the nodes' centres."""
+        rows, columns = self.shape
+        return _centres(columns, self.pitch[0]), _centres(rows, self.pitch[1])
+
+    def bin_positions(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Pixel columns and rows of the bins' centres."""
+        rows, columns = self.bin_shape
+        return _centres(columns, self.step), _centres(rows, self.pitch[1])
+
+    @property
+    def bin_variance(self) -> float:
+        """Of the averages over pixels along u that bins are."""
+        return _ORDER * (self.step**2 - 1) / 12
+
+    def binned(self, plane: NDArray) -> NDArray[np.float32]:
+        """Averages of a plane of pixels over the bins, shape `bin_shape`, float32."""
+        rows, columns = self.bin_shape
+        missing = rows * _ROWS - self.height, columns * self.step - self.width
+        if any(missing):
+            plane = cv2.copyMakeBorder(plane, 0, missing[0], 0, missing[1], cv2.BORDER_REPLICATE)
+        total = np.add(plane[0::_ROWS], plane[1::_ROWS], dtype=np.uint16)
+        for row in range(2, _ROWS):
+            total += plane[row::_ROWS]
+        fine: Any = total.astype(np.float32)
+        fine *= np.float32(1 / _ROWS)
+        if self.step == 1:
+            return fine
+        taps = _boxes(self.step, _ORDER)
+        anchor = ((len(taps) - 1) // 2, 0)
+        fine = cv2.sepFilter2D(
+            fine, -1, taps, np.ones(1), anchor=anchor, borderType=cv2.BORDER_REFLECT_101
+        )
+        return np.ascontiguousarray(fine[:, (self.step - 1) // 2 :: self.step])
+
+    def to_bins(self, nodes: NDArray) -> NDArray:
+        """Values at the nodes, repeated for each of their bins."""
+        return np.repeat(nodes, self.bins, axis=1)
+
+    def at_nodes(self, bins: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Averages of bins over the nodes."""
+        taps = _boxes(self.bins, _NODE_ORDER)
+        first = (self.bins - 1) // 2
+        wide = cv2.sepFilter2D(
+            bins,
+            -1,
+            taps,
+            np.ones(1),
+            anchor=(len(taps) // 2 - self.bins // 2 + first, 0),
+            borderType=cv2.BORDER_CONSTANT,
+        )
+        return np.ascontiguousarray(wide[:, first :: self.bins])
+
+    @property
+    def node_variance(self) -> tuple[float, float]:
+        """Of the averages over pixels that nodes are, along u and v."""
+        along_u = _NODE_ORDER * (self.bins**2 - 1) / 12 * self.step**2
+        return along_u, (_ROWS**2 - 1) / 12
+
+    def at_bins(self, nodes: NDArray) -> NDArray:
+        """Values at the nodes, interpolated to the bins."""
+        return cv2.resize(nodes, self.bin_shape[::-1], interpolation=cv2.INTER_LINEAR)
+
+
+def _centres(count: int, pitch: int) -> NDArray[np.float64]:
+    return pitch * np.arange(count, dtype=float) + (pitch - 1) / 2
+
+
+@lru_cache(maxsize=16)
+def _boxes(size: int, order: int) -> NDArray[np.floating]:
+    """Weights of averages over `size`, taken `order` times."""
+    taps = np.ones(1)
+    for _ in range(order):
+        taps = np.convolve(taps, np.full(size, 1 / size))
+    return taps

@@ -1,0 +1,244 @@
+"""Windowed least squares about the analytic reference: the default method, one line a step."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.errors import NoStripeError, SaturatedError, TooDarkError
+from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.profilometry.carrier import ReferencePlane, carrier_on
+from ftp_dent_ros.profilometry.least_squares.cloudmaker import CloudMaker, Published
+from ftp_dent_ros.profilometry.least_squares.continuation import continued_by_slope
+from ftp_dent_ros.profilometry.least_squares.first_fit import ReferenceTable, fit
+from ftp_dent_ros.profilometry.least_squares.grid import Grid
+from ftp_dent_ros.profilometry.least_squares.light import Light
+from ftp_dent_ros.profilometry.least_squares.quality import Fit, Quality
+from ftp_dent_ros.profilometry.least_squares.refinement import Refined, Refinement, roughness
+from ftp_dent_ros.profilometry.least_squares.regions import (
+    apart,
+    edges,
+    eroded,
+    fringe_region,
+    joined,
+    rim_strips,
+    separated,
+    untied,
+)
+from ftp_dent_ros.profilometry.least_squares.sight import Sight
+from ftp_dent_ros.profilometry.least_squares.surface import evaluate, robust_quadric
+from ftp_dent_ros.profilometry.least_squares.windows import Windows
+from ftp_dent_ros.profilometry.stripe import stripe_orders
+from ftp_dent_ros.profilometry.unwrapping import unwrap
+from ftp_dent_ros.rig import Rig
+
+# Rows of bins in which the stripe is looked for.
+_STRIPE_ROWS = 24
+# Between nodes one above the other, radians: a quarter of a fringe.
+_JUMP = math.pi / 2
+_SMALLEST_SHARE = 0.002
+_LARGEST_CLIPPED_SHARE = 0.5
+_TURN = 2 * math.pi
+# Nodes that the quadric is fitted to, about.
+_POINTS = 1200
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """A surface on which the stripe was seen."""
+
+    refined: Refined
+    phase: NDArray[np.float32]
+
+
+class LeastSquares:
+    """The method for one rig and pattern.
+
+    Parameters
+    ----------
+    rig : Rig
+    pattern : Pattern
+    stride : int
+        The cloud has every `stride`-th pixel, along rows and columns.
+    fast : bool
+        Correct the model once, not twice.
+    """
+
+    def __init__(self, rig: Rig, pattern: Pattern, stride: int = 1, fast: bool = False) -> None:
+        self.rig, self.pattern = rig, pattern
+        self._depth = 4 * float(np.linalg.norm(rig.translation))
+        self.period = carrier_on(rig, pattern, ReferencePlane(self._depth)).period
+        self.grid = Grid.for_fringes(rig.camera.width, rig.camera.height, self.period)
+        self.windows = Windows.for_fringes(self.period, self.grid)
+        self._bins = Sight.of(rig, pattern, *self.grid.bin_positions())
+        self._nodes = Sight.of(rig, pattern, *self.grid.node_positions())
+        self._table = ReferenceTable.of(
+            self.grid, self.windows, self._bins, self._nodes, self._depth
+        )
+        self._refinement = Refinement(self.grid, self.windows, self.period, fast)
+        self._maker = CloudMaker(rig, self.grid, stride)
+
+    def measure(self, image: NDArray[np.uint8]) -> tuple[Cloud, float, Quality]:
+        """Cloud, depth of the stripe in metres, and quality of a photograph.
+
+        Raises
+        ------
+        TooDarkError, SaturatedError, NoStripeError
+        """
+        light = Light.of(image, self.grid)
+        table = self._table
+        fringes = fit(self.grid, self.windows, table, light.red)
+        lit, seams = fringe_region(fringes, self.windows, self.grid, self.period)
+        self._check(light, lit)
+        phase, part, orders = self._absolute(light, table, fringes, lit)
+        parts, regions = [], []
+        for label, order in orders.items():
+            others = np.where(np.isin(part, list(orders)) | (part < 0), 0, part + 1)
+            surface, region = self._surface(
+                light, lit, seams, part == label, others, phase - np.float32(_TURN * order)
+            )
+            parts.append(surface)
+            regions.append(region)
+        return self._result(lit, parts, regions)
+
+    def _check(self, light: Light, lit: NDArray[np.bool_]) -> None:
+        """Raise the reason if there are too few fringes, or most of them are clipped."""
+        size = 2 * math.ceil(self._refinement.period / 2) + 1
+        clipped = light.clipped
+        lost = clipped
+        if clipped.mean() > _SMALLEST_SHARE / 2:
+            lost = cv2.blur(clipped.astype(np.float32), (size, 1)) > _LARGEST_CLIPPED_SHARE
+        share = lost.sum() / max((lost | self.grid.to_bins(lit)).sum(), 1)
+        if lost.mean() > _SMALLEST_SHARE and share > _LARGEST_CLIPPED_SHARE:
+            raise SaturatedError(
+                f'the fringes are clipped over {share:.0%} of the lit area: '
+                'expose for a shorter time'
+            )
+        if lit.mean() < _SMALLEST_SHARE:
+            raise TooDarkError(
+                'no part of the image shows fringes: switch the projector on, come closer, or '
+                'expose longer'
+            )
+
+    def _absolute(self, light, table, fringes, lit):
+        """Phase at the nodes, the part each is tied to, and the stripe's order by part."""
+        unwrapped = unwrap(fringes.shift, lit, jump=_JUMP)
+        try:
+            orders = self._orders(light, table, unwrapped)
+        except NoStripeError:
+            # Two surfaces may have been taken for one: cut along edges, and vote again.
+            phase = table.phase + self.grid.at_bins(unwrapped.phase)
+            model = self.grid.at_bins(fringes.level)
+            amplitude = self.grid.at_bins(fringes.modulation)
+            misfit = (light.red - model - amplitude * np.cos(phase)) / np.maximum(amplitude, 1)
+            rough = roughness(misfit, self.windows, self.grid)
+            cut = separated(lit, edges(lit, rough, self.grid, self.period))
+            unwrapped = unwrap(fringes.shift, cut, jump=_JUMP)
+            orders = self._orders(light, table, unwrapped)
+        return table.node_phase + unwrapped.phase, unwrapped.part, orders
+
+    def _orders(self, light: Light, table: ReferenceTable, unwrapped) -> dict[int, int]:
+        """Fringe order at the stripe of each part that holds it."""
+        rows = np.unique(np.linspace(0, self.grid.shape[0] - 1, _STRIPE_ROWS).astype(int))
+        size = self.grid.bin_shape[1], len(rows)
+        shift = cv2.resize(unwrapped.phase[rows], size, interpolation=cv2.INTER_LINEAR)
+        part = self.grid.to_bins(unwrapped.part[rows])
+        # Where it is interpolated across parts, the shift means nothing.
+        part[:, 1:-1][(part[:, 1:-1] != part[:, 2:]) | (part[:, 1:-1] != part[:, :-2])] = -1
+        return stripe_orders(table.phase[rows] + shift, part, light.red[rows], light.others[rows])
+
+    def _surface(
+        self, light, lit, seams, region, others, phase
+    ) -> tuple[_Part, NDArray[np.bool_]]:
+        """Fit one surface; once more if a part of it turns out not to be tied to the stripe."""
+        place = self.windows, self.grid, self.period
+        reference, at_bins = self._reference(region, phase)
+        turns = joined(eroded(region), others * eroded(others > 0), phase - reference, *place)
+        for label, number in turns.items():
+            more = others == label
+            region = region | more
+            phase = phase + np.float32(_TURN * number) * more
+        if turns:
+            reference, at_bins = self._reference(region, phase)
+        strips = rim_strips(region, lit, seams)
+        strange, seams = lit & ~region & ~strips, seams & ~strips
+        for _ in range(2):
+            region = apart(region, strange, seams, self.grid, self.period)
+            sure = eroded(region)
+            sure = sure if sure.any() else region
+            shift = continued_by_slope(np.where(region, phase - reference, 0), sure, self.windows)
+            whole = region | strips
+            refined = self._refinement.refine(light, at_bins, shift, whole)
+            absolute = reference + refined.shift.values
+            lines = edges(region, refined.roughness, self.grid, self.period)
+            strange = untied(
+                region, lines, refined.shift.values, np.abs(absolute) < math.pi, *place
+            )
+            if not strange.any():
+                break
+            strange = cv2.dilate(strange.view(np.uint8), np.ones((9, 9), np.uint8)) > 0
+            reference, at_bins = self._reference(region & ~strange, phase)
+        return _Part(refined, absolute), region
+
+    def _reference(self, region, phase) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Phase at the nodes and bins of the quadric through a region's first fit."""
+        inner = eroded(region)
+        chosen = inner if inner.sum() > 0.2 * region.sum() else region
+        row, column = np.nonzero(chosen)
+        every = max(1, len(row) // _POINTS)
+        points = self._nodes.at(row[::every], column[::every])
+        inverse_depth, _ = points.meet(phase[row[::every], column[::every]][None])
+        met = np.isfinite(inverse_depth)
+        if met.sum() < 6:
+            raise NoStripeError(
+                'the red stripe is seen where the projector cannot light it: check that rig.yaml '
+                'and the pattern belong to this camera and projector'
+            )
+        quadric = robust_quadric(points.rays[met], inverse_depth[met])
+        at_nodes, at_bins = (
+            sight.phase(evaluate(quadric, sight.rays)) for sight in (self._nodes, self._bins)
+        )
+        return at_nodes, at_bins
+
+    def _result(self, lit, parts, regions) -> tuple[Cloud, float, Quality]:
+        """Publish the surfaces together."""
+        grid = self.grid
+        surfaces, depths = [], []
+        published = np.zeros(grid.shape, bool)
+        for part, region in zip(parts, regions, strict=True):
+            refined = part.refined
+            inverse_depth, v_p = self._nodes.meet(part.phase)
+            measured = refined.measured & self._within_panel(part.phase, v_p)
+            inverse_depth = np.nan_to_num(inverse_depth, copy=False, nan=1.0)
+            surfaces.append(
+                Published(inverse_depth, refined.modulation, measured, refined.covered)
+            )
+            at_stripe = region & (np.abs(part.phase) < math.pi)
+            depths.append(1 / inverse_depth[at_stripe])
+            published |= measured[:, :: grid.bins] | measured[:, grid.bins - 1 :: grid.bins]
+        depth = np.concatenate(depths)
+        stripe_depth = float(np.median(depth)) if len(depth) else math.nan
+        quality = Quality(
+            float((lit & ~published).sum() / max(lit.sum(), 1)),
+            tuple(
+                Fit(self._nodes, part.phase, part.refined, surface.measured)
+                for part, surface in zip(parts, surfaces, strict=True)
+            ),
+            grid,
+            self._maker.stride,
+        )
+        return self._maker.cloud(surfaces), stripe_depth, quality
+
+    def _within_panel(self, phase, v_p) -> NDArray[np.bool_]:
+        """Bins that the projector's panel reaches, but for its blurred rim."""
+        projector = self.rig.projector
+        inset = 1.5
+        u_p = self.pattern.column(phase).astype(np.float32)
+        inside = (u_p > inset) & (u_p < projector.width - 1 - inset)
+        inside &= (v_p > inset) & (v_p < projector.height - 1 - inset)
+        return self.grid.to_bins(inside)

@@ -1,0 +1,238 @@
+"""The second fit: about the surface itself, where only dents and noise are left to measure.
+
+What the first fit found is a model of the photograph; what differs from it, demodulated through
+flat-top windows, corrects it. Beyond the surface's rim the photograph is taken to be as the
+model says, which is how windows end there without leakage.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.profilometry.least_squares.continuation import continued, continued_by_slope
+from ftp_dent_ros.profilometry.least_squares.grid import Grid
+from ftp_dent_ros.profilometry.least_squares.light import Light
+from ftp_dent_ros.profilometry.least_squares.shrinkage import Shrunk, noise_through, shrink
+from ftp_dent_ros.profilometry.least_squares.windows import Windows
+
+# Misfit of a bin, in fringe amplitudes and in those of all, beyond which it tells of something
+# else than fringes; at the rim, where it may lie half beside the surface, less is allowed.
+_MISFIT, _MISFIT_NOISE = 0.25, 4.0
+_RIM_MISFIT, _RIM_NOISE = 0.08, 4.0
+# Share of a window that must be on the surface for a fit of its own, and of what is left of a
+# fringe's variation then.
+_LEAST_SHARE, _LEAST_VARIATION = 0.7, 0.05
+# Of the normal equations by missing bins, beyond which their lack is not made up for.
+_LEAST_SUPPORT = 0.5
+# Fringes along u, and bins along v, by which the first mask's rim is uncertain.
+_RIM_U, _RIM_V = 0.6, 1
+_MAD = 1.4826
+# Windows that light is smoothed over, and the most it grows a pixel, but at edges of paint.
+_LIGHT = 4.0
+_STEEPEST_LIGHT = 0.003
+_EVERY = 6  # row that the harmonics are measured in
+# Gaussian windows that the noise has come through, one correcting the other; a flat-top is two.
+_FITS = 4
+
+
+def roughness(misfit: NDArray[np.float32], windows: Windows, grid: Grid) -> NDArray[np.float32]:
+    """Root mean square misfit of the bins, in amplitudes, in the window of each node."""
+    return np.sqrt(windows.gaussian(grid.at_nodes(np.square(np.clip(misfit, -1, 1)))))
+
+
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """A surface's fringes at the nodes and bins.
+
+    Attributes
+    ----------
+    shift : Shrunk
+        Phase less the reference's, radians, and its variance.
+    modulation : ndarray, shape (rows, columns), float32
+        Amplitude of the fringes, grey levels.
+    measured : ndarray, shape (rows, columns), bool
+        Bins that are on the surface.
+    covered : ndarray, shape (rows, columns), float32
+        Share of each bin that the surface covers, as far as the fringes' amplitude tells.
+    roughness : ndarray, shape (rows, columns), float32
+        Root mean square misfit of the bins around each node, in amplitudes.
+    supported : ndarray, shape (rows, columns), bool
+        Nodes whose window is mostly on the surface.
+    """
+
+    shift: Shrunk
+    modulation: NDArray[np.float32]
+    measured: NDArray[np.bool_]
+    covered: NDArray[np.float32]
+    roughness: NDArray[np.float32]
+    supported: NDArray[np.bool_]
+
+
+class Refinement:
+    """Fits about a surface.
+
+    Parameters
+    ----------
+    grid : Grid
+    windows : Windows
+    period : float
+        Of the fringes, pixels.
+    fast : bool
+        Leave out the correction through flat-top windows.
+    """
+
+    def __init__(self, grid: Grid, windows: Windows, period: float, fast: bool) -> None:
+        self.grid, self.windows, self.fast = grid, windows, fast
+        self.period = period / grid.step
+        self._noise = noise_through(grid, windows, _FITS - 2 * fast)
+
+    def refine(
+        self,
+        light: Light,
+        reference: NDArray[np.float32],
+        shift: NDArray[np.float32],
+        region: NDArray[np.bool_],
+    ) -> Refined:
+        """Refine the phase shift of one surface.
+
+        Parameters
+        ----------
+        light : Light
+        reference : ndarray, shape (rows, columns), float32
+            Absolute phase at the bins of a smooth surface near the true one.
+        shift : ndarray, shape (rows, columns), float32
+            Phase less the reference's at the nodes, continued beyond the region.
+        region : ndarray, shape (rows, columns), bool
+            Nodes of the surface, to a node or so.
+        """
+        inside = self.grid.to_bins(region).view(np.uint8)
+        phase = reference + self.grid.at_bins(shift)
+        clipped = light.clipped
+        levels = light.filled(phase, inside > 0, self.period)
+        rim = math.ceil(self.grid.bins / 2 + _RIM_U * self.period)
+        core = cv2.erode(inside, np.ones((2 * _RIM_V + 1, 2 * rim + 1)), borderValue=0)
+        mask = (core > 0) & ~clipped
+        allowed = (cv2.dilate(inside, np.ones((3, 5))) > 0) & ~clipped
+        cosine, sine = np.cos(phase), np.sin(phase)
+        level, modulation, step, known = self._masked_fit(levels, cosine, sine, mask)
+        shift = shift + continued_by_slope(step, known, self.windows)
+        phase = reference + self.grid.at_bins(shift)
+        cosine, sine = np.cos(phase), np.sin(phase)
+        amplitude = self.grid.at_bins(modulation)
+        rest = levels - self.grid.at_bins(level)
+        rest -= amplitude * cosine
+        rest -= amplitude * self._harmonics(rest, amplitude, cosine, mask)
+        misfit = rest / np.maximum(amplitude, 1)
+        mask, body = self._on_surface(misfit, mask, allowed, clipped)
+        step, variance, supported = self._correction(rest, cosine, sine, modulation, mask)
+        if not self.fast:
+            shift = shift + step
+        shrunk = shrink(
+            continued_by_slope(shift, supported, self.windows),
+            continued(variance, supported, self.windows),
+            supported,
+            self.windows,
+            self._noise,
+        )
+        if self.grid.bin_variance:
+            lag = self._lag(modulation, reference)
+            shrunk = Shrunk(shrunk.values - lag, shrunk.variance)
+        covered = self._covered(levels, amplitude, cosine, body, allowed)
+        rough = roughness(misfit, self.windows, self.grid)
+        return Refined(shrunk, modulation, body, covered, rough, supported)
+
+    def _masked_fit(self, levels, cosine, sine, mask):
+        """Level, amplitude and phase step in Gaussian windows, and where they are known."""
+        weight = mask.astype(np.float32)
+
+        def total(bins):
+            return self.windows.gaussian(self.grid.at_nodes(bins))
+
+        seen = weight * levels
+        in_phase, across = weight * cosine, weight * sine
+        share = total(weight)
+        known = share > _LEAST_SHARE
+        scale = 1 / np.where(known, share, 1)
+        mean, c, s = (total(bins) * scale for bins in (seen, in_phase, across))
+        cc = total(in_phase * cosine) * scale
+        ss = 1 - cc - s * s
+        cs = total(in_phase * sine) * scale - c * s
+        cc -= c * c
+        p = total(seen * cosine) * scale - mean * c
+        q = total(seen * sine) * scale - mean * s
+        determinant = cc * ss - cs * cs
+        known &= determinant > _LEAST_VARIATION
+        determinant = np.where(known, determinant, 1)
+        x = (ss * p - cs * q) / determinant
+        y = (cc * q - cs * p) / determinant
+        level = continued(mean - x * c - y * s, known, self.windows)
+        modulation = continued(np.hypot(x, y), known, self.windows)
+        return level, modulation, np.where(known, np.arctan2(-y, x), 0), known
+
+    def _harmonics(self, rest, amplitude, cosine, mask):
+        """Second and third harmonic, in amplitudes, that a camera's curve makes of fringes."""
+        rows = slice(None, None, _EVERY)
+        weight, c = amplitude[rows] * mask[rows], cosine[rows]
+        second, third = weight * (2 * c * c - 1), weight * c * (4 * c * c - 3)
+        basis = np.stack([second.ravel(), third.ravel()])
+        normal = basis @ basis.T + np.eye(2, dtype=np.float32)
+        h2, h3 = np.linalg.solve(normal, basis @ rest[rows].ravel()).astype(np.float32)
+        return h2 * (2 * cosine * cosine - 1) + h3 * cosine * (4 * cosine * cosine - 3)
+
+    def _on_surface(self, misfit, mask, allowed, clipped):
+        """Bins that the fit may use, and those that lie on the surface."""
+        size = np.abs(misfit)
+        noise = _MAD * float(np.median(size[::_EVERY][mask[::_EVERY]])) if mask.any() else 0.0
+        good = (size < max(_MISFIT, _MISFIT_NOISE * noise)) & allowed
+        across = 2 * math.ceil(0.6 * self.period) + 1
+        closing = np.ones((5, across), np.uint8)
+        body = (good | (clipped & allowed)).view(np.uint8)
+        body = cv2.morphologyEx(body, cv2.MORPH_CLOSE, closing)
+        core = cv2.erode(body, np.ones((3, int(2 * self.period) + 1), np.uint8), borderValue=0) > 0
+        good &= core | (size < max(_RIM_MISFIT, _RIM_NOISE * noise))
+        body = (good | (clipped & core)).view(np.uint8)
+        body = cv2.morphologyEx(body, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+        return good, cv2.morphologyEx(body, cv2.MORPH_CLOSE, closing) > 0
+
+    def _lag(self, modulation, reference):
+        """Phase by which averaging to bins leads, where the light grows along the fringes."""
+        smooth = self.windows.wide(np.log(np.maximum(modulation, 1)), _LIGHT)
+        growth = np.gradient(smooth, axis=1) / self.grid.pitch[0]
+        frequency = np.gradient(reference[:, :: self.grid.bins], axis=1) / self.grid.pitch[0]
+        limited = np.clip(growth, -_STEEPEST_LIGHT, _STEEPEST_LIGHT)
+        return (limited * frequency * np.float32(self.grid.bin_variance)).astype(np.float32)
+
+    def _covered(self, levels, amplitude, cosine, body, allowed):
+        """Amplitude of the fringes in a row of bins as a share of the model's, at the rim."""
+        covered = np.zeros(body.shape, np.float32)
+        change = (body[1:] != body[:-1]).any(axis=1)
+        rows = np.flatnonzero(np.append(change, False) | np.append(False, change))
+        size = 2 * math.ceil(self.period / 2) + 1, 1
+        model = amplitude[rows] * cosine[rows]
+        model -= cv2.blur(model, size)
+        seen = cv2.blur(levels[rows] * model, size)
+        share = seen / np.maximum(cv2.blur(model * model, size), 1e-3)
+        covered[rows] = share * allowed[rows]
+        return covered
+
+    def _correction(self, rest, cosine, sine, modulation, mask):
+        """Phase step by what is left of the photograph, and its predicted variance."""
+        grid, windows = self.grid, self.windows
+        weight = mask.astype(np.float32)
+        rest = rest * weight
+        across = rest * sine
+        support = windows.flat_top(grid.at_nodes(2 * weight * (sine * sine)))
+        enough = np.maximum(support, np.float32(_LEAST_SUPPORT))
+        step = np.float32(0)
+        if not self.fast:
+            in_phase = windows.flat_top(grid.at_nodes(rest * cosine))
+            across = windows.flat_top(grid.at_nodes(across))
+            step = np.arctan2(-2 * across / enough, modulation + 2 * in_phase)
+        spread = windows.gaussian(grid.at_nodes(rest * rest), 2) / enough
+        variance = spread / np.square(np.maximum(modulation, 1))
+        return step, np.maximum(variance, np.float32(1e-8)), support > _LEAST_SHARE

@@ -1,0 +1,221 @@
+"""Which nodes belong to which surface, and which surfaces are tied to one another."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.profilometry.least_squares.continuation import continued_by_slope
+from ftp_dent_ros.profilometry.least_squares.first_fit import Fringes
+from ftp_dent_ros.profilometry.least_squares.grid import Grid
+from ftp_dent_ros.profilometry.least_squares.windows import Windows
+from ftp_dent_ros.profilometry.unwrapping import wrap
+
+# Grey levels: an amplitude that gives a phase worth having.
+_LEAST_MODULATION = 2.5
+# Of the shoulder beside it: a window half beside the surface, and one that sees two surfaces.
+_RIM = 0.5
+_VALLEY = 0.6
+# Misfit, in fringe amplitudes and in those of all, that tells of an edge; gaps in it that are
+# closed, fringes; phase across it that is still the same surface, radians.
+_ROUGH, _ROUGH_NOISE = 0.04, 4.0
+_GAP = 12.0
+_TIED = 0.25
+# Fringes that are left out beside another surface.
+_MARGIN = 0.7
+# Nodes whose windows see the rim.
+_RIM_NODES = 3
+# Fringes beyond an edge within which the phases of both sides are compared.
+_NEAR = 4.0
+_TURN = 2 * math.pi
+_SMALLEST = 30  # nodes of a surface
+
+
+def fringe_region(
+    fringes: Fringes, windows: Windows, grid: Grid, period: float
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Nodes that see fringes of one surface, and those in between that see two."""
+    nu, nv = (math.ceil(period / pitch) for pitch in grid.pitch)
+    reaches = (windows.sigma_v, nv), (windows.sigma_u, nu)
+    reach = [2 * math.ceil(2 * sigma) + 2 * n + 1 for sigma, n in reaches]
+    lit = fringes.modulation > _LEAST_MODULATION
+    beside_dark = cv2.dilate((~lit).view(np.uint8), np.ones(reach, np.uint8), borderValue=0) > 0
+    shoulder = cv2.dilate(fringes.modulation, np.ones((2 * nv + 1, 2 * nu + 1), np.uint8))
+    between = cv2.morphologyEx(
+        fringes.modulation, cv2.MORPH_CLOSE, np.ones((2 * nv + 1, 4 * nu + 1), np.uint8)
+    )
+    valley = fringes.modulation <= _VALLEY * between
+    rim = beside_dark & (fringes.modulation <= _RIM * shoulder)
+    return lit & ~rim & ~valley, lit & valley
+
+
+def apart(
+    region: NDArray[np.bool_],
+    others: NDArray[np.bool_],
+    seams: NDArray[np.bool_],
+    grid: Grid,
+    period: float,
+) -> NDArray[np.bool_]:
+    """The nodes of `region` that are not beside other surfaces, nor beside a seam with them."""
+    reach = np.ones((2 * _RIM_NODES + 1, 2 * _RIM_NODES + 1), np.uint8)
+    strange = others | (seams & (cv2.dilate(others.view(np.uint8), reach) > 0))
+    size = [2 * math.ceil(_MARGIN * period / pitch) + 1 for pitch in grid.pitch[::-1]]
+    return region & ~(cv2.dilate(strange.view(np.uint8), np.ones(size, np.uint8)) > 0)
+
+
+def rim_strips(
+    region: NDArray[np.bool_], lit: NDArray[np.bool_], seams: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Lit nodes between a region and the dark, so few that no window is theirs alone.
+
+    Where a bright panel ends before the dark, the first fit takes the end for fringes, and cuts
+    off the rim. Where there are other surfaces, none: a strip may be of theirs.
+    """
+    if eroded(lit & ~region).any():
+        return np.zeros_like(region)
+    reach = np.ones((2 * _RIM_NODES + 1, 4 * _RIM_NODES + 1), np.uint8)
+    others = (lit & ~region) | seams
+    dark = (~(lit | seams)).view(np.uint8)
+    beside_dark = cv2.dilate(dark, reach, borderValue=1) > 0
+    return others & beside_dark & (cv2.dilate(region.view(np.uint8), reach) > 0)
+
+
+def edges(
+    region: NDArray[np.bool_], rough: NDArray[np.float32], grid: Grid, period: float
+) -> NDArray[np.bool_]:
+    """Nodes of a region where no smooth phase explains the photograph, gaps closed.
+
+    Parameters
+    ----------
+    region : ndarray, shape (rows, columns), bool
+    rough : ndarray, shape (rows, columns), float32
+        Misfit around each node, in fringe amplitudes.
+    """
+    inner = eroded(region)
+    if not inner.any():
+        return inner
+    typical = float(np.median(rough[::2, ::2][inner[::2, ::2]])) if inner.any() else 0.0
+    edge: Any = (inner & (rough > max(_ROUGH, _ROUGH_NOISE * typical))).view(np.uint8)
+    lines = edge
+    if edge.any():
+        along_u, along_v = (int(_GAP * period / pitch) for pitch in grid.pitch)
+        for shape in ((1, along_u), (along_v, 1)):
+            lines = lines | cv2.morphologyEx(edge, cv2.MORPH_CLOSE, np.ones(shape, np.uint8))
+        lines = cv2.dilate(lines, np.ones((3, 3), np.uint8))
+    return lines > 0
+
+
+def separated(region: NDArray[np.bool_], lines: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The nodes of a region, cut along lines and at its necks."""
+    labels: Any
+    count, labels = cv2.connectedComponents(
+        (eroded(region) & ~lines).view(np.uint8), connectivity=4
+    )
+    sizes = np.bincount(labels.ravel())
+    grown: Any
+    met: Any
+    grown, met = np.zeros(region.shape, np.uint8), np.zeros(region.shape, np.uint8)
+    size = 2 * _RIM_NODES + 1
+    for label in range(1, count):
+        if sizes[label] >= _SMALLEST:
+            core = (labels == label).view(np.uint8)
+            grown = grown | cv2.dilate(core, np.ones((size, size), np.uint8))
+            met = met + cv2.dilate(core, np.ones((size + 2, size + 2), np.uint8))
+    return region & (grown > 0) & (met < 2)
+
+
+def eroded(region: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The nodes of a region whose windows do not see its rim."""
+    size = 2 * _RIM_NODES + 1
+    return cv2.erode(region.view(np.uint8), np.ones((size, size), np.uint8), borderValue=0) > 0
+
+
+def joined(
+    home: NDArray[np.bool_],
+    labels: NDArray[np.integer],
+    shift: NDArray[np.float32],
+    windows: Windows,
+    grid: Grid,
+    period: float,
+) -> dict[int, int]:
+    """Regions that are one surface with another, and the whole turns that part their phases.
+
+    A region beyond an edge, of paint or of the surface, is the same surface if its phase is
+    where the slope on this side leads. (A step by whole fringes looks the same.)
+
+    Parameters
+    ----------
+    home : ndarray, shape (rows, columns), bool
+    labels : ndarray, shape (rows, columns), integer
+        Other regions, from 1.
+    shift : ndarray, shape (rows, columns), float32
+        Phase less that of a smooth reference, radians.
+
+    Returns
+    -------
+    dict
+        Turns to add to the phase of each region that is tied to `home`, by its label.
+    """
+    sizes = np.bincount(labels.ravel())
+    waiting = [label for label in range(1, len(sizes)) if sizes[label] >= _SMALLEST]
+    near = [2 * math.ceil(_NEAR * period / pitch) + 1 for pitch in grid.pitch[::-1]]
+    turns: dict[int, int] = {}
+    tied, shift = home.copy(), shift.copy()
+    while waiting:
+        ahead = continued_by_slope(np.where(tied, shift, 0), tied, windows)
+        beside = cv2.dilate(tied.view(np.uint8), np.ones(near, np.uint8)) > 0
+        found = []
+        for label in waiting:
+            seam = beside & (labels == label)
+            if not seam.any():
+                continue
+            ahead_by = (ahead - shift)[seam]
+            if np.median(np.abs(wrap(ahead_by))) < _TIED:
+                found.append(label)
+                turns[label] = round(float(np.median(ahead_by)) / _TURN)
+                shift[labels == label] += np.float32(_TURN * turns[label])
+        if not found:
+            break
+        tied |= np.isin(labels, found)
+        waiting = [label for label in waiting if label not in found]
+    return turns
+
+
+def untied(
+    region: NDArray[np.bool_],
+    lines: NDArray[np.bool_],
+    shift: NDArray[np.float32],
+    at_stripe: NDArray[np.bool_],
+    windows: Windows,
+    grid: Grid,
+    period: float,
+) -> NDArray[np.bool_]:
+    """Nodes of a region beyond edges that do not go on from where the stripe is.
+
+    Parameters
+    ----------
+    region, lines, at_stripe : ndarray, shape (rows, columns), bool
+        The region, the edges in it, and the nodes on the stripe.
+    shift : ndarray, shape (rows, columns), float32
+        Phase less that of a smooth reference, radians.
+    """
+    if not lines.any():
+        return lines
+    labels: Any
+    _, labels = cv2.connectedComponents((region & ~lines).view(np.uint8), connectivity=4)
+    at_home = np.bincount(labels[at_stripe & region & ~lines], minlength=labels.max() + 1)
+    at_home[0] = 0
+    if not at_home.any():
+        return np.zeros_like(lines)
+    home = labels == int(at_home.argmax())
+    labels[home] = 0
+    tied = joined(home, labels, shift, windows, grid, period)
+    return (labels > 0) & ~np.isin(labels, list(tied)) & (_sizes(labels) >= _SMALLEST)
+
+
+def _sizes(labels):
+    return np.bincount(labels.ravel())[labels]

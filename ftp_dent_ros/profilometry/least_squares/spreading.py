@@ -1,0 +1,83 @@
+"""From the nodes to the pixels: Lagrange's interpolation, a band of a matrix at a time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.profilometry.least_squares.grid import Grid
+
+# Fewer leave ripples of the nodes inside dents.
+_TAPS = 6
+# Columns, and rows that stay in the cache, that one product makes.
+_COLUMNS, _ROWS = 256, 32
+
+Band = tuple[slice, slice, NDArray[np.float32]]
+
+
+def lagrange(targets: NDArray[np.floating], count: int) -> NDArray[np.float64]:
+    """Weights of Lagrange's interpolation through six of `count` nodes 0, 1, 2, ...
+
+    Parameters
+    ----------
+    targets : ndarray, shape (targets,)
+
+    Returns
+    -------
+    ndarray, shape (targets, count)
+    """
+    taps = min(_TAPS, count)
+    first = np.clip(np.floor(targets).astype(int) - taps // 2 + 1, 0, count - taps)
+    t = targets - first
+    weights = np.zeros((len(targets), count))
+    for k in range(taps):
+        factors = [(t - j) / (k - j) for j in range(taps) if j != k]
+        weights[np.arange(len(targets)), first + k] = np.prod(factors, axis=0)
+    return weights
+
+
+@dataclass(frozen=True, eq=False)
+class Spreader:
+    """Interpolates from nodes to every `stride`-th pixel.
+
+    Attributes
+    ----------
+    columns, rows : tuple
+        For each block: its pixels, the nodes that they need, and the weights.
+    wide : ndarray, shape (rows of nodes, columns of pixels), float32
+        Workspace.
+    """
+
+    columns: tuple[Band, ...]
+    rows: tuple[Band, ...]
+    wide: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, grid: Grid, stride: int) -> Spreader:
+        """Spreader to a cloud's grid."""
+        columns, rows = (
+            (np.arange(0, size, stride) - (pitch - 1) / 2) / pitch
+            for size, pitch in zip((grid.width, grid.height), grid.pitch, strict=True)
+        )
+        along_u = tuple(
+            (targets, nodes, np.ascontiguousarray(weights.T))
+            for targets, nodes, weights in _bands(columns, grid.shape[1], _COLUMNS)
+        )
+        along_v = tuple(_bands(rows, grid.shape[0], _ROWS))
+        return cls(along_u, along_v, np.empty((grid.shape[0], len(columns)), np.float32))
+
+    def widen(self, nodes: NDArray[np.float32]) -> None:
+        """Interpolate along u, into the workspace."""
+        for targets, needed, weights in self.columns:
+            np.matmul(nodes[:, needed], weights, out=self.wide[:, targets])
+
+
+def _bands(targets, count, size):
+    for first in range(0, len(targets), size):
+        block = slice(first, min(first + size, len(targets)))
+        weights = lagrange(targets[block], count)
+        used = np.flatnonzero(weights.any(axis=0))
+        nodes = slice(int(used[0]), int(used[-1]) + 1)
+        yield block, nodes, np.ascontiguousarray(weights[:, nodes], np.float32)

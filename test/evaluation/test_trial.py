@@ -1,0 +1,102 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.evaluation.phase_noise import on_phase_map
+from ftp_dent_ros.evaluation.scenes import PATTERN, simulated_dent
+from ftp_dent_ros.evaluation.trial import LEAST_SQUARES, Bench, Figures, Trial, mean, methods
+from ftp_dent_ros.profilometry.carrier import ReferencePlane, carrier_on
+from ftp_dent_ros.profilometry.fourier import analytic_signal, phase_of, spectrum
+
+SCENE = simulated_dent()
+VIRTUAL = methods('itoh')[1]
+
+
+@pytest.fixture(scope='module')
+def photograph():
+    return SCENE.photograph(0)
+
+
+@pytest.fixture(scope='module')
+def lit():
+    return SCENE.lit()
+
+
+class Perfect:
+    """A reconstruction that gives the true surface, moved along the view by so much."""
+
+    def __init__(self, offset=0.0, deeper=0.0):
+        rays = SCENE.rig.camera.rays(SCENE.rig.camera.pixel_grid())
+        depth = np.full(rays.shape[:2], 1.0)
+        x, y = SCENE.on_panel(rays)
+        depth += SCENE.dent.height(x, y)[0] * (1 + deeper / SCENE.dent.depth) + offset
+        self.cloud = Cloud((rays * depth[..., None]).astype(np.float32), depth)
+
+    def measure(self, image, phase_noise):
+        return self
+
+
+def figures_of(reconstruction, lit):
+    bench = Bench(VIRTUAL, SCENE.rig)
+    bench._reconstructor = reconstruction
+    return bench.run(SCENE, lit, np.zeros((720, 1280, 3), np.uint8)).figures
+
+
+def test_a_perfect_cloud_has_no_error(lit):
+    figures = figures_of(Perfect(), lit)
+    # The point of the surface that is closest to a point on a slope is not the one behind it.
+    assert figures.mae == pytest.approx(0, abs=1e-3)
+    assert figures.depth_bias == pytest.approx(0, abs=0.02)
+    assert figures.coverage == 1.0
+
+
+def test_an_offset_is_an_error_but_no_bias_of_the_depth(lit):
+    figures = figures_of(Perfect(offset=1e-4), lit)
+    assert figures.mae == pytest.approx(0.1, rel=0.01)
+    assert figures.deviation < 0.01
+    assert figures.depth_bias == pytest.approx(0, abs=0.02)
+
+
+def test_a_dent_that_comes_out_too_deep_has_a_positive_bias(lit):
+    figures = figures_of(Perfect(deeper=2e-4), lit)
+    assert figures.depth_bias == pytest.approx(0.2, abs=0.03)
+    assert figures.dent_mae > 5 * figures.mae
+
+
+def test_noise_on_the_phase_map_is_in_the_photograph(photograph):
+    noise = np.random.default_rng(1).normal(0, 0.2, photograph.shape[:2]).astype(np.float32)
+    smooth = np.repeat(noise[:, :1], noise.shape[1], axis=1)  # what a band-pass lets through
+    carrier = carrier_on(SCENE.rig, PATTERN, ReferencePlane(1.0))
+
+    def phase(image):
+        signal = analytic_signal(spectrum(image[..., 0].astype(np.float32)), 1280, carrier)
+        return phase_of(signal)[:, 400:900]
+
+    turned = phase(on_phase_map(photograph, SCENE, smooth)) - phase(photograph)
+    turned = np.angle(np.exp(1j * turned))
+    np.testing.assert_allclose(np.median(turned, axis=1), smooth[:, 0], atol=0.02)
+
+
+def test_least_squares_bear_the_paper_s_noise(photograph, lit):
+    noise = np.random.default_rng(2).normal(0, 0.6, lit.shape).astype(np.float32)
+    figures = Bench(LEAST_SQUARES, SCENE.rig).run(SCENE, lit, photograph, noise).figures
+    assert figures.mae < 0.05
+    assert figures.coverage > 0.98
+
+
+def test_what_is_refused_has_no_figures(lit):
+    black = np.zeros((720, 1280, 3), np.uint8)
+    trial = Bench(VIRTUAL, SCENE.rig).run(SCENE, lit, black)
+    assert np.isnan(trial.figures.mae) and trial.figures.coverage == 0
+    assert trial.cloud is None
+
+
+def test_the_mean_is_of_what_was_not_refused():
+    good = Figures(1.0, 2.0, 3.0, 4.0, 1.0, 0.5)
+    refused = replace(good, mae=np.nan, deviation=np.nan, coverage=0.0)
+    both = mean([good, refused])
+    assert (both.mae, both.coverage) == (1.0, 0.5)
+    assert np.isnan(mean([refused]).mae)
+    assert Trial(good, None, None).figures is good

@@ -1,0 +1,213 @@
+"""The default method on photographs of the project's simulation."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from small_scenes import DENT, DEPTH, PATTERN, RIG, Scene, lens, panel
+
+from ftp_dent_ros.errors import NoStripeError
+from ftp_dent_ros.profilometry import Reconstructor, Settings
+from ftp_dent_ros.simulation import Paint, Surface
+
+# Depth between neighbouring fringes at `DEPTH`, metres.
+FRINGE = DEPTH**2 * 8 / (940 * 0.2)
+
+
+def measure(scene, **settings):
+    return Reconstructor(scene.rig, PATTERN, Settings(**settings)).measure(scene.image)
+
+
+def beyond(tone):
+    """A livery whose second tone begins at a sharp diagonal."""
+    return Paint((0.8, 0.8, 0.8), (0.7, 0.714, 0.01), (tone, tone, tone))
+
+
+# A camera pixel is 2.3 mm of depth here, a fringe 19 mm.
+CASES = {
+    'livery': lambda: Scene.of(panel(paint=beyond(0.25))),
+    'gamma': lambda: Scene.of(panel(), camera_gamma=2.2),
+    'colour filter and JPEG': lambda: Scene.of(panel(), bayer=True, jpeg_quality=90),
+    'speckle': lambda: Scene.of(panel(), speckle_contrast=0.1),
+    'ambient': lambda: Scene.of(panel(), exposure=0.3, ambient=2.0),
+    'a line of dirt': lambda: with_line(Scene.of(panel())),
+}
+
+
+def with_line(scene):
+    """The same photograph with a dark scratch across the panel."""
+    image = scene.image.copy()
+    image[200:202] //= 2
+    return replace(scene, image=image)
+
+
+@pytest.fixture(scope='module')
+def case():
+    rendered = {}
+
+    def get(name):
+        if name not in rendered:
+            rendered[name] = CASES[name]()
+        return rendered[name]
+
+    return get
+
+
+@pytest.mark.parametrize(
+    ('name', 'mae'),
+    [
+        ('flat', 0.015),
+        ('tilted left', 0.02),
+        ('tilted up', 0.02),
+        ('cylinder', 0.015),
+        ('distorted', 0.008),
+        ('inverted', 0.015),
+        ('two tones', 0.025),
+    ],
+)
+def test_a_hundredth_of_a_millimetre_at_65_cm(scene, name, mae):
+    seen = scene(name)
+    assert seen.errors_mm(measure(seen).cloud).mean() < mae
+
+
+@pytest.mark.parametrize(
+    ('name', 'mae'),
+    [
+        ('livery', 0.05),
+        ('gamma', 0.02),
+        ('colour filter and JPEG', 0.05),
+        ('speckle', 0.08),
+        ('ambient', 0.05),
+        ('a line of dirt', 0.02),
+    ],
+)
+def test_hostile_photographs(case, name, mae):
+    seen = case(name)
+    cloud = measure(seen).cloud
+    lit = seen.lit()
+    assert seen.errors_mm(cloud).mean() < mae
+    assert (cloud.valid & lit).sum() > 0.94 * lit.sum()
+    assert (cloud.valid & ~lit).mean() < 2e-4
+
+
+def test_fast_is_at_most_twice_as_far_off(scene):
+    seen = scene('flat')
+    errors = [seen.errors_mm(measure(seen, fast=fast).cloud).mean() for fast in (False, True)]
+    assert errors[1] < 2 * errors[0]
+
+
+def test_the_dent_has_its_depth(scene):
+    seen = scene('flat')
+    cloud = measure(seen).cloud
+    bare = replace(seen.surface.panels[0], dents=())
+    depth = bare.distance(cloud.points[cloud.valid].astype(float))
+    assert np.percentile(depth, 99.95) == pytest.approx(DENT.depth, abs=0.03 * DENT.depth)
+
+
+def two_panels(step, seam=0.03, along='x'):
+    """Two panels of one photograph, the farther one `step` behind."""
+    low, high = (-0.15, 0.15, -0.15, seam), (-0.15, 0.15, seam, 0.15)
+    if along == 'x':
+        low, high = low[2:] + low[:2], high[2:] + high[:2]
+    near = panel(tilt=(0.0, 0.0), dents=())
+    far = replace(near.pose, translation=near.pose.translation + np.array([0, 0, step]))
+    return Scene.of(replace(near, extent=low), replace(near, extent=high, pose=far))
+
+
+@pytest.mark.parametrize('along', ['x', 'y'])
+@pytest.mark.parametrize('step', [0.05, 0.5 * FRINGE, 1.5 * FRINGE])
+def test_no_point_beyond_a_step_is_wrong(step, along):
+    seen = two_panels(step, along=along)
+    cloud = measure(seen).cloud
+    rays = seen.rig.camera.rays(seen.rig.camera.pixel_grid())
+    error = cloud.points[..., 2] - seen.surface.intersect(rays)
+    assert cloud.valid.mean() > 0.1
+    assert np.abs(error[cloud.valid & seen.lit()]).max() < 1e-3
+
+
+def test_a_panel_that_is_not_tied_is_left_out_with_the_reason():
+    near = panel(half=0.06, centre=(0.0, 0.0), dents=())
+    far = replace(near, pose=replace(near.pose, translation=np.array([0.13, 0.0, DEPTH + 0.012])))
+    measurement = measure(Scene.of(near, far))
+    assert measurement.quality.untied > 0.3
+    assert 'stripe' in measurement.quality.remarks[0]
+
+
+def test_all_of_a_plain_panel_is_tied(scene):
+    quality = measure(scene('flat')).quality
+    assert quality.untied < 0.1
+    assert np.isfinite(measure(scene('flat')).stripe_depth)
+
+
+@pytest.mark.parametrize('name', ['speckle', 'ambient'])
+def test_predicted_deviations_are_true(case, name):
+    seen = case(name)
+    measurement = measure(seen)
+    rays = seen.rig.camera.rays(seen.rig.camera.pixel_grid())
+    error = measurement.cloud.points[..., 2] - seen.surface.intersect(rays)
+    deviation = measurement.quality.standard_deviation()
+    inner = cv2.erode(measurement.cloud.valid.astype(np.uint8), np.ones((41, 41))) > 0
+    assert 0.7 < (error / deviation)[inner].std() < 1.3
+
+
+def test_the_residual_shows_what_is_not_fringes(case):
+    quality = measure(case('a line of dirt')).quality
+    residual = quality.residual()
+    assert residual[199:203, 250:400].mean() > 3 * residual[280:300, 250:400].mean()
+
+
+@pytest.mark.parametrize('stride', [1, 3])
+def test_quality_is_on_the_grid_of_the_cloud(scene, stride):
+    measurement = measure(scene('flat'), stride=stride)
+    deviation = measurement.quality.standard_deviation()
+    assert deviation.shape == measurement.cloud.valid.shape
+    assert np.isfinite(deviation[measurement.cloud.valid]).all()
+
+
+def test_sizes_that_are_no_multiple_of_the_bins(scene):
+    seen = scene('flat')
+    camera = replace(lens(900.0), width=637, height=478)
+    cut = replace(seen, rig=replace(RIG, camera=camera), image=seen.image[:478, :637].copy())
+    whole, part = measure(seen).cloud, measure(cut).cloud
+    assert part.points.shape == (478, 637, 3)
+    both = part.valid & whole.valid[:478, :637]
+    assert both.sum() > 0.99 * whole.valid.sum()
+    np.testing.assert_allclose(part.points[both], whole.points[:478, :637][both], atol=2e-5)
+
+
+def test_a_cloud_that_is_held_is_not_written_again(scene):
+    seen, other = scene('flat'), scene('tilted up')
+    reconstructor = Reconstructor(RIG, PATTERN)
+    held = [reconstructor.reconstruct(seen.image) for _ in range(5)]
+    copies = [cloud.points.copy() for cloud in held]
+    view = reconstructor.reconstruct(seen.image).points[..., 2]
+    depth = view.copy()
+    reconstructor.reconstruct(other.image)
+    for cloud, copy in zip(held, copies, strict=True):
+        np.testing.assert_array_equal(cloud.points, copy)
+    np.testing.assert_array_equal(view, depth)
+
+
+def test_memory_of_clouds_that_nobody_holds_is_used_again(scene):
+    seen = scene('flat')
+    reconstructor = Reconstructor(RIG, PATTERN)
+    addresses = {reconstructor.reconstruct(seen.image).points.ctypes.data for _ in range(6)}
+    assert len(addresses) < 3
+
+
+def test_a_stripe_that_both_panels_show_ties_both():
+    seen = two_panels(1.5 * FRINGE, along='y')
+    cloud = measure(seen).cloud
+    rays = seen.rig.camera.rays(seen.rig.camera.pixel_grid())
+    for one in seen.surface.panels:
+        depth = Surface((one,)).intersect(rays)
+        near = np.abs(cloud.points[..., 2] - depth) < 1e-3
+        assert near.sum() > 5000
+
+
+def test_no_stripe_in_view_is_refused():
+    projected = PATTERN.draw()
+    projected[:, 300:340] = projected[:, 400:440]
+    with pytest.raises(NoStripeError):
+        measure(Scene.of(panel(), projected=projected))
