@@ -4,7 +4,7 @@
 unexport PYTHONPATH
 VENV := .venv/bin
 UBUNTU := .venv-ubuntu24.04/bin
-# Without flight_replay, which needs the log of a flight.
+# Without flight_replay, which needs the log of a flight, and link_soak, which takes ten minutes.
 BENCHMARKS := accuracy reconstruction_speed render node_latency recording
 
 help:

@@ -1,12 +1,14 @@
 """Plays a recorded flight over UDP, in real time, into the bridge's own process; prints a table.
 
     python benchmarks/flight_replay.py FLIGHT.tlog [--begin S] [--end S]
+                                       [--loss 0.05] [--bursts 0.1] [--foreign]
 
 The log (of pymavlink's kind, with SIM_STATE as ground truth) is played as the vehicle would: its
 packets at their times, TIMESYNC answered on its own boot clock. For every second record of the
 truth a cloud of one point is published with that stamp, 0.2 s late, as after a reconstruction;
 every tag is compared with the truth and with the log's own samples. What the bridge adds is the
-first row of the table; the last rows are the autopilot's own errors.
+first row of the table; the last rows are the autopilot's own errors. The link can be made to lose
+packets, to hold them up in bursts, and to bring another vehicle's.
 """
 
 from __future__ import annotations
@@ -28,15 +30,17 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from rclpy.executors import SingleThreadedExecutor
+from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import PointCloud2
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / 'test')]
 
-from flight_player import Flight, FlightPlayer  # noqa: E402
+from flight_player import Disturbance, Flight, FlightPlayer  # noqa: E402
 from flight_replay import Errors, compare, own_poses  # noqa: E402
 
 from ftp_dent_ros.cloud import Cloud  # noqa: E402
+from ftp_dent_ros.navigation import frames  # noqa: E402
 from ftp_dent_ros.navigation.estimator import is_ready  # noqa: E402
 from ftp_dent_ros.ros.domain import free_domain  # noqa: E402
 from ftp_dent_ros.ros.messages import (  # noqa: E402
@@ -63,7 +67,7 @@ class Watcher:
         self.points = self.node.create_publisher(PointCloud2, 'points', CLOUDS)
         self.tags: dict[int, PoseWithCovarianceStamped] = {}
         self.clouds: dict[int, PointCloud2] = {}
-        self.stream: list[int] = []
+        self.stream: list[PoseStamped] = []
         self.delays: list[float] = []
         self.values: dict[str, str] = {}
         subscribe = self.node.create_subscription
@@ -81,7 +85,7 @@ class Watcher:
         self.clouds[stamp_to_ns(message.header.stamp)] = message
 
     def _on_pose(self, message: PoseStamped) -> None:
-        self.stream.append(stamp_to_ns(message.header.stamp))
+        self.stream.append(message)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -95,11 +99,18 @@ class Watcher:
             self.executor.spin_once(timeout_sec=min(left, 0.05))
 
 
-def play(flight: Flight, begin: float, end: float, port: int, watcher: Watcher) -> dict[int, int]:
+def play(
+    flight: Flight,
+    begin: float,
+    end: float,
+    port: int,
+    watcher: Watcher,
+    disturbance: Disturbance,
+) -> dict[int, int]:
     """Stamps of the clouds that were published, with the times of the recording."""
     point = Cloud(np.zeros((1, 1, 3), np.float32), np.ones((1, 1), np.float32))
     asked = {}
-    with FlightPlayer(flight, ('127.0.0.1', port), begin, end) as player:
+    with FlightPlayer(flight, ('127.0.0.1', port), begin, end, disturbance) as player:
         shift = player.shift()
         first = flight.times[0]
         for at in flight.truth().times[::EVERY]:
@@ -162,6 +173,14 @@ def report(flight: Flight, asked: dict[int, int], watcher: Watcher, cpu: float) 
         ('  after the in-flight yaw alignment', own, after),
     ):
         print_row(name, errors.within(mask))
+    near = np.linalg.norm(against_log.position, axis=1) < 0.03
+    right = near & (against_log.angle < 0.3)
+    print(f"\ntags within 3 cm and 0.3 deg of the log's own: {right.sum()} of {len(right)}")
+    others = (~near & (against_log.angle > 10)).sum()
+    others_streamed = sum(abs(pose.pose.position.y) > 25 for pose in watcher.stream)
+    print(f'poses of another vehicle: {others} tags, {others_streamed} of the stream')
+    sure = ratios(watcher, stamps, truth.position[rows], truth.attitude[rows]) < 2
+    print(f'errors against the truth within two standard deviations: {100 * sure.mean():.1f} %')
     inside = np.all(np.abs(against_truth.position) < [0.05, 0.05, 0.15], axis=1)
     print(
         f'\nafter the alignment {100 * inside[after].mean():.1f} % of the tags are within '
@@ -169,6 +188,21 @@ def report(flight: Flight, asked: dict[int, int], watcher: Watcher, cpu: float) 
     )
     for key, value in watcher.values.items():
         print(f'{key:32} {value}')
+
+
+def ratios(
+    watcher: Watcher, stamps: list[int], position: np.ndarray, attitude: np.ndarray
+) -> np.ndarray:
+    """Errors against the truth by the standard deviations that the tags tell; shape (n, 6)."""
+    rows = []
+    for stamp, place, turn in zip(stamps, position, attitude, strict=True):
+        message = watcher.tags[stamp].pose
+        pose = pose_from_message(message.pose)
+        true = Rotation.from_quat(frames.enu_attitude(turn))
+        off = (pose.rotation * true.inv()).as_rotvec()
+        error = np.concatenate([pose.translation - frames.enu_from_ned(place), off])
+        rows.append(np.abs(error) / np.sqrt(np.diag(np.reshape(message.covariance, (6, 6)))))
+    return np.array(rows)
 
 
 def compare_own(
@@ -205,8 +239,14 @@ def main() -> int:
     parser.add_argument('log', type=Path)
     parser.add_argument('--begin', type=float, default=0.0, help='seconds since its start')
     parser.add_argument('--end', type=float, default=1e6)
+    parser.add_argument('--loss', type=float, default=0.0, help='share of packets lost')
+    parser.add_argument(
+        '--bursts', type=float, default=0.0, help='longest delay in bursts, seconds'
+    )
+    parser.add_argument('--foreign', action='store_true', help='another vehicle on the same port')
     arguments = parser.parse_args()
     flight = Flight.read(arguments.log)
+    disturbance = Disturbance(arguments.loss, arguments.bursts, 2 if arguments.foreign else 0)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(('127.0.0.1', 0))
         port = probe.getsockname()[1]
@@ -223,7 +263,7 @@ def main() -> int:
             watcher = Watcher()
             while not watcher.points.get_subscription_count():
                 watcher.spin(0.1)
-            asked = play(flight, arguments.begin, arguments.end, port, watcher)
+            asked = play(flight, arguments.begin, arguments.end, port, watcher, disturbance)
         finally:
             node.send_signal(signal.SIGINT)
             status = node.wait(10)

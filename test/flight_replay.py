@@ -27,6 +27,7 @@ class Outcome:
     """What a flight gave; stamps are times of the recording in nanoseconds."""
 
     tags: dict[int, Pose] = field(default_factory=dict)
+    covariances: dict[int, np.ndarray] = field(default_factory=dict)
     refusals: dict[int, str] = field(default_factory=dict)
     stream: dict[int, Pose] = field(default_factory=dict)
     state: VehicleState | None = None
@@ -35,10 +36,12 @@ class Outcome:
         return Counter(self.refusals.values())
 
 
-def replay(flight: Flight, stamps: list[int], seed: int = 1) -> Outcome:
+def replay(
+    flight: Flight, stamps: list[int], seed: int = 1, settings: Settings | None = None
+) -> Outcome:
     """Play all packets, answer TIMESYNC after random delays, ask for the pose at each stamp."""
     rng = np.random.default_rng(seed)
-    vehicle, outcome = Vehicle(Settings()), Outcome()
+    vehicle, outcome = Vehicle(settings or Settings()), Outcome()
     ours, its = mavlink.MAVLink(None, *VEHICLE[:1], 191), mavlink.MAVLink(None, *VEHICLE)
     order = count()
     events = [(stamp, next(order), flight.messages[i]) for i, stamp in enumerate(flight.times)]
@@ -68,7 +71,8 @@ def replay(flight: Flight, stamps: list[int], seed: int = 1) -> Outcome:
 
 def _settled(vehicle: Vehicle, stamp: int, at: Instant, outcome: Outcome) -> bool:
     try:
-        outcome.tags[stamp] = vehicle.pose_at(stamp, at)
+        tag = vehicle.tag_at(stamp, at)
+        outcome.tags[stamp], outcome.covariances[stamp] = tag.pose, tag.covariance
     except PoseAwaitedError as error:
         if at.ros - stamp < _PATIENCE:
             return False

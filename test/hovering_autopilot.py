@@ -13,6 +13,10 @@ from flight_player import answer
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 _PERIOD = 0.02
+_POSES = (
+    mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION,
+    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
+)
 
 
 class Wire:
@@ -51,15 +55,28 @@ class HoveringAutopilot:
     """Speaks MAVLink 2 on a wire from a thread of its own until it is closed."""
 
     def __init__(
-        self, wire: Wire, system: int = 1, north: float = 3.0, uptime: float = 5.0
+        self,
+        wire: Wire,
+        system: int = 1,
+        north: float = 3.0,
+        uptime: float = 5.0,
+        key: bytes = b'',
+        estimator_flags: int = 0x33F,
+        asked: bool = False,
     ) -> None:
+        self._flags = estimator_flags
         self._wire, self._north = wire, north
         self._boot = time.time_ns() - round(uptime * 1e9)
         self._sender = mavlink.MAVLink(wire, system, 1)
         self._parser = mavlink.MAVLink(None)
-        self._asked: set[int] = set()
+        if key:
+            for end in (self._sender, self._parser):
+                end.signing.secret_key, end.signing.sign_outgoing = key, True
+                end.signing.timestamp = (time.time_ns() - 1_420_070_400 * 10**9) // 10_000
+        self._asked = set(_POSES) if asked else set[int]()
         self._closing = threading.Event()
         self.received: list[Any] = []
+        self.silent = False  # out of reach, while it is
         self._thread = threading.Thread(target=self._run)
         self._thread.start()
 
@@ -78,6 +95,14 @@ class HoveringAutopilot:
     def heard(self, name: str) -> list[Any]:
         return [message for message in list(self.received) if message.get_type() == name]
 
+    def forward(self, message: Any, system: int, component: int) -> None:
+        """Bring a message of somebody else's."""
+        self._wire.write(message.pack(mavlink.MAVLink(None, system, component)))
+
+    def motion(self, boot_ms: int) -> tuple[float, ...]:
+        """Position and velocity (NED) at a time since boot."""
+        return self._north, 2.0, -1.0, 0.0, 0.0, 0.0
+
     def _run(self) -> None:
         due, tick = time.monotonic(), 0
         try:
@@ -92,23 +117,31 @@ class HoveringAutopilot:
             pass  # The other end has gone.
 
     def _speak(self, tick: int) -> None:
+        if self.silent:
+            return
         boot_ms = (time.time_ns() - self._boot) // 1_000_000
         if tick % 10 == 0:
             self._sender.heartbeat_send(
                 mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, 0, 0, 4
             )
-            self._sender.ekf_status_report_send(0x33F, 0, 0, 0, 0, 0)
+            self._sender.ekf_status_report_send(self._flags, 0, 0, 0, 0, 0)
         if mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION in self._asked:
             self._sender.attitude_quaternion_send(boot_ms, 1, 0, 0, 0, 0, 0, 0)
         if mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED in self._asked:
-            self._sender.local_position_ned_send(boot_ms, self._north, 2, -1, 0, 0, 0)
+            self._sender.local_position_ned_send(boot_ms, *self.motion(boot_ms))
 
     def _listen(self) -> None:
-        boot = time.time_ns() - self._boot
-        for message in self._parser.parse_buffer(self._wire.read()) or []:
+        boot, data = time.time_ns() - self._boot, self._wire.read()
+        for message in [] if self.silent else self._parser.parse_buffer(data) or []:
             self.received.append(message)
             if message.get_type() == 'COMMAND_LONG':
-                self._asked.add(int(message.param1))
+                self._obey(message)
             reply = answer(message, boot)
             if reply is not None:
                 self._sender.send(reply)
+
+    def _obey(self, command: Any) -> None:
+        if command.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
+            self._asked.add(int(command.param1))
+        elif command.param1 == mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN:
+            self._sender.gps_global_origin_send(474_500_000, 85_600_000, 430_000)

@@ -17,6 +17,7 @@ COMMANDS = {
     'reconstruct': 'one photograph to a point cloud',
     'inspect': 'a cloud, a photograph or a bag to its dents and their report',
     'evaluate': "the paper's simulation and tables, and least squares beside them",
+    'link-check': "who is on the autopilot's link, and whether it is fit to fly",
     'record': 'record topics to an MCAP bag',
     'replay': 'publish the messages of a bag',
     'recover': 'mend a bag whose recorder was killed',
@@ -52,7 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _module(command: str):
     try:
-        return importlib.import_module(f'ftp_dent_ros.cli.{command}')
+        return importlib.import_module(f'ftp_dent_ros.cli.{command.replace("-", "_")}')
     except ModuleNotFoundError as error:
         if error.name and error.name.startswith('ftp_dent_ros'):
             raise

@@ -9,28 +9,23 @@ round trip filter, in each direction by itself.
 
 An exchange that contradicts the others proves that a clock has stepped between it and the one
 before. Then a new segment begins. A stamp is converted only if exchanges on both sides of it
-agree, so that no stamp is converted with the wrong side of a step.
+agree, so that no stamp is converted with the wrong side of a step. One whose round trip is longer
+than the doubt that is allowed could agree with either side: it is no witness where a quicker is.
 """
 
 from __future__ import annotations
 
 import statistics
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from ftp_dent_ros.errors import PoseAwaitedError, PoseError
+from ftp_dent_ros.navigation.clock_segment import MILLISECOND, SECOND, Exchange, Segment
 
-SECOND = 1_000_000_000
-MILLISECOND = 1_000_000
-
-# How far two crystals drift apart, with margin (common ones: 50 ppm each).
-_DRIFT_PPM = 200
-# An autopilot reads its clock between two rounds of its scheduler: this much is no step.
-_TOLERANCE = 5 * MILLISECOND
 _MINIMUM_EXCHANGES = 5
-_KEPT_EXCHANGES = 64
 _KEPT_SEGMENTS = 8
 _KEPT_REQUESTS = 64
+_RECENT = 20
 _SILENCE = 2 * SECOND
 # A larger step: the autopilot has rebooted, or this computer's clock has been set.
 _RESTART = 1 * SECOND
@@ -40,59 +35,6 @@ _FORGOTTEN = 60 * SECOND
 _PLAUSIBLE_AGE = 10 * SECOND
 _PLAUSIBLE_LEAD = SECOND // 2
 _WRAP = 2**32 * MILLISECOND
-
-
-@dataclass(frozen=True)
-class Exchange:
-    """One request and its answer; all in nanoseconds."""
-
-    sent: int
-    boot: int
-    received: int
-
-    @property
-    def round_trip(self) -> int:
-        """Time from the request to its answer."""
-        return self.received - self.sent
-
-
-@dataclass
-class _Segment:
-    """Exchanges that agree: no clock has stepped between any two of them."""
-
-    begin: int
-    exchanges: deque[Exchange] = field(default_factory=lambda: deque(maxlen=_KEPT_EXCHANGES))
-    count: int = 0
-    latest: tuple[int, int] = (0, 0)
-
-    def add(self, exchange: Exchange) -> None:
-        self.exchanges.append(exchange)
-        self.count += 1
-        self.latest = self.offset(exchange.received)
-
-    @property
-    def last(self) -> Exchange:
-        return self.exchanges[-1]
-
-    @property
-    def end(self) -> int:
-        return self.last.sent
-
-    def offset(self, at: int) -> tuple[int, int]:
-        """Offset and its uncertainty, nanoseconds, at a ROS time."""
-        lower, upper = -(2**63), 2**63
-        for exchange in self.exchanges:
-            drift = abs(at - exchange.received) * _DRIFT_PPM // 1_000_000
-            lower = max(lower, exchange.sent - exchange.boot - drift)
-            upper = min(upper, exchange.received - exchange.boot + drift)
-        # Bounds that cross, by less than the tolerance, leave as much doubt as bounds apart.
-        return (lower + upper) // 2, abs(upper - lower) // 2
-
-    def contradiction(self, exchange: Exchange) -> int:
-        """By how much, ns, an exchange after these cannot be of the same clocks; 0 if it can."""
-        offset, uncertainty = self.offset(exchange.received)
-        lower, upper = exchange.sent - exchange.boot, exchange.received - exchange.boot
-        return max(0, abs(offset - min(max(offset, lower), upper)) - uncertainty - _TOLERANCE)
 
 
 @dataclass(frozen=True)
@@ -117,15 +59,23 @@ class ClockOffset:
         Time between two requests, seconds.
     maximum_error : float
         Largest uncertainty at which a stamp is still converted, seconds.
+
+    Attributes
+    ----------
+    repeated_from : int or None
+        If the last answer showed that the autopilot's clock has stepped back: the first time since
+        boot, in nanoseconds, that may have come twice.
     """
 
     def __init__(self, period: float = 0.1, maximum_error: float = 0.01) -> None:
         self._period = round(period * SECOND)
         self._maximum_error = round(maximum_error * SECOND)
-        self._segments: deque[_Segment] = deque(maxlen=_KEPT_SEGMENTS)
+        self._segments: deque[Segment] = deque(maxlen=_KEPT_SEGMENTS)
         self._open_requests: dict[int, None] = {}
         self._last_request: int | None = None
+        self._round_trips: deque[int] = deque(maxlen=_RECENT)
         self._answers = self._steps = self._restarts = 0
+        self.repeated_from: int | None = None
 
     def request(self, now: int) -> int | None:
         """`ts1` of a request to send now (ROS time in ns), or None while none is due."""
@@ -159,17 +109,28 @@ class ClockOffset:
         if exchange.round_trip < 0:
             return False
         self._answers += 1
-        off = self._segments[-1].contradiction(exchange) if self._segments else 0
+        self.repeated_from = None
+        self._round_trips.append(exchange.round_trip)
+        is_tight = exchange.round_trip <= 2 * self._maximum_error
+        newest = self._segments[-1] if self._segments else None
+        off = newest.contradiction(exchange) if newest else 0
         restarted = off > _RESTART
         if restarted:
             self._restarts += 1
             self._segments.clear()
-        elif off:
+        elif newest and off:
             self._steps += 1
-            self._segments.append(_Segment(now))
+            if exchange.sent - exchange.boot > newest.offset(now)[0]:
+                self.repeated_from = exchange.boot - (exchange.received - newest.end)
+            self._segments.append(Segment(now))
+        elif newest and newest.is_tight and not is_tight:
+            return False
+        elif newest and is_tight and not newest.is_tight:
+            self._segments[-1] = Segment(now)
         if not self._segments:
-            self._segments.append(_Segment(now))
+            self._segments.append(Segment(now))
         self._segments[-1].add(exchange)
+        self._segments[-1].is_tight = is_tight
         while abs(now - self._segments[0].end) > _FORGOTTEN:
             self._segments.popleft()
         return restarted
@@ -224,10 +185,15 @@ class ClockOffset:
         """
         if not self._segments:
             return None
-        expected = self._boot_now(now)
         boot = time_boot_ms * MILLISECOND
-        boot += (expected - boot + _WRAP // 2) // _WRAP * _WRAP
-        return boot if -_PLAUSIBLE_AGE < boot - expected < _PLAUSIBLE_LEAD else None
+        boot += (self._boot_now(now) - boot + _WRAP // 2) // _WRAP * _WRAP
+        return boot if self.is_plausible(boot, now) else None
+
+    def is_plausible(self, boot: int, now: int) -> bool:
+        """Whether a time since boot in ns can be that of a message that has come now."""
+        if not self._segments:
+            return False
+        return -_PLAUSIBLE_AGE < boot - self._boot_now(now) < _PLAUSIBLE_LEAD
 
     def state(self, now: int) -> ClockState:
         """State at a ROS time."""
@@ -236,18 +202,17 @@ class ClockOffset:
         newest = self._segments[-1]
         last = newest.last
         offset, uncertainty = newest.latest
-        recent = [exchange.round_trip for exchange in list(newest.exchanges)[-20:]]
         return ClockState(
             self._is_converged(newest) and now - last.received < _SILENCE,
             offset / SECOND,
             uncertainty / SECOND,
-            statistics.median(recent) / SECOND,
+            statistics.median(self._round_trips) / SECOND,
             self._answers,
             self._steps,
             self._restarts,
         )
 
-    def _is_converged(self, segment: _Segment) -> bool:
+    def _is_converged(self, segment: Segment) -> bool:
         return segment.count >= _MINIMUM_EXCHANGES and segment.latest[1] <= self._maximum_error
 
     def _boot_now(self, now: int) -> int:

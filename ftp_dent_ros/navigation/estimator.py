@@ -1,7 +1,8 @@
 """Whether the autopilot's estimator says that it is ready.
 
 ArduPilot sends EKF_STATUS_REPORT, PX4 and others ESTIMATOR_STATUS. Neither carries a time, so a
-stamp is believed only if the reports before and after it both say ready.
+stamp is believed only if the reports before and after it both say ready. The worse of the two
+also says how good the estimate is.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from collections import deque
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from ftp_dent_ros.errors import PoseAwaitedError, PoseError
+from ftp_dent_ros.navigation.accuracy import Covariance, unknown
 
 # The low bits mean the same in EKF_STATUS_FLAGS and ESTIMATOR_STATUS_FLAGS.
 _NEEDED = (
@@ -47,7 +49,7 @@ class Estimator:
     """Reports of the last seconds; times are ROS times of arrival in nanoseconds."""
 
     def __init__(self) -> None:
-        self._reports: deque[tuple[int, bool]] = deque(maxlen=_KEPT)
+        self._reports: deque[tuple[int, bool, Covariance]] = deque(maxlen=_KEPT)
         self._since: int | None = None
 
     def restart(self, now: int) -> None:
@@ -55,12 +57,12 @@ class Estimator:
         self._reports.clear()
         self._since = now
 
-    def report(self, ready: bool, now: int) -> None:
-        """Take a report that arrived now."""
-        self._reports.append((now, ready))
+    def report(self, ready: bool, now: int, covariance: Covariance | None = None) -> None:
+        """Take a report that arrived now, and the covariance that it tells."""
+        self._reports.append((now, ready, unknown() if covariance is None else covariance))
 
-    def check(self, stamp: int, now: int) -> None:
-        """Return if the estimator was ready at a stamp.
+    def check(self, stamp: int, now: int) -> Covariance:
+        """Covariance of shape (6, 6) at a stamp at which the estimator was ready.
 
         Raises
         ------
@@ -75,7 +77,7 @@ class Estimator:
                 'estimator report awaited',
             )
         if not self._reports:
-            return  # This autopilot reports none.
+            return unknown()  # This autopilot reports none.
         before = after = None
         for report in reversed(self._reports):
             if report[0] <= stamp:
@@ -96,6 +98,7 @@ class Estimator:
                 "the autopilot did not report its estimator's state around that time",
                 'estimator not reported',
             )
+        return max(before[2], after[2], key=lambda covariance: float(covariance.trace()))
 
     def state(self, now: int) -> str:
         """'ready', 'not ready', 'silent' (reports stopped), 'awaited' or 'not reported'."""

@@ -5,49 +5,32 @@ from __future__ import annotations
 import contextlib
 import selectors
 import socket
-import struct
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from ftp_dent_ros.errors import LinkError
+from ftp_dent_ros.navigation.accuracy import Tag
+from ftp_dent_ros.navigation.codec import Codec
+from ftp_dent_ros.navigation.link_state import LinkState
+from ftp_dent_ros.navigation.roster import Roster, Speaker
 from ftp_dent_ros.navigation.transport import Peer, Transport, check_address, open_transport
 from ftp_dent_ros.navigation.vehicle import Vehicle
-from ftp_dent_ros.navigation.vehicle_state import Instant, Settings, VehicleState
+from ftp_dent_ros.navigation.vehicle_state import Instant, Settings
 from ftp_dent_ros.pose import Pose
 
+_COMPUTER = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
 _TICK = 0.05
 _MOST_AT_ONCE = 100
 _SHORTEST_WAIT, _LONGEST_WAIT = 0.5, 2.0
 # A stream connection that is silent for longer may be dead without saying so.
 _SILENCE = 5.0
 _TIME_TO_END = 5.0
-
-
-@dataclass(frozen=True)
-class LinkState:
-    """State of the connection and of the vehicle behind it.
-
-    Attributes
-    ----------
-    fault : str
-        Why the connection is not open; '' if it is.
-    vehicle : VehicleState
-        What is known of the autopilot.
-    bad_bytes : int
-        Pieces that were no MAVLink message.
-    reconnections : int
-        How often the connection was opened again.
-    """
-
-    fault: str
-    vehicle: VehicleState
-    bad_bytes: int
-    reconnections: int
+# A vehicle that is heard from another address has been silent for as long, or is none; seconds.
+_MOVING_TIME = 1.0
 
 
 class Link:
@@ -68,6 +51,11 @@ class Link:
         ROS time in nanoseconds.
     on_poses : callable, optional
         Called in the link's thread with new poses and their ROS times in nanoseconds.
+    signing_key : bytes
+        Key of `codec.read_key`; if it has no bytes, nothing is signed and all is taken.
+    on_command : callable, optional
+        Called in the link's thread with each COMMAND_LONG to the vehicle's system that came the
+        vehicle's own way.
 
     Raises
     ------
@@ -82,18 +70,22 @@ class Link:
         settings: Settings,
         ros_time: Callable[[], int] = time.time_ns,
         on_poses: Callable[[list[tuple[int, Pose]]], None] = lambda poses: None,
+        signing_key: bytes = b'',
+        on_command: Callable[[Any], None] = lambda command: None,
     ) -> None:
         check_address(address)
         self._address, self._baud = address, baud
         self._ros_time, self._on_poses = ros_time, on_poses
+        self._on_command = on_command
         self._vehicle = Vehicle(settings)
         self._lock = threading.Lock()
         self._transport: Transport | None = None
         self._peer: Peer = None
-        self._parser = _new_parser()
-        self._sender = mavlink.MAVLink(None)
+        self._codec = Codec(signing_key)
+        self._roster = Roster()
         self._fault = 'not opened yet'
-        self._bad_bytes = self._opened = 0
+        self._opened = self._impostors = 0
+        self._peer_heard = 0.0
         self._closing = threading.Event()
         self._waker, self._wakened = socket.socketpair()
         self._thread = threading.Thread(target=self._run, name='mavlink', daemon=True)
@@ -109,24 +101,29 @@ class Link:
         self._waker.close()
         self._wakened.close()
 
-    def send_heartbeat(self) -> None:
-        """Tell the autopilot that this companion computer is alive."""
-        with self._lock:
-            self._send(
-                mavlink.MAVLink_heartbeat_message(
-                    type=mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
-                    autopilot=mavlink.MAV_AUTOPILOT_INVALID,
-                    base_mode=0,
-                    custom_mode=0,
-                    system_status=mavlink.MAV_STATE_ACTIVE,
-                    mavlink_version=3,
-                )
-            )
+    def send_heartbeat(
+        self, kind: int = mavlink.MAV_TYPE_ONBOARD_CONTROLLER, component: int = _COMPUTER
+    ) -> None:
+        """Tell the autopilot that a component, by default this computer, is alive."""
+        heartbeat = mavlink.MAVLink_heartbeat_message(
+            type=kind,
+            autopilot=mavlink.MAV_AUTOPILOT_INVALID,
+            base_mode=0,
+            custom_mode=0,
+            system_status=mavlink.MAV_STATE_ACTIVE,
+            mavlink_version=3,
+        )
+        self.send(heartbeat, component)
 
-    def pose_at(self, stamp: int) -> Pose:
-        """As `Vehicle.pose_at`, now."""
+    def send(self, message: Any, component: int = _COMPUTER) -> None:
+        """Send a message of a component of the vehicle's."""
         with self._lock:
-            return self._vehicle.pose_at(stamp, self._now())
+            self._send(message, component)
+
+    def tag_at(self, stamp: int) -> Tag:
+        """As `Vehicle.tag_at`, now."""
+        with self._lock:
+            return self._vehicle.tag_at(stamp, self._now())
 
     def state(self) -> LinkState:
         """State at this moment."""
@@ -134,9 +131,16 @@ class Link:
             return LinkState(
                 self._fault,
                 self._vehicle.state(self._now()),
-                self._bad_bytes,
+                self._codec.bad_bytes,
                 max(0, self._opened - 1),
+                self._codec.refused,
+                self._impostors,
             )
+
+    def speakers(self) -> list[Speaker]:
+        """Who has been heard on the link."""
+        with self._lock:
+            return self._roster.speakers()
 
     def _now(self) -> Instant:
         return Instant(self._ros_time(), time.monotonic())
@@ -167,8 +171,9 @@ class Link:
 
     def _use(self, transport: Transport | None) -> None:
         with self._lock:
-            self._transport, self._peer, self._parser = transport, None, _new_parser()
+            self._transport, self._peer = transport, None
             if transport is not None:
+                self._codec.restart(transport.is_datagram)
                 self._fault = ''
                 self._opened += 1
 
@@ -188,7 +193,7 @@ class Link:
 
     def _receive(self, transport: Transport) -> bool:
         """Take what has come; tell whether it was anything."""
-        has_come = False
+        has_come, commands = False, []
         for _ in range(_MOST_AT_ONCE):
             data, peer = transport.receive()
             if not data:
@@ -196,43 +201,44 @@ class Link:
             has_come = True
             now = self._now()
             with self._lock:
-                for message in self._parsed(data, transport.is_datagram):
+                for message in self._codec.messages(data, time.time_ns()):
+                    self._roster.hear(message, now.steady)
+                    if self._is_elsewhere(message, peer, now.steady):
+                        self._impostors += 1
+                        continue
                     if self._vehicle.receive(message, now):
-                        # Answers go where the believed vehicle is, after a reboot elsewhere.
-                        self._peer = peer
+                        self._peer, self._peer_heard = peer, now.steady
+                    if message.get_type() == 'COMMAND_LONG' and self._is_for_us(message, peer):
+                        commands.append(message)
         with self._lock:
             poses = self._vehicle.new_poses(self._now())
         if poses:
             self._on_poses(poses)
+        for command in commands:
+            self._on_command(command)
         return has_come
 
-    def _parsed(self, data: bytes, is_whole: bool) -> list[Any]:
-        if is_whole:
-            # What one sender cut short must not swallow the next one's message.
-            self._parser = _new_parser()
-        try:
-            parsed = self._parser.parse_buffer(data) or []
-        except (mavlink.MAVError, ValueError, TypeError, struct.error):
-            self._bad_bytes += 1
-            self._parser = _new_parser()
-            return []
-        messages = [message for message in parsed if message.get_type() != 'BAD_DATA']
-        self._bad_bytes += len(parsed) - len(messages)
-        return messages
+    def _is_for_us(self, command: Any, peer: Peer) -> bool:
+        identity = self._vehicle.identity
+        return identity is not None and command.target_system == identity[0] and peer == self._peer
 
-    def _send(self, message: Any) -> None:
+    def _is_elsewhere(self, message: Any, peer: Peer, now: float) -> bool:
+        """Whether it speaks in the vehicle's name from elsewhere while that goes on speaking.
+
+        After a reboot the vehicle may come back from another port, but not at once.
+        """
+        source = (message.get_srcSystem(), message.get_srcComponent())
+        return (
+            source == self._vehicle.identity
+            and self._peer is not None
+            and peer != self._peer
+            and now - self._peer_heard < _MOVING_TIME
+        )
+
+    def _send(self, message: Any, component: int = _COMPUTER) -> None:
         if self._transport is None:
             return
-        self._sender.srcSystem = self._vehicle.system_id
-        self._sender.srcComponent = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
-        data = message.pack(self._sender)
-        self._sender.seq = (self._sender.seq + 1) % 256
+        data = self._codec.pack(message, self._vehicle.system_id, component, time.time_ns())
         # A connection that broke is found out, and mended, where it is read.
         with contextlib.suppress(LinkError):
             self._transport.send(data, self._peer)
-
-
-def _new_parser() -> mavlink.MAVLink:
-    parser = mavlink.MAVLink(None)
-    parser.robust_parsing = True
-    return parser

@@ -4,7 +4,8 @@ Attitude and position come in messages of their own (MAVLink ATTITUDE_QUATERNION
 LOCAL_POSITION_NED), asked for at one rate. Each is interpolated between the two samples around
 the time asked for, the attitude along the great circle (slerp), the position on the line; where
 both carry that very time they are taken as they are. Nothing is extrapolated, and nothing is
-interpolated across a gap or a reset of the estimator.
+interpolated across a gap or a reset of the estimator. ODOMETRY brings both at once, and counts
+the estimator's resets; without it they are seen as jumps.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.errors import PoseAwaitedError, PoseError
+from ftp_dent_ros.navigation.accuracy import Motion
 from ftp_dent_ros.pose import Pose
 
 _SECOND = 1e9
@@ -50,9 +52,8 @@ class _Track:
     def clear(self) -> None:
         self.stamps, self.samples, self.is_reset = [], [], []
 
-    def add(self, stamp: int, value: _Vector, rate: _Vector) -> None:
-        jumped = False
-        if self.stamps:
+    def add(self, stamp: int, value: _Vector, rate: _Vector, jumped: bool) -> None:
+        if self.stamps and not jumped:
             seconds = (stamp - self.stamps[-1]) / _SECOND
             last, last_rate = self.samples[-1]
             off = self.step(last, value) - (last_rate + rate) / 2 * seconds
@@ -95,6 +96,15 @@ class _Track:
             )
         return self.samples[after - 1][0], value, (stamp - self.stamps[after - 1]) / gap
 
+    def nearest(self, stamp: int) -> tuple[_Vector, _Vector, float]:
+        """The sample nearest to a stamp among them, and the gap around it in seconds."""
+        after = bisect.bisect_left(self.stamps, stamp)
+        if self.stamps[after] == stamp:
+            return *self.samples[after], 0.0
+        start, end = self.stamps[after - 1 : after + 1]
+        closest = after if 2 * stamp > start + end else after - 1
+        return *self.samples[closest], (end - start) / _SECOND
+
 
 class PoseHistory:
     """Samples of attitude and position, and the pose at any time between them.
@@ -116,19 +126,25 @@ class PoseHistory:
         self._positions = _Track('position', kept, _difference, _POSITION_JUMP, 20.0)
         self.resets = 0
 
-    def add_attitude(self, stamp: int, quaternion: ArrayLike, body_rate: ArrayLike) -> bool:
+    def add_attitude(
+        self, stamp: int, quaternion: ArrayLike, body_rate: ArrayLike, is_reset: bool = False
+    ) -> bool:
         """Take an attitude (x, y, z, w; FLU -> ENU) and its body rates (FLU, rad/s).
+
+        `is_reset` says that the estimator was reset since the one before.
 
         Returns
         -------
         bool
             Whether it was taken; one that is not newer than the last is not.
         """
-        return self._add(self._attitudes, stamp, quaternion, body_rate)
+        return self._add(self._attitudes, stamp, quaternion, body_rate, is_reset)
 
-    def add_position(self, stamp: int, position: ArrayLike, velocity: ArrayLike) -> bool:
+    def add_position(
+        self, stamp: int, position: ArrayLike, velocity: ArrayLike, is_reset: bool = False
+    ) -> bool:
         """Take a position (metres) and velocity (m/s) in `map`; as `add_attitude`."""
-        return self._add(self._positions, stamp, position, velocity)
+        return self._add(self._positions, stamp, position, velocity, is_reset)
 
     def clear(self) -> None:
         """Forget everything: the stamps start anew."""
@@ -152,6 +168,11 @@ class PoseHistory:
             rotation = rotation * Rotation.from_rotvec(weight * _turn(before, after))
         return Pose(rotation, start + along * (end - start))
 
+    @property
+    def newest(self) -> int:
+        """Stamp of the newest sample, or 0."""
+        return max(self._attitudes.stamps[-1:] + self._positions.stamps[-1:], default=0)
+
     def stamps_since(self, stamp: int) -> list[int]:
         """Stamps of attitudes later than `stamp` that lie within the known positions."""
         stamps, positions = self._attitudes.stamps, self._positions.stamps
@@ -160,10 +181,19 @@ class PoseHistory:
         begin = max(bisect.bisect_right(stamps, stamp), bisect.bisect_left(stamps, positions[0]))
         return stamps[begin : bisect.bisect_right(stamps, positions[-1])]
 
-    def _add(self, track: _Track, stamp: int, value: ArrayLike, rate: ArrayLike) -> bool:
+    def motion(self, stamp: int) -> Motion:
+        """How it moved at a stamp that `at` has a pose for."""
+        attitude, body_rate, turning_gap = self._attitudes.nearest(stamp)
+        _, velocity, moving_gap = self._positions.nearest(stamp)
+        turn_rate = Rotation.from_quat(attitude).apply(body_rate)
+        return Motion(velocity, turn_rate, max(turning_gap, moving_gap))
+
+    def _add(
+        self, track: _Track, stamp: int, value: ArrayLike, rate: ArrayLike, is_reset: bool
+    ) -> bool:
         if track.stamps and stamp <= track.stamps[-1]:
             return False
-        track.add(stamp, np.asarray(value, float), np.asarray(rate, float))
+        track.add(stamp, np.asarray(value, float), np.asarray(rate, float), is_reset)
         self.resets += track.is_reset[-1]
         return True
 

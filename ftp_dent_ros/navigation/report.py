@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from ftp_dent_ros.navigation.link import LinkState
+from ftp_dent_ros.navigation.link_state import LinkState
 
 _ESTIMATOR = {
     'not ready': "the autopilot's estimator is not ready: wait until it knows its position",
@@ -27,6 +27,12 @@ def judge(state: LinkState, address: str) -> Verdict:
     vehicle = state.vehicle
     if state.fault:
         return Verdict('error', state.fault)
+    if vehicle.identity is None and state.refused:
+        return Verdict(
+            'error',
+            'all messages are unsigned or signed with another key: check signing_key, and that '
+            'the autopilot signs',
+        )
     if vehicle.identity is None:
         return Verdict(
             'error',
@@ -59,6 +65,7 @@ def figures(state: LinkState) -> dict[str, str]:
         'autopilot': vehicle.autopilot,
         'system/component': _name(vehicle.identity) if vehicle.identity else 'none',
         'silence (s)': _number(vehicle.silence, 1, 2),
+        'pose age (ms)': _number(vehicle.pose_age, 1e3, 1),
         'estimator': vehicle.estimator,
         'estimator resets': str(vehicle.resets),
         'clock converged': str(clock.converged).lower(),
@@ -71,10 +78,16 @@ def figures(state: LinkState) -> dict[str, str]:
         'reconnections': str(state.reconnections),
         'messages': str(vehicle.messages),
         'messages of others': str(vehicle.foreign),
+        'messages in its name from elsewhere': str(state.impostors),
         'messages lost': str(vehicle.lost),
         'messages malformed': str(vehicle.malformed),
+        'messages without the right signature': str(state.refused),
         'bytes that are no message': str(state.bad_bytes),
     }
+    if vehicle.origin is not None:
+        values['origin (deg)'] = f'{vehicle.origin.latitude:.7f} {vehicle.origin.longitude:.7f}'
+        values['origin above the sea (m)'] = f'{vehicle.origin.above_sea:.2f}'
+        values['origin differs from GLOBAL_POSITION_INT (m)'] = _number(vehicle.origin_error, 1, 2)
     values.update({f'{name} (Hz)': f'{rate:.1f}' for name, rate in vehicle.rates.items()})
     return values
 

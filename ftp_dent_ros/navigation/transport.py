@@ -2,6 +2,7 @@
 
 ========================  ===================================================================
 `udpin:HOST:PORT`         listens on the address and answers whom it hears
+`udpin:PORT`              listens on 127.0.0.1: nobody on another computer is heard
 `udpout:HOST:PORT`        sends first
 `tcp:HOST:PORT`           connects to a server
 `/dev/ttyACM0`            serial line, with a baud rate
@@ -18,6 +19,7 @@ from abc import ABC, abstractmethod
 
 from ftp_dent_ros.errors import ConfigurationError, LinkError
 
+_LOOPBACK = '127.0.0.1'
 _LARGEST = 65535
 _RECEIVE_BUFFER = 1 << 20
 _CONNECT_TIMEOUT = 2.0
@@ -55,7 +57,7 @@ class Transport(ABC):
 
 
 def check_address(address: str) -> None:
-    """Raise `ConfigurationError` if an address is none of the four kinds."""
+    """Raise `ConfigurationError` if an address is none of these kinds."""
     if not address.startswith('/'):
         _parts(address)
 
@@ -66,7 +68,7 @@ def open_transport(address: str, baud: int) -> Transport:
     Raises
     ------
     ConfigurationError
-        The address is none of the four kinds.
+        The address is none of these kinds.
     LinkError
         It cannot be opened now.
     """
@@ -87,7 +89,8 @@ def open_transport(address: str, baud: int) -> Transport:
 
 
 def _parts(address: str) -> tuple[str, str, int]:
-    match = re.fullmatch(r'(udpin|udpout|tcp):([\w.-]+):(\d{1,5})', address)
+    address_of_port = re.sub(r'^udpin:(?=\d+$)', f'udpin:{_LOOPBACK}:', address)
+    match = re.fullmatch(r'(udpin|udpout|tcp):([\w.-]+):(\d{1,5})', address_of_port)
     if not match or not 0 < int(match[3]) < 65536:
         raise ConfigurationError(
             f'{address!r} is no address of an autopilot: give udpin:HOST:PORT, udpout:HOST:PORT, '

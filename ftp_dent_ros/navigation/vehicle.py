@@ -7,16 +7,17 @@ thread and no clock in here, so that a flight can be replayed through it faster 
 from __future__ import annotations
 
 import contextlib
-import math
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from ftp_dent_ros.errors import PoseAwaitedError, PoseError
-from ftp_dent_ros.navigation import estimator, frames
+from ftp_dent_ros.navigation import accuracy, estimator
+from ftp_dent_ros.navigation.accuracy import Tag
 from ftp_dent_ros.navigation.clock_offset import ClockOffset
+from ftp_dent_ros.navigation.earth import Earth
 from ftp_dent_ros.navigation.estimator import Estimator
-from ftp_dent_ros.navigation.pose_history import PoseHistory
+from ftp_dent_ros.navigation.pose_source import PoseSource
 from ftp_dent_ros.navigation.streams import Stream, Streams
 from ftp_dent_ros.navigation.vehicle_state import SILENCE, Instant, Settings, VehicleState
 from ftp_dent_ros.pose import Pose
@@ -24,7 +25,7 @@ from ftp_dent_ros.pose import Pose
 # pymavlink makes its messages' fields at run time: no type checker knows them.
 Message = Any
 
-_ESTIMATOR_RATE = 5.0
+_ESTIMATOR_RATE, _EARTH_RATE = 5.0, 2.0
 # Poses are kept for as long; seconds.
 _LONGEST_AGE = 10.0
 _LONGEST_LEAD = 1.0
@@ -38,7 +39,8 @@ class Vehicle:
         self._identity: tuple[int, int] | None = None
         self._autopilot = mavlink.MAV_AUTOPILOT_INVALID
         self._clock = ClockOffset(maximum_error=settings.maximum_clock_error)
-        self._history = PoseHistory(_LONGEST_AGE, settings.maximum_gap)
+        self._poses = PoseSource(self._clock, _LONGEST_AGE, settings.maximum_gap)
+        self._earth = Earth(self._clock, self._poses.at)
         self._estimator = Estimator()
         self._streams = Streams([])
         self._heard: float | None = None
@@ -46,16 +48,21 @@ class Vehicle:
         self._streamed = 0
         self._streamed_ros = 0
         self._utc_offset: int | None = None
-        self._messages = self._foreign = self._malformed = self._lost = 0
+        self._messages = self._foreign = self._lost = 0
         self._handlers = {
             'TIMESYNC': self._on_timesync,
             'COMMAND_ACK': self._on_command_ack,
             'SYSTEM_TIME': self._on_system_time,
             'EKF_STATUS_REPORT': self._on_estimator_report,
             'ESTIMATOR_STATUS': self._on_estimator_report,
-            'ATTITUDE_QUATERNION': self._on_attitude_quaternion,
-            'LOCAL_POSITION_NED': self._on_local_position_ned,
+            **self._poses.handlers,
+            **(self._earth.handlers if settings.earth else {}),
         }
+
+    @property
+    def identity(self) -> tuple[int, int] | None:
+        """System and component that are believed, once they are known."""
+        return self._identity
 
     @property
     def system_id(self) -> int:
@@ -91,20 +98,20 @@ class Vehicle:
             due.append(mavlink.MAVLink_timesync_message(tc1=0, ts1=ts1))
         stream = self._streams.next_request(at.steady)
         if stream is not None:
-            due.append(
-                mavlink.MAVLink_command_long_message(
-                    *self._identity,
-                    mavlink.MAV_CMD_SET_MESSAGE_INTERVAL,
-                    stream.retries,
-                    stream.message_id,
-                    stream.interval_us,
-                    *(0, 0, 0, 0, 0),
-                )
-            )
+            interval = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
+            wanted = stream.message_id, stream.interval_us
+            due.append(_command(self._identity, interval, stream.retries, *wanted))
+        once = self._earth.next_request(at.steady) if self._settings.earth else None
+        if once is not None:
+            due.append(_command(self._identity, mavlink.MAV_CMD_REQUEST_MESSAGE, 0, once, 0))
         return due
 
     def pose_at(self, stamp: int, at: Instant) -> Pose:
-        """Pose of `base_link` in `map` at a ROS time in nanoseconds.
+        """Pose of `tag_at`."""
+        return self.tag_at(stamp, at).pose
+
+    def tag_at(self, stamp: int, at: Instant) -> Tag:
+        """Pose of `base_link` in `map` at a ROS time in nanoseconds, and its covariance.
 
         It is given only once the clock, the estimator and the pose have all been heard of from
         both before and after the stamp, so that nothing heard later could take it back.
@@ -126,9 +133,9 @@ class Vehicle:
         if self._identity is None:
             raise PoseAwaitedError('no autopilot has been heard on the link', 'no autopilot')
         try:
-            self._estimator.check(stamp, at.ros)
-            boot, _ = self._clock.boot_time(stamp)
-            return self._history.at(boot)
+            reported = self._estimator.check(stamp, at.ros)
+            boot, doubt = self._clock.boot_time(stamp)
+            pose = self._poses.at(boot)
         except PoseAwaitedError as error:
             silence = at.steady - (self._heard or 0.0)
             if silence < SILENCE:
@@ -136,13 +143,14 @@ class Vehicle:
             raise PoseAwaitedError(
                 f'the autopilot has been silent for {silence:.1f} s ({error})', 'link lost'
             ) from None
+        return Tag(pose, self._poses.covariance(boot, reported, doubt / 1e9), boot)
 
     def new_poses(self, at: Instant) -> list[tuple[int, Pose]]:
         """Poses that have become known since the last call, with their ROS times in ns.
 
         Their stamps follow the clock as it was last heard of, for a stream cannot wait.
         """
-        fresh = self._history.stamps_since(self._streamed)
+        fresh = self._poses.stamps_since(self._streamed)
         if not fresh:
             return []
         self._streamed = fresh[-1]
@@ -155,7 +163,7 @@ class Vehicle:
             if stamp is None or stamp <= self._streamed_ros:
                 continue
             with contextlib.suppress(PoseError):
-                poses.append((stamp, self._history.at(boot)))
+                poses.append((stamp, self._poses.at(boot)))
                 self._streamed_ros = stamp
         return poses
 
@@ -165,6 +173,7 @@ class Vehicle:
         utc_error = None
         if self._utc_offset is not None and clock.offset is not None:
             utc_error = clock.offset - self._utc_offset / 1e9
+        newest = self._clock.ros_time(self._poses.newest) if self._poses.newest else None
         return VehicleState(
             identity=self._identity,
             autopilot=mavlink.enums['MAV_AUTOPILOT'][self._autopilot].name,
@@ -177,9 +186,12 @@ class Vehicle:
             denied=self._streams.denied(),
             messages=self._messages,
             foreign=self._foreign,
-            malformed=self._malformed,
+            malformed=self._poses.malformed,
             lost=self._lost,
-            resets=self._history.resets,
+            resets=self._poses.resets,
+            pose_age=None if newest is None else (at.ros - newest) / 1e9,
+            origin=self._earth.origin,
+            origin_error=self._earth.error,
         )
 
     def _is_wanted(self, message: Message, source: tuple[int, int], name: str) -> bool:
@@ -196,16 +208,20 @@ class Vehicle:
         if self._autopilot != mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA:
             report = 'ESTIMATOR_STATUS'
         rate = self._settings.rate
+        earth = [Stream('GLOBAL_POSITION_INT', _EARTH_RATE, required=False)]
         self._streams = Streams(
             [
                 Stream('ATTITUDE_QUATERNION', rate),
                 Stream('LOCAL_POSITION_NED', rate),
+                Stream('ODOMETRY', rate, required=False),
                 Stream(report, _ESTIMATOR_RATE, required=False),
                 Stream('SYSTEM_TIME', 1.0, required=False),
+                *(earth if self._settings.earth else []),
             ]
         )
-        self._history.clear()
+        self._poses.clear()
         self._streamed = 0
+        self._earth.clear()
         self._estimator.restart(at.ros)
         self._utc_offset = None
 
@@ -219,6 +235,8 @@ class Vehicle:
     def _on_timesync(self, message: Message, at: Instant) -> None:
         if self._clock.answer(message.tc1, message.ts1, at.ros):
             self._start_anew(at)
+        elif self._clock.repeated_from is not None:
+            self._poses.repeat_from(self._clock.repeated_from)
 
     def _on_command_ack(self, message: Message, at: Instant) -> None:
         # A MAVLink 1 autopilot leaves the addressee 0.
@@ -235,28 +253,12 @@ class Vehicle:
             self._utc_offset = message.time_unix_usec * 1000 - boot
 
     def _on_estimator_report(self, message: Message, at: Instant) -> None:
-        self._estimator.report(estimator.is_ready(message.get_type(), message.flags), at.ros)
-
-    def _on_attitude_quaternion(self, message: Message, at: Instant) -> None:
-        quaternion = (message.q1, message.q2, message.q3, message.q4)
-        rates = (message.rollspeed, message.pitchspeed, message.yawspeed)
-        stamp = self._clock.unwrap(message.time_boot_ms, at.ros)
-        if not _all_finite(*quaternion, *rates) or abs(math.hypot(*quaternion) - 1) > 0.01:
-            self._malformed += 1
-        elif stamp is not None:
-            attitude, body_rates = frames.enu_attitude(quaternion), frames.flu_from_frd(rates)
-            self._history.add_attitude(stamp, attitude, body_rates)
-
-    def _on_local_position_ned(self, message: Message, at: Instant) -> None:
-        position = (message.x, message.y, message.z)
-        velocity = (message.vx, message.vy, message.vz)
-        stamp = self._clock.unwrap(message.time_boot_ms, at.ros)
-        if not _all_finite(*position, *velocity):
-            self._malformed += 1
-        elif stamp is not None:
-            enu, enu_velocity = frames.enu_from_ned(position), frames.enu_from_ned(velocity)
-            self._history.add_position(stamp, enu, enu_velocity)
+        ready = estimator.is_ready(message.get_type(), message.flags)
+        self._estimator.report(ready, at.ros, accuracy.reported(message))
 
 
-def _all_finite(*values: float) -> bool:
-    return all(map(math.isfinite, values))
+def _command(
+    target: tuple[int, int], command: int, confirmation: int, first: float, second: float
+) -> Message:
+    parameters = (first, second, 0, 0, 0, 0, 0)
+    return mavlink.MAVLink_command_long_message(*target, command, confirmation, *parameters)

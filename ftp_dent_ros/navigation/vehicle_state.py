@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ftp_dent_ros.navigation.clock_offset import ClockState
+from ftp_dent_ros.navigation.geodesy import Origin
 
-# An autopilot heartbeats at 1 Hz whatever else it sends; seconds.
-SILENCE = 2.0
+# An autopilot heartbeats at 1 Hz whatever else it sends; diagnostics tell it a second later.
+SILENCE = 1.5
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,8 @@ class Settings:
         Longest time between two samples that is interpolated across, seconds.
     maximum_clock_error : float
         Largest uncertainty of the autopilot's clock at which poses are given, seconds.
+    earth : bool
+        Whether to ask where on the earth the map's origin is.
     """
 
     system_id: int = 0
@@ -41,6 +44,7 @@ class Settings:
     rate: float = 50.0
     maximum_gap: float = 0.15
     maximum_clock_error: float = 0.01
+    earth: bool = False
 
 
 @dataclass(frozen=True)
@@ -61,6 +65,12 @@ class VehicleState:
         Messages of others; of the autopilot's own with impossible contents; that never came.
     resets : int
         Jumps of the estimator.
+    pose_age : float or None
+        Age of the newest sample of a pose.
+    origin : Origin or None
+        Where on the earth the map's origin is, if that was asked and is known.
+    origin_error : float or None
+        How far apart two ways to know it are, metres.
     """
 
     identity: tuple[int, int] | None
@@ -77,6 +87,9 @@ class VehicleState:
     malformed: int
     lost: int
     resets: int
+    pose_age: float | None = None
+    origin: Origin | None = None
+    origin_error: float | None = None
 
     @property
     def is_alive(self) -> bool:

@@ -9,27 +9,37 @@ published in its place.
 
 from __future__ import annotations
 
-import math
 import sys
 import time
 from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from sensor_msgs.msg import PointCloud2
+from sensor_msgs.msg import NavSatFix, PointCloud2
 
 from ftp_dent_ros.errors import CloudError, PoseAwaitedError, PoseError
+from ftp_dent_ros.navigation.accuracy import Tag
+from ftp_dent_ros.navigation.geodesy import Origin
 from ftp_dent_ros.navigation.link import Link
 from ftp_dent_ros.navigation.report import Verdict, figures, judge
-from ftp_dent_ros.navigation.vehicle_state import Settings
+from ftp_dent_ros.nodes.bridge_camera import BridgeCamera
+from ftp_dent_ros.nodes.bridge_parameters import (
+    declare_frames,
+    declare_ground_station,
+    declare_link,
+    declare_mount,
+    declare_settings,
+)
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.ros.diagnostics import ERROR, OK, WARN, Diagnostics
 from ftp_dent_ros.ros.messages import (
     cloud_from_message,
     cloud_to_message,
+    fix_message,
     make_header,
     pose_stamped_message,
     pose_to_message,
@@ -37,7 +47,7 @@ from ftp_dent_ros.ros.messages import (
 )
 from ftp_dent_ros.ros.node import run
 from ftp_dent_ros.ros.parameters import Parameters
-from ftp_dent_ros.ros.qos import CLOUDS, OVERRIDABLE, POSES
+from ftp_dent_ros.ros.qos import CLOUDS, LATCHED, OVERRIDABLE, POSES
 from ftp_dent_ros.ros.transforms import TransformPublisher
 
 _CHECK_PERIOD = 0.1
@@ -59,16 +69,12 @@ class MavlinkBridge(Node):
     def __init__(self, **options: Any) -> None:
         super().__init__('mavlink_bridge', **options)
         parameters = Parameters(self)
-        address = parameters.declare(
-            'address',
-            'udpin:127.0.0.1:14550',
-            'The autopilot: udpin:HOST:PORT (listens), udpout:HOST:PORT (sends first), '
-            'tcp:HOST:PORT, or the path of a serial device.',
-        )
-        baud = parameters.declare(
-            'baud', 921600, 'Baud rate of a serial device.', minimum=1200, maximum=4_000_000
-        )
-        settings = _declare_settings(parameters)
+        address, baud, signing_key = declare_link(parameters)
+        settings = declare_settings(parameters)
+        self._earth = None
+        if settings.earth:
+            self._earth = self.create_publisher(NavSatFix, 'earth', LATCHED)
+        self._origin: Origin | None = None
         self._timeout = parameters.declare(
             'pose_timeout',
             1.0,
@@ -80,8 +86,8 @@ class MavlinkBridge(Node):
         self._most_waiting = parameters.declare(
             'queue_size', 5, 'How many clouds may wait at once.', minimum=1, maximum=1000
         )
-        self._map, self._base, self._camera = _declare_frames(parameters)
-        self._mount = _declare_mount(parameters)
+        self._map, self._base, self._camera = declare_frames(parameters)
+        self._mount, self._mount_covariance = declare_mount(parameters)
         publishes_tf = parameters.declare(
             'publish_tf', True, 'Whether poses and mount also go to TF, where tf2_msgs exists.'
         )
@@ -105,8 +111,20 @@ class MavlinkBridge(Node):
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_CHECK_PERIOD, self._settle, clock=steady)
         self.create_timer(1.0, self._send_heartbeat, clock=steady)
+        station = declare_ground_station(parameters)
+        self._mavlink_camera = (
+            BridgeCamera(self, station, self._mount, self._diagnostics) if station else None
+        )
         # Last, for its thread must not be left behind if something above fails.
-        self._link = Link(address, baud, settings, self._now_ns, self._on_link_poses)
+        self._link = Link(
+            address,
+            baud,
+            settings,
+            self._now_ns,
+            self._on_link_poses,
+            signing_key,
+            self._on_link_command,
+        )
 
     def destroy_node(self) -> None:
         """Close the link first."""
@@ -118,6 +136,8 @@ class MavlinkBridge(Node):
 
     def _send_heartbeat(self) -> None:
         self._link.send_heartbeat()
+        if self._mavlink_camera is not None:
+            self._mavlink_camera.send_heartbeat(self._link)
 
     def _on_link_poses(self, poses: list[tuple[int, Pose]]) -> None:
         """Publish, in the link's thread: fifty wake-ups a second of an executor are dear."""
@@ -127,6 +147,11 @@ class MavlinkBridge(Node):
             if self._transforms is not None:
                 self._transforms.publish(pose, self._map, self._base, stamp)
         if self._waiting:
+            self._news.trigger()
+
+    def _on_link_command(self, command: Any) -> None:
+        if self._mavlink_camera is not None:
+            self._mavlink_camera.take(command)
             self._news.trigger()
 
     def _on_points(self, message: PointCloud2) -> None:
@@ -148,10 +173,12 @@ class MavlinkBridge(Node):
 
     def _settle(self) -> None:
         """Tag or refuse each waiting cloud for which that can be said by now."""
+        if self._mavlink_camera is not None:
+            self._mavlink_camera.settle(self._link, self._now_ns(), self._timeout)
         for _ in range(len(self._waiting)):
             cloud = self._waiting.popleft()
             try:
-                pose = self._link.pose_at(cloud.stamp)
+                tag = self._link.tag_at(cloud.stamp)
             except PoseAwaitedError as error:
                 if time.monotonic() - cloud.arrival < self._timeout:
                     self._waiting.append(cloud)
@@ -161,9 +188,9 @@ class MavlinkBridge(Node):
             except PoseError as error:
                 self._refuse(cloud, error.reason, str(error))
             else:
-                self._tag(cloud, pose)
+                self._tag(cloud, tag)
 
-    def _tag(self, cloud: _Waiting, pose: Pose) -> None:
+    def _tag(self, cloud: _Waiting, tag: Tag) -> None:
         header = make_header(cloud.stamp, self._map)
         if self._tagged_points.get_subscription_count():
             try:
@@ -171,13 +198,17 @@ class MavlinkBridge(Node):
             except CloudError as error:
                 self._diagnostics.refuse('wrong cloud', str(error))
                 return
-            in_map = points.transformed(pose @ self._mount)
+            in_map = points.transformed(tag.pose @ self._mount)
             self._tagged_points.publish(cloud_to_message(in_map, cloud.stamp, self._map))
-        # The covariance stays zero, which says that it is not known.
+        covariance = tag.covariance + self._mount_covariance
         message = PoseWithCovarianceStamped(header=header)
-        message.pose.pose = pose_to_message(pose)
+        message.pose.pose = pose_to_message(tag.pose)
+        message.pose.covariance = covariance.ravel()
         self._tagged_pose.publish(message)
         self._diagnostics.count('tagged')
+        deviations = np.sqrt(np.diag(covariance))
+        self._diagnostics.note('tag within (mm)', f'{1e3 * deviations[:3].max():.0f}')
+        self._diagnostics.note('tag within (deg)', f'{np.degrees(deviations[3:].max()):.2f}')
         self._diagnostics.measure('waited', time.monotonic() - cloud.arrival)
 
     def _refuse(self, cloud: _Waiting, reason: str, sentence: str) -> None:
@@ -192,6 +223,7 @@ class MavlinkBridge(Node):
         for name, value in figures(state).items():
             self._diagnostics.note(name, value)
         self._diagnostics.note('clouds waiting', len(self._waiting))
+        self._publish_origin(state.vehicle.origin)
         verdict = judge(state, self._address)
         if verdict != self._said:
             self._said = verdict
@@ -204,80 +236,20 @@ class MavlinkBridge(Node):
                 self.get_logger().error(verdict.text)
         return _LEVELS[verdict.severity], verdict.text
 
+    def _publish_origin(self, origin: Origin | None) -> None:
+        # Compared as text, for an altitude that is not known differs from itself.
+        if self._earth is None or origin is None or repr(origin) == repr(self._origin):
+            return
+        if self._origin is not None:
+            self.get_logger().warning(
+                f"the map's origin has moved by {origin.distance(self._origin):.2f} m: clouds of "
+                'before and after do not lie together'
+            )
+        self._origin = origin
+        self._earth.publish(fix_message(origin, self._now_ns(), self._map))
+
     def _now_ns(self) -> int:
         return self.get_clock().now().nanoseconds
-
-
-def _declare_settings(parameters: Parameters) -> Settings:
-    """Whom to believe and what to ask for, from parameters."""
-    default = Settings()
-    return Settings(
-        system_id=parameters.declare(
-            'system_id',
-            default.system_id,
-            'MAVLink system id of the autopilot; 0 for the first that is heard.',
-            minimum=0,
-            maximum=255,
-        ),
-        component_id=parameters.declare(
-            'component_id',
-            default.component_id,
-            'MAVLink component id of the autopilot.',
-            minimum=1,
-            maximum=255,
-        ),
-        rate=parameters.declare(
-            'rate',
-            default.rate,
-            'Rate at which attitude and position are asked for, Hz.',
-            minimum=10.0,
-            maximum=200.0,
-        ),
-        maximum_gap=parameters.declare(
-            'maximum_gap',
-            default.maximum_gap,
-            'Longest time between two samples across which a pose is interpolated, seconds.',
-            minimum=0.01,
-            maximum=1.0,
-        ),
-        maximum_clock_error=parameters.declare(
-            'maximum_clock_error',
-            default.maximum_clock_error,
-            "Largest uncertainty of the autopilot's clock at which a cloud is tagged, seconds.",
-            minimum=0.0001,
-            maximum=1.0,
-        ),
-    )
-
-
-def _declare_frames(parameters: Parameters) -> tuple[str, str, str]:
-    """Names of the map, the base and the camera frame, from parameters."""
-    return (
-        parameters.declare('map_frame', 'map', "The map: ENU about the estimator's origin."),
-        parameters.declare('base_frame', 'base_link', "The vehicle's body: FLU."),
-        parameters.declare(
-            'camera_frame', 'camera_optical_frame', 'The frame that clouds come in.'
-        ),
-    )
-
-
-def _declare_mount(parameters: Parameters) -> Pose:
-    """Pose of the camera on the vehicle, from parameters; by default it looks forward."""
-    translation = parameters.declare(
-        'mount.translation',
-        [0.1, 0.0, 0.0],
-        'Position of the camera in the base frame: forward, left, up, metres.',
-        minimum=-100.0,
-        maximum=100.0,
-    )
-    rpy = parameters.declare(
-        'mount.rpy',
-        [-math.pi / 2, 0.0, -math.pi / 2],
-        "Roll, pitch, yaw of the camera's optical frame in the base frame, radians.",
-        minimum=-2 * math.pi,
-        maximum=2 * math.pi,
-    )
-    return Pose.from_rpy(rpy, translation)
 
 
 def main() -> int:

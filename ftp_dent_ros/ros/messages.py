@@ -11,7 +11,7 @@ import numpy as np
 from geometry_msgs.msg import Pose as PoseMessage
 from geometry_msgs.msg import PoseStamped
 from numpy.typing import NDArray
-from sensor_msgs.msg import CameraInfo, PointCloud2, PointField
+from sensor_msgs.msg import CameraInfo, NavSatFix, NavSatStatus, PointCloud2, PointField
 
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.errors import CloudError, PoseError, RigError
@@ -20,12 +20,14 @@ from ftp_dent_ros.ros.fields import make_header, ns_to_stamp, stamp_to_ns, to_da
 from ftp_dent_ros.ros.images import image_from_message, image_to_message
 
 if TYPE_CHECKING:
+    from ftp_dent_ros.navigation.geodesy import Origin
     from ftp_dent_ros.pose import Pose
 
 __all__ = [
     'camera_info_message',
     'cloud_from_message',
     'cloud_to_message',
+    'fix_message',
     'image_from_message',
     'image_to_message',
     'lens_from_message',
@@ -207,3 +209,15 @@ def pose_from_message(message: PoseMessage) -> Pose:
 def pose_stamped_message(pose: Pose, stamp_ns: int, frame_id: str) -> PoseStamped:
     """geometry_msgs/PoseStamped of a pose in `frame_id`."""
     return PoseStamped(header=make_header(stamp_ns, frame_id), pose=pose_to_message(pose))
+
+
+def fix_message(origin: Origin, stamp_ns: int, frame_id: str) -> NavSatFix:
+    """sensor_msgs/NavSatFix of the origin of the frame `frame_id`."""
+    return NavSatFix(
+        header=make_header(stamp_ns, frame_id),
+        status=NavSatStatus(status=NavSatStatus.STATUS_FIX, service=NavSatStatus.SERVICE_GPS),
+        latitude=origin.latitude,
+        longitude=origin.longitude,
+        altitude=origin.altitude,
+        position_covariance_type=NavSatFix.COVARIANCE_TYPE_UNKNOWN,
+    )

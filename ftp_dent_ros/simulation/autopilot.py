@@ -171,7 +171,8 @@ class Autopilot:
             | mavlink.EKF_PRED_POS_HORIZ_REL
             | mavlink.EKF_PRED_POS_HORIZ_ABS
         )
-        return mavlink.MAVLink_ekf_status_report_message(ready, 0.02, 0.02, 0.02, 0.02, 0.0)
+        # As a real one's in good weather.
+        return mavlink.MAVLink_ekf_status_report_message(ready, 0.01, 0.005, 0.0003, 0.02, 0.0)
 
     def _timesync_request(self, _: int) -> Any:
         return mavlink.MAVLink_timesync_message(0, self.time_since_boot_ns())

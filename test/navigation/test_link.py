@@ -17,6 +17,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from ftp_dent_ros.errors import ConfigurationError, PoseError
 from ftp_dent_ros.navigation.link import Link
+from ftp_dent_ros.navigation.report import judge
 from ftp_dent_ros.navigation.vehicle_state import Settings
 
 LOCAL = '127.0.0.1'
@@ -25,10 +26,10 @@ LOCAL = '127.0.0.1'
 class Subject:
     """A link, and waiting for what becomes of it."""
 
-    def __init__(self, address: str) -> None:
+    def __init__(self, address: str, key: bytes = b'') -> None:
         self._news = threading.Event()
         self.poses: list[Any] = []
-        self.link = Link(address, 115200, Settings(), on_poses=self._take)
+        self.link = Link(address, 115200, Settings(), on_poses=self._take, signing_key=key)
 
     def _take(self, poses: list[Any]) -> None:
         self.poses += [pose for _, pose in poses]
@@ -47,7 +48,7 @@ class Subject:
     def north(self) -> float | None:
         """Where the vehicle was 50 ms ago, if that is known."""
         try:
-            return float(self.link.pose_at(time.time_ns() - 300_000_000).translation[1])
+            return float(self.link.tag_at(time.time_ns() - 300_000_000).pose.translation[1])
         except PoseError:
             return None
 
@@ -56,11 +57,11 @@ class Subject:
 
 
 @pytest.fixture
-def connect() -> Iterator[Callable[[str], Subject]]:
+def connect() -> Iterator[Callable[..., Subject]]:
     subjects: list[Subject] = []
 
-    def make(address: str) -> Subject:
-        subjects.append(Subject(address))
+    def make(*options: Any) -> Subject:
+        subjects.append(Subject(*options))
         return subjects[-1]
 
     yield make
@@ -177,15 +178,63 @@ def test_of_two_vehicles_on_one_port_only_the_first_is_followed(connect) -> None
     subject = connect(f'udpin:{LOCAL}:{port}')
     with HoveringAutopilot(Wire(udp(), (LOCAL, port))):
         subject.until(subject.has_pose)
-        with HoveringAutopilot(Wire(udp(), (LOCAL, port)), system=2, north=50.0) as other:
-            other._asked |= {
-                mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION,
-                mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
-            }
+        with HoveringAutopilot(
+            Wire(udp(), (LOCAL, port)), system=2, north=50.0, asked=True
+        ) as other:
             subject.until(lambda: subject.link.state().vehicle.foreign > 100)
             assert {pose.translation[1] for pose in subject.poses} == {3.0}
             assert subject.has_pose()
             assert other.received == []
+
+
+def test_who_speaks_in_its_name_from_elsewhere_is_not_believed(connect) -> None:
+    port = free_port()
+    subject = connect(f'udpin:{LOCAL}:{port}')
+    with HoveringAutopilot(Wire(udp(), (LOCAL, port))):
+        subject.until(lambda: subject.poses and subject.has_pose())
+        with HoveringAutopilot(Wire(udp(), (LOCAL, port)), north=50.0, uptime=900.0) as other:
+            subject.until(lambda: subject.link.state().impostors > 10)
+            assert other.received == []
+        assert subject.link.state().vehicle.clock.restarts == 0
+        subject.until(subject.has_pose)
+    assert {pose.translation[1] for pose in subject.poses} == {3.0}
+
+
+def test_with_a_key_only_an_autopilot_that_has_it_is_believed(connect) -> None:
+    port, key = free_port(), bytes(range(32))
+    subject = connect(f'udpin:{port}', key)
+    with HoveringAutopilot(Wire(udp(), (LOCAL, port)), north=50.0):
+        subject.until(lambda: subject.link.state().refused > 2)
+        state = subject.link.state()
+        assert state.vehicle.identity is None
+        assert 'check signing_key' in judge(state, '').text
+        with HoveringAutopilot(Wire(udp(), (LOCAL, port)), key=key) as true:
+            subject.until(lambda: subject.poses and subject.has_pose())
+            assert all(message.get_signed() for message in true.received)
+        # In its name, but without its key.
+        assert {pose.translation[1] for pose in subject.poses} == {3.0}
+
+
+def test_a_port_alone_listens_to_this_computer_only(connect) -> None:
+    port = free_port()
+    subject = connect(f'udpin:{port}')
+    subject.until(lambda: subject.link.state().fault == '')
+    assert subject.link._transport._socket.getsockname() == (LOCAL, port)
+
+
+def test_it_knows_who_is_on_the_link(connect) -> None:
+    port = free_port()
+    subject = connect(f'udpin:{port}')
+    with HoveringAutopilot(Wire(udp(), (LOCAL, port))), udp() as other:
+        subject.until(subject.has_pose)
+        beat = mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, 8, 0, 0, 4, 3)
+        other.sendto(beat.pack(mavlink.MAVLink(None, 255, 190)), (LOCAL, port))
+        subject.until(lambda: len(subject.link.speakers()) == 2)
+    vehicle, ground = subject.link.speakers()
+    assert (vehicle.system, vehicle.component) == (1, 1)
+    assert (vehicle.kind, vehicle.autopilot) == ('quadrotor', 'ardupilotmega')
+    assert vehicle.counts['ATTITUDE_QUATERNION'] > 2 and vehicle.rate('HEARTBEAT') > 0
+    assert (ground.system, ground.kind, ground.autopilot) == (255, 'gcs', '')
 
 
 def test_hostile_bytes_do_no_harm(connect) -> None:
@@ -215,6 +264,8 @@ def test_hostile_bytes_do_no_harm(connect) -> None:
         'udpin',
         'udpin:127.0.0.1',
         'udpin:127.0.0.1:0',
+        'udpin:0',
+        'udpin:99999',
         'udpin:127.0.0.1:99999',
         'ttyACM0',
         'http:localhost:80',

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from ftp_dent_ros.errors import PoseAwaitedError, PoseError
-from ftp_dent_ros.navigation.link import LinkState
+from ftp_dent_ros.navigation.link_state import LinkState
 from ftp_dent_ros.navigation.report import figures, judge
 from ftp_dent_ros.navigation.vehicle import Vehicle
 from ftp_dent_ros.navigation.vehicle_state import Instant, Settings
@@ -18,6 +18,14 @@ from ftp_dent_ros.navigation.vehicle_state import Instant, Settings
 START = 1_800_000_000_000_000_000
 S, MS = 1_000_000_000, 1_000_000
 READY, STARTING = 0x33F, 0x0A7
+# ArduPilot denies ODOMETRY.
+GRANTED = {
+    mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION,
+    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
+    mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
+    mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS,
+    mavlink.MAVLINK_MSG_ID_SYSTEM_TIME,
+}
 NOSE_EAST = (np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5))
 
 
@@ -42,6 +50,7 @@ class World:
         self.late = 0  # the time until there is a position
         self.intervals: dict[int, int] = {}
         self.asked: list[int] = []
+        self.grants = GRANTED
         self.poses: list[tuple[int, Any]] = []
         self._senders: dict[tuple[int, int], mavlink.MAVLink] = {}
 
@@ -102,6 +111,11 @@ class World:
             self.say(mavlink.MAVLink_timesync_message(self.now - self.boot, request.ts1))
         elif name == 'COMMAND_LONG':
             self.asked.append(int(request.param1))
+            if request.command != mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
+                return
+            if int(request.param1) not in self.grants:
+                self.say(mavlink.MAVLink_command_ack_message(request.command, 2, 0, 0, 1, 191))
+                return
             self.intervals[int(request.param1)] = int(request.param2)
             self.say(mavlink.MAVLink_command_ack_message(request.command, 0, 0, 0, 1, 191))
 
@@ -179,6 +193,7 @@ def test_it_asks_for_what_it_needs_and_no_more() -> None:
         mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION,
         mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
         mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
+        mavlink.MAVLINK_MSG_ID_ODOMETRY,
     ]
     assert world.intervals[mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION] == 20_000
     assert world.intervals[mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED] == 20_000
@@ -287,6 +302,46 @@ def test_a_reboot_is_noticed_and_everything_is_asked_for_again() -> None:
     assert_allclose(world.pose_at(0.5).translation[1], (world.now - START) / S - 0.5, atol=2e-3)
     before = world.reason(4.5)
     assert before[1] is False
+
+
+def tagged(world: World, stamp: int) -> bool:
+    """Whether a stamp has a pose, and then the right one."""
+    try:
+        north = world.vehicle.pose_at(stamp, world.at).translation[1]
+    except PoseError:
+        return False
+    assert north == pytest.approx((stamp - START) / S, abs=2e-3)
+    return True
+
+
+def seconds_until(world: World, condition: Any) -> float:
+    begin = world.now
+    while not condition():
+        world.run(0.1)
+        for ago in (300, 730):
+            tagged(world, world.now - ago * MS)
+        assert world.now - begin < 20 * S
+    return (world.now - begin) / S
+
+
+def test_loss_and_reboot_are_told_within_3_s_and_recovered_from_within_5_s() -> None:
+    world = World().run(5)
+    world.silent = True
+    lost = world.now
+    assert seconds_until(world, lambda: 'silent' in world.verdict()) < 3
+    seconds_until(world, lambda: world.now - lost >= 20 * S)
+    world.silent = False
+    back = world.now
+    assert seconds_until(world, lambda: tagged(world, world.now - 200 * MS)) < 5
+    assert not tagged(world, (lost + back) // 2)
+    world.run(5)
+    world.silent = True
+    world.run(1.2)
+    world.silent = False
+    world.boot = world.now - S // 2
+    world.intervals.clear()
+    assert seconds_until(world, lambda: world.vehicle.state(world.at).clock.restarts == 1) < 3
+    assert seconds_until(world, lambda: tagged(world, world.now - 200 * MS)) < 5
 
 
 def test_the_wrap_of_time_boot_ms_is_flown_through() -> None:

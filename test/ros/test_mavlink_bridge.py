@@ -18,18 +18,23 @@ from hovering_autopilot import HoveringAutopilot, Wire
 from numpy.testing import assert_allclose
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from rclpy.clock import Clock
-from sensor_msgs.msg import PointCloud2
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import CameraInfo, NavSatFix, PointCloud2
+from std_srvs.srv import Trigger
 
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.files import find, read_yaml
+from ftp_dent_ros.nodes.mavlink_bridge import MavlinkBridge
 from ftp_dent_ros.ros.messages import (
+    camera_info_message,
     cloud_from_message,
     cloud_to_message,
     pose_from_message,
     stamp_to_ns,
 )
-from ftp_dent_ros.ros.qos import CLOUDS, POSES
+from ftp_dent_ros.ros.qos import CLOUDS, IMAGES, LATCHED, POSES
 from ftp_dent_ros.simulation.world import read_world
 
 # Hovering with the nose north 3 m north, 2 m east and 1 m above the origin.
@@ -87,7 +92,7 @@ class Bridge:
 
 
 def test_a_cloud_comes_back_in_the_map_with_the_pose_at_its_stamp(ros, port, autopilot) -> None:
-    bridge = Bridge(ros, port)
+    bridge = Bridge(ros, port, earth=True)
     clouds = ros.collect(PointCloud2, 'tagged/points', CLOUDS)
     ros.until(lambda: bridge.stream)
     stamps = []
@@ -108,6 +113,12 @@ def test_a_cloud_comes_back_in_the_map_with_the_pose_at_its_stamp(ros, port, aut
     pose = pose_from_message(bridge.poses[0].pose.pose)
     assert_allclose(pose.translation, BASE, atol=1e-6)
     assert_allclose(pose.rotation.apply([1, 0, 0]), [0, 1, 0], atol=1e-6)
+    # A still vehicle with a content estimator, and a camera that is mounted as the default says.
+    covariance = np.reshape(bridge.poses[0].pose.covariance, (6, 6))
+    deviations = np.sqrt(np.diag(covariance))
+    assert_allclose(deviations[:3], np.hypot(0.03, 0.005), rtol=0.05)
+    assert_allclose(deviations[3:], np.hypot(np.radians([0.5, 0.5, 1]), 0.01), rtol=0.05)
+    assert_allclose(covariance, np.diag(np.diag(covariance)), atol=1e-12)
 
     ros.until(lambda: len(bridge.stream) > 30)
     live = bridge.stream[-1]
@@ -116,11 +127,19 @@ def test_a_cloud_comes_back_in_the_map_with_the_pose_at_its_stamp(ros, port, aut
     spacing = np.diff([stamp_to_ns(pose.header.stamp) for pose in bridge.stream])
     assert np.median(spacing) == pytest.approx(20e6, abs=2e6)
 
+    origins = ros.collect(NavSatFix, 'earth', LATCHED)
+    ros.until(lambda: origins)
+    assert (origins[0].header.frame_id, origins[0].latitude) == ('map', pytest.approx(47.45))
+    assert origins[0].longitude == pytest.approx(8.56)
+    assert np.isnan(origins[0].altitude)  # what it said is above the sea
+
     ros.until(lambda: bridge.value('tagged') == '3')
+    assert bridge.value('tag within (mm)') == '30'
     assert bridge.value('system/component') == '1/1'
     assert bridge.value('clock converged') == 'true'
     assert bridge.number('ATTITUDE_QUATERNION (Hz)') > 0
     assert 0 < bridge.number('round trip (ms)') < 1000
+    assert 0 < bridge.number('pose age (ms)') < 1000
     assert 'waited median (ms)' in {v.key for v in bridge.status().values}
     beats = autopilot.heard('HEARTBEAT')
     assert {(m.get_srcSystem(), m.get_srcComponent(), m.type) for m in beats} == {
@@ -223,7 +242,7 @@ def test_the_life_of_a_link(ros, port) -> None:
         ros.until(lambda: bridge.stream)
         bridge.publish()
         ros.until(lambda: bridge.poses)
-    ros.until(lambda: bridge.number('silence (s)') > 2)
+    ros.until(lambda: 'silent' in bridge.message())
     bridge.publish()
     ros.until(lambda: bridge.value('refused: link lost') == '1')
     bridge.stream.clear()
@@ -233,6 +252,79 @@ def test_the_life_of_a_link(ros, port) -> None:
         bridge.publish()
         ros.until(lambda: bridge.poses)
     assert pose_from_message(bridge.poses[0].pose.pose).translation[1] == pytest.approx(8.0)
+
+
+def test_of_two_vehicles_on_one_port_no_pose_is_the_others(ros, port, autopilot) -> None:
+    bridge = Bridge(ros, port)
+    ros.until(lambda: bridge.stream)
+    with hovering(port, system=2, north=50.0, asked=True) as other:
+        ros.until(lambda: bridge.number('messages of others') > 100)
+        for count in range(1, 6):
+            bridge.publish()
+            ros.until(lambda n=count: len(bridge.poses) == n)
+        assert other.received == []
+    for message in [*bridge.stream, *(tag.pose for tag in bridge.poses)]:
+        assert message.pose.position.y == pytest.approx(3.0)
+
+
+def test_a_node_that_is_stuck_sends_no_heartbeat(ros, port, autopilot) -> None:
+    node = MavlinkBridge(
+        context=ros.context,
+        namespace=ros.namespace,
+        parameter_overrides=[Parameter('address', value=f'udpin:127.0.0.1:{port}')],
+    )
+    try:
+        # Its link goes on while nothing spins it; a heartbeat would be due once a second.
+        ros.until(lambda: len(autopilot.heard('TIMESYNC')) > 12)
+        assert autopilot.heard('HEARTBEAT') == []
+        executor = SingleThreadedExecutor(context=ros.context)
+        executor.add_node(node)
+        ros.until(lambda: executor.spin_once(0.05) or autopilot.heard('HEARTBEAT'))
+        executor.shutdown()
+    finally:
+        node.destroy_node()
+
+
+def test_the_ground_station_takes_photographs_where_that_is_enabled(ros, port, autopilot) -> None:
+    Bridge(ros, port, camera__enabled=True, earth=True)
+    shots = []
+
+    def shoot(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        stamp = Clock().now().nanoseconds
+        shots.append(stamp)
+        info.publish(camera_info_message(None, (640, 480), stamp, 'camera_optical_frame'))
+        response.success = True
+        return response
+
+    ros.node.create_service(Trigger, 'camera_capture/capture', shoot)
+    info = ros.publisher(CameraInfo, 'camera/camera_info', IMAGES)
+
+    def said(name: str) -> list:
+        return [m for m in autopilot.heard(name) if m.get_srcComponent() == 100]
+
+    def command(number: int, *parameters: float, sender: int = 255) -> None:
+        padded = [*parameters, *(7 - len(parameters)) * [0]]
+        message = mavlink.MAVLink_command_long_message(1, 100, number, 0, *padded)
+        autopilot.forward(message, sender, 190)
+
+    ros.until(lambda: {m.type for m in said('HEARTBEAT')} == {mavlink.MAV_TYPE_CAMERA})
+    capture = mavlink.MAV_CMD_IMAGE_START_CAPTURE
+    command(capture, 0, 0, 1, 1, sender=7)  # a stranger
+    ros.until(lambda: shots or command(capture, 0, 0, 1, 5) or ros.executor.spin_once(0.3))
+    captured = ros.until(lambda: said('CAMERA_IMAGE_CAPTURED'))[0]
+    assert captured.time_utc == shots[0] // 1000
+    # 10 cm in front of the vehicle, which is 3 m north and 2 m east of the origin, 1 m up.
+    assert 1e-7 * captured.lat == pytest.approx(47.45 + 3.1 / 111_180, abs=1e-7)
+    assert (captured.alt, captured.relative_alt) == (431_000, 1000)
+    assert_allclose(captured.q, [1, 0, 0, 0], atol=1e-6)
+    command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION)
+    information = ros.until(lambda: said('CAMERA_INFORMATION'))[0]
+    assert (information.resolution_h, information.resolution_v) == (640, 480)
+    acks = {(m.command, m.result, m.target_system) for m in said('COMMAND_ACK')}
+    accepted = mavlink.MAV_RESULT_ACCEPTED
+    assert {(capture, accepted, 255), (mavlink.MAV_CMD_REQUEST_MESSAGE, accepted, 255)} <= acks
+    assert 7 not in {system for _, _, system in acks}
+    assert len(shots) == 1
 
 
 @pytest.mark.parametrize('with_signal', [signal.SIGINT, signal.SIGTERM])

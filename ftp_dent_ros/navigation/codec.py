@@ -1,0 +1,130 @@
+"""Messages out of bytes, whatever the bytes are, and bytes out of messages; signed if wanted.
+
+Signing is MAVLink 2's: 6 bytes of SHA-256 over key and packet, and a time that only grows. With a
+key set, what is unsigned, wrongly signed or said again is as good as noise.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import struct
+from pathlib import Path
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from ftp_dent_ros.errors import ConfigurationError
+
+_KEY_LENGTH = 32
+# Signatures count units of 10 us since 2015.
+_EPOCH_NS, _UNIT_NS = 1_420_070_400 * 10**9, 10_000
+
+
+def read_key(path: str) -> bytes:
+    """Key of 32 bytes from a file that holds them, or their 64 hexadecimal digits.
+
+    Raises
+    ------
+    ConfigurationError
+        The file cannot be read, can be read by others, or holds no key.
+    """
+    try:
+        if Path(path).stat().st_mode & 0o077:
+            raise ConfigurationError(f'{path}: others can read the signing key: chmod 600 it')
+        with Path(path).open('rb') as file:
+            content = file.read(1024)
+    except OSError as reason:
+        raise ConfigurationError(
+            f'{path}: the signing key cannot be read ({reason.strerror}): check signing_key'
+        ) from None
+    if len(content) == _KEY_LENGTH:
+        return content
+    try:
+        key = bytes.fromhex(content.decode('ascii'))
+    except ValueError:
+        key = b''
+    if len(key) != _KEY_LENGTH:
+        raise ConfigurationError(
+            f'{path}: holds no signing key: give {_KEY_LENGTH} bytes, or {2 * _KEY_LENGTH} '
+            'hexadecimal digits'
+        )
+    return key
+
+
+class _Parser(mavlink.MAVLink):
+    def check_signature(self, msgbuf: bytearray, srcSystem: int, srcComponent: int) -> bool:
+        # Before anything of the packet is believed, its time among it.
+        digest = hashlib.sha256(self.signing.secret_key + bytes(msgbuf[:-6])).digest()[:6]
+        if not hmac.compare_digest(digest, bytes(msgbuf[-6:])):
+            return False
+        return bool(super().check_signature(msgbuf, srcSystem, srcComponent))
+
+
+class Codec:
+    """Reads one connection after the other, and writes; a key of no bytes is none.
+
+    Attributes
+    ----------
+    bad_bytes : int
+        Pieces that were no message.
+    refused : int
+        Messages without a right signature.
+    """
+
+    def __init__(self, key: bytes = b'') -> None:
+        self.bad_bytes = self.refused = 0
+        self._is_whole = False
+        self._signing = mavlink.MAVLinkSigning()
+        if key:
+            self._signing.secret_key = key
+            self._signing.sign_outgoing = True
+        self._sender = mavlink.MAVLink(None)
+        self._sender.signing = self._signing
+        self._parser = self._new_parser()
+
+    def restart(self, is_whole: bool) -> None:
+        """Begin with a connection; `is_whole` if what comes at once is whole messages."""
+        self._is_whole = is_whole
+        self._parser = self._new_parser()
+
+    def messages(self, data: bytes, now: int) -> list[Any]:
+        """Messages that are complete with these bytes, which came now (UNIX time in ns)."""
+        self._set_time(now)
+        try:
+            parsed = self._parser.parse_buffer(data) or []
+        except (mavlink.MAVError, ValueError, TypeError, struct.error):
+            self.bad_bytes += 1
+            self._parser = self._new_parser()
+            return []
+        if self._is_whole and self._parser.buf_len():
+            # What one sender cut short must not swallow the next one's message.
+            self.bad_bytes += 1
+            self._parser = self._new_parser()
+        messages = [message for message in parsed if message.get_type() != 'BAD_DATA']
+        for message in parsed:
+            if message.get_type() == 'BAD_DATA':
+                if message.reason == 'Invalid signature':
+                    self.refused += 1
+                else:
+                    self.bad_bytes += 1
+        return messages
+
+    def pack(self, message: Any, system: int, component: int, now: int) -> bytes:
+        """Bytes of a message from a component, sent now (UNIX time in ns)."""
+        self._set_time(now)
+        self._sender.srcSystem, self._sender.srcComponent = system, component
+        data: bytes = message.pack(self._sender)
+        self._sender.seq = (self._sender.seq + 1) % 256
+        return data
+
+    def _set_time(self, now: int) -> None:
+        if self._signing.secret_key:
+            units = max(0, now - _EPOCH_NS) // _UNIT_NS
+            self._signing.timestamp = max(self._signing.timestamp, units)
+
+    def _new_parser(self) -> _Parser:
+        parser = _Parser(None)
+        parser.robust_parsing = True
+        parser.signing = self._signing
+        return parser

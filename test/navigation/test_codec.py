@@ -1,0 +1,122 @@
+"""Bytes of every kind, and signatures."""
+
+from __future__ import annotations
+
+import struct
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.navigation.codec import Codec, read_key
+
+KEY = bytes(range(32))
+NOW = time.time_ns()
+BEAT = mavlink.MAVLink_heartbeat_message(2, 3, 0, 0, 4, 3)
+
+
+def whole(key: bytes = b'') -> Codec:
+    codec = Codec(key)
+    codec.restart(True)
+    return codec
+
+
+def signed(key: bytes = KEY, at: int = NOW, system: int = 1) -> bytes:
+    return Codec(key).pack(BEAT, system, 1, at)
+
+
+def types(codec: Codec, data: bytes, now: int = NOW) -> list[str]:
+    return [message.get_type() for message in codec.messages(data, now)]
+
+
+def test_what_is_packed_is_read_again() -> None:
+    codec = whole()
+    (message,) = codec.messages(Codec().pack(BEAT, 7, 191, NOW), NOW)
+    assert (message.get_srcSystem(), message.get_srcComponent()) == (7, 191)
+    assert codec.bad_bytes == codec.refused == 0
+
+
+def test_a_datagram_cut_short_does_not_swallow_the_next() -> None:
+    codec, data = whole(), Codec().pack(BEAT, 1, 1, NOW)
+    assert types(codec, data[:9]) == []
+    assert types(codec, data) == ['HEARTBEAT']
+    assert codec.bad_bytes == 1
+
+
+def test_a_stream_is_put_together_again() -> None:
+    codec, data = Codec(), Codec().pack(BEAT, 1, 1, NOW)
+    codec.restart(False)
+    assert types(codec, data[:9]) == []
+    assert types(codec, data[9:] + data[:5]) == ['HEARTBEAT']
+    assert types(codec, data[5:]) == ['HEARTBEAT']
+
+
+def test_with_a_key_only_what_is_signed_with_it_is_taken() -> None:
+    codec = whole(KEY)
+    assert types(codec, signed()) == ['HEARTBEAT']
+    assert types(codec, Codec().pack(BEAT, 1, 1, NOW)) == []
+    assert types(codec, signed(bytes(32))) == []
+    broken = bytearray(signed(at=NOW + 10**9))
+    broken[-1] ^= 1
+    assert types(codec, bytes(broken)) == []
+    assert codec.refused == 3
+    assert codec.bad_bytes == 0
+    assert types(codec, signed(at=NOW + 2 * 10**9)) == ['HEARTBEAT']
+
+
+def test_what_was_said_before_is_refused() -> None:
+    codec, data = whole(KEY), signed()
+    assert types(codec, data) == ['HEARTBEAT']
+    assert types(codec, data) == []
+    assert types(codec, signed(at=NOW - 5 * 10**9)) == []
+    # Of a speaker who is new: no older than a minute.
+    assert types(codec, signed(at=NOW - 50 * 10**9, system=2)) == ['HEARTBEAT']
+    assert types(codec, signed(at=NOW - 70 * 10**9, system=3)) == []
+
+
+def test_a_forged_time_does_not_shut_out_the_true_one() -> None:
+    codec = whole(KEY)
+    forged = signed(bytes(32), NOW + 3600 * 10**9)
+    assert types(codec, forged) == []
+    assert types(codec, signed()) == ['HEARTBEAT']
+    for link in range(200):
+        data = bytearray(forged)
+        data[-13] = link
+        codec.messages(bytes(data), NOW)
+    assert len(codec._signing.stream_timestamps) == 1
+
+
+def test_it_signs_with_a_time_that_only_grows() -> None:
+    codec, reader = Codec(KEY), whole(KEY)
+    packets = [codec.pack(BEAT, 1, 191, NOW - back) for back in (0, 10**9, 10**9)]
+    assert [types(reader, data) for data in packets] == 3 * [['HEARTBEAT']]
+    low, high = struct.unpack('<IH', packets[0][-12:-6])
+    assert 1e-5 * (low + (high << 32)) == pytest.approx(NOW / 1e9 - 1_420_070_400, abs=1e-3)
+
+
+@pytest.mark.parametrize('content', [KEY, KEY.hex().encode(), KEY.hex().upper().encode() + b'\n'])
+def test_a_key_is_read(tmp_path: Path, content: bytes) -> None:
+    assert read_key(key_file(tmp_path, content)) == KEY
+
+
+@pytest.mark.parametrize('content', [b'', b'short', KEY + b'1', 64 * b'g', 66 * b'0'])
+def test_what_is_no_key_is_refused(tmp_path: Path, content: bytes) -> None:
+    with pytest.raises(ConfigurationError, match='holds no signing key'):
+        read_key(key_file(tmp_path, content))
+
+
+def test_a_key_that_others_can_read_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match='chmod 600'):
+        read_key(key_file(tmp_path, KEY, 0o644))
+    with pytest.raises(ConfigurationError, match='cannot be read'):
+        read_key(str(tmp_path / 'none'))
+
+
+def key_file(folder: Path, content: Any, mode: int = 0o600) -> str:
+    path = folder / 'key'
+    path.write_bytes(content)
+    path.chmod(mode)
+    return str(path)

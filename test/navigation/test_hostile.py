@@ -1,0 +1,134 @@
+"""Two hundred thousand messages that mean no good, amid those of a vehicle that flies on."""
+
+from __future__ import annotations
+
+import gc
+import random
+import struct
+from collections.abc import Iterator
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from test_vehicle import MS, START, S, World
+
+from ftp_dent_ros.errors import PoseError
+from ftp_dent_ros.navigation.codec import Codec
+from ftp_dent_ros.navigation.roster import Roster
+
+MESSAGES = 200_000
+AT_ONCE = 200
+NAMES = [
+    'HEARTBEAT',
+    'TIMESYNC',
+    'SYSTEM_TIME',
+    'COMMAND_ACK',
+    'COMMAND_LONG',
+    'STATUSTEXT',
+    'EKF_STATUS_REPORT',
+    'ESTIMATOR_STATUS',
+    'ATTITUDE_QUATERNION',
+    'LOCAL_POSITION_NED',
+    'GLOBAL_POSITION_INT',
+    'GPS_GLOBAL_ORIGIN',
+    'ODOMETRY',
+]
+NAN, INF, HUGE = float('nan'), float('inf'), 3e38
+
+
+def frame(name: str, payload: bytes, system: int, component: int) -> bytes:
+    """A message with any payload and the right checksum."""
+    message_id = getattr(mavlink, f'MAVLINK_MSG_ID_{name}')
+    head = struct.pack('<BBBBBBBHB', 0xFD, len(payload), 0, 0, 0, system, component, message_id, 0)
+    checksum = mavlink.x25crc(head[1:] + payload)
+    checksum.accumulate(bytes([mavlink.mavlink_map[message_id].crc_extra]))
+    return head + payload + struct.pack('<H', checksum.crc)
+
+
+def impossible(rng: random.Random) -> tuple[str, bytes]:
+    """Contents with a time that could be now, and nothing else that could be."""
+    bad = rng.choice([NAN, INF, -INF])
+    now = 100_000 + rng.randrange(20_000)
+    numbers = [rng.uniform(-1, 1) for _ in range(6)]
+    numbers[rng.randrange(6)] = bad
+    return rng.choice(
+        [
+            ('ATTITUDE_QUATERNION', struct.pack('<I7f', now, 0, 0, 0, 0, *numbers[:3])),
+            ('ATTITUDE_QUATERNION', struct.pack('<I7f', now, HUGE, HUGE, 1, 0, 0, 0, 0)),
+            ('ATTITUDE_QUATERNION', struct.pack('<I7f', now, bad, 0, 0, 1, 0, 0, 0)),
+            ('LOCAL_POSITION_NED', struct.pack('<I6f', now, *numbers)),
+        ]
+    )
+
+
+def out_of_time(rng: random.Random) -> tuple[str, bytes]:
+    """Good contents from the far past or future."""
+    boot_ms = rng.choice([0, 1, 2**31, 2**32 - 1, rng.randrange(1_000_000, 2**32)])
+    return rng.choice(
+        [
+            ('ATTITUDE_QUATERNION', struct.pack('<I7f', boot_ms, 1, 0, 0, 0, 0, 0, 0)),
+            ('LOCAL_POSITION_NED', struct.pack('<I6f', boot_ms, 99, 99, 99, 0, 0, 0)),
+        ]
+    )
+
+
+def hostile(rng: random.Random) -> Iterator[bytes]:
+    """Bytes without end: noise, cut, flipped, and whole with contents that cannot be."""
+    good = frame('LOCAL_POSITION_NED', struct.pack('<I6f', 100_500, 9, 9, 9, 0, 0, 0), 1, 1)
+    while True:
+        kind = rng.randrange(8)
+        if kind == 0:
+            yield rng.randbytes(rng.randrange(1, 60))
+        elif kind == 1:
+            yield b'\xfd' + rng.randbytes(rng.randrange(1, 60))
+        elif kind == 2:
+            yield good[: rng.randrange(1, len(good))]
+        elif kind == 3:
+            flipped = bytearray(good)
+            flipped[rng.randrange(1, len(good))] ^= 1 << rng.randrange(8)
+            yield bytes(flipped)
+        elif kind == 4:
+            name, size = rng.choice(NAMES), rng.randrange(1, 60)
+            sender = rng.choice([(1, 1), (rng.randrange(256), rng.randrange(256))])
+            yield frame(name, rng.randbytes(size), *sender)
+        elif kind == 5:
+            yield frame(*out_of_time(rng), 1, 1)
+        else:
+            yield frame(*impossible(rng), 1, 1)
+
+
+def test_no_wrong_tag_and_no_growth() -> None:
+    rng = random.Random(8)
+    world, codec, roster = World().run(2), Codec(), Roster()
+    codec.restart(True)
+    enemies = hostile(rng)
+    objects, given = [], 0
+    for count in range(0, MESSAGES, AT_ONCE):
+        for _ in range(AT_ONCE):
+            for message in codec.messages(next(enemies), world.now):
+                roster.hear(message, world.at.steady)
+                world.vehicle.receive(message, world.at)
+        world.run(0.02)
+        given += is_right(world, world.now - rng.randrange(100 * MS, S))
+        if count in (MESSAGES // 2, MESSAGES - AT_ONCE):
+            gc.collect()
+            objects.append(len(gc.get_objects()))
+    for stamp, pose in world.poses:
+        assert pose.translation[1] == pytest.approx((stamp - START) / S, abs=3e-3)
+    assert given > 0 and len(world.poses) > 100
+    assert objects[1] - objects[0] < 2000
+    assert codec.bad_bytes > MESSAGES // 4
+    state = world.vehicle.state(world.at)
+    assert state.malformed > MESSAGES // 8
+    world.run(3)
+    assert is_right(world, world.now - S)
+
+
+def is_right(world: World, stamp: int) -> bool:
+    """Whether there is a tag, and then a right one."""
+    try:
+        pose = world.vehicle.pose_at(stamp, world.at)
+    except PoseError:
+        return False
+    assert pose.translation[1] == pytest.approx((stamp - START) / S, abs=3e-3)
+    assert pose.rotation.apply([1, 0, 0]) == pytest.approx([1, 0, 0], abs=1e-6)
+    return True

@@ -1,0 +1,162 @@
+"""ODOMETRY as PX4 sends it, beside the messages that say less."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from test_vehicle import MS, NOSE_EAST, START, S, World, attitude, heartbeat, position
+
+from ftp_dent_ros.errors import PoseError
+from ftp_dent_ros.navigation.accuracy import unknown
+
+LOCAL, BODY = mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_BODY_FRD
+VARIANCES = [0.01, 0.02, 0.04, 1e-4, 2e-4, 4e-4]
+
+
+def odometry(time_us: int, north: float, **given: Any) -> Any:
+    covariance = np.full(21, np.nan)
+    covariance[[0, 6, 11, 15, 18, 20]] = VARIANCES
+    values = {
+        'time_usec': time_us,
+        'frame_id': LOCAL,
+        'child_frame_id': LOCAL,
+        **dict(zip('xyz', (north, 0, -5), strict=True)),
+        'q': NOSE_EAST,
+        'vx': 1,
+        'vy': 0,
+        'vz': 0,
+        'rollspeed': 0,
+        'pitchspeed': 0,
+        'yawspeed': 0,
+        'pose_covariance': covariance,
+        'velocity_covariance': np.full(21, np.nan),
+    }
+    return mavlink.MAVLink_odometry_message(**(values | given))
+
+
+class Px4(World):
+    """Grants ODOMETRY; its others are 9 m off, so that they show where they should not."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.grants = self.grants | {mavlink.MAVLINK_MSG_ID_ODOMETRY}
+        self.given: dict[str, Any] = {}
+        self.jump = 0.0
+        self.others = 9.0
+        self.says_odometry = True
+        self.say(heartbeat(mavlink.MAV_AUTOPILOT_PX4))
+
+    def _send(self, message_id: int) -> None:
+        north = (self.now - START) / S + self.jump
+        if message_id == mavlink.MAVLINK_MSG_ID_ODOMETRY:
+            if self.says_odometry:
+                boot_us = (self.now - self.boot) // 1000 - 4321
+                self.say(odometry(boot_us, north - 4321e-6, **self.given))
+        elif message_id == mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED:
+            self.say(position(self.boot_ms(), north + self.others))
+        elif message_id == mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION:
+            self.say(attitude(self.boot_ms(), (1, 0, 0, 0)))
+        elif message_id == mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS:
+            boot_us = (self.now - self.boot) // 1000
+            self.say(
+                mavlink.MAVLink_estimator_status_message(
+                    boot_us, self.flags, 0.1, 0.1, 0.1, 0.1, 0, 0, 0.5, 0.8
+                )
+            )
+        else:
+            super()._send(message_id)
+
+
+def test_its_poses_are_those_of_its_samples_with_its_own_covariance() -> None:
+    world = Px4().run(10)
+    for ago in np.linspace(0.3, 3, 40):
+        tag = world.vehicle.tag_at(world.now - round(ago * S), world.at)
+        assert_allclose(tag.pose.translation, [0, 10 - ago, 5], atol=1e-6)
+        assert_allclose(tag.pose.rotation.apply([1, 0, 0]), [1, 0, 0], atol=1e-6)
+        assert_allclose(np.diag(tag.covariance), [0.02, 0.01, 0.04, 2e-4, 1e-4, 4e-4], rtol=0.02)
+    assert world.vehicle.state(world.at).rates['ODOMETRY'] == pytest.approx(50, abs=2)
+    assert world.vehicle.state(world.at).estimator == 'ready'
+    assert world.vehicle.state(world.at).resets == 0
+
+
+def test_without_its_own_covariance_the_estimators_status_counts() -> None:
+    world = Px4()
+    world.given = {'pose_covariance': np.full(21, np.nan)}
+    tag = world.run(10).vehicle.tag_at(world.now - S, world.at)
+    assert_allclose(np.sqrt(np.diag(tag.covariance))[:3], [0.5, 0.5, 0.8], rtol=0.01)
+
+
+def test_with_neither_nothing_is_known() -> None:
+    world = Px4()
+    world.given = {'pose_covariance': np.full(21, np.nan)}
+    world.grants = world.grants - {mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS}
+    tag = world.run(10).vehicle.tag_at(world.now - S, world.at)
+    assert_allclose(np.diag(tag.covariance), np.diag(unknown()), rtol=0.01)
+
+
+def test_a_velocity_along_the_body_is_turned() -> None:
+    world = Px4()
+    # Nose east, moving north: to the left.
+    world.given = {'child_frame_id': BODY, 'vx': 0, 'vy': -1}
+    world.run(5)
+    assert world.vehicle.state(world.at).resets == 0
+    assert world.pose_at(1.0)
+
+
+def north_at(world: World, stamp: int) -> float | None:
+    try:
+        return float(world.vehicle.pose_at(stamp, world.at).translation[1])
+    except PoseError as error:
+        assert error.reason == 'estimator reset'
+        return None
+
+
+@pytest.mark.parametrize('counted', [True, False])
+def test_a_reset_is_not_interpolated_across_whether_it_is_counted_or_seen(counted: bool) -> None:
+    world = Px4().run(5)
+    reset = world.now
+    # Too small a jump to be seen is counted; one that is not counted is seen.
+    world.jump = 0.04 if counted else 1.0
+    world.given = {'reset_counter': 1} if counted else {}
+    world.run(2)
+    assert world.vehicle.state(world.at).resets == (2 if counted else 1)
+    refused = 0
+    for stamp in range(reset - 100 * MS, reset + 100 * MS, MS):
+        north = north_at(world, stamp)
+        refused += north is None
+        jump = world.jump if stamp > reset - 5 * MS else 0
+        assert north is None or north == pytest.approx((stamp - START) / S + jump, abs=1e-5)
+    assert 0 < refused <= 20
+
+
+def test_a_frame_that_does_not_know_north_is_not_taken() -> None:
+    world = Px4()
+    world.given = {'frame_id': mavlink.MAV_FRAME_LOCAL_FRD}
+    world.others = 0.0
+    world.run(5)
+    assert world.vehicle.state(world.at).malformed > 100
+    assert_allclose(world.pose_at(1.0).translation, [0, 4, 5], atol=2e-3)
+
+
+def test_when_it_ends_the_other_messages_take_over() -> None:
+    world = Px4()
+    world.others = 0.0
+    world.run(5)
+    world.says_odometry = False
+    world.run(5)
+    assert_allclose(world.pose_at(1.0).translation, [0, 9, 5], atol=2e-3)
+    # The attitude's other source is turned, which is as good as a reset.
+    assert world.reason(4.9)[0] in ('gap in the samples', 'estimator reset')
+
+
+@pytest.mark.parametrize('time_us', [0, 2**63, 1_800_000_000_000_000])
+def test_a_time_that_is_not_of_this_boot_is_not_taken(time_us: int) -> None:
+    world = Px4()
+    world.others = 0.0
+    world.given = {'time_usec': time_us}
+    world.run(5)
+    assert_allclose(world.pose_at(1.0).translation, [0, 4, 5], atol=2e-3)
