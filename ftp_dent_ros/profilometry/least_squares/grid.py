@@ -23,6 +23,8 @@ _PER_FRINGE = 4.6
 # Boxes that average pixels to bins, one over the other: an odd number.
 _ORDER = 5
 _NODE_ORDER = 3
+# Nodes that one product of matrices makes.
+_BLOCK = 16
 
 
 @dataclass(frozen=True)
@@ -107,18 +109,14 @@ class Grid:
         return np.repeat(nodes, self.bins, axis=1)
 
     def at_nodes(self, bins: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Averages of bins over the nodes."""
-        taps = _boxes(self.bins, _NODE_ORDER)
-        first = (self.bins - 1) // 2
-        wide = cv2.sepFilter2D(
-            bins,
-            -1,
-            taps,
-            np.ones(1),
-            anchor=(len(taps) // 2 - self.bins // 2 + first, 0),
-            borderType=cv2.BORDER_CONSTANT,
-        )
-        return np.ascontiguousarray(wide[:, first :: self.bins])
+        """Averages of bins over the nodes, along the last axis."""
+        columns = bins.shape[-1]
+        rows = bins.reshape(-1, columns)
+        result = np.empty((len(rows), columns // self.bins), np.float32)
+        # Products of matrices decimate as they average.
+        for nodes, needed, weights in _averages(self.bins, columns):
+            np.matmul(rows[:, needed], weights, out=result[:, nodes])
+        return result.reshape(*bins.shape[:-1], -1)
 
     @property
     def node_variance(self) -> tuple[float, float]:
@@ -127,12 +125,42 @@ class Grid:
         return along_u, (_ROWS**2 - 1) / 12
 
     def at_bins(self, nodes: NDArray) -> NDArray:
-        """Values at the nodes, interpolated to the bins."""
-        return cv2.resize(nodes, self.bin_shape[::-1], interpolation=cv2.INTER_LINEAR)
+        """Values at the nodes, interpolated to the bins, and extrapolated to the outer ones."""
+        values: Any = cv2.resize(nodes, self.bin_shape[::-1], interpolation=cv2.INTER_LINEAR)
+        if nodes.shape[1] > 1:
+            outer = self.bins // 2
+            away = ((self.bins - 1) / 2 - np.arange(outer, dtype=np.float32)) / self.bins
+            for end, inner, place, share in (
+                (0, 1, slice(None, outer), away),
+                (-1, -2, slice(-outer, None), away[::-1]),
+            ):
+                slope = nodes[:, end, None] - nodes[:, inner, None]
+                values[:, place] = nodes[:, end, None] + share * slope
+        return values
 
 
 def _centres(count: int, pitch: int) -> NDArray[np.float64]:
     return pitch * np.arange(count, dtype=float) + (pitch - 1) / 2
+
+
+@lru_cache(maxsize=16)
+def _averages(bins: int, columns: int) -> tuple[tuple[slice, slice, NDArray[np.float32]], ...]:
+    """For blocks of nodes: the nodes, the bins that they need, and the weights."""
+    taps = _boxes(bins, _NODE_ORDER)
+    before = len(taps) // 2 - bins // 2
+    blocks = []
+    for first in range(0, columns // bins, _BLOCK):
+        count = min(_BLOCK, columns // bins - first)
+        weights = np.zeros((columns + 2 * len(taps), count), np.float32)
+        for node in range(count):
+            start = (first + node) * bins - before + len(taps)
+            weights[start : start + len(taps), node] = taps
+        weights = weights[len(taps) : -len(taps)]
+        used = np.flatnonzero(weights.any(axis=1))
+        needed = slice(int(used[0]), int(used[-1]) + 1)
+        nodes = slice(first, first + count)
+        blocks.append((nodes, needed, np.ascontiguousarray(weights[needed])))
+    return tuple(blocks)
 
 
 @lru_cache(maxsize=16)

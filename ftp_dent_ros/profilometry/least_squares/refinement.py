@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.profilometry.least_squares.continuation import continued, continued_by_slope
+from ftp_dent_ros.profilometry.least_squares.continuation import Continuation
 from ftp_dent_ros.profilometry.least_squares.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.light import Light
 from ftp_dent_ros.profilometry.least_squares.shrinkage import Shrunk, noise_through, shrink
@@ -89,11 +89,13 @@ class Refinement:
     def __init__(self, grid: Grid, windows: Windows, period: float, fast: bool) -> None:
         self.grid, self.windows, self.fast = grid, windows, fast
         self.period = period / grid.step
+        self._products = np.empty((8, *grid.bin_shape), np.float32)
         self._noise = noise_through(grid, windows, _FITS - 2 * fast)
 
     def refine(
         self,
         light: Light,
+        base: NDArray[np.float32],
         reference: NDArray[np.float32],
         shift: NDArray[np.float32],
         region: NDArray[np.bool_],
@@ -103,15 +105,17 @@ class Refinement:
         Parameters
         ----------
         light : Light
+        base : ndarray, shape (rows, columns), float32
+            Absolute phase at the bins of a plane.
         reference : ndarray, shape (rows, columns), float32
-            Absolute phase at the bins of a smooth surface near the true one.
+            Phase of a smooth surface near the true one, less the plane's, at the nodes.
         shift : ndarray, shape (rows, columns), float32
             Phase less the reference's at the nodes, continued beyond the region.
         region : ndarray, shape (rows, columns), bool
             Nodes of the surface, to a node or so.
         """
         inside = self.grid.to_bins(region).view(np.uint8)
-        phase = reference + self.grid.at_bins(shift)
+        phase = base + self.grid.at_bins(reference + shift)
         clipped = light.clipped
         levels = light.filled(phase, inside > 0, self.period)
         rim = math.ceil(self.grid.bins / 2 + _RIM_U * self.period)
@@ -119,9 +123,9 @@ class Refinement:
         mask = (core > 0) & ~clipped
         allowed = (cv2.dilate(inside, np.ones((3, 5))) > 0) & ~clipped
         cosine, sine = np.cos(phase), np.sin(phase)
-        level, modulation, step, known = self._masked_fit(levels, cosine, sine, mask)
-        shift = shift + continued_by_slope(step, known, self.windows)
-        phase = reference + self.grid.at_bins(shift)
+        level, modulation, step = self._masked_fit(levels, cosine, sine, mask)
+        shift = shift + step
+        phase = base + self.grid.at_bins(reference + shift)
         cosine, sine = np.cos(phase), np.sin(phase)
         amplitude = self.grid.at_bins(modulation)
         rest = levels - self.grid.at_bins(level)
@@ -132,47 +136,51 @@ class Refinement:
         step, variance, supported = self._correction(rest, cosine, sine, modulation, mask)
         if not self.fast:
             shift = shift + step
+        beyond = Continuation(supported, self.windows)
         shrunk = shrink(
-            continued_by_slope(shift, supported, self.windows),
-            continued(variance, supported, self.windows),
+            beyond.by_slope(shift),
+            beyond.by_mean(variance),
             supported,
             self.windows,
             self._noise,
         )
         if self.grid.bin_variance:
-            lag = self._lag(modulation, reference)
+            lag = self._lag(modulation, phase)
             shrunk = Shrunk(shrunk.values - lag, shrunk.variance)
         covered = self._covered(levels, amplitude, cosine, body, allowed)
         rough = roughness(misfit, self.windows, self.grid)
         return Refined(shrunk, modulation, body, covered, rough, supported)
 
     def _masked_fit(self, levels, cosine, sine, mask):
-        """Level, amplitude and phase step in Gaussian windows, and where they are known."""
-        weight = mask.astype(np.float32)
-
-        def total(bins):
-            return self.windows.gaussian(self.grid.at_nodes(bins))
-
-        seen = weight * levels
-        in_phase, across = weight * cosine, weight * sine
-        share = total(weight)
+        """Level, amplitude and phase step in Gaussian windows, continued to where none is."""
+        products = self._products
+        weight, seen, in_phase, across, *rest = products
+        weight[:] = mask
+        np.multiply(weight, levels, out=seen)
+        np.multiply(weight, cosine, out=in_phase)
+        np.multiply(weight, sine, out=across)
+        for out, one, other in zip(
+            rest, (in_phase, in_phase, seen, seen), (cosine, sine, cosine, sine), strict=True
+        ):
+            np.multiply(one, other, out=out)
+        share, *sums = (self.windows.gaussian(nodes) for nodes in self.grid.at_nodes(products))
         known = share > _LEAST_SHARE
-        scale = 1 / np.where(known, share, 1)
-        mean, c, s = (total(bins) * scale for bins in (seen, in_phase, across))
-        cc = total(in_phase * cosine) * scale
+        scale = 1 / np.maximum(share, np.float32(_LEAST_SHARE))
+        mean, c, s, cc, cs, p, q = (total * scale for total in sums)
         ss = 1 - cc - s * s
-        cs = total(in_phase * sine) * scale - c * s
+        cs -= c * s
         cc -= c * c
-        p = total(seen * cosine) * scale - mean * c
-        q = total(seen * sine) * scale - mean * s
+        p -= mean * c
+        q -= mean * s
         determinant = cc * ss - cs * cs
         known &= determinant > _LEAST_VARIATION
-        determinant = np.where(known, determinant, 1)
-        x = (ss * p - cs * q) / determinant
-        y = (cc * q - cs * p) / determinant
-        level = continued(mean - x * c - y * s, known, self.windows)
-        modulation = continued(np.hypot(x, y), known, self.windows)
-        return level, modulation, np.where(known, np.arctan2(-y, x), 0), known
+        inverse = 1 / np.maximum(determinant, np.float32(_LEAST_VARIATION))
+        x = (ss * p - cs * q) * inverse
+        y = (cc * q - cs * p) * inverse
+        beyond = Continuation(known, self.windows)
+        level = beyond.by_mean(mean - x * c - y * s)
+        modulation = beyond.by_mean(cv2.magnitude(x, y))
+        return level, modulation, beyond.by_slope(np.arctan2(-y, x))
 
     def _harmonics(self, rest, amplitude, cosine, mask):
         """Second and third harmonic, in amplitudes, that a camera's curve makes of fringes."""
@@ -199,11 +207,11 @@ class Refinement:
         body = cv2.morphologyEx(body, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
         return good, cv2.morphologyEx(body, cv2.MORPH_CLOSE, closing) > 0
 
-    def _lag(self, modulation, reference):
+    def _lag(self, modulation, phase):
         """Phase by which averaging to bins leads, where the light grows along the fringes."""
         smooth = self.windows.wide(np.log(np.maximum(modulation, 1)), _LIGHT)
         growth = np.gradient(smooth, axis=1) / self.grid.pitch[0]
-        frequency = np.gradient(reference[:, :: self.grid.bins], axis=1) / self.grid.pitch[0]
+        frequency = np.gradient(phase[:, :: self.grid.bins], axis=1) / self.grid.pitch[0]
         limited = np.clip(growth, -_STEEPEST_LIGHT, _STEEPEST_LIGHT)
         return (limited * frequency * np.float32(self.grid.bin_variance)).astype(np.float32)
 
@@ -225,14 +233,21 @@ class Refinement:
         grid, windows = self.grid, self.windows
         weight = mask.astype(np.float32)
         rest = rest * weight
-        across = rest * sine
-        support = windows.flat_top(grid.at_nodes(2 * weight * (sine * sine)))
+        products = self._products[: 4 - 2 * self.fast]
+        np.multiply(weight, sine, out=products[0])
+        products[0] *= sine
+        products[0] *= 2
+        np.multiply(rest, rest, out=products[1])
+        if not self.fast:
+            np.multiply(rest, cosine, out=products[2])
+            np.multiply(rest, sine, out=products[3])
+        support, spread, *both = grid.at_nodes(products)
+        support = windows.flat_top(support)
         enough = np.maximum(support, np.float32(_LEAST_SUPPORT))
         step = np.float32(0)
         if not self.fast:
-            in_phase = windows.flat_top(grid.at_nodes(rest * cosine))
-            across = windows.flat_top(grid.at_nodes(across))
+            in_phase, across = (windows.flat_top(nodes) for nodes in both)
             step = np.arctan2(-2 * across / enough, modulation + 2 * in_phase)
-        spread = windows.gaussian(grid.at_nodes(rest * rest), 2) / enough
+        spread = windows.gaussian(spread, 2) / enough
         variance = spread / np.square(np.maximum(modulation, 1))
         return step, np.maximum(variance, np.float32(1e-8)), support > _LEAST_SHARE
