@@ -14,8 +14,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-# Pixels a bin holds along v, along which the fringes hardly change.
-_ROWS = 4
+# Pixels a bin holds along v, along which the fringes hardly change: as a share of a fringe.
+_LEAST_ROWS, _MOST_ROWS = 4, 8
+_ROWS, _FAST_ROWS = 0.56, 1.0
 # Pixels between nodes along u, about.
 _PITCH = 4
 # Bins a fringe must at least have.
@@ -39,23 +40,28 @@ class Grid:
         Pixels a bin holds along u.
     bins : int
         Bins a node holds along u.
+    rows : int
+        Pixels a bin holds along v.
     """
 
     width: int
     height: int
     step: int
     bins: int
+    rows: int = _LEAST_ROWS
 
     @classmethod
-    def for_fringes(cls, width: int, height: int, period: float) -> Grid:
-        """Grid for fringes of `period` pixels."""
+    def for_fringes(cls, width: int, height: int, period: float, fast: bool = False) -> Grid:
+        """Grid for fringes of `period` pixels, coarser if it is to be fast."""
         step = max(1, int(period / _PER_FRINGE))
-        return cls(width, height, step, max(2, _PITCH // step))
+        rows = int((_FAST_ROWS if fast else _ROWS) * period)
+        rows = min(max(rows, _LEAST_ROWS), _MOST_ROWS)
+        return cls(width, height, step, max(2, _PITCH // step), rows)
 
     @property
     def pitch(self) -> tuple[int, int]:
         """Pixels between nodes along u and v."""
-        return self.bins * self.step, _ROWS
+        return self.bins * self.step, self.rows
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -87,14 +93,14 @@ class Grid:
     def binned(self, plane: NDArray) -> NDArray[np.float32]:
         """Averages of a plane of pixels over the bins, shape `bin_shape`, float32."""
         rows, columns = self.bin_shape
-        missing = rows * _ROWS - self.height, columns * self.step - self.width
+        missing = rows * self.rows - self.height, columns * self.step - self.width
         if any(missing):
             plane = cv2.copyMakeBorder(plane, 0, missing[0], 0, missing[1], cv2.BORDER_REPLICATE)
-        total = np.add(plane[0::_ROWS], plane[1::_ROWS], dtype=np.uint16)
-        for row in range(2, _ROWS):
-            total += plane[row::_ROWS]
+        total = np.add(plane[0 :: self.rows], plane[1 :: self.rows], dtype=np.uint16)
+        for row in range(2, self.rows):
+            total += plane[row :: self.rows]
         fine: Any = total.astype(np.float32)
-        fine *= np.float32(1 / _ROWS)
+        fine *= np.float32(1 / self.rows)
         if self.step == 1:
             return fine
         taps = _boxes(self.step, _ORDER)
@@ -122,7 +128,7 @@ class Grid:
     def node_variance(self) -> tuple[float, float]:
         """Of the averages over pixels that nodes are, along u and v."""
         along_u = _NODE_ORDER * (self.bins**2 - 1) / 12 * self.step**2
-        return along_u, (_ROWS**2 - 1) / 12
+        return along_u, (self.rows**2 - 1) / 12
 
     def at_bins(self, nodes: NDArray) -> NDArray:
         """Values at the nodes, interpolated to the bins, and extrapolated to the outer ones."""

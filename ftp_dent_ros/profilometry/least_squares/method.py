@@ -73,7 +73,7 @@ class LeastSquares:
         self.rig, self.pattern = rig, pattern
         self._depth = 4 * float(np.linalg.norm(rig.translation))
         self.period = carrier_on(rig, pattern, ReferencePlane(self._depth)).period
-        self.grid = Grid.for_fringes(rig.camera.width, rig.camera.height, self.period)
+        self.grid = Grid.for_fringes(rig.camera.width, rig.camera.height, self.period, fast)
         self.windows = Windows.for_fringes(self.period, self.grid)
         bins = Sight.of(rig, pattern, *self.grid.bin_positions())
         self._nodes = Sight.of(rig, pattern, *self.grid.node_positions())
