@@ -85,8 +85,13 @@ def fit(grid: Grid, windows: Windows, table: ReferenceTable, bins: NDArray[np.fl
     bins : ndarray, shape (rows, columns), float32
         Grey levels of one colour.
     """
-    products = np.stack([bins, bins * table.cosine, bins * table.sine])
-    sums = [windows.gaussian(nodes) for nodes in grid.at_nodes(products)]
+    nodes = np.empty((3, *grid.shape), np.float32)
+    for rows in grid.strips():
+        level = bins[rows]
+        nodes[:, rows] = grid.at_nodes(
+            np.stack([level, level * table.cosine[rows], level * table.sine[rows]])
+        )
+    sums = [windows.gaussian(one) for one in nodes]
     level, cosine, sine = (
         row[0] * sums[0] + row[1] * sums[1] + row[2] * sums[2] for row in table.inverse
     )

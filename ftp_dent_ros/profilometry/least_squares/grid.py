@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 # Pixels a bin holds along v, along which the fringes hardly change: as a share of a fringe.
-_LEAST_ROWS, _MOST_ROWS = 4, 8
-_ROWS, _FAST_ROWS = 0.56, 1.0
+_LEAST_ROWS, _MOST_ROWS, _MOST_FAST = 4, 6, 8
+_ROWS, _FAST_ROWS = 0.84, 1.0
 # Pixels between nodes along u, about.
 _PITCH = 4
 # Bins a fringe must at least have.
@@ -24,8 +24,8 @@ _PER_FRINGE = 4.6
 # Boxes that average pixels to bins, one over the other: an odd number.
 _ORDER = 5
 _NODE_ORDER = 3
-# Nodes that one product of matrices makes.
-_BLOCK = 16
+# Nodes that one product of matrices makes, and rows of bins that stay in the cache.
+_BLOCK, _STRIP = 16, 16
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Grid:
         """Grid for fringes of `period` pixels, coarser if it is to be fast."""
         step = max(1, int(period / _PER_FRINGE))
         rows = int((_FAST_ROWS if fast else _ROWS) * period)
-        rows = min(max(rows, _LEAST_ROWS), _MOST_ROWS)
+        rows = min(max(rows, _LEAST_ROWS), _MOST_FAST if fast else _MOST_ROWS)
         return cls(width, height, step, max(2, _PITCH // step), rows)
 
     @property
@@ -109,6 +109,11 @@ class Grid:
             fine, -1, taps, np.ones(1), anchor=anchor, borderType=cv2.BORDER_REFLECT_101
         )
         return np.ascontiguousarray(fine[:, (self.step - 1) // 2 :: self.step])
+
+    def strips(self) -> list[slice]:
+        """Rows of bins, so few at a time that what is made of them stays in the cache."""
+        rows = self.bin_shape[0]
+        return [slice(first, min(first + _STRIP, rows)) for first in range(0, rows, _STRIP)]
 
     def to_bins(self, nodes: NDArray) -> NDArray:
         """Values at the nodes, repeated for each of their bins."""

@@ -89,7 +89,12 @@ class Refinement:
     def __init__(self, grid: Grid, windows: Windows, period: float, fast: bool) -> None:
         self.grid, self.windows, self.fast = grid, windows, fast
         self.period = period / grid.step
-        self._products = np.empty((8, *grid.bin_shape), np.float32)
+        rows, columns = grid.bin_shape
+        strip = grid.strips()[0].stop
+        self._products = np.empty((8, strip, columns), np.float32)
+        self._turns = np.empty((2, strip, columns), np.float32)
+        self._sums = np.empty((8, *grid.shape), np.float32)
+        self._work = np.empty((4, rows, columns), np.float32)
         self._noise = noise_through(grid, windows, _FITS - 2 * fast)
 
     def refine(
@@ -122,16 +127,16 @@ class Refinement:
         core = cv2.erode(inside, np.ones((2 * _RIM_V + 1, 2 * rim + 1)), borderValue=0)
         mask = (core > 0) & ~clipped
         allowed = (cv2.dilate(inside, np.ones((3, 5))) > 0) & ~clipped
-        cosine, sine = np.cos(phase), np.sin(phase)
-        level, modulation, step = self._masked_fit(levels, cosine, sine, mask)
+        level, modulation, step = self._masked_fit(levels, phase, mask)
         shift = shift + step
-        phase = base + self.grid.at_bins(reference + shift)
-        cosine, sine = np.cos(phase), np.sin(phase)
+        phase = np.add(base, self.grid.at_bins(reference + shift), out=phase)
+        cosine, sine = (np.cos(phase, out=self._work[0]), np.sin(phase, out=self._work[1]))
         amplitude = self.grid.at_bins(modulation)
-        rest = levels - self.grid.at_bins(level)
-        rest -= amplitude * cosine
-        rest -= amplitude * self._harmonics(rest, amplitude, cosine, mask)
-        misfit = rest / np.maximum(amplitude, 1)
+        rest = np.subtract(levels, self.grid.at_bins(level), out=self._work[2])
+        misfit = self._work[3]
+        rest -= np.multiply(amplitude, cosine, out=misfit)
+        self._take_harmonics(rest, amplitude, cosine, mask)
+        np.divide(rest, np.maximum(amplitude, 1, out=misfit), out=misfit)
         mask, body = self._on_surface(misfit, mask, allowed, clipped)
         step, variance, supported = self._correction(rest, cosine, sine, modulation, mask)
         if not self.fast:
@@ -151,19 +156,25 @@ class Refinement:
         rough = roughness(misfit, self.windows, self.grid)
         return Refined(shrunk, modulation, body, covered, rough, supported)
 
-    def _masked_fit(self, levels, cosine, sine, mask):
+    def _masked_fit(self, levels, phase, mask):
         """Level, amplitude and phase step in Gaussian windows, continued to where none is."""
-        products = self._products
-        weight, seen, in_phase, across, *rest = products
-        weight[:] = mask
-        np.multiply(weight, levels, out=seen)
-        np.multiply(weight, cosine, out=in_phase)
-        np.multiply(weight, sine, out=across)
-        for out, one, other in zip(
-            rest, (in_phase, in_phase, seen, seen), (cosine, sine, cosine, sine), strict=True
-        ):
-            np.multiply(one, other, out=out)
-        share, *sums = (self.windows.gaussian(nodes) for nodes in self.grid.at_nodes(products))
+        nodes = self._sums
+        for rows in self.grid.strips():
+            products = self._products[:, : rows.stop - rows.start]
+            weight, seen, in_phase, across, *rest = products
+            cosine, sine = self._turns[:, : rows.stop - rows.start]
+            np.cos(phase[rows], out=cosine)
+            np.sin(phase[rows], out=sine)
+            np.copyto(weight, mask[rows])
+            np.multiply(weight, levels[rows], out=seen)
+            np.multiply(weight, cosine, out=in_phase)
+            np.multiply(weight, sine, out=across)
+            for out, one, other in zip(
+                rest, (in_phase, in_phase, seen, seen), (cosine, sine, cosine, sine), strict=True
+            ):
+                np.multiply(one, other, out=out)
+            nodes[:, rows] = self.grid.at_nodes(products)
+        share, *sums = (self.windows.gaussian(total) for total in nodes)
         known = share > _LEAST_SHARE
         scale = 1 / np.maximum(share, np.float32(_LEAST_SHARE))
         mean, c, s, cc, cs, p, q = (total * scale for total in sums)
@@ -182,15 +193,25 @@ class Refinement:
         modulation = beyond.by_mean(cv2.magnitude(x, y))
         return level, modulation, beyond.by_slope(np.arctan2(-y, x))
 
-    def _harmonics(self, rest, amplitude, cosine, mask):
-        """Second and third harmonic, in amplitudes, that a camera's curve makes of fringes."""
+    def _take_harmonics(self, rest, amplitude, cosine, mask):
+        """Take off the second and third harmonic that a camera's curve makes of fringes."""
         rows = slice(None, None, _EVERY)
         weight, c = amplitude[rows] * mask[rows], cosine[rows]
         second, third = weight * (2 * c * c - 1), weight * c * (4 * c * c - 3)
         basis = np.stack([second.ravel(), third.ravel()])
         normal = basis @ basis.T + np.eye(2, dtype=np.float32)
         h2, h3 = np.linalg.solve(normal, basis @ rest[rows].ravel()).astype(np.float32)
-        return h2 * (2 * cosine * cosine - 1) + h3 * cosine * (4 * cosine * cosine - 3)
+        # h2 (2 c^2 - 1) + h3 c (4 c^2 - 3), after Horner.
+        for rows in self.grid.strips():
+            c = cosine[rows]
+            shape = np.multiply(c, 4 * h3, out=self._turns[0, : len(c)])
+            shape += 2 * h2
+            shape *= c
+            shape -= 3 * h3
+            shape *= c
+            shape -= h2
+            shape *= amplitude[rows]
+            rest[rows] -= shape
 
     def _on_surface(self, misfit, mask, allowed, clipped):
         """Bins that the fit may use, and those that lie on the surface."""
@@ -231,17 +252,22 @@ class Refinement:
     def _correction(self, rest, cosine, sine, modulation, mask):
         """Phase step by what is left of the photograph, and its predicted variance."""
         grid, windows = self.grid, self.windows
-        weight = mask.astype(np.float32)
-        rest = rest * weight
-        products = self._products[: 4 - 2 * self.fast]
-        np.multiply(weight, sine, out=products[0])
-        products[0] *= sine
-        products[0] *= 2
-        np.multiply(rest, rest, out=products[1])
-        if not self.fast:
-            np.multiply(rest, cosine, out=products[2])
-            np.multiply(rest, sine, out=products[3])
-        support, spread, *both = grid.at_nodes(products)
+        count = 4 - 2 * self.fast
+        nodes = self._sums[:count]
+        for rows in grid.strips():
+            products = self._products[:count, : rows.stop - rows.start]
+            seen, weight = self._turns[:, : rows.stop - rows.start]
+            np.copyto(weight, mask[rows])
+            np.multiply(rest[rows], weight, out=seen)
+            np.multiply(weight, sine[rows], out=products[0])
+            products[0] *= sine[rows]
+            products[0] *= 2
+            np.multiply(seen, seen, out=products[1])
+            if not self.fast:
+                np.multiply(seen, cosine[rows], out=products[2])
+                np.multiply(seen, sine[rows], out=products[3])
+            nodes[:, rows] = grid.at_nodes(products)
+        support, spread, *both = nodes
         support = windows.flat_top(support)
         enough = np.maximum(support, np.float32(_LEAST_SUPPORT))
         step = np.float32(0)
