@@ -19,6 +19,8 @@ from ftp_dent_ros.rig import Rig
 # Pixel rows by which the camera's blur makes the surface look larger.
 _BLURRED = 0.5
 _LEAST_COVER = 0.3
+# Share of a bin at the rim from which on it counts as covered.
+_WHOLE = 0.9
 # Clouds whose memory is kept.
 _POOL = 3
 
@@ -133,7 +135,11 @@ class Published:
 def _rows_in(surface: Published, count: int) -> NDArray[np.uint8]:
     """Mask of the bins' rows of pixels: beside measured bins they are in as far as covered."""
     measured, covered = surface.measured, surface.covered
-    mask = np.repeat(measured[:, None], count, axis=1)
+    rows, columns = measured.shape
+    wide: Any = cv2.resize(
+        measured.view(np.uint8), (columns, rows * count), interpolation=cv2.INTER_NEAREST
+    )
+    mask = wide.reshape(rows, count, columns).view(bool)
     inner, outer = slice(1, None), slice(None, -1)
     for outside, inside, rows in (
         (outer, inner, range(count - 1, -1, -1)),  # the surface is below
@@ -145,4 +151,7 @@ def _rows_in(surface: Published, count: int) -> NDArray[np.uint8]:
         row, column = rim
         for number, pixel in enumerate(rows, 1):
             mask[outside][row, pixel, column] |= seen >= number
+        lacking = np.where(seen < 1, count * (_WHOLE - covered[inside][rim]), 0)
+        for number, pixel in enumerate(reversed(rows)):
+            mask[inside][row, pixel, column] &= lacking <= number
     return mask.reshape(-1, measured.shape[1]).view(np.uint8)

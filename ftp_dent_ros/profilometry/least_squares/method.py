@@ -38,14 +38,14 @@ from ftp_dent_ros.profilometry.unwrapping import unwrap
 from ftp_dent_ros.rig import Rig
 
 # Rows of bins in which the stripe is looked for.
-_STRIPE_ROWS = 24
+_STRIPE_ROWS = 18
 # Between nodes one above the other, radians: a quarter of a fringe.
 _JUMP = math.pi / 2
 _SMALLEST_SHARE = 0.002
 _LARGEST_CLIPPED_SHARE = 0.5
 _TURN = 2 * math.pi
 # Nodes that the quadric is fitted to, about.
-_POINTS = 1200
+_POINTS = 900
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,9 +77,7 @@ class LeastSquares:
         self.windows = Windows.for_fringes(self.period, self.grid)
         bins = Sight.of(rig, pattern, *self.grid.bin_positions())
         self._nodes = Sight.of(rig, pattern, *self.grid.node_positions())
-        self._table = ReferenceTable.of(
-            self.grid, self.windows, bins, self._nodes, self._depth
-        )
+        self._table = ReferenceTable.of(self.grid, self.windows, bins, self._nodes, self._depth)
         self._refinement = Refinement(self.grid, self.windows, self.period, fast)
         self._maker = CloudMaker(rig, self.grid, stride)
 
@@ -152,7 +150,7 @@ class LeastSquares:
         part = self.grid.to_bins(unwrapped.part[rows])
         # Where it is interpolated across parts, the shift means nothing.
         part[:, 1:-1][(part[:, 1:-1] != part[:, 2:]) | (part[:, 1:-1] != part[:, :-2])] = -1
-        return stripe_orders(table.phase[rows] + shift, part, light.red[rows], light.others[rows])
+        return stripe_orders(table.phase[rows] + shift, part, light.red[rows], light.others(rows))
 
     def _surface(
         self, light, lit, seams, region, others, phase

@@ -35,7 +35,8 @@ _MAD = 1.4826
 # Windows that light is smoothed over, and the most it grows a pixel, but at edges of paint.
 _LIGHT = 4.0
 _STEEPEST_LIGHT = 0.003
-_EVERY = 6  # row that the harmonics are measured in
+# Row that the harmonics are measured in, and column beside, that the noise is.
+_EVERY, _EVERY_COLUMN = 6, 3
 # Gaussian windows that the noise has come through, one correcting the other; a flat-top is two.
 _FITS = 4
 
@@ -216,7 +217,8 @@ class Refinement:
     def _on_surface(self, misfit, mask, allowed, clipped):
         """Bins that the fit may use, and those that lie on the surface."""
         size = np.abs(misfit)
-        noise = _MAD * float(np.median(size[::_EVERY][mask[::_EVERY]])) if mask.any() else 0.0
+        sample = size[::_EVERY, ::_EVERY_COLUMN][mask[::_EVERY, ::_EVERY_COLUMN]]
+        noise = _MAD * float(np.median(sample)) if len(sample) else 0.0
         good = (size < max(_MISFIT, _MISFIT_NOISE * noise)) & allowed
         across = 2 * math.ceil(0.6 * self.period) + 1
         closing = np.ones((5, across), np.uint8)
