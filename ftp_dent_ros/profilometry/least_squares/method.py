@@ -59,6 +59,9 @@ class _Part:
 class LeastSquares:
     """The method for one rig and pattern.
 
+    From the second frame on nothing large stays allocated: tables, work arrays and up to three
+    clouds are kept, and what else a frame needs on its way (20 bytes a pixel at most) is let go.
+
     Parameters
     ----------
     rig : Rig
