@@ -163,7 +163,8 @@ class Reconstruction(Node):
     def _reconstruct(self, message: Image) -> None:
         reconstructor = self._reconstructor()
         started_ns = self._now_ns()
-        cloud = reconstructor.reconstruct(image_from_message(message))
+        measurement = reconstructor.measure(image_from_message(message))
+        cloud = measurement.cloud
         stamp_ns = stamp_to_ns(message.header.stamp)
         self._points.publish(cloud_to_message(cloud, stamp_ns, message.header.frame_id))
         self._diagnostics.count('clouds')
@@ -172,6 +173,10 @@ class Reconstruction(Node):
         if 0 <= latency < _LONGEST_LATENCY:
             self._diagnostics.measure('latency', latency)
         self._diagnostics.note('valid points', f'{100 * cloud.valid.mean():.1f} %')
+        quality = measurement.quality
+        if quality is not None:
+            self._diagnostics.note('lit but not tied', f'{100 * quality.untied:.1f} %')
+        self._diagnostics.note('remarks', '; '.join(quality.remarks) if quality else '')
 
     def _reconstructor(self) -> Reconstructor:
         """Reconstructor for the pattern and the settings of the moment; made when they change."""

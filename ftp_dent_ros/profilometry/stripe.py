@@ -155,20 +155,23 @@ def _fringes(phase, part, red, other) -> _Fringes:
     def mean(values):
         return np.add.reduceat(values, first) / count
 
-    def slope(x, y):
-        x_mean, y_mean = mean(x), mean(y)
+    def slopes(x, *ys):
+        x_mean = mean(x)
         variance = np.maximum(mean(x * x) - x_mean**2, 1e-12)
-        return (mean(x * y) - x_mean * y_mean) / variance
+        return [(mean(x * y) - x_mean * mean(y)) / variance for y in ys]
 
     within = phase - _TURN * order
-    cosine = np.cos(within)
+    (along,) = slopes(within, column)
+    of_red, of_other = slopes(
+        np.cos(within.astype(np.float32)).astype(float), red[row, column], other[row, column]
+    )
     return _Fringes(
         row=row[first],
         part=part[first],
         order=order[first],
-        column=mean(column) - mean(within) * slope(within, column),
-        red=slope(cosine, red[row, column].astype(float)),
-        other=slope(cosine, other[row, column].astype(float)),
+        column=mean(column) - mean(within) * along,
+        red=of_red,
+        other=of_other,
         left=column[first],
         width=count,
     )

@@ -73,19 +73,30 @@ def unwrap(
     if not region.any():
         return Unwrapped(np.zeros_like(wrapped), np.full(region.shape, -1, np.int32))
     along = _itoh(wrapped, region) if unwrapping == 'itoh' else _estrada(wrapped, region, tau)
-    begins = region & ~np.pad(region, ((0, 0), (1, 0)))[:, :-1]
-    run = np.cumsum(begins, dtype=np.int32).reshape(region.shape) - 1
+    run = np.cumsum(_begins(region), dtype=np.int32).reshape(region.shape) - 1
     turns, part = _tie_runs(along, run, region, jump)
-    phase = np.where(region, along + _TURN * turns[run], 0)
-    return Unwrapped(phase, np.where(region, part[run], -1))
+    if turns.any() or part.any():
+        phase, label = along + _TURN * turns[run], part[run]
+    else:
+        phase, label = along, np.zeros_like(run)
+    return Unwrapped(phase * region, np.where(region, label, -1))
 
 
 def _itoh(wrapped, region):
     """Integrate the wrapped differences along each run."""
     both = region[:, 1:] & region[:, :-1]
-    step = np.where(both, -np.rint(np.diff(wrapped, axis=1) / _TURN), 0)
-    turns = np.pad(np.cumsum(step, axis=1, dtype=np.float32), ((0, 0), (1, 0)))
-    return wrapped + _TURN * turns
+    step = np.rint(np.diff(wrapped, axis=1) * np.float32(-1 / _TURN))
+    step *= both
+    along = wrapped.copy()
+    along[:, 1:] += _TURN * np.cumsum(step, axis=1)
+    return along
+
+
+def _begins(region):
+    """Where runs along the rows begin."""
+    begins = region.copy()
+    begins[:, 1:] &= ~region[:, :-1]
+    return begins
 
 
 def _estrada(wrapped, region, tau):
@@ -115,9 +126,10 @@ def _tie_runs(along, run, region, jump):
     count = int(run[-1, -1]) + 1
     both = region[1:] & region[:-1]
     difference = (along[1:] - along[:-1])[both]
-    row, column = np.nonzero(both & ~np.pad(both, ((0, 0), (1, 0)))[:, :-1])
+    row, column = np.nonzero(_begins(both))
     upper, lower = run[row, column], run[row + 1, column]
-    first = np.searchsorted(np.flatnonzero(both), row * both.shape[1] + column)
+    last = np.nonzero(_begins(both[:, ::-1])[:, ::-1])[1]
+    first = np.append(0, np.cumsum(last - column + 1)[:-1])
     turn, votes, voters = _vote(difference, first, jump)
     tied = 2 * votes > voters
     upper, lower, turn = upper[tied], lower[tied], turn[tied]

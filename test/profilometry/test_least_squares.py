@@ -1,5 +1,6 @@
 """The default method on photographs of the project's simulation."""
 
+import tracemalloc
 from dataclasses import replace
 
 import cv2
@@ -194,6 +195,21 @@ def test_memory_of_clouds_that_nobody_holds_is_used_again(scene):
     reconstructor = Reconstructor(RIG, PATTERN)
     addresses = {reconstructor.reconstruct(seen.image).points.ctypes.data for _ in range(6)}
     assert len(addresses) < 3
+
+
+def test_frames_leave_no_memory_behind(scene):
+    seen = scene('flat')
+    reconstructor = Reconstructor(RIG, PATTERN)
+    reconstructor.reconstruct(seen.image)
+    tracemalloc.start()
+    try:
+        for _ in range(2):
+            reconstructor.reconstruct(seen.image)
+        left, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert left < 1e5
+    assert peak < 20 * seen.image[..., 0].size
 
 
 def test_a_stripe_that_both_panels_show_ties_both():

@@ -124,6 +124,7 @@ def test_a_photograph_becomes_the_cloud_that_the_library_gives(ros, rig, rig_fil
     ros.until(lambda: bench.value('clouds') == '2')
     assert bench.state().level == DiagnosticStatus.OK
     assert float(bench.value('computation median (ms)')) > 0
+    assert float(bench.value('lit but not tied').split()[0]) < 10
 
     assert all(result.successful for result in bench.set(stride=4, method='direct'))
     changed = bench.cloud_of(photograph, 3)
@@ -177,6 +178,20 @@ def test_each_bad_photograph_is_refused_with_its_reason(ros, rig, rig_file, rend
     bench.refused('wrong pattern')
     assert 'the pattern is 640x400, the projector 320x200' in bench.process.output
     assert (len(bench.clouds), bench.value('failed')) == (2, '0')
+
+
+def test_what_is_not_tied_to_the_stripe_is_left_out_and_said(ros, rig, rig_file):
+    near = Panel(Pose.from_rpy([0, 0, 0], [0, 0, 0.65]), (-0.2, 0.07, -0.2, 0.2))
+    far = Panel(Pose.from_rpy([0, 0, 0], [0, 0, 0.662]), (0.085, 0.25, -0.2, 0.2))
+    seen = Renderer(rig, PATTERN.draw(), Photometry()).render(Surface((near, far)))
+    bench = Bench(ros, rig=rig_file, stride=2)
+    bench.project(PATTERN.draw())
+    bench.listen()
+    bench.cloud_of(seen, 1)
+    ros.until(lambda: bench.value('remarks'))
+    assert 'not tied to the red stripe' in bench.value('remarks')
+    assert float(bench.value('lit but not tied').split()[0]) > 10
+    assert bench.process.stop() == 0
 
 
 def test_without_a_rig_every_photograph_is_refused(ros, photograph):

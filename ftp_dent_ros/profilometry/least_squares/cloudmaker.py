@@ -19,6 +19,8 @@ from ftp_dent_ros.rig import Rig
 # Pixel rows by which the camera's blur makes the surface look larger.
 _BLURRED = 0.5
 _LEAST_COVER = 0.3
+# Share of a bin at the rim from which on it counts as covered.
+_WHOLE = 0.9
 # Clouds whose memory is kept.
 _POOL = 3
 
@@ -44,6 +46,8 @@ class CloudMaker:
             rig.camera, np.arange(0, grid.width, stride), np.arange(0, grid.height, stride)
         )
         self._x, self._y = (np.ascontiguousarray(rays[..., axis]) for axis in (0, 1))
+        strip = max(len(straight) for _, straight in self._spreader.rows)
+        self._work = np.empty((3, strip, self._x.shape[1]), np.float32)
         self._pool: list[tuple[NDArray[np.float32], NDArray[np.float32]]] = []
 
     def cloud(self, surfaces: list[Published]) -> Cloud:
@@ -72,30 +76,40 @@ class CloudMaker:
 
     def _fill(self, surface: Published, points, intensity) -> None:
         grid, stride = self.grid, self.stride
-        self._spreader.widen(surface.inverse_depth)
+        wide = self._spreader.widened(surface.inverse_depth)
         mask = _rows_in(surface, grid.pitch[1])
-        width = mask.shape[1] * grid.step
-        brightness = cv2.resize(surface.modulation, (width, surface.modulation.shape[0]))
-        brightness = np.ascontiguousarray(brightness[:, : grid.width : stride])
-        level = cv2.resize(
-            brightness, (brightness.shape[1], len(mask)), interpolation=cv2.INTER_LINEAR
-        )
-        for rows, nodes, weights in self._spreader.rows:
-            inverse = weights @ self._spreader.wide[nodes]
+        bright = self._bright(surface.modulation)
+        for (rows, nodes, weights), straight in self._spreader.rows:
+            x, y, z = self._work[:, : len(weights)]
+            np.matmul(weights, wide[nodes], out=z)
+            np.reciprocal(z, out=z)
             here = slice(rows.start * stride, (rows.stop - 1) * stride + 1, stride)
-            part: Any = mask[here]
-            bright = level[here]
-            z = np.reciprocal(inverse, out=inverse)
+            part = mask[here]
+            np.matmul(straight, bright[nodes], out=intensity[rows])
             if not part.all():
-                if grid.step > 1:
-                    part = cv2.resize(part, (width, len(part)), interpolation=cv2.INTER_NEAREST)
-                outside = part[:, : grid.width : stride] == 0
+                outside = np.equal(self._of_pixels(part), 0)
                 np.copyto(z, np.float32(np.nan), where=outside)
-                intensity[rows] = bright
                 np.copyto(intensity[rows], np.float32(0), where=outside)
-            else:
-                intensity[rows] = bright
-            cv2.merge([self._x[rows] * z, self._y[rows] * z, z], dst=points[rows])
+            np.multiply(self._x[rows], z, out=x)
+            np.multiply(self._y[rows], z, out=y)
+            cv2.merge([x, y, z], dst=points[rows])
+
+    def _bright(self, modulation):
+        """Modulation interpolated along u."""
+        size = self.grid.bin_shape[1] * self.grid.step, len(modulation)
+        wide: Any = cv2.resize(modulation, size, interpolation=cv2.INTER_LINEAR)
+        return np.ascontiguousarray(wide[:, : self.grid.width : self.stride])
+
+    def _of_pixels(self, bins):
+        """Values of the bins at the cloud's columns."""
+        step, stride = self.grid.step, self.stride
+        if step == 1:
+            return bins[:, : self.grid.width : stride]
+        if stride % step == 0:
+            return bins[:, :: stride // step][:, : self._x.shape[1]]
+        size = bins.shape[1] * step, len(bins)
+        wide: Any = cv2.resize(bins, size, interpolation=cv2.INTER_NEAREST)
+        return wide[:, : self.grid.width : stride]
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +135,11 @@ class Published:
 def _rows_in(surface: Published, count: int) -> NDArray[np.uint8]:
     """Mask of the bins' rows of pixels: beside measured bins they are in as far as covered."""
     measured, covered = surface.measured, surface.covered
-    mask = np.repeat(measured[:, None], count, axis=1)
+    rows, columns = measured.shape
+    wide: Any = cv2.resize(
+        measured.view(np.uint8), (columns, rows * count), interpolation=cv2.INTER_NEAREST
+    )
+    mask = wide.reshape(rows, count, columns).view(bool)
     inner, outer = slice(1, None), slice(None, -1)
     for outside, inside, rows in (
         (outer, inner, range(count - 1, -1, -1)),  # the surface is below
@@ -133,4 +151,7 @@ def _rows_in(surface: Published, count: int) -> NDArray[np.uint8]:
         row, column = rim
         for number, pixel in enumerate(rows, 1):
             mask[outside][row, pixel, column] |= seen >= number
+        lacking = np.where(seen < 1, count * (_WHOLE - covered[inside][rim]), 0)
+        for number, pixel in enumerate(reversed(rows)):
+            mask[inside][row, pixel, column] &= lacking <= number
     return mask.reshape(-1, measured.shape[1]).view(np.uint8)

@@ -8,7 +8,9 @@ are kept.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -83,11 +85,15 @@ def fit(grid: Grid, windows: Windows, table: ReferenceTable, bins: NDArray[np.fl
     bins : ndarray, shape (rows, columns), float32
         Grey levels of one colour.
     """
-    sums = [
-        windows.gaussian(grid.at_nodes(product))
-        for product in (bins, bins * table.cosine, bins * table.sine)
-    ]
+    nodes = np.empty((3, *grid.shape), np.float32)
+    for rows in grid.strips():
+        level = bins[rows]
+        nodes[:, rows] = grid.at_nodes(
+            np.stack([level, level * table.cosine[rows], level * table.sine[rows]])
+        )
+    sums = [windows.gaussian(one) for one in nodes]
     level, cosine, sine = (
         row[0] * sums[0] + row[1] * sums[1] + row[2] * sums[2] for row in table.inverse
     )
-    return Fringes(level, np.hypot(cosine, sine), np.arctan2(-sine, cosine))
+    modulation: Any = cv2.magnitude(cosine, sine)
+    return Fringes(level, modulation, np.arctan2(-sine, cosine))

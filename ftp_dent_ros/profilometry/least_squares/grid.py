@@ -14,8 +14,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-# Pixels a bin holds along v, along which the fringes hardly change.
-_ROWS = 4
+# Pixels a bin holds along v, along which the fringes hardly change: as a share of a fringe.
+_LEAST_ROWS, _MOST_ROWS, _MOST_FAST = 4, 6, 8
+_ROWS, _FAST_ROWS = 0.7, 1.0
 # Pixels between nodes along u, about.
 _PITCH = 4
 # Bins a fringe must at least have.
@@ -23,6 +24,8 @@ _PER_FRINGE = 4.6
 # Boxes that average pixels to bins, one over the other: an odd number.
 _ORDER = 5
 _NODE_ORDER = 3
+# Nodes that one product of matrices makes, and rows of bins that stay in the cache.
+_BLOCK, _STRIP = 16, 16
 
 
 @dataclass(frozen=True)
@@ -37,23 +40,28 @@ class Grid:
         Pixels a bin holds along u.
     bins : int
         Bins a node holds along u.
+    rows : int
+        Pixels a bin holds along v.
     """
 
     width: int
     height: int
     step: int
     bins: int
+    rows: int = _LEAST_ROWS
 
     @classmethod
-    def for_fringes(cls, width: int, height: int, period: float) -> Grid:
-        """Grid for fringes of `period` pixels."""
+    def for_fringes(cls, width: int, height: int, period: float, fast: bool = False) -> Grid:
+        """Grid for fringes of `period` pixels, coarser if it is to be fast."""
         step = max(1, int(period / _PER_FRINGE))
-        return cls(width, height, step, max(2, _PITCH // step))
+        rows = int((_FAST_ROWS if fast else _ROWS) * period)
+        rows = min(max(rows, _LEAST_ROWS), _MOST_FAST if fast else _MOST_ROWS)
+        return cls(width, height, step, max(2, _PITCH // step), rows)
 
     @property
     def pitch(self) -> tuple[int, int]:
         """Pixels between nodes along u and v."""
-        return self.bins * self.step, _ROWS
+        return self.bins * self.step, self.rows
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -85,14 +93,14 @@ class Grid:
     def binned(self, plane: NDArray) -> NDArray[np.float32]:
         """Averages of a plane of pixels over the bins, shape `bin_shape`, float32."""
         rows, columns = self.bin_shape
-        missing = rows * _ROWS - self.height, columns * self.step - self.width
+        missing = rows * self.rows - self.height, columns * self.step - self.width
         if any(missing):
             plane = cv2.copyMakeBorder(plane, 0, missing[0], 0, missing[1], cv2.BORDER_REPLICATE)
-        total = np.add(plane[0::_ROWS], plane[1::_ROWS], dtype=np.uint16)
-        for row in range(2, _ROWS):
-            total += plane[row::_ROWS]
+        total = np.add(plane[0 :: self.rows], plane[1 :: self.rows], dtype=np.uint16)
+        for row in range(2, self.rows):
+            total += plane[row :: self.rows]
         fine: Any = total.astype(np.float32)
-        fine *= np.float32(1 / _ROWS)
+        fine *= np.float32(1 / self.rows)
         if self.step == 1:
             return fine
         taps = _boxes(self.step, _ORDER)
@@ -102,37 +110,68 @@ class Grid:
         )
         return np.ascontiguousarray(fine[:, (self.step - 1) // 2 :: self.step])
 
+    def strips(self) -> list[slice]:
+        """Rows of bins, so few at a time that what is made of them stays in the cache."""
+        rows = self.bin_shape[0]
+        return [slice(first, min(first + _STRIP, rows)) for first in range(0, rows, _STRIP)]
+
     def to_bins(self, nodes: NDArray) -> NDArray:
         """Values at the nodes, repeated for each of their bins."""
         return np.repeat(nodes, self.bins, axis=1)
 
     def at_nodes(self, bins: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Averages of bins over the nodes."""
-        taps = _boxes(self.bins, _NODE_ORDER)
-        first = (self.bins - 1) // 2
-        wide = cv2.sepFilter2D(
-            bins,
-            -1,
-            taps,
-            np.ones(1),
-            anchor=(len(taps) // 2 - self.bins // 2 + first, 0),
-            borderType=cv2.BORDER_CONSTANT,
-        )
-        return np.ascontiguousarray(wide[:, first :: self.bins])
+        """Averages of bins over the nodes, along the last axis."""
+        columns = bins.shape[-1]
+        rows = bins.reshape(-1, columns)
+        result = np.empty((len(rows), columns // self.bins), np.float32)
+        # Products of matrices decimate as they average.
+        for nodes, needed, weights in _averages(self.bins, columns):
+            np.matmul(rows[:, needed], weights, out=result[:, nodes])
+        return result.reshape(*bins.shape[:-1], -1)
 
     @property
     def node_variance(self) -> tuple[float, float]:
         """Of the averages over pixels that nodes are, along u and v."""
         along_u = _NODE_ORDER * (self.bins**2 - 1) / 12 * self.step**2
-        return along_u, (_ROWS**2 - 1) / 12
+        return along_u, (self.rows**2 - 1) / 12
 
     def at_bins(self, nodes: NDArray) -> NDArray:
-        """Values at the nodes, interpolated to the bins."""
-        return cv2.resize(nodes, self.bin_shape[::-1], interpolation=cv2.INTER_LINEAR)
+        """Values at the nodes, interpolated to the bins, and extrapolated to the outer ones."""
+        values: Any = cv2.resize(nodes, self.bin_shape[::-1], interpolation=cv2.INTER_LINEAR)
+        if nodes.shape[1] > 1:
+            outer = self.bins // 2
+            away = ((self.bins - 1) / 2 - np.arange(outer, dtype=np.float32)) / self.bins
+            for end, inner, place, share in (
+                (0, 1, slice(None, outer), away),
+                (-1, -2, slice(-outer, None), away[::-1]),
+            ):
+                slope = nodes[:, end, None] - nodes[:, inner, None]
+                values[:, place] = nodes[:, end, None] + share * slope
+        return values
 
 
 def _centres(count: int, pitch: int) -> NDArray[np.float64]:
     return pitch * np.arange(count, dtype=float) + (pitch - 1) / 2
+
+
+@lru_cache(maxsize=16)
+def _averages(bins: int, columns: int) -> tuple[tuple[slice, slice, NDArray[np.float32]], ...]:
+    """For blocks of nodes: the nodes, the bins that they need, and the weights."""
+    taps = _boxes(bins, _NODE_ORDER)
+    before = len(taps) // 2 - bins // 2
+    blocks = []
+    for first in range(0, columns // bins, _BLOCK):
+        count = min(_BLOCK, columns // bins - first)
+        weights = np.zeros((columns + 2 * len(taps), count), np.float32)
+        for node in range(count):
+            start = (first + node) * bins - before + len(taps)
+            weights[start : start + len(taps), node] = taps
+        weights = weights[len(taps) : -len(taps)]
+        used = np.flatnonzero(weights.any(axis=1))
+        needed = slice(int(used[0]), int(used[-1]) + 1)
+        nodes = slice(first, first + count)
+        blocks.append((nodes, needed, np.ascontiguousarray(weights[needed])))
+    return tuple(blocks)
 
 
 @lru_cache(maxsize=16)

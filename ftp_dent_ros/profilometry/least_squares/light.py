@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -44,12 +45,11 @@ class Light:
         grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
         return cls(grid.binned(cv2.extractChannel(image, 0)), grid.binned(grey))
 
-    @property
-    def others(self) -> NDArray[np.float32]:
-        """Green and blue."""
-        return (self.grey - np.float32(_RED) * self.red) / np.float32(_OTHERS)
+    def others(self, rows: NDArray[np.integer]) -> NDArray[np.float32]:
+        """Green and blue in some rows."""
+        return (self.grey[rows] - np.float32(_RED) * self.red[rows]) / np.float32(_OTHERS)
 
-    @property
+    @cached_property
     def clipped(self) -> NDArray[np.bool_]:
         """Bins with clipped pixels."""
         return np.maximum(self.red, self.grey) > _CLIPPED

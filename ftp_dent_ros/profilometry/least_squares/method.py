@@ -14,7 +14,7 @@ from ftp_dent_ros.errors import NoStripeError, SaturatedError, TooDarkError
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.profilometry.carrier import ReferencePlane, carrier_on
 from ftp_dent_ros.profilometry.least_squares.cloudmaker import CloudMaker, Published
-from ftp_dent_ros.profilometry.least_squares.continuation import continued_by_slope
+from ftp_dent_ros.profilometry.least_squares.continuation import Continuation
 from ftp_dent_ros.profilometry.least_squares.first_fit import ReferenceTable, fit
 from ftp_dent_ros.profilometry.least_squares.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.light import Light
@@ -38,14 +38,14 @@ from ftp_dent_ros.profilometry.unwrapping import unwrap
 from ftp_dent_ros.rig import Rig
 
 # Rows of bins in which the stripe is looked for.
-_STRIPE_ROWS = 24
+_STRIPE_ROWS = 18
 # Between nodes one above the other, radians: a quarter of a fringe.
 _JUMP = math.pi / 2
 _SMALLEST_SHARE = 0.002
 _LARGEST_CLIPPED_SHARE = 0.5
 _TURN = 2 * math.pi
 # Nodes that the quadric is fitted to, about.
-_POINTS = 1200
+_POINTS = 900
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +58,9 @@ class _Part:
 
 class LeastSquares:
     """The method for one rig and pattern.
+
+    From the second frame on nothing large stays allocated: tables, work arrays and up to three
+    clouds are kept, and what else a frame needs on its way (20 bytes a pixel at most) is let go.
 
     Parameters
     ----------
@@ -73,13 +76,11 @@ class LeastSquares:
         self.rig, self.pattern = rig, pattern
         self._depth = 4 * float(np.linalg.norm(rig.translation))
         self.period = carrier_on(rig, pattern, ReferencePlane(self._depth)).period
-        self.grid = Grid.for_fringes(rig.camera.width, rig.camera.height, self.period)
+        self.grid = Grid.for_fringes(rig.camera.width, rig.camera.height, self.period, fast)
         self.windows = Windows.for_fringes(self.period, self.grid)
-        self._bins = Sight.of(rig, pattern, *self.grid.bin_positions())
+        bins = Sight.of(rig, pattern, *self.grid.bin_positions())
         self._nodes = Sight.of(rig, pattern, *self.grid.node_positions())
-        self._table = ReferenceTable.of(
-            self.grid, self.windows, self._bins, self._nodes, self._depth
-        )
+        self._table = ReferenceTable.of(self.grid, self.windows, bins, self._nodes, self._depth)
         self._refinement = Refinement(self.grid, self.windows, self.period, fast)
         self._maker = CloudMaker(rig, self.grid, stride)
 
@@ -98,7 +99,9 @@ class LeastSquares:
         phase, part, orders = self._absolute(light, table, fringes, lit)
         parts, regions = [], []
         for label, order in orders.items():
-            others = np.where(np.isin(part, list(orders)) | (part < 0), 0, part + 1)
+            strange = np.arange(1, part.max() + 3)
+            strange[list(orders)], strange[-1] = 0, 0
+            others = strange[part]
             surface, region = self._surface(
                 light, lit, seams, part == label, others, phase - np.float32(_TURN * order)
             )
@@ -150,30 +153,33 @@ class LeastSquares:
         part = self.grid.to_bins(unwrapped.part[rows])
         # Where it is interpolated across parts, the shift means nothing.
         part[:, 1:-1][(part[:, 1:-1] != part[:, 2:]) | (part[:, 1:-1] != part[:, :-2])] = -1
-        return stripe_orders(table.phase[rows] + shift, part, light.red[rows], light.others[rows])
+        return stripe_orders(table.phase[rows] + shift, part, light.red[rows], light.others(rows))
 
     def _surface(
         self, light, lit, seams, region, others, phase
     ) -> tuple[_Part, NDArray[np.bool_]]:
         """Fit one surface; once more if a part of it turns out not to be tied to the stripe."""
         place = self.windows, self.grid, self.period
-        reference, at_bins = self._reference(region, phase)
+        reference = self._reference(region, phase)
         turns = joined(eroded(region), others * eroded(others > 0), phase - reference, *place)
         for label, number in turns.items():
             more = others == label
             region = region | more
             phase = phase + np.float32(_TURN * number) * more
         if turns:
-            reference, at_bins = self._reference(region, phase)
+            reference = self._reference(region, phase)
         strips = rim_strips(region, lit, seams)
         strange, seams = lit & ~region & ~strips, seams & ~strips
         for _ in range(2):
             region = apart(region, strange, seams, self.grid, self.period)
             sure = eroded(region)
             sure = sure if sure.any() else region
-            shift = continued_by_slope(np.where(region, phase - reference, 0), sure, self.windows)
+            shift = Continuation(sure, self.windows).by_slope((phase - reference) * region)
             whole = region | strips
-            refined = self._refinement.refine(light, at_bins, shift, whole)
+            table = self._table
+            refined = self._refinement.refine(
+                light, table.phase, reference - table.node_phase, shift, whole
+            )
             absolute = reference + refined.shift.values
             lines = edges(region, refined.roughness, self.grid, self.period)
             strange = untied(
@@ -182,17 +188,17 @@ class LeastSquares:
             if not strange.any():
                 break
             strange = cv2.dilate(strange.view(np.uint8), np.ones((9, 9), np.uint8)) > 0
-            reference, at_bins = self._reference(region & ~strange, phase)
+            reference = self._reference(region & ~strange, phase)
         return _Part(refined, absolute), region
 
-    def _reference(self, region, phase) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Phase at the nodes and bins of the quadric through a region's first fit."""
+    def _reference(self, region, phase) -> NDArray[np.float32]:
+        """Phase at the nodes of the quadric through a region's first fit."""
         inner = eroded(region)
         chosen = inner if inner.sum() > 0.2 * region.sum() else region
-        row, column = np.nonzero(chosen)
-        every = max(1, len(row) // _POINTS)
-        points = self._nodes.at(row[::every], column[::every])
-        inverse_depth, _ = points.meet(phase[row[::every], column[::every]][None])
+        flat = np.flatnonzero(chosen)
+        row, column = np.divmod(flat[:: max(1, len(flat) // _POINTS)], chosen.shape[1])
+        points = self._nodes.at(row, column)
+        inverse_depth, _ = points.meet(phase[row, column][None])
         met = np.isfinite(inverse_depth)
         if met.sum() < 6:
             raise NoStripeError(
@@ -200,10 +206,7 @@ class LeastSquares:
                 'and the pattern belong to this camera and projector'
             )
         quadric = robust_quadric(points.rays[met], inverse_depth[met])
-        at_nodes, at_bins = (
-            sight.phase(evaluate(quadric, sight.rays)) for sight in (self._nodes, self._bins)
-        )
-        return at_nodes, at_bins
+        return self._nodes.phase(evaluate(quadric, self._nodes.rays))
 
     def _result(self, lit, parts, regions) -> tuple[Cloud, float, Quality]:
         """Publish the surfaces together."""

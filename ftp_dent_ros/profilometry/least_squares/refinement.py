@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.profilometry.least_squares.continuation import continued, continued_by_slope
+from ftp_dent_ros.profilometry.least_squares.continuation import Continuation
 from ftp_dent_ros.profilometry.least_squares.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.light import Light
 from ftp_dent_ros.profilometry.least_squares.shrinkage import Shrunk, noise_through, shrink
@@ -35,7 +35,8 @@ _MAD = 1.4826
 # Windows that light is smoothed over, and the most it grows a pixel, but at edges of paint.
 _LIGHT = 4.0
 _STEEPEST_LIGHT = 0.003
-_EVERY = 6  # row that the harmonics are measured in
+# Row that the harmonics are measured in, and column beside, that the noise is.
+_EVERY, _EVERY_COLUMN = 6, 3
 # Gaussian windows that the noise has come through, one correcting the other; a flat-top is two.
 _FITS = 4
 
@@ -89,11 +90,18 @@ class Refinement:
     def __init__(self, grid: Grid, windows: Windows, period: float, fast: bool) -> None:
         self.grid, self.windows, self.fast = grid, windows, fast
         self.period = period / grid.step
+        rows, columns = grid.bin_shape
+        strip = grid.strips()[0].stop
+        self._products = np.empty((8, strip, columns), np.float32)
+        self._turns = np.empty((2, strip, columns), np.float32)
+        self._sums = np.empty((8, *grid.shape), np.float32)
+        self._work = np.empty((4, rows, columns), np.float32)
         self._noise = noise_through(grid, windows, _FITS - 2 * fast)
 
     def refine(
         self,
         light: Light,
+        base: NDArray[np.float32],
         reference: NDArray[np.float32],
         shift: NDArray[np.float32],
         region: NDArray[np.bool_],
@@ -103,91 +111,114 @@ class Refinement:
         Parameters
         ----------
         light : Light
+        base : ndarray, shape (rows, columns), float32
+            Absolute phase at the bins of a plane.
         reference : ndarray, shape (rows, columns), float32
-            Absolute phase at the bins of a smooth surface near the true one.
+            Phase of a smooth surface near the true one, less the plane's, at the nodes.
         shift : ndarray, shape (rows, columns), float32
             Phase less the reference's at the nodes, continued beyond the region.
         region : ndarray, shape (rows, columns), bool
             Nodes of the surface, to a node or so.
         """
         inside = self.grid.to_bins(region).view(np.uint8)
-        phase = reference + self.grid.at_bins(shift)
+        phase = base + self.grid.at_bins(reference + shift)
         clipped = light.clipped
         levels = light.filled(phase, inside > 0, self.period)
         rim = math.ceil(self.grid.bins / 2 + _RIM_U * self.period)
         core = cv2.erode(inside, np.ones((2 * _RIM_V + 1, 2 * rim + 1)), borderValue=0)
         mask = (core > 0) & ~clipped
         allowed = (cv2.dilate(inside, np.ones((3, 5))) > 0) & ~clipped
-        cosine, sine = np.cos(phase), np.sin(phase)
-        level, modulation, step, known = self._masked_fit(levels, cosine, sine, mask)
-        shift = shift + continued_by_slope(step, known, self.windows)
-        phase = reference + self.grid.at_bins(shift)
-        cosine, sine = np.cos(phase), np.sin(phase)
+        level, modulation, step = self._masked_fit(levels, phase, mask)
+        shift = shift + step
+        phase = np.add(base, self.grid.at_bins(reference + shift), out=phase)
+        cosine, sine = (np.cos(phase, out=self._work[0]), np.sin(phase, out=self._work[1]))
         amplitude = self.grid.at_bins(modulation)
-        rest = levels - self.grid.at_bins(level)
-        rest -= amplitude * cosine
-        rest -= amplitude * self._harmonics(rest, amplitude, cosine, mask)
-        misfit = rest / np.maximum(amplitude, 1)
+        rest = np.subtract(levels, self.grid.at_bins(level), out=self._work[2])
+        misfit = self._work[3]
+        rest -= np.multiply(amplitude, cosine, out=misfit)
+        self._take_harmonics(rest, amplitude, cosine, mask)
+        np.divide(rest, np.maximum(amplitude, 1, out=misfit), out=misfit)
         mask, body = self._on_surface(misfit, mask, allowed, clipped)
         step, variance, supported = self._correction(rest, cosine, sine, modulation, mask)
         if not self.fast:
             shift = shift + step
+        beyond = Continuation(supported, self.windows)
         shrunk = shrink(
-            continued_by_slope(shift, supported, self.windows),
-            continued(variance, supported, self.windows),
+            beyond.by_slope(shift),
+            beyond.by_mean(variance),
             supported,
             self.windows,
             self._noise,
         )
         if self.grid.bin_variance:
-            lag = self._lag(modulation, reference)
+            lag = self._lag(modulation, phase)
             shrunk = Shrunk(shrunk.values - lag, shrunk.variance)
         covered = self._covered(levels, amplitude, cosine, body, allowed)
         rough = roughness(misfit, self.windows, self.grid)
         return Refined(shrunk, modulation, body, covered, rough, supported)
 
-    def _masked_fit(self, levels, cosine, sine, mask):
-        """Level, amplitude and phase step in Gaussian windows, and where they are known."""
-        weight = mask.astype(np.float32)
-
-        def total(bins):
-            return self.windows.gaussian(self.grid.at_nodes(bins))
-
-        seen = weight * levels
-        in_phase, across = weight * cosine, weight * sine
-        share = total(weight)
+    def _masked_fit(self, levels, phase, mask):
+        """Level, amplitude and phase step in Gaussian windows, continued to where none is."""
+        nodes = self._sums
+        for rows in self.grid.strips():
+            products = self._products[:, : rows.stop - rows.start]
+            weight, seen, in_phase, across, *rest = products
+            cosine, sine = self._turns[:, : rows.stop - rows.start]
+            np.cos(phase[rows], out=cosine)
+            np.sin(phase[rows], out=sine)
+            np.copyto(weight, mask[rows])
+            np.multiply(weight, levels[rows], out=seen)
+            np.multiply(weight, cosine, out=in_phase)
+            np.multiply(weight, sine, out=across)
+            for out, one, other in zip(
+                rest, (in_phase, in_phase, seen, seen), (cosine, sine, cosine, sine), strict=True
+            ):
+                np.multiply(one, other, out=out)
+            nodes[:, rows] = self.grid.at_nodes(products)
+        share, *sums = (self.windows.gaussian(total) for total in nodes)
         known = share > _LEAST_SHARE
-        scale = 1 / np.where(known, share, 1)
-        mean, c, s = (total(bins) * scale for bins in (seen, in_phase, across))
-        cc = total(in_phase * cosine) * scale
+        scale = 1 / np.maximum(share, np.float32(_LEAST_SHARE))
+        mean, c, s, cc, cs, p, q = (total * scale for total in sums)
         ss = 1 - cc - s * s
-        cs = total(in_phase * sine) * scale - c * s
+        cs -= c * s
         cc -= c * c
-        p = total(seen * cosine) * scale - mean * c
-        q = total(seen * sine) * scale - mean * s
+        p -= mean * c
+        q -= mean * s
         determinant = cc * ss - cs * cs
         known &= determinant > _LEAST_VARIATION
-        determinant = np.where(known, determinant, 1)
-        x = (ss * p - cs * q) / determinant
-        y = (cc * q - cs * p) / determinant
-        level = continued(mean - x * c - y * s, known, self.windows)
-        modulation = continued(np.hypot(x, y), known, self.windows)
-        return level, modulation, np.where(known, np.arctan2(-y, x), 0), known
+        inverse = 1 / np.maximum(determinant, np.float32(_LEAST_VARIATION))
+        x = (ss * p - cs * q) * inverse
+        y = (cc * q - cs * p) * inverse
+        beyond = Continuation(known, self.windows)
+        level = beyond.by_mean(mean - x * c - y * s)
+        modulation = beyond.by_mean(cv2.magnitude(x, y))
+        return level, modulation, beyond.by_slope(np.arctan2(-y, x))
 
-    def _harmonics(self, rest, amplitude, cosine, mask):
-        """Second and third harmonic, in amplitudes, that a camera's curve makes of fringes."""
+    def _take_harmonics(self, rest, amplitude, cosine, mask):
+        """Take off the second and third harmonic that a camera's curve makes of fringes."""
         rows = slice(None, None, _EVERY)
         weight, c = amplitude[rows] * mask[rows], cosine[rows]
         second, third = weight * (2 * c * c - 1), weight * c * (4 * c * c - 3)
         basis = np.stack([second.ravel(), third.ravel()])
         normal = basis @ basis.T + np.eye(2, dtype=np.float32)
         h2, h3 = np.linalg.solve(normal, basis @ rest[rows].ravel()).astype(np.float32)
-        return h2 * (2 * cosine * cosine - 1) + h3 * cosine * (4 * cosine * cosine - 3)
+        # h2 (2 c^2 - 1) + h3 c (4 c^2 - 3), after Horner.
+        for rows in self.grid.strips():
+            c = cosine[rows]
+            shape = np.multiply(c, 4 * h3, out=self._turns[0, : len(c)])
+            shape += 2 * h2
+            shape *= c
+            shape -= 3 * h3
+            shape *= c
+            shape -= h2
+            shape *= amplitude[rows]
+            rest[rows] -= shape
 
     def _on_surface(self, misfit, mask, allowed, clipped):
         """Bins that the fit may use, and those that lie on the surface."""
         size = np.abs(misfit)
-        noise = _MAD * float(np.median(size[::_EVERY][mask[::_EVERY]])) if mask.any() else 0.0
+        sample = size[::_EVERY, ::_EVERY_COLUMN][mask[::_EVERY, ::_EVERY_COLUMN]]
+        noise = _MAD * float(np.median(sample)) if len(sample) else 0.0
         good = (size < max(_MISFIT, _MISFIT_NOISE * noise)) & allowed
         across = 2 * math.ceil(0.6 * self.period) + 1
         closing = np.ones((5, across), np.uint8)
@@ -199,11 +230,11 @@ class Refinement:
         body = cv2.morphologyEx(body, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
         return good, cv2.morphologyEx(body, cv2.MORPH_CLOSE, closing) > 0
 
-    def _lag(self, modulation, reference):
+    def _lag(self, modulation, phase):
         """Phase by which averaging to bins leads, where the light grows along the fringes."""
         smooth = self.windows.wide(np.log(np.maximum(modulation, 1)), _LIGHT)
         growth = np.gradient(smooth, axis=1) / self.grid.pitch[0]
-        frequency = np.gradient(reference[:, :: self.grid.bins], axis=1) / self.grid.pitch[0]
+        frequency = np.gradient(phase[:, :: self.grid.bins], axis=1) / self.grid.pitch[0]
         limited = np.clip(growth, -_STEEPEST_LIGHT, _STEEPEST_LIGHT)
         return (limited * frequency * np.float32(self.grid.bin_variance)).astype(np.float32)
 
@@ -223,16 +254,28 @@ class Refinement:
     def _correction(self, rest, cosine, sine, modulation, mask):
         """Phase step by what is left of the photograph, and its predicted variance."""
         grid, windows = self.grid, self.windows
-        weight = mask.astype(np.float32)
-        rest = rest * weight
-        across = rest * sine
-        support = windows.flat_top(grid.at_nodes(2 * weight * (sine * sine)))
+        count = 4 - 2 * self.fast
+        nodes = self._sums[:count]
+        for rows in grid.strips():
+            products = self._products[:count, : rows.stop - rows.start]
+            seen, weight = self._turns[:, : rows.stop - rows.start]
+            np.copyto(weight, mask[rows])
+            np.multiply(rest[rows], weight, out=seen)
+            np.multiply(weight, sine[rows], out=products[0])
+            products[0] *= sine[rows]
+            products[0] *= 2
+            np.multiply(seen, seen, out=products[1])
+            if not self.fast:
+                np.multiply(seen, cosine[rows], out=products[2])
+                np.multiply(seen, sine[rows], out=products[3])
+            nodes[:, rows] = grid.at_nodes(products)
+        support, spread, *both = nodes
+        support = windows.flat_top(support)
         enough = np.maximum(support, np.float32(_LEAST_SUPPORT))
         step = np.float32(0)
         if not self.fast:
-            in_phase = windows.flat_top(grid.at_nodes(rest * cosine))
-            across = windows.flat_top(grid.at_nodes(across))
+            in_phase, across = (windows.flat_top(nodes) for nodes in both)
             step = np.arctan2(-2 * across / enough, modulation + 2 * in_phase)
-        spread = windows.gaussian(grid.at_nodes(rest * rest), 2) / enough
+        spread = windows.gaussian(spread, 2) / enough
         variance = spread / np.square(np.maximum(modulation, 1))
         return step, np.maximum(variance, np.float32(1e-8)), support > _LEAST_SHARE

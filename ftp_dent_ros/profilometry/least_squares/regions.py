@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.profilometry.least_squares.continuation import continued_by_slope
+from ftp_dent_ros.profilometry.least_squares.continuation import Continuation
 from ftp_dent_ros.profilometry.least_squares.first_fit import Fringes
 from ftp_dent_ros.profilometry.least_squares.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.windows import Windows
@@ -160,13 +160,15 @@ def joined(
     dict
         Turns to add to the phase of each region that is tied to `home`, by its label.
     """
+    if not labels.any():
+        return {}
     sizes = np.bincount(labels.ravel())
     waiting = [label for label in range(1, len(sizes)) if sizes[label] >= _SMALLEST]
     near = [2 * math.ceil(_NEAR * period / pitch) + 1 for pitch in grid.pitch[::-1]]
     turns: dict[int, int] = {}
     tied, shift = home.copy(), shift.copy()
     while waiting:
-        ahead = continued_by_slope(np.where(tied, shift, 0), tied, windows)
+        ahead = Continuation(tied, windows).by_slope(shift)
         beside = cv2.dilate(tied.view(np.uint8), np.ones(near, np.uint8)) > 0
         found = []
         for label in waiting:
@@ -213,9 +215,9 @@ def untied(
         return np.zeros_like(lines)
     home = labels == int(at_home.argmax())
     labels[home] = 0
-    tied = joined(home, labels, shift, windows, grid, period)
-    return (labels > 0) & ~np.isin(labels, list(tied)) & (_sizes(labels) >= _SMALLEST)
-
-
-def _sizes(labels):
-    return np.bincount(labels.ravel())[labels]
+    sizes = np.bincount(labels.ravel())
+    alone = sizes >= _SMALLEST
+    alone[0] = False
+    if alone.any():
+        alone[list(joined(home, labels, shift, windows, grid, period))] = False
+    return alone[labels]

@@ -12,7 +12,7 @@ from ftp_dent_ros.profilometry.least_squares.grid import Grid
 # Fewer leave ripples of the nodes inside dents.
 _TAPS = 6
 # Columns, and rows that stay in the cache, that one product makes.
-_COLUMNS, _ROWS = 256, 32
+_COLUMNS, _ROWS = 64, 32
 
 Band = tuple[slice, slice, NDArray[np.float32]]
 
@@ -44,14 +44,16 @@ class Spreader:
 
     Attributes
     ----------
-    columns, rows : tuple
+    columns : tuple
         For each block: its pixels, the nodes that they need, and the weights.
+    rows : tuple
+        Such blocks, each with the weights of linear interpolation beside it.
     wide : ndarray, shape (rows of nodes, columns of pixels), float32
         Workspace.
     """
 
     columns: tuple[Band, ...]
-    rows: tuple[Band, ...]
+    rows: tuple[tuple[Band, NDArray[np.float32]], ...]
     wide: NDArray[np.float32]
 
     @classmethod
@@ -65,13 +67,24 @@ class Spreader:
             (targets, nodes, np.ascontiguousarray(weights.T))
             for targets, nodes, weights in _bands(columns, grid.shape[1], _COLUMNS)
         )
-        along_v = tuple(_bands(rows, grid.shape[0], _ROWS))
+        straight = _linear(rows, grid.shape[0])
+        along_v = tuple(
+            (band, np.ascontiguousarray(straight[band[0], band[1]]))
+            for band in _bands(rows, grid.shape[0], _ROWS)
+        )
         return cls(along_u, along_v, np.empty((grid.shape[0], len(columns)), np.float32))
 
-    def widen(self, nodes: NDArray[np.float32]) -> None:
-        """Interpolate along u, into the workspace."""
+    def widened(self, nodes: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Values interpolated along u, in the workspace."""
         for targets, needed, weights in self.columns:
             np.matmul(nodes[:, needed], weights, out=self.wide[:, targets])
+        return self.wide
+
+
+def _linear(targets, count):
+    """Weights of linear interpolation."""
+    place = np.clip(targets, 0, count - 1)[:, None] - np.arange(count)
+    return np.clip(1 - np.abs(place), 0, None).astype(np.float32)
 
 
 def _bands(targets, count, size):
