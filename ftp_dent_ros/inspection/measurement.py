@@ -34,7 +34,7 @@ _NEARLY = 0.8
 # What the rim cuts is its artefact if it is longer than so many widths, and not deeper than so
 # many smallest depths.
 _STRIP = 2.8
-_STRIP_DEPTH = 4.0
+_STRIP_DEPTH = 2.0
 # Of the depth, and of the cells in which outlines are found: errors of the sampling.
 _SAMPLING = 0.0015
 _GRAIN = 0.06

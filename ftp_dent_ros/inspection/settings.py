@@ -26,7 +26,7 @@ class Settings:
         A value is not a positive number.
     """
 
-    smallest_depth: float = 1e-4
+    smallest_depth: float = 2e-4
     smallest_width: float = 0.01
 
     def __post_init__(self) -> None:
