@@ -8,9 +8,7 @@ are kept.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -77,6 +75,13 @@ class ReferenceTable:
         return cls(phase, node_phase, cosine, sine, np.ascontiguousarray(inverse))
 
 
+def magnitude(x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Square root of x^2 + y^2; OpenCV's last bit depends on where its arrays lie in memory."""
+    square = np.square(x)
+    square += np.square(y)
+    return np.sqrt(square, out=square)
+
+
 def fit(grid: Grid, windows: Windows, table: ReferenceTable, bins: NDArray[np.float32]) -> Fringes:
     """Fit the fringes in each node's window.
 
@@ -95,5 +100,4 @@ def fit(grid: Grid, windows: Windows, table: ReferenceTable, bins: NDArray[np.fl
     level, cosine, sine = (
         row[0] * sums[0] + row[1] * sums[1] + row[2] * sums[2] for row in table.inverse
     )
-    modulation: Any = cv2.magnitude(cosine, sine)
-    return Fringes(level, modulation, np.arctan2(-sine, cosine))
+    return Fringes(level, magnitude(cosine, sine), np.arctan2(-sine, cosine))

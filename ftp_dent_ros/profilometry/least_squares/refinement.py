@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.profilometry.least_squares.continuation import Continuation
+from ftp_dent_ros.profilometry.least_squares.first_fit import magnitude
 from ftp_dent_ros.profilometry.least_squares.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.light import Light
 from ftp_dent_ros.profilometry.least_squares.shrinkage import Shrunk, noise_through, shrink
@@ -191,7 +192,7 @@ class Refinement:
         y = (cc * q - cs * p) * inverse
         beyond = Continuation(known, self.windows)
         level = beyond.by_mean(mean - x * c - y * s)
-        modulation = beyond.by_mean(cv2.magnitude(x, y))
+        modulation = beyond.by_mean(magnitude(x, y))
         return level, modulation, beyond.by_slope(np.arctan2(-y, x))
 
     def _take_harmonics(self, rest, amplitude, cosine, mask):
