@@ -26,13 +26,15 @@ from ftp_dent_ros.errors import ConfigurationError, FtpDentError
 from ftp_dent_ros.ros import transport
 from ftp_dent_ros.ros.configuration import EXECUTABLES, read_configuration
 from ftp_dent_ros.ros.domain import free_domain
+from ftp_dent_ros.ros.messages import stamp_to_ns
 from ftp_dent_ros.ros.process_log import ProcessLog
 from ftp_dent_ros.ros.processes import Processes, Program
 from ftp_dent_ros.ros.qos import DIAGNOSTICS, IMAGES, POSES
 
 # Until everything is discovered and the clocks are matched, on a slow and busy machine.
 _READY_S = 60.0
-_DRAIN_S = 10.0
+_DRAIN_S = 20.0
+_SETTLED_S = 1.0
 _CAMERA = 'camera_capture'
 _RECONSTRUCTION = 'reconstruction'
 _RECORDER = 'recorder'
@@ -132,7 +134,7 @@ class _Observer:
     """Counts what the payload does, from a context of its own."""
 
     def __init__(self, node: Any, executor: Any, processes: Processes, logs: Path) -> None:
-        self.poses = self.images = self.tagged = 0
+        self.poses = self.tagged = self._last_image = self._last_tagged = 0
         self._node, self._executor = node, executor
         self._processes, self._logs = processes, logs
         node.create_subscription(PoseStamped, '/mavlink/pose', self._on_pose, POSES)
@@ -176,10 +178,14 @@ class _Observer:
         self.until(answer.done, _READY_S, trouble)
 
     def drain(self) -> None:
-        """Wait until each photograph's cloud is tagged; what is missing then counts as lost."""
-        end = time.monotonic() + _DRAIN_S
-        while self.tagged < self.images and time.monotonic() < end:
+        """Wait until the last photograph's cloud is tagged; what is missing then is lost."""
+        start = time.monotonic()
+        while time.monotonic() < start + _DRAIN_S:
             self._executor.spin_once(timeout_sec=0.1)
+            # The last photograph itself may still be on its way here.
+            settled = time.monotonic() > start + _SETTLED_S
+            if settled and self._last_tagged >= self._last_image:
+                return
 
     def _last_words(self, ended: Any) -> str:
         log = self._logs / f'{ended.program.name}.log'
@@ -192,11 +198,12 @@ class _Observer:
     def _on_pose(self, _: PoseStamped) -> None:
         self.poses += 1
 
-    def _on_image(self, _: CameraInfo) -> None:
-        self.images += 1
+    def _on_image(self, message: CameraInfo) -> None:
+        self._last_image = stamp_to_ns(message.header.stamp)
 
-    def _on_tagged(self, _: PoseWithCovarianceStamped) -> None:
+    def _on_tagged(self, message: PoseWithCovarianceStamped) -> None:
         self.tagged += 1
+        self._last_tagged = stamp_to_ns(message.header.stamp)
 
 
 @contextmanager
