@@ -16,6 +16,7 @@ from ftp_dent_ros.profilometry.carrier import ReferencePlane, carrier_on
 from ftp_dent_ros.profilometry.least_squares.cloudmaker import CloudMaker, Published
 from ftp_dent_ros.profilometry.least_squares.continuation import Continuation
 from ftp_dent_ros.profilometry.least_squares.first_fit import ReferenceTable, fit
+from ftp_dent_ros.profilometry.least_squares.frame_rim import FrameRim
 from ftp_dent_ros.profilometry.least_squares.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.light import Light
 from ftp_dent_ros.profilometry.least_squares.quality import Fit, Quality
@@ -181,10 +182,11 @@ class LeastSquares:
                 light, table.phase, reference - table.node_phase, shift, whole
             )
             absolute = reference + refined.shift.values
-            lines = edges(region, refined.roughness, self.grid, self.period)
-            strange = untied(
-                region, lines, refined.shift.values, np.abs(absolute) < math.pi, *place
-            )
+            rim = FrameRim.of(refined.measured, absolute, self.pattern, self.grid)
+            faint = bool(rim.off(rim.blocks()))
+            lines = edges(region, refined.roughness, self.grid, self.period, faint)
+            at_stripe = np.abs(absolute) < math.pi
+            strange = untied(region, lines, refined.shift.values, at_stripe, rim, *place)
             if not strange.any():
                 break
             strange = cv2.dilate(strange.view(np.uint8), np.ones((9, 9), np.uint8)) > 0

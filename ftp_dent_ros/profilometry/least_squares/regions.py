@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.profilometry.least_squares.continuation import Continuation
 from ftp_dent_ros.profilometry.least_squares.first_fit import Fringes
+from ftp_dent_ros.profilometry.least_squares.frame_rim import FrameRim
 from ftp_dent_ros.profilometry.least_squares.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.windows import Windows
 from ftp_dent_ros.profilometry.unwrapping import wrap
@@ -23,6 +24,7 @@ _VALLEY = 0.6
 # Misfit, in fringe amplitudes and in those of all, that tells of an edge; gaps in it that are
 # closed, fringes; phase across it that is still the same surface, radians.
 _ROUGH, _ROUGH_NOISE = 0.04, 4.0
+_FAINT = 0.3
 _GAP = 12.0
 _TIED = 0.25
 # Fringes that are left out beside another surface.
@@ -85,7 +87,11 @@ def rim_strips(
 
 
 def edges(
-    region: NDArray[np.bool_], rough: NDArray[np.float32], grid: Grid, period: float
+    region: NDArray[np.bool_],
+    rough: NDArray[np.float32],
+    grid: Grid,
+    period: float,
+    faint: bool = False,
 ) -> NDArray[np.bool_]:
     """Nodes of a region where no smooth phase explains the photograph, gaps closed.
 
@@ -94,12 +100,15 @@ def edges(
     region : ndarray, shape (rows, columns), bool
     rough : ndarray, shape (rows, columns), float32
         Misfit around each node, in fringe amplitudes.
+    faint : bool
+        Take faint edges too, which dents and glare may also leave.
     """
     inner = eroded(region)
     if not inner.any():
         return inner
     typical = float(np.median(rough[::2, ::2][inner[::2, ::2]])) if inner.any() else 0.0
-    edge: Any = (inner & (rough > max(_ROUGH, _ROUGH_NOISE * typical))).view(np.uint8)
+    least = max(_FAINT * _ROUGH if faint else _ROUGH, _ROUGH_NOISE * typical)
+    edge: Any = (inner & (rough > least)).view(np.uint8)
     lines = edge
     if edge.any():
         along_u, along_v = (int(_GAP * period / pitch) for pitch in grid.pitch)
@@ -192,11 +201,14 @@ def untied(
     lines: NDArray[np.bool_],
     shift: NDArray[np.float32],
     at_stripe: NDArray[np.bool_],
+    rim: FrameRim,
     windows: Windows,
     grid: Grid,
     period: float,
 ) -> NDArray[np.bool_]:
     """Nodes of a region beyond edges that do not go on from where the stripe is.
+
+    Nor does what seems to go on, but ends whole fringes off the rim of the projector's frame.
 
     Parameters
     ----------
@@ -204,12 +216,15 @@ def untied(
         The region, the edges in it, and the nodes on the stripe.
     shift : ndarray, shape (rows, columns), float32
         Phase less that of a smooth reference, radians.
+    rim : FrameRim
+        Of the region.
     """
     if not lines.any():
         return lines
     labels: Any
-    _, labels = cv2.connectedComponents((region & ~lines).view(np.uint8), connectivity=4)
-    at_home = np.bincount(labels[at_stripe & region & ~lines], minlength=labels.max() + 1)
+    whole = separated(region, lines)
+    _, labels = cv2.connectedComponents(whole.view(np.uint8), connectivity=4)
+    at_home = np.bincount(labels[at_stripe & whole], minlength=labels.max() + 1)
     at_home[0] = 0
     if not at_home.any():
         return np.zeros_like(lines)
@@ -219,5 +234,15 @@ def untied(
     alone = sizes >= _SMALLEST
     alone[0] = False
     if alone.any():
-        alone[list(joined(home, labels, shift, windows, grid, period))] = False
-    return alone[labels]
+        off = rim.off(rim.beside(labels))
+        others = np.where(np.isin(labels, off), 0, labels)
+        alone[list(joined(home, others, shift, windows, grid, period))] = False
+    if not alone.any():
+        return np.zeros_like(lines)
+    # Slivers along edges and the rim go with the nearer surface.
+    strange = alone[labels]
+    tied = home | ((labels > 0) & ~strange)
+    near, far = (
+        cv2.distanceTransform((~part).view(np.uint8), cv2.DIST_L2, 3) for part in (tied, strange)
+    )
+    return region & (far < near)
