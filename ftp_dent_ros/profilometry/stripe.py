@@ -145,8 +145,10 @@ def _vote(phase, part, red, other) -> tuple[_Fringes, NDArray[np.bool_]]:
 
 def _fringes(phase, part, red, other) -> _Fringes:
     """Cut the rows at the troughs and measure each fringe's amplitude in red and the others."""
-    row, column = np.nonzero(part >= 0)
-    phase, part = phase[row, column].astype(float), part[row, column]
+    place = np.flatnonzero(part >= 0)
+    row, column = np.divmod(place, part.shape[1])
+    phase, part, red, other = (field.ravel()[place] for field in (phase, part, red, other))
+    phase = phase.astype(float)
     order = np.rint(phase / _TURN).astype(np.intp)
     cut = [np.diff(values, prepend=-1) != 0 for values in (row, part, order)]
     first = np.flatnonzero(cut[0] | cut[1] | cut[2])
@@ -163,7 +165,7 @@ def _fringes(phase, part, red, other) -> _Fringes:
     within = phase - _TURN * order
     (along,) = slopes(within, column)
     of_red, of_other = slopes(
-        np.cos(within.astype(np.float32)).astype(float), red[row, column], other[row, column]
+        np.cos(within.astype(np.float32)).astype(float), red, other
     )
     return _Fringes(
         row=row[first],

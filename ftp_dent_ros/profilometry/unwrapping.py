@@ -126,13 +126,17 @@ def _tie_runs(along, run, region, jump):
     count = int(run[-1, -1]) + 1
     both = region[1:] & region[:-1]
     difference = (along[1:] - along[:-1])[both]
-    row, column = np.nonzero(_begins(both))
-    upper, lower = run[row, column], run[row + 1, column]
-    last = np.nonzero(_begins(both[:, ::-1])[:, ::-1])[1]
-    first = np.append(0, np.cumsum(last - column + 1)[:-1])
+    width = both.shape[1]
+    begin = np.flatnonzero(_begins(both))
+    upper, lower = run.ravel()[begin], run.ravel()[begin + width]
+    last = np.flatnonzero(_begins(both[:, ::-1])[:, ::-1])
+    first = np.append(0, np.cumsum(last - begin + 1)[:-1])
     turn, votes, voters = _vote(difference, first, jump)
     tied = 2 * votes > voters
     upper, lower, turn = upper[tied], lower[tied], turn[tied]
+    if len(turn) == count - 1 and (lower - upper == 1).all():
+        # A chain, one run a row, as most often: no tree is needed to walk it.
+        return np.append(np.float32(0), -np.cumsum(turn)), np.zeros(count, np.int32)
 
     ties = coo_array((1 / votes[tied], (upper, lower)), (count, count))
     parts, part = connected_components(ties, directed=False)

@@ -112,18 +112,17 @@ class LeastSquares:
 
     def _check(self, light: Light, lit: NDArray[np.bool_]) -> None:
         """Raise the reason if there are too few fringes, or most of them are clipped."""
-        size = 2 * math.ceil(self._refinement.period / 2) + 1
         clipped = light.clipped
-        lost = clipped
-        if clipped.mean() > _SMALLEST_SHARE / 2:
+        if np.count_nonzero(clipped) > _SMALLEST_SHARE / 2 * clipped.size:
+            size = 2 * math.ceil(self._refinement.period / 2) + 1
             lost = cv2.blur(clipped.astype(np.float32), (size, 1)) > _LARGEST_CLIPPED_SHARE
-        share = lost.sum() / max((lost | self.grid.to_bins(lit)).sum(), 1)
-        if lost.mean() > _SMALLEST_SHARE and share > _LARGEST_CLIPPED_SHARE:
-            raise SaturatedError(
-                f'the fringes are clipped over {share:.0%} of the lit area: '
-                'expose for a shorter time'
-            )
-        if lit.mean() < _SMALLEST_SHARE:
+            share = lost.sum() / max((lost | self.grid.to_bins(lit)).sum(), 1)
+            if lost.mean() > _SMALLEST_SHARE and share > _LARGEST_CLIPPED_SHARE:
+                raise SaturatedError(
+                    f'the fringes are clipped over {share:.0%} of the lit area: '
+                    'expose for a shorter time'
+                )
+        if np.count_nonzero(lit) < _SMALLEST_SHARE * lit.size:
             raise TooDarkError(
                 'no part of the image shows fringes: switch the projector on, come closer, or '
                 'expose longer'
@@ -229,7 +228,7 @@ class LeastSquares:
         depth = np.concatenate(depths)
         stripe_depth = float(np.median(depth)) if len(depth) else math.nan
         quality = Quality(
-            float((lit & ~published).sum() / max(lit.sum(), 1)),
+            np.count_nonzero(lit & ~published) / max(np.count_nonzero(lit), 1),
             tuple(
                 Fit(self._nodes, part.phase, part.refined, surface.measured)
                 for part, surface in zip(parts, surfaces, strict=True)

@@ -18,6 +18,7 @@ from ftp_dent_ros.profilometry.least_squares.continuation import Continuation
 from ftp_dent_ros.profilometry.least_squares.first_fit import magnitude
 from ftp_dent_ros.profilometry.least_squares.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.light import Light
+from ftp_dent_ros.profilometry.least_squares.median import median
 from ftp_dent_ros.profilometry.least_squares.shrinkage import Shrunk, noise_through, shrink
 from ftp_dent_ros.profilometry.least_squares.windows import Windows
 
@@ -219,7 +220,7 @@ class Refinement:
         """Bins that the fit may use, and those that lie on the surface."""
         size = np.abs(misfit)
         sample = size[::_EVERY, ::_EVERY_COLUMN][mask[::_EVERY, ::_EVERY_COLUMN]]
-        noise = _MAD * float(np.median(sample)) if len(sample) else 0.0
+        noise = _MAD * median(sample) if len(sample) else 0.0
         good = (size < max(_MISFIT, _MISFIT_NOISE * noise)) & allowed
         across = 2 * math.ceil(0.6 * self.period) + 1
         closing = np.ones((5, across), np.uint8)

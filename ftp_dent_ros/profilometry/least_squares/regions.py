@@ -13,6 +13,7 @@ from ftp_dent_ros.profilometry.least_squares.continuation import Continuation
 from ftp_dent_ros.profilometry.least_squares.first_fit import Fringes
 from ftp_dent_ros.profilometry.least_squares.frame_rim import FrameRim
 from ftp_dent_ros.profilometry.least_squares.grid import Grid
+from ftp_dent_ros.profilometry.least_squares.median import median
 from ftp_dent_ros.profilometry.least_squares.windows import Windows
 from ftp_dent_ros.profilometry.unwrapping import wrap
 
@@ -106,7 +107,8 @@ def edges(
     inner = eroded(region)
     if not inner.any():
         return inner
-    typical = float(np.median(rough[::2, ::2][inner[::2, ::2]])) if inner.any() else 0.0
+    sample = rough[::2, ::2][inner[::2, ::2]]
+    typical = median(sample) if len(sample) else 0.0
     least = max(_FAINT * _ROUGH if faint else _ROUGH, _ROUGH_NOISE * typical)
     edge: Any = (inner & (rough > least)).view(np.uint8)
     lines = edge

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.profilometry.least_squares.grid import Grid
+from ftp_dent_ros.profilometry.least_squares.median import median
 from ftp_dent_ros.profilometry.least_squares.windows import Windows
 
 # Standard deviations of the bands' edges, in those of the windows.
@@ -76,7 +77,7 @@ def shrink(
     some = (slice(None, None, _EVERY), slice(None, None, _EVERY))
     sample = inside[some]
     finest = np.square(bands[0][some][sample]) / variance[some][sample]
-    factor = float(np.median(finest)) / _MEDIAN_OF_SQUARE / shares[0]
+    factor = median(finest) / _MEDIAN_OF_SQUARE / shares[0]
     noise = np.maximum(np.float32(factor) * variance, np.float32(1e-12))
     result = levels[-1].copy()
     left = np.float32(rest) * noise

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import cv2
@@ -92,6 +93,7 @@ def _coarsening(sigma: float) -> int:
     return step
 
 
+@lru_cache(maxsize=64)
 def _kernel(sigma: float) -> NDArray[np.float32]:
     reach = math.ceil(_REACH * sigma)
     kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2)
