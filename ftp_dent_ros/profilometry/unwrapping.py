@@ -12,8 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
 
 _TURN = np.float32(2 * np.pi)
 
@@ -134,27 +132,34 @@ def _tie_runs(along, run, region, jump):
     turn, votes, voters = _vote(difference, first, jump)
     tied = 2 * votes > voters
     upper, lower, turn = upper[tied], lower[tied], turn[tied]
-    if len(turn) == count - 1 and (lower - upper == 1).all():
-        # A chain, one run a row, as most often: no tree is needed to walk it.
-        return np.append(np.float32(0), -np.cumsum(turn)), np.zeros(count, np.int32)
+    return _settle(count, upper, lower, turn, votes[tied])
 
-    ties = coo_array((1 / votes[tied], (upper, lower)), (count, count))
-    parts, part = connected_components(ties, directed=False)
-    tree = minimum_spanning_tree(ties).tocoo()
-    # One more node, tied to the first run of each part, so that one walk reaches all of them.
-    roots = np.unique(part, return_index=True)[1]
-    ends = np.append(tree.row, np.full(parts, count)), np.append(tree.col, roots)
-    walk = coo_array((np.ones(len(ends[0])), ends), (count + 1, count + 1))
-    order, parent = breadth_first_order(walk.tocsr(), count, directed=False)
-    pairs = zip(upper.tolist(), lower.tolist(), strict=True)
-    between = dict(zip(pairs, turn.tolist(), strict=True))
-    turns = np.zeros(count + 1, np.float32)
-    for child in order[1:].tolist():
-        above = int(parent[child])
-        if above < count:
-            step = between[above, child] if above < child else -between[child, above]
-            turns[child] = turns[above] - step
-    return turns[:count], part.astype(np.int32)
+
+def _settle(count, upper, lower, turn, votes):
+    """Turns and part of each run by its ties, those with most votes first (Kruskal's forest)."""
+    parent, ahead = list(range(count)), [0.0] * count  # turns more than the parent's
+
+    def root(run):
+        more, path = 0.0, []
+        while parent[run] != run:
+            path.append(run)
+            run = parent[run]
+        for step in reversed(path):
+            more += ahead[step]
+            parent[step], ahead[step] = run, more
+        return run, more
+
+    order = np.argsort(-votes, kind='stable')
+    for one, other, difference in zip(
+        *(values[order].tolist() for values in (upper, lower, turn)), strict=True
+    ):
+        (first, of_one), (second, of_other) = root(one), root(other)
+        if first != second:
+            parent[second], ahead[second] = first, of_one - difference - of_other
+    roots, turns = zip(*map(root, range(count)), strict=True)
+    _, begin, part = np.unique(roots, return_index=True, return_inverse=True)
+    turns = np.array(turns, np.float32)
+    return turns - turns[begin][part], part.astype(np.int32)
 
 
 def _vote(difference, first, jump):
