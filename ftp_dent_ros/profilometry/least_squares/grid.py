@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 _LEAST_ROWS, _MOST_ROWS, _MOST_FAST = 4, 6, 8
 _ROWS, _FAST_ROWS = 0.7, 1.0
 # Pixels between nodes along u, about.
-_PITCH = 4
+_PITCH = 0.7
 # Bins a fringe must at least have.
 _PER_FRINGE = 4.6
 # Boxes that average pixels to bins, one over the other: an odd number.
@@ -56,7 +56,8 @@ class Grid:
         step = max(1, int(period / _PER_FRINGE))
         rows = int((_FAST_ROWS if fast else _ROWS) * period)
         rows = min(max(rows, _LEAST_ROWS), _MOST_FAST if fast else _MOST_ROWS)
-        return cls(width, height, step, max(2, _PITCH // step), rows)
+        pitch = _PITCH * period
+        return cls(width, height, step, max(2, int(pitch / step)), rows)
 
     @property
     def pitch(self) -> tuple[int, int]:
