@@ -49,7 +49,9 @@ class Continuation:
         """Continue a field by the weighted mean of what is known around, to zero far away."""
         if self._all:
             return field
-        return self._with(field, self._mean(self._coarse(field * self._share)))
+        fine = self._fine(self._mean(self._coarse(field * self._share)))
+        np.copyto(fine, field, where=self._known)
+        return fine
 
     def by_slope(self, field: NDArray[np.float32]) -> NDArray[np.float32]:
         """Continue a field by mean and slope of what is known around, to zero far away.
@@ -69,14 +71,18 @@ class Continuation:
         if self._all:
             return field
         values = self._coarse(field * self._share)
-        result = self._mean(values)
-        rows, columns = values.shape
+        mean = self._mean(values)
+        rows, columns = self._shape
+        result = np.float32(0)
         for axis, positions in enumerate(np.ogrid[:rows, :columns]):
-            position = np.broadcast_to(positions.astype(np.float32), (rows, columns))
-            away = position - self._mean(position * self._weight)
-            result += self._slope(values, axis) * away
-        result[self._total < _LEAST] = 0
-        return self._with(field, result)
+            position = positions.astype(np.float32)
+            slope = self._slope(values, axis)
+            mean -= slope * self._mean(self._coarse(position * self._share))
+            result = result + self._fine(slope) * position
+        result += self._fine(mean)
+        result[self._far()] = 0
+        np.copyto(result, field, where=self._known)
+        return result
 
     def _coarse(self, field):
         return cv2.resize(field, self._size, interpolation=cv2.INTER_AREA)
@@ -97,12 +103,14 @@ class Continuation:
         values = values / np.maximum(self._weight, _WHOLE)
         pairs = (whole[ahead] & whole[behind]).astype(np.float32)
         slope, seen = np.zeros_like(values), np.zeros_like(values)
-        slope[inner] = 0.5 * (values[ahead] - values[behind]) * pairs
+        scale = np.float32(0.5 * self._weight.shape[axis] / self._shape[axis])
+        slope[inner] = scale * (values[ahead] - values[behind]) * pairs
         seen[inner] = pairs
         return self._blur(slope) / np.maximum(self._blur(seen), _LEAST)
 
-    def _with(self, field, coarse):
-        """The field where it is known, and what was made of it on the coarse grid elsewhere."""
-        fine: Any = cv2.resize(coarse, self._shape[::-1], interpolation=cv2.INTER_LINEAR)
-        np.copyto(fine, field, where=self._known)
-        return fine
+    def _far(self):
+        """Nodes of which no neighbour is known."""
+        return cv2.resize(self._total, self._shape[::-1], interpolation=cv2.INTER_NEAREST) < _LEAST
+
+    def _fine(self, coarse: Any) -> Any:
+        return cv2.resize(coarse, self._shape[::-1], interpolation=cv2.INTER_LINEAR)

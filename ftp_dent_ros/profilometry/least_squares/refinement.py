@@ -194,7 +194,7 @@ class Refinement:
         beyond = Continuation(known, self.windows)
         level = beyond.by_mean(mean - x * c - y * s)
         modulation = beyond.by_mean(magnitude(x, y))
-        return level, modulation, beyond.by_slope(np.arctan2(-y, x))
+        return level, modulation, beyond.by_mean(np.arctan2(-y, x))
 
     def _take_harmonics(self, rest, amplitude, cosine, mask):
         """Take off the second and third harmonic that a camera's curve makes of fringes."""
