@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -40,33 +42,40 @@ def triangulate(
     v_p = np.empty(columns.shape, np.float32)
     for first in range(0, len(columns), _STRIP):  # a strip of rows stays in the cache
         strip = slice(first, first + _STRIP)
-        depth[strip], v_p[strip] = _triangulate(rig, rays[strip], columns[strip])
+        depth[strip], v_p[strip] = meet(rig, turned(rig, rays[strip]), columns[strip])
     return depth, v_p
 
 
-def _triangulate(rig, rays, columns):
-    (f_x, _, c_x), (_, f_y, c_y), _ = rig.projector.camera_matrix.astype(np.float32)
-    rotation = rig.rotation.astype(np.float32)
-    t_x, t_y, t_z = rig.translation.astype(np.float32)
+def turned(rig: Rig, rays: NDArray[np.float32]) -> list[NDArray[np.float32]]:
+    """The camera's rays (z = 1) in the projector's frame: r_1 . ray, r_2 . ray, r_3 . ray."""
     x, y = rays[..., 0], rays[..., 1]
-    along = [r_x * x + r_y * y + r_z for r_x, r_y, r_z in rotation]
+    return [r_x * x + r_y * y + r_z for r_x, r_y, r_z in rig.rotation.astype(np.float32)]
+
+
+def meet(
+    rig: Rig, along: Sequence[NDArray[np.float32]], columns: NDArray[np.float32]
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """What `triangulate` returns, of rays in the projector's frame (`turned`)."""
+    (f_x, _, c_x), (_, f_y, c_y), _ = rig.projector.camera_matrix.astype(np.float32)
+    t_x, t_y, t_z = rig.translation.astype(np.float32)
     seen = (columns - c_x) / f_x
 
-    def meet(q):
+    def crossing(q):
         depth = (q * t_z - t_x) / (along[0] - q * along[2])
-        return depth, (depth * along[1] + t_y) / (depth * along[2] + t_z)
+        ahead = depth * along[2] + t_z
+        return depth, ahead, (depth * along[1] + t_y) / ahead
 
     q = seen
-    depth, row = meet(q)
+    depth, ahead, row = crossing(q)
     bent = row
     if rig.projector.distortion.any():
         for _ in range(_NEWTON_STEPS):
             image, slope, bent = _distort(rig.projector.distortion.astype(np.float32), q, row)
             q = q + (seen - image) / slope
-            depth, row = meet(q)
+            depth, ahead, row = crossing(q)
         _, _, bent = _distort(rig.projector.distortion.astype(np.float32), q, row)
-    behind = ~((depth > 0) & (depth * along[2] + t_z > 0))
-    depth[behind] = np.nan
+    in_front = (depth > 0) & (ahead > 0)
+    np.copyto(depth, np.float32(np.nan), where=~in_front)
     return depth, f_y * bent + c_y
 
 

@@ -97,7 +97,7 @@ class LeastSquares:
         fringes = fit(self.grid, self.windows, table, light.red)
         lit, seams = fringe_region(fringes, self.windows, self.grid, self.period)
         self._check(light, lit)
-        phase, part, orders = self._absolute(light, table, fringes, lit)
+        phase, part, orders = self._absolute(light, table, fringes, lit, seams)
         parts, regions = [], []
         for label, order in orders.items():
             strange = np.arange(1, part.max() + 3)
@@ -128,7 +128,7 @@ class LeastSquares:
                 'expose longer'
             )
 
-    def _absolute(self, light, table, fringes, lit):
+    def _absolute(self, light, table, fringes, lit, seams):
         """Phase at the nodes, the part each is tied to, and the stripe's order by part."""
         unwrapped = unwrap(fringes.shift, lit, jump=_JUMP)
         try:
@@ -140,7 +140,7 @@ class LeastSquares:
             amplitude = self.grid.at_bins(fringes.modulation)
             misfit = (light.red - model - amplitude * np.cos(phase)) / np.maximum(amplitude, 1)
             rough = roughness(misfit, self.windows, self.grid)
-            cut = separated(lit, edges(lit, rough, self.grid, self.period))
+            cut = separated(lit, edges(lit, seams, rough, self.grid, self.period))
             unwrapped = unwrap(fringes.shift, cut, jump=_JUMP)
             orders = self._orders(light, table, unwrapped)
         return table.node_phase + unwrapped.phase, unwrapped.part, orders
@@ -183,7 +183,7 @@ class LeastSquares:
             absolute = reference + refined.shift.values
             rim = FrameRim.of(refined.measured, absolute, self.pattern, self.grid)
             faint = bool(rim.off(rim.blocks()))
-            lines = edges(region, refined.roughness, self.grid, self.period, faint)
+            lines = edges(region, seams, refined.roughness, self.grid, self.period, faint)
             at_stripe = np.abs(absolute) < math.pi
             strange = untied(region, lines, refined.shift.values, at_stripe, rim, *place)
             if not strange.any():

@@ -89,6 +89,7 @@ def rim_strips(
 
 def edges(
     region: NDArray[np.bool_],
+    seams: NDArray[np.bool_],
     rough: NDArray[np.float32],
     grid: Grid,
     period: float,
@@ -98,13 +99,14 @@ def edges(
 
     Parameters
     ----------
-    region : ndarray, shape (rows, columns), bool
+    region, seams : ndarray, shape (rows, columns), bool
+        The region, and nodes in it that were left out because they see two surfaces.
     rough : ndarray, shape (rows, columns), float32
         Misfit around each node, in fringe amplitudes.
     faint : bool
         Take faint edges too, which dents and glare may also leave.
     """
-    inner = eroded(region)
+    inner = eroded(region | seams)
     if not inner.any():
         return inner
     sample = rough[::2, ::2][inner[::2, ::2]]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.profilometry.least_squares.spreading import lagrange
-from ftp_dent_ros.profilometry.triangulation import triangulate
+from ftp_dent_ros.profilometry.triangulation import meet, turned
 from ftp_dent_ros.rig import Lens, Rig
 
 # Between rays that are undistorted one by one, pixels.
@@ -74,9 +74,7 @@ class Sight:
     ) -> Sight:
         """Sight at the crossings of pixel columns and rows."""
         rays = rays_at(rig.camera, columns, rows)
-        x, y = rays[..., 0], rays[..., 1]
-        rotation = rig.rotation.astype(np.float32)
-        return cls(rig, pattern, rays, [r[0] * x + r[1] * y + r[2] for r in rotation])
+        return cls(rig, pattern, rays, turned(rig, rays))
 
     def at(self, row: NDArray[np.integer], column: NDArray[np.integer]) -> Sight:
         """Sight of some points of the grid, as one row."""
@@ -101,7 +99,7 @@ class Sight:
 
     def meet(self, phase: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Inverse depth and projector row v_p at points of absolute phase."""
-        columns = self.pattern.column(phase).astype(np.float32)
-        rays = np.concatenate([self.rays, np.ones_like(self.rays[..., :1])], axis=-1)
-        depth, v_p = triangulate(self.rig, rays, columns)
+        turn = np.float32(self.pattern.period_px / (2 * np.pi))
+        columns = turn * phase + np.float32(self.pattern.stripe_center_px)
+        depth, v_p = meet(self.rig, self.along, columns)
         return np.float32(1) / depth, v_p
