@@ -164,9 +164,7 @@ def _fringes(phase, part, red, other) -> _Fringes:
 
     within = phase - _TURN * order
     (along,) = slopes(within, column)
-    of_red, of_other = slopes(
-        np.cos(within.astype(np.float32)).astype(float), red, other
-    )
+    of_red, of_other = slopes(np.cos(within.astype(np.float32)).astype(float), red, other)
     return _Fringes(
         row=row[first],
         part=part[first],

@@ -107,12 +107,12 @@ def test_the_dent_has_its_depth(scene):
     assert np.percentile(depth, 99.95) == pytest.approx(DENT.depth, abs=0.03 * DENT.depth)
 
 
-def two_panels(step, seam=0.03, along='x'):
-    """Two panels of one photograph, the farther one `step` behind."""
-    low, high = (-0.15, 0.15, -0.15, seam), (-0.15, 0.15, seam, 0.15)
+def two_panels(step, seam=0.03, along='x', half=0.15, tilt=(0.0, 0.0)):
+    """Two panels of one photograph, the second one `step` behind."""
+    low, high = (-half, half, -half, seam), (-half, half, seam, half)
     if along == 'x':
         low, high = low[2:] + low[:2], high[2:] + high[:2]
-    near = panel(tilt=(0.0, 0.0), dents=())
+    near = panel(tilt=tilt, dents=())
     far = replace(near.pose, translation=near.pose.translation + np.array([0, 0, step]))
     return Scene.of(replace(near, extent=low), replace(near, extent=high, pose=far))
 
@@ -126,6 +126,25 @@ def test_no_point_beyond_a_step_is_wrong(step, along):
     error = cloud.points[..., 2] - seen.surface.intersect(rays)
     assert cloud.valid.mean() > 0.1
     assert np.abs(error[cloud.valid & seen.lit()]).max() < 1e-3
+
+
+@pytest.mark.parametrize('fast', [False, True])
+@pytest.mark.parametrize(
+    ('step', 'seam', 'along', 'half', 'tilt'),
+    [
+        (-0.014, -0.011, 'x', 0.13, (-0.1, 0.05)),
+        (0.043, 0.039, 'y', 0.13, (0.12, -0.08)),
+        (0.051, 0.047, 'x', 0.13, (0.03, 0.14)),
+        (-0.0134, 0.054, 'x', 0.13, (-0.07, -0.12)),
+        (0.025, -0.019, 'x', 0.4, (0.1, 0.02)),
+        (0.0425, -0.012, 'x', 0.4, (-0.05, 0.1)),
+    ],
+)
+def test_no_point_beyond_a_slanting_step_is_wrong(step, seam, along, half, tilt, fast):
+    seen = two_panels(step, seam, along, half, tilt)
+    cloud = measure(seen, fast=fast).cloud
+    assert cloud.valid.mean() > 0.1
+    assert seen.errors_mm(cloud).max() < 1
 
 
 @pytest.mark.parametrize('fringes', [-4, 3, 4, 6])

@@ -15,13 +15,13 @@ from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.profilometry.least_squares.grid import Grid
 
 # Row of nodes that is looked at.
-_EVERY = 3
+_EVERY = 2
 # Fringes: what a surface's rim lacks of the frame's, how far the rows may differ from one
 # another, and the rim from whole fringes; and beyond how many it is taken for the object's rim.
 _LACK, _SPREAD, _WHOLE = 0.4, 0.12, 0.25
 _MOST = 20
 # Rows that must agree, and the fringes beside the image's border that tell nothing.
-_LEAST_ROWS = 8
+_LEAST_ROWS = 6
 # Nodes from an end to the surface that it ends.
 _INWARDS = 16
 _BORDER = 2.0

@@ -25,7 +25,7 @@ _VALLEY = 0.6
 # Misfit, in fringe amplitudes and in those of all, that tells of an edge; gaps in it that are
 # closed, fringes; phase across it that is still the same surface, radians.
 _ROUGH, _ROUGH_NOISE = 0.04, 4.0
-_FAINT = 0.3
+_FAINT, _FAINT_GAP = 0.3, 40.0
 _GAP = 12.0
 _TIED = 0.25
 # Fringes that are left out beside another surface.
@@ -115,7 +115,8 @@ def edges(
     edge: Any = (inner & (rough > least)).view(np.uint8)
     lines = edge
     if edge.any():
-        along_u, along_v = (int(_GAP * period / pitch) for pitch in grid.pitch)
+        gap = _FAINT_GAP if faint else _GAP
+        along_u, along_v = (int(gap * period / pitch) for pitch in grid.pitch)
         for shape in ((1, along_u), (along_v, 1)):
             lines = lines | cv2.morphologyEx(edge, cv2.MORPH_CLOSE, np.ones(shape, np.uint8))
         lines = cv2.dilate(lines, np.ones((3, 3), np.uint8))
