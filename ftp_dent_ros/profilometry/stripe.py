@@ -182,12 +182,14 @@ def _losses(fringes: _Fringes) -> tuple[NDArray[np.float64], NDArray[np.float64]
     share = fringes.other / np.maximum(fringes.red, 1e-6)
     expected = np.zeros(len(share))
     expected[1:-1] = fringes.red[1:-1] * np.minimum(share[:-2], share[2:])
-    left, width, order = fringes.left, fringes.width, fringes.order
+    left, width, order, part = fringes.left, fringes.width, fringes.order, fringes.part
     between = np.zeros(len(share), bool)
     between[1:-1] = (
         (fringes.row[:-2] == fringes.row[2:])
         & (left[:-2] + width[:-2] == left[1:-1])
         & (left[1:-1] + width[1:-1] == left[2:])
+        & (part[:-2] == part[1:-1])
+        & (part[2:] == part[1:-1])
         & (np.abs(order[2:] - order[:-2]) == 2)
         & (np.minimum(width[:-2], width[2:]) > _WHOLE * width[1:-1])
     )

@@ -156,9 +156,9 @@ def _settle(count, upper, lower, turn, votes):
         (first, of_one), (second, of_other) = root(one), root(other)
         if first != second:
             parent[second], ahead[second] = first, of_one - difference - of_other
-    roots, turns = zip(*map(root, range(count)), strict=True)
-    _, begin, part = np.unique(roots, return_index=True, return_inverse=True)
-    turns = np.array(turns, np.float32)
+    settled = np.array([root(run) for run in range(count)])
+    _, begin, part = np.unique(settled[:, 0], return_index=True, return_inverse=True)
+    turns = settled[:, 1].astype(np.float32)
     return turns - turns[begin][part], part.astype(np.int32)
 
 

@@ -137,7 +137,6 @@ def test_no_point_beyond_a_step_is_wrong(step, along):
         (0.051, 0.047, 'x', 0.13, (0.03, 0.14)),
         (-0.0134, 0.054, 'x', 0.13, (-0.07, -0.12)),
         (0.025, -0.019, 'x', 0.4, (0.1, 0.02)),
-        (0.0425, -0.012, 'x', 0.4, (-0.05, 0.1)),
     ],
 )
 def test_no_point_beyond_a_slanting_step_is_wrong(step, seam, along, half, tilt, fast):
@@ -169,6 +168,11 @@ def test_a_step_of_whole_fringes_is_seen_at_the_rim_of_the_projectors_frame(frin
     cloud = measure(seen).cloud
     assert cloud.valid.mean() > 0.3
     assert seen.errors_mm(cloud).max() < 1
+
+
+def test_a_stripe_on_the_edge_between_two_panels_is_refused():
+    with pytest.raises(NoStripeError, match='stripe'):
+        measure(two_panels(0.0425, -0.012, 'x', 0.4, (-0.05, 0.1)))
 
 
 def test_a_panel_that_is_not_tied_is_left_out_with_the_reason():

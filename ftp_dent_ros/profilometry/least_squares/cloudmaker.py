@@ -111,8 +111,8 @@ class CloudMaker:
             return bins[:, :: stride // step][:, : self._x.shape[1]]
         if step == 2:
             # Each byte twice.
-            wide = np.multiply(bins, np.uint16(257), dtype=np.uint16).view(np.uint8)
-            return wide[:, : self.grid.width : stride]
+            twice = np.multiply(bins, np.uint16(257), dtype=np.uint16).view(np.uint8)
+            return twice[:, : self.grid.width : stride]
         size = bins.shape[1] * step, len(bins)
         wide: Any = cv2.resize(bins, size, interpolation=cv2.INTER_NEAREST)
         return wide[:, : self.grid.width : stride]

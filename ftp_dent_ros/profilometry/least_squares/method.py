@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud import Cloud
-from ftp_dent_ros.errors import NoStripeError, SaturatedError, TooDarkError
+from ftp_dent_ros.errors import NoStripeError
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.profilometry.carrier import ReferencePlane, carrier_on
 from ftp_dent_ros.profilometry.least_squares.cloudmaker import CloudMaker, Published
 from ftp_dent_ros.profilometry.least_squares.continuation import Continuation
+from ftp_dent_ros.profilometry.least_squares.exposure import check_exposure
 from ftp_dent_ros.profilometry.least_squares.first_fit import ReferenceTable, fit
 from ftp_dent_ros.profilometry.least_squares.frame_rim import FrameRim
 from ftp_dent_ros.profilometry.least_squares.grid import Grid
@@ -35,15 +36,15 @@ from ftp_dent_ros.profilometry.least_squares.sight import Sight
 from ftp_dent_ros.profilometry.least_squares.surface import evaluate, robust_quadric
 from ftp_dent_ros.profilometry.least_squares.windows import Windows
 from ftp_dent_ros.profilometry.stripe import stripe_orders
-from ftp_dent_ros.profilometry.unwrapping import unwrap
+from ftp_dent_ros.profilometry.unwrapping import Unwrapped, unwrap
 from ftp_dent_ros.rig import Rig
 
 # Rows of bins in which the stripe is looked for.
 _STRIPE_ROWS = 18
 # Between nodes one above the other, radians: a quarter of a fringe.
 _JUMP = math.pi / 2
-_SMALLEST_SHARE = 0.002
-_LARGEST_CLIPPED_SHARE = 0.5
+# Fits of a surface, each without what the last one found not to be a part of it.
+_FITS = 3
 _TURN = 2 * math.pi
 # Nodes that the quadric is fitted to, about.
 _POINTS = 900
@@ -96,37 +97,26 @@ class LeastSquares:
         table = self._table
         fringes = fit(self.grid, self.windows, table, light.red)
         lit, seams = fringe_region(fringes, self.windows, self.grid, self.period)
-        self._check(light, lit)
+        check_exposure(light, lit, self.grid, self.period)
         phase, part, orders = self._absolute(light, table, fringes, lit, seams)
         parts, regions = [], []
+        refused = NoStripeError('')
         for label, order in orders.items():
             strange = np.arange(1, part.max() + 3)
             strange[list(orders)], strange[-1] = 0, 0
             others = strange[part]
-            surface, region = self._surface(
-                light, lit, seams, part == label, others, phase - np.float32(_TURN * order)
-            )
+            try:
+                surface, region = self._surface(
+                    light, lit, seams, part == label, others, phase - np.float32(_TURN * order)
+                )
+            except NoStripeError as reason:
+                refused = reason
+                continue
             parts.append(surface)
             regions.append(region)
+        if not parts:
+            raise refused
         return self._result(lit, parts, regions)
-
-    def _check(self, light: Light, lit: NDArray[np.bool_]) -> None:
-        """Raise the reason if there are too few fringes, or most of them are clipped."""
-        clipped = light.clipped
-        if np.count_nonzero(clipped) > _SMALLEST_SHARE / 2 * clipped.size:
-            size = 2 * math.ceil(self._refinement.period / 2) + 1
-            lost = cv2.blur(clipped.astype(np.float32), (size, 1)) > _LARGEST_CLIPPED_SHARE
-            share = lost.sum() / max((lost | self.grid.to_bins(lit)).sum(), 1)
-            if lost.mean() > _SMALLEST_SHARE and share > _LARGEST_CLIPPED_SHARE:
-                raise SaturatedError(
-                    f'the fringes are clipped over {share:.0%} of the lit area: '
-                    'expose for a shorter time'
-                )
-        if np.count_nonzero(lit) < _SMALLEST_SHARE * lit.size:
-            raise TooDarkError(
-                'no part of the image shows fringes: switch the projector on, come closer, or '
-                'expose longer'
-            )
 
     def _absolute(self, light, table, fringes, lit, seams):
         """Phase at the nodes, the part each is tied to, and the stripe's order by part."""
@@ -170,7 +160,7 @@ class LeastSquares:
             reference = self._reference(region, phase)
         strips = rim_strips(region, lit, seams)
         strange, seams = lit & ~region & ~strips, seams & ~strips
-        for _ in range(2):
+        for _ in range(_FITS):
             region = apart(region, strange, seams, self.grid, self.period)
             sure = eroded(region)
             sure = sure if sure.any() else region
@@ -188,9 +178,19 @@ class LeastSquares:
             strange = untied(region, lines, refined.shift.values, at_stripe, rim, *place)
             if not strange.any():
                 break
+            self._check_stripe(light, phase, region & ~strange)
             strange = cv2.dilate(strange.view(np.uint8), np.ones((9, 9), np.uint8)) > 0
             reference = self._reference(region & ~strange, phase)
         return _Part(refined, absolute), region
+
+    def _check_stripe(self, light, phase, region) -> None:
+        """Raise if what is left of a region does not hold the stripe, or another order's."""
+        shift = phase - self._table.node_phase
+        left = Unwrapped(shift, np.where(region, 0, -1).astype(np.int32))
+        if self._orders(light, self._table, left)[0] != 0:
+            raise NoStripeError(
+                'the red stripe lies on the edge between two surfaces: move it onto one of them'
+            )
 
     def _reference(self, region, phase) -> NDArray[np.float32]:
         """Phase at the nodes of the quadric through a region's first fit."""
@@ -228,7 +228,7 @@ class LeastSquares:
         depth = np.concatenate(depths)
         stripe_depth = float(np.median(depth)) if len(depth) else math.nan
         quality = Quality(
-            np.count_nonzero(lit & ~published) / max(np.count_nonzero(lit), 1),
+            float(np.count_nonzero(lit & ~published)) / max(float(np.count_nonzero(lit)), 1.0),
             tuple(
                 Fit(self._nodes, part.phase, part.refined, surface.measured)
                 for part, surface in zip(parts, surfaces, strict=True)
