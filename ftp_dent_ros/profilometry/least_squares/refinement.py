@@ -191,7 +191,7 @@ class Refinement:
         x = (ss * p - cs * q) * inverse
         y = (cc * q - cs * p) * inverse
         beyond = Continuation(known, self.windows)
-        level = beyond.by_mean(mean - x * c - y * s)
+        level = beyond.by_slope(mean - x * c - y * s)
         modulation = beyond.by_mean(magnitude(x, y))
         return level, modulation, beyond.by_slope(np.arctan2(-y, x))
 
@@ -247,7 +247,9 @@ class Refinement:
         size = 2 * math.ceil(self.period / 2) + 1, 1
         model = amplitude[rows] * cosine[rows]
         model -= cv2.blur(model, size)
-        seen = cv2.blur(levels[rows] * model, size)
+        seen = levels[rows]
+        seen -= cv2.blur(seen, size)  # light that is not fringes
+        seen = cv2.blur(seen * model, size)
         share = seen / np.maximum(cv2.blur(model * model, size), 1e-3)
         covered[rows] = share * allowed[rows]
         return covered
