@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import cv2
@@ -70,11 +71,11 @@ class Continuation:
             return field
         values = self._coarse(field * self._share)
         result = self._mean(values)
-        rows, columns = values.shape
-        for axis, positions in enumerate(np.ogrid[:rows, :columns]):
-            position = np.broadcast_to(positions.astype(np.float32), (rows, columns))
-            away = position - self._mean(position * self._weight)
-            result += self._slope(values, axis) * away
+        values /= np.maximum(self._weight, _WHOLE)
+        for (ahead, behind, inner), pairs, lever in self._levers:
+            slope = np.zeros_like(values)
+            slope[inner] = (values[ahead] - values[behind]) * pairs
+            result += self._blur(slope) * lever
         result[self._total < _LEAST] = 0
         return self._with(field, result)
 
@@ -87,19 +88,27 @@ class Continuation:
     def _mean(self, weighted):
         return self._blur(weighted) * self._scale
 
-    def _slope(self, values, axis):
-        """Mean of the central differences between known neighbours."""
-        ahead, behind, inner = (
-            tuple(part if one == axis else slice(None) for one in (0, 1))
-            for part in (slice(2, None), slice(None, -2), slice(1, -1))
-        )
-        whole = self._weight > _WHOLE
-        values = values / np.maximum(self._weight, _WHOLE)
-        pairs = (whole[ahead] & whole[behind]).astype(np.float32)
-        slope, seen = np.zeros_like(values), np.zeros_like(values)
-        slope[inner] = 0.5 * (values[ahead] - values[behind]) * pairs
-        seen[inner] = pairs
-        return self._blur(slope) / np.maximum(self._blur(seen), _LEAST)
+    @cached_property
+    def _levers(self):
+        """Along rows and columns: neighbours ahead and behind, weights, and ways to go.
+
+        Slopes are means of the central differences between known neighbours.
+        """
+        rows, columns = self._weight.shape
+        whole, levers = self._weight > _WHOLE, []
+        for axis, positions in enumerate(np.ogrid[:rows, :columns]):
+            ahead, behind, inner = (
+                tuple(part if one == axis else slice(None) for one in (0, 1))
+                for part in (slice(2, None), slice(None, -2), slice(1, -1))
+            )
+            pairs = (whole[ahead] & whole[behind]).astype(np.float32)
+            seen = np.zeros_like(self._weight)
+            seen[inner] = pairs
+            position = np.broadcast_to(positions.astype(np.float32), (rows, columns))
+            away = position - self._mean(position * self._weight)
+            lever = 0.5 * away / np.maximum(self._blur(seen), _LEAST)
+            levers.append(((ahead, behind, inner), pairs, lever))
+        return levers
 
     def _with(self, field, coarse):
         """The field where it is known, and what was made of it on the coarse grid elsewhere."""
