@@ -29,11 +29,13 @@ _NOISE = 3.5
 # two bands before, within limits.
 _HANDED_DOWN, _LEAST_DOWN, _MOST_DOWN = 0.3, 0.003, 0.24
 _MEDIAN_OF_SQUARE = 0.4549
+# Factor on the predicted variance that noise white in the pixels comes to.
+_WHITE = 2.2
 _LEAST = 1e-12
 _EVERY = 2  # nodes along u and v that noise and gains are estimated for together
 # Variance that shrinkage hides, as a factor, and that of a fit without any noise, radians^2.
-_UNSEEN = 1.45
-_SYSTEMATIC = 6e-8
+_UNSEEN = 1.6
+_SYSTEMATIC = 2e-8
 # Nodes of noise that tell what windows make of it, and of their rim.
 _SAMPLE, _SAMPLE_RIM = (192, 192), 16
 
@@ -82,11 +84,16 @@ def shrink(
     noise *= np.float32(gain.total)
     some = (slice(None, None, _EVERY), slice(None, None, _EVERY))
     sample = inside[some]
-    finest = np.square(bands[0][some][sample]) / noise[sample]
-    factor = float(np.median(finest)) / _MEDIAN_OF_SQUARE / shares[0]
-    noise *= np.float32(factor)
+    factors = [
+        float(np.median(np.square(band[some][sample]) / noise[sample]))
+        / (_MEDIAN_OF_SQUARE * share)
+        for band, share in zip(bands[:2], shares[:2], strict=True)
+    ]
+    noise *= np.float32(factors[0])
+    # Ripples of the fringes are in the finest band alone.
+    part = np.float32(min(1.0, max(factors[1], _WHITE) / factors[0]))
     np.maximum(noise, np.float32(_LEAST), out=noise)
-    left = np.float32(rest) * noise
+    left = part * np.float32(rest) * noise
     coarser, expected = np.float32(np.inf), np.float32(0)
     for band, share, scale in reversed(list(zip(bands, shares, _SCALES, strict=True))):
         energy = cv2.resize(band * band, size, interpolation=cv2.INTER_AREA)
@@ -96,7 +103,7 @@ def shrink(
         falling = np.clip(_HANDED_DOWN * (signal / coarser), _LEAST_DOWN, _MOST_DOWN)
         coarser, expected = np.maximum(signal, _LEAST), falling * signal
         weight = signal / (signal + here)
-        left += weight * here
+        left += (1 if band is bands[0] else part) * weight * here
         band *= cv2.resize(weight, values.shape[::-1], interpolation=cv2.INTER_LINEAR)
         base += band
     left = cv2.resize(left, values.shape[::-1], interpolation=cv2.INTER_LINEAR)
