@@ -10,7 +10,7 @@ from small_scenes import DENT, DEPTH, PATTERN, RIG, Scene, lens, panel
 
 from ftp_dent_ros.errors import NoStripeError
 from ftp_dent_ros.profilometry import Reconstructor, Settings
-from ftp_dent_ros.simulation import Paint, Surface
+from ftp_dent_ros.simulation import Motion, Paint, Surface
 
 # Depth between neighbouring fringes at `DEPTH`, metres.
 FRINGE = DEPTH**2 * 8 / (940 * 0.2)
@@ -32,6 +32,7 @@ CASES = {
     'colour filter and JPEG': lambda: Scene.of(panel(), bayer=True, jpeg_quality=90),
     'speckle': lambda: Scene.of(panel(), speckle_contrast=0.1),
     'ambient': lambda: Scene.of(panel(), exposure=0.3, ambient=2.0),
+    'moving': lambda: Scene.of(panel(), motion=Motion(translation=np.array([0.001, 0.0, 0.0]))),
     'a line of dirt': lambda: with_line(Scene.of(panel())),
 }
 
@@ -141,7 +142,20 @@ def test_all_of_a_plain_panel_is_tied(scene):
     assert np.isfinite(measure(scene('flat')).stripe_depth)
 
 
-@pytest.mark.parametrize('name', ['speckle', 'ambient'])
+def test_the_rim_of_a_moving_panel_has_no_ripple(case):
+    seen = case('moving')
+    errors = seen.errors_mm(measure(seen).cloud)
+    assert errors.mean() < 0.015
+    assert errors.max() < 0.3
+
+
+def test_the_rim_is_kept_in_ambient_light(case):
+    seen = case('ambient')
+    lit = seen.lit()
+    assert (measure(seen).cloud.valid & lit).sum() > 0.97 * lit.sum()
+
+
+@pytest.mark.parametrize('name', ['speckle', 'ambient', 'gamma', 'moving'])
 def test_predicted_deviations_are_true(case, name):
     seen = case(name)
     measurement = measure(seen)

@@ -110,6 +110,13 @@ class Grid:
         )
         return np.ascontiguousarray(fine[:, (self.step - 1) // 2 :: self.step])
 
+    def density_at(self, period: float) -> float:
+        """Power density of white noise of the pixels at `period` bins, over the bins' mean."""
+        taps = _boxes(self.step, _ORDER)
+        turn = 2 * np.pi / (self.step * period) * np.arange(len(taps))
+        power = np.square(taps @ np.cos(turn)) + np.square(taps @ np.sin(turn))
+        return float(power / (self.step * np.square(taps).sum()))
+
     def strips(self) -> list[slice]:
         """Rows of bins, so few at a time that what is made of them stays in the cache."""
         rows = self.bin_shape[0]

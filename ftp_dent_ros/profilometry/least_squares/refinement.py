@@ -97,7 +97,7 @@ class Refinement:
         self._turns = np.empty((2, strip, columns), np.float32)
         self._sums = np.empty((8, *grid.shape), np.float32)
         self._work = np.empty((4, rows, columns), np.float32)
-        self._noise = noise_through(grid, windows, _FITS - 2 * fast)
+        self._noise = noise_through(grid, windows, _FITS - 2 * fast, self.period)
 
     def refine(
         self,

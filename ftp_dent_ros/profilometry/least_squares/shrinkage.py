@@ -29,12 +29,12 @@ _NOISE = 3.5
 # two bands before, within limits.
 _HANDED_DOWN, _LEAST_DOWN, _MOST_DOWN = 0.3, 0.003, 0.24
 _MEDIAN_OF_SQUARE = 0.4549
-# Factor on the predicted variance that noise white in the pixels comes to.
-_WHITE = 2.2
+# Variance of noise over what a fit's residual shows of it.
+_FITTED = 1.45
 _LEAST = 1e-12
 _EVERY = 2  # nodes along u and v that noise and gains are estimated for together
 # Variance that shrinkage hides, as a factor, and that of a fit without any noise, radians^2.
-_UNSEEN = 1.6
+_UNSEEN = 1.55
 _SYSTEMATIC = 2e-8
 # Nodes of noise that tell what windows make of it, and of their rim.
 _SAMPLE, _SAMPLE_RIM = (192, 192), 16
@@ -91,7 +91,7 @@ def shrink(
     ]
     noise *= np.float32(factors[0])
     # Ripples of the fringes are in the finest band alone.
-    part = np.float32(min(1.0, max(factors[1], _WHITE) / factors[0]))
+    part = np.float32(min(1.0, max(factors[1], gain.white) / factors[0]))
     np.maximum(noise, np.float32(_LEAST), out=noise)
     left = part * np.float32(rest) * noise
     coarser, expected = np.float32(np.inf), np.float32(0)
@@ -128,14 +128,20 @@ class NoiseGain:
         Its variance in the phase, for fringes of amplitude 1.
     shares : tuple of float
         Parts of it in the bands, from fine to coarse, and below them all.
+    white : float
+        Factor on what a fit's residual predicts, for noise that is white in the pixels.
     """
 
     total: float
     shares: tuple[float, ...]
+    white: float
 
 
-def noise_through(grid: Grid, windows: Windows, fits: int) -> NoiseGain:
-    """Send noise through `fits` windows, each of which corrects the ones before."""
+def noise_through(grid: Grid, windows: Windows, fits: int, period: float) -> NoiseGain:
+    """Send noise through `fits` windows, each of which corrects the ones before.
+
+    Fringes have a `period` in bins.
+    """
     rows, columns = _SAMPLE
     noise = np.random.default_rng(0).standard_normal((rows, columns * grid.bins), np.float32)
     bin_size = noise.shape[::-1]
@@ -148,4 +154,5 @@ def noise_through(grid: Grid, windows: Windows, fits: int) -> NoiseGain:
     variances = [float(np.square(piece[inner, inner]).mean()) for piece in (*bands, base)]
     total = float(np.square(field[inner, inner]).mean())
     # Half of the noise is in phase with the fringes, and the amplitude counts twice.
-    return NoiseGain(2 * total, tuple(variance / total for variance in variances))
+    shares = tuple(variance / total for variance in variances)
+    return NoiseGain(2 * total, shares, _FITTED * grid.density_at(period))
