@@ -33,6 +33,7 @@ CASES = {
     'speckle': lambda: Scene.of(panel(), speckle_contrast=0.1),
     'ambient': lambda: Scene.of(panel(), exposure=0.3, ambient=2.0),
     'moving': lambda: Scene.of(panel(), motion=Motion(translation=np.array([0.001, 0.0, 0.0]))),
+    'noisy phase': lambda: Scene.of(panel(), phase_noise_px=0.6 * PATTERN.period_px / (2 * np.pi)),
     'a line of dirt': lambda: with_line(Scene.of(panel())),
 }
 
@@ -105,6 +106,17 @@ def test_the_dent_has_its_depth(scene):
     bare = replace(seen.surface.panels[0], dents=())
     depth = bare.distance(cloud.points[cloud.valid].astype(float))
     assert np.percentile(depth, 99.95) == pytest.approx(DENT.depth, abs=0.03 * DENT.depth)
+
+
+def test_a_dent_keeps_its_depth_where_noise_is_taken_off_flat_skin(case):
+    seen = case('noisy phase')
+    cloud = measure(seen).cloud
+    points = cloud.points[cloud.valid].astype(float)
+    error = seen.surface.distance(points)
+    bare = replace(seen.surface.panels[0], dents=())
+    depth = bare.distance(points) - error
+    assert np.abs(error[depth < 1e-6]).mean() < 7e-5
+    assert abs(error[depth > 0.9 * DENT.depth].mean()) < 0.03 * DENT.depth
 
 
 def two_panels(step, seam=0.03, along='x'):
