@@ -24,17 +24,17 @@ _SCALES = (1.4, 2.8, 5.6, 11.2)
 # Energy is a mean over so many times the width of a band's coarser edge; what exceeds so many
 # times the noise is signal.
 _NEIGHBOURHOOD = 0.75
-_NOISE = 3.5
+_NOISE = 4.0
 # Signal that is expected in a band for that in the next coarser one: a part of the ratio of the
 # two bands before, within limits.
-_HANDED_DOWN, _LEAST_DOWN, _MOST_DOWN = 0.3, 0.003, 0.24
+_HANDED_DOWN, _LEAST_DOWN, _MOST_DOWN = 0.3, 0.001, 0.24
 _MEDIAN_OF_SQUARE = 0.4549
 # Variance of noise over what a fit's residual shows of it.
 _FITTED = 1.45
 _LEAST = 1e-12
 _EVERY = 2  # nodes along u and v that noise and gains are estimated for together
 # Variance that shrinkage hides, as a factor, and that of a fit without any noise, radians^2.
-_UNSEEN = 1.55
+_UNSEEN = 1.7
 _SYSTEMATIC = 2e-8
 # Nodes of noise that tell what windows make of it, and of their rim.
 _SAMPLE, _SAMPLE_RIM = (192, 192), 16
