@@ -6,23 +6,33 @@ python benchmarks/accuracy.py [--method least-squares] [--fast] [--only fuselage
 from __future__ import annotations
 
 import argparse
+import math
 
+import cv2
 import numpy as np
 from scenes import PATTERN, SCENES, Scene
 from tqdm import tqdm
 
+from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.errors import RefusedFrameError
 from ftp_dent_ros.profilometry import METHODS, UNWRAPPINGS, Reconstructor, Settings
+from ftp_dent_ros.profilometry.least_squares import Quality
 
-COLUMNS = ('coverage %', 'outside', 'MAE', 'p95', 'max', 'bias', 'dent MAE', 'dent bias')
+COLUMNS = (
+    *('coverage %', 'outside', 'MAE', 'p95', 'max', 'bias', 'dent MAE', 'dent bias'),
+    'normalised',
+)
+# Pixels beside the rim that errors in predicted deviations are not taken of.
+_RIM = 41
 
 
 def figures(scene: Scene, settings: Settings) -> list[str]:
     """A row of the table; distances to the true surface in millimetres."""
     try:
-        cloud = Reconstructor(scene.rig, PATTERN, settings).reconstruct(scene.photograph())
+        measured = Reconstructor(scene.rig, PATTERN, settings).measure(scene.photograph())
     except RefusedFrameError as reason:
         return [f'refused: {reason.reason}']
+    cloud = measured.cloud
     lit = scene.lit()[:: settings.stride, :: settings.stride]
     points = cloud.points[cloud.valid].astype(float)
     error = 1e3 * scene.surface.distance(points)
@@ -37,7 +47,24 @@ def figures(scene: Scene, settings: Settings) -> list[str]:
     )
     coverage = 100 * (cloud.valid & lit).sum() / lit.sum()
     outside = str((cloud.valid & ~lit).sum())
-    return [f'{coverage:.1f}', outside, *(f'{distance:.4f}' for distance in distances)]
+    normalised = _normalised(scene, cloud, measured.quality, settings.stride)
+    return [
+        f'{coverage:.1f}',
+        outside,
+        *(f'{distance:.4f}' for distance in distances),
+        f'{normalised:.2f}',
+    ]
+
+
+def _normalised(scene: Scene, cloud: Cloud, quality: Quality | None, stride: int) -> float:
+    """Standard deviation of the depth's errors over what was predicted of them."""
+    if quality is None:
+        return math.nan
+    rays = scene.rig.camera.rays(scene.rig.camera.pixel_grid())[::stride, ::stride]
+    ratio = (cloud.points[..., 2] - scene.surface.intersect(rays)) / quality.standard_deviation()
+    window = np.ones((_RIM // stride, _RIM // stride), np.uint8)
+    inner = cv2.erode(cloud.valid.astype(np.uint8), window) > 0
+    return float(np.nanstd(ratio[inner]))
 
 
 def main() -> None:

@@ -52,11 +52,14 @@ class Scene:
     image: NDArray[np.uint8]
 
     @classmethod
-    def of(cls, *panels: Panel, rig: Rig = RIG, projected=None, **photometry) -> Scene:
+    def of(
+        cls, *panels: Panel, rig: Rig = RIG, projected=None, motion=None, **photometry
+    ) -> Scene:
         surface = Surface(panels)
         light = Photometry(reference_distance=DEPTH, **photometry)
         pixels = PATTERN.draw() if projected is None else projected
-        return cls(rig, surface, Renderer(rig, pixels, light).render(surface))
+        image = Renderer(rig, pixels, light).render(surface, motion=motion)
+        return cls(rig, surface, image)
 
     def lit(self) -> NDArray[np.bool_]:
         """Pixels whose surface the projector's panel reaches."""

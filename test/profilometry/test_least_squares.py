@@ -11,7 +11,7 @@ from small_scenes import DENT, DEPTH, INVERTED, PATTERN, RIG, Scene, lens, panel
 
 from ftp_dent_ros.errors import NoStripeError
 from ftp_dent_ros.profilometry import Reconstructor, Settings
-from ftp_dent_ros.simulation import Paint, Surface
+from ftp_dent_ros.simulation import Motion, Paint, Surface
 
 # Depth between neighbouring fringes at `DEPTH`, metres.
 FRINGE = DEPTH**2 * 8 / (940 * 0.2)
@@ -33,6 +33,8 @@ CASES = {
     'colour filter and JPEG': lambda: Scene.of(panel(), bayer=True, jpeg_quality=90),
     'speckle': lambda: Scene.of(panel(), speckle_contrast=0.1),
     'ambient': lambda: Scene.of(panel(), exposure=0.3, ambient=2.0),
+    'moving': lambda: Scene.of(panel(), motion=Motion(translation=np.array([0.001, 0.0, 0.0]))),
+    'noisy phase': lambda: Scene.of(panel(), phase_noise_px=0.6 * PATTERN.period_px / (2 * np.pi)),
     'a line of dirt': lambda: with_line(Scene.of(panel())),
 }
 
@@ -105,6 +107,17 @@ def test_the_dent_has_its_depth(scene):
     bare = replace(seen.surface.panels[0], dents=())
     depth = bare.distance(cloud.points[cloud.valid].astype(float))
     assert np.percentile(depth, 99.95) == pytest.approx(DENT.depth, abs=0.03 * DENT.depth)
+
+
+def test_a_dent_keeps_its_depth_where_noise_is_taken_off_flat_skin(case):
+    seen = case('noisy phase')
+    cloud = measure(seen).cloud
+    points = cloud.points[cloud.valid].astype(float)
+    error = seen.surface.distance(points)
+    bare = replace(seen.surface.panels[0], dents=())
+    depth = bare.distance(points) - error
+    assert np.abs(error[depth < 1e-6]).mean() < 7e-5
+    assert abs(error[depth > 0.9 * DENT.depth].mean()) < 0.03 * DENT.depth
 
 
 def two_panels(step, seam=0.03, along='x', half=0.15, tilt=(0.0, 0.0)):
@@ -189,7 +202,20 @@ def test_all_of_a_plain_panel_is_tied(scene):
     assert np.isfinite(measure(scene('flat')).stripe_depth)
 
 
-@pytest.mark.parametrize('name', ['speckle', 'ambient'])
+def test_the_rim_of_a_moving_panel_has_no_ripple(case):
+    seen = case('moving')
+    errors = seen.errors_mm(measure(seen).cloud)
+    assert errors.mean() < 0.015
+    assert errors.max() < 0.3
+
+
+def test_the_rim_is_kept_in_ambient_light(case):
+    seen = case('ambient')
+    lit = seen.lit()
+    assert (measure(seen).cloud.valid & lit).sum() > 0.97 * lit.sum()
+
+
+@pytest.mark.parametrize('name', ['speckle', 'ambient', 'gamma', 'moving'])
 def test_predicted_deviations_are_true(case, name):
     seen = case(name)
     measurement = measure(seen)

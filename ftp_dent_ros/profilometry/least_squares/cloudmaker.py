@@ -17,10 +17,10 @@ from ftp_dent_ros.profilometry.least_squares.spreading import Spreader
 from ftp_dent_ros.rig import Rig
 
 # Pixel rows by which the camera's blur makes the surface look larger.
-_BLURRED = 0.5
+_BLURRED = 0.75
 _LEAST_COVER = 0.3
 # Share of a bin at the rim from which on it counts as covered.
-_WHOLE = 0.9
+_WHOLE = 0.98
 _INSIDE = np.uint8(255)
 # Clouds whose memory is kept.
 _POOL = 3

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 # Pixels a bin holds along v, along which the fringes hardly change: as a share of a fringe.
 _LEAST_ROWS, _MOST_ROWS, _MOST_FAST = 4, 6, 8
 _ROWS, _FAST_ROWS = 0.7, 1.0
-# Pixels between nodes along u, about.
-_PITCH = 0.7
+# Fringes between nodes along u, about.
+_PITCH = 0.6
 # Bins a fringe must at least have.
 _PER_FRINGE = 4.6
 # Boxes that average pixels to bins, one over the other: an odd number.
@@ -110,6 +110,13 @@ class Grid:
             fine, -1, taps, np.ones(1), anchor=anchor, borderType=cv2.BORDER_REFLECT_101
         )
         return np.ascontiguousarray(fine[:, (self.step - 1) // 2 :: self.step])
+
+    def density_at(self, period: float) -> float:
+        """Power density of white noise of the pixels at `period` bins, over the bins' mean."""
+        taps = _boxes(self.step, _ORDER)
+        turn = 2 * np.pi / (self.step * period) * np.arange(len(taps))
+        power = np.square(taps @ np.cos(turn)) + np.square(taps @ np.sin(turn))
+        return float(power / (self.step * np.square(taps).sum()))
 
     def strips(self) -> list[slice]:
         """Rows of bins, so few at a time that what is made of them stays in the cache."""

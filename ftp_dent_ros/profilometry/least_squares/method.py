@@ -30,6 +30,7 @@ from ftp_dent_ros.profilometry.least_squares.regions import (
     joined,
     rim_strips,
     separated,
+    sighted,
     untied,
 )
 from ftp_dent_ros.profilometry.least_squares.sight import Sight
@@ -162,8 +163,7 @@ class LeastSquares:
         strange, seams = lit & ~region & ~strips, seams & ~strips
         for _ in range(_FITS):
             region = apart(region, strange, seams, self.grid, self.period)
-            sure = eroded(region)
-            sure = sure if sure.any() else region
+            sure = sighted(region, self.windows)
             shift = Continuation(sure, self.windows).by_slope((phase - reference) * region)
             whole = region | strips
             table = self._table

@@ -98,7 +98,7 @@ class Refinement:
         self._turns = np.empty((2, strip, columns), np.float32)
         self._sums = np.empty((8, *grid.shape), np.float32)
         self._work = np.empty((4, rows, columns), np.float32)
-        self._noise = noise_through(grid, windows, _FITS - 2 * fast)
+        self._noise = noise_through(grid, windows, _FITS - 2 * fast, self.period)
 
     def refine(
         self,
@@ -192,7 +192,7 @@ class Refinement:
         x = (ss * p - cs * q) * inverse
         y = (cc * q - cs * p) * inverse
         beyond = Continuation(known, self.windows)
-        level = beyond.by_mean(mean - x * c - y * s)
+        level = beyond.by_slope(mean - x * c - y * s)
         modulation = beyond.by_mean(magnitude(x, y))
         return level, modulation, beyond.by_mean(np.arctan2(-y, x))
 
@@ -248,7 +248,9 @@ class Refinement:
         size = 2 * math.ceil(self.period / 2) + 1, 1
         model = amplitude[rows] * cosine[rows]
         model -= cv2.blur(model, size)
-        seen = cv2.blur(levels[rows] * model, size)
+        seen = levels[rows]
+        seen -= cv2.blur(seen, size)  # light that is not fringes
+        seen = cv2.blur(seen * model, size)
         share = seen / np.maximum(cv2.blur(model * model, size), 1e-3)
         covered[rows] = share * allowed[rows]
         return covered

@@ -32,6 +32,8 @@ _TIED = 0.25
 _MARGIN = 0.7
 # Nodes whose windows see the rim.
 _RIM_NODES = 3
+# Standard deviations of a window within which the first fit takes a rim for fringes.
+_SEEN = 3.3
 # Fringes beyond an edge within which the phases of both sides are compared.
 _NEAR = 4.0
 _TURN = 2 * math.pi
@@ -146,6 +148,13 @@ def eroded(region: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """The nodes of a region whose windows do not see its rim."""
     size = 2 * _RIM_NODES + 1
     return cv2.erode(region.view(np.uint8), np.ones((size, size), np.uint8), borderValue=0) > 0
+
+
+def sighted(region: NDArray[np.bool_], windows: Windows) -> NDArray[np.bool_]:
+    """The nodes of a region whose first fit is free of its rim; all of it if there are none."""
+    size = [2 * math.ceil(_SEEN * sigma) + 1 for sigma in (windows.sigma_v, windows.sigma_u)]
+    inner = cv2.erode(region.view(np.uint8), np.ones(size, np.uint8), borderValue=0) > 0
+    return inner if inner.any() else region
 
 
 def joined(

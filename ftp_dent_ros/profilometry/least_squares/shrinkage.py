@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import cv2
 import numpy as np
@@ -18,18 +19,24 @@ from ftp_dent_ros.profilometry.least_squares.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.median import median
 from ftp_dent_ros.profilometry.least_squares.windows import Windows
 
-# Standard deviations of the bands' edges, in those of the windows.
-_SCALES = (1.0, 2.0, 4.0, 8.0)
+# Standard deviations of the bands' edges, in those of the windows. The bands are differences of
+# flat-tops, which leave nothing of a smooth dent in the finer ones.
+_SCALES = (1.4, 2.8, 5.6, 11.2)
 # Energy is a mean over so many times the width of a band's coarser edge; what exceeds so many
-# times the noise is signal; and so much of the signal is expected in the next finer band.
-_NEIGHBOURHOOD = 1.5
-_NOISE = 2.0
-_HANDED_DOWN = 0.06
+# times the noise is signal.
+_NEIGHBOURHOOD = 0.75
+_NOISE = 4.0
+# Signal that is expected in a band for that in the next coarser one: a part of the ratio of the
+# two bands before, within limits.
+_HANDED_DOWN, _LEAST_DOWN, _MOST_DOWN = 0.3, 0.001, 0.24
 _MEDIAN_OF_SQUARE = 0.4549
-_EVERY = 2  # node that the noise is measured at
+# Variance of noise over what a fit's residual shows of it.
+_FITTED = 1.45
+_LEAST = 1e-12
+_EVERY = 2  # nodes along u and v that noise and gains are estimated for together
 # Variance that shrinkage hides, as a factor, and that of a fit without any noise, radians^2.
-_UNSEEN = 1.45
-_SYSTEMATIC = 6e-8
+_UNSEEN = 1.7
+_SYSTEMATIC = 2e-8
 # Nodes of noise that tell what windows make of it, and of their rim.
 _SAMPLE, _SAMPLE_RIM = (192, 192), 16
 
@@ -70,26 +77,45 @@ def shrink(
     gain : NoiseGain
         Of the windows that the field has come through.
     """
-    levels = [values, *(windows.wide(values, scale) for scale in _SCALES)]
-    bands = [finer - coarser for finer, coarser in pairwise(levels)]
+    bands, base = _split(values, windows)
     *shares, rest = gain.shares
-    variance = variance * np.float32(gain.total)
+    size = [-(-length // _EVERY) for length in values.shape[::-1]]
+    coarse = Windows(windows.sigma_u / _EVERY, windows.sigma_v / _EVERY)
+    noise: Any = cv2.resize(variance, size, interpolation=cv2.INTER_AREA)
+    noise *= np.float32(gain.total)
     some = (slice(None, None, _EVERY), slice(None, None, _EVERY))
     sample = inside[some]
-    finest = np.square(bands[0][some][sample]) / variance[some][sample]
-    factor = median(finest) / _MEDIAN_OF_SQUARE / shares[0]
-    noise = np.maximum(np.float32(factor) * variance, np.float32(1e-12))
-    result = levels[-1].copy()
-    left = np.float32(rest) * noise
-    signal = np.zeros_like(values)
+    factors = [
+        median(np.square(band[some][sample]) / noise[sample]) / (_MEDIAN_OF_SQUARE * share)
+        for band, share in zip(bands[:2], shares[:2], strict=True)
+    ]
+    noise *= np.float32(factors[0])
+    # Ripples of the fringes are in the finest band alone.
+    part = np.float32(min(1.0, max(factors[1], gain.white) / factors[0]))
+    np.maximum(noise, np.float32(_LEAST), out=noise)
+    left = part * np.float32(rest) * noise
+    coarser, expected = np.float32(np.inf), np.float32(0)
     for band, share, scale in reversed(list(zip(bands, shares, _SCALES, strict=True))):
-        energy = windows.wide(band * band, _NEIGHBOURHOOD * scale)
+        energy = cv2.resize(band * band, size, interpolation=cv2.INTER_AREA)
+        energy = coarse.wide(energy, _NEIGHBOURHOOD * scale)
         here = np.float32(share) * noise
-        signal = np.maximum(energy - np.float32(_NOISE) * here, np.float32(_HANDED_DOWN) * signal)
+        signal = np.maximum(energy - np.float32(_NOISE) * here, expected)
+        falling = np.clip(_HANDED_DOWN * (signal / coarser), _LEAST_DOWN, _MOST_DOWN)
+        coarser, expected = np.maximum(signal, _LEAST), falling * signal
         weight = signal / (signal + here)
-        result += weight * band
-        left += weight * here
-    return Shrunk(result, np.float32(_UNSEEN) * left + np.float32(_SYSTEMATIC))
+        left += (1 if band is bands[0] else part) * weight * here
+        band *= cv2.resize(weight, values.shape[::-1], interpolation=cv2.INTER_LINEAR)
+        base += band
+    left = cv2.resize(left, values.shape[::-1], interpolation=cv2.INTER_LINEAR)
+    return Shrunk(base, np.float32(_UNSEEN) * left + np.float32(_SYSTEMATIC))
+
+
+def _split(
+    values: NDArray[np.float32], windows: Windows
+) -> tuple[list[NDArray[np.float32]], NDArray[np.float32]]:
+    """Bands from fine to coarse, and what is below them."""
+    levels = [values, *(windows.wide_flat_top(values, scale) for scale in _SCALES)]
+    return [finer - coarser for finer, coarser in pairwise(levels)], levels[-1]
 
 
 @dataclass(frozen=True)
@@ -102,14 +128,20 @@ class NoiseGain:
         Its variance in the phase, for fringes of amplitude 1.
     shares : tuple of float
         Parts of it in the bands, from fine to coarse, and below them all.
+    white : float
+        Factor on what a fit's residual predicts, for noise that is white in the pixels.
     """
 
     total: float
     shares: tuple[float, ...]
+    white: float
 
 
-def noise_through(grid: Grid, windows: Windows, fits: int) -> NoiseGain:
-    """Send noise through `fits` windows, each of which corrects the ones before."""
+def noise_through(grid: Grid, windows: Windows, fits: int, period: float) -> NoiseGain:
+    """Send noise through `fits` windows, each of which corrects the ones before.
+
+    Fringes have a `period` in bins.
+    """
     rows, columns = _SAMPLE
     noise = np.random.default_rng(0).standard_normal((rows, columns * grid.bins), np.float32)
     bin_size = noise.shape[::-1]
@@ -117,10 +149,10 @@ def noise_through(grid: Grid, windows: Windows, fits: int) -> NoiseGain:
     for _ in range(fits):
         known = cv2.resize(field, bin_size, interpolation=cv2.INTER_LINEAR)
         field = field + windows.gaussian(grid.at_nodes(noise - known))
-    levels = [field, *(windows.wide(field, scale) for scale in _SCALES)]
-    pieces = [finer - coarser for finer, coarser in pairwise(levels)]
+    bands, base = _split(field, windows)
     inner = slice(_SAMPLE_RIM, -_SAMPLE_RIM)
-    variances = [float(np.square(piece[inner, inner]).mean()) for piece in (*pieces, levels[-1])]
+    variances = [float(np.square(piece[inner, inner]).mean()) for piece in (*bands, base)]
     total = float(np.square(field[inner, inner]).mean())
     # Half of the noise is in phase with the fringes, and the amplitude counts twice.
-    return NoiseGain(2 * total, tuple(variance / total for variance in variances))
+    shares = tuple(variance / total for variance in variances)
+    return NoiseGain(2 * total, shares, _FITTED * grid.density_at(period))

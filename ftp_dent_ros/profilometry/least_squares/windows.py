@@ -64,20 +64,43 @@ class Windows:
         self, nodes: NDArray, scale: float, border: int = cv2.BORDER_REPLICATE
     ) -> NDArray[np.float32]:
         """Mean weighted by a Gaussian much wider than the windows, on a coarser grid."""
-        sigmas = scale * self.sigma_u, scale * self.sigma_v
-        steps = [_coarsening(sigma) for sigma in sigmas]
-        if max(steps) == 1:
-            return blurred(nodes, sigmas, border)
-        size = nodes.shape[::-1]
-        coarse = [-(-length // step) for length, step in zip(size, steps, strict=True)]
-        small = cv2.resize(nodes, coarse, interpolation=cv2.INTER_AREA)
-        # What averaging and interpolation blur already.
-        left = [
-            math.sqrt(sigma * sigma - (step > 1) * (step * step / 4 - 1 / 12)) / step
-            for sigma, step in zip(sigmas, steps, strict=True)
+        steps = self._coarsening(scale)
+        small = blurred(_coarse(nodes, steps), self._sigmas(scale, steps), border)
+        return _fine(small, nodes.shape)
+
+    def wide_flat_top(self, nodes: NDArray, scale: float) -> NDArray[np.float32]:
+        """As `flat_top`, of Gaussians much wider than the windows, on a coarser grid."""
+        steps = self._coarsening(scale)
+        small = _coarse(nodes, steps)
+        narrow, broad = (
+            blurred(small, self._sigmas(each, steps), cv2.BORDER_REPLICATE)
+            for each in (scale, math.sqrt(2) * scale)
+        )
+        return _fine(2 * narrow - broad, nodes.shape)
+
+    def _coarsening(self, scale: float) -> list[int]:
+        """Nodes along u and v that a coarser grid takes together for a Gaussian."""
+        return [_coarsening(scale * sigma) for sigma in (self.sigma_u, self.sigma_v)]
+
+    def _sigmas(self, scale: float, steps: Sequence[int]) -> list[float]:
+        """On the coarser grid, less what averaging and interpolation blur already."""
+        return [
+            math.sqrt((scale * sigma) ** 2 - (step > 1) * (step * step / 4 - 1 / 12)) / step
+            for sigma, step in zip((self.sigma_u, self.sigma_v), steps, strict=True)
         ]
-        small = blurred(small, left, border)
-        return cv2.resize(small, size, interpolation=cv2.INTER_LINEAR)
+
+
+def _coarse(nodes: NDArray, steps: Sequence[int]) -> Any:
+    if max(steps) == 1:
+        return nodes
+    size = [-(-length // step) for length, step in zip(nodes.shape[::-1], steps, strict=True)]
+    return cv2.resize(nodes, size, interpolation=cv2.INTER_AREA)
+
+
+def _fine(small: Any, shape: tuple[int, ...]) -> Any:
+    if small.shape == shape:
+        return small
+    return cv2.resize(small, shape[::-1], interpolation=cv2.INTER_LINEAR)
 
 
 def blurred(field: Any, sigmas: Sequence[float], border: int) -> Any:
