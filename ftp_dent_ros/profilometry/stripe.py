@@ -77,7 +77,7 @@ def find_stripe(image: NDArray[np.float32], region: NDArray[np.bool_], carrier: 
     fringes, chosen = _vote(unwrapped.phase, unwrapped.part, red, other)
     return Stripe(
         fringes.row[chosen] * _ROWS + (_ROWS - 1) / 2,
-        fringes.column[chosen],
+        fringes.middles(unwrapped.phase, chosen),
     )
 
 
@@ -121,11 +121,23 @@ class _Fringes:
     row: NDArray[np.intp]
     part: NDArray[np.int32]
     order: NDArray[np.intp]
-    column: NDArray[np.float64]
     red: NDArray[np.float64]
     other: NDArray[np.float64]
     left: NDArray[np.intp]
     width: NDArray[np.intp]
+
+    def middles(
+        self, phase: NDArray[np.float32], chosen: NDArray[np.bool_]
+    ) -> NDArray[np.float64]:
+        """Columns of chosen fringes' middles, by a straight line through the phase over each."""
+        middles = []
+        for fringe in np.flatnonzero(chosen):
+            column = self.left[fringe] + np.arange(self.width[fringe])
+            within = phase[self.row[fringe], column] - _TURN * self.order[fringe]
+            away = within - within.mean()
+            slope = (away @ column) / max(float(away @ away), 1e-12)
+            middles.append(column.mean() - within.mean() * slope)
+        return np.array(middles)
 
 
 def _vote(phase, part, red, other) -> tuple[_Fringes, NDArray[np.bool_]]:
@@ -163,13 +175,11 @@ def _fringes(phase, part, red, other) -> _Fringes:
         return [(mean(x * y) - x_mean * mean(y)) / variance for y in ys]
 
     within = phase - _TURN * order
-    (along,) = slopes(within, column)
     of_red, of_other = slopes(np.cos(within.astype(np.float32)).astype(float), red, other)
     return _Fringes(
         row=row[first],
         part=part[first],
         order=order[first],
-        column=mean(column) - mean(within) * along,
         red=of_red,
         other=of_other,
         left=column[first],

@@ -142,11 +142,7 @@ def _rows_in(surface: Published, count: int) -> NDArray[np.uint8]:
     """Mask, 255 inside, of the bins' rows of pixels: at the rim they are in as far as covered."""
     measured, covered = surface.measured, surface.covered
     bins, columns = measured.shape
-    wide: Any = cv2.resize(
-        measured.view(np.uint8) * _INSIDE,
-        (columns, bins * count),
-        interpolation=cv2.INTER_NEAREST,
-    )
+    wide = np.repeat(measured.view(np.uint8) * _INSIDE, count, axis=0)
     mask = wide.reshape(bins, count, columns)
     rim = np.flatnonzero(measured[1:] != measured[:-1])
     below = measured.ravel()[rim + columns]

@@ -40,6 +40,7 @@ class Continuation:
         self._size = [
             -(-length // step) for length, step in zip(known.shape[::-1], steps, strict=True)
         ]
+        self._fine_enough = max(steps) == 1
         self._sigmas = sigmas[0] / steps[0], sigmas[1] / steps[1]
         self._weight = self._coarse(self._share)
         self._total = self._blur(self._weight)
@@ -72,19 +73,22 @@ class Continuation:
             return field
         values = self._coarse(field * self._share)
         mean = self._mean(values)
+        values = values / np.maximum(self._weight, _WHOLE)
         rows, columns = self._shape
-        result = np.float32(0)
+        result = np.zeros(self._shape, np.float32)
         for axis, positions in enumerate(np.ogrid[:rows, :columns]):
             position = positions.astype(np.float32)
             slope = self._slope(values, axis)
             mean -= slope * self._mean(self._coarse(position * self._share))
-            result = result + self._fine(slope) * position
+            result += self._fine(slope) * position
         result += self._fine(mean)
-        result[self._far()] = 0
+        np.copyto(result, np.float32(0), where=self._far())
         np.copyto(result, field, where=self._known)
         return result
 
     def _coarse(self, field):
+        if self._fine_enough:
+            return field
         return cv2.resize(field, self._size, interpolation=cv2.INTER_AREA)
 
     def _blur(self, field):
@@ -100,17 +104,23 @@ class Continuation:
             for part in (slice(2, None), slice(None, -2), slice(1, -1))
         )
         whole = self._weight > _WHOLE
-        values = values / np.maximum(self._weight, _WHOLE)
         pairs = (whole[ahead] & whole[behind]).astype(np.float32)
         slope, seen = np.zeros_like(values), np.zeros_like(values)
         scale = np.float32(0.5 * self._weight.shape[axis] / self._shape[axis])
-        slope[inner] = scale * (values[ahead] - values[behind]) * pairs
+        np.subtract(values[ahead], values[behind], out=slope[inner])
+        slope[inner] *= scale * pairs
         seen[inner] = pairs
         return self._blur(slope) / np.maximum(self._blur(seen), _LEAST)
 
     def _far(self):
         """Nodes of which no neighbour is known."""
-        return cv2.resize(self._total, self._shape[::-1], interpolation=cv2.INTER_NEAREST) < _LEAST
+        far: Any = self._total < _LEAST
+        if self._fine_enough:
+            return far
+        size = self._shape[::-1]
+        return cv2.resize(far.view(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
 
     def _fine(self, coarse: Any) -> Any:
+        if self._fine_enough:
+            return coarse
         return cv2.resize(coarse, self._shape[::-1], interpolation=cv2.INTER_LINEAR)

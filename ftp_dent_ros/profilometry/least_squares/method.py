@@ -41,14 +41,14 @@ from ftp_dent_ros.profilometry.unwrapping import Unwrapped, unwrap
 from ftp_dent_ros.rig import Rig
 
 # Rows of bins in which the stripe is looked for.
-_STRIPE_ROWS = 18
+_STRIPE_ROWS = 15
 # Between nodes one above the other, radians: a quarter of a fringe.
 _JUMP = math.pi / 2
 # Fits of a surface, each without what the last one found not to be a part of it.
 _FITS = 3
 _TURN = 2 * math.pi
 # Nodes that the quadric is fitted to, about.
-_POINTS = 900
+_POINTS = 600
 
 
 @dataclass(frozen=True, eq=False)

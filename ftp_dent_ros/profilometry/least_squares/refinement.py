@@ -37,6 +37,8 @@ _MAD = 1.4826
 # Windows that light is smoothed over, and the most it grows a pixel, but at edges of paint.
 _LIGHT = 4.0
 _STEEPEST_LIGHT = 0.003
+# Harmonics, in amplitudes, that windows take off well enough.
+_LEAST_HARMONICS = 1e-3
 # Row that the harmonics are measured in, and column beside, that the noise is.
 _EVERY, _EVERY_COLUMN = 6, 3
 # Gaussian windows that the noise has come through, one correcting the other; a flat-top is two.
@@ -204,6 +206,8 @@ class Refinement:
         basis = np.stack([second.ravel(), third.ravel()])
         normal = basis @ basis.T + np.eye(2, dtype=np.float32)
         h2, h3 = np.linalg.solve(normal, basis @ rest[rows].ravel()).astype(np.float32)
+        if abs(h2) + abs(h3) < _LEAST_HARMONICS:
+            return
         # h2 (2 c^2 - 1) + h3 c (4 c^2 - 3), after Horner.
         for rows in self.grid.strips():
             c = cosine[rows]

@@ -17,7 +17,7 @@ from ftp_dent_ros.profilometry.least_squares.grid import Grid
 # Standard deviation of the windows, fringe periods: wider takes depth off small dents, below
 # 0.45 the second harmonic of a camera that is not linear comes through.
 WIDTH = 0.5
-_REACH = 3.6
+_REACH, _REACH_OF_WIDE = 3.6, 3.0
 # A wide Gaussian is computed on a grid so coarse that it is still this wide, nodes.
 _LEAST_SIGMA = 1.5
 _COARSEST = 8
@@ -105,7 +105,8 @@ def _fine(small: Any, shape: tuple[int, ...]) -> Any:
 
 def blurred(field: Any, sigmas: Sequence[float], border: int) -> Any:
     """Gaussian of standard deviations along u and v, in samples of the field."""
-    return cv2.GaussianBlur(field, (0, 0), sigmaX=sigmas[0], sigmaY=sigmas[1], borderType=border)
+    along_u, along_v = (_kernel(sigma, _REACH_OF_WIDE) for sigma in sigmas)
+    return cv2.sepFilter2D(field, -1, along_u, along_v, borderType=border)
 
 
 def _coarsening(sigma: float) -> int:
@@ -117,7 +118,7 @@ def _coarsening(sigma: float) -> int:
 
 
 @lru_cache(maxsize=64)
-def _kernel(sigma: float) -> NDArray[np.float32]:
-    reach = math.ceil(_REACH * sigma)
+def _kernel(sigma: float, reach: float = _REACH) -> NDArray[np.float32]:
+    reach = math.ceil(reach * sigma)
     kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2)
     return (kernel / kernel.sum()).astype(np.float32)
