@@ -26,6 +26,8 @@ _SAMPLES = 1500
 _FEW = 300
 _STEEPEST = 0.9
 _RICH = 15
+# Points at once.
+_STRIP = 50_000
 
 Field = NDArray[np.floating]
 
@@ -98,6 +100,15 @@ class Contour:
             y + above * along_y / square,
             above / np.sqrt(square),
         )
+
+    def depth(self, image: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Depth below the contour of an image of points, shape (rows, columns, 3), metres."""
+        depth = np.empty(image.shape[:2], np.float32)
+        # In strips whose temporary arrays stay in the cache.
+        rows = max(1, _STRIP // max(image.shape[1], 1))
+        for top in range(0, len(image), rows):
+            depth[top : top + rows] = self.deviation(image[top : top + rows])[2]
+        return depth
 
     def point(self, x: Field, y: Field, depth: Field | float = 0.0) -> NDArray[np.float64]:
         """Points, shape (..., 3), that lie `depth` below the contour's x, y."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -71,12 +71,12 @@ def inspect(
     spread = np.full(shape, np.nan, np.float32)
     for index, panel in enumerate(panels):
         contour, chance, maps = bare_skin(lattice, panel, seams, settings)
-        feet = _feet(lattice, fine == index, contour)
-        np.copyto(deviation, feet.depth, where=feet.at)
-        np.copyto(spread, lattice.spread(chance.after(0), shape), where=feet.at)
+        at = lattice.measured & (fine == index)
+        np.copyto(deviation, contour.depth(lattice.all_points), where=at)
+        np.copyto(spread, lattice.spread(chance.after(0), shape), where=at)
         inner = panel.mask & ~seams
         for candidate in find_candidates(maps, chance, inner, settings):
-            around = _surroundings(candidate, feet, lattice, contour, chance, seams)
+            around = _surroundings(candidate, at, lattice, contour, chance, seams)
             if around is None:
                 continue
             area = candidate.mask.sum() * lattice.spacing[0] * lattice.spacing[1]
@@ -88,24 +88,9 @@ def inspect(
     return Inspection(_with_clearance(dents), others, deviation, spread)
 
 
-@dataclass(frozen=True, eq=False)
-class _Feet:
-    """Feet (x, y) and depths of one panel's points, each on the cloud's grid, and where."""
-
-    x: NDArray[np.float32]
-    y: NDArray[np.float32]
-    depth: NDArray[np.float32]
-    at: NDArray[np.bool_]
-
-
-def _feet(lattice: Lattice, at: NDArray[np.bool_], contour: Contour) -> _Feet:
-    x, y, depth = contour.deviation(lattice.all_points)
-    return _Feet(x, y, depth, at & lattice.measured)
-
-
 def _surroundings(
     candidate: Candidate,
-    feet: _Feet,
+    at: NDArray[np.bool_],
     lattice: Lattice,
     contour: Contour,
     noise: Noise,
@@ -128,29 +113,23 @@ def _surroundings(
     top, left = max(rows.min() - margin, 0), max(columns.min() - margin, 0)
     bottom, right = rows.max() + margin + 1, columns.max() + margin + 1
     window = slice(top * block, bottom * block), slice(left * block, right * block)
-    grid = np.stack([feet.x[window], feet.y[window], feet.depth[window]], axis=-1)
-    every = max(1, max(grid.shape[:2]) // _WINDOW)
-    usable = feet.at[window]
+    usable = at[window]
     if seams.any():
-        usable = usable & ~lattice.spread(seams, feet.at.shape)[window]
+        usable = usable & ~lattice.spread(seams, at.shape)[window]
+    points = lattice.all_points[window]
+    every = max(1, max(usable.shape) // _WINDOW)
     if every > 1:
-        share = cv2.resize(
-            usable.astype(np.float32),
-            (grid.shape[1] // every, grid.shape[0] // every),
-            interpolation=cv2.INTER_AREA,
-        )
-        mean = cv2.resize(
-            np.where(usable[..., None], grid, np.float32(0)),
-            share.shape[::-1],
-            interpolation=cv2.INTER_AREA,
-        )
+        size = usable.shape[1] // every, usable.shape[0] // every
+        kept = cv2.copyTo(points, usable.astype(np.uint8))
+        mean = cv2.resize(kept, size, interpolation=cv2.INTER_AREA)
+        share = cv2.resize(usable.astype(np.float32), size, interpolation=cv2.INTER_AREA)
         usable = share > 0.5
         values = mean[usable] / share[usable][:, None]
     else:
-        values = grid[usable]
+        values = points[usable]
     if len(values) < 30:
         return None
-    x, y, depth = values.T.astype(float)
+    x, y, depth = contour.deviation(values.astype(float))
     cells = lattice.points[candidate.mask]
     around_x, around_y, _ = contour.local(cells)
     at_peak = lattice.points[candidate.peaks[:, 0], candidate.peaks[:, 1]]
