@@ -26,6 +26,8 @@ _SAMPLES = 1500
 _FEW = 300
 _STEEPEST = 0.9
 _RICH = 15
+# Cost of a fit that is good enough to be the only one: most of the points lie on it.
+_AGREED = 0.3
 # Points at once.
 _STRIP = 50_000
 
@@ -150,10 +152,10 @@ def first_contour(
     contour = _plane(points, viewpoint)
     few = some(points, _FEW, rng)
     x, y, w = contour.local(few)
-    starts = [np.ones(len(few), bool)]
-    for along in (x, y):
-        starts += [along > np.median(along), along < np.median(along)]
-    fits = [redescended(x, y, w, contour.scale, start, noise) for start in starts]
+    fits = [redescended(x, y, w, contour.scale, np.ones(len(few), bool), noise)]
+    if fits[0][0] > _AGREED:
+        halves = [half for along in (x, y) for half in _halves(along)]
+        fits += [redescended(x, y, w, contour.scale, half, noise) for half in halves]
     best = min(fits, key=lambda fit: fit[0])[1]
     for _ in range(2):
         # Again over the plane that is tangent to it: the sagitta is about its foot.
@@ -200,6 +202,11 @@ def refined(contour: Contour, points: NDArray, noise: float) -> Contour:
     inverse = np.linalg.pinv(columns.T @ (columns * weight[:, None]))
     together = alike(x, y, left, weight)
     return replace(contour, coefficients=coefficients, covariance=together * variance * inverse)
+
+
+def _halves(along: Field) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    middle = np.median(along)
+    return along > middle, along < middle
 
 
 def _plane(points: NDArray, viewpoint: NDArray[np.float64]) -> Contour:

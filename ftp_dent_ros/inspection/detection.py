@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.inspection.noise import Noise
+from ftp_dent_ros.inspection.noise import Noise, median_of
 from ftp_dent_ros.inspection.settings import Settings
 
 # Standard deviations: with 1e4 independent places a frame, far below one false alarm in 100.
@@ -61,7 +61,7 @@ def find_candidates(
     found = []
     floor = 0.25 * settings.smallest_depth
     spreads = [noise.after(scale) for scale in noise.scales[1:]]
-    typical = [float(np.median(spread[panel])) if panel.any() else 0.0 for spread in spreads]
+    typical = [median_of(spread[panel]) if panel.any() else 0.0 for spread in spreads]
     quiet = [k for k, usual in enumerate(typical) if SIGNIFICANT * usual < 4 * floor]
     base = quiet[0] if quiet else len(maps) - 1
     spread = spreads[base]
