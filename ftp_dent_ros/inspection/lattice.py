@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import cv2
@@ -88,7 +87,14 @@ class Lattice:
                 coarse = np.where(weight > 0, means, usual)
         spacing = block * across[0], block * across[1]
         return cls(
-            points, valid, coarse, block, spacing, origin, relative, finite
+            points.astype(np.float32, copy=False),
+            valid,
+            coarse,
+            block,
+            spacing,
+            origin,
+            relative,
+            finite,
         )
 
     def spread(self, coarse: NDArray, shape: tuple[int, int]) -> NDArray:

@@ -42,6 +42,8 @@ _GRAIN = 0.06
 _FORM = 0.006
 # Of lengths and widths, metres: what the reconstruction's windows widen beyond the fitted blur.
 _BLURRED = 1.5e-4
+# Part of them that does not even out along an outline.
+_EVENED = 0.6
 # Of such corrections.
 _DOUBT = 0.3
 # What differs from the model by more than this part of the depth, and the noise, is an artefact.
@@ -123,7 +125,7 @@ def measure(
             left = depth - blurred[index]
             most = max(3 * noise.after(scale, around.extra), _STRAYS * model.parameters[5])
             kept = np.clip(left, -most, most)
-            change = fitted.evidence * (model.depth(grid.x, grid.y) - blurred[index])
+            change = model.depth(grid.x, grid.y) - blurred[index]
             depth = blurred[index] + kept + change
             doubted = np.hypot(
                 math.hypot(_DOUBT, 1 - fitted.evidence) * change, _DOUBT * (left - kept)
@@ -137,6 +139,7 @@ def measure(
             around,
             around.peaks[index],
             model,
+            fitted.alike,
             contour,
             noise,
         )
@@ -184,7 +187,7 @@ def _fitted(
 
 
 def _one(
-    sign, patch, doubted, explained, around, peak, model, contour, noise
+    sign, patch, doubted, explained, around, peak, model, alike, contour, noise
 ) -> MeasuredDent | None:
     at = highest(patch, peak)
     if at is None:
@@ -210,9 +213,9 @@ def _one(
     volume = float((patch.depth * outline.inside).sum()) * cell
     perimeter = float(np.hypot(*np.diff([outline.x, outline.y], append=0)[:, :-1]).sum())
     flatness = float(np.mean(1 / outline.slope))
-    independent = math.sqrt(max(perimeter / math.sqrt(noise.correlated_area), 1))
+    independent = math.sqrt(max(perimeter / math.sqrt(alike), 1))
     area_error = perimeter * math.hypot(
-        flatness * local / independent, flatness * shift, grain / 2
+        flatness * local / independent, _EVENED * math.hypot(flatness * shift, grain / 2)
     )
     normal = contour.normal(np.array([centre_x]), np.array([centre_y]))[0]
     longer = model.parameters[4] + math.pi / 2 * (model.parameters[3] > model.parameters[2])
@@ -235,7 +238,7 @@ def _one(
             sign * volume,
             math.hypot(
                 outline.area * offset,
-                noise.after(0, around.extra) * math.sqrt(noise.correlated_area * outline.area),
+                noise.after(0, around.extra) * math.sqrt(alike * outline.area),
             ),
         ),
         significance=deepest / chance,
