@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -19,6 +19,7 @@ from ftp_dent_ros.inspection.patch import Patch, sampled
 from ftp_dent_ros.inspection.peak import deepest_of, highest
 from ftp_dent_ros.inspection.placing import axis_along, on_skin, orientation_of, profile_of
 from ftp_dent_ros.inspection.settings import Settings
+from ftp_dent_ros.inspection.sharpening import Sharpened, sharpened
 
 LEVEL = 0.1
 # Cells of the patch along a dent, and of the points that are resampled to it.
@@ -27,8 +28,6 @@ _CELLS = 64
 _WIDEST = 0.04
 _SMALLEST = 0.02
 _MODEL_CELLS = 30
-# The model corrects for the blur if it leaves less than this part of the depth.
-_EXPLAINED = 0.05
 # A first look has to find this part of the smallest dent.
 _NEARLY = 0.8
 # What the rim cuts is its artefact if it is longer than so many widths, and not deeper than so
@@ -44,10 +43,6 @@ _FORM = 0.006
 _BLURRED = 1.5e-4
 # Part of them that does not even out along an outline.
 _EVENED = 0.6
-# Of such corrections.
-_DOUBT = 0.3
-# What differs from the model by more than this part of the depth, and the noise, is an artefact.
-_STRAYS = 0.02
 
 Vector = NDArray[np.float64]
 
@@ -113,36 +108,10 @@ def measure(
     if len(around.peaks) == 1 and not _is_worth(raw, around.peaks[0], settings):
         return []
     fitted = _fitted(raw, candidate, around.peaks, noise, size)
-    grid = Grid(raw.x, raw.y)
-    blurred = [fitted.blurred(index, grid) for index in range(len(fitted.dents))]
+    spread = float(noise.after(scale, around.extra))
     dents = []
-    for index, model in enumerate(fitted.dents):
-        depth = raw.depth - (sum(blurred) - blurred[index])
-        explained = fitted.left < _EXPLAINED * model.parameters[5]
-        doubted = np.zeros_like(depth)
-        if explained:
-            # Fringes too oblique or too bright leave ripples beyond noise and shape.
-            left = depth - blurred[index]
-            most = max(3 * noise.after(scale, around.extra), _STRAYS * model.parameters[5])
-            kept = np.clip(left, -most, most)
-            change = model.depth(grid.x, grid.y) - blurred[index]
-            depth = blurred[index] + kept + change
-            doubted = np.hypot(
-                math.hypot(_DOUBT, 1 - fitted.evidence) * change, _DOUBT * (left - kept)
-            )
-        patch = replace(raw, depth=np.where(raw.known, depth, 0.0))
-        found = _one(
-            candidate.sign,
-            patch,
-            doubted,
-            explained,
-            around,
-            around.peaks[index],
-            model,
-            fitted.alike,
-            contour,
-            noise,
-        )
+    for index, each in enumerate(sharpened(raw, fitted, spread)):
+        found = _one(candidate.sign, each, around, index, fitted, contour, noise)
         if found is not None:
             dents.append(found)
     return dents
@@ -187,14 +156,19 @@ def _fitted(
 
 
 def _one(
-    sign, patch, doubted, explained, around, peak, model, alike, contour, noise
+    sign: int,
+    seen: Sharpened,
+    around: Surroundings,
+    index: int,
+    fitted: FittedDents,
+    contour: Contour,
+    noise: Noise,
 ) -> MeasuredDent | None:
-    at = highest(patch, peak)
+    patch, model = seen.patch, fitted.dents[index]
+    at = highest(patch, around.peaks[index])
     if at is None:
         return None
-    grid = Grid(patch.x, patch.y)
-    shape = model.depth(grid.x, grid.y) if explained else np.zeros_like(patch.depth)
-    deepest = deepest_of(patch, at, shape)
+    deepest = deepest_of(patch, at, seen.model) - float(seen.unsure[at])
     outline = find_outline(patch, at, LEVEL * deepest)
     if outline is None or outline.area <= 0:
         return None
@@ -204,22 +178,22 @@ def _one(
     local = noise.after(patch.scale, around.extra)
     offset = float(contour.uncertainty(np.array([centre_x]), np.array([centre_y]))[0])
     chance = noise.after(0.1 * width, around.extra)
-    deep = math.hypot(chance, offset, doubted[at], _SAMPLING * deepest)
+    deep = math.hypot(chance, offset, seen.doubted[at], _SAMPLING * deepest)
     # The contour and the level move all of the outline, the noise each end for itself.
-    doubt = float(np.sqrt(np.square(_along(patch, doubted, outline)).mean()))
+    doubt = float(np.sqrt(np.square(_along(patch, seen.doubted, outline)).mean()))
     shift = math.hypot(offset, LEVEL * deep, doubt, _FORM * deepest)
     ends = math.hypot(math.sqrt(2) * local, 2 * shift)
     cell, grain = patch.step**2, math.hypot(_GRAIN * patch.step, _BLURRED)
     volume = float((patch.depth * outline.inside).sum()) * cell
     perimeter = float(np.hypot(*np.diff([outline.x, outline.y], append=0)[:, :-1]).sum())
     flatness = float(np.mean(1 / outline.slope))
-    independent = math.sqrt(max(perimeter / math.sqrt(alike), 1))
+    independent = math.sqrt(max(perimeter / math.sqrt(fitted.alike), 1))
     area_error = perimeter * math.hypot(
         flatness * local / independent, _EVENED * math.hypot(flatness * shift, grain / 2)
     )
     normal = contour.normal(np.array([centre_x]), np.array([centre_y]))[0]
     longer = model.parameters[4] + math.pi / 2 * (model.parameters[3] > model.parameters[2])
-    axis = axis_along(contour, normal, longer if explained else outline.axis())
+    axis = axis_along(contour, normal, longer if seen.explained else outline.axis())
     model_length, model_width = model.axes
     length_error, width_error = model.axes_uncertainty
     return MeasuredDent(
@@ -238,10 +212,10 @@ def _one(
             sign * volume,
             math.hypot(
                 outline.area * offset,
-                noise.after(0, around.extra) * math.sqrt(alike * outline.area),
+                noise.after(0, around.extra) * math.sqrt(fitted.alike * outline.area),
             ),
         ),
-        significance=deepest / chance,
+        significance=float(deepest / chance),
         is_cut=outline.is_cut,
         outline=on_skin(contour, outline, sign * LEVEL * deepest),
         length_profile=profile_of(patch, sign, centre_x, centre_y, angle, length),

@@ -20,6 +20,7 @@ _BLUR = 0.25
 _SQUARES = 2, 3, 4, 6
 _FEWEST = 8
 _HIDDEN = 4.0
+_SINGULAR = 1e-9
 # exp(1 - 1/q) and its slopes vanish below.
 _RIM = 2e-2
 
@@ -187,8 +188,7 @@ def fit_dents(
     correlated = min(correlated, _HIDDEN * _alike(left, known))
     noise = correlated * cost / max(len(data) - count - 1, 1)
     normal[-1, -1] += noise / _USUAL_BLUR**4
-    scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    covariance = noise * np.linalg.pinv(normal / np.outer(scale, scale)) / np.outer(scale, scale)
+    covariance = noise * _inverse(normal)
     dents = tuple(
         DentModel(one, covariance[6 * k : 6 * k + 6, 6 * k : 6 * k + 6])
         for k, one in enumerate(shapes)
@@ -196,6 +196,14 @@ def fit_dents(
     evidence = variance**2 / (variance**2 + 4 * covariance[-1, -1] + 1e-30)
     misfit = math.sqrt(cost / max(len(data), 1))
     return FittedDents(dents, math.sqrt(variance), evidence, misfit, correlated * grid.step**2)
+
+
+def _inverse(normal: Field) -> Field:
+    """Inverse of a normal matrix; what it does not determine is left very uncertain."""
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-30))
+    values, vectors = np.linalg.eigh(normal / np.outer(scale, scale))
+    inverse = (vectors / np.maximum(values, _SINGULAR)) @ vectors.T
+    return inverse / np.outer(scale, scale)
 
 
 def _alike(left: Field, known: NDArray[np.bool_]) -> float:
