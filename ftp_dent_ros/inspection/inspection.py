@@ -16,7 +16,7 @@ from ftp_dent_ros.inspection.contour import Contour
 from ftp_dent_ros.inspection.dent import Inspection, MeasuredDent
 from ftp_dent_ros.inspection.detection import SIGNIFICANT, Candidate, find_candidates
 from ftp_dent_ros.inspection.lattice import Lattice
-from ftp_dent_ros.inspection.measurement import Surroundings, measure
+from ftp_dent_ros.inspection.measurement import Surroundings, least_depth, measure
 from ftp_dent_ros.inspection.noise import Noise
 from ftp_dent_ros.inspection.panels import find_panels, seam
 from ftp_dent_ros.inspection.settings import Settings
@@ -24,8 +24,8 @@ from ftp_dent_ros.inspection.steps import find_steps
 
 # Cells beside a border of two panels where the reconstruction blurs one into the other.
 _SEAM = 3
-# What the rim cuts must be so many times as deep: the contour is known on one side of it only.
-_CUT = 2.0
+# A depth must be so many of its standard uncertainties.
+_SURE = 4.0
 # Of a candidate's window, as a part of its size.
 _MARGIN = 0.45
 # Points along the longer side of a candidate's window, about.
@@ -148,11 +148,12 @@ def _surroundings(
 
 
 def _is_reported(dent: MeasuredDent, settings: Settings) -> bool:
-    smallest_depth = settings.smallest_depth * (_CUT if dent.is_cut else 1)
+    length, width = dent.length.value, dent.width.value
     return (
-        abs(dent.depth.value) >= smallest_depth
-        and dent.width.value >= settings.smallest_width
+        abs(dent.depth.value) >= least_depth(dent.is_cut, length, width, settings)
+        and width >= settings.smallest_width
         and dent.significance >= SIGNIFICANT
+        and abs(dent.depth.value) >= _SURE * dent.depth.uncertainty
     )
 
 

@@ -20,6 +20,8 @@ _SMALLEST = 3.0
 _SMALLEST_SECOND = 4.0
 # Part of a panel that one plane beside the first panel's contour has to explain.
 _EXPLAINED = 0.6
+# Cells across the middle of the narrowest second panel, without its rim of two.
+_NARROWEST = 5
 _MOST = 8
 # Part of the rim that a quadric has to miss before a higher degree is tried.
 _RIM_OFF = 0.3
@@ -166,7 +168,12 @@ def _another_panel(contour, lattice, deviation, rest, part, tolerance) -> Mask |
         return None
     agreed = np.zeros_like(rest)
     agreed[core] = left < 3 * tolerance
-    return agreed
+    # A sliver is the rim's artefact.
+    square = np.ones((_NARROWEST, _NARROWEST), np.uint8)
+    middle = cv2.erode(
+        agreed.astype(np.uint8), square, borderType=cv2.BORDER_CONSTANT, borderValue=0
+    )
+    return agreed if middle.any() else None
 
 
 def _map(contour: Contour, lattice: Lattice, part: Mask) -> Map:

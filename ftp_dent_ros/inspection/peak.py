@@ -1,9 +1,10 @@
-"""The deepest place of a dent."""
+"""The deepest place of a dent, and how wide it is there."""
 
 from __future__ import annotations
 
 import math
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,6 +31,20 @@ def highest(patch: Patch, peak: Vector) -> tuple[int, int] | None:
             break
         row, column = int(top + i), int(left + j)
     return row, column
+
+
+def width_at_half(patch: Patch, at: tuple[int, int]) -> float:
+    """Narrow width of what is deeper than half of a cell's depth around it, metres.
+
+    That of the ellipse with the same second moments.
+    """
+    deep = (patch.depth > patch.depth[at] / 2) & patch.known
+    _, labels = cv2.connectedComponents(deep.astype(np.uint8), connectivity=4)
+    rows, columns = np.nonzero(labels == labels[at])
+    if not labels[at] or len(rows) < 2:
+        return patch.step
+    moments = np.cov(np.stack([columns, rows]).astype(float)) + np.eye(2) / 12
+    return 4 * patch.step * math.sqrt(float(np.linalg.eigvalsh(moments)[0]))
 
 
 def deepest_of(patch: Patch, at: tuple[int, int], model: Field) -> float:

@@ -104,7 +104,7 @@ def test_a_report_without_dents_says_so(tmp_path):
     flat = Surface((replace(SKIN.panels[0], dents=()),))
     page = write_report(tmp_path, survey(flat).report('x', 'camera_optical_frame'))
     text = page.read_text()
-    assert 'No dents found' in text and 'dents of 0.2 mm depth and 10 mm width' in text
+    assert 'No dents found' in text and 'dents of 0.1 mm depth and 10 mm width' in text
     assert json.loads((tmp_path / 'dents.json').read_text())['dents'] == []
     header = (tmp_path / 'dents.csv').read_text().splitlines()
     assert len(header) == 1
