@@ -9,10 +9,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.inspection.blurring import Grid
 from ftp_dent_ros.inspection.contour import Contour
 from ftp_dent_ros.inspection.dent import Estimate, MeasuredDent
 from ftp_dent_ros.inspection.detection import Candidate
-from ftp_dent_ros.inspection.model import FittedDents, Grid, fit_dents
+from ftp_dent_ros.inspection.model import FittedDents, fit_dents
 from ftp_dent_ros.inspection.noise import Noise
 from ftp_dent_ros.inspection.outline import Outline, find_outline
 from ftp_dent_ros.inspection.patch import Patch, sampled

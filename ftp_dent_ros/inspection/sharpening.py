@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.inspection.model import FittedDents, Grid
+from ftp_dent_ros.inspection.blurring import Grid
+from ftp_dent_ros.inspection.model import FittedDents
 from ftp_dent_ros.inspection.patch import Patch
 
 # The model corrects for the blur if it leaves less than this part of the depth.

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from ftp_dent_ros.inspection.model import Grid, fit_dents
+from ftp_dent_ros.inspection.blurring import Grid
+from ftp_dent_ros.inspection.model import fit_dents
 from ftp_dent_ros.simulation import Dent
 
 GRID = Grid(np.linspace(-0.06, 0.06, 61), np.linspace(-0.06, 0.06, 61))
