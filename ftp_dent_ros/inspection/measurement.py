@@ -132,8 +132,10 @@ def measure(
 def _is_worth(patch: Patch, peak: Vector, settings: Settings) -> bool:
     """Whether a closer look may find a dent large enough, and not a strip along the rim."""
     at = highest(patch, peak)
-    outline = None if at is None else find_outline(patch, at, LEVEL * patch.depth[at])
-    if at is None or outline is None or _is_spike(patch, at, settings):
+    if at is None or _is_spike(patch, at, settings):
+        return False
+    outline = find_outline(patch, at, LEVEL * patch.depth[at])
+    if outline is None:
         return False
     length, angle, _ = outline.length()
     width, _ = outline.width(angle)

@@ -95,14 +95,16 @@ def rough_noise(height: Map, valid: Mask) -> float:
 
 
 def measured_noise(
-    deviation: Map, bare: Mask, lattice: Lattice, scales: tuple[float, ...]
-) -> tuple[Noise, list[Map]]:
-    """Noise of a deviation map, and the map smoothed at each of the scales.
+    deviation: Map, maps: list[Map], bare: Mask, lattice: Lattice, scales: tuple[float, ...]
+) -> Noise:
+    """Noise of a deviation map.
 
     Parameters
     ----------
     deviation : ndarray, shape (rows, columns), float32
         Metres; NaN where there is no contour.
+    maps : list of ndarray
+        The same, `smoothed` at each of the scales.
     bare : ndarray, shape (rows, columns), bool
         Skin without dents.
     lattice : Lattice
@@ -111,7 +113,6 @@ def measured_noise(
         Metres, rising.
     """
     known = np.isfinite(deviation)
-    maps = [smoothed(deviation, known, lattice.cells(scale)) for scale in scales]
     sample = bare & known
     if sample.sum() < 100:
         sample = known
@@ -124,7 +125,7 @@ def measured_noise(
         strayed = strayed[np.isfinite(strayed)]
         common.append(_MAD * float(np.median(strayed)) if len(strayed) else _LEAST)
     falling = np.minimum.accumulate(np.maximum(common, _LEAST))
-    return Noise(falling, np.array((0.0, *scales)), extra), maps
+    return Noise(falling, np.array((0.0, *scales)), extra)
 
 
 def _local(deviation: Map, bare: Mask, lattice: Lattice) -> Map:
