@@ -129,7 +129,7 @@ def _surroundings(
         values = points[usable]
     if len(values) < 30:
         return None
-    x, y, depth = (axis.astype(float) for axis in contour.deviation(values.astype(float)))
+    x, y, depth = (axis.astype(float) for axis in contour.deviation(values))
     cells = lattice.points[candidate.mask]
     around_x, around_y, _ = contour.local(cells)
     at_peak = lattice.points[candidate.peaks[:, 0], candidate.peaks[:, 1]]
