@@ -145,12 +145,10 @@ def _relative(
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """Points from the origin, 0 where one of their coordinates is not finite, and where not."""
     move = np.hstack([np.eye(3), -origin[:, None]])
-    # What is not finite in one coordinate makes the others, times 0, NaN.
     moved = np.asarray(cv2.transform(points, move)).astype(np.float32, copy=False)
-    finite = np.isfinite(moved[..., 0])
-    cv2.patchNaNs(moved, 0.0)
-    if np.isinf(moved).any():
-        moved[~finite] = 0
+    finite = np.isfinite(moved[..., 0] + moved[..., 1] + moved[..., 2])
+    # A bit pattern is 0 after an exclusive or with itself, also that of NaN.
+    cv2.bitwise_xor(moved, moved, dst=moved, mask=(~finite).view(np.uint8))
     return moved, finite
 
 
