@@ -17,7 +17,7 @@ from ftp_dent_ros.inspection.model import FittedDents, fit_dents
 from ftp_dent_ros.inspection.noise import Noise
 from ftp_dent_ros.inspection.outline import Outline, find_outline
 from ftp_dent_ros.inspection.patch import Patch, sampled
-from ftp_dent_ros.inspection.peak import deepest_of, highest, width_at_half
+from ftp_dent_ros.inspection.peak import deepest_of, extent, highest
 from ftp_dent_ros.inspection.placing import axis_along, on_skin, orientation_of, profile_of
 from ftp_dent_ros.inspection.settings import Settings
 from ftp_dent_ros.inspection.sharpening import Sharpened, sharpened
@@ -134,18 +134,15 @@ def _is_worth(patch: Patch, peak: Vector, settings: Settings) -> bool:
     at = highest(patch, peak)
     if at is None or _is_spike(patch, at, settings):
         return False
-    outline = find_outline(patch, at, LEVEL * patch.depth[at])
-    if outline is None:
-        return False
-    length, angle, _ = outline.length()
-    width, _ = outline.width(angle)
-    deep = patch.depth[at] > _NEARLY * least_depth(outline.is_cut, length, width, settings)
+    length, width, is_cut = extent(patch, at, LEVEL)
+    deep = patch.depth[at] > _NEARLY * least_depth(is_cut, length, width, settings)
     return bool(deep and width > _NEARLY * settings.smallest_width)
 
 
 def _is_spike(patch: Patch, at: tuple[int, int], settings: Settings) -> bool:
     """Whether it is narrower than a dent: a rivet, however wide the ripples around it."""
-    return width_at_half(patch, at) < _SPIKE * settings.smallest_width
+    _, width, _ = extent(patch, at, 0.5)
+    return width < _SPIKE * settings.smallest_width
 
 
 def _fitted(

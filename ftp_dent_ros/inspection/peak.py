@@ -12,6 +12,8 @@ from ftp_dent_ros.inspection.patch import Patch
 
 # Of the cap that the depth is read from.
 _CAP = 0.6
+# Part of what lies around a dent that is not measured, from which on it is cut.
+_OPEN = 0.05
 
 Vector = NDArray[np.float64]
 Field = NDArray[np.float64]
@@ -33,18 +35,21 @@ def highest(patch: Patch, peak: Vector) -> tuple[int, int] | None:
     return row, column
 
 
-def width_at_half(patch: Patch, at: tuple[int, int]) -> float:
-    """Narrow width of what is deeper than half of a cell's depth around it, metres.
+def extent(patch: Patch, at: tuple[int, int], share: float) -> tuple[float, float, bool]:
+    """Length and width of what is deeper than a share of a cell's depth around it, metres.
 
-    That of the ellipse with the same second moments.
+    Those of the ellipse with the same second moments, and whether it leaves what is measured.
     """
-    deep = (patch.depth > patch.depth[at] / 2) & patch.known
+    deep = (patch.depth > share * patch.depth[at]) & patch.known
     _, labels = cv2.connectedComponents(deep.astype(np.uint8), connectivity=4)
-    rows, columns = np.nonzero(labels == labels[at])
+    part = (labels == labels[at]).astype(np.uint8)
+    rows, columns = np.nonzero(part)
     if not labels[at] or len(rows) < 2:
-        return patch.step
+        return patch.step, patch.step, False
     moments = np.cov(np.stack([columns, rows]).astype(float)) + np.eye(2) / 12
-    return 4 * patch.step * math.sqrt(float(np.linalg.eigvalsh(moments)[0]))
+    across, along = 4 * patch.step * np.sqrt(np.linalg.eigvalsh(moments))
+    around = cv2.dilate(part, np.ones((3, 3), np.uint8)) > part
+    return float(along), float(across), bool((~patch.known[around]).mean() > _OPEN)
 
 
 def deepest_of(patch: Patch, at: tuple[int, int], model: Field) -> float:
