@@ -24,8 +24,6 @@ from ftp_dent_ros.inspection.steps import find_steps
 
 # Cells beside a border of two panels where the reconstruction blurs one into the other.
 _SEAM = 3
-# A depth must be so many of its standard uncertainties.
-_SURE = 4.0
 # Of a candidate's window, as a part of its size.
 _MARGIN = 0.45
 # Points along the longer side of a candidate's window, about.
@@ -153,7 +151,7 @@ def _is_reported(dent: MeasuredDent, settings: Settings) -> bool:
         abs(dent.depth.value) >= least_depth(dent.is_cut, length, width, settings)
         and width >= settings.smallest_width
         and dent.significance >= SIGNIFICANT
-        and abs(dent.depth.value) >= _SURE * dent.depth.uncertainty
+        and abs(dent.depth.value) >= SIGNIFICANT * dent.depth.uncertainty
     )
 
 

@@ -9,12 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.inspection.dent import Estimate, MeasuredDent
+from ftp_dent_ros.inspection.detection import SIGNIFICANT
 from ftp_dent_ros.inspection.lattice import Lattice
 from ftp_dent_ros.inspection.panels import Panel
 from ftp_dent_ros.inspection.settings import Settings
 
-# A step's height must be so many of its standard uncertainties.
-_SURE = 4.0
 _NAN = Estimate(math.nan, math.nan)
 
 
@@ -38,7 +37,7 @@ def find_steps(
             apart = one.contour.deviation(points)[2] - other.contour.deviation(points)[2]
             height = float(np.median(np.abs(apart)))
             spread = 1.4826 * float(np.median(np.abs(np.abs(apart) - height)))
-            if height >= max(settings.smallest_depth, _SURE * spread):
+            if height >= max(settings.smallest_depth, SIGNIFICANT * spread):
                 steps.append(_step(one, points, apart, height, spread))
     return steps
 
