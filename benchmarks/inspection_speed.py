@@ -19,6 +19,7 @@ import scipy.fft
 from clouds import cloud_of, skin
 from reconstruction_speed import scene_at
 from scenes import PATTERN
+from timing import durations, show
 
 from ftp_dent_ros.inspection.inspection import inspect
 from ftp_dent_ros.profilometry import Reconstructor, Settings
@@ -47,19 +48,9 @@ def main() -> None:
     work = {'rfft2 of the depths': lambda: scipy.fft.rfft2(depth)}
     for name, (cloud, noise) in clouds.items():
         work[name] = lambda cloud=cloud, noise=noise: inspect(cloud, noise)
-    durations: dict[str, list[float]] = {name: [] for name in work}
-    for function in work.values():
-        function()
-    for _ in range(repetitions):
-        for name, function in work.items():
-            start = time.process_time()
-            function()
-            durations[name].append(time.process_time() - start)
-    yardstick = np.median(durations['rfft2 of the depths'])
+    taken = durations(work, repetitions, time.process_time)
     print(f'{measured.cloud.points.shape[:2]} points, median of {repetitions}')
-    for name, values in durations.items():
-        median = np.median(values)
-        print(f'  {name:30}{1e3 * median:8.1f} ms {median / yardstick:8.1f} x')
+    show(taken)
 
 
 def deviation_of(measurement) -> np.ndarray:

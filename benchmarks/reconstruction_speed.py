@@ -9,13 +9,13 @@ with the rest, so that what else the machine does falls on all of them alike.
 from __future__ import annotations
 
 import argparse
-import time
 from dataclasses import replace
 
 import cv2
 import numpy as np
 import scipy.fft
 from scenes import FIELD, PATTERN, Scene, fuselage, scene
+from timing import durations, show
 
 from ftp_dent_ros.profilometry import METHODS, Reconstructor, Settings
 from ftp_dent_ros.rig import Lens
@@ -51,20 +51,10 @@ def main() -> None:
         for method, stride, fast in (*choices, ('least-squares', 1, True)):
             rig = scene_at(*size).rig
             reconstructor = Reconstructor(rig, PATTERN, Settings(method, stride=stride, fast=fast))
-            reconstructor.reconstruct(image)  # the tables
             name = f'{method}, stride {stride}' + fast * ', fast'
             work[name] = lambda one=reconstructor, image=image: one.reconstruct(image)
-        durations: dict[str, list[float]] = {name: [] for name in work}
-        for _ in range(repetitions):
-            for name, function in work.items():
-                start = time.perf_counter()
-                function()
-                durations[name].append(time.perf_counter() - start)
-        yardstick = np.median(durations['rfft + irfft of the frame'])
         print(f'{size[0]}x{size[1]}, median of {repetitions}')
-        for name, values in durations.items():
-            median = np.median(values)
-            print(f'  {name:30}{1e3 * median:8.1f} ms {median / yardstick:8.1f} x')
+        show(durations(work, repetitions))
 
 
 if __name__ == '__main__':

@@ -12,11 +12,12 @@ from ftp_dent_ros.cli.reconstruct import is_photograph, read_image
 from ftp_dent_ros.cloud import read_ply
 from ftp_dent_ros.errors import CloudError, ConfigurationError
 from ftp_dent_ros.files import find
+from ftp_dent_ros.inspection.captured import Captured, viewpoint_of
 from ftp_dent_ros.inspection.inspection import inspect
 from ftp_dent_ros.inspection.report import Report, content_id, write_report
 from ftp_dent_ros.inspection.rules import Rules, read_rules, verdict
 from ftp_dent_ros.inspection.settings import Settings
-from ftp_dent_ros.inspection.survey import Captured, Survey, viewpoint_of
+from ftp_dent_ros.inspection.survey import Survey
 from ftp_dent_ros.pattern import read_pattern
 from ftp_dent_ros.rig import Lens, read_rig
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.inspection.contour import Contour, refined
 from ftp_dent_ros.inspection.lattice import Lattice
-from ftp_dent_ros.inspection.noise import Noise, measured_noise
+from ftp_dent_ros.inspection.noise import Noise, measured_noise, smoothed
 from ftp_dent_ros.inspection.panels import Panel
 from ftp_dent_ros.inspection.settings import Settings
 
@@ -37,11 +37,15 @@ def bare_skin(
     usable = panel.mask & ~seams
     deviation = _deviation(contour, lattice, panel.mask)
     bare = usable & (np.abs(deviation) < panel.tolerance)
-    chance, maps = measured_noise(deviation, bare, lattice, scales)
+    known = np.isfinite(deviation)
+    maps = [smoothed(deviation, known, lattice.cells(scale)) for scale in scales]
+    chance = measured_noise(deviation, maps, bare, lattice, scales)
     bare = usable & ~_off(maps, chance, settings)
     contour = _fitted(contour, lattice, bare, settings)
-    deviation = _deviation(contour, lattice, panel.mask)
-    chance, maps = measured_noise(deviation, bare, lattice, scales)
+    before, deviation = deviation, _deviation(contour, lattice, panel.mask)
+    # Contours are too smooth for the smoothing to change their difference.
+    maps = [smooth + (deviation - before) for smooth in maps]
+    chance = measured_noise(deviation, maps, bare, lattice, scales)
     return contour, chance, maps
 
 

@@ -26,6 +26,10 @@ _SAMPLES = 1500
 _FEW = 300
 _STEEPEST = 0.9
 _RICH = 15
+# Cost of a fit that is good enough to be the only one: most of the points lie on it.
+_AGREED = 0.3
+# Points at once.
+_STRIP = 50_000
 
 Field = NDArray[np.floating]
 
@@ -99,6 +103,15 @@ class Contour:
             above / np.sqrt(square),
         )
 
+    def depth(self, image: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Depth below the contour of an image of points, shape (rows, columns, 3), metres."""
+        depth = np.empty(image.shape[:2], np.float32)
+        # In strips whose temporary arrays stay in the cache.
+        rows = max(1, _STRIP // max(image.shape[1], 1))
+        for top in range(0, len(image), rows):
+            depth[top : top + rows] = self.deviation(image[top : top + rows])[2]
+        return depth
+
     def point(self, x: Field, y: Field, depth: Field | float = 0.0) -> NDArray[np.float64]:
         """Points, shape (..., 3), that lie `depth` below the contour's x, y."""
         x, y = np.asarray(x, float), np.asarray(y, float)
@@ -139,10 +152,10 @@ def first_contour(
     contour = _plane(points, viewpoint)
     few = some(points, _FEW, rng)
     x, y, w = contour.local(few)
-    starts = [np.ones(len(few), bool)]
-    for along in (x, y):
-        starts += [along > np.median(along), along < np.median(along)]
-    fits = [redescended(x, y, w, contour.scale, start, noise) for start in starts]
+    fits = [redescended(x, y, w, contour.scale, np.ones(len(few), bool), noise)]
+    if fits[0][0] > _AGREED:
+        halves = [half for along in (x, y) for half in _halves(along)]
+        fits += [redescended(x, y, w, contour.scale, half, noise) for half in halves]
     best = min(fits, key=lambda fit: fit[0])[1]
     for _ in range(2):
         # Again over the plane that is tangent to it: the sagitta is about its foot.
@@ -189,6 +202,11 @@ def refined(contour: Contour, points: NDArray, noise: float) -> Contour:
     inverse = np.linalg.pinv(columns.T @ (columns * weight[:, None]))
     together = alike(x, y, left, weight)
     return replace(contour, coefficients=coefficients, covariance=together * variance * inverse)
+
+
+def _halves(along: Field) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    middle = np.median(along)
+    return along > middle, along < middle
 
 
 def _plane(points: NDArray, viewpoint: NDArray[np.float64]) -> Contour:

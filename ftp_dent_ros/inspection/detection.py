@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.inspection.noise import Noise
+from ftp_dent_ros.inspection.noise import Noise, median_of
 from ftp_dent_ros.inspection.settings import Settings
 
 # Standard deviations: with 1e4 independent places a frame, far below one false alarm in 100.
@@ -61,7 +61,8 @@ def find_candidates(
     found = []
     floor = 0.25 * settings.smallest_depth
     spreads = [noise.after(scale) for scale in noise.scales[1:]]
-    typical = [float(np.median(spread[panel])) if panel.any() else 0.0 for spread in spreads]
+    typical = [median_of(spread[panel]) if panel.any() else 0.0 for spread in spreads]
+    sure = [np.maximum(SIGNIFICANT * usual, 2 * floor) for usual in spreads]
     quiet = [k for k, usual in enumerate(typical) if SIGNIFICANT * usual < 4 * floor]
     base = quiet[0] if quiet else len(maps) - 1
     spread = spreads[base]
@@ -69,9 +70,9 @@ def find_candidates(
         values = np.where(panel & np.isfinite(maps[base]), sign * maps[base], 0)
         above = values > np.maximum(_EDGE * spread, floor)
         seeds = np.zeros_like(panel)
-        for smooth, usual in zip(maps, spreads, strict=True):
+        for smooth, least in zip(maps, sure, strict=True):
             with np.errstate(invalid='ignore'):
-                seeds |= sign * smooth > np.maximum(SIGNIFICANT * usual, 2 * floor)
+                seeds |= sign * smooth > least
         _, labels, stats, _ = cv2.connectedComponentsWithStats(above.astype(np.uint8))
         seeded = np.unique(labels[seeds & above])
         for index in seeded[seeded > 0]:

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.inspection.combining import ListedDent
 from ftp_dent_ros.inspection.dent import MeasuredDent
-from ftp_dent_ros.inspection.dent_list import ListedDent
 
 QUANTITIES = ('depth', 'length', 'width')
 # A side of a cloud that is large enough to be halved.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -16,7 +16,7 @@ from ftp_dent_ros.inspection.contour import Contour
 from ftp_dent_ros.inspection.dent import Inspection, MeasuredDent
 from ftp_dent_ros.inspection.detection import SIGNIFICANT, Candidate, find_candidates
 from ftp_dent_ros.inspection.lattice import Lattice
-from ftp_dent_ros.inspection.measurement import Surroundings, measure
+from ftp_dent_ros.inspection.measurement import Surroundings, least_depth, measure
 from ftp_dent_ros.inspection.noise import Noise
 from ftp_dent_ros.inspection.panels import find_panels, seam
 from ftp_dent_ros.inspection.settings import Settings
@@ -24,8 +24,6 @@ from ftp_dent_ros.inspection.steps import find_steps
 
 # Cells beside a border of two panels where the reconstruction blurs one into the other.
 _SEAM = 3
-# What the rim cuts must be so many times as deep: the contour is known on one side of it only.
-_CUT = 2.0
 # Of a candidate's window, as a part of its size.
 _MARGIN = 0.45
 # Points along the longer side of a candidate's window, about.
@@ -71,12 +69,12 @@ def inspect(
     spread = np.full(shape, np.nan, np.float32)
     for index, panel in enumerate(panels):
         contour, chance, maps = bare_skin(lattice, panel, seams, settings)
-        feet = _feet(lattice, fine == index, contour)
-        np.copyto(deviation, feet.depth, where=feet.at)
-        np.copyto(spread, lattice.spread(chance.after(0), shape), where=feet.at)
+        at = lattice.measured & (fine == index)
+        np.copyto(deviation, contour.depth(lattice.all_points), where=at)
+        np.copyto(spread, lattice.spread(chance.after(0), shape), where=at)
         inner = panel.mask & ~seams
         for candidate in find_candidates(maps, chance, inner, settings):
-            around = _surroundings(candidate, feet, lattice, contour, chance, seams)
+            around = _surroundings(candidate, at, lattice, contour, chance, seams)
             if around is None:
                 continue
             area = candidate.mask.sum() * lattice.spacing[0] * lattice.spacing[1]
@@ -88,24 +86,9 @@ def inspect(
     return Inspection(_with_clearance(dents), others, deviation, spread)
 
 
-@dataclass(frozen=True, eq=False)
-class _Feet:
-    """Feet (x, y) and depths of one panel's points, each on the cloud's grid, and where."""
-
-    x: NDArray[np.float32]
-    y: NDArray[np.float32]
-    depth: NDArray[np.float32]
-    at: NDArray[np.bool_]
-
-
-def _feet(lattice: Lattice, at: NDArray[np.bool_], contour: Contour) -> _Feet:
-    x, y, depth = contour.deviation(lattice.all_points)
-    return _Feet(x, y, depth, at & lattice.measured)
-
-
 def _surroundings(
     candidate: Candidate,
-    feet: _Feet,
+    at: NDArray[np.bool_],
     lattice: Lattice,
     contour: Contour,
     noise: Noise,
@@ -128,29 +111,23 @@ def _surroundings(
     top, left = max(rows.min() - margin, 0), max(columns.min() - margin, 0)
     bottom, right = rows.max() + margin + 1, columns.max() + margin + 1
     window = slice(top * block, bottom * block), slice(left * block, right * block)
-    grid = np.stack([feet.x[window], feet.y[window], feet.depth[window]], axis=-1)
-    every = max(1, max(grid.shape[:2]) // _WINDOW)
-    usable = feet.at[window]
+    usable = at[window]
     if seams.any():
-        usable = usable & ~lattice.spread(seams, feet.at.shape)[window]
+        usable = usable & ~lattice.spread(seams, at.shape)[window]
+    points = lattice.all_points[window]
+    every = max(1, max(usable.shape) // _WINDOW)
     if every > 1:
-        share = cv2.resize(
-            usable.astype(np.float32),
-            (grid.shape[1] // every, grid.shape[0] // every),
-            interpolation=cv2.INTER_AREA,
-        )
-        mean = cv2.resize(
-            np.where(usable[..., None], grid, np.float32(0)),
-            share.shape[::-1],
-            interpolation=cv2.INTER_AREA,
-        )
+        size = usable.shape[1] // every, usable.shape[0] // every
+        kept = cv2.copyTo(points, usable.astype(np.uint8))
+        mean = cv2.resize(kept, size, interpolation=cv2.INTER_AREA)
+        share = cv2.resize(usable.astype(np.float32), size, interpolation=cv2.INTER_AREA)
         usable = share > 0.5
         values = mean[usable] / share[usable][:, None]
     else:
-        values = grid[usable]
+        values = points[usable]
     if len(values) < 30:
         return None
-    x, y, depth = values.T.astype(float)
+    x, y, depth = (axis.astype(float) for axis in contour.deviation(values))
     cells = lattice.points[candidate.mask]
     around_x, around_y, _ = contour.local(cells)
     at_peak = lattice.points[candidate.peaks[:, 0], candidate.peaks[:, 1]]
@@ -169,11 +146,12 @@ def _surroundings(
 
 
 def _is_reported(dent: MeasuredDent, settings: Settings) -> bool:
-    smallest_depth = settings.smallest_depth * (_CUT if dent.is_cut else 1)
+    length, width = dent.length.value, dent.width.value
     return (
-        abs(dent.depth.value) >= smallest_depth
-        and dent.width.value >= settings.smallest_width
+        abs(dent.depth.value) >= least_depth(dent.is_cut, length, width, settings)
+        and width >= settings.smallest_width
         and dent.significance >= SIGNIFICANT
+        and abs(dent.depth.value) >= SIGNIFICANT * dent.depth.uncertainty
     )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import cv2
@@ -16,6 +15,10 @@ from ftp_dent_ros.inspection.settings import Settings
 _FEWEST_POINTS = 300
 # A cloud whose neighbours lie so far apart is not in metres.
 _WIDEST_SPACING = 0.05
+# Neighbours whose median distance is the spacing, about.
+_PAIRS = 5000
+# Every so many cells are enough for the usual noise.
+_SOME = 7
 # Cells across the smallest dent.
 _CELLS = 5
 
@@ -61,9 +64,7 @@ class Lattice:
             The cloud cannot be inspected; the message says why.
         """
         origin = _checked(cloud, noise)
-        relative = cloud.points - origin.astype(np.float32)
-        finite = np.isfinite(relative[..., 0] + relative[..., 1] + relative[..., 2])
-        relative[~finite] = 0
+        relative, finite = _relative(cloud.points, origin)
         across = _spacing(relative, finite, 1), _spacing(relative, finite, 0)
         if max(across) > _WIDEST_SPACING:
             raise CloudError(
@@ -79,13 +80,21 @@ class Lattice:
         if noise is not None:
             known = finite & np.isfinite(noise) & (noise > 0)
             weight = _means(known.astype(np.float32), block)
-            total = _means(np.where(known, noise, 0).astype(np.float32), block)
-            usual = float(np.median(noise[known])) if known.any() else 0.0
-            coarse = np.where(weight > 0, total / np.maximum(weight, 1e-6), usual)
-            coarse = coarse.astype(np.float32) if usual else None
+            total = _means(np.where(known, noise, 0).astype(np.float32, copy=False), block)
+            if known.any():
+                means = total / np.maximum(weight, np.float32(1e-6))
+                usual = np.float32(np.median(means[weight > 0][::_SOME]))
+                coarse = np.where(weight > 0, means, usual)
         spacing = block * across[0], block * across[1]
         return cls(
-            points.astype(np.float32), valid, coarse, block, spacing, origin, relative, finite
+            points.astype(np.float32, copy=False),
+            valid,
+            coarse,
+            block,
+            spacing,
+            origin,
+            relative,
+            finite,
         )
 
     def spread(self, coarse: NDArray, shape: tuple[int, int]) -> NDArray:
@@ -131,16 +140,28 @@ def _checked(cloud: Cloud, noise: NDArray | None) -> NDArray[np.float64]:
     return np.nanmedian(some.astype(float), axis=0)
 
 
+def _relative(
+    points: NDArray, origin: NDArray[np.float64]
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Points from the origin, 0 where one of their coordinates is not finite, and where not."""
+    move = np.hstack([np.eye(3), -origin[:, None]])
+    moved = np.asarray(cv2.transform(points, move)).astype(np.float32, copy=False)
+    finite = np.isfinite(moved[..., 0] + moved[..., 1] + moved[..., 2])
+    # A bit pattern is 0 after an exclusive or with itself, also that of NaN.
+    cv2.bitwise_xor(moved, moved, dst=moved, mask=(~finite).view(np.uint8))
+    return moved, finite
+
+
 def _spacing(points: NDArray, finite: NDArray[np.bool_], axis: int) -> float:
     """Median distance of neighbours along an axis."""
-    step = max(1, math.isqrt(finite.size // 40000))
     here = slice(None, -1), slice(None, -1)
     there = (slice(1, None), here[1]) if axis == 0 else (here[0], slice(1, None))
-    both = (finite[here] & finite[there])[::step, ::step]
-    if not both.any():
+    pairs = np.flatnonzero(finite[here] & finite[there])
+    if not len(pairs):
         raise CloudError('the points of the cloud have no neighbours: give a dense cloud')
-    apart = points[there][::step, ::step] - points[here][::step, ::step]
-    return float(np.median(np.linalg.norm(apart[both], axis=1)))
+    row, column = np.unravel_index(pairs[:: 1 + len(pairs) // _PAIRS], finite[here].shape)
+    apart = points[there][row, column] - points[here][row, column]
+    return float(np.median(np.linalg.norm(apart, axis=1)))
 
 
 def _means(values: NDArray[np.float32], block: int) -> NDArray[np.float32]:

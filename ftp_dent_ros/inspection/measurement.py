@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.inspection.blurring import Grid
 from ftp_dent_ros.inspection.contour import Contour
 from ftp_dent_ros.inspection.dent import Estimate, MeasuredDent
 from ftp_dent_ros.inspection.detection import Candidate
-from ftp_dent_ros.inspection.model import FittedDents, Grid, fit_dents
+from ftp_dent_ros.inspection.model import FittedDents, fit_dents
 from ftp_dent_ros.inspection.noise import Noise
 from ftp_dent_ros.inspection.outline import Outline, find_outline
 from ftp_dent_ros.inspection.patch import Patch, sampled
-from ftp_dent_ros.inspection.peak import deepest_of, highest
+from ftp_dent_ros.inspection.peak import deepest_of, extent, highest
 from ftp_dent_ros.inspection.placing import axis_along, on_skin, orientation_of, profile_of
 from ftp_dent_ros.inspection.settings import Settings
+from ftp_dent_ros.inspection.sharpening import Sharpened, sharpened
 
 LEVEL = 0.1
 # Cells of the patch along a dent, and of the points that are resampled to it.
@@ -27,14 +29,15 @@ _CELLS = 64
 _WIDEST = 0.04
 _SMALLEST = 0.02
 _MODEL_CELLS = 30
-# The model corrects for the blur if it leaves less than this part of the depth.
-_EXPLAINED = 0.05
 # A first look has to find this part of the smallest dent.
 _NEARLY = 0.8
-# What the rim cuts is its artefact if it is longer than so many widths, and not deeper than so
-# many smallest depths.
-_STRIP = 2.8
-_STRIP_DEPTH = 2.0
+# At half of its depth the smallest dent is 0.77 of its width at 10 %: a rivet in its ripples is
+# narrower than this part of it.
+_SPIKE = 0.65
+# What the rim cuts must be so many times as deep, for the contour is known on one side of it only;
+# what lies along it, longer than so many widths, even more.
+_CUT = 4.0
+_STRIP, _STRIP_CUT = 2.8, 8.0
 # Of the depth, and of the cells in which outlines are found: errors of the sampling.
 _SAMPLING = 0.0015
 _GRAIN = 0.06
@@ -42,10 +45,8 @@ _GRAIN = 0.06
 _FORM = 0.006
 # Of lengths and widths, metres: what the reconstruction's windows widen beyond the fitted blur.
 _BLURRED = 1.5e-4
-# Of such corrections.
-_DOUBT = 0.3
-# What differs from the model by more than this part of the depth, and the noise, is an artefact.
-_STRAYS = 0.02
+# Part of them that does not even out along an outline.
+_EVENED = 0.6
 
 Vector = NDArray[np.float64]
 
@@ -75,6 +76,14 @@ class Surroundings:
     spacing: float
     bounds: tuple[float, float, float, float]
     extra: float
+
+
+def least_depth(is_cut: bool, length: float, width: float, settings: Settings) -> float:
+    """Depth from which on a dent is reported, metres."""
+    times = 1.0
+    if is_cut:
+        times = _STRIP_CUT if length > _STRIP * width else _CUT
+    return times * settings.smallest_depth
 
 
 def measure(
@@ -111,35 +120,10 @@ def measure(
     if len(around.peaks) == 1 and not _is_worth(raw, around.peaks[0], settings):
         return []
     fitted = _fitted(raw, candidate, around.peaks, noise, size)
-    grid = Grid(raw.x, raw.y)
-    blurred = [fitted.blurred(index, grid) for index in range(len(fitted.dents))]
+    spread = float(noise.after(scale, around.extra))
     dents = []
-    for index, model in enumerate(fitted.dents):
-        depth = raw.depth - (sum(blurred) - blurred[index])
-        explained = fitted.left < _EXPLAINED * model.parameters[5]
-        doubted = np.zeros_like(depth)
-        if explained:
-            # Fringes too oblique or too bright leave ripples beyond noise and shape.
-            left = depth - blurred[index]
-            most = max(3 * noise.after(scale, around.extra), _STRAYS * model.parameters[5])
-            kept = np.clip(left, -most, most)
-            change = fitted.evidence * (model.depth(grid.x, grid.y) - blurred[index])
-            depth = blurred[index] + kept + change
-            doubted = np.hypot(
-                math.hypot(_DOUBT, 1 - fitted.evidence) * change, _DOUBT * (left - kept)
-            )
-        patch = replace(raw, depth=np.where(raw.known, depth, 0.0))
-        found = _one(
-            candidate.sign,
-            patch,
-            doubted,
-            explained,
-            around,
-            around.peaks[index],
-            model,
-            contour,
-            noise,
-        )
+    for index, each in enumerate(sharpened(raw, fitted, spread)):
+        found = _one(candidate.sign, each, around, index, fitted, contour, noise, settings)
         if found is not None:
             dents.append(found)
     return dents
@@ -148,16 +132,17 @@ def measure(
 def _is_worth(patch: Patch, peak: Vector, settings: Settings) -> bool:
     """Whether a closer look may find a dent large enough, and not a strip along the rim."""
     at = highest(patch, peak)
-    outline = None if at is None else find_outline(patch, at, LEVEL * patch.depth[at])
-    if at is None or outline is None:
+    if at is None or _is_spike(patch, at, settings):
         return False
-    length, angle, _ = outline.length()
-    width, _ = outline.width(angle)
-    large = patch.depth[at] > _NEARLY * settings.smallest_depth
-    large &= width > _NEARLY * settings.smallest_width
-    if outline.is_cut and length > _STRIP * width:
-        large &= patch.depth[at] > _STRIP_DEPTH * settings.smallest_depth
-    return bool(large)
+    length, width, is_cut = extent(patch, at, LEVEL)
+    deep = patch.depth[at] > _NEARLY * least_depth(is_cut, length, width, settings)
+    return bool(deep and width > _NEARLY * settings.smallest_width)
+
+
+def _is_spike(patch: Patch, at: tuple[int, int], settings: Settings) -> bool:
+    """Whether it is narrower than a dent: a rivet, however wide the ripples around it."""
+    _, width, _ = extent(patch, at, 0.5)
+    return width < _SPIKE * settings.smallest_width
 
 
 def _fitted(
@@ -184,14 +169,20 @@ def _fitted(
 
 
 def _one(
-    sign, patch, doubted, explained, around, peak, model, contour, noise
+    sign: int,
+    seen: Sharpened,
+    around: Surroundings,
+    index: int,
+    fitted: FittedDents,
+    contour: Contour,
+    noise: Noise,
+    settings: Settings,
 ) -> MeasuredDent | None:
-    at = highest(patch, peak)
-    if at is None:
+    patch, model = seen.patch, fitted.dents[index]
+    at = highest(patch, around.peaks[index])
+    if at is None or _is_spike(patch, at, settings):
         return None
-    grid = Grid(patch.x, patch.y)
-    shape = model.depth(grid.x, grid.y) if explained else np.zeros_like(patch.depth)
-    deepest = deepest_of(patch, at, shape)
+    deepest = deepest_of(patch, at, seen.model) - float(seen.unsure[at])
     outline = find_outline(patch, at, LEVEL * deepest)
     if outline is None or outline.area <= 0:
         return None
@@ -201,22 +192,22 @@ def _one(
     local = noise.after(patch.scale, around.extra)
     offset = float(contour.uncertainty(np.array([centre_x]), np.array([centre_y]))[0])
     chance = noise.after(0.1 * width, around.extra)
-    deep = math.hypot(chance, offset, doubted[at], _SAMPLING * deepest)
+    deep = math.hypot(chance, offset, seen.doubted[at], _SAMPLING * deepest)
     # The contour and the level move all of the outline, the noise each end for itself.
-    doubt = float(np.sqrt(np.square(_along(patch, doubted, outline)).mean()))
+    doubt = float(np.sqrt(np.square(_along(patch, seen.doubted, outline)).mean()))
     shift = math.hypot(offset, LEVEL * deep, doubt, _FORM * deepest)
     ends = math.hypot(math.sqrt(2) * local, 2 * shift)
     cell, grain = patch.step**2, math.hypot(_GRAIN * patch.step, _BLURRED)
     volume = float((patch.depth * outline.inside).sum()) * cell
     perimeter = float(np.hypot(*np.diff([outline.x, outline.y], append=0)[:, :-1]).sum())
     flatness = float(np.mean(1 / outline.slope))
-    independent = math.sqrt(max(perimeter / math.sqrt(noise.correlated_area), 1))
+    independent = math.sqrt(max(perimeter / math.sqrt(fitted.alike), 1))
     area_error = perimeter * math.hypot(
-        flatness * local / independent, flatness * shift, grain / 2
+        flatness * local / independent, _EVENED * math.hypot(flatness * shift, grain / 2)
     )
     normal = contour.normal(np.array([centre_x]), np.array([centre_y]))[0]
     longer = model.parameters[4] + math.pi / 2 * (model.parameters[3] > model.parameters[2])
-    axis = axis_along(contour, normal, longer if explained else outline.axis())
+    axis = axis_along(contour, normal, longer if seen.explained else outline.axis())
     model_length, model_width = model.axes
     length_error, width_error = model.axes_uncertainty
     return MeasuredDent(
@@ -235,10 +226,10 @@ def _one(
             sign * volume,
             math.hypot(
                 outline.area * offset,
-                noise.after(0, around.extra) * math.sqrt(noise.correlated_area * outline.area),
+                noise.after(0, around.extra) * math.sqrt(fitted.alike * outline.area),
             ),
         ),
-        significance=deepest / chance,
+        significance=float(deepest / chance),
         is_cut=outline.is_cut,
         outline=on_skin(contour, outline, sign * LEVEL * deepest),
         length_profile=profile_of(patch, sign, centre_x, centre_y, angle, length),

@@ -5,15 +5,23 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
-import scipy.fft
 from numpy.typing import NDArray
+
+from ftp_dent_ros.inspection.blurring import Grid
 
 _ROUNDS = 25
 _ENDED = 1e-4
 # Of the blur, metres: what is usual, and how much of a dent's half axes there can be.
-_USUAL_BLUR = 1.5e-3
+_USUAL_BLUR = 2.5e-3
 _BLUR = 0.25
+# Sides of squares of cells whose means tell how many err alike, how many squares that takes, and
+# how much more they do than is seen: a fit follows what is alike over much of a dent.
+_SQUARES = 2, 3, 4, 6
+_FEWEST = 8
+_HIDDEN = 4.0
+_SINGULAR = 1e-9
 # exp(1 - 1/q) and its slopes vanish below.
 _RIM = 2e-2
 
@@ -77,50 +85,19 @@ class FittedDents:
         For the blur: from 0, none, to 1.
     left : float
         Root mean square of what the fit leaves, metres.
+    alike : float
+        Area over which it is alike, square metres.
     """
 
     dents: tuple[DentModel, ...]
     blur: float
     evidence: float
     left: float
+    alike: float
 
     def blurred(self, index: int, grid: Grid) -> Field:
         """One of the dents as the reconstruction shows it."""
         return grid.blurred(self.dents[index].depth(grid.x, grid.y), self.blur**2)
-
-
-class Grid:
-    """Positions on a square grid, and Gaussian blurs over it.
-
-    Parameters
-    ----------
-    x, y : ndarray, shape (columns,) and (rows,)
-        Metres.
-    """
-
-    def __init__(self, x: Field, y: Field) -> None:
-        self.x, self.y = np.meshgrid(x, y)
-        self._shape = tuple(scipy.fft.next_fast_len(n, real=True) for n in self.x.shape)
-        step = x[1] - x[0]
-        down = 2 * np.pi * scipy.fft.fftfreq(self._shape[0], step)
-        across = 2 * np.pi * scipy.fft.rfftfreq(self._shape[1], step)
-        self._square = down[:, None] ** 2 + across**2
-
-    def blurred(self, values: Field, variance: float) -> Field:
-        """Values, shape (..., rows, columns), after a Gaussian of `variance`, square metres."""
-        return self._back(self._forth(values) * np.exp(-variance / 2 * self._square))
-
-    def blurred_and_slope(self, values: Field, variance: float) -> tuple[Field, Field]:
-        """The same, and its derivative with the variance."""
-        spectrum = self._forth(values) * np.exp(-variance / 2 * self._square)
-        return self._back(spectrum), self._back(-self._square / 2 * spectrum)
-
-    def _forth(self, values: Field) -> Field:
-        return scipy.fft.rfft2(values, self._shape)
-
-    def _back(self, spectrum: Field) -> Field:
-        rows, columns = self.x.shape
-        return scipy.fft.irfft2(spectrum, self._shape)[..., :rows, :columns]
 
 
 def fit_dents(
@@ -136,7 +113,7 @@ def fit_dents(
     starts : ndarray, shape (dents, 6)
         Parameters to begin with.
     correlated : float
-        Number of cells whose noise is one independent value.
+        Number of cells whose noise is one independent value, at most.
     """
     shapes, variance, damping = starts.astype(float).copy(), 0.0, 1e-3
     correlated = max(correlated, 1.0)
@@ -175,16 +152,40 @@ def fit_dents(
             break
     jacobian = _jacobian(grid, shapes, variance)[:, known].T
     normal = jacobian.T @ jacobian
+    correlated = min(correlated, _HIDDEN * _alike(left, known))
     noise = correlated * cost / max(len(data) - count - 1, 1)
     normal[-1, -1] += noise / _USUAL_BLUR**4
-    scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    covariance = noise * np.linalg.pinv(normal / np.outer(scale, scale)) / np.outer(scale, scale)
+    covariance = noise * _inverse(normal)
     dents = tuple(
         DentModel(one, covariance[6 * k : 6 * k + 6, 6 * k : 6 * k + 6])
         for k, one in enumerate(shapes)
     )
     evidence = variance**2 / (variance**2 + 4 * covariance[-1, -1] + 1e-30)
-    return FittedDents(dents, math.sqrt(variance), evidence, math.sqrt(cost / max(len(data), 1)))
+    misfit = math.sqrt(cost / max(len(data), 1))
+    return FittedDents(dents, math.sqrt(variance), evidence, misfit, correlated * grid.step**2)
+
+
+def _inverse(normal: Field) -> Field:
+    """Inverse of a normal matrix; what it does not determine is left very uncertain."""
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-30))
+    values, vectors = np.linalg.eigh(normal / np.outer(scale, scale))
+    inverse = (vectors / np.maximum(values, _SINGULAR)) @ vectors.T
+    return inverse / np.outer(scale, scale)
+
+
+def _alike(left: Field, known: NDArray[np.bool_]) -> float:
+    """Number of cells that err alike, from the means of squares of cells."""
+    errors = np.zeros(known.shape)
+    errors[known] = left
+    largest = 1.0
+    for side in _SQUARES:
+        size = known.shape[1] // side, known.shape[0] // side
+        whole = slice(0, size[1] * side), slice(0, size[0] * side)
+        share = cv2.resize(known[whole].astype(float), size, interpolation=cv2.INTER_AREA)
+        means = cv2.resize(errors[whole], size, interpolation=cv2.INTER_AREA)[share > 0.99]
+        if len(means) >= _FEWEST:
+            largest = max(largest, side**2 * float(np.mean(means**2) / np.mean(left**2)))
+    return largest
 
 
 def _total(grid: Grid, shapes: Field, variance: float) -> Field:

@@ -76,6 +76,11 @@ def smoothed(values: Map, valid: Mask, cells: tuple[float, float]) -> Map:
     return np.where(weight > 0.45, total / np.maximum(weight, 0.1), np.float32(np.nan))
 
 
+def median_of(values: NDArray) -> float:
+    """Median of about 5000 of the values, shape (n,), spread evenly."""
+    return float(np.median(values[:: 1 + len(values) // _ENOUGH]))
+
+
 def rough_noise(height: Map, valid: Mask) -> float:
     """Standard deviation of cells before any contour is known, from second differences, metres."""
     spreads = []
@@ -85,19 +90,21 @@ def rough_noise(height: Map, valid: Mask) -> float:
         bend = bend[ends]
         if len(bend) > 50:
             # The skin's own curvature is their median.
-            spreads.append(np.median(np.abs(bend - np.median(bend))))
+            spreads.append(median_of(np.abs(bend - median_of(bend))))
     return max(_MAD * float(min(spreads, default=0)) / math.sqrt(6), _LEAST)
 
 
 def measured_noise(
-    deviation: Map, bare: Mask, lattice: Lattice, scales: tuple[float, ...]
-) -> tuple[Noise, list[Map]]:
-    """Noise of a deviation map, and the map smoothed at each of the scales.
+    deviation: Map, maps: list[Map], bare: Mask, lattice: Lattice, scales: tuple[float, ...]
+) -> Noise:
+    """Noise of a deviation map.
 
     Parameters
     ----------
     deviation : ndarray, shape (rows, columns), float32
         Metres; NaN where there is no contour.
+    maps : list of ndarray
+        The same, `smoothed` at each of the scales.
     bare : ndarray, shape (rows, columns), bool
         Skin without dents.
     lattice : Lattice
@@ -106,25 +113,24 @@ def measured_noise(
         Metres, rising.
     """
     known = np.isfinite(deviation)
-    maps = [smoothed(deviation, known, lattice.cells(scale)) for scale in scales]
     sample = bare & known
     if sample.sum() < 100:
         sample = known
     extra = lattice.noise if lattice.noise is not None else _local(deviation, sample, lattice)
-    calm = np.flatnonzero(sample & (extra <= np.median(extra[sample])))
-    calm = calm[:: max(1, len(calm) // _ENOUGH)]
+    calm = np.flatnonzero(sample & (extra <= median_of(extra[sample])))
+    calm = calm[:: 1 + len(calm) // _ENOUGH]
     common = []
     for values in (deviation, *maps):
         strayed = np.abs(values.ravel()[calm])
         strayed = strayed[np.isfinite(strayed)]
         common.append(_MAD * float(np.median(strayed)) if len(strayed) else _LEAST)
     falling = np.minimum.accumulate(np.maximum(common, _LEAST))
-    return Noise(falling, np.array((0.0, *scales)), extra), maps
+    return Noise(falling, np.array((0.0, *scales)), extra)
 
 
 def _local(deviation: Map, bare: Mask, lattice: Lattice) -> Map:
     """What the noise has beyond its median, from the deviations around each cell."""
-    usual = max(_MAD * float(np.median(np.abs(deviation[bare]))), _LEAST)
+    usual = max(_MAD * median_of(np.abs(deviation[bare])), _LEAST)
     clipped = np.minimum(np.abs(np.where(bare, deviation, 0)), 4 * usual)
     across, down = lattice.cells(0.02)
     wide = min(12.0, across), min(12.0, down)

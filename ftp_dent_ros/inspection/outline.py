@@ -165,8 +165,11 @@ def _harmonic(values: Vector, count: int) -> Vector:
 
 
 def _slope(patch: Patch, at_x: Vector, at_y: Vector, level: float) -> Vector:
-    along_y, along_x = np.gradient(patch.depth, patch.step)
-    steep = sampled(np.hypot(along_x, along_y), at_x, at_y, cv2.INTER_LINEAR)
+    # Right, left, below and above.
+    columns = np.stack([at_x + 1, at_x - 1, at_x, at_x])
+    rows = np.stack([at_y, at_y, at_y + 1, at_y - 1])
+    right, left, below, above = sampled(patch.depth, columns, rows, cv2.INTER_LINEAR)
+    steep = np.hypot(right - left, below - above) / (2 * patch.step)
     return np.maximum(steep, level / (50 * patch.step))
 
 

@@ -20,7 +20,11 @@ _SMALLEST = 3.0
 _SMALLEST_SECOND = 4.0
 # Part of a panel that one plane beside the first panel's contour has to explain.
 _EXPLAINED = 0.6
+# Cells across the middle of the narrowest second panel, without its rim of two.
+_NARROWEST = 5
 _MOST = 8
+# Cells that a first contour is fitted to some of, about.
+_FITTED = 4000
 # Part of the rim that a quadric has to miss before a higher degree is tried.
 _RIM_OFF = 0.3
 
@@ -101,7 +105,8 @@ def _split(lattice, region, viewpoint, settings, second, rng) -> list[Panel]:
     queue = [region]
     while queue and len(panels) < _MOST:
         part = queue.pop(0)
-        points = lattice.points[part]
+        cells = np.flatnonzero(part)
+        points = lattice.points.reshape(-1, 3)[cells[:: 1 + len(cells) // _FITTED]]
         contour = first_contour(points, viewpoint, settings.smallest_depth / 10, rng)
         deviation = _map(contour, lattice, part)
         noise = max(rough_noise(deviation, part), settings.smallest_depth / 20)
@@ -119,28 +124,28 @@ def _split(lattice, region, viewpoint, settings, second, rng) -> list[Panel]:
                 queue.append(agreed)
                 taken |= rest
         if not taken.any():
-            contour = _demanded(contour, lattice, part, tolerance, points, rng)
+            contour = _demanded(contour, lattice, deviation, part, tolerance, points, rng)
         panels.append(Panel(part & ~taken, contour, tolerance))
     return panels
 
 
-def _demanded(contour, lattice, part, tolerance, points, rng) -> Contour:
+def _demanded(contour, lattice, deviation, part, tolerance, points, rng) -> Contour:
     """The quadric, or a contour of degree 4 if most of the rim demands it.
 
     Dents lie within: a higher degree that is fitted for their sake would swallow them.
     """
-    before = _rim_off(contour, lattice, part, tolerance)
+    before = _rim_off(deviation, part, tolerance)
     if before < _RIM_OFF:
         return contour
     richer = richer_contour(contour, points, tolerance / 5, rng)
-    after = _rim_off(richer, lattice, part, tolerance)
+    after = _rim_off(_map(richer, lattice, part), part, tolerance)
     return richer if after < before / 2 else contour
 
 
-def _rim_off(contour, lattice, part, tolerance) -> float:
-    """Part of the rim that strays from a contour."""
+def _rim_off(deviation, part, tolerance) -> float:
+    """Part of the rim that deviates."""
     inner = cv2.erode(part.astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=0) > 0
-    strays = np.abs(_map(contour, lattice, part))[part & ~inner] > tolerance
+    strays = np.abs(deviation[part & ~inner]) > tolerance
     return float(strays.mean()) if len(strays) else 0.0
 
 
@@ -166,7 +171,12 @@ def _another_panel(contour, lattice, deviation, rest, part, tolerance) -> Mask |
         return None
     agreed = np.zeros_like(rest)
     agreed[core] = left < 3 * tolerance
-    return agreed
+    # A sliver is the rim's artefact.
+    square = np.ones((_NARROWEST, _NARROWEST), np.uint8)
+    middle = cv2.erode(
+        agreed.astype(np.uint8), square, borderType=cv2.BORDER_CONSTANT, borderValue=0
+    )
+    return agreed if middle.any() else None
 
 
 def _map(contour: Contour, lattice: Lattice, part: Mask) -> Map:

@@ -1,9 +1,10 @@
-"""The deepest place of a dent."""
+"""The deepest place of a dent, and how wide it is there."""
 
 from __future__ import annotations
 
 import math
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,6 +12,8 @@ from ftp_dent_ros.inspection.patch import Patch
 
 # Of the cap that the depth is read from.
 _CAP = 0.6
+# Part of what lies around a dent that is not measured, from which on it is cut.
+_OPEN = 0.05
 
 Vector = NDArray[np.float64]
 Field = NDArray[np.float64]
@@ -30,6 +33,23 @@ def highest(patch: Patch, peak: Vector) -> tuple[int, int] | None:
             break
         row, column = int(top + i), int(left + j)
     return row, column
+
+
+def extent(patch: Patch, at: tuple[int, int], share: float) -> tuple[float, float, bool]:
+    """Length and width of what is deeper than a share of a cell's depth around it, metres.
+
+    Those of the ellipse with the same second moments, and whether it leaves what is measured.
+    """
+    deep = (patch.depth > share * patch.depth[at]) & patch.known
+    _, labels = cv2.connectedComponents(deep.astype(np.uint8), connectivity=4)
+    part = (labels == labels[at]).astype(np.uint8)
+    rows, columns = np.nonzero(part)
+    if not labels[at] or len(rows) < 2:
+        return patch.step, patch.step, False
+    moments = np.cov(np.stack([columns, rows]).astype(float)) + np.eye(2) / 12
+    across, along = 4 * patch.step * np.sqrt(np.linalg.eigvalsh(moments))
+    around = cv2.dilate(part, np.ones((3, 3), np.uint8)) > part
+    return float(along), float(across), bool((~patch.known[around]).mean() > _OPEN)
 
 
 def deepest_of(patch: Patch, at: tuple[int, int], model: Field) -> float:

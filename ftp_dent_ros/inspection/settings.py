@@ -16,7 +16,7 @@ class Settings:
     ----------
     smallest_depth : float
         Shallower ones are not reported, however significant, metres; of those that the rim cuts,
-        twice that.
+        four times that, and eight times of those that lie along it.
     smallest_width : float
         Of the 10 % contour: narrower ones are rivets, scratches and gaps; metres.
 
@@ -26,7 +26,7 @@ class Settings:
         A value is not a positive number.
     """
 
-    smallest_depth: float = 2e-4
+    smallest_depth: float = 1e-4
     smallest_width: float = 0.01
 
     def __post_init__(self) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.inspection.dent import Estimate, MeasuredDent
+from ftp_dent_ros.inspection.detection import SIGNIFICANT
 from ftp_dent_ros.inspection.lattice import Lattice
 from ftp_dent_ros.inspection.panels import Panel
 from ftp_dent_ros.inspection.settings import Settings
@@ -35,12 +36,13 @@ def find_steps(
             points = lattice.points[at]
             apart = one.contour.deviation(points)[2] - other.contour.deviation(points)[2]
             height = float(np.median(np.abs(apart)))
-            if height >= settings.smallest_depth:
-                steps.append(_step(one, points, apart, height))
+            spread = 1.4826 * float(np.median(np.abs(np.abs(apart) - height)))
+            if height >= max(settings.smallest_depth, SIGNIFICANT * spread):
+                steps.append(_step(one, points, apart, height, spread))
     return steps
 
 
-def _step(panel: Panel, points, apart, height: float) -> MeasuredDent:
+def _step(panel: Panel, points, apart, height: float, spread: float) -> MeasuredDent:
     x, y, _ = (values.astype(float) for values in panel.contour.local(points))
     centre = np.array([x.mean(), y.mean()])
     _, axes = np.linalg.eigh(np.cov(np.stack([x, y])) + 1e-12 * np.eye(2))
@@ -50,7 +52,6 @@ def _step(panel: Panel, points, apart, height: float) -> MeasuredDent:
     order = np.argsort(place)
     outline = panel.contour.point(x[order], y[order])
     direction = along[0] * panel.contour.axes[0] + along[1] * panel.contour.axes[1]
-    spread = 1.4826 * float(np.median(np.abs(np.abs(apart) - height)))
     profile = np.stack([place[order], np.abs(apart)[order]], axis=1)
     return MeasuredDent(
         kind='step',

@@ -4,71 +4,32 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros import __version__
-from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.errors import FtpDentError
+from ftp_dent_ros.inspection.captured import Captured, in_frame
+from ftp_dent_ros.inspection.combining import ListedDent
 from ftp_dent_ros.inspection.dent import Inspection, MeasuredDent
-from ftp_dent_ros.inspection.dent_list import EXACT, DentList, ListedDent
+from ftp_dent_ros.inspection.dent_list import EXACT, DentList
 from ftp_dent_ros.inspection.gauge import halves, repeats_of, study
 from ftp_dent_ros.inspection.report.content import Frame, Report, View
 from ftp_dent_ros.inspection.report.drawing import jpeg
 from ftp_dent_ros.inspection.report.mesh import Mesh
 from ftp_dent_ros.inspection.rules import Rules
 from ftp_dent_ros.inspection.settings import Settings
-from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig import Lens
 
-SAME = Pose(Rotation.identity(), np.zeros(3))
 # Of the 3-D view: in one cloud, and in all of them.
 _VERTICES, _ALL_VERTICES = 16_000, 120_000
 # The maps of so many frames are kept, whatever else they show, where there are no dents.
 _LEAST_VIEWS = 1
 
 Inspect = Callable[..., Inspection]
-
-
-@dataclass(frozen=True, eq=False)
-class Captured:
-    """A cloud, and what is known of it.
-
-    Attributes
-    ----------
-    name : str
-    cloud : Cloud
-    stamp_ns : int, optional
-    noise : ndarray, shape (rows, columns), optional
-        Standard deviation of each point as the reconstruction predicts it, metres.
-    viewpoint : ndarray, shape (3,)
-        From where it was seen, in its own frame, metres.
-    pose : Pose
-        Of its frame in the report's.
-    vehicle : Pose, optional
-        Of the vehicle in the report's frame.
-    covariance : ndarray, shape (6, 6), optional
-        Of that pose; all zeros is unknown.
-    pose_age : float, optional
-        Seconds between the cloud and that pose.
-    photograph : ndarray, shape (height, width, 3), uint8, optional
-        RGB.
-    """
-
-    name: str
-    cloud: Cloud
-    stamp_ns: int | None = None
-    noise: NDArray[np.float32] | None = None
-    viewpoint: NDArray[np.float64] | tuple[float, float, float] = (0.0, 0.0, 0.0)
-    pose: Pose = SAME
-    vehicle: Pose | None = None
-    covariance: NDArray[np.float64] | None = None
-    pose_age: float | None = None
-    photograph: NDArray[np.uint8] | None = None
 
 
 class Survey:
@@ -197,45 +158,10 @@ class Survey:
         ]
 
 
-def in_frame(dent: MeasuredDent, pose: Pose) -> MeasuredDent:
-    """A dent in the parent frame of `pose`, with its orientation from that frame's x axis."""
-    if pose is SAME:
-        return dent
-    moved = dent.transformed(pose)
-    return replace(
-        moved, orientation=replace(moved.orientation, value=_angle(moved.axis, moved.normal))
-    )
-
-
-def viewpoint_of(cloud: Cloud) -> NDArray[np.float64]:
-    """A point on the camera's side of an organised cloud in any frame, shape (3,), metres.
-
-    Columns go right and rows down in the image, so their product points away from the camera.
-    """
-    points = cloud.points.astype(float)
-    with np.errstate(invalid='ignore'):
-        away = np.cross(np.gradient(points, axis=1), np.gradient(points, axis=0))
-    away = away[np.isfinite(away).all(axis=-1)].sum(axis=0)
-    length = np.linalg.norm(away)
-    valid = points[cloud.valid]
-    if not length or not len(valid):
-        return np.zeros(3)
-    return np.asarray(np.median(valid, axis=0) - away / length, float)
-
-
 def _renumbered(entries: Sequence[ListedDent]) -> tuple[ListedDent, ...]:
     """From 1, the deepest dent first, bumps and steps after them."""
     in_order = sorted(entries, key=lambda e: (e.dent.kind != 'dent', -e.dent.depth.value))
     return tuple(replace(entry, number=i) for i, entry in enumerate(in_order, start=1))
-
-
-def _angle(axis: NDArray, normal: NDArray) -> float:
-    """Angle of an axis from x about the normal, -pi/2 to pi/2, radians."""
-    along = np.eye(3)[0] - normal[0] * normal
-    if np.linalg.norm(along) < 1e-6:
-        along = np.eye(3)[1] - normal[1] * normal
-    angle = np.arctan2(normal @ np.cross(along, axis), along @ axis)
-    return float((angle + np.pi / 2) % np.pi - np.pi / 2)
 
 
 def _frame(

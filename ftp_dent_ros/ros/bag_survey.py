@@ -6,10 +6,11 @@ from collections.abc import Callable
 from typing import Any
 
 from ftp_dent_ros.errors import CloudError
+from ftp_dent_ros.inspection.captured import SAME, Captured, viewpoint_of
 from ftp_dent_ros.inspection.report import Report
 from ftp_dent_ros.inspection.rules import Rules
 from ftp_dent_ros.inspection.settings import Settings
-from ftp_dent_ros.inspection.survey import SAME, Captured, Inspect, Survey, viewpoint_of
+from ftp_dent_ros.inspection.survey import Inspect, Survey
 from ftp_dent_ros.recording.reader import Bag
 from ftp_dent_ros.rig import Lens
 from ftp_dent_ros.ros.bag_clouds import BagCloud, bag_clouds, count_clouds

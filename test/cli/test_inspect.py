@@ -49,11 +49,13 @@ def test_a_cloud_gives_its_dents_and_their_verdicts(tmp_path, capsys, cloud):
     for dent, true in zip(data['dents'], TRUTH, strict=True):
         assert [dent[a] for a in 'xyz'] == pytest.approx(true.position, abs=5e-4)
         assert dent['length_mm'] == pytest.approx(true.length * 1e3, abs=1)
+        assert dent['width_mm'] == pytest.approx(true.width * 1e3, abs=0.5)
     assert all(dent['verdict'] for dent in data['dents'])
     assert data['frame_id'] == 'camera_optical_frame' and len(data['rig']['id']) == 12
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == '2 dents, 0 bumps and steps'
-    assert lines[1].endswith('width 50.1 mm: exceeds')
+    deepest = data['dents'][0]
+    assert lines[1].endswith(f'width {deepest["width_mm"]:.1f} mm: exceeds')
 
 
 def test_dents_smaller_than_asked_for_are_left_out(tmp_path, cloud):

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from dent_samples import make_dent
 
+from ftp_dent_ros.inspection.combining import combined
 from ftp_dent_ros.inspection.dent import Estimate
-from ftp_dent_ros.inspection.dent_list import DentList, combined, position_covariance
+from ftp_dent_ros.inspection.dent_list import DentList, position_covariance
 from ftp_dent_ros.pose import Pose
 
 POSE = Pose.from_rpy((0, 0, 0), (0, 0, 0))

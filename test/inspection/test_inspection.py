@@ -1,3 +1,4 @@
+import cv2
 import numpy as np
 import pytest
 from small_clouds import COLUMNS, ROWS, cloud_of, panel
@@ -85,6 +86,59 @@ def test_bare_skin_has_no_dents(radius):
         noisy = cloud_of(panel(radius=radius, rivets=rivets), noise=3e-5, seed=seed)
         inspection = inspect(noisy)
         assert inspection.dents == inspection.others == ()
+
+
+def raised(cloud, depths):
+    """The cloud with points further away by so many metres, as if nothing but that had changed."""
+    return Cloud(cloud.points * (1 + depths[..., None] / 0.7).astype(np.float32), cloud.intensity)
+
+
+def test_a_rivet_in_its_ripples_is_no_dent_however_wide_they_are():
+    x, y = 1.4e-3 * (np.mgrid[:COLUMNS, :ROWS].T - np.array([100, 75])).transpose(2, 0, 1)
+    distance = np.hypot(x, y)
+    ripples = 2.5e-5 * np.clip(2.5 - distance / 4e-3, 0, 1)
+    rivet = 1.5e-4 * np.exp(-((distance / 3e-3) ** 2))
+    for sign in (1, -1):
+        inspection = inspect(raised(cloud_of(panel()), sign * (ripples + rivet)))
+        assert inspection.dents == inspection.others == ()
+    small = Dent(0.03, 0.02, 0.018, 0.016, 0.00015)
+    (dent,) = inspect(raised(cloud_of(panel(small)), ripples + rivet)).dents
+    assert dent.depth.value == pytest.approx(small.depth, abs=2e-5)
+
+
+def test_a_sliver_along_the_rim_is_no_panel():
+    lifted = np.zeros((ROWS, COLUMNS))
+    lifted[:, :5] = -8e-4
+    inspection = inspect(raised(cloud_of(panel(DENT)), lifted))
+    assert len(inspection.dents) == 1
+    assert all(other.kind != 'step' for other in inspection.others)
+
+
+def test_what_the_reconstruction_smooths_is_sized_as_it_was():
+    skin = panel(DENT)
+    cloud = cloud_of(skin, noise=0.0)
+    smooth = cv2.GaussianBlur(cloud.points, (0, 0), 2e-3 / 1.4e-3)
+    noisy = cloud_of(skin, noise=2e-6).points - cloud.points
+    length, width = DENT.size_at()
+
+    (dent,) = inspect(Cloud(smooth + noisy, cloud.intensity)).dents
+
+    for estimate, true in ((dent.length, length), (dent.width, width)):
+        assert abs(estimate.value - true) < 2.5 * estimate.uncertainty
+        assert estimate.value == pytest.approx(true, abs=4e-4)
+    assert abs(dent.depth.value - DENT.depth) < 2.5 * dent.depth.uncertainty
+
+
+@pytest.mark.parametrize('value', [np.nan, np.inf, -np.inf])
+def test_a_point_without_all_its_coordinates_is_not_measured(value):
+    cloud = cloud_of(panel(DENT))
+    for axis in range(3):
+        cloud.points[axis::9, ::11, axis] = value
+    inspection = inspect(cloud)
+    (dent,) = inspection.dents
+    assert dent.depth.value == pytest.approx(DENT.depth, abs=2e-5)
+    for axis in range(3):
+        assert np.isnan(inspection.deviation[axis::9, ::11]).all()
 
 
 def test_a_bump_is_a_bump():

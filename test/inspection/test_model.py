@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from ftp_dent_ros.inspection.model import Grid, fit_dents
+from ftp_dent_ros.inspection.blurring import Grid
+from ftp_dent_ros.inspection.model import fit_dents
 from ftp_dent_ros.simulation import Dent
 
 GRID = Grid(np.linspace(-0.06, 0.06, 61), np.linspace(-0.06, 0.06, 61))
@@ -48,3 +49,15 @@ def test_uncertainties_grow_with_the_noise():
     ratio = large.axes_uncertainty[0] / small.axes_uncertainty[0]
     assert ratio == pytest.approx(10, rel=0.3)
     assert abs(small.axes[0] - dent.length) < 4 * small.axes_uncertainty[0]
+
+
+def test_what_the_data_do_not_tell_is_very_uncertain():
+    dent = Dent(0.0, 0.0, 0.06, 0.04, 0.002)
+    same = [0.001, 0.0, np.log(0.03), np.log(0.02), 0.0, 0.001]
+    noise = 1e-5 * np.random.default_rng(0).normal(size=KNOWN.shape)
+    for start in ([same, same], [same, [0.5, 0.5, *same[2:]]]):
+        fitted = fit_dents(GRID, height(dent) + noise, KNOWN, np.array(start), 1.0)
+        second = fitted.dents[1]
+        assert np.isfinite(second.axes_uncertainty).all()
+        assert second.axes_uncertainty[0] > 1.0
+        assert 0.5 < second.angle_uncertainty < 1.0

@@ -16,11 +16,12 @@ from dent_samples import TrueInspector, make_dent
 from ftp_dent_ros import __version__
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.errors import CloudError, ConfigurationError
+from ftp_dent_ros.inspection.captured import SAME, Captured, in_frame, viewpoint_of
 from ftp_dent_ros.inspection.dent import Inspection
 from ftp_dent_ros.inspection.report import content_id, write_report
 from ftp_dent_ros.inspection.report.drawing import on_grid, on_photograph
 from ftp_dent_ros.inspection.rules import Limit, Rules
-from ftp_dent_ros.inspection.survey import SAME, Captured, Survey, in_frame, viewpoint_of
+from ftp_dent_ros.inspection.survey import Survey
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig import Lens
 from ftp_dent_ros.simulation import Panel, Surface
@@ -104,7 +105,7 @@ def test_a_report_without_dents_says_so(tmp_path):
     flat = Surface((replace(SKIN.panels[0], dents=()),))
     page = write_report(tmp_path, survey(flat).report('x', 'camera_optical_frame'))
     text = page.read_text()
-    assert 'No dents found' in text and 'dents of 0.2 mm depth and 10 mm width' in text
+    assert 'No dents found' in text and 'dents of 0.1 mm depth and 10 mm width' in text
     assert json.loads((tmp_path / 'dents.json').read_text())['dents'] == []
     header = (tmp_path / 'dents.csv').read_text().splitlines()
     assert len(header) == 1

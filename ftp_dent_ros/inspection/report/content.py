@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.inspection.dent_list import ListedDent
+from ftp_dent_ros.inspection.combining import ListedDent
 from ftp_dent_ros.inspection.gauge import Gauge
 from ftp_dent_ros.inspection.report.mesh import Mesh
 from ftp_dent_ros.inspection.rules import Finding, Rules

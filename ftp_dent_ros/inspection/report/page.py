@@ -11,13 +11,14 @@ from typing import Any
 
 import numpy as np
 from jinja2 import Environment, StrictUndefined
-from numpy.typing import NDArray
 
+from ftp_dent_ros.inspection.combining import ListedDent
 from ftp_dent_ros.inspection.dent import Estimate
-from ftp_dent_ros.inspection.dent_list import ListedDent
 from ftp_dent_ros.inspection.report import drawing
 from ftp_dent_ros.inspection.report.content import Frame, Report
+from ftp_dent_ros.inspection.report.pictures import pictures_of, scale_of
 from ftp_dent_ros.inspection.report.records import iso_time
+from ftp_dent_ros.inspection.report.scene import scene_of
 from ftp_dent_ros.inspection.rules import (
     COVERAGE,
     EXCEEDS,
@@ -32,7 +33,6 @@ from ftp_dent_ros.inspection.rules import (
 _MM = 1000.0
 # The scale of the colours reaches at least so many standard deviations of a point.
 _SIGMAS = 5.0
-_SCALE_BARS = (0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 
 
 def page(report: Report) -> str:
@@ -48,18 +48,18 @@ def page(report: Report) -> str:
         report=report,
         style=texts['page.css'],
         script=texts['view.js'],
-        scene=json.dumps(_scene(report, limit)),
+        scene=json.dumps(scene_of(report, limit)),
         headline=_headline(report, findings),
         facts=_facts(report),
         dents=[_dent(entry, findings[entry.number], limit) for entry in report.dents],
         others=[_dent(entry, (), limit) for entry in report.others],
-        frames=[_pictures(frame, report, limit) for frame in report.frames if frame.view],
+        frames=[pictures_of(frame, report, limit) for frame in report.frames if frame.view],
         seen=[_seen(frame, report) for frame in report.frames],
         gauges=[_gauge(gauge) for gauge in report.gauges],
         several=len(report.frames) > 1,
         rules=report.rules,
         classes={WITHIN: 'within', EXCEEDS: 'exceeds', UNDECIDED: 'undecided'},
-        scale=_scale(limit),
+        scale=scale_of(limit),
     )
 
 
@@ -214,122 +214,3 @@ def _seen(frame: Frame, report: Report) -> list[str]:
     time = frame.name if frame.stamp_ns is None else iso_time(frame.stamp_ns)
     noise = f'{frame.noise * _MM:.3f}' if math.isfinite(frame.noise) else '–'
     return [str(frame.number), time, place, spread, noise, str(frame.dents), str(frame.others)]
-
-
-def _pictures(frame: Frame, report: Report, limit: float) -> dict[str, Any]:
-    """Heat map and photograph of a frame, with the outlines of the dents that it shows."""
-    view = frame.view
-    assert view is not None
-    shown = [
-        entry
-        for entry in (*report.dents, *report.others)
-        if any(sighting.frame == frame.number for sighting in entry.sightings)
-    ]
-    rows, columns = view.deviation.shape
-    heat = [_outline(entry, drawing.on_grid(_closed(entry), view)) for entry in shown]
-    photograph = None
-    if view.photograph is not None:
-        photograph = {
-            'data': drawing.data_uri(view.photograph, 'image/jpeg'),
-            'width': view.size[0],
-            'height': view.size[1],
-            'outlines': [
-                _outline(entry, drawing.on_photograph(_closed(entry), view, report.camera))
-                for entry in shown
-            ],
-        }
-    return {
-        'number': frame.number,
-        'title': frame.name if frame.stamp_ns is None else iso_time(frame.stamp_ns),
-        'shows': ', '.join(str(entry.number) for entry in shown),
-        'heat': {
-            'data': drawing.heat_map(view.deviation, limit),
-            'width': columns,
-            'height': rows,
-            'outlines': heat,
-            'bar': _scale_bar(view.points),
-        },
-        'photograph': photograph,
-    }
-
-
-def _closed(entry: ListedDent) -> NDArray[np.float64]:
-    return entry.dent.outline if len(entry.dent.outline) else entry.dent.position[None]
-
-
-def _outline(entry: ListedDent, pixels: NDArray[np.float64]) -> dict[str, Any]:
-    pixels = pixels[np.isfinite(pixels).all(axis=1)]
-    if not len(pixels):
-        pixels = np.zeros((1, 2))
-    # The centre of a pixel is at a half in SVG.
-    points = ' '.join(f'{u + 0.5:.1f},{v + 0.5:.1f}' for u, v in pixels)
-    right, top = pixels[:, 0].max(), pixels[:, 1].min()
-    return {
-        'points': points,
-        'number': entry.number,
-        'kind': entry.dent.kind,
-        'x': f'{right:.1f}',
-        'y': f'{top:.1f}',
-    }
-
-
-def _scale_bar(points: NDArray[np.float32]) -> dict[str, Any] | None:
-    """A bar of a round length, a seventh of the picture's width or so, in columns."""
-    step = np.linalg.norm(np.diff(points, axis=1), axis=-1)
-    if not np.isfinite(step).any():
-        return None
-    column = float(np.nanmedian(step))
-    goal = column * points.shape[1] / 7
-    length = min(_SCALE_BARS, key=lambda bar: abs(math.log(bar / goal)))
-    return {'length': length / column, 'text': f'{length * _MM:g} mm'}
-
-
-def _scale(limit: float) -> dict[str, Any]:
-    values = np.linspace(-1, 1, 5) * limit * _MM
-    return {
-        'data': drawing.png(drawing.colour_table()[None]),
-        'marks': [f'{value:+.3g}' if value else '0' for value in values],
-    }
-
-
-def _scene(report: Report, limit: float) -> dict[str, Any]:
-    """What the 3-D view shows, about the middle of it all."""
-    frames = report.frames
-    if not report.placed:
-        # Each is where its camera was: one is shown.
-        frames = tuple(frame for frame in frames if frame.view)[:1]
-    shown = {frame.number for frame in frames}
-    found = [frame.mesh.points[np.isfinite(frame.mesh.points).all(-1)] for frame in frames]
-    every = np.concatenate([np.zeros((0, 3), np.float32), *found]).astype(float)
-    if not len(every):
-        return {'meshes': []}
-    origin = (every.min(axis=0) + every.max(axis=0)) / 2
-    inward = _mean([frame.mesh.inward for frame in frames])
-    down = _mean([np.diff(frame.mesh.points, axis=0) for frame in frames])
-    meshes = [frame.mesh.packed(origin) for frame in frames]
-    return {
-        'meshes': [mesh for mesh in meshes if mesh],
-        'radius': float(np.linalg.norm(every - origin, axis=1).max()),
-        'inward': inward,
-        'down': down,
-        'limit': limit,
-        'colours': drawing.colour_table().ravel().tolist(),
-        'dents': [
-            {
-                'number': entry.number,
-                'kind': entry.dent.kind,
-                'position': (entry.dent.position - origin).tolist(),
-                'outline': np.round(_closed(entry) - origin, 5).ravel().tolist(),
-                'normal': entry.dent.normal.tolist(),
-            }
-            for entry in (*report.dents, *report.others)
-            if shown & {sighting.frame for sighting in entry.sightings}
-        ],
-    }
-
-
-def _mean(fields: Sequence[NDArray]) -> list[float]:
-    vectors = [field[np.isfinite(field).all(-1)] for field in fields if field.size]
-    total = np.concatenate([np.zeros((0, 3)), *vectors]).sum(axis=0)
-    length = float(np.linalg.norm(total))
-    return [float(value) for value in total / length] if length else [0.0, 0.0, 1.0]

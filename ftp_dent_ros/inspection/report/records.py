@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ftp_dent_ros.inspection.dent_list import ListedDent
+from ftp_dent_ros.inspection.combining import ListedDent
 from ftp_dent_ros.inspection.report.content import Frame, Report
 from ftp_dent_ros.inspection.rules import Finding, clearance, verdict, width_to_depth
 

@@ -1,0 +1,147 @@
+"""Sightings of one dent, combined."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.inspection.dent import Estimate, MeasuredDent
+
+_ESTIMATES = ('depth', 'length', 'width', 'model_length', 'model_width', 'area', 'volume')
+_NONE = np.zeros((0, 3))
+_NO_PROFILE = np.zeros((0, 2))
+
+
+@dataclass(frozen=True, eq=False)
+class Sighting:
+    """A dent as one frame gave it.
+
+    Attributes
+    ----------
+    frame : int
+        Number of the frame.
+    dent : MeasuredDent
+        In the list's frame of reference.
+    position_covariance : ndarray, shape (3, 3)
+        Of its position in that frame, square metres: what the pose leaves open.
+    repeats : tuple of MeasuredDent
+        The same dent measured on parts of the same cloud.
+    """
+
+    frame: int
+    dent: MeasuredDent
+    position_covariance: NDArray[np.float64]
+    repeats: tuple[MeasuredDent, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class ListedDent:
+    """One dent with all its sightings.
+
+    Attributes
+    ----------
+    number : int
+        From 1, in the order of the first sightings.
+    dent : MeasuredDent
+        Measurements of all sightings in which the dent is whole, combined; outline and profiles
+        are those of `best`.
+    position_covariance : ndarray, shape (3, 3)
+        Square metres.
+    sightings : tuple of Sighting
+        In the order of the frames.
+    best : int
+        Number of the frame that shows it best.
+    """
+
+    number: int
+    dent: MeasuredDent
+    position_covariance: NDArray[np.float64]
+    sightings: tuple[Sighting, ...]
+    best: int
+
+
+def listed(number: int, sightings: tuple[Sighting, ...]) -> ListedDent:
+    """One dent from all its sightings; of cut ones only if it is nowhere whole."""
+    whole = [item for item in sightings if not item.dent.is_cut]
+    if whole:
+        best = min(whole, key=lambda item: _rank(item.dent.depth.uncertainty))
+    else:
+        best = max(sightings, key=lambda item: _rank(item.dent.length.value, -1.0))
+    used = whole or [best]
+    dents = [item.dent for item in used]
+    spreads = np.stack([item.position_covariance for item in used]) + np.eye(3) * 1e-12
+    weights = np.linalg.inv(spreads)
+    places = np.stack([dent.position for dent in dents])
+    # The poses of one flight share most of their error: it does not average out.
+    covariance = np.linalg.inv(weights.mean(axis=0))
+    position = covariance @ np.einsum('nij,nj->i', weights, places) / len(used)
+    values: dict[str, Any] = {
+        name: combined([getattr(d, name) for d in dents]) for name in _ESTIMATES
+    }
+    axis = _mean_direction([d.axis for d in dents], best.dent.axis)
+    # Angles of an axis repeat after half a turn.
+    turns = [(d.orientation.value - best.dent.orientation.value) for d in dents]
+    near = [(t + np.pi / 2) % np.pi - np.pi / 2 for t in turns]
+    turn = combined(
+        [Estimate(t, d.orientation.uncertainty) for t, d in zip(near, dents, strict=True)]
+    )
+    angle = (best.dent.orientation.value + turn.value + np.pi / 2) % np.pi - np.pi / 2
+    dent = replace(
+        best.dent,
+        position=position,
+        normal=_mean_direction([d.normal for d in dents], best.dent.normal),
+        axis=axis,
+        orientation=Estimate(float(angle), turn.uncertainty),
+        significance=max(d.significance for d in dents),
+        outline=best.dent.outline + (position - best.dent.position),
+        **values,
+    )
+    kept = tuple(item if item is best else _without_curves(item) for item in sightings)
+    return ListedDent(number, dent, covariance, kept, best.frame)
+
+
+def combined(estimates: Sequence[Estimate]) -> Estimate:
+    """Weighted mean of measurements of one quantity.
+
+    Its uncertainty is the one that the measurements claim (internal) or the one that their
+    scatter shows (external), whichever is larger (Birge, Phys. Rev. 40, 207, 1932).
+    """
+    values = np.array([item.value for item in estimates])
+    sigma = np.array([item.uncertainty for item in estimates])
+    known = np.isfinite(values)
+    if not known.any():
+        return Estimate(float('nan'), float('nan'))
+    values, sigma = values[known], sigma[known]
+    if not (np.isfinite(sigma) & (sigma > 0)).all():
+        spread = values.std(ddof=1) / np.sqrt(len(values)) if len(values) > 1 else float('nan')
+        return Estimate(float(values.mean()), float(spread))
+    weights = sigma**-2.0
+    mean = float(np.average(values, weights=weights))
+    internal = weights.sum() ** -0.5
+    external = 0.0
+    if len(values) > 1:
+        external = np.sqrt(np.average((values - mean) ** 2, weights=weights) / (len(values) - 1))
+    return Estimate(mean, float(max(internal, external)))
+
+
+def _rank(value: float, unknown: float = float('inf')) -> float:
+    return value if np.isfinite(value) else unknown
+
+
+def _mean_direction(vectors: list[NDArray], like: NDArray) -> NDArray[np.float64]:
+    total = sum(np.sign(vector @ like) * vector for vector in vectors)
+    return total / np.linalg.norm(total)
+
+
+def _without_curves(item: Sighting) -> Sighting:
+    """A long flight has many sightings, and only the best one's curves are shown."""
+    curves: dict[str, Any] = {
+        'outline': _NONE,
+        'length_profile': _NO_PROFILE,
+        'width_profile': _NO_PROFILE,
+    }
+    return replace(item, dent=replace(item.dent, **curves))
