@@ -27,6 +27,7 @@ _VALLEY = 0.6
 _ROUGH, _ROUGH_NOISE = 0.04, 4.0
 _FAINT, _FAINT_GAP = 0.3, 40.0
 _GAP = 12.0
+_LINE = 10  # nodes
 _TIED = 0.25
 # Fringes that are left out beside another surface.
 _MARGIN = 0.7
@@ -119,8 +120,10 @@ def edges(
     if edge.any():
         gap = _FAINT_GAP if faint else _GAP
         along_u, along_v = (int(gap * period / pitch) for pitch in grid.pitch)
-        for shape in ((1, along_u), (along_v, 1)):
-            lines = lines | cv2.morphologyEx(edge, cv2.MORPH_CLOSE, np.ones(shape, np.uint8))
+        for shape, line in (((1, along_u), (1, _LINE)), ((along_v, 1), (_LINE, 1))):
+            # So wide gaps are closed along lines only, not from one line to the next.
+            ends = cv2.morphologyEx(edge, cv2.MORPH_OPEN, np.ones(line)) if faint else edge
+            lines = lines | cv2.morphologyEx(ends, cv2.MORPH_CLOSE, np.ones(shape, np.uint8))
         lines = cv2.dilate(lines, np.ones((3, 3), np.uint8))
     return lines > 0
 
