@@ -226,9 +226,10 @@ class LeastSquares:
             depths.append(1 / inverse_depth[at_stripe])
             published |= measured[:, :: grid.bins] | measured[:, grid.bins - 1 :: grid.bins]
         depth = np.concatenate(depths)
+        inner = eroded(lit)
         stripe_depth = float(np.median(depth)) if len(depth) else math.nan
         quality = Quality(
-            float(np.count_nonzero(lit & ~published)) / max(float(np.count_nonzero(lit)), 1.0),
+            float(np.count_nonzero(inner & ~published)) / max(float(np.count_nonzero(inner)), 1.0),
             tuple(
                 Fit(self._nodes, part.phase, part.refined, surface.measured)
                 for part, surface in zip(parts, surfaces, strict=True)

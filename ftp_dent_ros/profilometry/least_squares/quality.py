@@ -16,7 +16,7 @@ from ftp_dent_ros.profilometry.least_squares.sight import Sight
 # Radians over which the depth's change with the phase is taken.
 _STEP = 0.05
 # Share of the lit area that may be left out without a remark.
-_LEFT_OUT = 0.05
+_LEFT_OUT = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,7 @@ class Quality:
     Attributes
     ----------
     untied : float
-        Share of the lit area without points, most of it for want of a tie to the stripe.
+        Share of the lit area, but for its rim, without points: for want of a tie to the stripe.
     fits : tuple of Fit
         Of the measurement's surfaces.
     grid : Grid
@@ -73,7 +73,7 @@ class Quality:
             return ()
         return (
             f'{self.untied:.0%} of the lit area is not tied to the red stripe (a step or a gap '
-            'lies between, or its rim is blurred): bring the stripe onto it to measure it',
+            'lies between): bring the stripe onto it to measure it',
         )
 
     def standard_deviation(self) -> NDArray[np.float32]:
