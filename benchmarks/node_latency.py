@@ -1,11 +1,14 @@
 """Time from the publication of an image to the arrival of its cloud, between two processes.
 
 python benchmarks/node_latency.py [--rate 20] [--seconds 60] [--size 1280x720] [--stride 2]
+
+Over the transport that `ftp-dent up` selects.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 import subprocess
 import sys
 import tempfile
@@ -24,6 +27,7 @@ from ftp_dent_ros.rig import Lens, Rig, write_rig
 from ftp_dent_ros.ros.domain import free_domain
 from ftp_dent_ros.ros.messages import image_to_message, stamp_to_ns
 from ftp_dent_ros.ros.qos import CLOUDS, IMAGES, LATCHED
+from ftp_dent_ros.ros.transport import profile
 from ftp_dent_ros.simulation import Panel, Renderer, Surface
 
 
@@ -51,7 +55,8 @@ def main() -> None:
     skin = Surface((Panel(Pose.from_rpy([0, 0.1, 0], [0, 0, 0.65]), (-1, 1, -1, 1), 2.0),))
     image = Renderer(rig, pattern.draw()).render(skin)
 
-    with tempfile.TemporaryDirectory() as folder, free_domain():
+    with tempfile.TemporaryDirectory() as folder, free_domain(), profile(2) as transport:
+        os.environ.update(transport)
         rig_file = Path(folder) / 'rig.yaml'
         write_rig(rig_file, rig)
         words = ['-p', f'rig:={rig_file}', '-p', f'stride:={arguments.stride}']
