@@ -60,7 +60,7 @@ def run(
         executor = SingleThreadedExecutor() if threads == 1 else MultiThreadedExecutor(threads)
         node = make_node()
         executor.add_node(node)
-        while not stop.is_set():
+        while rclpy.ok() and not stop.is_set():
             _spin_once(executor, node)
     except FtpDentError as error:
         print(f'{name}: {error}', file=sys.stderr)

@@ -27,14 +27,13 @@ from ftp_dent_ros.profilometry.least_squares.regions import (
     edges,
     eroded,
     fringe_region,
-    joined,
     rim_strips,
     separated,
     sighted,
-    untied,
 )
 from ftp_dent_ros.profilometry.least_squares.sight import Sight
 from ftp_dent_ros.profilometry.least_squares.surface import evaluate, robust_quadric
+from ftp_dent_ros.profilometry.least_squares.ties import joined, off_frame, untied
 from ftp_dent_ros.profilometry.least_squares.windows import Windows
 from ftp_dent_ros.profilometry.stripe import stripe_orders
 from ftp_dent_ros.profilometry.unwrapping import Unwrapped, unwrap
@@ -171,11 +170,13 @@ class LeastSquares:
                 light, table.phase, reference - table.node_phase, shift, whole
             )
             absolute = reference + refined.shift.values
+            at_stripe, rough = np.abs(absolute) < math.pi, refined.roughness
+            lines = edges(region, seams, rough, self.grid, self.period)
+            strange = untied(region, lines, refined.shift.values, at_stripe, *place)
             rim = FrameRim.of(refined.measured, absolute, self.pattern, self.grid)
-            faint = bool(rim.off(rim.blocks()))
-            lines = edges(region, seams, refined.roughness, self.grid, self.period, faint)
-            at_stripe = np.abs(absolute) < math.pi
-            strange = untied(region, lines, refined.shift.values, at_stripe, rim, *place)
+            if rim.off(rim.blocks()):
+                lines = edges(region, seams, rough, self.grid, self.period, faint=True)
+                strange = strange | off_frame(region, lines, at_stripe, rim)
             if not strange.any():
                 break
             self._check_stripe(light, phase, region & ~strange)

@@ -1,4 +1,4 @@
-"""Which nodes belong to which surface, and which surfaces are tied to one another."""
+"""Which nodes see fringes, and of one surface; the edges between surfaces."""
 
 from __future__ import annotations
 
@@ -9,13 +9,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.profilometry.least_squares.continuation import Continuation
 from ftp_dent_ros.profilometry.least_squares.first_fit import Fringes
-from ftp_dent_ros.profilometry.least_squares.frame_rim import FrameRim
 from ftp_dent_ros.profilometry.least_squares.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.median import median
 from ftp_dent_ros.profilometry.least_squares.windows import Windows
-from ftp_dent_ros.profilometry.unwrapping import wrap
 
 # Grey levels: an amplitude that gives a phase worth having.
 _LEAST_MODULATION = 2.5
@@ -23,22 +20,18 @@ _LEAST_MODULATION = 2.5
 _RIM = 0.5
 _VALLEY = 0.6
 # Misfit, in fringe amplitudes and in those of all, that tells of an edge; gaps in it that are
-# closed, fringes; phase across it that is still the same surface, radians.
+# closed, fringes.
 _ROUGH, _ROUGH_NOISE = 0.04, 4.0
 _FAINT, _FAINT_GAP = 0.3, 40.0
 _GAP = 12.0
 _LINE = 10  # nodes
-_TIED = 0.25
 # Fringes that are left out beside another surface.
 _MARGIN = 0.7
 # Nodes whose windows see the rim.
 _RIM_NODES = 3
 # Standard deviations of a window within which the first fit takes a rim for fringes.
 _SEEN = 3.3
-# Fringes beyond an edge within which the phases of both sides are compared.
-_NEAR = 4.0
-_TURN = 2 * math.pi
-_SMALLEST = 30  # nodes of a surface
+SMALLEST = 30  # nodes of a surface
 
 
 def fringe_region(
@@ -140,7 +133,7 @@ def separated(region: NDArray[np.bool_], lines: NDArray[np.bool_]) -> NDArray[np
     grown, met = np.zeros(region.shape, np.uint8), np.zeros(region.shape, np.uint8)
     size = 2 * _RIM_NODES + 1
     for label in range(1, count):
-        if sizes[label] >= _SMALLEST:
+        if sizes[label] >= SMALLEST:
             core = (labels == label).view(np.uint8)
             grown = grown | cv2.dilate(core, np.ones((size, size), np.uint8))
             met = met + cv2.dilate(core, np.ones((size + 2, size + 2), np.uint8))
@@ -158,108 +151,3 @@ def sighted(region: NDArray[np.bool_], windows: Windows) -> NDArray[np.bool_]:
     size = [2 * math.ceil(_SEEN * sigma) + 1 for sigma in (windows.sigma_v, windows.sigma_u)]
     inner = cv2.erode(region.view(np.uint8), np.ones(size, np.uint8), borderValue=0) > 0
     return inner if inner.any() else region
-
-
-def joined(
-    home: NDArray[np.bool_],
-    labels: NDArray[np.integer],
-    shift: NDArray[np.float32],
-    windows: Windows,
-    grid: Grid,
-    period: float,
-) -> dict[int, int]:
-    """Regions that are one surface with another, and the whole turns that part their phases.
-
-    A region beyond an edge, of paint or of the surface, is the same surface if its phase is
-    where the slope on this side leads. (A step by whole fringes looks the same.)
-
-    Parameters
-    ----------
-    home : ndarray, shape (rows, columns), bool
-    labels : ndarray, shape (rows, columns), integer
-        Other regions, from 1.
-    shift : ndarray, shape (rows, columns), float32
-        Phase less that of a smooth reference, radians.
-
-    Returns
-    -------
-    dict
-        Turns to add to the phase of each region that is tied to `home`, by its label.
-    """
-    if not labels.any():
-        return {}
-    sizes = np.bincount(labels.ravel())
-    waiting = [label for label in range(1, len(sizes)) if sizes[label] >= _SMALLEST]
-    near = [2 * math.ceil(_NEAR * period / pitch) + 1 for pitch in grid.pitch[::-1]]
-    turns: dict[int, int] = {}
-    tied, shift = home.copy(), shift.copy()
-    while waiting:
-        ahead = Continuation(tied, windows).by_slope(shift)
-        beside = cv2.dilate(tied.view(np.uint8), np.ones(near, np.uint8)) > 0
-        found = []
-        for label in waiting:
-            seam = beside & (labels == label)
-            if not seam.any():
-                continue
-            ahead_by = (ahead - shift)[seam]
-            if np.median(np.abs(wrap(ahead_by))) < _TIED:
-                found.append(label)
-                turns[label] = round(float(np.median(ahead_by)) / _TURN)
-                shift[labels == label] += np.float32(_TURN * turns[label])
-        if not found:
-            break
-        tied |= np.isin(labels, found)
-        waiting = [label for label in waiting if label not in found]
-    return turns
-
-
-def untied(
-    region: NDArray[np.bool_],
-    lines: NDArray[np.bool_],
-    shift: NDArray[np.float32],
-    at_stripe: NDArray[np.bool_],
-    rim: FrameRim,
-    windows: Windows,
-    grid: Grid,
-    period: float,
-) -> NDArray[np.bool_]:
-    """Nodes of a region beyond edges that do not go on from where the stripe is.
-
-    Nor does what seems to go on, but ends whole fringes off the rim of the projector's frame.
-
-    Parameters
-    ----------
-    region, lines, at_stripe : ndarray, shape (rows, columns), bool
-        The region, the edges in it, and the nodes on the stripe.
-    shift : ndarray, shape (rows, columns), float32
-        Phase less that of a smooth reference, radians.
-    rim : FrameRim
-        Of the region.
-    """
-    if not lines.any():
-        return lines
-    labels: Any
-    whole = separated(region, lines)
-    _, labels = cv2.connectedComponents(whole.view(np.uint8), connectivity=4)
-    at_home = np.bincount(labels[at_stripe & whole], minlength=labels.max() + 1)
-    at_home[0] = 0
-    if not at_home.any():
-        return np.zeros_like(lines)
-    home = labels == int(at_home.argmax())
-    labels[home] = 0
-    sizes = np.bincount(labels.ravel())
-    alone = sizes >= _SMALLEST
-    alone[0] = False
-    if alone.any():
-        off = rim.off(rim.beside(labels))
-        others = np.where(np.isin(labels, off), 0, labels)
-        alone[list(joined(home, others, shift, windows, grid, period))] = False
-    if not alone.any():
-        return np.zeros_like(lines)
-    # Slivers along edges and the rim go with the nearer surface.
-    strange = alone[labels]
-    tied = home | ((labels > 0) & ~strange)
-    near, far = (
-        cv2.distanceTransform((~part).view(np.uint8), cv2.DIST_L2, 3) for part in (tied, strange)
-    )
-    return region & (far < near)
