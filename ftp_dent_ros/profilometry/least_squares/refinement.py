@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.profilometry.least_squares.camera_effects import lag_of_bins, take_harmonics
 from ftp_dent_ros.profilometry.least_squares.continuation import Continuation
 from ftp_dent_ros.profilometry.least_squares.first_fit import magnitude
 from ftp_dent_ros.profilometry.least_squares.grid import Grid
@@ -34,12 +35,7 @@ _LEAST_SUPPORT = 0.5
 # Fringes along u, and bins along v, by which the first mask's rim is uncertain.
 _RIM_U, _RIM_V = 0.6, 1
 _MAD = 1.4826
-# Windows that light is smoothed over, and the most it grows a pixel, but at edges of paint.
-_LIGHT = 4.0
-_STEEPEST_LIGHT = 0.003
-# Harmonics, in amplitudes, that windows take off well enough.
-_LEAST_HARMONICS = 1e-3
-# Row that the harmonics are measured in, and column beside, that the noise is.
+# Row and column that the noise is measured in.
 _EVERY, _EVERY_COLUMN = 6, 3
 # Gaussian windows that the noise has come through, one correcting the other; a flat-top is two.
 _FITS = 4
@@ -140,7 +136,7 @@ class Refinement:
         rest = np.subtract(levels, self.grid.at_bins(level), out=self._work[2])
         misfit = self._work[3]
         rest -= np.multiply(amplitude, cosine, out=misfit)
-        self._take_harmonics(rest, amplitude, cosine, mask)
+        take_harmonics(rest, amplitude, cosine, mask, self.grid, self._turns[0])
         np.divide(rest, np.maximum(amplitude, 1, out=misfit), out=misfit)
         mask, body = self._on_surface(misfit, mask, allowed, clipped)
         step, variance, supported = self._correction(rest, cosine, sine, modulation, mask)
@@ -155,7 +151,7 @@ class Refinement:
             self._noise,
         )
         if self.grid.bin_variance:
-            lag = self._lag(modulation, phase)
+            lag = lag_of_bins(modulation, phase, self.grid, self.windows)
             shrunk = Shrunk(shrunk.values - lag, shrunk.variance)
         covered = self._covered(levels, amplitude, cosine, body, allowed)
         rough = roughness(misfit, self.windows, self.grid)
@@ -198,28 +194,6 @@ class Refinement:
         modulation = beyond.by_mean(magnitude(x, y))
         return level, modulation, beyond.by_mean(np.arctan2(-y, x))
 
-    def _take_harmonics(self, rest, amplitude, cosine, mask):
-        """Take off the second and third harmonic that a camera's curve makes of fringes."""
-        rows = slice(None, None, _EVERY)
-        weight, c = amplitude[rows] * mask[rows], cosine[rows]
-        second, third = weight * (2 * c * c - 1), weight * c * (4 * c * c - 3)
-        basis = np.stack([second.ravel(), third.ravel()])
-        normal = basis @ basis.T + np.eye(2, dtype=np.float32)
-        h2, h3 = np.linalg.solve(normal, basis @ rest[rows].ravel()).astype(np.float32)
-        if abs(h2) + abs(h3) < _LEAST_HARMONICS:
-            return
-        # h2 (2 c^2 - 1) + h3 c (4 c^2 - 3), after Horner.
-        for rows in self.grid.strips():
-            c = cosine[rows]
-            shape = np.multiply(c, 4 * h3, out=self._turns[0, : len(c)])
-            shape += 2 * h2
-            shape *= c
-            shape -= 3 * h3
-            shape *= c
-            shape -= h2
-            shape *= amplitude[rows]
-            rest[rows] -= shape
-
     def _on_surface(self, misfit, mask, allowed, clipped):
         """Bins that the fit may use, and those that lie on the surface."""
         size = np.abs(misfit)
@@ -235,14 +209,6 @@ class Refinement:
         body = (good | (clipped & core)).view(np.uint8)
         body = cv2.morphologyEx(body, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
         return good, cv2.morphologyEx(body, cv2.MORPH_CLOSE, closing) > 0
-
-    def _lag(self, modulation, phase):
-        """Phase by which averaging to bins leads, where the light grows along the fringes."""
-        smooth = self.windows.wide(np.log(np.maximum(modulation, 1)), _LIGHT)
-        growth = np.gradient(smooth, axis=1) / self.grid.pitch[0]
-        frequency = np.gradient(phase[:, :: self.grid.bins], axis=1) / self.grid.pitch[0]
-        limited = np.clip(growth, -_STEEPEST_LIGHT, _STEEPEST_LIGHT)
-        return (limited * frequency * np.float32(self.grid.bin_variance)).astype(np.float32)
 
     def _covered(self, levels, amplitude, cosine, body, allowed):
         """Amplitude of the fringes in a row of bins as a share of the model's, at the rim."""
