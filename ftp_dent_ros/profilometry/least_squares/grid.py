@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 # Pixels a bin holds along v, along which the fringes hardly change: as a share of a fringe.
 _LEAST_ROWS, _MOST_ROWS, _MOST_FAST = 4, 6, 8
-_ROWS, _FAST_ROWS = 0.7, 1.0
+_ROWS, _FAST_ROWS = 0.85, 1.0
 # Fringes between nodes along u, about.
 _PITCH = 0.6
 # Bins a fringe must at least have.

@@ -244,7 +244,10 @@ class LeastSquares:
         """Bins that the projector's panel reaches, but for its blurred rim."""
         projector = self.rig.projector
         inset = 1.5
+        # A bin is measured where its outer row of pixels is within the panel too.
+        half = (self.grid.rows - 1) / 2 * self.pattern.period_px / self.period
+        high = max(inset, half)
         u_p = self.pattern.column(phase).astype(np.float32)
         inside = (u_p > inset) & (u_p < projector.width - 1 - inset)
-        inside &= (v_p > inset) & (v_p < projector.height - 1 - inset)
+        inside &= (v_p > high) & (v_p < projector.height - 1 - high)
         return self.grid.to_bins(inside)
