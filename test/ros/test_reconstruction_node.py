@@ -256,7 +256,8 @@ def test_hostile_messages_end_nothing_and_a_flood_is_thinned(ros, rig_file, phot
     names = ('clouds', 'dropped', 'refused')
     ros.until(
         lambda: (
-            int(bench.value('clouds')) >= len(bench.clouds)
+            all(bench.value(name) for name in names)
+            and int(bench.value('clouds')) >= len(bench.clouds)
             and sum(int(bench.value(name)) for name in names) == int(bench.value('images'))
         )
     )
