@@ -37,6 +37,8 @@ STRING = 'std_msgs/msg/String'
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 # Enough to hold all that a test sends: the other side may not have met the publisher yet.
 LONG = QoSProfile(depth=200)
+# For a recorder that has yet to find the topic.
+KEPT = QoSProfile(depth=200, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 DESIGN_TYPES = {
     'sensor_msgs/msg/Image': Image,
@@ -249,7 +251,7 @@ def test_a_publisher_that_offers_less_is_heard_too(ros, command, tmp_path):
 def test_everything_means_everything(ros, command, tmp_path):
     bag = tmp_path / 'bag'
     recorder = command('record', '--all', '--max-bag-size', '10K', '-o', bag)
-    publisher = ros.publisher(String, f'{ros.namespace}/words', LONG)
+    publisher = ros.publisher(String, f'{ros.namespace}/words', KEPT)
     for number in range(10):
         publisher.publish(String(data=f'{number}' * 3000))
     ros.until(lambda: (bag / 'bag_2.mcap').exists())
