@@ -154,6 +154,6 @@ def _rows_in(surface: Published, count: int) -> NDArray[np.uint8]:
         lacking = np.where(seen < 1, count * (_WHOLE - at_rim), 0)
         for away in range(count):
             pixel = count - 1 - away if surface_below else away
-            mask[outside, pixel, column] |= np.where(seen >= away + 1, _INSIDE, 0)
-            mask[inside, count - 1 - pixel, column] &= np.where(lacking <= away, _INSIDE, 0)
+            mask[outside, pixel, column] |= (seen >= away + 1) * _INSIDE
+            mask[inside, count - 1 - pixel, column] &= (lacking <= away) * _INSIDE
     return wide
