@@ -80,7 +80,8 @@ def on_grid(points: NDArray[np.float64], view: View) -> NDArray[np.float64]:
     gram = basis.transpose(0, 2, 1) @ basis
     right = (basis.transpose(0, 2, 1) @ beyond[..., None])[..., 0]
     found = np.stack([column, row], axis=-1).astype(float)
-    usable = np.isfinite(gram).all(axis=(1, 2)) & (np.abs(np.linalg.det(gram)) > 0)
+    finite = np.isfinite(gram).all(axis=(1, 2))
+    usable = finite & (np.abs(np.linalg.det(np.where(finite[:, None, None], gram, 0))) > 0)
     shift = np.zeros_like(found)
     shift[usable] = np.linalg.solve(gram[usable], right[usable][..., None])[..., 0]
     return found + np.clip(shift, -2, 2)
