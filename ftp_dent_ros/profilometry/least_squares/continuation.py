@@ -8,7 +8,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.profilometry.least_squares.windows import Windows, blurred
+from ftp_dent_ros.profilometry.least_squares.windows import (
+    Windows,
+    blurred,
+    coarsened,
+    interpolated,
+)
 
 # Width of the neighbourhood that speaks for what lies beyond, windows.
 _WIDTH = 4.0
@@ -36,12 +41,8 @@ class Continuation:
         self._shape = known.shape
         self._share = known.astype(np.float32)
         sigmas = _WIDTH * windows.sigma_u, _WIDTH * windows.sigma_v
-        steps = [max(1, int(sigma / _SIGMA)) for sigma in sigmas]
-        self._size = [
-            -(-length // step) for length, step in zip(known.shape[::-1], steps, strict=True)
-        ]
-        self._fine_enough = max(steps) == 1
-        self._sigmas = sigmas[0] / steps[0], sigmas[1] / steps[1]
+        self._steps = [max(1, int(sigma / _SIGMA)) for sigma in sigmas]
+        self._sigmas = [sigma / step for sigma, step in zip(sigmas, self._steps, strict=True)]
         self._weight = self._coarse(self._share)
         self._total = self._blur(self._weight)
         self._scale = 1 / np.maximum(self._total, _LEAST)
@@ -87,9 +88,7 @@ class Continuation:
         return result
 
     def _coarse(self, field):
-        if self._fine_enough:
-            return field
-        return cv2.resize(field, self._size, interpolation=cv2.INTER_AREA)
+        return coarsened(field, self._steps)
 
     def _blur(self, field):
         return blurred(field, self._sigmas, cv2.BORDER_CONSTANT)
@@ -115,12 +114,10 @@ class Continuation:
     def _far(self):
         """Nodes of which no neighbour is known."""
         far: Any = self._total < _LEAST
-        if self._fine_enough:
+        if far.shape == self._shape:
             return far
         size = self._shape[::-1]
         return cv2.resize(far.view(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
 
-    def _fine(self, coarse: Any) -> Any:
-        if self._fine_enough:
-            return coarse
-        return cv2.resize(coarse, self._shape[::-1], interpolation=cv2.INTER_LINEAR)
+    def _fine(self, coarse):
+        return interpolated(coarse, self._shape)

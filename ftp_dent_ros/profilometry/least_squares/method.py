@@ -99,23 +99,22 @@ class LeastSquares:
         lit, seams = fringe_region(fringes, self.windows, self.grid, self.period)
         check_exposure(light, lit, self.grid, self.period)
         phase, part, orders = self._absolute(light, table, fringes, lit, seams)
-        parts, regions = [], []
-        refused = NoStripeError('')
+        strange = np.arange(1, part.max() + 3)
+        strange[list(orders)], strange[-1] = 0, 0
+        others = strange[part]
+        parts, regions, refusals = [], [], []
         for label, order in orders.items():
-            strange = np.arange(1, part.max() + 3)
-            strange[list(orders)], strange[-1] = 0, 0
-            others = strange[part]
             try:
                 surface, region = self._surface(
                     light, lit, seams, part == label, others, phase - np.float32(_TURN * order)
                 )
             except NoStripeError as reason:
-                refused = reason
+                refusals.append(reason)
                 continue
             parts.append(surface)
             regions.append(region)
         if not parts:
-            raise refused
+            raise refusals[-1]
         return self._result(lit, parts, regions)
 
     def _absolute(self, light, table, fringes, lit, seams):
@@ -149,7 +148,7 @@ class LeastSquares:
         self, light, lit, seams, region, others, phase
     ) -> tuple[_Part, NDArray[np.bool_]]:
         """Fit one surface; once more if a part of it turns out not to be tied to the stripe."""
-        place = self.windows, self.grid, self.period
+        place, table = (self.windows, self.grid, self.period), self._table
         reference = self._reference(region, phase)
         turns = joined(eroded(region), others * eroded(others > 0), phase - reference, *place)
         for label, number in turns.items():
@@ -164,10 +163,8 @@ class LeastSquares:
             region = apart(region, strange, seams, self.grid, self.period)
             sure = sighted(region, self.windows)
             shift = Continuation(sure, self.windows).by_slope((phase - reference) * region)
-            whole = region | strips
-            table = self._table
             refined = self._refinement.refine(
-                light, table.phase, reference - table.node_phase, shift, whole
+                light, table.phase, reference - table.node_phase, shift, region | strips
             )
             absolute = reference + refined.shift.values
             at_stripe, rough = np.abs(absolute) < math.pi, refined.roughness

@@ -62,8 +62,6 @@ class Refined:
         Share of each bin that the surface covers, as far as the fringes' amplitude tells.
     roughness : ndarray, shape (rows, columns), float32
         Root mean square misfit of the bins around each node, in amplitudes.
-    supported : ndarray, shape (rows, columns), bool
-        Nodes whose window is mostly on the surface.
     """
 
     shift: Shrunk
@@ -71,7 +69,6 @@ class Refined:
     measured: NDArray[np.bool_]
     covered: NDArray[np.float32]
     roughness: NDArray[np.float32]
-    supported: NDArray[np.bool_]
 
 
 class Refinement:
@@ -155,7 +152,7 @@ class Refinement:
             shrunk = Shrunk(shrunk.values - lag, shrunk.variance)
         covered = self._covered(levels, amplitude, cosine, body, allowed)
         rough = roughness(misfit, self.windows, self.grid)
-        return Refined(shrunk, modulation, body, covered, rough, supported)
+        return Refined(shrunk, modulation, body, covered, rough)
 
     def _masked_fit(self, levels, phase, mask):
         """Level, amplitude and phase step in Gaussian windows, continued to where none is."""

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import cv2
 import numpy as np
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.profilometry.least_squares.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.median import median
-from ftp_dent_ros.profilometry.least_squares.windows import Windows
+from ftp_dent_ros.profilometry.least_squares.windows import Windows, coarsened, interpolated
 
 # Standard deviations of the bands' edges, in those of the windows. The bands are differences of
 # flat-tops, which leave nothing of a smooth dent in the finer ones.
@@ -79,10 +78,9 @@ def shrink(
     """
     bands, base = _split(values, windows)
     *shares, rest = gain.shares
-    size = [-(-length // _EVERY) for length in values.shape[::-1]]
+    together = (_EVERY, _EVERY)
     coarse = Windows(windows.sigma_u / _EVERY, windows.sigma_v / _EVERY)
-    noise: Any = cv2.resize(variance, size, interpolation=cv2.INTER_AREA)
-    noise *= np.float32(gain.total)
+    noise = coarsened(variance, together) * np.float32(gain.total)
     some = (slice(None, None, _EVERY), slice(None, None, _EVERY))
     sample = inside[some]
     factors = [
@@ -96,17 +94,16 @@ def shrink(
     left = part * np.float32(rest) * noise
     coarser, expected = np.float32(np.inf), np.float32(0)
     for band, share, scale in reversed(list(zip(bands, shares, _SCALES, strict=True))):
-        energy = cv2.resize(band * band, size, interpolation=cv2.INTER_AREA)
-        energy = coarse.wide(energy, _NEIGHBOURHOOD * scale)
+        energy = coarse.wide(coarsened(band * band, together), _NEIGHBOURHOOD * scale)
         here = np.float32(share) * noise
         signal = np.maximum(energy - np.float32(_NOISE) * here, expected)
         falling = np.clip(_HANDED_DOWN * (signal / coarser), _LEAST_DOWN, _MOST_DOWN)
         coarser, expected = np.maximum(signal, _LEAST), falling * signal
         weight = signal / (signal + here)
         left += (1 if band is bands[0] else part) * weight * here
-        band *= cv2.resize(weight, values.shape[::-1], interpolation=cv2.INTER_LINEAR)
+        band *= interpolated(weight, values.shape)
         base += band
-    left = cv2.resize(left, values.shape[::-1], interpolation=cv2.INTER_LINEAR)
+    left = interpolated(left, values.shape)
     return Shrunk(base, np.float32(_UNSEEN) * left + np.float32(_SYSTEMATIC))
 
 

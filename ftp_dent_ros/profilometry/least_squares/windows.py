@@ -16,7 +16,7 @@ from ftp_dent_ros.profilometry.least_squares.grid import Grid
 
 # Standard deviation of the windows, fringe periods: wider takes depth off small dents, below
 # 0.45 the second harmonic of a camera that is not linear comes through.
-WIDTH = 0.5
+_WIDTH = 0.5
 _REACH, _REACH_OF_WIDE = 3.6, 3.0
 # A wide Gaussian is computed on a grid so coarse that it is still this wide, nodes.
 _LEAST_SIGMA = 1.5
@@ -40,7 +40,7 @@ class Windows:
     def for_fringes(cls, period: float, grid: Grid) -> Windows:
         """Windows for fringes of `period` pixels; the nodes' own averages are a part of them."""
         spread = [
-            math.sqrt((WIDTH * period) ** 2 - variance) / step
+            math.sqrt((_WIDTH * period) ** 2 - variance) / step
             for step, variance in zip(grid.pitch, grid.node_variance, strict=True)
         ]
         return cls(*spread)
@@ -60,23 +60,22 @@ class Windows:
         """Mean weighted by 2 G_s - G_(sqrt(2) s), which leaves cubics as they are."""
         return 2 * self.gaussian(nodes) - self.gaussian(nodes, math.sqrt(2))
 
-    def wide(
-        self, nodes: NDArray, scale: float, border: int = cv2.BORDER_REPLICATE
-    ) -> NDArray[np.float32]:
+    def wide(self, nodes: NDArray, scale: float) -> NDArray[np.float32]:
         """Mean weighted by a Gaussian much wider than the windows, on a coarser grid."""
         steps = self._coarsening(scale)
-        small = blurred(_coarse(nodes, steps), self._sigmas(scale, steps), border)
-        return _fine(small, nodes.shape)
+        sigmas = self._sigmas(scale, steps)
+        small = blurred(coarsened(nodes, steps), sigmas, cv2.BORDER_REPLICATE)
+        return interpolated(small, nodes.shape)
 
     def wide_flat_top(self, nodes: NDArray, scale: float) -> NDArray[np.float32]:
         """As `flat_top`, of Gaussians much wider than the windows, on a coarser grid."""
         steps = self._coarsening(scale)
-        small = _coarse(nodes, steps)
+        small = coarsened(nodes, steps)
         narrow, broad = (
             blurred(small, self._sigmas(each, steps), cv2.BORDER_REPLICATE)
             for each in (scale, math.sqrt(2) * scale)
         )
-        return _fine(2 * narrow - broad, nodes.shape)
+        return interpolated(2 * narrow - broad, nodes.shape)
 
     def _coarsening(self, scale: float) -> list[int]:
         """Nodes along u and v that a coarser grid takes together for a Gaussian."""
@@ -90,14 +89,16 @@ class Windows:
         ]
 
 
-def _coarse(nodes: NDArray, steps: Sequence[int]) -> Any:
+def coarsened(nodes: NDArray, steps: Sequence[int]) -> Any:
+    """Averages over so many nodes along u and v; the nodes themselves if that is one."""
     if max(steps) == 1:
         return nodes
     size = [-(-length // step) for length, step in zip(nodes.shape[::-1], steps, strict=True)]
     return cv2.resize(nodes, size, interpolation=cv2.INTER_AREA)
 
 
-def _fine(small: Any, shape: tuple[int, ...]) -> Any:
+def interpolated(small: Any, shape: tuple[int, ...]) -> Any:
+    """Such averages, interpolated to nodes of a shape."""
     if small.shape == shape:
         return small
     return cv2.resize(small, shape[::-1], interpolation=cv2.INTER_LINEAR)
@@ -119,6 +120,6 @@ def _coarsening(sigma: float) -> int:
 
 @lru_cache(maxsize=64)
 def _kernel(sigma: float, reach: float = _REACH) -> NDArray[np.float32]:
-    reach = math.ceil(reach * sigma)
-    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2)
+    most = math.ceil(reach * sigma)
+    kernel = np.exp(-0.5 * (np.arange(-most, most + 1) / sigma) ** 2)
     return (kernel / kernel.sum()).astype(np.float32)
