@@ -8,28 +8,47 @@
      │   ├─ PatternError          the fringe pattern, its file or its image
      │   ├─ ImageError            a photograph of the wrong type or size, or unreadable
      │   ├─ CloudError            a point cloud file
+     │   ├─ CodecError            an encoded cloud or frame that is damaged, or of another version
      │   ├─ ConfigurationError    a configuration or scene file, or a parameter
-     │   └─ BagError              a bag that cannot be read or written
+     │   ├─ BagError              a bag that cannot be read or written
+ │   └─ CalibrationError      photographs of a board that do not give a rig
      ├─ RefusedFrameError         a photograph that gives no measurement; `reason` names why
      │   ├─ NoCalibrationError    no rig is set
      │   ├─ WrongCalibrationError the rig is not that of the camera
      │   ├─ NoPatternError        it is not known what is projected
+     │   ├─ PatternChangeError    taken while the projector changed its pattern
+     │   ├─ OtherPatternError     the fringes seen are not those of the pattern told
      │   ├─ TooDarkError          no fringes: the lamp is off, or the skin is out of its light
      │   ├─ SaturatedError        the fringes are clipped: the exposure is too long
+     │   ├─ NoFringesError        what is lit is noise, texture, or another pattern
      │   └─ NoStripeError         the red stripe is not seen, so the fringe order is unknown
      ├─ CameraError               a camera that cannot be opened or has stopped
      ├─ LinkError                 a MAVLink connection that cannot be opened
      └─ PoseError                 no trustworthy pose at the time asked for; `reason` names why
          └─ PoseAwaitedError      not yet: what is needed may still come
 
-A message is one sentence: what is wrong, where, and what to do.
+A message is one sentence: what is wrong, where, and what to do. It may quote what came from
+anywhere (names, values), so it is made fit for a terminal: see `printable`.
 """
 
 from __future__ import annotations
 
+_LONGEST = 2000  # characters: more is no sentence
+
+
+def printable(text: str) -> str:
+    """One line of a text, with escapes for what a terminal would obey, and not too long."""
+    cut = text if len(text) <= _LONGEST else f'{text[:_LONGEST]} ...'
+    return ''.join(
+        each if each.isprintable() else each.encode('unicode_escape').decode() for each in cut
+    )
+
 
 class FtpDentError(Exception):
     """Base of all errors that this package raises on purpose."""
+
+    def __str__(self) -> str:
+        return printable(super().__str__())
 
 
 class InputError(FtpDentError):
@@ -52,12 +71,20 @@ class CloudError(InputError):
     """The point cloud cannot be read or used."""
 
 
+class CodecError(InputError):
+    """Encoded data are damaged, of another version, or impossible."""
+
+
 class ConfigurationError(InputError):
     """A configuration file or a parameter is wrong."""
 
 
 class BagError(InputError):
     """The bag cannot be read or written."""
+
+
+class CalibrationError(InputError):
+    """The photographs of the board, or what was read off them, do not give a rig."""
 
 
 class RefusedFrameError(FtpDentError):
@@ -90,6 +117,18 @@ class NoPatternError(RefusedFrameError):
     reason = 'no pattern'
 
 
+class PatternChangeError(RefusedFrameError):
+    """The photograph was taken so close to a change of the pattern that it may show either."""
+
+    reason = 'pattern changed'
+
+
+class OtherPatternError(RefusedFrameError):
+    """The fringes seen cannot be those of the pattern told."""
+
+    reason = 'another pattern'
+
+
 class TooDarkError(RefusedFrameError):
     """No part of the image shows fringes."""
 
@@ -100,6 +139,12 @@ class SaturatedError(RefusedFrameError):
     """The fringes are clipped over most of the lit area."""
 
     reason = 'saturated'
+
+
+class NoFringesError(RefusedFrameError):
+    """What is lit is not explained by the fringes: noise, texture, or another pattern."""
+
+    reason = 'no fringes'
 
 
 class NoStripeError(RefusedFrameError):

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
+import math
 import os
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,6 +14,13 @@ from typing import Any
 import yaml
 
 from ftp_dent_ros.errors import ConfigurationError, InputError
+
+#: What the name of a file of the package begins with.
+SHIPPED = 'shipped:'
+# A bag's metadata with a thousand topics has a megabyte. With its aliases written out a file may
+# hold so many values, so that an error message of one of them stays small.
+_LARGEST_YAML = 1 << 22
+_MOST_VALUES = 1_000_000
 
 
 def config_folder() -> Path:
@@ -37,40 +47,132 @@ def config_folder() -> Path:
 
 
 def find(name: str | os.PathLike[str]) -> Path:
-    """Path of a file of the user's or, if there is none of that name, of a shipped one.
+    """Path of a file of the user's, or of a shipped one by ``shipped:NAME``.
+
+    A shipped file never stands in for one of the user's: it holds the demonstration's
+    calibration, not that of the user's rig.
 
     Raises
     ------
     ConfigurationError
-        Neither exists.
+        There is no such file.
     """
-    given = Path(name).expanduser()
-    if given.exists():
-        return given
-    shipped = config_folder() / given
-    if not given.is_absolute() and shipped.is_file():
-        return shipped
-    raise ConfigurationError(
-        f'{given}: no such file here nor among the shipped ones in {config_folder()}: '
-        'check the path'
-    )
+    text = os.fspath(name)
+    if text.startswith(SHIPPED):
+        return _find_shipped(text.removeprefix(SHIPPED))
+    path = Path(text).expanduser()
+    if path.exists():
+        return path
+    where = '' if path.is_absolute() else f' in {Path.cwd()}'
+    advice = 'check the path'
+    if (config_folder() / path.name).is_file():
+        advice += f', or give {SHIPPED}{path.name} for the example that is shipped'
+    raise ConfigurationError(f'{path}: no such file{where}: {advice}')
+
+
+def _find_shipped(name: str) -> Path:
+    names = sorted(path.name for path in config_folder().iterdir() if path.is_file())
+    if name not in names:
+        raise ConfigurationError(
+            f'{SHIPPED}{name}: no file of that name is shipped: give one of {", ".join(names)}'
+        )
+    return config_folder() / name
+
+
+def content_id(path: str | os.PathLike[str]) -> str:
+    """First twelve digits of the SHA-256 of a file: another content has another id.
+
+    Raises
+    ------
+    ConfigurationError
+        The file cannot be read.
+    """
+    try:
+        return hashlib.sha256(Path(path).read_bytes()).hexdigest()[:12]
+    except OSError as reason:
+        raise ConfigurationError(
+            f'{path}: cannot be read ({reason.strerror}): check the path'
+        ) from None
 
 
 def read_yaml(path: str | os.PathLike[str], error: type[InputError]) -> dict[str, Any]:
-    """Mapping in a YAML file; `error` is raised if it is unreadable or not a mapping."""
+    """Mapping in a YAML file; `error` is raised, with the line, if it is no plain data.
+
+    All keys are texts and whole numbers have 64 bits, as ROS has them.
+    """
     try:
-        text = Path(path).read_text(encoding='utf-8')
+        with Path(path).open('rb') as file:
+            text = file.read(_LARGEST_YAML + 1).decode('utf-8')
     except (OSError, UnicodeDecodeError) as reason:
         raise error(f'{path}: cannot be read ({reason}): check the path') from None
+    if len(text) > _LARGEST_YAML:
+        raise error(f'{path}: larger than {_LARGEST_YAML >> 20} MB: give a file of settings')
     try:
-        data = yaml.safe_load(text)
+        data = yaml.load(text, _PlainLoader)
+    except RecursionError:
+        raise error(f'{path}: not valid YAML (nested too deeply): correct the file') from None
     except yaml.YAMLError as reason:
         where = getattr(reason, 'problem_mark', None)
         line = f' in line {where.line + 1}' if where else ''
-        raise error(f'{path}: not valid YAML{line}: correct the file') from None
+        what = getattr(reason, 'problem', None)
+        said = f' ({what})' if what else ''
+        raise error(f'{path}: not valid YAML{line}{said}: correct the file') from None
     if not isinstance(data, dict):
         raise error(f'{path}: holds no mapping of fields: correct the file')
     return data
+
+
+class _PlainLoader(yaml.SafeLoader):
+    """Refuses what a file of settings cannot mean, and says in which line."""
+
+    def get_single_data(self) -> Any:
+        node = self.get_single_node()
+        if node is None:
+            return None
+        if _size(node, {}) > _MOST_VALUES:
+            raise self._refusal(node, 'its aliases repeat more than can be meant')
+        return self.construct_document(node)
+
+    def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
+        try:
+            value = super().construct_object(node, deep)
+        except (yaml.YAMLError, RecursionError):
+            raise
+        except Exception as reason:  # what a date, a number or a tag out of place makes of it
+            kind = node.tag.rpartition(':')[2]
+            what = (
+                f'{node.value!r:.40} is no {kind}' if isinstance(node.value, str) else str(reason)
+            )
+            raise self._refusal(node, what) from None
+        if isinstance(value, int) and not -(1 << 63) <= value < 1 << 64:
+            raise self._refusal(node, 'a number of more than 64 bits')
+        return value
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        names = Counter(key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode))
+        for name, times in names.most_common(1):
+            if times > 1:
+                raise self._refusal(node, f'{name!r:.40} is there {times} times')
+        mapping = super().construct_mapping(node, deep)
+        for key in mapping:
+            if not isinstance(key, str):
+                raise self._refusal(node, f'the key {key!r} is no text: put it in quotes')
+        return mapping
+
+    def _refusal(self, node: yaml.Node, problem: str) -> yaml.YAMLError:
+        return yaml.constructor.ConstructorError(None, None, problem, node.start_mark)
+
+
+def _size(node: yaml.Node, known: dict[int, float]) -> float:
+    """Number of values below a node, those of aliases each time; infinite if it holds itself."""
+    size = known.get(id(node))
+    if size is None:
+        known[id(node)] = math.inf
+        parts = node.value if isinstance(node, yaml.CollectionNode) else ()
+        if isinstance(node, yaml.MappingNode):
+            parts = [each for pair in parts for each in pair]
+        size = known[id(node)] = 1 + sum(_size(each, known) for each in parts)
+    return size
 
 
 @contextmanager

@@ -38,6 +38,8 @@ class Pattern:
         Column at the middle of the red stripe, where the phase is zero, projector pixels.
     axis : str
         The axis along which the intensity varies; ``'u'``.
+    levels : int
+        Grey level of the brightest pixels: 254 as `draw` makes them, 255 as others do.
 
     Raises
     ------
@@ -50,12 +52,15 @@ class Pattern:
     period_px: float
     stripe_center_px: float
     axis: str = 'u'
+    levels: int = _LEVELS
 
     def __post_init__(self) -> None:
         for name in ('width', 'height'):
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int) or not 0 < value <= 65536:
                 raise PatternError(f'{name} is {value!r}, not a number of pixels: correct it')
+        if self.levels not in (254, 255):
+            raise PatternError(f'levels is {self.levels!r}, neither 254 nor 255: correct it')
         for name in ('period_px', 'stripe_center_px'):
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, (int, float)):
@@ -90,10 +95,30 @@ class Pattern:
         """Whether projector columns `u` lie in the red stripe."""
         return np.abs(np.asarray(u, float) - self.stripe_center_px) <= self.period_px / 2
 
+    @property
+    def rounding_variance(self) -> float:
+        """Variance of the fringes' phase by the rounding of pixels to whole levels, radians^2.
+
+        A fringe's phase is off by ``2 / (n B) sum e sin Phi`` for the errors e of its n pixels
+        and the amplitude B. What lies halfway between two levels is rounded by luck.
+        """
+        u = np.arange(self.width)
+        phase = self.phase(u)
+        meant = self.levels * self.intensity(u)
+        error = np.rint(meant) - meant
+        by_luck = np.abs(error) > 0.5 - 1e-6
+        sine = np.sin(phase)
+        order = np.rint(phase / (2 * np.pi)).astype(int)
+        order -= order.min()
+        scale = 4 / (self.period_px * self.levels)
+        shift = scale * np.bincount(order, np.where(by_luck, 0, error) * sine)
+        chance = scale**2 * np.bincount(order, by_luck * np.square(sine)) / 4
+        return float(np.mean(np.square(shift[1:-1])) + np.mean(chance[1:-1]))
+
     def draw(self) -> NDArray[np.uint8]:
         """Draw the pattern's pixels, RGB, shape (height, width, 3)."""
         u = np.arange(self.width)
-        row = np.repeat(np.rint(_LEVELS * self.intensity(u))[:, None], 3, axis=1)
+        row = np.repeat(np.rint(self.levels * self.intensity(u))[:, None], 3, axis=1)
         row[self.in_stripe(u), 1:] = 0
         return np.tile(row.astype(np.uint8), (self.height, 1, 1))
 
@@ -120,7 +145,8 @@ def pattern_from_fields(data: dict[str, Any], where: str) -> Pattern:
     if unknown:
         raise PatternError(f'{where}: unknown field {sorted(unknown)[0]!r}: remove it')
     try:
-        return Pattern(**data)
+        # Whoever draws a pattern without a word about it takes white for 255.
+        return Pattern(**{'levels': 255, **data})
     except PatternError as reason:
         raise PatternError(f'{where}: {reason}') from None
 
@@ -165,9 +191,12 @@ def pattern_from_image(image: NDArray[np.uint8]) -> Pattern:
         )
     u = np.arange(width)
     period, center = _fit_fringes(u, row[:, 0], stripe.mean())
+    levels = 255 if row.max() > 254 else 254
     # The roundest numbers that draw these very pixels are the ones that were meant.
     for decimals in range(5):
-        pattern = Pattern(width, height, round(period, decimals), round(center, decimals))
+        pattern = Pattern(
+            width, height, round(period, decimals), round(center, decimals), levels=levels
+        )
         drawn = pattern.intensity(u)
         misfit = np.abs(drawn * (drawn @ row[:, 0]) / (drawn @ drawn) - row[:, 0]).max()
         if misfit < 0.6:

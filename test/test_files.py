@@ -1,7 +1,9 @@
+import re
+
 import pytest
 
-from ftp_dent_ros.errors import ConfigurationError
-from ftp_dent_ros.files import config_folder, find, written_aside
+from ftp_dent_ros.errors import ConfigurationError, printable
+from ftp_dent_ros.files import config_folder, content_id, find, read_yaml, written_aside
 
 
 def test_a_file_is_whole_or_not_there(tmp_path):
@@ -26,11 +28,82 @@ def test_an_old_result_survives_a_failure(tmp_path):
     assert path.read_text() == 'old'
 
 
-def test_own_files_come_before_shipped_ones(tmp_path, monkeypatch):
+def test_a_shipped_file_is_found_by_its_prefix_alone(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    shipped = next(path for path in config_folder().iterdir() if path.is_file())
-    assert find(shipped.name) == shipped
-    (tmp_path / shipped.name).write_text('mine')
-    assert find(shipped.name).resolve() == tmp_path / shipped.name
-    with pytest.raises(ConfigurationError, match='no such file'):
-        find('nothing_of_that_name.yaml')
+    assert find('shipped:rig.yaml') == config_folder() / 'rig.yaml'
+    with pytest.raises(ConfigurationError, match=r'or give shipped:rig\.yaml for the example'):
+        find('rig.yaml')
+    (tmp_path / 'rig.yaml').write_text('mine')
+    assert find('rig.yaml').read_text() == 'mine'
+
+
+@pytest.mark.parametrize('name', ['nothing.yaml', '../setup.py', '', 'rig'])
+def test_what_is_not_shipped_is_told(name):
+    with pytest.raises(ConfigurationError, match=r'no file of that name is shipped: .*rig\.yaml'):
+        find(f'shipped:{name}')
+
+
+def test_the_folder_that_was_searched_is_named(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ConfigurationError, match=f'none.yaml: no such file in {tmp_path}'):
+        find('none.yaml')
+
+
+def test_the_id_of_a_file_is_that_of_its_content(tmp_path):
+    a, b = tmp_path / 'a', tmp_path / 'b'
+    a.write_text('one')
+    b.write_text('one')
+    assert content_id(a) == content_id(b) and re.fullmatch('[0-9a-f]{12}', content_id(a))
+    b.write_text('two')
+    assert content_id(a) != content_id(b)
+
+
+LAUGHS = 'a0: &a0 [x, x]\n' + ''.join(
+    f'a{k}: &a{k} [{", ".join([f"*a{k - 1}"] * 10)}]\n' for k in range(1, 13)
+)
+
+
+@pytest.mark.parametrize(
+    ('text', 'said'),
+    [
+        ('a: 1\nb: 2024-02-31', "line 2 ('2024-02-31' is no timestamp)"),
+        ('a: [1, !!int abc]', "line 1 ('abc' is no int)"),
+        ('a: !!bool maybe', 'is no bool'),
+        ('a: !!timestamp now', 'is no timestamp'),
+        ('a: !!int ""', 'is no int'),
+        ('a: !!python/object/apply:os.getcwd []', 'python/object'),
+        ('a: ' + '[' * 1000, 'nested too deeply'),
+        ('\n'.join(' ' * k + 'a:' for k in range(1200)), 'nested too deeply'),
+        (f'a: {"9" * 401}', 'more than 64 bits'),
+        (f'a: {"9" * 5000}', 'is no int'),
+        (LAUGHS, 'aliases'),
+        ('a: &a [*a]', 'aliases'),
+        ('1: x', 'the key 1 is no text'),
+        ('? [x]\n: 1', 'unhashable'),
+        ('a: 1\na: 2', "'a' is there 2 times"),
+        ('a: \0', 'not valid YAML'),
+        ('- a', 'no mapping'),
+        ('a: ' + 'x' * (1 << 22), 'larger than 4 MB'),
+    ],
+)
+def test_hostile_yaml_is_refused_with_one_short_sentence(tmp_path, text, said):
+    path = tmp_path / 'settings.yaml'
+    path.write_text(text)
+    with pytest.raises(ConfigurationError) as caught:
+        read_yaml(path, ConfigurationError)
+    sentence = str(caught.value)
+    assert said in sentence and sentence.startswith(f'{path}: ')
+    assert '\n' not in sentence and len(sentence) < len(str(path)) + 200
+
+
+def test_harmless_aliases_are_read(tmp_path):
+    path = tmp_path / 'settings.yaml'
+    path.write_text('a: &a {x: [1, 2]}\nb: {<<: *a, y: *a}')
+    assert read_yaml(path, ConfigurationError)['b'] == {'x': [1, 2], 'y': {'x': [1, 2]}}
+
+
+def test_what_a_terminal_would_obey_is_shown_instead():
+    assert printable('größe 3 µm') == 'größe 3 µm'
+    assert printable('a\x1b[2J\r\n\u202eb\udc80') == 'a\\x1b[2J\\r\\n\\u202eb\\udc80'
+    assert len(printable('x' * 10_000)) < 2100
+    assert '\x1b' not in str(ConfigurationError('\x1b]0;title\x07'))

@@ -62,8 +62,8 @@ def test_reads_itself_back(pattern):
     assert read.stripe_center_px == pytest.approx(pattern.stripe_center_px, abs=2e-4)
 
 
-def test_reads_a_pattern_drawn_elsewhere(shared):
-    for scene in sorted((shared / 'eval' / 'scenes').iterdir()):
+def test_reads_a_pattern_drawn_elsewhere(data):
+    for scene in sorted((data / 'scenes').iterdir()):
         image = cv2.cvtColor(cv2.imread(str(scene / 'pattern.png')), cv2.COLOR_BGR2RGB)
         assert pattern_from_image(image) == read_pattern(scene / 'pattern.yaml')
 
@@ -145,3 +145,16 @@ def test_a_pattern_must_fit_its_projector():
     lens = Lens(1280, 720, np.diag([1000.0, 1000.0, 1.0]), np.zeros(5))
     with pytest.raises(PatternError, match='640x360, the projector 1280x720'):
         PATTERN.check_fits(lens)
+
+
+@pytest.mark.parametrize(
+    ('period', 'centre', 'levels'), [(10.0, 640.0, 254), (9.0, 594.1, 254), (12.5, 640.3, 255)]
+)
+def test_the_rounding_of_levels_is_told_as_it_shifts_the_fringes(period, centre, levels):
+    pattern = Pattern(1280, 720, period, centre, levels=levels)
+    u = np.arange(100, 100 + 1000)  # whole fringes of each period, but for the second
+    row = pattern.draw()[0, u, 0].astype(float)
+    shift = np.angle((row - row.mean()) @ np.exp(-1j * pattern.phase(u)))
+    told = np.sqrt(pattern.rounding_variance)
+    assert told < 2e-3
+    assert abs(shift) < 2 * told + 2e-4

@@ -1,12 +1,15 @@
 import copy
 import math
+from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
 import yaml
 
+from ftp_dent_ros.calibration_record import CalibrationRecord
 from ftp_dent_ros.errors import RigError
+from ftp_dent_ros.files import config_folder
 from ftp_dent_ros.rig import Lens, Rig, read_rig, write_rig
 
 
@@ -159,9 +162,44 @@ def test_a_binary_file(tmp_path):
         read_rig(tmp_path / 'rig.yaml')
 
 
-def test_evaluation_rigs_are_read(shared):
-    for scene in sorted((shared / 'eval' / 'scenes').iterdir()):
+def test_evaluation_rigs_are_read(data):
+    for scene in sorted((data / 'scenes').iterdir()):
         rig = read_rig(scene / 'rig.yaml')
         assert isinstance(rig, Rig)
         assert isinstance(rig.camera, Lens)
         assert 0.2 < np.linalg.norm(rig.projector_centre) < 0.3
+
+
+def test_a_record_goes_with_its_numbers(tmp_path):
+    rig = read_rig(config_folder() / 'rig.yaml')
+    assert rig.record is None
+    covariance = np.diag(np.arange(24) * 1e-6)
+    record = CalibrationRecord(
+        rig.id,
+        '2026-01-02T03:04:05Z',
+        'a tool',
+        'a board',
+        7,
+        {'camera': 0.1},
+        {},
+        (0.5, 1.0),
+        covariance,
+    )
+    path = tmp_path / 'rig.yaml'
+    write_rig(path, replace(rig, record=record))
+    read = read_rig(path)
+    assert read.id == rig.id
+    assert read.record.rms_px == {'camera': 0.1}
+    np.testing.assert_allclose(read.record.covariance, covariance, rtol=1e-8)
+    text = path.read_text()
+    for before, after, words in (
+        ('1702.4', '1702.5', 'were changed after the calibration'),
+        ('poses: 7', 'poses: many', 'calibration.poses'),
+        ('tool: a tool', 'tool: []', 'calibration.tool'),
+        ('rms_px: {camera: 0.1}', 'rms_px: {lens: 0.1}', 'calibration.rms_px'),
+        ('[camera.f_x', '[camera.f', 'calibration.covariance'),
+    ):
+        assert before in text
+        path.write_text(text.replace(before, after, 1))
+        with pytest.raises(RigError, match=words):
+            read_rig(path)

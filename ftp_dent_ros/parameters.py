@@ -1,0 +1,232 @@
+"""What a node's parameters may be, checked the same way in a file and on the node.
+
+A node declares its parameters in a function of a `Declarations`. `Given` runs that function on
+the values of a configuration, so that a wrong one is found before anything is started;
+`ftp_dent_ros.ros.parameters.Parameters` runs it on a node.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from ftp_dent_ros import files
+from ftp_dent_ros.errors import ConfigurationError
+
+_KINDS = {
+    bool: 'true or false',
+    int: 'a whole number',
+    float: 'a number',
+    str: 'a text',
+}
+# Declared by rclpy itself, or with a topic.
+_OF_ROS = ('use_sim_time', 'start_type_description_service')
+_OF_TOPICS = 'qos_overrides.'
+
+
+class Declarations(ABC):
+    """Takes the declarations of one node's parameters."""
+
+    @abstractmethod
+    def declare(
+        self,
+        name: str,
+        default: Any,
+        description: str,
+        *,
+        minimum: float | None = None,
+        maximum: float | None = None,
+        above: float | None = None,
+        choices: Sequence[str] = (),
+        changeable: bool = False,
+    ) -> Any:
+        """Declare a parameter and return its value.
+
+        Parameters
+        ----------
+        name, default, description
+            The type is that of `default`: bool, int, float, str, or a list of floats, whose
+            length is then fixed.
+        minimum, maximum : float, optional
+            Range of a number, both inclusive; of each number of a list.
+        above : float, optional
+            In the place of `minimum`: exclusive.
+        choices : sequence of str
+            The only values that a text may have.
+        changeable : bool
+            Whether it can be set while the node runs.
+
+        Raises
+        ------
+        ConfigurationError
+            The value that was given is of another type, out of its range, or none of the choices.
+        """
+
+    @abstractmethod
+    def path(self, name: str, default: str, description: str) -> str:
+        """Declare where something lies, whether it is there or not; relative as `file` is."""
+
+    @abstractmethod
+    def file(
+        self, name: str, default: str, description: str, *, secret: bool = False
+    ) -> Path | None:
+        """Declare a file to be read, and return its path; None if none is named.
+
+        A relative path is one from the configuration's folder where ``ftp-dent up`` or the
+        launch file read it there, else from where the node runs; ``shipped:NAME`` is one of the
+        package's. Which file it is gets told, with the id of its content unless it is `secret`.
+
+        Raises
+        ------
+        ConfigurationError
+            There is no such file.
+        """
+
+
+class Given(Declarations):
+    """The parameters that a configuration gives to one node.
+
+    Parameters
+    ----------
+    values : mapping
+        By name; nested mappings are names with dots.
+    folder : Path
+        Where relative paths start.
+    where : str
+        What errors begin with.
+    """
+
+    def __init__(self, values: Mapping[str, Any], folder: Path, where: str) -> None:
+        self._values = dict(flat(values))
+        self._folder, self._where = folder, where
+        self.names: list[str] = []
+        #: Parameters that hold relative paths, as paths that do not depend on a folder.
+        self.absolute: dict[str, str] = {}
+
+    def declare(
+        self,
+        name: str,
+        default: Any,
+        description: str,
+        *,
+        minimum: float | None = None,
+        maximum: float | None = None,
+        above: float | None = None,
+        choices: Sequence[str] = (),
+        changeable: bool = False,
+    ) -> Any:
+        """As `Declarations.declare`."""
+        self.names.append(name)
+        value = self._values.get(name, default)
+        if isinstance(default, float) and isinstance(value, str):
+            # YAML 1.1 takes 1e-3 for a text; ROS takes it for a number.
+            value = _number(value)
+        try:
+            return checked(name, value, default, minimum, maximum, above, choices)
+        except ConfigurationError as error:
+            raise ConfigurationError(f'{self._where}: {error}') from None
+
+    def path(self, name: str, default: str, description: str) -> str:
+        """As `Declarations.path`."""
+        value = self.declare(name, default, description)
+        if not value or value.startswith(files.SHIPPED):
+            return value
+        path = str(self._folder / Path(value).expanduser())
+        if path != value and name in self._values:
+            self.absolute[name] = path
+        return path
+
+    def file(
+        self, name: str, default: str, description: str, *, secret: bool = False
+    ) -> Path | None:
+        """As `Declarations.file`."""
+        value = self.path(name, default, description)
+        try:
+            return files.find(value) if value else None
+        except ConfigurationError as error:
+            raise ConfigurationError(f'{self._where}: parameter {name}: {error}') from None
+
+    def refuse_others(self, shared: Sequence[str] = (), elsewhere: Sequence[str] = ()) -> None:
+        """Refuse what was given and not declared; `shared` ones may be declared `elsewhere`."""
+        for name in self._values:
+            known = (*self.names, *elsewhere) if name in shared else self.names
+            if unknown([name], known):
+                raise ConfigurationError(f'{self._where}: {undeclared(name, known)}')
+
+
+def unknown(given: Iterable[str], declared: Iterable[str]) -> list[str]:
+    """Names of parameters that neither a node nor ROS declares."""
+    known = {*declared, *_OF_ROS}
+    return [name for name in given if name not in known and not name.startswith(_OF_TOPICS)]
+
+
+def undeclared(name: str, declared: Sequence[str]) -> str:
+    """A sentence on a parameter that is not there, with the nearest that is."""
+    near = difflib.get_close_matches(name, declared, 1)
+    advice = f'did you mean {near[0]}?' if near else f'there are {", ".join(sorted(declared))}'
+    return f'there is no parameter {name}: {advice}'
+
+
+def flat(values: Mapping[str, Any], prefix: str = '') -> Iterable[tuple[str, Any]]:
+    """Names and values of nested mappings, the names joined by dots, as ROS has them."""
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            yield from flat(value, f'{prefix}{name}.')
+        else:
+            yield f'{prefix}{name}', value
+
+
+def checked(
+    name: str,
+    value: Any,
+    default: Any,
+    minimum: float | None = None,
+    maximum: float | None = None,
+    above: float | None = None,
+    choices: Sequence[str] = (),
+) -> Any:
+    """Value in the type of `default`; raises `ConfigurationError` if it cannot be."""
+    if isinstance(default, list):
+        if isinstance(value, (bool, int, float, str)) or value is None:
+            value = [] if value is None else [value]
+        if len(value) != len(default):
+            raise ConfigurationError(
+                f'parameter {name} is {list(value)}: give {len(default)} numbers'
+            )
+        return [checked(name, item, 0.0, minimum, maximum, above) for item in value]
+    kind = type(default)
+    if kind is float and type(value) is int:
+        value = float(value)
+    if type(value) is not kind:
+        hint = '' if kind is not str else ' in quotes'
+        raise ConfigurationError(f'parameter {name} is {value!r}: give {_KINDS[kind]}{hint}')
+    if kind is float and not math.isfinite(value):
+        raise ConfigurationError(f'parameter {name} is {value}: give a finite number')
+    too_low = (minimum is not None and value < minimum) or (above is not None and value <= above)
+    if too_low or (maximum is not None and value > maximum):
+        span = _span(minimum, maximum, above)
+        raise ConfigurationError(f'parameter {name} is {value}: give a value {span}')
+    if choices and value not in choices:
+        raise ConfigurationError(f'parameter {name} is {value!r}: give {" or ".join(choices)}')
+    return value
+
+
+def _span(minimum: float | None, maximum: float | None, above: float | None) -> str:
+    if above is not None:
+        return f'above {above:g}' + ('' if maximum is None else f' and up to {maximum:g}')
+    if maximum is None:
+        return f'of at least {minimum:g}'
+    if minimum is None:
+        return f'of at most {maximum:g}'
+    return f'from {minimum:g} to {maximum:g}'
+
+
+def _number(text: str) -> float | str:
+    try:
+        return float(text)
+    except ValueError:
+        return text

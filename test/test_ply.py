@@ -1,0 +1,153 @@
+"""Clouds as files, of this package and of other programs."""
+
+import re
+
+import numpy as np
+import pytest
+from numpy.lib.recfunctions import structured_to_unstructured
+
+from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.errors import CloudError
+from ftp_dent_ros.ply import read_ply, write_ply
+
+
+@pytest.fixture
+def cloud():
+    rng = np.random.default_rng(3)
+    points = rng.normal(size=(7, 11, 3)).astype(np.float32)
+    points[rng.random((7, 11)) < 0.3] = np.nan
+    intensity = np.where(np.isfinite(points[..., 2]), rng.random((7, 11)), 0)
+    valid = np.isfinite(points[..., 2])
+    sigma, resolution = (
+        np.where(valid, rng.random((7, 11)), np.nan).astype(np.float32) for _ in range(2)
+    )
+    return Cloud(points, intensity.astype(np.float32), sigma, resolution)
+
+
+def test_ply_keeps_the_grid_and_the_bits(cloud, tmp_path):
+    path = tmp_path / 'cloud.ply'
+    write_ply(path, cloud, 'camera_optical_frame')
+    read, frame_id = read_ply(path)
+    assert frame_id == 'camera_optical_frame'
+    assert read.points.dtype == np.float32
+    np.testing.assert_array_equal(read.points, cloud.points)
+    for name in ('intensity', 'sigma', 'resolution'):
+        np.testing.assert_array_equal(getattr(read, name), getattr(cloud, name))
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_an_empty_cloud_is_written_and_read(tmp_path):
+    empty = Cloud(np.full((2, 3, 3), np.nan, np.float32), np.zeros((2, 3), np.float32))
+    write_ply(tmp_path / 'cloud.ply', empty, 'map')
+    assert not read_ply(tmp_path / 'cloud.ply')[0].valid.any()
+
+
+def test_a_file_without_uncertainties_is_read(cloud, tmp_path):
+    write_ply(tmp_path / 'cloud.ply', cloud, 'map')
+    head, body = (tmp_path / 'cloud.ply').read_bytes().split(b'end_header\n')
+    vertices = np.frombuffer(body, np.uint8).reshape(-1, 28)
+    for name in (b'sigma', b'resolution'):
+        head = head.replace(b'property float ' + name + b'\n', b'')
+    without = np.delete(vertices, np.s_[16:24], axis=1)
+    (tmp_path / 'first.ply').write_bytes(head + b'end_header\n' + without.tobytes())
+    read, _ = read_ply(tmp_path / 'first.ply')
+    np.testing.assert_array_equal(read.points, cloud.points)
+    assert np.isnan(read.sigma).all() and read.sigma.shape == (7, 11)
+
+
+VERTEX = np.dtype(
+    [(name, '<f4') for name in ('x', 'y', 'z', 'intensity', 'sigma', 'resolution')]
+    + [('row', '<u2'), ('column', '<u2')]
+)
+
+
+def converted(data, order, types, extra=b''):
+    """The file as another program would write it again."""
+    head, body = data.split(b'end_header\n')
+    vertex = np.frombuffer(body, VERTEX)
+    format_of = {'': b'ascii', '<': b'binary_little_endian', '>': b'binary_big_endian'}[order]
+    head = head.replace(b'binary_little_endian', format_of)
+    for old, new, _ in types:
+        head = head.replace(b'property ' + old + b' ', b'property ' + new + b' ')
+    head += extra + b'end_header\n'
+    if not order:
+        rows = structured_to_unstructured(vertex.astype([(n, 'f8') for n in VERTEX.names]))
+        return head + b''.join(b' '.join(b'%.9g' % v for v in row) + b'\n' for row in rows)
+    numpy_of = {'f4': 'f4', 'u2': 'u2'} | {old: new for *_, (old, new) in types}
+    kind = np.dtype([(n, order + numpy_of[VERTEX[n].str[1:]]) for n in VERTEX.names])
+    return head + vertex.astype(kind).tobytes()
+
+
+WIDE = [(b'float', b'double', ('f4', 'f8')), (b'ushort', b'int32', ('u2', 'i4'))]
+
+
+@pytest.mark.parametrize(('order', 'types'), [('', []), ('>', []), ('<', WIDE), ('>', WIDE)])
+def test_other_formats_and_types_are_read(cloud, tmp_path, order, types):
+    write_ply(tmp_path / 'cloud.ply', cloud, 'map')
+    data = (tmp_path / 'cloud.ply').read_bytes()
+    (tmp_path / 'other.ply').write_bytes(converted(data, order, types))
+    read, frame_id = read_ply(tmp_path / 'other.ply')
+    assert frame_id == 'map'
+    np.testing.assert_array_equal(read.points, cloud.points)
+    np.testing.assert_array_equal(read.sigma, cloud.sigma)
+
+
+def test_what_follows_the_vertices_is_left_out(cloud, tmp_path):
+    write_ply(tmp_path / 'cloud.ply', cloud, 'map')
+    data = (tmp_path / 'cloud.ply').read_bytes()
+    faces = b'element face 1\nproperty list uchar int vertex_indices\n'
+    path = tmp_path / 'faces.ply'
+    path.write_bytes(data.replace(b'end_header\n', faces + b'end_header\n') + b'\x03' + bytes(12))
+    np.testing.assert_array_equal(read_ply(path)[0].points, cloud.points)
+
+
+def test_a_frame_cannot_write_into_the_header(cloud, tmp_path):
+    write_ply(tmp_path / 'cloud.ply', cloud, 'mäp\nelement face 9')
+    assert read_ply(tmp_path / 'cloud.ply')[1] == 'm\\xe4p\\nelement face 9'
+
+
+def test_text_that_is_no_number_is_refused(cloud, tmp_path):
+    write_ply(tmp_path / 'cloud.ply', cloud, 'map')
+    text = converted((tmp_path / 'cloud.ply').read_bytes(), '', [])
+    for name, spoilt in (('word', text[:-3] + b' x\n'), ('cut', text[: len(text) // 2])):
+        (tmp_path / f'{name}.ply').write_bytes(spoilt)
+        with pytest.raises(CloudError, match='cut short or damaged'):
+            read_ply(tmp_path / f'{name}.ply')
+
+
+def damaged(data):
+    yield 'empty', b'', 'not a PLY'
+    yield 'text', b'hello\nend_header\n', 'not a PLY'
+    yield 'cut', data[:-5], 'cut short'
+    yield 'long', data + b'more', 'cut short'
+    yield 'no grid', data.replace(b'obj_info num_cols 11\n', b''), 'organised'
+    yield 'other fields', data.replace(b'property float intensity\n', b''), 'organised'
+    yield 'small grid', data.replace(b'num_rows 7', b'num_rows 6'), 'outside its grid'
+    yield 'smaller grid', data.replace(b'num_rows 7', b'num_rows 2'), 'no camera has'
+    yield 'empty grid', data.replace(b'num_rows 7', b'num_rows 0'), 'no camera has'
+    yield 'huge grid', data.replace(b'num_rows 7', b'num_rows 99999999'), 'no camera has'
+    yield 'huge count', re.sub(rb'vertex \d+', b'vertex 99999999999999', data), 'no camera has'
+    yield 'no number', data.replace(b'num_rows 7', b'num_rows 7.5'), 'organised'
+    yield 'digits', data.replace(b'num_rows 7', b'num_rows ' + b'7' * 5000), 'organised'
+    yield 'format', data.replace(b'binary_little', b'binary_middle'), 'format is none of'
+    yield (
+        'faces first',
+        data.replace(b'element vertex', b'element face 0\nelement vertex'),
+        'first',
+    )
+    yield 'list', data.replace(b'float z', b'list uchar int z'), 'no number'
+    yield 'type', data.replace(b'float z', b'quaternion z'), 'no number'
+    yield 'twice', data.replace(b'float y', b'float x'), 'organised'
+    yield 'endless header', data[:20] + b'comment x\n' * 10_000 + data[20:], 'not a PLY'
+
+
+def test_damaged_files_are_refused(cloud, tmp_path):
+    write_ply(tmp_path / 'cloud.ply', cloud, 'map')
+    data = (tmp_path / 'cloud.ply').read_bytes()
+    for name, content, said in damaged(data):
+        path = tmp_path / f'{name}.ply'
+        path.write_bytes(content)
+        with pytest.raises(CloudError, match=said):
+            read_ply(path)
+    with pytest.raises(CloudError, match='cannot be read'):
+        read_ply(tmp_path / 'none.ply')
