@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from ftp_dent_ros.errors import ConfigurationError
 
-METHODS = ('least-squares', 'virtual-reference', 'direct')
 UNWRAPPINGS = ('itoh', 'estrada')
+# The options that each method has.
+METHODS = {
+    'least-squares': ('fast',),
+    'virtual-reference': ('unwrapping', 'tau'),
+    'direct': ('unwrapping', 'tau'),
+}
+_TAU = 0.8
 
 
 @dataclass(frozen=True)
@@ -20,42 +27,71 @@ class Settings:
         One of `METHODS`: ``'least-squares'`` fits the fringes in windows about the analytic
         reference phase; ``'virtual-reference'`` unwraps the phase shift against a virtual
         reference plane (eq. 12 and 13), ``'direct'`` the fringes' phase itself (eq. 11).
-    unwrapping : str
-        One of `UNWRAPPINGS`: Itoh's integration of wrapped differences, or Estrada's
-        first-order system, which smooths as it unwraps.
-    tau : float
-        Gain of Estrada's system, above 0 and up to 1: smaller smooths more.
+    unwrapping : str, optional
+        Of the latter two, one of `UNWRAPPINGS`: Itoh's integration of wrapped differences (the
+        default), or Estrada's first-order system, which smooths as it unwraps.
+    tau : float, optional
+        Gain of Estrada's system, above 0 and up to 1 (0.8): smaller smooths more.
     stride : int
         The cloud has every `stride`-th pixel of the image, along rows and columns.
-    fast : bool
+    fast : bool, optional
         Whether least squares correct their model once instead of twice.
 
     Raises
     ------
     ConfigurationError
-        A value is none of the choices or out of its range.
+        A value is none of the choices or out of its range, or an option is not the method's.
     """
 
     method: str = 'least-squares'
-    unwrapping: str = 'itoh'
-    tau: float = 0.8
+    unwrapping: str | None = None
+    tau: float | None = None
     stride: int = 1
-    fast: bool = False
+    fast: bool | None = None
 
     def __post_init__(self) -> None:
         for name, value, choices in (
-            ('method', self.method, METHODS),
-            ('unwrapping', self.unwrapping, UNWRAPPINGS),
+            ('method', self.method, tuple(METHODS)),
+            ('unwrapping', self.unwrapping, (None, *UNWRAPPINGS)),
         ):
             if value not in choices:
                 raise ConfigurationError(
-                    f'{name} is {value!r}: choose one of {", ".join(choices)}'
+                    f'{name} is {value!r}: choose one of {", ".join(filter(None, choices))}'
                 )
         tau = self.tau
-        if isinstance(tau, bool) or not isinstance(tau, (int, float)) or not 0 < tau <= 1:
+        if tau is not None and (
+            isinstance(tau, bool) or not isinstance(tau, (int, float)) or not 0 < tau <= 1
+        ):
             raise ConfigurationError(f'tau is {tau!r}: set it above 0 and up to 1')
         stride = self.stride
         if isinstance(stride, bool) or not isinstance(stride, int) or not 1 <= stride <= 16:
             raise ConfigurationError(f'stride is {stride!r}: set it to a whole number, 1 to 16')
-        if not isinstance(self.fast, bool):
+        if self.fast is not None and not isinstance(self.fast, bool):
             raise ConfigurationError(f'fast is {self.fast!r}: set it to true or false')
+        self._check_options()
+
+    def _check_options(self) -> None:
+        """Raise `ConfigurationError` for what the method would ignore."""
+        for name in ('unwrapping', 'tau', 'fast'):
+            if getattr(self, name) is not None and name not in METHODS[self.method]:
+                others = ', '.join(other for other, names in METHODS.items() if name in names)
+                raise ConfigurationError(
+                    f'{name} is no option of {self.method}: leave it out, or use it with {others}'
+                )
+        if self.tau is not None and self.unwrapping != 'estrada':
+            raise ConfigurationError(
+                'tau is an option of the unwrapping estrada alone: leave it out, or choose that'
+            )
+
+    @classmethod
+    def chosen(cls, method: str, stride: int = 1, **options: Any) -> Settings:
+        """Settings with those of the options that the method has."""
+        used = {name: value for name, value in options.items() if name in METHODS.get(method, ())}
+        if used.get('unwrapping') != 'estrada':
+            used.pop('tau', None)
+        return cls(method, stride=stride, **used)
+
+    @property
+    def unwrapper(self) -> tuple[str, float]:
+        """Unwrapping and gain, with their defaults."""
+        return self.unwrapping or 'itoh', _TAU if self.tau is None else self.tau

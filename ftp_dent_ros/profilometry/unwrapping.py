@@ -128,7 +128,8 @@ def _tie_runs(along, run, region, jump):
     begin = np.flatnonzero(_begins(both))
     upper, lower = run.ravel()[begin], run.ravel()[begin + width]
     last = np.flatnonzero(_begins(both[:, ::-1])[:, ::-1])
-    first = np.append(0, np.cumsum(last - begin + 1)[:-1])
+    width_of_each = last - begin + 1
+    first = np.cumsum(width_of_each) - width_of_each
     turn, votes, voters = _vote(difference, first, jump)
     tied = 2 * votes > voters
     upper, lower, turn = upper[tied], lower[tied], turn[tied]

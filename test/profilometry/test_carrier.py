@@ -13,7 +13,7 @@ from ftp_dent_ros.profilometry.carrier import (
     measured_carrier,
     plane_through,
 )
-from ftp_dent_ros.profilometry.reference import reference_phase
+from ftp_dent_ros.profilometry.fourier_transform.reference import reference_phase
 from ftp_dent_ros.rig import Rig
 
 

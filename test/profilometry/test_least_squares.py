@@ -9,8 +9,9 @@ import pytest
 from scipy.optimize import brentq
 from small_scenes import DENT, DEPTH, INVERTED, PATTERN, RIG, Scene, lens, panel
 
-from ftp_dent_ros.errors import NoStripeError
+from ftp_dent_ros.errors import NoStripeError, RefusedFrameError
 from ftp_dent_ros.profilometry import Reconstructor, Settings
+from ftp_dent_ros.profilometry.coverage import UNTIED
 from ftp_dent_ros.simulation import Motion, Paint, Surface
 
 # Depth between neighbouring fringes at `DEPTH`, metres.
@@ -76,22 +77,23 @@ def test_a_hundredth_of_a_millimetre_at_65_cm(scene, name, mae):
 
 
 @pytest.mark.parametrize(
-    ('name', 'mae'),
+    ('name', 'mae', 'covered'),
     [
-        ('livery', 0.05),
-        ('gamma', 0.02),
-        ('colour filter and JPEG', 0.05),
-        ('speckle', 0.08),
-        ('ambient', 0.05),
-        ('a line of dirt', 0.02),
+        # Of the edge of the paint, which is not filled from around, 2 % are left out.
+        ('livery', 0.05, 0.92),
+        ('gamma', 0.02, 0.94),
+        ('colour filter and JPEG', 0.05, 0.94),
+        ('speckle', 0.08, 0.94),
+        ('ambient', 0.05, 0.94),
+        ('a line of dirt', 0.02, 0.94),
     ],
 )
-def test_hostile_photographs(case, name, mae):
+def test_hostile_photographs(case, name, mae, covered):
     seen = case(name)
     cloud = measure(seen).cloud
     lit = seen.lit()
     assert seen.errors_mm(cloud).mean() < mae
-    assert (cloud.valid & lit).sum() > 0.94 * lit.sum()
+    assert (cloud.valid & lit).sum() > covered * lit.sum()
     assert (cloud.valid & ~lit).mean() < 2e-4
 
 
@@ -109,15 +111,16 @@ def test_the_dent_has_its_depth(scene):
     assert np.percentile(depth, 99.95) == pytest.approx(DENT.depth, abs=0.03 * DENT.depth)
 
 
-def test_a_dent_keeps_its_depth_where_noise_is_taken_off_flat_skin(case):
+def test_noise_on_the_phase_takes_nothing_off_a_dent_and_is_told(case):
     seen = case('noisy phase')
     cloud = measure(seen).cloud
     points = cloud.points[cloud.valid].astype(float)
     error = seen.surface.distance(points)
     bare = replace(seen.surface.panels[0], dents=())
     depth = bare.distance(points) - error
-    assert np.abs(error[depth < 1e-6]).mean() < 7e-5
-    assert abs(error[depth > 0.9 * DENT.depth].mean()) < 0.03 * DENT.depth
+    normalised = error / cloud.sigma[cloud.valid]
+    assert 0.7 < normalised[depth < 1e-6].std() < 1.5
+    assert abs(error[depth > 0.9 * DENT.depth].mean()) < 0.04 * DENT.depth
 
 
 def two_panels(step, seam=0.03, along='x', half=0.15, tilt=(0.0, 0.0)):
@@ -192,13 +195,12 @@ def test_a_panel_that_is_not_tied_is_left_out_with_the_reason():
     near = panel(half=0.06, centre=(0.0, 0.0), dents=())
     far = replace(near, pose=replace(near.pose, translation=np.array([0.13, 0.0, DEPTH + 0.012])))
     measurement = measure(Scene.of(near, far))
-    assert measurement.quality.untied > 0.3
-    assert 'stripe' in measurement.quality.remarks[0]
+    assert measurement.coverage.missing[UNTIED] > 0.3
+    assert 'stripe' in measurement.coverage.remarks[0]
 
 
 def test_all_of_a_plain_panel_is_tied(scene):
-    quality = measure(scene('flat')).quality
-    assert quality.untied < 0.1
+    assert measure(scene('flat')).coverage.share > 0.9
     assert np.isfinite(measure(scene('flat')).stripe_depth)
 
 
@@ -221,23 +223,44 @@ def test_predicted_deviations_are_true(case, name):
     measurement = measure(seen)
     rays = seen.rig.camera.rays(seen.rig.camera.pixel_grid())
     error = measurement.cloud.points[..., 2] - seen.surface.intersect(rays)
-    deviation = measurement.quality.standard_deviation()
+    error *= np.linalg.norm(rays, axis=-1)
     inner = cv2.erode(measurement.cloud.valid.astype(np.uint8), np.ones((41, 41))) > 0
-    assert 0.7 < (error / deviation)[inner].std() < 1.3
+    assert 0.7 < (error / measurement.cloud.sigma)[inner].std() < 1.3
 
 
-def test_the_residual_shows_what_is_not_fringes(case):
-    quality = measure(case('a line of dirt')).quality
-    residual = quality.residual()
-    assert residual[199:203, 250:400].mean() > 3 * residual[280:300, 250:400].mean()
+def test_the_uncertainty_shows_what_is_not_fringes(case):
+    sigma = measure(case('a line of dirt')).cloud.sigma
+    assert sigma[199:203, 250:400].mean() > 3 * sigma[280:300, 250:400].mean()
 
 
 @pytest.mark.parametrize('stride', [1, 3])
-def test_quality_is_on_the_grid_of_the_cloud(scene, stride):
-    measurement = measure(scene('flat'), stride=stride)
-    deviation = measurement.quality.standard_deviation()
-    assert deviation.shape == measurement.cloud.valid.shape
-    assert np.isfinite(deviation[measurement.cloud.valid]).all()
+def test_every_point_has_its_uncertainty_and_resolution(scene, stride):
+    cloud = measure(scene('flat'), stride=stride).cloud
+    for values in (cloud.sigma, cloud.resolution):
+        np.testing.assert_array_equal(np.isfinite(values), cloud.valid)
+        assert (values[cloud.valid] > 0).all()
+
+
+@pytest.mark.parametrize('exposure', [1.5, 2.0, 3.0])
+def test_clipped_crests_leave_true_points(exposure):
+    seen = Scene.of(panel(), exposure=exposure)
+    cloud = measure(seen).cloud
+    inner = cv2.erode(cloud.valid.astype(np.uint8), np.ones((21, 21))) > 0
+    error = seen.surface.distance(cloud.points[inner].astype(float))
+    assert 0.5 < (error / cloud.sigma[inner]).std() < 1.4
+    assert (cloud.valid & seen.lit()).sum() > 0.9 * seen.lit().sum()
+
+
+def test_noise_is_no_surface(scene):
+    rng = np.random.default_rng(1)
+    shape = scene('flat').image.shape
+    for smooth in (0.0, 1.5, 4.0):
+        image = rng.normal(128, 20, shape)
+        if smooth:
+            image = 128 + 80 * smooth * (cv2.GaussianBlur(image, (0, 0), smooth) - 128) / 20
+        image = np.clip(image, 0, 250).astype(np.uint8)
+        with pytest.raises(RefusedFrameError):
+            Reconstructor(RIG, PATTERN).measure(image)
 
 
 def test_sizes_that_are_no_multiple_of_the_bins(scene):
@@ -264,13 +287,6 @@ def test_a_cloud_that_is_held_is_not_written_again(scene):
     np.testing.assert_array_equal(view, depth)
 
 
-def test_memory_of_clouds_that_nobody_holds_is_used_again(scene):
-    seen = scene('flat')
-    reconstructor = Reconstructor(RIG, PATTERN)
-    addresses = {reconstructor.reconstruct(seen.image).points.ctypes.data for _ in range(6)}
-    assert len(addresses) < 3
-
-
 def test_frames_leave_no_memory_behind(scene):
     seen = scene('flat')
     reconstructor = Reconstructor(RIG, PATTERN)
@@ -283,7 +299,8 @@ def test_frames_leave_no_memory_behind(scene):
     finally:
         tracemalloc.stop()
     assert left < 1e5
-    assert peak < 20 * seen.image[..., 0].size
+    # A cloud has 24 bytes a point.
+    assert peak < (24 + 20) * seen.image[..., 0].size
 
 
 def test_a_stripe_that_both_panels_show_ties_both():

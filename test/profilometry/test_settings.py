@@ -5,10 +5,27 @@ from ftp_dent_ros.profilometry import METHODS, UNWRAPPINGS, Settings
 
 
 def test_every_choice_is_taken():
-    for method in METHODS:
+    for method, options in METHODS.items():
         for unwrapping in UNWRAPPINGS:
-            settings = Settings(method, unwrapping, tau=1, stride=16)
-            assert (settings.method, settings.unwrapping) == (method, unwrapping)
+            settings = Settings.chosen(method, 16, unwrapping=unwrapping, tau=1, fast=True)
+            assert (settings.method, settings.stride) == (method, 16)
+            assert settings.unwrapping == (unwrapping if 'unwrapping' in options else None)
+            assert settings.fast == (True if 'fast' in options else None)
+
+
+@pytest.mark.parametrize(
+    'values',
+    [
+        {'unwrapping': 'itoh'},
+        {'tau': 0.5},
+        {'method': 'direct', 'fast': True},
+        {'method': 'direct', 'tau': 0.5},
+        {'method': 'direct', 'unwrapping': 'itoh', 'tau': 0.5},
+    ],
+)
+def test_an_option_that_the_method_does_not_use_is_refused(values):
+    with pytest.raises(ConfigurationError, match='option of'):
+        Settings(**values)
 
 
 @pytest.mark.parametrize(

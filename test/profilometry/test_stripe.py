@@ -4,7 +4,7 @@ from small_scenes import DEPTH, PATTERN, Scene, panel
 
 from ftp_dent_ros.errors import NoStripeError
 from ftp_dent_ros.profilometry.carrier import measured_carrier
-from ftp_dent_ros.profilometry.region import lit_region
+from ftp_dent_ros.profilometry.fourier_transform.region import lit_region
 from ftp_dent_ros.profilometry.stripe import find_stripe
 from ftp_dent_ros.simulation import Paint
 

@@ -23,7 +23,7 @@ def take_harmonics(
     mask: NDArray[np.bool_],
     grid: Grid,
     work: NDArray[np.float32],
-) -> None:
+) -> float:
     """Take the second and third harmonic, which a camera's curve makes of fringes, off bins.
 
     Parameters
@@ -45,7 +45,7 @@ def take_harmonics(
     normal = basis @ basis.T + np.eye(2, dtype=np.float32)
     h2, h3 = np.linalg.solve(normal, basis @ rest[rows].ravel()).astype(np.float32)
     if abs(h2) + abs(h3) < _LEAST_HARMONICS:
-        return
+        return 0.0
     # h2 (2 c^2 - 1) + h3 c (4 c^2 - 3), after Horner.
     for rows in grid.strips():
         c = cosine[rows]
@@ -57,6 +57,7 @@ def take_harmonics(
         shape -= h2
         shape *= amplitude[rows]
         rest[rows] -= shape
+    return float(h2)
 
 
 def lag_of_bins(

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.profilometry.least_squares.grid import Grid
-from ftp_dent_ros.profilometry.least_squares.sight import Sight
+from ftp_dent_ros.profilometry.least_squares.phase_geometry import PhaseGeometry
 from ftp_dent_ros.profilometry.least_squares.windows import Windows
 
 
@@ -57,7 +57,7 @@ class ReferenceTable:
 
     @classmethod
     def of(
-        cls, grid: Grid, windows: Windows, bins: Sight, nodes: Sight, depth: float
+        cls, grid: Grid, windows: Windows, bins: PhaseGeometry, nodes: PhaseGeometry, depth: float
     ) -> ReferenceTable:
         """Table of the plane z = depth."""
         phase = bins.phase(np.full(grid.bin_shape, 1 / depth, np.float32))

@@ -111,12 +111,21 @@ class Grid:
         )
         return np.ascontiguousarray(fine[:, (self.step - 1) // 2 :: self.step])
 
-    def density_at(self, period: float) -> float:
-        """Power density of white noise of the pixels at `period` bins, over the bins' mean."""
+    def noise_at(self, period: float) -> tuple[float, float]:
+        """What averaging leaves of the pixels' white noise of variance 1.
+
+        Returns
+        -------
+        variance : float
+            Of the bins.
+        density : float
+            Power density at `period` bins, over the mean of all: averages are not white.
+        """
         taps = _boxes(self.step, _ORDER)
         turn = 2 * np.pi / (self.step * period) * np.arange(len(taps))
         power = np.square(taps @ np.cos(turn)) + np.square(taps @ np.sin(turn))
-        return float(power / (self.step * np.square(taps).sum()))
+        square = np.square(taps).sum()
+        return float(square / self.rows), float(power / (self.step * square))
 
     def strips(self) -> list[slice]:
         """Rows of bins, so few at a time that what is made of them stays in the cache."""

@@ -3,25 +3,29 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.cloud import Cloud
-from ftp_dent_ros.errors import NoStripeError
+from ftp_dent_ros.errors import NoFringesError, NoStripeError
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.profilometry.carrier import ReferencePlane, carrier_on
-from ftp_dent_ros.profilometry.least_squares.cloudmaker import CloudMaker, Published
-from ftp_dent_ros.profilometry.least_squares.continuation import Continuation
-from ftp_dent_ros.profilometry.least_squares.exposure import check_exposure
+from ftp_dent_ros.profilometry.coverage import Coverage
+from ftp_dent_ros.profilometry.least_squares.cloud_builder import CloudBuilder, Published
+from ftp_dent_ros.profilometry.least_squares.exposure import check_exposure, check_fringes
+from ftp_dent_ros.profilometry.least_squares.extrapolation import Extrapolation
 from ftp_dent_ros.profilometry.least_squares.first_fit import ReferenceTable, fit
 from ftp_dent_ros.profilometry.least_squares.frame_rim import FrameRim
+from ftp_dent_ros.profilometry.least_squares.fringe_order import joined, off_frame, untied
 from ftp_dent_ros.profilometry.least_squares.grid import Grid
-from ftp_dent_ros.profilometry.least_squares.light import Light
-from ftp_dent_ros.profilometry.least_squares.quality import Fit, Quality
-from ftp_dent_ros.profilometry.least_squares.refinement import Refined, Refinement, roughness
+from ftp_dent_ros.profilometry.least_squares.intensity_bins import IntensityBins
+from ftp_dent_ros.profilometry.least_squares.median import median
+from ftp_dent_ros.profilometry.least_squares.phase_geometry import PhaseGeometry
+from ftp_dent_ros.profilometry.least_squares.quadric import evaluate, robust_quadric
+from ftp_dent_ros.profilometry.least_squares.refinement import Refined, Refinement
 from ftp_dent_ros.profilometry.least_squares.regions import (
     apart,
     edges,
@@ -31,10 +35,11 @@ from ftp_dent_ros.profilometry.least_squares.regions import (
     separated,
     sighted,
 )
-from ftp_dent_ros.profilometry.least_squares.sight import Sight
-from ftp_dent_ros.profilometry.least_squares.surface import evaluate, robust_quadric
-from ftp_dent_ros.profilometry.least_squares.ties import joined, off_frame, untied
+from ftp_dent_ros.profilometry.least_squares.surface_mask import roughness
 from ftp_dent_ros.profilometry.least_squares.windows import Windows
+from ftp_dent_ros.profilometry.lit_area import LitArea
+from ftp_dent_ros.profilometry.measurement import Measurement
+from ftp_dent_ros.profilometry.pattern_check import check_pattern
 from ftp_dent_ros.profilometry.stripe import stripe_orders
 from ftp_dent_ros.profilometry.unwrapping import Unwrapped, unwrap
 from ftp_dent_ros.rig import Rig
@@ -46,6 +51,11 @@ _JUMP = math.pi / 2
 # Fits of a surface, each without what the last one found not to be a part of it.
 _FITS = 3
 _TURN = 2 * math.pi
+# Fringes' periods go in steps, so that one table of windows serves many surfaces.
+_PERIOD_STEP, _LONGEST = 1.08, 1.6
+# Such steps by which windows are narrower where a surface is no skin: to 0.4 fringes, chosen on
+# photographs of one relief.
+_FINER = 3
 # Nodes that the quadric is fitted to, about.
 _POINTS = 600
 
@@ -80,42 +90,50 @@ class LeastSquares:
         self.period = carrier_on(rig, pattern, ReferencePlane(self._depth)).period
         self.grid = Grid.for_fringes(rig.camera.width, rig.camera.height, self.period, fast)
         self.windows = Windows.for_fringes(self.period, self.grid)
-        bins = Sight.of(rig, pattern, *self.grid.bin_positions())
-        self._nodes = Sight.of(rig, pattern, *self.grid.node_positions())
+        bins = PhaseGeometry.of(rig, pattern, *self.grid.bin_positions())
+        self._nodes = PhaseGeometry.of(rig, pattern, *self.grid.node_positions())
         self._table = ReferenceTable.of(self.grid, self.windows, bins, self._nodes, self._depth)
-        self._refinement = Refinement(self.grid, self.windows, self.period, fast)
-        self._maker = CloudMaker(rig, self.grid, stride)
+        self._fast = fast
+        self._refinement = lru_cache(maxsize=4)(self._refinement_at)
+        self._builder = CloudBuilder(rig, self.grid, stride)
 
-    def measure(self, image: NDArray[np.uint8]) -> tuple[Cloud, float, Quality]:
-        """Cloud, depth of the stripe in metres, and quality of a photograph.
+    def measure(self, image: NDArray[np.uint8]) -> Measurement:
+        """Measure the surfaces in a photograph.
 
         Raises
         ------
-        TooDarkError, SaturatedError, NoStripeError
+        TooDarkError, SaturatedError, NoStripeError, OtherPatternError
         """
-        light = Light.of(image, self.grid)
+        light = IntensityBins.of(image, self.grid)
         table = self._table
         fringes = fit(self.grid, self.windows, table, light.red)
         lit, seams = fringe_region(fringes, self.windows, self.grid, self.period)
         check_exposure(light, lit, self.grid, self.period)
         phase, part, orders = self._absolute(light, table, fringes, lit, seams)
-        strange = np.arange(1, part.max() + 3)
-        strange[list(orders)], strange[-1] = 0, 0
-        others = strange[part]
+        foreign = np.arange(1, part.max() + 3)
+        foreign[list(orders)], foreign[-1] = 0, 0
+        others = foreign[part]
         parts, regions, refusals = [], [], []
         for label, order in orders.items():
             try:
                 surface, region = self._surface(
                     light, lit, seams, part == label, others, phase - np.float32(_TURN * order)
                 )
-            except NoStripeError as reason:
+            except (NoFringesError, NoStripeError) as reason:
                 refusals.append(reason)
                 continue
             parts.append(surface)
             regions.append(region)
         if not parts:
             raise refusals[-1]
-        return self._result(lit, parts, regions)
+        return self._result(light, lit, parts, regions, self._check_pattern(parts))
+
+    def _check_pattern(self, parts: list[_Part]) -> bool:
+        """Raise if the fringes cannot be those of the pattern told; whether no other's."""
+        surfaces = [(self.grid.at_bins(part.phase), part.refined.measured) for part in parts]
+        return check_pattern(
+            LitArea.of(self.rig, self.pattern, self.grid.bin_positions(), surfaces)
+        )
 
     def _absolute(self, light, table, fringes, lit, seams):
         """Phase at the nodes, the part each is tied to, and the stripe's order by part."""
@@ -134,7 +152,7 @@ class LeastSquares:
             orders = self._orders(light, table, unwrapped)
         return table.node_phase + unwrapped.phase, unwrapped.part, orders
 
-    def _orders(self, light: Light, table: ReferenceTable, unwrapped) -> dict[int, int]:
+    def _orders(self, light: IntensityBins, table: ReferenceTable, unwrapped) -> dict[int, int]:
         """Fringe order at the stripe of each part that holds it."""
         rows = np.unique(np.linspace(0, self.grid.shape[0] - 1, _STRIPE_ROWS).astype(int))
         size = self.grid.bin_shape[1], len(rows)
@@ -157,29 +175,56 @@ class LeastSquares:
             phase = phase + np.float32(_TURN * number) * more
         if turns:
             reference = self._reference(region, phase)
+        refinement = self._refinement(self._period_step(reference, region))
         strips = rim_strips(region, lit, seams)
-        strange, seams = lit & ~region & ~strips, seams & ~strips
+        foreign, seams = lit & ~region & ~strips, seams & ~strips
+        relief = False
         for _ in range(_FITS):
-            region = apart(region, strange, seams, self.grid, self.period)
-            sure = sighted(region, self.windows)
-            shift = Continuation(sure, self.windows).by_slope((phase - reference) * region)
-            refined = self._refinement.refine(
+            region = apart(region, foreign, seams, self.grid, self.period)
+            sure = region if relief else sighted(region, self.windows)
+            shift = Extrapolation(sure, self.windows).by_slope((phase - reference) * region)
+            if refinement.windows.sigma_u > self.windows.sigma_u:
+                # Narrow windows have let ripples through, which wide ones do not see.
+                shift = refinement.windows.flat_top(shift)
+            refined = refinement.refine(
                 light, table.phase, reference - table.node_phase, shift, region | strips
             )
+            check_fringes(refined.roughness[region])
             absolute = reference + refined.shift.values
+            if relief:
+                break
+            if refined.relief:
+                # What is no skin has edges everywhere: it is one surface as far as its phase is.
+                relief, foreign = True, np.zeros_like(region)
+                refinement = self._refinement(self._period_step(reference, region) - _FINER)
+                continue
             at_stripe, rough = np.abs(absolute) < math.pi, refined.roughness
             lines = edges(region, seams, rough, self.grid, self.period)
-            strange = untied(region, lines, refined.shift.values, at_stripe, *place)
+            foreign = untied(region, lines, refined.shift.values, at_stripe, *place)
             rim = FrameRim.of(refined.measured, absolute, self.pattern, self.grid)
             if rim.off(rim.blocks()):
                 lines = edges(region, seams, rough, self.grid, self.period, faint=True)
-                strange = strange | off_frame(region, lines, at_stripe, rim)
-            if not strange.any():
+                foreign = foreign | off_frame(region, lines, at_stripe, rim)
+            if not foreign.any():
                 break
-            self._check_stripe(light, phase, region & ~strange)
-            strange = cv2.dilate(strange.view(np.uint8), np.ones((9, 9), np.uint8)) > 0
-            reference = self._reference(region & ~strange, phase)
+            self._check_stripe(light, phase, region & ~foreign)
+            foreign = cv2.dilate(foreign.view(np.uint8), np.ones((9, 9), np.uint8)) > 0
+            reference = self._reference(region & ~foreign, phase)
         return _Part(refined, absolute), region
+
+    def _period_step(self, phase, region) -> int:
+        """Power of `_PERIOD_STEP` by which a surface's fringes are longer than the table's."""
+        both = region[::2, 1:] & region[::2, :-1]
+        slope = median(np.abs(np.diff(phase[::2], axis=1)[both])) if both.any() else 0
+        period = _TURN * self.grid.pitch[0] / max(slope, 1e-3)
+        most = math.log(_LONGEST) / math.log(_PERIOD_STEP)
+        step = math.log(period / self.period) / math.log(_PERIOD_STEP)
+        return round(min(max(step, -most), most))
+
+    def _refinement_at(self, step: int) -> Refinement:
+        period = self.period * _PERIOD_STEP**step
+        windows = Windows.for_fringes(period, self.grid)
+        return Refinement(self.grid, windows, period, self._fast, self.pattern.rounding_variance)
 
     def _check_stripe(self, light, phase, region) -> None:
         """Raise if what is left of a region does not hold the stripe, or another order's."""
@@ -207,35 +252,46 @@ class LeastSquares:
         quadric = robust_quadric(points.rays[met], inverse_depth[met])
         return self._nodes.phase(evaluate(quadric, self._nodes.rays))
 
-    def _result(self, lit, parts, regions) -> tuple[Cloud, float, Quality]:
+    def _result(self, light, lit, parts, regions, confirmed) -> Measurement:
         """Publish the surfaces together."""
         grid = self.grid
         surfaces, depths = [], []
-        published = np.zeros(grid.shape, bool)
+        published, on_panel = np.zeros(grid.shape, bool), np.zeros(grid.shape, bool)
         for part, region in zip(parts, regions, strict=True):
             refined = part.refined
             inverse_depth, v_p = self._nodes.meet(part.phase)
-            measured = refined.measured & self._within_panel(part.phase, v_p)
-            inverse_depth = np.nan_to_num(inverse_depth, copy=False, nan=1.0)
+            within = self._within_panel(part.phase, v_p)
+            measured = refined.measured & within
+            deviation = self._nodes.deviation(part.phase, refined.shift.variance)
             surfaces.append(
-                Published(inverse_depth, refined.modulation, measured, refined.covered)
+                Published(
+                    np.nan_to_num(inverse_depth, nan=1.0),
+                    refined.modulation,
+                    deviation,
+                    refined.wavelength,
+                    measured,
+                    refined.covered,
+                )
             )
             at_stripe = region & (np.abs(part.phase) < math.pi)
             depths.append(1 / inverse_depth[at_stripe])
-            published |= measured[:, :: grid.bins] | measured[:, grid.bins - 1 :: grid.bins]
+            published |= self._any_bin(measured)
+            on_panel |= region & self._any_bin(within)
         depth = np.concatenate(depths)
-        inner = eroded(lit)
-        stripe_depth = float(np.median(depth)) if len(depth) else math.nan
-        quality = Quality(
-            float(np.count_nonzero(inner & ~published)) / max(float(np.count_nonzero(inner)), 1.0),
-            tuple(
-                Fit(self._nodes, part.phase, part.refined, surface.measured)
-                for part, surface in zip(parts, surfaces, strict=True)
-            ),
-            grid,
-            self._maker.stride,
+        coverage = Coverage.of(
+            eroded(lit),
+            published,
+            clipped=self._any_bin(light.clipped),
+            untied=~np.any(regions, axis=0),
+            off_panel=~on_panel,
         )
-        return self._maker.cloud(surfaces), stripe_depth, quality
+        stripe_depth = float(np.median(depth)) if len(depth) else math.nan
+        coverage = replace(coverage, confirmed=confirmed)
+        return Measurement(self._builder.cloud(surfaces), stripe_depth, coverage)
+
+    def _any_bin(self, bins):
+        """Nodes whose outer bins are in a mask."""
+        return bins[:, :: self.grid.bins] | bins[:, self.grid.bins - 1 :: self.grid.bins]
 
     def _within_panel(self, phase, v_p) -> NDArray[np.bool_]:
         """Bins that the projector's panel reaches, but for its blurred rim."""

@@ -61,9 +61,9 @@ def apart(
 ) -> NDArray[np.bool_]:
     """The nodes of `region` that are not beside other surfaces, nor beside a seam with them."""
     reach = np.ones((2 * _RIM_NODES + 1, 2 * _RIM_NODES + 1), np.uint8)
-    strange = others | (seams & (cv2.dilate(others.view(np.uint8), reach) > 0))
+    foreign = others | (seams & (cv2.dilate(others.view(np.uint8), reach) > 0))
     size = [2 * math.ceil(_MARGIN * period / pitch) + 1 for pitch in grid.pitch[::-1]]
-    return region & ~(cv2.dilate(strange.view(np.uint8), np.ones(size, np.uint8)) > 0)
+    return region & ~(cv2.dilate(foreign.view(np.uint8), np.ones(size, np.uint8)) > 0)
 
 
 def rim_strips(

@@ -16,7 +16,7 @@ from ftp_dent_ros.profilometry.least_squares.grid import Grid
 
 # Standard deviation of the windows, fringe periods: wider takes depth off small dents, below
 # 0.45 the second harmonic of a camera that is not linear comes through.
-_WIDTH = 0.5
+WIDTH = 0.5
 _REACH, _REACH_OF_WIDE = 3.6, 3.0
 # A wide Gaussian is computed on a grid so coarse that it is still this wide, nodes.
 _LEAST_SIGMA = 1.5
@@ -40,7 +40,7 @@ class Windows:
     def for_fringes(cls, period: float, grid: Grid) -> Windows:
         """Windows for fringes of `period` pixels; the nodes' own averages are a part of them."""
         spread = [
-            math.sqrt((_WIDTH * period) ** 2 - variance) / step
+            math.sqrt((WIDTH * period) ** 2 - variance) / step
             for step, variance in zip(grid.pitch, grid.node_variance, strict=True)
         ]
         return cls(*spread)
@@ -59,6 +59,16 @@ class Windows:
     def flat_top(self, nodes: NDArray) -> NDArray[np.float32]:
         """Mean weighted by 2 G_s - G_(sqrt(2) s), which leaves cubics as they are."""
         return 2 * self.gaussian(nodes) - self.gaussian(nodes, math.sqrt(2))
+
+    def half_response(self) -> float:
+        """Wavelength, in standard deviations, at which two Gaussian fits and a flat-top halve.
+
+        Each corrects what the ones before have left: the rest is (1 - G)^2 (1 - F).
+        """
+        wavelength = np.linspace(20, 1, 2000)
+        gaussian = np.exp(-2 * np.square(np.pi / wavelength))
+        rest = np.square(1 - gaussian) * (1 - 2 * gaussian + np.square(gaussian))
+        return float(wavelength[np.argmax(rest > 0.5)])
 
     def wide(self, nodes: NDArray, scale: float) -> NDArray[np.float32]:
         """Mean weighted by a Gaussian much wider than the windows, on a coarser grid."""

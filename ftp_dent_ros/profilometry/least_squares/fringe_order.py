@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.profilometry.least_squares.continuation import Continuation
+from ftp_dent_ros.profilometry.least_squares.extrapolation import Extrapolation
 from ftp_dent_ros.profilometry.least_squares.frame_rim import FrameRim
 from ftp_dent_ros.profilometry.least_squares.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.regions import SMALLEST, separated
@@ -57,7 +57,7 @@ def joined(
     turns: dict[int, int] = {}
     tied, shift = home.copy(), shift.copy()
     while waiting:
-        ahead = Continuation(tied, windows).by_slope(shift)
+        ahead = Extrapolation(tied, windows).by_slope(shift)
         beside = cv2.dilate(tied.view(np.uint8), np.ones(near, np.uint8)) > 0
         found = []
         for label in waiting:
@@ -143,9 +143,9 @@ def _nearer(region, home, labels, chosen) -> NDArray[np.bool_]:
     """Nodes of the chosen labels, and the slivers along edges and the rim nearest to them."""
     if not chosen.any():
         return np.zeros_like(region)
-    strange = chosen[labels]
-    tied = home | ((labels > 0) & ~strange)
+    foreign = chosen[labels]
+    tied = home | ((labels > 0) & ~foreign)
     near, far = (
-        cv2.distanceTransform((~part).view(np.uint8), cv2.DIST_L2, 3) for part in (tied, strange)
+        cv2.distanceTransform((~part).view(np.uint8), cv2.DIST_L2, 3) for part in (tied, foreign)
     )
     return region & (far < near)

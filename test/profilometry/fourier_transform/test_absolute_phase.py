@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from ftp_dent_ros.errors import NoStripeError
-from ftp_dent_ros.profilometry.absolute_phase import fringe_order
+from ftp_dent_ros.profilometry.fourier_transform.absolute_phase import fringe_order
 
 TURN = 2 * np.pi
 ROW, COLUMN = np.mgrid[:40, :120]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,8 +11,8 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.profilometry.least_squares.grid import Grid
-from ftp_dent_ros.profilometry.least_squares.sight import rays_at
-from ftp_dent_ros.profilometry.least_squares.spreading import Spreader
+from ftp_dent_ros.profilometry.least_squares.node_interpolation import NodeInterpolation
+from ftp_dent_ros.profilometry.least_squares.phase_geometry import rays_at
 from ftp_dent_ros.rig import Rig
 
 # Pixel rows by which the camera's blur makes the surface look larger.
@@ -22,15 +21,12 @@ _LEAST_COVER = 0.3
 # Share of a bin at the rim from which on it counts as covered.
 _WHOLE = 0.98
 _INSIDE = np.uint8(255)
-# Clouds whose memory is kept.
-_POOL = 3
 
 
-class CloudMaker:
+class CloudBuilder:
     """Makes clouds of inverse depths at the nodes.
 
-    Inverse depth is what is interpolated: of a plane it is linear in the pixels. Everything is
-    allocated once; a cloud's memory is used again when nobody holds the cloud any more.
+    Inverse depth is what is interpolated: of a plane it is linear in the pixels.
 
     Parameters
     ----------
@@ -42,66 +38,68 @@ class CloudMaker:
 
     def __init__(self, rig: Rig, grid: Grid, stride: int) -> None:
         self.grid, self.stride = grid, stride
-        self._spreader = Spreader.of(grid, stride)
+        self._interpolation = NodeInterpolation.of(grid, stride)
         rays = rays_at(
             rig.camera, np.arange(0, grid.width, stride), np.arange(0, grid.height, stride)
         )
         self._x, self._y = (np.ascontiguousarray(rays[..., axis]) for axis in (0, 1))
-        strip = max(len(straight) for _, straight in self._spreader.rows)
+        strip = max(len(straight) for _, straight in self._interpolation.rows)
         self._work = np.empty((3, strip, self._x.shape[1]), np.float32)
-        self._nothing = np.zeros((2, strip, self._x.shape[1]), np.float32)
-        self._nothing[0] = np.nan
-        self._pool: list[tuple[NDArray[np.float32], NDArray[np.float32]]] = []
+        self._nothing = np.full((strip, self._x.shape[1]), np.nan, np.float32)
+        self._zero = np.zeros_like(self._nothing)
+        self._focal = float(rig.camera.camera_matrix[0, 0])
 
     def cloud(self, surfaces: list[Published]) -> Cloud:
         """Cloud of surfaces, the later ones over the earlier."""
-        points, intensity = self._memory()
-        for number, surface in enumerate(surfaces):
-            if number == 0:
-                self._fill(surface, points, intensity)
-            else:
-                more = np.empty_like(points), np.empty_like(intensity)
-                self._fill(surface, *more)
-                seen = np.isfinite(more[0][..., 2])
-                points[seen], intensity[seen] = more[0][seen], more[1][seen]
-        return Cloud(points, intensity)
+        cloud = self._of(surfaces[0])
+        for surface in surfaces[1:]:
+            more = self._of(surface)
+            seen = more.valid
+            for name in ('points', 'intensity', 'sigma', 'resolution'):
+                getattr(cloud, name)[seen] = getattr(more, name)[seen]
+        return cloud
 
-    def _memory(self):
-        """Arrays that only the pool refers to, or new ones."""
-        for index in range(len(self._pool)):
-            # The pool's tuple and the function's argument.
-            if all(sys.getrefcount(self._pool[index][part]) <= 2 for part in (0, 1)):
-                return self._pool[index]
-        arrays = np.empty((*self._x.shape, 3), np.float32), np.empty(self._x.shape, np.float32)
-        if len(self._pool) < _POOL:
-            self._pool.append(arrays)
-        return arrays
+    def _of(self, surface: Published) -> Cloud:
+        shape = self._x.shape
+        cloud = Cloud(
+            np.empty((*shape, 3), np.float32),
+            *(np.empty(shape, np.float32) for _ in ('intensity', 'sigma', 'resolution')),
+        )
+        self._fill(surface, cloud)
+        return cloud
 
-    def _fill(self, surface: Published, points, intensity) -> None:
+    def _fill(self, surface: Published, cloud: Cloud) -> None:
         grid, stride = self.grid, self.stride
-        wide = self._spreader.widened(surface.inverse_depth)
+        wide = self._interpolation.widened(surface.inverse_depth)
         mask = _rows_in(surface, grid.pitch[1])
-        bright = self._bright(surface.modulation)
-        for (rows, nodes, weights), straight in self._spreader.rows:
+        straight_fields = (
+            (self._along_u(surface.modulation), cloud.intensity, self._zero),
+            (self._along_u(surface.deviation), cloud.sigma, self._nothing),
+        )
+        wavelength = np.float32(surface.wavelength / self._focal)
+        for (rows, nodes, weights), straight in self._interpolation.rows:
             x, y, z = self._work[:, : len(weights)]
             np.matmul(weights, wide[nodes], out=z)
             np.reciprocal(z, out=z)
             here = slice(rows.start * stride, (rows.stop - 1) * stride + 1, stride)
             part = mask[here]
-            np.matmul(straight, bright[nodes], out=intensity[rows])
-            if not part.all():
-                # Masked copies of OpenCV's are several times as fast as NumPy's.
-                outside = cv2.bitwise_not(self._of_pixels(part))
-                cv2.copyTo(self._nothing[0, : len(z)], outside, z)
-                cv2.copyTo(self._nothing[1, : len(z)], outside, intensity[rows])
+            # Masked copies of OpenCV's are several times as fast as NumPy's.
+            outside = None if part.all() else cv2.bitwise_not(self._of_pixels(part))
+            for values, field, nothing in straight_fields:
+                np.matmul(straight, values[nodes], out=field[rows])
+                if outside is not None:
+                    cv2.copyTo(nothing[: len(z)], outside, field[rows])
+            if outside is not None:
+                cv2.copyTo(self._nothing[: len(z)], outside, z)
+            np.multiply(z, wavelength, out=cloud.resolution[rows])
             np.multiply(self._x[rows], z, out=x)
             np.multiply(self._y[rows], z, out=y)
-            cv2.merge([x, y, z], dst=points[rows])
+            cv2.merge([x, y, z], dst=cloud.points[rows])
 
-    def _bright(self, modulation):
-        """Modulation interpolated along u."""
-        size = self.grid.bin_shape[1] * self.grid.step, len(modulation)
-        wide: Any = cv2.resize(modulation, size, interpolation=cv2.INTER_LINEAR)
+    def _along_u(self, nodes):
+        """Values at the nodes, interpolated along u."""
+        size = self.grid.bin_shape[1] * self.grid.step, len(nodes)
+        wide: Any = cv2.resize(nodes, size, interpolation=cv2.INTER_LINEAR)
         return np.ascontiguousarray(wide[:, : self.grid.width : self.stride])
 
     def _of_pixels(self, bins):
@@ -124,8 +122,10 @@ class Published:
 
     Attributes
     ----------
-    inverse_depth, modulation : ndarray, shape (rows, columns), float32
-        At the nodes; finite.
+    inverse_depth, modulation, deviation : ndarray, shape (rows, columns), float32
+        At the nodes, finite; the deviation is the standard uncertainty along the ray, metres.
+    wavelength : float
+        At which the windows have taken half of a detail's depth, pixels.
     measured : ndarray, shape (rows, bins), bool
         Bins that are published.
     covered : ndarray, shape (rows, bins), float32
@@ -134,6 +134,8 @@ class Published:
 
     inverse_depth: NDArray[np.float32]
     modulation: NDArray[np.float32]
+    deviation: NDArray[np.float32]
+    wavelength: float
     measured: NDArray[np.bool_]
     covered: NDArray[np.float32]
 

@@ -39,7 +39,7 @@ def lagrange(targets: NDArray[np.floating], count: int) -> NDArray[np.float64]:
 
 
 @dataclass(frozen=True, eq=False)
-class Spreader:
+class NodeInterpolation:
     """Interpolates from nodes to every `stride`-th pixel.
 
     Attributes
@@ -57,8 +57,8 @@ class Spreader:
     wide: NDArray[np.float32]
 
     @classmethod
-    def of(cls, grid: Grid, stride: int) -> Spreader:
-        """Spreader to a cloud's grid."""
+    def of(cls, grid: Grid, stride: int) -> NodeInterpolation:
+        """NodeInterpolation to a cloud's grid."""
         columns, rows = (
             (np.arange(0, size, stride) - (pitch - 1) / 2) / pitch
             for size, pitch in zip((grid.width, grid.height), grid.pitch, strict=True)

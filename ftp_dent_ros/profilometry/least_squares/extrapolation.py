@@ -25,7 +25,7 @@ _WHOLE = 0.9
 _SIGMA = 1.5
 
 
-class Continuation:
+class Extrapolation:
     """Continues fields that are known at the same nodes.
 
     Parameters

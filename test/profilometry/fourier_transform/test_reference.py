@@ -4,7 +4,11 @@ from small_scenes import DISTORTED, PATTERN, RIG
 
 from ftp_dent_ros.profilometry.carrier import ReferencePlane, carrier_on
 from ftp_dent_ros.profilometry.fourier import analytic_signal, spectrum
-from ftp_dent_ros.profilometry.reference import extend, phase_shift, reference_phase
+from ftp_dent_ros.profilometry.fourier_transform.reference import (
+    extend,
+    phase_shift,
+    reference_phase,
+)
 
 
 @pytest.mark.parametrize('rig', [RIG, DISTORTED], ids=['plain', 'distorted'])

@@ -5,18 +5,23 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.profilometry.least_squares.grid import Grid
+from ftp_dent_ros.profilometry.least_squares.pixel_noise import PixelNoise
 from ftp_dent_ros.profilometry.least_squares.windows import blurred
 
 # Luma (ITU-R BT.601), in which the errors of demosaicing and of JPEG cancel.
 _RED, _OTHERS = 0.299, 0.701
-# Levels from which on a bin holds clipped pixels.
-_CLIPPED = 248.0
+# Level up to which a pixel of a colour is not clipped; demosaicing may lower it by one.
+_CLIPPED = 253
+# Share of a bin, in luma, that may be clipped: noise clips some pixels below that level, by no
+# more than its own standard deviation.
+_FEW = 0.1
 # Phase up to which green and blue are missing, and a little of their blur, radians.
 _STRIPE = math.pi + 0.9
 _LEAST = 1e-3
@@ -25,7 +30,7 @@ _ROWS = 2.5
 
 
 @dataclass(frozen=True)
-class Light:
+class IntensityBins:
     """Bins of a photograph, of shape (rows, columns), float32, in grey levels.
 
     Attributes
@@ -34,25 +39,33 @@ class Light:
         The fringes go on through the stripe in it.
     grey : ndarray
         The least noise, but no fringe in the stripe.
+    noise : PixelNoise
+        Of a pixel of the grey levels.
+    clipping : ndarray
+        Share of each bin that is clipped, in luma.
     """
 
     red: NDArray[np.float32]
     grey: NDArray[np.float32]
+    noise: PixelNoise
+    clipping: NDArray[np.float32]
 
     @classmethod
-    def of(cls, image: NDArray[np.uint8], grid: Grid) -> Light:
+    def of(cls, image: NDArray[np.uint8], grid: Grid) -> IntensityBins:
         """Bins of an RGB image, shape (height, width, 3)."""
-        grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-        return cls(grid.binned(cv2.extractChannel(image, 0)), grid.binned(grey))
+        grey: Any = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+        red = grid.binned(cv2.extractChannel(image, 0))
+        noise = PixelNoise.of(grey)
+        return cls(red, grid.binned(grey), noise, _clipping(image, grid))
+
+    @cached_property
+    def clipped(self) -> NDArray[np.bool_]:
+        """Bins that clipped pixels are a part of."""
+        return self.clipping > _FEW
 
     def others(self, rows: NDArray[np.integer]) -> NDArray[np.float32]:
         """Green and blue in some rows."""
         return (self.grey[rows] - np.float32(_RED) * self.red[rows]) / np.float32(_OTHERS)
-
-    @cached_property
-    def clipped(self) -> NDArray[np.bool_]:
-        """Bins with clipped pixels."""
-        return np.maximum(self.red, self.grey) > _CLIPPED
 
     def filled(
         self, phase: NDArray[np.float32], inside: NDArray[np.bool_], period: float
@@ -90,3 +103,10 @@ class Light:
         filled = self.grey.copy()
         filled[band] = np.where(stripe, mean_grey + slope * (red - mean_red), grey)
         return filled
+
+
+def _clipping(image: NDArray[np.uint8], grid: Grid) -> NDArray[np.float32]:
+    if image.max() <= _CLIPPED:
+        return np.zeros(grid.bin_shape, np.float32)
+    _, colours = cv2.threshold(image, _CLIPPED, 255, cv2.THRESH_BINARY)
+    return grid.binned(cv2.cvtColor(colours, cv2.COLOR_RGB2GRAY)) / np.float32(255)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.pattern import Pattern
-from ftp_dent_ros.profilometry.least_squares.spreading import lagrange
+from ftp_dent_ros.profilometry.least_squares.node_interpolation import lagrange
 from ftp_dent_ros.profilometry.triangulation import meet, turned
 from ftp_dent_ros.rig import Lens, Rig
 
@@ -45,8 +47,13 @@ def rays_at(lens: Lens, columns: NDArray, rows: NDArray) -> NDArray[np.float32]:
     )
 
 
+# Radians over which the depth's change with the phase is taken.
+_STEP = 0.05
+_EVERY = 4  # nodes that this is looked at
+
+
 @dataclass(frozen=True, eq=False)
-class Sight:
+class PhaseGeometry:
     """Rays of a grid, and what the projector shows where they end.
 
     Attributes
@@ -71,15 +78,15 @@ class Sight:
         pattern: Pattern,
         columns: NDArray[np.floating],
         rows: NDArray[np.floating],
-    ) -> Sight:
-        """Sight at the crossings of pixel columns and rows."""
+    ) -> PhaseGeometry:
+        """PhaseGeometry at the crossings of pixel columns and rows."""
         rays = rays_at(rig.camera, columns, rows)
         return cls(rig, pattern, rays, turned(rig, rays))
 
-    def at(self, row: NDArray[np.integer], column: NDArray[np.integer]) -> Sight:
-        """Sight of some points of the grid, as one row."""
+    def at(self, row: NDArray[np.integer], column: NDArray[np.integer]) -> PhaseGeometry:
+        """PhaseGeometry of some points of the grid, as one row."""
         rays, *along = (field[row, column][None] for field in (self.rays, *self.along))
-        return Sight(self.rig, self.pattern, rays, along)
+        return PhaseGeometry(self.rig, self.pattern, rays, along)
 
     def phase(self, inverse_depth: NDArray[np.float32]) -> NDArray[np.float32]:
         """Absolute phase at points of inverse depth 1 / z, radians (eq. 16)."""
@@ -103,3 +110,24 @@ class Sight:
         columns = turn * phase + np.float32(self.pattern.stripe_center_px)
         depth, v_p = meet(self.rig, self.along, columns)
         return np.float32(1) / depth, v_p
+
+    def deviation(
+        self, phase: NDArray[np.float32], variance: NDArray[np.float32]
+    ) -> NDArray[np.float32]:
+        """Standard deviation of points along their rays, metres; zero where there are none.
+
+        Parameters
+        ----------
+        phase, variance : ndarray, shape (rows, columns), float32
+            Absolute phase, radians, and its variance.
+        """
+        rows, columns = (np.arange(0, size, _EVERY) for size in phase.shape)
+        row, column = (each.ravel() for each in np.meshgrid(rows, columns, indexing='ij'))
+        points, here = self.at(row, column), phase[row, column][None]
+        (near, _), (there, _) = points.meet(here), points.meet(here + np.float32(_STEP))
+        length = np.sqrt(1 + np.square(points.rays).sum(axis=-1))
+        slope = np.nan_to_num(np.abs(1 / there - 1 / near) * length / np.float32(_STEP))
+        # Slopes change little from node to node; they belong to the first of each few.
+        size = len(columns) * _EVERY, len(rows) * _EVERY
+        smooth: Any = cv2.resize(slope.reshape(len(rows), len(columns)), size)
+        return smooth[: phase.shape[0], : phase.shape[1]] * np.sqrt(variance)

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from ftp_dent_ros.profilometry.carrier import Carrier
-from ftp_dent_ros.profilometry.extrapolation import demodulate, find_rims
 from ftp_dent_ros.profilometry.fourier import analytic_signal, spectrum
+from ftp_dent_ros.profilometry.fourier_transform.demodulation import demodulate, find_rims
 
 CARRIER = Carrier(1 / 8)
 U = np.arange(320)

@@ -3,7 +3,7 @@ import pytest
 
 from ftp_dent_ros.errors import SaturatedError, TooDarkError
 from ftp_dent_ros.profilometry.carrier import Carrier
-from ftp_dent_ros.profilometry.region import Window, clipped, lit_region, trusted
+from ftp_dent_ros.profilometry.fourier_transform.region import Window, clipped, lit_region, trusted
 
 CARRIER = Carrier(1 / 8)
 PANEL = np.s_[30:150, 64:264]

@@ -1,0 +1,85 @@
+"""What of the lit skin has points, and why the rest has none."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+# Share of the lit area that may be left out without a remark.
+_REMARKABLE = 0.02
+
+CLIPPED = 'clipped'
+UNTIED = 'not tied to the red stripe'
+UNEXPLAINED = 'not explained by the fringes'
+OFF_PANEL = "beyond the projector's frame"
+
+_SENTENCES = {
+    CLIPPED: 'is clipped: expose for a shorter time, or turn away from the highlight',
+    UNTIED: (
+        'is not tied to the red stripe (a step or a gap lies between): bring the stripe onto it '
+        'to measure it'
+    ),
+    UNEXPLAINED: 'does not look like the fringes (edges, dirt, reflections, other light)',
+    OFF_PANEL: "would lie beyond the projector's frame: check rig and pattern",
+}
+_UNCONFIRMED = (
+    "neither the left nor the right rim of the projector's frame is seen in its place: whether "
+    'the pattern is the one told could not be checked'
+)
+REASONS = tuple(_SENTENCES)
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """Shares of the lit area.
+
+    Attributes
+    ----------
+    missing : mapping
+        By reason, one of this module's: the share of the lit area, but for its rim, without
+        points for it, 0 to 1.
+    confirmed : bool
+        Whether the photograph itself shows that the pattern is the one told.
+    """
+
+    missing: Mapping[str, float] = field(default_factory=dict)
+    confirmed: bool = True
+
+    @classmethod
+    def of(
+        cls, lit: NDArray[np.bool_], measured: NDArray[np.bool_], **reasons: NDArray[np.bool_]
+    ) -> Coverage:
+        """Coverage by masks of one shape; of several reasons for a place the first counts.
+
+        Parameters
+        ----------
+        lit, measured : ndarray, bool
+        **reasons : ndarray, bool
+            By the name of a reason of this module, where it holds.
+        """
+        total = max(int(np.count_nonzero(lit)), 1)
+        left, missing = lit & ~measured, {}
+        for name, mask in reasons.items():
+            reason = globals()[name.upper()]
+            missing[reason] = float(np.count_nonzero(left & mask) / total)
+            left = left & ~mask
+        missing[UNEXPLAINED] = float(np.count_nonzero(left) / total)
+        return cls({reason: share for reason, share in missing.items() if share})
+
+    @property
+    def share(self) -> float:
+        """Share of the lit area with points, 0 to 1."""
+        return 1 - sum(self.missing.values())
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What was left out, and why, and what could not be checked: a sentence each."""
+        shares = tuple(
+            f'{share:.0%} of the lit area {_SENTENCES[reason]}'
+            for reason, share in sorted(self.missing.items(), key=lambda item: -item[1])
+            if share > _REMARKABLE
+        )
+        return shares if self.confirmed else (*shares, _UNCONFIRMED)

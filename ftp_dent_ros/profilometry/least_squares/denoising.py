@@ -1,0 +1,203 @@
+"""What is not the surface's taken off the phase: the pixels' noise, and the skin's texture.
+
+The phase is split into bands from fine to coarse. A band is held back where its energy is no more
+than the noise of the pixels explains (Wiener's gain); that noise is known by what it is (shot and
+read noise, as the photograph's own pixels show it), not by what the fit leaves, so that neither a
+dent nor the skin's texture is taken for it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.profilometry.least_squares.grid import Grid
+from ftp_dent_ros.profilometry.least_squares.median import median
+from ftp_dent_ros.profilometry.least_squares.windows import Windows, coarsened, interpolated
+
+# Standard deviations of the bands' edges, in those of the windows. The bands are differences of
+# flat-tops, which leave nothing of a smooth dent in the finer ones.
+_SCALES = (1.4, 2.8, 5.6, 11.2)
+# Energy is a mean over so many times the width of a band's coarser edge.
+_NEIGHBOURHOOD = 0.75
+# Energy over that of noise from which on it is signal, and the signal that stays hidden in noise:
+# two standard errors, and one, of the energy of as many independent values as a neighbourhood has.
+_NOISE, _HIDDEN = 1.5, 0.25
+# Square of a single value over the noise's variance from which on it is signal: 3 deviations.
+_SURELY = 9.0
+# Width of the neighbourhood that texture is judged over, windows, and the weight of the whole.
+_TEXTURE, _GLOBAL = 11.2, 0.1
+# Phase that texture feigns over the sine of twice the phase that it leaves: 2 by theory (albedo
+# t = 1 + e sin Phi makes e sin Phi + (e / 2) sin 2 Phi of 1 + cos Phi), more behind a lens that
+# shows the double frequency less well.
+_MOST_TEXTURE = 5.0
+_OUTLIER = 4.5
+_MEDIAN_OF_SQUARE = 0.4549  # of normal values
+# Energy beyond the windows' resolution, over that of the finest band, at equal energies of the
+# two finest bands, the power of their ratio that it goes with, and the largest ratio: from the
+# responses of windows and bands to Gaussian dents of 0.8 to 3.5 fringes' width, within a quarter.
+_BEYOND, _POWER, _STEEPEST = 0.17, 1.75, 4.0
+_LEAST = 1e-12
+_EVERY = 2  # nodes along u and v that gains are estimated for together
+# Nodes of noise that tell what windows make of it, and of their rim.
+_SAMPLE, _SAMPLE_RIM = (192, 192), 16
+
+
+@dataclass(frozen=True)
+class Denoised:
+    """A field less its noise.
+
+    Attributes
+    ----------
+    values : ndarray, shape (rows, columns), float32
+    variance : ndarray, shape (rows, columns), float32
+        Of what is left of the noise, and of what may have been taken off with it.
+    """
+
+    values: NDArray[np.float32]
+    variance: NDArray[np.float32]
+
+
+def denoise(
+    values: NDArray[np.float32],
+    texture: NDArray[np.float32],
+    pixels: NDArray[np.float32],
+    variance: NDArray[np.float32],
+    inside: NDArray[np.bool_],
+    windows: Windows,
+    gain: NoiseGain,
+    systematic: float,
+) -> Denoised:
+    """Take texture and the pixels' noise off a field.
+
+    Parameters
+    ----------
+    values, texture : ndarray, shape (rows, columns), float32
+        Phase, and the sine of twice the fringes' phase in the light; continued beyond the region.
+    pixels, variance : ndarray, shape (rows, columns), float32
+        Variance of the bins, in amplitudes, by the pixels' noise, and by all there is.
+    inside : ndarray, shape (rows, columns), bool
+        The region.
+    windows : Windows
+    gain : NoiseGain
+        Of the windows that the field has come through.
+    systematic : float
+        Variance that no average lessens, radians^2.
+    """
+    coarse = Windows(windows.sigma_u / _EVERY, windows.sigma_v / _EVERY)
+    together = (_EVERY, _EVERY)
+    fine, fine_texture = (
+        each - windows.wide_flat_top(each, _SCALES[0]) for each in (values, texture)
+    )
+    share, explained = _share_of_texture(fine, fine_texture, coarse)
+    bands, base = _split(values + interpolated(share, values.shape) * texture, windows)
+    *shares, rest = gain.shares
+    known, total = (
+        np.maximum(coarsened(each, together), np.float32(_LEAST)) for each in (pixels, variance)
+    )
+    np.maximum(total, known, out=total)
+    # What texture explained is no noise any more.
+    total *= 1 - explained
+    known *= 1 + np.square(share)
+    np.maximum(total, known, out=total)
+    total *= np.float32(_beyond_white(bands[0], shares[0] * total, inside))
+    left = np.float32(rest) * total
+    hidden = np.float32(np.inf)
+    coarser = beyond_noise = np.float32(np.inf)
+    for band, share, scale in reversed(list(zip(bands, shares, _SCALES, strict=True))):
+        energy = coarse.wide(coarsened(band * band, together), _NEIGHBOURHOOD * scale)
+        noise = np.float32(share) * known
+        signal = np.maximum(energy - np.float32(_NOISE) * noise, 0)
+        coarser = beyond_noise
+        beyond_noise = np.maximum(energy - np.float32(_NOISE * share) * total, 0)
+        # A surface's spectrum falls: no more is hidden in a band than may be in the coarser one.
+        hidden = signal + np.minimum(np.float32(_HIDDEN) * noise, hidden)
+        weight = signal / (signal + noise)
+        left += np.square(weight) * np.float32(share) * total + np.square(1 - weight) * hidden
+        base += band * interpolated(weight, values.shape)
+    # Of the texture about as much is left as was found, which the residuals may show already.
+    found = coarse.wide(coarsened(texture * texture, together), _NEIGHBOURHOOD)
+    np.maximum(left, np.square(share) * found, out=left)
+    falling = np.minimum(beyond_noise / np.maximum(coarser, _LEAST), np.float32(_STEEPEST))
+    at_peaks = coarsened(np.square(bands[0]), together)
+    at_peaks -= np.float32(_SURELY * shares[0]) * total
+    left += np.float32(_BEYOND) * np.maximum(at_peaks, beyond_noise) * falling**_POWER
+    left += np.float32(systematic)
+    return Denoised(base, interpolated(left, values.shape))
+
+
+def _beyond_white(band, variance, inside):
+    """Factor on the variance by noise that is correlated from pixel to pixel."""
+    some = (slice(None, None, _EVERY), slice(None, None, _EVERY))
+    sample = inside[some]
+    if not sample.any():
+        return 1.0
+    return max(1.0, median(np.square(band[some])[sample] / variance[sample]) / _MEDIAN_OF_SQUARE)
+
+
+def _share_of_texture(fine, texture, coarse):
+    """Factor on the texture that takes what it explains off the finest band, and that share.
+
+    The share is of the band's energy; both are at coarse nodes.
+    """
+    together = (_EVERY, _EVERY)
+    fine, texture = (
+        np.clip(each, -limit, limit)
+        for each in (fine, texture)
+        for limit in (np.float32(_OUTLIER * median(np.abs(each[::3, ::3]))),)
+    )
+    common, power, energy = (
+        coarse.wide(coarsened(product, together), _TEXTURE)
+        for product in (fine * texture, texture * texture, fine * fine)
+    )
+    for mean in (common, power, energy):
+        mean += np.float32(_GLOBAL) * mean.mean()
+    factor = np.clip(-common / (power + np.float32(_LEAST)), 0, _MOST_TEXTURE)
+    explained = factor * (-2 * common - factor * power) / (energy + np.float32(_LEAST))
+    return factor, np.clip(explained, 0, 1)
+
+
+def _split(
+    values: NDArray[np.float32], windows: Windows
+) -> tuple[list[NDArray[np.float32]], NDArray[np.float32]]:
+    """Bands from fine to coarse, and what is below them."""
+    levels = [values, *(windows.wide_flat_top(values, scale) for scale in _SCALES)]
+    return [finer - coarser for finer, coarser in pairwise(levels)], levels[-1]
+
+
+@dataclass(frozen=True)
+class NoiseGain:
+    """What becomes of white noise of variance 1 in the bins, for fringes of amplitude 1.
+
+    Attributes
+    ----------
+    shares : tuple of float
+        Variance of the phase in the bands, from fine to coarse, and below them all.
+    """
+
+    shares: tuple[float, ...]
+
+
+def noise_through(grid: Grid, windows: Windows, fits: int) -> NoiseGain:
+    """Send noise through `fits` windows, each of which corrects the ones before."""
+    rows, columns = _SAMPLE
+    noise = np.random.default_rng(0).standard_normal((rows, columns * grid.bins), np.float32)
+    bin_size = noise.shape[::-1]
+    field = np.zeros(_SAMPLE, np.float32)
+    for _ in range(fits):
+        known = cv2.resize(field, bin_size, interpolation=cv2.INTER_LINEAR)
+        rest = grid.at_nodes(noise - known)
+        step = windows.gaussian(rest)
+        field = field + step
+    bands, base = _split(field, windows)
+    inner = slice(_SAMPLE_RIM, -_SAMPLE_RIM)
+
+    def variance(piece):
+        # Half of the noise is in phase with the fringes, and the amplitude counts twice.
+        return 2 * float(np.square(piece[inner, inner]).mean())
+
+    return NoiseGain(tuple(variance(each) for each in (*bands, base)))

@@ -1,0 +1,83 @@
+"""The noise of a photograph's pixels, measured from the photograph itself.
+
+Fringes run along the columns, so that differences along v hold little but noise. It depends on
+the light: shot noise grows with it, read noise does not, speckle goes with its square.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.profilometry.least_squares.median import median
+
+# Rows of which one is looked at, and columns.
+_EVERY, _EVERY_COLUMN = 16, 5
+# Fourth differences, which take off fringes that are inclined, and the sum of their squares.
+_WEIGHTS = (1, -4, 6, -4, 1)
+_SQUARES = 70
+_BINS = 16
+# Levels beyond which some pixels are clipped, and have no noise.
+_DARKEST, _BRIGHTEST = 2, 250
+_FEWEST = 40  # differences that tell the noise of a level
+# Of squares of normal values: the median.
+_MEDIAN_OF_SQUARE = 0.4549
+# Rounding to whole levels, grey levels^2.
+_ROUNDING = 1 / 12
+_COARSE = 4  # nodes along u and v that it is told for together
+_PHASES = 4  # of half a fringe, that a mean is taken over
+
+
+@dataclass(frozen=True, eq=False)
+class PixelNoise:
+    """Noise by grey level.
+
+    Attributes
+    ----------
+    variance : ndarray, shape (256,), float32
+        Of a pixel of each level, grey levels^2.
+    """
+
+    variance: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, grey: NDArray[np.uint8]) -> PixelNoise:
+        """Measure the noise of a plane of pixels, shape (height, width)."""
+        count = (len(grey) - len(_WEIGHTS)) // _EVERY
+        rows = [
+            grey[first : first + count * _EVERY : _EVERY, ::_EVERY_COLUMN].astype(np.float32)
+            for first in range(len(_WEIGHTS))
+        ]
+        square = np.square(sum(w * part for w, part in zip(_WEIGHTS, rows, strict=True)))
+        level = rows[len(rows) // 2]
+        place = np.minimum((level * (_BINS / 256)).astype(np.intp), _BINS - 1)
+        place[(level < _DARKEST) | (np.maximum.reduce(rows) > _BRIGHTEST)] = -1
+        levels, variances = [], []
+        for index in range(_BINS):
+            inside = place == index
+            if np.count_nonzero(inside) >= _FEWEST:
+                levels.append(float(level[inside].mean()))
+                variances.append(median(square[inside]) / (_SQUARES * _MEDIAN_OF_SQUARE))
+        known = np.interp(np.arange(256), levels or [0], variances or [0])
+        return cls(np.maximum(known, _ROUNDING).astype(np.float32))
+
+    def of_fringes(
+        self, level: NDArray[np.float32], modulation: NDArray[np.float32]
+    ) -> NDArray[np.float32]:
+        """Variance of pixels as it acts on the phase of fringes, grey levels^2.
+
+        The mean over a fringe of ``2 sin^2 Phi`` times the variance at
+        ``level + modulation cos Phi``.
+        """
+        rows, columns = level.shape
+        level, modulation = (each[::_COARSE, ::_COARSE] for each in (level, modulation))
+        mean: Any = np.zeros(level.shape, np.float32)
+        for phase in (np.arange(_PHASES) + 0.5) * np.pi / _PHASES:
+            seen = np.clip(level + np.float32(np.cos(phase)) * modulation, 0, 255)
+            weight = np.float32(2 * np.sin(phase) ** 2 / _PHASES)
+            mean += weight * self.variance[seen.astype(np.uint8)]
+        return cv2.resize(mean, (columns, rows), interpolation=cv2.INTER_LINEAR)

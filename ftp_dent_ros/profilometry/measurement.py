@@ -1,0 +1,26 @@
+"""What one photograph gave."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.profilometry.coverage import Coverage
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """A cloud, and what is known of the photograph beside it.
+
+    Attributes
+    ----------
+    cloud : Cloud
+    stripe_depth : float
+        l_c, the depth of the red stripe and of the virtual reference, metres.
+    coverage : Coverage
+        What of the lit area has points, and why the rest has none.
+    """
+
+    cloud: Cloud
+    stripe_depth: float
+    coverage: Coverage

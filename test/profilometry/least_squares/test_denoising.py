@@ -1,0 +1,99 @@
+from functools import cache
+
+import cv2
+import numpy as np
+import pytest
+
+from ftp_dent_ros.profilometry.least_squares.denoising import denoise, noise_through
+from ftp_dent_ros.profilometry.least_squares.grid import Grid
+from ftp_dent_ros.profilometry.least_squares.windows import Windows
+
+PERIOD = 11.7
+GRID = Grid.for_fringes(900, 720, PERIOD)
+WINDOWS = Windows.for_fringes(PERIOD, GRID)
+VARIANCE = 0.01  # of the bins, in amplitudes
+
+
+@cache
+def gain():
+    return noise_through(GRID, WINDOWS, 4)
+
+
+def through_windows(seed, scale=1.0):
+    """White noise of `VARIANCE` as it comes through the fits: half of it in phase, doubled."""
+    bins = np.random.default_rng(seed).standard_normal(GRID.bin_shape, np.float32)
+    bins *= np.float32(scale * np.sqrt(2 * VARIANCE))
+    field = np.zeros(GRID.shape, np.float32)
+    for _ in range(4):
+        known = cv2.resize(field, bins.shape[::-1], interpolation=cv2.INTER_LINEAR)
+        field = field + WINDOWS.gaussian(GRID.at_nodes(bins - known))
+    return field
+
+
+def dent(width, depth):
+    """A Gaussian dent in the middle, `width` in nodes."""
+    rows, columns = np.indices(GRID.shape)
+    square = (rows - GRID.shape[0] / 2) ** 2 + (columns - GRID.shape[1] / 2) ** 2
+    return (depth * np.exp(-0.5 * square / width**2)).astype(np.float32)
+
+
+def cleaned(values, texture=None, pixels=VARIANCE, variance=VARIANCE):
+    fields = (np.full(GRID.shape, each, np.float32) for each in (pixels, variance))
+    texture = np.zeros(GRID.shape, np.float32) if texture is None else texture
+    inside = np.ones(GRID.shape, bool)
+    return denoise(values, texture, *fields, inside, WINDOWS, gain(), 0.0)
+
+
+def rms(field):
+    return float(np.sqrt(np.square(field[8:-8, 8:-8]).mean()))
+
+
+def test_the_pixels_noise_is_taken_off():
+    noise = through_windows(1)
+    done = cleaned(noise)
+    assert rms(done.values) < 0.35 * rms(noise)
+
+
+def test_a_dent_keeps_its_depth():
+    # Six nodes are three windows: a dent of some three fringes.
+    for depth in (0.5, 3.0):
+        shape = dent(6.0, depth)
+        done = cleaned(shape + through_windows(2))
+        middle = tuple(size // 2 for size in GRID.shape)
+        assert done.values[middle] == pytest.approx(shape[middle], abs=0.04 + 0.02 * depth)
+
+
+def test_what_the_pixels_do_not_show_stays_and_is_told():
+    noise = through_windows(3, scale=5.0)
+    done = cleaned(noise, variance=25 * VARIANCE)
+    assert rms(done.values) > 0.8 * rms(noise)
+    # Neighbouring bands overlap, so that their noise together is more than the sum that is told.
+    assert 0.6 < rms(done.values / np.sqrt(done.variance)) < 1.3
+
+
+@pytest.mark.parametrize('depth', [0.0, 0.3, 2.0])
+def test_normalised_errors(depth):
+    shape = dent(6.0, depth)
+    done = cleaned(shape + through_windows(4))
+    assert 0.4 < rms((done.values - shape) / np.sqrt(done.variance)) < 1.2
+
+
+def test_texture_is_taken_off_by_what_it_leaves_at_twice_the_phase():
+    grain = WINDOWS.gaussian(np.random.default_rng(5).standard_normal(GRID.shape, np.float32))
+    grain *= np.float32(0.05 / grain.std())
+    shape = dent(6.0, 1.0)
+    # An albedo of 1 + e sin Phi: -e on the phase, e / 2 of sin 2 Phi.
+    feigned = shape - grain
+    noise = through_windows(6, scale=0.1)
+    done = cleaned(feigned + noise, texture=grain / 2, pixels=0.01 * VARIANCE)
+    plain = cleaned(feigned + noise, pixels=0.01 * VARIANCE)
+    assert rms(done.values - shape) < 0.35 * rms(plain.values - shape)
+    assert rms((done.values - shape) / np.sqrt(done.variance)) < 1.2
+
+
+def test_of_a_texture_that_says_nothing_nothing_is_taken():
+    other = WINDOWS.gaussian(np.random.default_rng(7).standard_normal(GRID.shape, np.float32))
+    other *= np.float32(0.05 / other.std())
+    shape = dent(6.0, 1.0)
+    values = shape + through_windows(8)
+    assert rms(cleaned(values, texture=other).values - cleaned(values).values) < 0.01

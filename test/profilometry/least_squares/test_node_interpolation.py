@@ -1,0 +1,36 @@
+import numpy as np
+import pytest
+
+from ftp_dent_ros.profilometry.least_squares.grid import Grid
+from ftp_dent_ros.profilometry.least_squares.node_interpolation import NodeInterpolation, lagrange
+
+
+@pytest.mark.parametrize('count', [3, 6, 20])
+def test_polynomials_are_interpolated_exactly(count):
+    targets = np.linspace(-0.5, count - 0.5, 31)
+    weights = lagrange(targets, count)
+    np.testing.assert_allclose(weights.sum(axis=1), 1, atol=1e-9)
+    power = min(count, 6) - 1
+    seen = weights @ (np.arange(count) / count) ** power
+    np.testing.assert_allclose(seen, (targets / count) ** power, atol=1e-9)
+
+
+@pytest.mark.parametrize('stride', [1, 2, 5])
+def test_pixels_have_what_lies_between_their_nodes(stride):
+    grid = Grid.for_fringes(211, 137, 11.7)
+    interpolation = NodeInterpolation.of(grid, stride)
+
+    def field(u, v):
+        return np.sin(u / 31) + np.cos(v / 37) + 1e-4 * u * v
+
+    nodes = field(*np.meshgrid(*grid.node_positions())).astype(np.float32)
+    wide = interpolation.widened(nodes)
+    u, v = np.arange(0, 211, stride), np.arange(0, 137, stride)
+    expected = field(*np.meshgrid(u, v))
+    smooth, straight = np.full(expected.shape, np.nan), np.full(expected.shape, np.nan)
+    for (rows, needed, weights), linear in interpolation.rows:
+        smooth[rows] = weights @ wide[needed]
+        straight[rows] = linear @ wide[needed]
+    np.testing.assert_allclose(smooth, expected, atol=2e-4)
+    inside = (v > grid.pitch[1]) & (v < 137 - grid.pitch[1])
+    np.testing.assert_allclose(straight[inside], expected[inside], atol=0.01)

@@ -1,0 +1,74 @@
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from small_scenes import PATTERN, RIG, Scene, panel
+
+from ftp_dent_ros.errors import OtherPatternError
+from ftp_dent_ros.profilometry import Reconstructor, Settings
+
+
+@pytest.fixture(scope='module')
+def framed():
+    """A flat skin on which the rims of the projector's frame are in view."""
+    wide = replace(RIG, camera=replace(RIG.camera, camera_matrix=_shorter(RIG.camera)))
+    return Scene.of(panel(half=0.6), rig=wide)
+
+
+def _shorter(lens):
+    return lens.camera_matrix * np.array([[0.6, 1, 1], [1, 0.6, 1], [1, 1, 1]])
+
+
+def refusal(scene, image=None, method='least-squares', **changes):
+    told = replace(PATTERN, **changes)
+    reconstructor = Reconstructor(scene.rig, told, Settings(method, stride=2))
+    with pytest.raises(OtherPatternError) as error:
+        reconstructor.reconstruct(scene.image if image is None else image)
+    return str(error.value)
+
+
+@pytest.mark.parametrize('period', [6.4, 7.6, 8.4, 10.0])
+@pytest.mark.parametrize('method', ['least-squares', 'virtual-reference'])
+def test_a_wrong_period_is_refused_with_the_one_seen(framed, method, period):
+    sentence = refusal(framed, method=method, period_px=period)
+    assert f'a period of {period:g} px with the stripe at 320' in sentence
+    seen = re.search(r'(?:with|is) a period of (\d+\.\d+) px(?: \(as seen\)|, if)', sentence)
+    assert float(seen[1]) == pytest.approx(8.0, rel=0.01)
+
+
+def test_a_stripe_that_is_elsewhere_is_refused_with_its_column(framed):
+    sentence = refusal(framed, stripe_center_px=340.0)
+    seen = re.search(r'seen is a period of (\d+\.\d+) px with the stripe at (\d+)', sentence)
+    assert float(seen[1]) == pytest.approx(8.0, rel=0.01)
+    assert float(seen[2]) == pytest.approx(320, abs=2)
+
+
+def test_a_photograph_that_is_mirrored_or_turned_is_refused(framed):
+    image = framed.image
+    for other in (image[::-1, ::-1], image[:, ::-1], image[::-1]):
+        assert 'do not mirror or turn' in refusal(framed, np.ascontiguousarray(other))
+
+
+def test_a_period_that_makes_a_surface_too_steep_is_refused_without_any_rim(scene):
+    sentence = refusal(scene('flat'), period_px=4.0)
+    assert re.search(r'tilted by 6\d degrees; fringes of \d+\.\d px would face', sentence)
+
+
+def test_whether_the_pattern_can_be_checked_is_said(framed, scene):
+    def measured(one, method):
+        return Reconstructor(one.rig, PATTERN, Settings(method, stride=2)).measure(one.image)
+
+    for method in ('least-squares', 'virtual-reference'):
+        assert measured(framed, method).coverage.confirmed
+        coverage = measured(scene('flat'), method).coverage
+        assert not coverage.confirmed and 'could not be checked' in coverage.remarks[-1]
+
+
+def test_panels_that_end_along_the_fringes_are_not_refused():
+    for half, centre in ((0.06, 0.0), (0.075, 0.0), (0.09, 0.01)):
+        scene = Scene.of(panel(tilt=(0.0, 0.0), half=half, centre=(centre, 0.0)))
+        cloud = Reconstructor(scene.rig, PATTERN, Settings(stride=2)).reconstruct(scene.image)
+        assert np.median(scene.errors_mm(cloud)) < 0.1
