@@ -1,0 +1,1 @@
+"""Messages to arrays: those of rclpy and those that a bag gives, without rclpy."""
