@@ -2,61 +2,92 @@
 
 ::
 
-    ros2 launch ftp_dent_ros payload.launch.py [configuration:=simulation.yaml]
+    ros2 launch ftp_dent_ros payload.launch.py configuration:=my_payload.yaml [interface:=lo]
 
-Runs what ``ftp-dent up`` runs, of the same file: see `ftp_dent_ros.ros.configuration`.
+Runs what ``ftp-dent up`` runs, of the same file: see `ftp_dent_ros.supervision.configuration`.
 """
 
 import atexit
+import time
 from contextlib import ExitStack
 
 from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
 from launch.actions import (
     DeclareLaunchArgument,
     ExecuteProcess,
+    LogInfo,
     OpaqueFunction,
     SetEnvironmentVariable,
+    TimerAction,
 )
+from launch.events.process import ProcessExited
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from ftp_dent_ros.ros import transport
-from ftp_dent_ros.ros.configuration import NODES, Entry, read_configuration
-
-KEPT_RUNNING = {'output': 'screen', 'respawn': True, 'respawn_delay': 2.0}
+from ftp_dent_ros.nodes.declarations import fitted
+from ftp_dent_ros.ros.presence import refuse_second
+from ftp_dent_ros.supervision.configuration import Entry, read_configuration
+from ftp_dent_ros.supervision.executables import NODES
+from ftp_dent_ros.supervision.payload import prepared
+from ftp_dent_ros.supervision.respawn import Respawn, verdict
+from ftp_dent_ros.supervision.shared_memory import free_leftovers
 
 
 def generate_launch_description() -> LaunchDescription:
     """What ``ros2 launch`` asks for."""
-    argument = DeclareLaunchArgument(
+    configuration = DeclareLaunchArgument(
         'configuration',
-        default_value='payload.yaml',
-        description='a parameter file, or the name of a shipped one',
+        description='a parameter file; a shipped one is shipped:simulation.yaml',
     )
-    return LaunchDescription([argument, OpaqueFunction(function=payload)])
+    interface = DeclareLaunchArgument(
+        'interface',
+        default_value='',
+        description='name or address of the only network interface that ROS uses; lo for none',
+    )
+    return LaunchDescription([configuration, interface, OpaqueFunction(function=payload)])
 
 
 def payload(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     """The processes of the configuration, on the transport that they need."""
-    entries = read_configuration(LaunchConfiguration('configuration').perform(context))
+    name = LaunchConfiguration('configuration').perform(context)
+    entries = fitted(read_configuration(name))
     stack = ExitStack()
     atexit.register(stack.close)
-    variables = stack.enter_context(transport.profile(len(entries) + 3))
+    names = [entry.name for entry in entries]
+    interface = LaunchConfiguration('interface').perform(context)
+    variables = stack.enter_context(prepared(names, interface, refuse_second, print))
     return [
         *(SetEnvironmentVariable(name, value) for name, value in variables.items()),
         *(process(entry) for entry in entries),
     ]
 
 
-def process(entry: Entry) -> LaunchDescriptionEntity:
-    """One entry of the configuration."""
+def process(entry: Entry, respawn: Respawn | None = None) -> LaunchDescriptionEntity:
+    """One entry of the configuration, kept running as ``ftp-dent up`` does it."""
+    policy = respawn or Respawn()
+    began = time.monotonic()
+
+    def ended(event: ProcessExited, context: LaunchContext) -> list[LaunchDescriptionEntity]:
+        free_leftovers()
+        if context.is_shutdown:
+            return []
+        delay = policy.delay(event.returncode, time.monotonic() - began)
+        told = LogInfo(msg=f'{entry.name} ended with status {event.returncode}: {verdict(delay)}')
+        if delay is None:
+            return [told]
+        again = OpaqueFunction(function=lambda context: [process(entry, policy)])
+        return [told, TimerAction(period=delay, actions=[again])]
+
     if entry.executable not in NODES:
-        return ExecuteProcess(cmd=list(entry.program.command), name=entry.name, **KEPT_RUNNING)
+        return ExecuteProcess(
+            cmd=list(entry.program.command), name=entry.name, output='screen', on_exit=ended
+        )
     return Node(
         package='ftp_dent_ros',
         executable=entry.executable,
         name=entry.executable,
         namespace=entry.namespace,
-        parameters=[str(entry.file)],
-        **KEPT_RUNNING,
+        parameters=[str(entry.file), *([dict(entry.absolute)] if entry.absolute else [])],
+        output='screen',
+        on_exit=ended,
     )

@@ -12,10 +12,10 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from ftp_dent_ros.errors import CloudError
-from ftp_dent_ros.inspection.dent_list import ListedDent
+from ftp_dent_ros.inspection.dent import KINDS
+from ftp_dent_ros.inspection.tracking.dent_list import ListedDent
 from ftp_dent_ros.ros.fields import make_header, to_data
 
-KINDS = ('dent', 'bump', 'step')
 _ESTIMATES = (
     *('length', 'width', 'depth', 'model_length', 'model_width'),
     *('orientation', 'area', 'volume'),
@@ -23,7 +23,7 @@ _ESTIMATES = (
 _FLOATS = (
     *('x', 'y', 'z', 'normal_x', 'normal_y', 'normal_z', 'axis_x', 'axis_y', 'axis_z'),
     *(name for each in _ESTIMATES for name in (each, f'{each}_uncertainty')),
-    *('clearance', 'position_uncertainty', 'significance'),
+    *('bottom_radius', 'clearance', 'position_uncertainty', 'significance'),
 )
 _WHOLE = ('number', 'kind', 'is_cut', 'sightings')
 _POINT = np.dtype([(name, '<f4') for name in _FLOATS] + [(name, '<u4') for name in _WHOLE])
@@ -33,6 +33,9 @@ _COLOURS = {
     'dent': (0.88, 0.08, 0.16, 1.0),
     'bump': (0.1, 0.4, 0.8, 1.0),
     'step': (0.5, 0.5, 0.5, 1.0),
+    'crease': (0.8, 0.1, 0.7, 1.0),
+    'gouge': (0.9, 0.5, 0.0, 1.0),
+    'other': (0.6, 0.6, 0.1, 1.0),
 }
 _LINE = 0.0015
 _TEXT = 0.02
@@ -53,6 +56,7 @@ def dents_to_message(entries: Sequence[ListedDent], stamp_ns: int, frame_id: str
         for name in _ESTIMATES:
             estimate = getattr(dent, name)
             row[name], row[f'{name}_uncertainty'] = estimate.value, estimate.uncertainty
+        row['bottom_radius'] = dent.bottom_radius
         row['clearance'], row['significance'] = dent.clearance, dent.significance
         row['position_uncertainty'] = np.sqrt(np.trace(entry.position_covariance) / 3)
         row['number'], row['sightings'] = entry.number, len(entry.sightings)

@@ -85,11 +85,16 @@ class Diagnostics:
         self._measured: dict[str, None] = {}
         self._refused: Counter[str] = Counter()
         self._notes: dict[str, str] = {}
+        self._sources: list[str] = []
         self._last = {'refused': '', 'failed': ''}
         self._logged: dict[str, float] = {}
         self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS)
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = node.create_timer(1.0, self._publish, clock=clock)
+
+    def expect_one(self, topic: str) -> None:
+        """Warn from now on where a topic has several publishers, whose messages would mix."""
+        self._sources.append(topic)
 
     def count(self, name: str) -> None:
         """Count one `name` ('images', say): its total and rate are shown."""
@@ -114,6 +119,10 @@ class Diagnostics:
         if self._is_due(reason):
             self._node.get_logger().warning(f'refused, {reason}: {sentence}')
 
+    def drop(self) -> None:
+        """Something that came was not worked on, as something newer was there before its turn."""
+        self.count('dropped')
+
     def fail(self, sentence: str) -> None:
         """Something does not work; the level is ERROR for ten seconds."""
         self._statistics.add('failed')
@@ -130,10 +139,26 @@ class Diagnostics:
         level, message = self._judge()
         failures = len(self._statistics.values('failed'))
         refusals = len(self._statistics.values('refused'))
+        drops = len(self._statistics.values('dropped'))
         if failures:
             level, message = ERROR, self._last['failed']
-        elif refusals and level == OK:
-            level, message = WARN, f'{refusals} refused in 10 s, last {self._last["refused"]}'
+        elif level == OK and (refusals or drops):
+            level, troubles = WARN, []
+            if refusals:
+                troubles.append(f'{refusals} refused in 10 s, last {self._last["refused"]}')
+            if drops:
+                troubles.append(
+                    f'{drops} dropped in 10 s: more comes than there is time for, lower its rate'
+                )
+            message = '; '.join(troubles)
+        for topic in self._sources if level == OK else ():
+            publishers = self._node.count_publishers(topic)
+            if publishers > 1:
+                level = WARN
+                message = (
+                    f'{topic} has {publishers} publishers, whose messages mix: end all but one '
+                    '(one that was killed counts for 20 s)'
+                )
         values = dict(self._notes)
         for name in list(self._counted):
             values[name] = str(self._statistics.totals[name])

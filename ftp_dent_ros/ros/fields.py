@@ -16,11 +16,6 @@ def ns_to_stamp(nanoseconds: int) -> Time:
     return Time(sec=seconds, nanosec=rest)
 
 
-def stamp_to_ns(stamp: Time) -> int:
-    """Nanoseconds since the epoch of ROS time."""
-    return stamp.sec * 1_000_000_000 + stamp.nanosec
-
-
 def make_header(stamp_ns: int, frame_id: str) -> Header:
     """Header with a stamp in nanoseconds."""
     return Header(stamp=ns_to_stamp(stamp_ns), frame_id=frame_id)

@@ -12,7 +12,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from ftp_dent_ros.errors import FtpDentError
-from ftp_dent_ros.ros.signals import stop_event
+from ftp_dent_ros.supervision.signals import stop_event
 
 # A signal is noticed after that long at most, seconds.
 _LONGEST_WAIT = 0.2

@@ -1,9 +1,9 @@
-"""Parameters that are described, checked, and wrong only with a sentence."""
+"""Parameters of a node: described, checked, and wrong only with a sentence."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 from rcl_interfaces.msg import (
@@ -15,17 +15,12 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from ftp_dent_ros import files
 from ftp_dent_ros.errors import ConfigurationError, InputError
-
-_KINDS = {
-    bool: 'true or false',
-    int: 'a whole number',
-    float: 'a number',
-    str: 'a text',
-}
+from ftp_dent_ros.parameters import Declarations, checked, undeclared, unknown
 
 
-class Parameters:
+class Parameters(Declarations):
     """The parameters of one node.
 
     A whole number is taken for a floating point one (``rate:=9``), which rclpy alone refuses.
@@ -35,6 +30,7 @@ class Parameters:
         self._node = node
         self._checks: dict[str, Callable[[Any], Any]] = {}
         self._listeners: list[Callable[[dict[str, Any]], None]] = []
+        self._told: list[str] = []
         node.add_on_set_parameters_callback(self._set)
 
     def declare(
@@ -45,32 +41,14 @@ class Parameters:
         *,
         minimum: float | None = None,
         maximum: float | None = None,
+        above: float | None = None,
         choices: Sequence[str] = (),
         changeable: bool = False,
     ) -> Any:
-        """Declare a parameter and return its value.
-
-        Parameters
-        ----------
-        name, default, description
-            The type is that of `default`: bool, int, float, str, or a list of floats, whose
-            length is then fixed.
-        minimum, maximum : float, optional
-            Range of a number, both inclusive; of each number of a list.
-        choices : sequence of str
-            The only values that a text may have.
-        changeable : bool
-            Whether it can be set while the node runs.
-
-        Raises
-        ------
-        ConfigurationError
-            The value given on the command line or in a file is of another type, out of its
-            range, or none of the choices.
-        """
+        """As `Declarations.declare`."""
 
         def check(value: Any) -> Any:
-            return _checked(name, value, default, minimum, maximum, choices)
+            return checked(name, value, default, minimum, maximum, above, choices)
 
         flexible = ParameterDescriptor(dynamic_typing=True)
         value = check(self._node.declare_parameter(name, default, flexible).value)
@@ -78,18 +56,66 @@ class Parameters:
         descriptor = ParameterDescriptor(description=description, read_only=not changeable)
         if choices:
             descriptor.additional_constraints = f'One of {", ".join(choices)}.'
-        if minimum is not None and maximum is not None:
+        if above is not None:
+            descriptor.additional_constraints = f'Above {above:g}.'
+        lowest = above if minimum is None else minimum
+        if lowest is not None and maximum is not None:
             if isinstance(default, float):
                 descriptor.floating_point_range = [
-                    FloatingPointRange(from_value=float(minimum), to_value=float(maximum))
+                    FloatingPointRange(from_value=float(lowest), to_value=float(maximum))
                 ]
             elif isinstance(default, int):
                 descriptor.integer_range = [
-                    IntegerRange(from_value=int(minimum), to_value=int(maximum))
+                    IntegerRange(from_value=int(lowest), to_value=int(maximum))
                 ]
         self._node.declare_parameter(name, value, descriptor, ignore_override=True)
         self._checks[name] = check
         return value
+
+    def path(self, name: str, default: str, description: str) -> str:
+        """As `Declarations.path`."""
+        return str(self.declare(name, default, description))
+
+    def file(
+        self, name: str, default: str, description: str, *, secret: bool = False
+    ) -> Path | None:
+        """As `Declarations.file`."""
+        value = self.declare(name, default, description)
+        if not value:
+            return None
+        try:
+            path = files.find(value).resolve()
+            what = '' if secret else f' (id {files.content_id(path)})'
+        except ConfigurationError as error:
+            raise ConfigurationError(f'parameter {name}: {error}') from None
+        self._told.append(f'{name}: {path}{what}')
+        return path
+
+    def close(self, of_all_nodes: Callable[[], Sequence[str]]) -> None:
+        """End the declarations: refuse what was given and not declared, tell of the files.
+
+        What another node of the package declares may be there for that one, by ``/**``: it is
+        only told.
+
+        Parameters
+        ----------
+        of_all_nodes : callable
+            Gives the names that the package's nodes declare.
+
+        Raises
+        ------
+        ConfigurationError
+            No node declares a parameter that was given.
+        """
+        declared = list(self._checks)
+        # rclpy has no public way to what was given and not declared.
+        others = unknown(self._node._parameter_overrides, declared)
+        for name in others:
+            if name not in of_all_nodes():
+                raise ConfigurationError(undeclared(name, declared))
+            self._node.get_logger().warning(f'{undeclared(name, declared)} It is not used.')
+        for line in self._told:
+            self._node.get_logger().info(line)
 
     def __getitem__(self, name: str) -> Any:
         """Value of a declared parameter; lists are lists of floats."""
@@ -114,42 +140,3 @@ class Parameters:
         except InputError as reason:
             return SetParametersResult(successful=False, reason=str(reason))
         return SetParametersResult(successful=True)
-
-
-def _checked(
-    name: str,
-    value: Any,
-    default: Any,
-    minimum: float | None,
-    maximum: float | None,
-    choices: Sequence[str],
-) -> Any:
-    """Value in the type of `default`, or a `ConfigurationError`."""
-    if isinstance(default, list):
-        if isinstance(value, (bool, int, float, str)) or value is None:
-            value = [] if value is None else [value]
-        if len(value) != len(default):
-            raise ConfigurationError(
-                f'parameter {name} is {list(value)}: give {len(default)} numbers'
-            )
-        return [_checked(name, item, 0.0, minimum, maximum, ()) for item in value]
-    kind = type(default)
-    if kind is float and type(value) is int:
-        value = float(value)
-    if type(value) is not kind:
-        hint = '' if kind is not str else ' in quotes'
-        raise ConfigurationError(f'parameter {name} is {value!r}: give {_KINDS[kind]}{hint}')
-    if kind is float and not math.isfinite(value):
-        raise ConfigurationError(f'parameter {name} is {value}: give a finite number')
-    too_low = minimum is not None and value < minimum
-    if too_low or (maximum is not None and value > maximum):
-        if maximum is None:
-            span = f'of at least {minimum:g}'
-        elif minimum is None:
-            span = f'of at most {maximum:g}'
-        else:
-            span = f'from {minimum:g} to {maximum:g}'
-        raise ConfigurationError(f'parameter {name} is {value}: give a value {span}')
-    if choices and value not in choices:
-        raise ConfigurationError(f'parameter {name} is {value!r}: give {" or ".join(choices)}')
-    return value

@@ -16,6 +16,14 @@ LATCHED = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
+# Several, so that none of some changes in a row is lost to who is busy meanwhile, or comes late.
+PATTERNS = QoSProfile(
+    depth=5,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+# What somebody asks for once: not what was asked before a restart.
+LATCHED_INPUT = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
 IMAGES = QoSProfile(depth=2, reliability=ReliabilityPolicy.RELIABLE)
 CLOUDS = QoSProfile(depth=2, reliability=ReliabilityPolicy.RELIABLE)
 POSES = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)

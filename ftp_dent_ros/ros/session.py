@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -12,8 +11,8 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from ftp_dent_ros.errors import ConfigurationError
-from ftp_dent_ros.ros import transport
-from ftp_dent_ros.ros.signals import stop_event_meanwhile
+from ftp_dent_ros.supervision import transport
+from ftp_dent_ros.supervision.signals import stop_event_meanwhile
 
 _PARTICIPANTS = 8  # a payload and a few tools, for the share of the shared memory
 
@@ -37,7 +36,11 @@ def session(name: str, arguments: Sequence[str] = ()) -> Iterator[tuple[Node, th
     ConfigurationError
         The arguments are not understood.
     """
-    with stop_event_meanwhile() as stop, _transport():
+    with (
+        stop_event_meanwhile() as stop,
+        transport.profile(_PARTICIPANTS) as variables,
+        transport.environment_of(variables),
+    ):
         try:
             rclpy.init(
                 args=['--ros-args', *arguments], signal_handler_options=SignalHandlerOptions.NO
@@ -55,14 +58,3 @@ def session(name: str, arguments: Sequence[str] = ()) -> Iterator[tuple[Node, th
                 node.destroy_node()
         finally:
             rclpy.try_shutdown()
-
-
-@contextmanager
-def _transport() -> Iterator[None]:
-    with transport.profile(_PARTICIPANTS) as variables:
-        os.environ.update(variables)
-        try:
-            yield
-        finally:
-            for name in variables:
-                del os.environ[name]

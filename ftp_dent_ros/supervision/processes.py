@@ -17,6 +17,10 @@ from types import TracebackType
 _ENDS_WITH_US = ('setpriv', '--pdeathsig', 'TERM', '--') if shutil.which('setpriv') else ()
 
 
+# For the output of what has ended; a busy machine takes that long to read it, seconds.
+_LAST_LINES = 5.0
+
+
 @dataclass(frozen=True)
 class Program:
     """What is run, and under which name it is spoken of."""
@@ -168,6 +172,6 @@ class _Running:
 
     def close(self) -> None:
         # The last lines are worth a moment; a grandchild that keeps the pipe open is not.
-        self.reader.join(1.0)
+        self.reader.join(_LAST_LINES)
         if self.process.stdout is not None and not self.reader.is_alive():
             self.process.stdout.close()

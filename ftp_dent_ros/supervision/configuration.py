@@ -16,27 +16,19 @@ Parameters under ``/**`` go to every node.
 
 from __future__ import annotations
 
+import json
 import re
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from ftp_dent_ros import files
 from ftp_dent_ros.errors import ConfigurationError
-from ftp_dent_ros.ros.processes import Program
+from ftp_dent_ros.supervision.executables import EXECUTABLES, NODES
+from ftp_dent_ros.supervision.processes import Program
 
-NODES = (
-    'pattern_publisher',
-    'camera_capture',
-    'reconstruction',
-    'mavlink_bridge',
-    'dent_inspector',
-)
-# Not a ROS node: its parameters become its options.
-SIMULATED_AUTOPILOT = 'simulated_autopilot'
-EXECUTABLES = (*NODES, SIMULATED_AUTOPILOT)
 _BLOCK = (dict, type(None))
 _NAME = re.compile(r'(/?[A-Za-z_]\w*)(/[A-Za-z_]\w*)*')
 
@@ -55,12 +47,18 @@ class Entry:
         What stands under ``ros__parameters``.
     file : Path
         The configuration.
+    shared : mapping
+        What stands under ``/**``.
+    absolute : mapping
+        Parameters that hold a path relative to the configuration, as one that is not.
     """
 
     executable: str
     namespace: str
     parameters: Mapping[str, Any]
     file: Path
+    shared: Mapping[str, Any] = field(default_factory=dict)
+    absolute: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -71,7 +69,7 @@ class Entry:
     def options(self) -> tuple[str, ...]:
         """The parameters as a command line's options: ``start_ns: 5`` is ``--start-ns 5``."""
         words: list[str] = []
-        for key, value in self.parameters.items():
+        for key, value in {**self.parameters, **self.absolute}.items():
             option = f'--{str(key).replace("_", "-")}'
             if isinstance(value, bool):
                 words += [option] if value else []
@@ -86,21 +84,27 @@ class Entry:
     @property
     def program(self) -> Program:
         """The process to start."""
-        if self.executable == SIMULATED_AUTOPILOT:
-            words: tuple[str, ...] = ('ftp_dent_ros.simulation.autopilot', *self.options)
+        if self.executable not in NODES:
+            words: tuple[str, ...] = self.options
         else:
             words = (
-                f'ftp_dent_ros.nodes.{self.executable}',
                 '--ros-args',
                 *('-r', f'__node:={self.executable}'),
                 *('-r', f'__ns:={self.namespace}'),
-                *('--params-file', str(self.file)),
+                *self.parameter_words,
             )
-        return Program(self.name, (sys.executable, '-m', *words))
+        return Program(self.name, (sys.executable, '-m', EXECUTABLES[self.executable], *words))
+
+    @property
+    def parameter_words(self) -> tuple[str, ...]:
+        """The parameters as a node's command line has them, behind ``--ros-args``."""
+        # A quoted text in JSON is one in YAML too, which is how ROS reads a value.
+        pairs = (('-p', f'{name}:={json.dumps(path)}') for name, path in self.absolute.items())
+        return ('--params-file', str(self.file), *(word for pair in pairs for word in pair))
 
 
 def read_configuration(path: str | Path) -> tuple[Entry, ...]:
-    """Processes of a configuration of the user's or, if there is none of that name, a shipped one.
+    """Processes of a configuration: a path, or ``shipped:`` and the name of a shipped one.
 
     Raises
     ------
@@ -109,7 +113,8 @@ def read_configuration(path: str | Path) -> tuple[Entry, ...]:
     """
     file = files.find(path).resolve()
     entries = []
-    for key, block in files.read_yaml(file, ConfigurationError).items():
+    blocks = files.read_yaml(file, ConfigurationError)
+    for key, block in blocks.items():
         if not isinstance(block, dict) or not isinstance(block.get('ros__parameters', 0), _BLOCK):
             raise ConfigurationError(
                 f'{file}: {key}: needs a block ros__parameters with its parameters: add it'
@@ -125,7 +130,8 @@ def read_configuration(path: str | Path) -> tuple[Entry, ...]:
                 f'use one of {", ".join(EXECUTABLES)}'
             )
         parameters = block.get('ros__parameters') or {}
-        entries.append(Entry(executable, f'/{namespace}', parameters, file))
+        shared = (blocks.get('/**') or {}).get('ros__parameters') or {}
+        entries.append(Entry(executable, f'/{namespace}', parameters, file, shared))
     if not entries:
         raise ConfigurationError(f'{file}: names no node: use some of {", ".join(EXECUTABLES)}')
     twice = {entry.name for entry in entries if [e.name for e in entries].count(entry.name) > 1}

@@ -1,0 +1,134 @@
+"""Shows images on the projector and photographs them, through the payload's nodes."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from sensor_msgs.msg import Image
+from std_srvs.srv import Trigger
+
+from ftp_dent_ros.errors import CameraError, ImageError
+from ftp_dent_ros.ros.messages import image_from_message, image_to_message, stamp_to_ns
+from ftp_dent_ros.ros.qos import IMAGES, LATCHED_INPUT, PATTERNS
+
+# Nodes find each other within seconds; a photograph takes at most as long as its service.
+_DISCOVERY, _ANSWER = 15.0, 12.0
+# A camera that runs by itself may deliver photographs from before the call.
+_MOST_TRIES = 10
+_FRAME = 'projector_optical_frame'
+
+
+class Photographer:
+    """The payload's projector and camera, as two functions.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    stop : threading.Event
+        Ends all waiting.
+
+    Raises
+    ------
+    CameraError
+        By every method: pattern_publisher or camera_capture does not answer.
+    """
+
+    def __init__(self, node: Node, stop: threading.Event) -> None:
+        self._node, self._stop = node, stop
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(node)
+        self._shown: deque[Image] = deque(maxlen=4)
+        self._taken: deque[Image] = deque(maxlen=4)
+        self._show = node.create_publisher(Image, 'projector/show', LATCHED_INPUT)
+        node.create_subscription(Image, 'projector/image_raw', self._on_shown, PATTERNS)
+        node.create_subscription(Image, 'camera/image_raw', self._on_taken, IMAGES)
+        self._capture = node.create_client(Trigger, 'camera_capture/capture')
+        self.delay_ns = 0
+
+    def projector_size(self) -> tuple[int, int]:
+        """Width and height of what is projected, pixels."""
+        self._until(
+            lambda: self._shown and self._show.get_subscription_count(),
+            _DISCOVERY,
+            'nothing comes on projector/image_raw: start pattern_publisher (ftp-dent up)',
+        )
+        self._until(
+            self._capture.service_is_ready,
+            _DISCOVERY,
+            'nobody takes photographs: start camera_capture (ftp-dent up)',
+        )
+        return self._shown[-1].width, self._shown[-1].height
+
+    def show(self, image: NDArray[np.uint8]) -> int:
+        """Show RGB pixels; the time from which they are shown, nanoseconds."""
+        message = image_to_message(image, self._node.get_clock().now().nanoseconds, _FRAME)
+        self._shown.clear()
+        self._show.publish(message)
+
+        def is_shown() -> bool:
+            return any(each.data == message.data for each in self._shown)
+
+        self._until(is_shown, _ANSWER, 'pattern_publisher does not show what it is asked to')
+        return stamp_to_ns(self._shown[-1].header.stamp)
+
+    def projected(self) -> NDArray[np.uint8]:
+        """RGB pixels that were shown last."""
+        return image_from_message(self._shown[-1])
+
+    def now_ns(self) -> int:
+        """ROS time, nanoseconds."""
+        return self._node.get_clock().now().nanoseconds
+
+    def photograph(self, after_ns: int, colour: bool = False) -> tuple[NDArray[np.uint8], int]:
+        """Photograph exposed after a time, grey or RGB, and the middle of its exposure, ns."""
+        for _ in range(_MOST_TRIES):
+            self._taken.clear()
+            answer = self._capture.call_async(Trigger.Request())
+            self._until(answer.done, _ANSWER, 'camera_capture does not answer')
+            result = answer.result()
+            if result is None or not result.success:
+                why = result.message if result else 'no answer'
+                raise CameraError(f'camera_capture took no photograph: {why}')
+            self._until(lambda: bool(self._taken), _ANSWER, 'no photograph arrives')
+            stamp_ns = stamp_to_ns(self._taken[-1].header.stamp)
+            if stamp_ns >= after_ns:
+                try:
+                    image = image_from_message(self._taken[-1])
+                except ImageError as reason:
+                    raise CameraError(f'the camera sends no photographs: {reason}') from None
+                return (image if colour else image[..., 1].copy()), stamp_ns
+            time.sleep(min(0.2, (after_ns - stamp_ns) / 1e9))
+        raise CameraError('the photographs are older than what is projected: check the stamps')
+
+    def take(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Show RGB pixels and photograph them once they are seen."""
+        return self.photograph(self.show(image) + self.delay_ns)[0]
+
+    def close(self) -> None:
+        """Let the projector show its pattern again."""
+        if self._node.context.ok():
+            self._show.publish(Image())
+            self._executor.spin_once(0.1)
+        self._executor.shutdown()
+
+    def _on_shown(self, message: Image) -> None:
+        self._shown.append(message)
+
+    def _on_taken(self, message: Image) -> None:
+        self._taken.append(message)
+
+    def _until(self, condition: Callable[[], object], timeout: float, trouble: str) -> None:
+        end = time.monotonic() + timeout
+        while not condition():
+            if self._stop.is_set():
+                raise KeyboardInterrupt
+            if time.monotonic() > end:
+                raise CameraError(trouble)
+            self._executor.spin_once(timeout_sec=0.1)

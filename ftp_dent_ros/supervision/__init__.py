@@ -1,0 +1,1 @@
+"""What starts and watches the nodes: configurations, processes, transport; without rclpy."""

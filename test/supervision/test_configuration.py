@@ -1,0 +1,73 @@
+import sys
+
+import pytest
+
+from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.supervision.configuration import read_configuration
+from ftp_dent_ros.supervision.executables import EXECUTABLES
+
+
+def write(tmp_path, text):
+    path = tmp_path / 'payload.yaml'
+    path.write_text(text)
+    return path
+
+
+def test_namespaces(tmp_path):
+    path = write(
+        tmp_path,
+        '/**: {ros__parameters: {rig: rig.yaml}}\n'
+        'camera_capture: {ros__parameters: {rate: 2.0}}\n'
+        '/drone/left/camera_capture: {ros__parameters: }\n',
+    )
+    plain, left = read_configuration(path)
+    assert (plain.name, plain.namespace) == ('camera_capture', '/')
+    assert (left.name, left.namespace) == ('drone/left/camera_capture', '/drone/left')
+    assert left.program.command == (
+        *(sys.executable, '-m', 'ftp_dent_ros.nodes.camera_capture', '--ros-args'),
+        *('-r', '__node:=camera_capture', '-r', '__ns:=/drone/left'),
+        *('--params-file', str(path)),
+    )
+
+
+def test_the_simulated_autopilot_has_options(tmp_path):
+    path = write(
+        tmp_path,
+        'simulated_autopilot:\n  ros__parameters:\n'
+        '    address: udpout:127.0.0.1:14550\n    start_ns: -5\n'
+        '    loop: true\n    quiet: false\n',
+    )
+    (entry,) = read_configuration(path)
+    assert entry.program.command == (
+        *(sys.executable, '-m', 'ftp_dent_ros.simulation.autopilot'),
+        *('--address=udpout:127.0.0.1:14550', '--start-ns=-5', '--loop'),
+    )
+
+
+def test_an_option_is_a_number_or_a_text(tmp_path):
+    (entry,) = read_configuration(
+        write(tmp_path, 'simulated_autopilot: {ros__parameters: {scene: [1, 2]}}')
+    )
+    with pytest.raises(ConfigurationError, match='scene is neither a number nor a text'):
+        entry.program  # noqa: B018
+
+
+@pytest.mark.parametrize(
+    'key', ['"a b"', '"3"', '/left//reconstruction', '/', '"reconstruction;"']
+)
+def test_a_key_is_the_name_of_a_node(tmp_path, key):
+    with pytest.raises(ConfigurationError, match='is no name of a node'):
+        read_configuration(write(tmp_path, f'{key}: {{ros__parameters: {{}}}}'))
+
+
+def test_a_node_is_there_once(tmp_path):
+    text = '/reconstruction: {ros__parameters: {}}\nreconstruction: {ros__parameters: {}}\n'
+    with pytest.raises(ConfigurationError, match='reconstruction is there twice'):
+        read_configuration(write(tmp_path, text))
+
+
+@pytest.mark.parametrize('name', ['shipped:payload.yaml', 'shipped:simulation.yaml'])
+def test_shipped_configurations(name):
+    entries = read_configuration(name)
+    assert {entry.executable for entry in entries} <= set(EXECUTABLES)
+    assert all(entry.program.command for entry in entries)

@@ -1,0 +1,191 @@
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from ftp_dent_ros.supervision.processes import Processes, Program
+
+# `-I -S`: a bare interpreter that starts at once.
+BARE = (sys.executable, '-I', '-S', '-c')
+WAIT = 'import signal\nprint("ready", flush=True)\nwhile True: signal.pause()'
+
+
+def script(name, text):
+    return Program(name, (*BARE, text))
+
+
+def until(condition, timeout=20.0):
+    deadline = time.monotonic() + timeout
+    while not condition():
+        assert time.monotonic() < deadline, 'waited in vain'
+        time.sleep(0.01)
+
+
+def is_alive(pid):
+    try:
+        state = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()[0]
+    except FileNotFoundError:
+        return False
+    return state != 'Z'
+
+
+class Lines(list):
+    def show(self, name, line):
+        self.append((name, line))
+
+
+@pytest.fixture
+def lines():
+    return Lines()
+
+
+def one_that_ends(processes):
+    ends = []
+    until(lambda: ends.extend(processes.ended(0.1)) or ends)
+    return ends[0]
+
+
+def test_shows_each_line_under_its_name_errors_too(lines):
+    with Processes(lines.show) as processes:
+        processes.start(script('a', 'import sys; print("one"); print("two", file=sys.stderr)'))
+        assert one_that_ends(processes).status == 0
+    assert sorted(lines) == [('a', 'one'), ('a', 'two')]
+
+
+def test_shows_bytes_that_are_no_text(lines):
+    with Processes(lines.show) as processes:
+        processes.start(script('a', r'import os; os.write(1, b"\xff\xfe\n")'))
+        one_that_ends(processes)
+    assert lines == [('a', '\ufffd\ufffd')]
+
+
+def test_adds_to_the_environment_and_keeps_the_rest(lines, monkeypatch):
+    monkeypatch.setenv('KEPT', '1')
+    with Processes(lines.show, {'ADDED': '2'}) as processes:
+        processes.start(script('a', 'import os; print(os.environ["KEPT"], os.environ["ADDED"])'))
+        one_that_ends(processes)
+    assert lines == [('a', '1 2')]
+
+
+def test_tells_a_status_from_a_signal(lines):
+    with Processes(lines.show) as processes:
+        processes.start(script('a', 'raise SystemExit(3)'))
+        end = one_that_ends(processes)
+        assert (end.status, str(end)) == (3, 'a ended with status 3')
+        processes.start(script('a', WAIT))
+        os.kill(processes.pid('a'), signal.SIGKILL)
+        assert str(one_that_ends(processes)) == 'a was killed by SIGKILL'
+        assert processes.names == ()
+
+
+def test_a_name_runs_once(lines):
+    with Processes(lines.show) as processes:
+        processes.start(script('a', WAIT))
+        with pytest.raises(ValueError, match='a runs already'):
+            processes.start(script('a', WAIT))
+
+
+def test_a_reader_that_fails_does_not_block_the_program():
+    def show(name, line):
+        raise BrokenPipeError
+
+    with Processes(show) as processes:
+        processes.start(script('a', 'for _ in range(20000): print("0123456789")'))
+        assert one_that_ends(processes).status == 0
+
+
+def test_stops_with_one_term(lines):
+    goodbye = 'import signal\n' + (
+        'import os\n'
+        # A signal may come in the middle of a print, and a second one is not let in then.
+        'def end(*_):\n os.write(1, b"goodbye\\n")\n raise SystemExit\n'
+        'signal.signal(signal.SIGTERM, end)\n'
+    )
+    with Processes(lines.show) as processes:
+        processes.start(script('a', goodbye + WAIT))
+        processes.start(script('b', goodbye + WAIT))
+        until(lambda: len(lines) == 2)
+        assert processes.stop() == {'a': 0, 'b': 0}
+        assert processes.names == ()
+    assert lines.count(('a', 'goodbye')) == lines.count(('b', 'goodbye')) == 1
+
+
+def test_stops_one_alone(lines):
+    with Processes(lines.show) as processes:
+        processes.start(script('a', WAIT))
+        processes.start(script('b', WAIT))
+        until(lambda: len(lines) == 2)
+        assert processes.stop('a') == {'a': -signal.SIGTERM}
+        assert processes.names == ('b',)
+        assert is_alive(processes.pid('b'))
+        assert processes.ended() == []
+
+
+def test_asks_twice(lines):
+    second = (
+        'import signal\ncount = []\n'
+        'def end(*_):\n count.append(1)\n if len(count) == 2: raise SystemExit\n'
+        'signal.signal(signal.SIGTERM, end)\n'
+    )
+    with Processes(lines.show) as processes:
+        processes.start(script('a', second + WAIT))
+        until(lambda: lines)
+        assert processes.stop(patience=0.3) == {'a': 0}
+
+
+def test_kills_what_ignores_term(lines):
+    deaf = 'import signal; signal.signal(signal.SIGTERM, signal.SIG_IGN)\n'
+    with Processes(lines.show) as processes:
+        processes.start(script('deaf', deaf + WAIT))
+        processes.start(script('good', WAIT))
+        until(lambda: len(lines) == 2)
+        pid = processes.pid('deaf')
+        statuses = processes.stop(patience=0.2)
+    assert statuses == {'deaf': -signal.SIGKILL, 'good': -signal.SIGTERM}
+    assert not is_alive(pid)
+
+
+def test_takes_grandchildren_along(lines):
+    family = (
+        'import subprocess\nchild = subprocess.Popen(["sleep", "1000"])\n'
+        'print(child.pid, flush=True)\n'
+    )
+    with Processes(lines.show) as processes:
+        processes.start(script('a', family + WAIT))
+        until(lambda: lines)
+        grandchild = int(lines[0][1])
+        assert is_alive(grandchild)
+    until(lambda: not is_alive(grandchild))
+
+
+def test_leaving_the_block_by_an_error_stops_all(lines):
+    with pytest.raises(RuntimeError), Processes(lines.show) as processes:
+        processes.start(script('a', WAIT))
+        pid = processes.pid('a')
+        raise RuntimeError
+    assert not is_alive(pid)
+
+
+@pytest.mark.skipif(not shutil.which('setpriv'), reason='setpriv is not installed')
+def test_leaves_no_orphan_when_it_is_killed():
+    starter = f"""
+import time
+from ftp_dent_ros.supervision.processes import Processes, Program
+processes = Processes(lambda name, line: None)
+for name in 'ab':
+    processes.start(Program(name, {(*BARE, WAIT)!r}))
+    print(processes.pid(name), flush=True)
+time.sleep(1000)
+"""
+    with subprocess.Popen(
+        [sys.executable, '-c', starter], stdout=subprocess.PIPE, text=True
+    ) as parent:
+        children = [int(parent.stdout.readline()) for _ in 'ab']
+        assert all(map(is_alive, children))
+        parent.kill()
+        until(lambda: not any(map(is_alive, children)))
