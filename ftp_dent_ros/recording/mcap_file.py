@@ -1,31 +1,28 @@
-"""One MCAP file while it is being written, chunk by chunk.
+"""One MCAP file while it is being written.
 
-The records are those of the library `mcap`; its ``Writer`` is not used, because it counts a
-message before the disk has taken it and cannot go back when the disk is full. Here a chunk is on
-the file or it is not: what is written is whole messages, at any moment.
+The records are those of the library `mcap`, but neither its ``Writer`` nor that of `rosbags`
+writes the file: both keep a chunk in memory until it is full, so that a recorder that is killed
+loses it, and neither can go back when the disk is full. Here the messages of a chunk are appended
+as they come, behind a header that says that the chunk is open; its size and checksum are put
+there when it ends. What has been written is whole messages, at any moment.
 """
 
 from __future__ import annotations
 
 import os
-import struct
 import zlib
 from collections import defaultdict, deque
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import islice
 from pathlib import Path
-from typing import NamedTuple
 
-from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import (
     Channel,
-    ChunkIndex,
     DataEnd,
     Footer,
     Header,
     McapRecord,
-    MessageIndex,
     Metadata,
     MetadataIndex,
     Schema,
@@ -34,27 +31,13 @@ from mcap.records import (
 )
 
 from ftp_dent_ros import __version__
+from ftp_dent_ros.recording.chunk import Buffer, Entry, OpenChunk, message_records, records
 
 MAGIC = b'\x89MCAP0\r\n'
-
-# MCAP specification, "Message" and "Chunk": opcode, length, then the fields before the payload.
-MESSAGE_HEADER = struct.Struct('<BQHIQQ')
-CHUNK_HEADER = struct.Struct('<BQQQQIIQ')
-RECORD_HEADER = struct.Struct('<BQ')
-_CHECKSUM = struct.Struct('<I')
+# rosbag2 and Foxglove read a chunk at a time: small enough to hold many, large enough to be few.
+CHUNK_SIZE = 1 << 22
+_CHECKSUM_SIZE = 4
 _BUFFERS_A_CALL = 1024  # IOV_MAX of Linux
-
-Buffer = bytes | bytearray | memoryview
-
-
-class Entry(NamedTuple):
-    """A message on its way to the file."""
-
-    channel: int
-    sequence: int
-    log_time_ns: int
-    publish_time_ns: int
-    data: Buffer
 
 
 class McapFile:
@@ -68,7 +51,7 @@ class McapFile:
     Raises
     ------
     OSError
-        By every method that writes; the file then ends with the last whole chunk.
+        By every method that writes; the file then ends with the last whole message.
     """
 
     def __init__(self, path: Path) -> None:
@@ -80,13 +63,15 @@ class McapFile:
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._unwritten: list[McapRecord] = []
-        self._chunks: list[ChunkIndex] = []
+        self._chunk: OpenChunk | None = None
+        self._chunk_count = 0
+        self._chunk_indexes = bytearray()  # records: objects would be some times as large
         self._counts: dict[int, int] = defaultdict(int)
         self._descriptor = os.open(
             path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666
         )
         try:
-            self._append([MAGIC, _records(Header('ros2', f'ftp_dent_ros {__version__}'))])
+            self._append([MAGIC, records(Header('ros2', f'ftp_dent_ros {__version__}'))])
         except OSError:
             self.abandon()
             path.unlink()
@@ -100,12 +85,14 @@ class McapFile:
     @property
     def summary_size(self) -> int:
         """About what `close` will add, in bytes."""
-        return 1000 + 200 * len(self._chunks) + sum(len(s.data) for s in self._schemas.values())
+        index = 0 if self._chunk is None else self._chunk.index_size
+        schemas = sum(len(schema.data) for schema in self._schemas.values())
+        return 2000 + index + len(self._chunk_indexes) + schemas
 
     def add_channel(
         self, topic: str, type_name: str, encoding: str, definition: str, metadata: dict[str, str]
     ) -> int:
-        """Number of a new channel for `Entry`; it is written with the next chunk."""
+        """Number of a new channel for `Entry`; it is written with the next messages."""
         schema = Schema(
             id=len(self._schemas) + 1,
             name=type_name,
@@ -130,68 +117,62 @@ class McapFile:
         return channel.id
 
     def write(self, entries: Sequence[Entry]) -> None:
-        """Write messages as one chunk; when it returns, the kernel has all of it."""
+        """Write messages; when it returns, the kernel has all of them."""
         if not entries:
             return
-        buffers: list[Buffer] = [_records(*self._unwritten)]
-        size = len(buffers[0])
-        index: dict[int, list[tuple[int, int]]] = defaultdict(list)
-        for entry in entries:
-            index[entry.channel].append((entry.log_time_ns, size))
-            length = MESSAGE_HEADER.size - RECORD_HEADER.size + len(entry.data)
-            buffers += [MESSAGE_HEADER.pack(Opcode.MESSAGE, length, *entry[:4]), entry.data]
-            size += RECORD_HEADER.size + length
-        first = min(entry.log_time_ns for entry in entries)
-        last = max(entry.log_time_ns for entry in entries)
-        head = CHUNK_HEADER.pack(
-            Opcode.CHUNK,
-            CHUNK_HEADER.size - RECORD_HEADER.size + size,
-            first,
-            last,
-            size,
-            _checksum(buffers),
-            0,  # length of the compression's name
-            size,
-        )
-        indices = [
-            _records(MessageIndex(channel_id=channel, records=times))
-            for channel, times in index.items()
-        ]
-        offsets = self._offsets(indices, self._end + len(head) + size)
-        chunk = ChunkIndex(
-            chunk_start_offset=self._end,
-            chunk_length=len(head) + size,
-            message_start_time=first,
-            message_end_time=last,
-            message_index_offsets=dict(zip(index, offsets, strict=True)),
-            message_index_length=sum(map(len, indices)),
-            compression='',
-            compressed_size=size,
-            uncompressed_size=size,
-        )
-        self._append([head, *buffers, *indices])
+        if self._chunk is not None and self._chunk.size >= CHUNK_SIZE:
+            self.end_chunk()
+        definitions = records(*self._unwritten)
+        content = message_records(definitions, entries)
+        if self._chunk is None:
+            chunk = OpenChunk(self._end)
+            self._append([chunk.head_of_open(), *content])
+            self._chunk = chunk
+        else:
+            self._append(content)
         self._unwritten.clear()
-        self._chunks.append(chunk)
+        self._chunk.add(definitions, entries, content)
+        first = min(entry.log_time_ns for entry in entries)
         self.start_ns = first if self.message_count == 0 else min(self.start_ns, first)
-        self.end_ns = max(self.end_ns, last)
+        self.end_ns = max(self.end_ns, *(entry.log_time_ns for entry in entries))
         self.message_count += len(entries)
-        for channel, times in index.items():
-            self._counts[channel] += len(times)
+        for entry in entries:
+            self._counts[entry.channel] += 1
+
+    def end_chunk(self) -> None:
+        """End the chunk that is being written, if there is one."""
+        if self._chunk is None:
+            return
+        os.pwrite(self._descriptor, self._chunk.head(), self._chunk.start)
+        indices = self._chunk.indices()
+        offsets = _offsets(list(indices.values()), self._end)
+        self._append(indices.values())
+        self._chunk_indexes += self._chunk.summary(
+            dict(zip(indices, offsets, strict=True)), sum(map(len, indices.values()))
+        )
+        self._chunk_count += 1
+        self._chunk = None
 
     def sync(self) -> None:
-        """Have the kernel put what is written on the disk itself."""
+        """End the chunk, and have the kernel put what is written on the disk itself.
+
+        With a chunk at most as old as the last `sync`, a power cut that leaves a chunk with its
+        size but without its data costs what came since.
+        """
+        self.end_chunk()
         os.fdatasync(self._descriptor)
 
     def close(self, name: str, metadata: Mapping[str, str]) -> None:
         """Add a metadata record and the summary, and close; afterwards the file is whole."""
         try:
-            rest = _records(*self._unwritten)
-            record = _records(Metadata(name=name, metadata=dict(metadata)))
+            self.end_chunk()
+            rest = records(*self._unwritten)
+            record = records(Metadata(name=name, metadata=dict(metadata)))
             index = MetadataIndex(offset=self._end + len(rest), length=len(record), name=name)
             start = self._end + len(rest) + len(record)
-            data_end = _records(DataEnd(0))
+            data_end = records(DataEnd(0))
             self._append([rest, record, data_end, *self._summary(index, start + len(data_end))])
-            self.sync()
+            os.fdatasync(self._descriptor)
         finally:
             self.abandon()
 
@@ -206,43 +187,33 @@ class McapFile:
             attachment_count=0,
             channel_count=len(self._channels),
             channel_message_counts=dict(self._counts),
-            chunk_count=len(self._chunks),
+            chunk_count=self._chunk_count,
             message_count=self.message_count,
             message_end_time=self.end_ns,
             message_start_time=self.start_ns,
             metadata_count=1,
             schema_count=len(self._schemas),
         )
-        groups: dict[Opcode, Iterable[McapRecord]] = {
-            Opcode.SCHEMA: self._schemas.values(),
-            Opcode.CHANNEL: self._channels.values(),
-            Opcode.STATISTICS: [statistics],
-            Opcode.CHUNK_INDEX: self._chunks,
-            Opcode.METADATA_INDEX: [metadata_index],
+        parts = {
+            Opcode.SCHEMA: records(*self._schemas.values()),
+            Opcode.CHANNEL: records(*self._channels.values()),
+            Opcode.STATISTICS: records(statistics),
+            Opcode.CHUNK_INDEX: bytes(self._chunk_indexes),
+            Opcode.METADATA_INDEX: records(metadata_index),
         }
-        parts = {opcode: _records(*records) for opcode, records in groups.items()}
-        starts = self._offsets(list(parts.values()), start)
-        offsets = [
+        starts = _offsets(list(parts.values()), start)
+        groups = [
             SummaryOffset(group_opcode=opcode, group_start=offset, group_length=len(part))
             for (opcode, part), offset in zip(parts.items(), starts, strict=True)
             if part
         ]
         offset_start = start + sum(map(len, parts.values()))
-        summary = b''.join(parts.values()) + _records(*offsets)
+        summary = b''.join(parts.values()) + records(*groups)
+        footer = Footer(summary_start=start, summary_offset_start=offset_start, summary_crc=0)
         # The checksum covers the footer up to itself.
-        footer = _records(
-            Footer(summary_start=start, summary_offset_start=offset_start, summary_crc=0)
-        )[: -_CHECKSUM.size]
-        checksum = zlib.crc32(footer, zlib.crc32(summary))
-        return [summary, footer, _CHECKSUM.pack(checksum), MAGIC]
-
-    @staticmethod
-    def _offsets(parts: Sequence[bytes], start: int) -> list[int]:
-        offsets = []
-        for part in parts:
-            offsets.append(start)
-            start += len(part)
-        return offsets
+        head = records(footer)[:-_CHECKSUM_SIZE]
+        checksum = zlib.crc32(head, zlib.crc32(summary))
+        return [summary, head, checksum.to_bytes(_CHECKSUM_SIZE, 'little'), MAGIC]
 
     def _append(self, buffers: Iterable[Buffer]) -> None:
         try:
@@ -253,18 +224,13 @@ class McapFile:
             raise
 
 
-def _records(*records: McapRecord) -> bytes:
-    builder = RecordBuilder()
-    for record in records:
-        record.write(builder)
-    return builder.end()
-
-
-def _checksum(buffers: Iterable[Buffer]) -> int:
-    checksum = 0
-    for buffer in buffers:
-        checksum = zlib.crc32(buffer, checksum)
-    return checksum
+def _offsets(parts: Sequence[bytes], start: int) -> list[int]:
+    """Where each part begins, the first at `start`."""
+    offsets = []
+    for part in parts:
+        offsets.append(start)
+        start += len(part)
+    return offsets
 
 
 def _write_all(descriptor: int, buffers: Iterable[Buffer]) -> int:

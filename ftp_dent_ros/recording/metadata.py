@@ -1,6 +1,7 @@
 """What a bag says about itself: its files, its topics, ``metadata.yaml``.
 
 The layout is version 9 of rosbag2's (ROS 2 Jazzy): one mapping ``rosbag2_bagfile_information``.
+The writer of `rosbags` writes it of a single file only.
 """
 
 from __future__ import annotations
@@ -36,7 +37,10 @@ class BagFile:
 
 @dataclass(frozen=True)
 class BagMetadata:
-    """All that ``metadata.yaml`` holds."""
+    """All that ``metadata.yaml`` holds.
+
+    A topic's name is there twice if messages of two types were recorded of it.
+    """
 
     files: tuple[BagFile, ...]
     topics: tuple[Topic, ...]

@@ -9,13 +9,12 @@ from __future__ import annotations
 
 import os
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from mcap.reader import SeekingReader
 from mcap.records import Channel, Schema
 
 from ftp_dent_ros.errors import BagError
@@ -27,7 +26,10 @@ from ftp_dent_ros.recording.metadata import (
     BagMetadata,
     read_metadata,
 )
-from ftp_dent_ros.recording.topic import Definition, Message, Topic, qos_from
+from ftp_dent_ros.recording.stored import stored_messages, summary_of
+from ftp_dent_ros.recording.topic import SUFFIXES, Definition, Message, Qos, Topic, qos_from
+
+_LONGEST_QOS = 1 << 20  # characters: of some thousand publishers
 
 
 @dataclass(frozen=True)
@@ -41,12 +43,15 @@ class Bag:
     files : tuple of Path
         Its MCAP files, in order.
     metadata : BagMetadata
-        Topics, counts and times, as the files have them.
+        Topics, counts and times, as they were recorded.
+    coded : dict
+        Names of topics that were compressed as they were recorded, and what they stand for.
     """
 
     path: Path
     files: tuple[Path, ...]
     metadata: BagMetadata
+    coded: dict[str, str] = field(default_factory=dict)
 
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int | None = None
@@ -76,29 +81,19 @@ class Bag:
         # Only this needs the library `rosbags`.
         from ftp_dent_ros.recording.definitions import deserialise
 
-        topic = next(topic for topic in self.metadata.topics if topic.name == message.topic)
+        wanted = (message.topic, message.type)
+        topic = next(each for each in self.metadata.topics if (each.name, each.type) == wanted)
         return deserialise(message.data, message.type, topic.definition)
 
     def _messages(self, topics: Collection[str] | None, start_ns: int | None) -> Iterator[Message]:
+        stored = topics
+        if topics is not None and self.coded:
+            stored = {*topics, *(code for code, name in self.coded.items() if name in topics)}
         for path in self.files:
             with _whole_file(path) as stream:
-                reader = SeekingReader(stream, validate_crcs=True)
-                summary = reader.get_summary()
-                found = reader.iter_messages(
-                    topics,
-                    # A file without an index would be sorted as a whole, in memory.
-                    log_time_order=bool(summary and summary.chunk_indexes),
-                    starting_at=start_ns,
-                )
-                for schema, channel, message in found:
-                    yield Message(
-                        channel.topic,
-                        schema.name if schema else '',
-                        message.log_time,
-                        message.publish_time,
-                        message.data,
-                        message.sequence,
-                    )
+                for message in stored_messages(stream, stored, start_ns):
+                    name = self.coded.get(message.topic)
+                    yield message if name is None else _decoded(message, name)
 
 
 def open_bag(path: str | os.PathLike[str]) -> Bag:
@@ -113,7 +108,7 @@ def open_bag(path: str | os.PathLike[str]) -> Bag:
     if not path.exists():
         raise BagError(f'{path}: no such bag: check the path')
     if not path.is_dir():
-        return Bag(path, (path,), _metadata([path], {}, ''))
+        return _bag(path, [path], _metadata([path], {}, ''))
     if not (path / METADATA_FILE).is_file():
         if not any(path.glob('*.mcap')):
             raise BagError(f'{path}: holds no MCAP file: check the path')
@@ -124,8 +119,8 @@ def open_bag(path: str | os.PathLike[str]) -> Bag:
     written = read_metadata(path)
     # Before version 4 the names included the bag's own folder.
     files = [path / Path(file.path).name for file in written.files]
-    topics = {topic.name: topic for topic in written.topics}
-    return Bag(path, tuple(files), _metadata(files, topics, written.ros_distro))
+    topics = {(topic.name, topic.type): topic for topic in written.topics}
+    return _bag(path, files, _metadata(files, topics, written.ros_distro))
 
 
 def read_messages(
@@ -152,26 +147,61 @@ def topic_from(channel: Channel, schema: Schema | None) -> Topic:
         name=channel.topic,
         type=schema.name if schema else '',
         type_hash=channel.metadata.get('topic_type_hash', ''),
-        offered_qos=qos_from(channel.metadata.get('offered_qos_profiles')),
+        offered_qos=_offered_qos(channel),
         definition=Definition(schema.encoding, schema.data.decode()) if schema else Definition(),
     )
 
 
-def _metadata(files: Iterable[Path], topics: dict[str, Topic], distro: str) -> BagMetadata:
+def _bag(path: Path, files: Sequence[Path], metadata: BagMetadata) -> Bag:
+    if not any(topic.name.endswith(SUFFIXES) for topic in metadata.topics):
+        return Bag(path, tuple(files), metadata)
+    # Only this needs OpenCV and the library `rosbags`.
+    from ftp_dent_ros.recording.compression import plain_topics
+
+    coded, plain = plain_topics(metadata.topics)
+    counts: dict[str, int] = defaultdict(int)
+    for name, count in metadata.message_counts.items():
+        counts[coded.get(name, name)] += count
+    topics = {(topic.name, topic.type): topic for topic in plain}
+    shown = replace(metadata, topics=tuple(topics.values()), message_counts=dict(counts))
+    return Bag(path, tuple(files), shown, coded)
+
+
+def _decoded(message: Message, name: str) -> Message:
+    from ftp_dent_ros.recording.compression import decoded
+
+    return decoded(message, name)
+
+
+def _offered_qos(channel: Channel) -> tuple[Qos, ...]:
+    """What nobody can read is as good as not told: only a replay asks for it."""
+    text = channel.metadata.get('offered_qos_profiles', '')
+    if len(text) > _LONGEST_QOS:
+        return ()
+    try:
+        return qos_from(text)
+    except Exception:  # YAML's own, and whatever stands in the fields' place
+        return ()
+
+
+def _metadata(
+    files: Iterable[Path], topics: dict[tuple[str, str], Topic], distro: str
+) -> BagMetadata:
     """Metadata of files; `topics` are preferred to what the files say of the same ones."""
     counts: dict[str, int] = defaultdict(int)
-    found: dict[str, Topic] = {}
+    found: dict[tuple[str, str], Topic] = {}
     described = []
     for path in files:
         with _whole_file(path) as stream:
-            summary = SeekingReader(stream).get_summary()
+            summary = summary_of(stream)
             if summary is None or summary.statistics is None:
                 raise ValueError('it has no index')
             statistics = summary.statistics
             for channel in summary.channels.values():
                 topic = topic_from(channel, summary.schemas.get(channel.schema_id))
-                preferred = topics.get(topic.name, topic)
-                found.setdefault(topic.name, replace(preferred, definition=topic.definition))
+                key = topic.name, topic.type
+                preferred = topics.get(key, topic)
+                found.setdefault(key, replace(preferred, definition=topic.definition))
                 counts[topic.name] += statistics.channel_message_counts.get(channel.id, 0)
         described.append(
             BagFile(

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 from typing import IO
+
+NO_SPACE = (errno.ENOSPC, errno.EDQUOT)
 
 
 class Reserve:
@@ -22,18 +26,31 @@ class Reserve:
             self._file: IO[bytes] | None = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115
         except OSError:
             self._file = None
-        self.hold(0)
+        with suppress(OSError):
+            self.hold(0)
 
     def hold(self, needed: int) -> None:
-        """Keep `needed` bytes and some to spare, if the disk has them."""
+        """Keep `needed` bytes and some to spare, if the disk has them.
+
+        Raises
+        ------
+        OSError
+            It has no room for what is needed, so that nothing more should be written.
+        """
         needed += self._SPARE
         if self._file is None or needed <= self._size:
             return
-        try:
+        # Some file systems cannot reserve anything; that is no reason not to write.
+        with suppress(OSError):
             os.posix_fallocate(self._file.fileno(), 0, 2 * needed)
-        except OSError:
+            self._size = 2 * needed
             return
-        self._size = 2 * needed
+        try:
+            os.posix_fallocate(self._file.fileno(), 0, needed)
+        except OSError as reason:
+            if reason.errno in NO_SPACE:
+                raise
+        self._size = needed
 
     def release(self) -> None:
         """Give the room back."""

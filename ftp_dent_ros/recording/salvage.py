@@ -8,25 +8,24 @@ from __future__ import annotations
 
 import io
 import struct
-import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-import lz4.frame
-import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Schema
 
 from ftp_dent_ros.errors import BagError
-from ftp_dent_ros.recording.mcap_file import CHUNK_HEADER, MAGIC, RECORD_HEADER
+from ftp_dent_ros.recording.chunk import CHUNK_HEADER, RECORD_HEADER, content_of
+from ftp_dent_ros.recording.mcap_file import MAGIC
 from ftp_dent_ros.recording.reader import topic_from
 from ftp_dent_ros.recording.topic import Message, Topic
 
 _MESSAGE_FIELDS = struct.Struct('<HIQQ')
 _PRIVATE_OPCODES = 0x80  # and above: extensions, to be skipped
-_LARGEST_CHUNK = 1 << 30
+_WANTED = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK)
+_LARGEST_RECORD = 1 << 30  # bytes: what is larger is left out, and counted as damaged
 
 
 class Salvage:
@@ -93,12 +92,9 @@ class Salvage:
     def _chunk(self, body: bytes, complete: bool) -> Iterator[Message]:
         try:
             chunk = Chunk.read(ReadDataStream(io.BytesIO(body)))
-            data = _decompressed(chunk.compression, chunk.data)
+            data = content_of(chunk, whole=complete)
         except Exception:  # whatever damaged data make of the libraries
             self.damaged += complete
-            return
-        if complete and chunk.uncompressed_crc not in (0, zlib.crc32(data)):
-            self.damaged += 1
             return
         stream = io.BytesIO(data)
         size = 0
@@ -132,7 +128,8 @@ class Salvage:
 def _records(stream: BinaryIO, size: int) -> Iterator[tuple[int, bytes, bool]]:
     """Opcode and body of each record, and whether it is all there; ends with what is not.
 
-    The body of an incomplete record is given only of a chunk, which may hold whole ones.
+    The body is given only of the records that are wanted, and of an incomplete one only of a
+    chunk, which may hold whole ones.
     """
     while True:
         head = stream.read(RECORD_HEADER.size)
@@ -144,19 +141,12 @@ def _records(stream: BinaryIO, size: int) -> Iterator[tuple[int, bytes, bool]]:
         if not (Opcode.HEADER <= opcode <= Opcode.DATA_END or opcode >= _PRIVATE_OPCODES):
             return
         if length <= rest:
-            yield opcode, stream.read(length), True
+            if opcode in _WANTED and length <= _LARGEST_RECORD:
+                yield opcode, stream.read(length), True
+            else:
+                stream.seek(length, io.SEEK_CUR)
+                yield opcode, b'', True
             continue
-        wanted = min(rest, _LARGEST_CHUNK) if opcode == Opcode.CHUNK else 0
+        wanted = min(rest, _LARGEST_RECORD) if opcode == Opcode.CHUNK else 0
         yield opcode, stream.read(wanted), False
         return
-
-
-def _decompressed(compression: str, data: bytes) -> bytes:
-    """Content of a chunk, as far as `data` goes."""
-    if compression == 'zstd':
-        return zstandard.ZstdDecompressor().decompressobj().decompress(data)
-    if compression == 'lz4':
-        return lz4.frame.LZ4FrameDecompressor().decompress(data)
-    if compression:
-        raise ValueError(f'unknown compression {compression}')
-    return data

@@ -10,6 +10,8 @@ import yaml
 
 INFINITE_NS = 2**63 - 1  # rmw's duration that never ends
 _SECOND_NS = 10**9
+# Of topics that hold another one's messages compressed (`compression`): clouds, and pictures.
+SUFFIXES = ('/coded_cloud', '/coded_image')
 _DURATIONS = ('deadline', 'lifespan', 'liveliness_lease_duration')
 
 # rmw/types.h, in the order of its enumerations.

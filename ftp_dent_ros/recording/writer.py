@@ -1,4 +1,8 @@
-"""A bag while it is being written: its folder, its files, and its metadata at the end."""
+"""A bag while it is being written: its folder, its files, and its metadata at the end.
+
+`rosbags` has a writer too. This one splits a recording into files, ends as a whole bag where the
+disk is full, and loses nothing to a kill: see `mcap_file`.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +13,8 @@ from pathlib import Path
 from types import TracebackType
 
 from ftp_dent_ros.errors import BagError
-from ftp_dent_ros.recording.mcap_file import Entry, McapFile
+from ftp_dent_ros.recording.chunk import Entry
+from ftp_dent_ros.recording.mcap_file import McapFile
 from ftp_dent_ros.recording.metadata import (
     NO_TIME_NS,
     BagFile,
@@ -19,12 +24,11 @@ from ftp_dent_ros.recording.metadata import (
     metadata_to_yaml,
     write_metadata,
 )
-from ftp_dent_ros.recording.reserve import Reserve
+from ftp_dent_ros.recording.reserve import NO_SPACE, Reserve
 from ftp_dent_ros.recording.topic import Message, Topic, qos_to_yaml
 
-# rosbag2 and Foxglove read a chunk at a time: small enough to hold many, large enough to be few.
-CHUNK_SIZE = 1 << 20
-_NO_SPACE = (errno.ENOSPC, errno.EDQUOT)
+_AT_ONCE = 1 << 20  # bytes: so much at most is lost of what is being written as the disk fills
+_INDEX_SIZE = 16  # bytes that each message adds to the end of its chunk
 
 
 class BagWriter:
@@ -85,17 +89,16 @@ class BagWriter:
         self._topics.setdefault(topic.name, topic)
 
     def write(self, messages: Iterable[Message]) -> None:
-        """Write messages of known topics, in chunks of about a megabyte."""
-        limit = min(CHUNK_SIZE, self._max_file_size or CHUNK_SIZE)
-        chunk: list[Message] = []
+        """Write messages of known topics; when it returns, the kernel has them."""
+        batch: list[Message] = []
         size = 0
         for message in messages:
-            chunk.append(message)
+            batch.append(message)
             size += len(message.data)
-            if size >= limit:
-                self._write_chunk(chunk)
-                chunk, size = [], 0
-        self._write_chunk(chunk)
+            if size >= min(_AT_ONCE, self._max_file_size or _AT_ONCE):
+                self._write(batch)
+                batch, size = [], 0
+        self._write(batch)
 
     def sync(self) -> None:
         """Have what is written outlive a power cut too; takes as long as the disk needs."""
@@ -151,7 +154,7 @@ class BagWriter:
             )
         return channel
 
-    def _write_chunk(self, messages: list[Message]) -> None:
+    def _write(self, messages: list[Message]) -> None:
         entries = [
             Entry(
                 self._channel(message.topic),
@@ -163,7 +166,7 @@ class BagWriter:
             for message in messages
         ]
         try:
-            self._reserve.hold(self._file.summary_size)
+            self._reserve.hold(self._file.summary_size + _INDEX_SIZE * len(entries))
             self._file.write(entries)
         except OSError as reason:
             raise self._failure(reason) from None
@@ -210,7 +213,7 @@ class BagWriter:
         )
 
     def _failure(self, reason: OSError) -> BagError:
-        if reason.errno in _NO_SPACE:
+        if reason.errno in NO_SPACE:
             what, advice = 'the disk is full', 'free some space'
         elif reason.errno == errno.EFBIG:
             what = 'the file has grown to the limit of its file system or user'

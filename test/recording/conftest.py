@@ -6,6 +6,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from skins import view  # noqa: F401
 
 MISSING = [name for name in ('mcap', 'rosbags') if importlib.util.find_spec(name) is None]
 

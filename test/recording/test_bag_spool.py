@@ -84,7 +84,7 @@ def test_a_failing_disk_stops_the_thread_and_is_told(writer, monkeypatch):
     def fail(file, entries):
         raise failure
 
-    monkeypatch.setattr(BagWriter, '_write_chunk', fail)
+    monkeypatch.setattr(BagWriter, '_write', fail)
     spool.put(message(0))
     spool.put(message(1))
     writer.go.set()

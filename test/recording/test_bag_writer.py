@@ -3,6 +3,7 @@ import resource
 import struct
 import subprocess
 import sys
+import tracemalloc
 from pathlib import Path
 
 import pytest
@@ -27,10 +28,12 @@ from rosbags.interfaces import QosDurability, QosReliability
 from rosbags.rosbag2 import Reader
 
 from ftp_dent_ros.errors import BagError
+from ftp_dent_ros.recording.mcap_file import CHUNK_SIZE
 from ftp_dent_ros.recording.reader import open_bag, read_messages
 from ftp_dent_ros.recording.recovery import recover
+from ftp_dent_ros.recording.salvage import Salvage
 from ftp_dent_ros.recording.topic import Message
-from ftp_dent_ros.recording.writer import CHUNK_SIZE, BagWriter
+from ftp_dent_ros.recording.writer import BagWriter
 
 STRING_HASH = 'RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18'
 INFINITE = {'sec': 9223372036, 'nsec': 854775807}
@@ -184,15 +187,56 @@ def test_every_index_points_at_what_it_names(tmp_path):
     assert (opcode, len(body) + 9) == (Opcode.METADATA, metadata.length)
 
 
-def test_large_batches_become_chunks_of_a_megabyte(tmp_path):
+def test_messages_are_gathered_into_chunks(tmp_path):
     data = string_data('x' * 300_000)
-    messages = [Message('/words', STRING, START_NS + index, 0, data) for index in range(20)]
-    write_sample(tmp_path / 'bag', messages, each=20)
+    messages = [Message('/words', STRING, START_NS + index, 0, data) for index in range(30)]
+    with BagWriter(tmp_path / 'bag') as writer:
+        writer.add_topic(WORDS)
+        for message in messages:
+            writer.write([message])
     with (tmp_path / 'bag' / 'bag_0.mcap').open('rb') as stream:
         chunks = SeekingReader(stream).get_summary().chunk_indexes
-    assert [chunk.uncompressed_size // len(data) for chunk in chunks] == [4] * 5
+    assert [chunk.uncompressed_size // len(data) for chunk in chunks] == [14, 14, 2]
     assert all(chunk.uncompressed_size < CHUNK_SIZE + 2 * len(data) for chunk in chunks)
     assert list(read_messages(tmp_path / 'bag')) == messages
+
+
+def test_an_open_chunk_cut_at_any_byte_gives_back_every_whole_message(tmp_path):
+    messages = sample_messages(8)
+    with BagWriter(tmp_path / 'bag') as writer:
+        for known in (WORDS, POSES, SILENT):
+            writer.add_topic(known)
+        writer.write(messages[:2])
+        writer.sync()
+        writer.write(messages[2:5])
+        writer.write(messages[5:])
+        data = (tmp_path / 'bag' / 'bag_0.mcap').read_bytes()
+    ends = [data.index(message.data) + len(message.data) for message in messages]
+    cuts = {*range(8, len(data), 97), *range(ends[1] - 9, ends[3] + 9), len(data)}
+    for cut in sorted(cuts):
+        (tmp_path / 'cut.mcap').write_bytes(data[:cut])
+        salvage = Salvage(tmp_path / 'cut.mcap')
+        found = list(salvage.messages())
+        assert found == messages[: len([end for end in ends if end <= cut])], cut
+        assert not salvage.whole and salvage.damaged == 0
+    assert salvage.cut == 0
+
+
+def test_the_memory_does_not_grow_with_the_recording(tmp_path):
+    data = string_data('x' * 1000)
+    with BagWriter(tmp_path / 'bag') as writer:
+        writer.add_topic(WORDS)
+        sizes = []
+        tracemalloc.start()
+        for second in range(0, 1200, 2):  # ten messages a second, a chunk every two
+            start_ns = START_NS + second * 1_000_000_000
+            writer.write([Message('/words', STRING, start_ns + k, 0, data) for k in range(20)])
+            writer._file.end_chunk()
+            if second in (600, 1198):
+                sizes.append(tracemalloc.get_traced_memory()[0])
+        tracemalloc.stop()
+    # What remains is the index: 100 bytes or so a chunk, and room for it to grow.
+    assert sizes[1] - sizes[0] < 300 * 200 + 50_000
 
 
 def test_files_are_split_by_size(tmp_path):
@@ -255,10 +299,13 @@ def test_what_write_returned_from_is_in_the_file(tmp_path):
 
 FILL = """
 import sys
+import tracemalloc
 from pathlib import Path
 sys.path[:0] = sys.argv[3:]
 from bag_samples import POSES, SILENT, START_NS, STRING, WORDS, string_data
 from ftp_dent_ros.errors import BagError
+from ftp_dent_ros.recording.mcap_file import CHUNK_SIZE
+from ftp_dent_ros.recording.salvage import Salvage
 from ftp_dent_ros.recording.topic import Message
 from ftp_dent_ros.recording.writer import BagWriter
 

@@ -1,0 +1,220 @@
+"""Clouds and pictures of a bag in a tenth of their size, on request.
+
+A cloud or picture of the topic ``NAME`` is stored as a ``sensor_msgs/msg/CompressedImage`` of the
+topic ``NAME/coded_cloud`` or ``NAME/coded_image``, so that the bag stays one that every tool
+reads: pictures as PNG or JPEG, whichever is shorter, clouds as `coding.cloud_codec` has them.
+What this package reads of such a bag has its names, types and messages back: clouds to half of
+their own uncertainty, pictures as JPEG leaves them.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Any
+
+import cv2
+import numpy as np
+
+from ftp_dent_ros.coding.cloud_codec import VERSION, decode, encode
+from ftp_dent_ros.coding.view import View
+from ftp_dent_ros.decoding.images import image_from_message
+from ftp_dent_ros.decoding.messages import CLOUD_FIELDS, cloud_from_message, lens_from_message
+from ftp_dent_ros.errors import BagError, InputError
+from ftp_dent_ros.recording.definitions import find_definition, type_hash, typestore
+from ftp_dent_ros.recording.topic import SUFFIXES, Message, Topic
+from ftp_dent_ros.recording.writer import BagWriter
+from ftp_dent_ros.rig import Lens
+
+_CODED = 'sensor_msgs/msg/CompressedImage'
+_CLOUD, _IMAGE = 'sensor_msgs/msg/PointCloud2', 'sensor_msgs/msg/Image'
+_INFO = 'sensor_msgs/msg/CameraInfo'
+_SUFFIXES = dict(zip((_CLOUD, _IMAGE), SUFFIXES, strict=True))
+_FLOAT32 = 7  # of sensor_msgs/PointField
+_FORMAT = re.compile(r'ftp_dent_ros cloud (\d+), (\d) fields|ftp_dent_ros rgb8, (?:jpeg|png)')
+
+
+class CompressedBagWriter(BagWriter):
+    """A `BagWriter` that codes clouds and pictures; what cannot be coded is stored as it is.
+
+    Parameters
+    ----------
+    *arguments, **options
+        Of `BagWriter`.
+    quality : int
+        Of the pictures' JPEG.
+    """
+
+    def __init__(self, *arguments: Any, quality: int = 90, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self._quality = quality
+        self._given: dict[str, Topic] = {}
+        self._lenses: dict[str, Lens] = {}
+
+    def add_topic(self, topic: Topic) -> None:
+        """As `BagWriter.add_topic`; how a cloud or picture is stored its messages say."""
+        if topic.type in (_CLOUD, _IMAGE):
+            self._given.setdefault(topic.name, topic)
+        else:
+            super().add_topic(topic)
+
+    def write(self, messages: Iterable[Message]) -> None:
+        """As `BagWriter.write`."""
+        super().write(map(self._coded, messages))
+
+    def _coded(self, message: Message) -> Message:
+        if message.type == _INFO:
+            self._learn(message)
+        topic = self._given.get(message.topic)
+        if topic is None:
+            return message
+        try:
+            given: Any = typestore().deserialize_cdr(message.data, message.type)
+            code = self._code_cloud if message.type == _CLOUD else self._code_picture
+            form, data = code(given)
+        except (InputError, ValueError, TypeError, AssertionError, KeyError, cv2.error):
+            super().add_topic(topic)
+            return message
+        store = typestore()
+        coded = store.types[_CODED](
+            header=given.header, format=form, data=np.frombuffer(data, np.uint8)
+        )
+        name = f'{topic.name}{_SUFFIXES[topic.type]}'
+        super().add_topic(_topic(name, _CODED, topic))
+        raw = bytes(store.serialize_cdr(coded, _CODED))
+        return message._replace(topic=name, type=_CODED, data=raw)
+
+    def _learn(self, message: Message) -> None:
+        info: Any = typestore().deserialize_cdr(message.data, _INFO)
+        try:
+            lens = lens_from_message(info)
+        except InputError:
+            return
+        if lens is not None:
+            self._lenses[info.header.frame_id] = lens
+
+    def _code_cloud(self, message: Any) -> tuple[str, bytes]:
+        count = len(message.fields)
+        plain = [
+            field.name == name and field.datatype == _FLOAT32 and field.offset == 4 * index
+            for index, (field, name) in enumerate(zip(message.fields, CLOUD_FIELDS, strict=False))
+        ]
+        dense = message.point_step == 4 * count and message.row_step == 4 * count * message.width
+        if not (4 <= count <= len(CLOUD_FIELDS) and all(plain) and dense and message.height > 1):
+            raise ValueError('a cloud of another layout')
+        cloud = cloud_from_message(message)
+        lens = self._lenses.get(message.header.frame_id)
+        view = View.of(lens, message.height, message.width) if lens is not None else None
+        return f'ftp_dent_ros cloud {VERSION}, {count} fields', encode(cloud, view)
+
+    def _code_picture(self, message: Any) -> tuple[str, bytes]:
+        if message.encoding not in ('rgb8', 'bgr8'):
+            raise ValueError('a picture of another kind')
+        bgr = np.ascontiguousarray(image_from_message(message)[..., ::-1])
+        # A projector's pattern is small as PNG, and must be exact.
+        few = bgr[:: max(1, bgr.shape[0] // 16)]
+        form, options = '.jpg', [cv2.IMWRITE_JPEG_QUALITY, self._quality]
+        if len(_encoded(few, '.png', [])) < len(_encoded(few, '.jpg', options)):
+            form, options = '.png', []
+        name = 'png' if form == '.png' else 'jpeg'
+        return f'ftp_dent_ros rgb8, {name}', _encoded(bgr, form, options)
+
+
+def plain_topics(topics: Iterable[Topic]) -> tuple[dict[str, str], tuple[Topic, ...]]:
+    """Names of coded topics and what they stand for, and all topics as they were recorded."""
+    coded: dict[str, str] = {}
+    plain: list[Topic] = []
+    for topic in topics:
+        for kind, suffix in _SUFFIXES.items():
+            if topic.type == _CODED and topic.name.endswith(suffix):
+                name = coded[topic.name] = topic.name.removesuffix(suffix)
+                plain.append(_topic(name, kind, topic))
+                break
+        else:
+            plain.append(topic)
+    return coded, tuple(plain)
+
+
+def decoded(message: Message, name: str) -> Message:
+    """Message as it was recorded, under the topic's name.
+
+    Raises
+    ------
+    BagError
+        It is damaged.
+    """
+    store = typestore()
+    try:
+        given: Any = store.deserialize_cdr(message.data, _CODED)
+        match = _FORMAT.fullmatch(given.format)
+        if match is None:
+            raise BagError(f'{message.topic} holds {given.format!r}, which is not known here')
+        kind = _CLOUD if match[1] else _IMAGE
+        data = bytes(given.data)
+        plain = (
+            cloud_message(given.header, data, int(match[2]))
+            if match[1]
+            else _image(given.header, data)
+        )
+    except (InputError, ValueError, AssertionError, cv2.error) as reason:
+        raise BagError(f'a message of {message.topic} is damaged ({reason})') from None
+    raw = bytes(store.serialize_cdr(plain, kind))
+    return message._replace(topic=name, type=kind, data=raw)
+
+
+def cloud_message(header: Any, data: bytes, count: int) -> Any:
+    """sensor_msgs/PointCloud2, without ROS, of an encoded cloud's first `count` fields."""
+    cloud = decode(data)
+    types = typestore().types
+    rows, columns = cloud.intensity.shape
+    values = np.empty((rows, columns, count), '<f4')
+    values[..., :3] = cloud.points
+    for index, name in enumerate(CLOUD_FIELDS[3:count], start=3):
+        values[..., index] = getattr(cloud, name)
+    field = types['sensor_msgs/msg/PointField']
+    return types[_CLOUD](
+        header=header,
+        height=rows,
+        width=columns,
+        fields=[
+            field(name=name, offset=4 * index, datatype=_FLOAT32, count=1)
+            for index, name in enumerate(CLOUD_FIELDS[:count])
+        ],
+        is_bigendian=False,
+        point_step=4 * count,
+        row_step=4 * count * columns,
+        data=values.reshape(-1).view(np.uint8),
+        is_dense=False,
+    )
+
+
+def _image(header: Any, data: bytes) -> Any:
+    bgr = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    if bgr is None:
+        raise ValueError('no picture')
+    height, width, _ = bgr.shape
+    rgb = np.ascontiguousarray(bgr[..., ::-1])
+    return typestore().types[_IMAGE](
+        header=header,
+        height=height,
+        width=width,
+        encoding='rgb8',
+        is_bigendian=0,
+        step=3 * width,
+        data=rgb.reshape(-1),
+    )
+
+
+def _encoded(bgr: Any, form: str, options: list[int]) -> bytes:
+    done, data = cv2.imencode(form, bgr, options)
+    if not done:
+        raise ValueError('a picture that cannot be compressed')
+    return data.tobytes()
+
+
+def _topic(name: str, kind: str, like: Topic) -> Topic:
+    code = type_hash(kind)
+    return replace(
+        like, name=name, type=kind, type_hash=code, definition=find_definition(kind, code)
+    )

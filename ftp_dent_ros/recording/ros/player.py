@@ -1,0 +1,197 @@
+"""Publishing the messages of a bag, byte for byte."""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from collections.abc import Iterator, Sequence
+
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy
+from tqdm import tqdm
+
+from ftp_dent_ros.decoding.message_types import message_class
+from ftp_dent_ros.errors import BagError, ConfigurationError, printable
+from ftp_dent_ros.recording.reader import Bag
+from ftp_dent_ros.recording.ros.qos import offer_for
+from ftp_dent_ros.recording.topic import Message, Topic
+
+# Histories are long, so that nothing is overwritten before it has arrived, but not of more than
+# this many bytes.
+_DEPTHS = (10, 1000)
+_HISTORY_SIZE = 1 << 26
+# Fast DDS asks for acknowledgements every 3 s where the shipped transport.xml is not used.
+_PATIENCE_S = 10.0
+_SETTLED_S = 0.5  # discovery is taken to be over when it has been quiet for so long
+
+
+class Player:
+    """Publishes a bag's messages with the quality of service that they were recorded with.
+
+    Reliable subscriptions get every message, whatever the rate.
+
+    Parameters
+    ----------
+    node : Node
+        Need not be spun.
+    bag : Bag
+        What to play.
+    topics : sequence of Topic
+        Those of it that are wanted.
+    stop : threading.Event
+        Ends whatever is going on.
+
+    Attributes
+    ----------
+    topics : list of str
+        Names, in the bag, of the topics that are published.
+    published : int
+        Messages so far.
+
+    Raises
+    ------
+    BagError
+        None of the topics can be published.
+    """
+
+    def __init__(
+        self, node: Node, bag: Bag, topics: Sequence[Topic], stop: threading.Event
+    ) -> None:
+        self.published = 0
+        self._bag = bag
+        self._stop = stop
+        self._publishers: dict[str, Publisher] = {}
+        self._types: dict[str, str] = {}
+        self._unacknowledged: dict[str, int] = {}
+        for topic in topics:
+            if topic.name in self._publishers:
+                first = self._types[topic.name]
+                _say(f'{topic.name}: its {topic.type} are not replayed: only its {first}')
+                continue
+            publisher = _make_publisher(node, topic, _depth(bag, topic))
+            if publisher is not None:
+                self._publishers[topic.name] = publisher
+                self._types[topic.name] = topic.type
+        if topics and not self._publishers:
+            raise BagError(f'{bag.path}: none of its topics can be replayed here: see above')
+
+    @property
+    def topics(self) -> list[str]:
+        """Names, in the bag, of the topics that are published."""
+        return list(self._publishers)
+
+    def wait_for_subscribers(self, all_of_them: bool) -> None:
+        """Wait until discovery has settled, or until every topic has a subscriber."""
+        counts: dict[str, int] = {}
+        quiet_since = told = time.monotonic()
+        while not self._stop.wait(0.02):
+            now = time.monotonic()
+            new = {name: each.get_subscription_count() for name, each in self._publishers.items()}
+            if new != counts:
+                counts, quiet_since = new, now
+            missing = sorted(name for name, count in counts.items() if not count)
+            if now - quiet_since >= _SETTLED_S and not (all_of_them and missing):
+                return
+            if missing and all_of_them and now - told >= 2:
+                _say(f'waiting for subscribers of {", ".join(missing)}')
+                told = now
+
+    def play(self, rate: float, offset_ns: int) -> None:
+        """Play once from `offset_ns` into the bag."""
+        start_ns = self._bag.metadata.start_ns + offset_ns
+        for message in self._latched_before(start_ns) if offset_ns else ():
+            self._publish(message)
+        counts = self._bag.metadata.message_counts
+        total = None if offset_ns else sum(counts[name] for name in self._publishers)
+        start = time.monotonic()
+        with tqdm(total=total, unit=' messages', disable=None) as bar:
+            for message in self._bag.messages(self.topics, start_ns):
+                due = start + (message.log_time_ns - start_ns) / 1e9 / rate
+                # The event is looked at also where nothing is to be waited for.
+                ahead = due - time.monotonic()
+                if self._stop.wait(min(max(0.0, ahead), threading.TIMEOUT_MAX)):
+                    return
+                if message.type == self._types[message.topic]:
+                    self._publish(message, hurried=ahead < 0)
+                bar.update()
+
+    def wait_for_acknowledgements(self) -> None:
+        """Wait until reliable subscriptions have everything, or have been silent for long."""
+        for name in self._publishers:
+            self._wait_for_acknowledgement(name)
+
+    def _publish(self, message: Message, hurried: bool = False) -> None:
+        name = message.topic
+        publisher = self._publishers[name]
+        publisher.publish(message.data)
+        self.published += 1
+        self._unacknowledged[name] = self._unacknowledged.get(name, 0) + 1
+        # At the original times the subscribers keep up, as they did then.
+        if hurried and self._unacknowledged[name] >= publisher.qos_profile.depth:
+            self._wait_for_acknowledgement(name)
+
+    def _wait_for_acknowledgement(self, name: str) -> None:
+        end = time.monotonic() + _PATIENCE_S
+        while not self._publishers[name].wait_for_all_acked(Duration(nanoseconds=50_000_000)):
+            if self._stop.is_set() or time.monotonic() > end:
+                return
+        self._unacknowledged[name] = 0
+
+    def _latched_before(self, start_ns: int) -> Iterator[Message]:
+        """The last message before a time of each latched topic."""
+        latched = [
+            name
+            for name, publisher in self._publishers.items()
+            if publisher.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+        ]
+        last: dict[str, Message] = {}
+        for message in self._bag.messages(latched) if latched else ():
+            if message.log_time_ns >= start_ns:
+                break
+            if message.type == self._types[message.topic]:
+                last[message.topic] = message
+        yield from last.values()
+
+
+def _depth(bag: Bag, topic: Topic) -> int:
+    """Length of a topic's history, from the size of its first message."""
+    shortest, longest = _DEPTHS
+    first = next(bag.messages([topic.name]), None)
+    if first is None or any(qos.durability == 'transient_local' for qos in topic.offered_qos):
+        return shortest
+    return min(max(shortest, _HISTORY_SIZE // len(first.data)), longest)
+
+
+def _make_publisher(node: Node, topic: Topic, depth: int) -> Publisher | None:
+    """Publisher for a topic; None, after saying why, if it cannot be published as recorded."""
+    try:
+        kind = message_class(topic.type)
+    except ConfigurationError as error:
+        _say(f'{topic.name}: not replayed: {error}')
+        return None
+    try:
+        publisher = node.create_publisher(kind, topic.name, offer_for(topic.offered_qos, depth))
+    except Exception as reason:  # rclpy's own, of several kinds: a name or a QoS that is not ROS's
+        why = str(reason).splitlines()[0]
+        _say(f'{topic.name}: not replayed: ROS refuses it ({why}): rename it with --remap')
+        return None
+    own = [
+        str(info.topic_type_hash)
+        for info in node.get_publishers_info_by_topic(publisher.topic_name)
+        if info.node_name == node.get_name()
+    ]
+    if topic.type_hash and own and topic.type_hash not in own:
+        node.destroy_publisher(publisher)
+        _say(
+            f'{topic.name}: not replayed: {topic.type} is defined in another way here than where '
+            'it was recorded: install the version of its package that was used there'
+        )
+        return None
+    return publisher
+
+
+def _say(text: str) -> None:
+    print(printable(text), file=sys.stderr, flush=True)

@@ -1,0 +1,188 @@
+"""Receiving the messages of many topics, as they are on the wire."""
+
+from __future__ import annotations
+
+import re
+import sys
+import time
+from collections.abc import Callable, Sequence
+
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+
+from ftp_dent_ros.decoding.message_types import message_class
+from ftp_dent_ros.errors import ConfigurationError, printable
+from ftp_dent_ros.recording.definitions import find_definition, type_hash
+from ftp_dent_ros.recording.ros.qos import qos_from_profile, request_for
+from ftp_dent_ros.recording.selection import Selection
+from ftp_dent_ros.recording.topic import Message, Topic
+
+DISCOVERY_PERIOD_S = 0.1
+
+# Messages that wait in DDS while this process is held up: few of those with arrays of bytes
+# (images, clouds), which would fill the memory.
+_DEPTH = 1000
+_DEPTH_OF_LARGE = 20
+_BYTES = re.compile(r'^u?int8\[\] ', re.MULTILINE)
+
+
+class Recorder:
+    """Subscribes to the topics wanted as they appear, and hands on what comes.
+
+    Parameters
+    ----------
+    node : Node
+        Spun by the caller.
+    add_topic : callable
+        Takes each topic before its first message.
+    put : callable
+        Takes each message.
+    selection : Selection
+        The topics wanted.
+
+    Attributes
+    ----------
+    received, lost : int
+        Messages that came, and those that did not: holes in the count of a topic's only
+        publisher.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        add_topic: Callable[[Topic], None],
+        put: Callable[[Message], bool],
+        selection: Selection,
+    ) -> None:
+        self.received = 0
+        self.lost = 0
+        self._node = node
+        self._add_topic = add_topic
+        self._put = put
+        self._selection = selection
+        self._subscriptions: dict[str, Subscription] = {}
+        self._last_sequence: dict[str, int] = {}  # of topics with a single publisher
+        self._refused: set[str] = set()
+        self._types: dict[str, str] = {}
+        self._disputed: set[str] = set()  # topics that somebody publishes with another type
+        node.create_timer(DISCOVERY_PERIOD_S, self.discover)
+        self.discover()
+
+    def discover(self) -> None:
+        """Subscribe to new topics, and anew where a new publisher would not be heard."""
+        for name, _ in self._node.get_topic_names_and_types():
+            if name in self._refused or not self._selection.wants(name):
+                continue
+            publishers = self._publishers(name)
+            if not publishers:
+                continue
+            if len(publishers) > 1:
+                self._last_sequence.pop(name, None)
+            offers = [publisher.qos_profile for publisher in publishers]
+            subscription = self._subscriptions.get(name)
+            if subscription is None:
+                self._begin(name, publishers)
+                continue
+            request = request_for(offers, subscription.qos_profile.depth)
+            if _weaker(request, subscription.qos_profile):
+                _say(f'{name}: a publisher offers less than the others: recording what all offer')
+                del self._subscriptions[name]
+                self._node.destroy_subscription(subscription)
+                self._subscribe(Topic(name, self._types[name]), request)
+
+    def _publishers(self, name: str) -> list[TopicEndpointInfo]:
+        """Those of a topic's own type, which is the first that it was met with."""
+        publishers = self._node.get_publishers_info_by_topic(name)
+        types = list(dict.fromkeys(publisher.topic_type for publisher in publishers))
+        if not types:
+            return []
+        own = self._types.setdefault(name, types[0])
+        others = [each for each in types if each != own]
+        if others and name not in self._disputed:
+            _say(f'{name}: {" and ".join(others)} are published too: only {own} is recorded')
+            self._disputed.add(name)
+        if not others and name in self._disputed:
+            _say(f'{name}: only {own} is published again')
+            self._disputed.discard(name)
+        return [publisher for publisher in publishers if publisher.topic_type == own]
+
+    def _begin(self, name: str, publishers: Sequence[TopicEndpointInfo]) -> None:
+        kind = self._types[name]
+        offers = [publisher.qos_profile for publisher in publishers]
+        announced = str(publishers[0].topic_type_hash)
+        hash_ = announced if announced.startswith('RIHS') else type_hash(kind)
+        topic = Topic(
+            name=name,
+            type=kind,
+            type_hash=hash_,
+            offered_qos=tuple(map(qos_from_profile, offers)),
+            definition=find_definition(kind, hash_),
+        )
+        if len(publishers) == 1:
+            self._last_sequence[name] = 0
+        large = _BYTES.search(topic.definition.text)
+        depth = _DEPTH_OF_LARGE if large else _DEPTH
+        self._subscribe(topic, request_for(offers, depth))
+
+    def missing(self) -> list[str]:
+        """Topics that were wanted by name and have not appeared."""
+        known = self._subscriptions.keys() | self._refused
+        return [name for name in self._selection.names if name not in known]
+
+    def _subscribe(self, topic: Topic, request: QoSProfile) -> None:
+        try:
+            kind = message_class(topic.type)
+        except ConfigurationError as error:
+            self._refuse(topic.name, f'{topic.name}: not recorded: {error}')
+            return
+
+        def take(data: bytes, info: dict[str, int | None]) -> None:
+            received = info['received_timestamp'] or time.time_ns()
+            published = info['source_timestamp'] or received
+            sequence = info['publication_sequence_number'] or 0
+            self._count(topic.name, sequence)
+            self._put(
+                Message(topic.name, topic.type, received, published, data, sequence & 0xFFFFFFFF)
+            )
+
+        try:
+            self._subscriptions[topic.name] = self._node.create_subscription(
+                kind,
+                topic.name,
+                take,  # type: ignore[arg-type]  # rclpy gives the message's information too
+                request,
+                raw=True,
+            )
+        except Exception as reason:  # rclpy's own, of several kinds: a name that is not ROS's
+            why = str(reason).splitlines()[0]
+            self._refuse(topic.name, f'{topic.name}: not recorded: ROS refuses it ({why})')
+            return
+        self._add_topic(topic)
+        _say(f'recording {topic.name} [{topic.type}]')
+
+    def _count(self, topic: str, sequence: int) -> None:
+        self.received += 1
+        last = self._last_sequence.get(topic)
+        if last is not None:
+            # A publisher that was started anew counts from 1.
+            if 0 < last < sequence:
+                self.lost += sequence - last - 1
+            self._last_sequence[topic] = sequence
+
+    def _refuse(self, name: str, why: str) -> None:
+        self._refused.add(name)
+        _say(why)
+
+
+def _weaker(request: QoSProfile, current: QoSProfile) -> bool:
+    """Whether a subscription with `current` would not hear a publisher that `request` hears."""
+    return (
+        request.reliability == ReliabilityPolicy.BEST_EFFORT != current.reliability
+        or request.durability == DurabilityPolicy.VOLATILE != current.durability
+    )
+
+
+def _say(text: str) -> None:
+    print(printable(text), file=sys.stderr, flush=True)

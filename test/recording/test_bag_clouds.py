@@ -1,0 +1,247 @@
+"""What a bag knows of each cloud, read from real bags without ROS."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from bag_samples import string_data, topic
+from dent_samples import DENTED, noisy_cloud
+from mcap.writer import Writer
+
+from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.errors import BagError, CloudError
+from ftp_dent_ros.inspection.measuring.inspection import inspect
+from ftp_dent_ros.inspection.reporting.bag import survey_bag
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.recording.clouds import bag_clouds, count_clouds, pose_between
+from ftp_dent_ros.recording.definitions import typestore
+from ftp_dent_ros.recording.reader import open_bag
+from ftp_dent_ros.recording.topic import Message
+from ftp_dent_ros.recording.writer import BagWriter
+from ftp_dent_ros.simulation.truth import true_dents
+
+CAMERA_POSE = Pose.from_rpy((-1.6, 0.1, -1.5), (20.0, -8.0, 3.0))
+BASE_POSE = Pose.from_rpy((0.0, 0.1, 0.1), (19.9, -8.0, 3.0))
+IMAGE, CLOUD = 'sensor_msgs/msg/Image', 'sensor_msgs/msg/PointCloud2'
+LOCATED = 'geometry_msgs/msg/PoseWithCovarianceStamped'
+TYPES = {
+    '/camera/image_raw': IMAGE,
+    '/points': CLOUD,
+    '/tagged/pose': LOCATED,
+    '/tagged/points': CLOUD,
+}
+SECOND = 1_000_000_000
+
+
+def header(stamp_ns, frame_id):
+    types = typestore().types
+    stamp = types['builtin_interfaces/msg/Time'](stamp_ns // SECOND, stamp_ns % SECOND)
+    return types['std_msgs/msg/Header'](stamp, frame_id)
+
+
+def serialised(type_name, *fields):
+    store = typestore()
+    return bytes(store.serialize_cdr(store.types[type_name](*fields), type_name))
+
+
+def cloud_data(cloud, stamp_ns, frame_id, width=None):
+    field = typestore().types['sensor_msgs/msg/PointField']
+    names = ('x', 'y', 'z', 'intensity')
+    values = np.dstack([cloud.points, cloud.intensity]).astype('<f4')
+    rows, columns = cloud.intensity.shape
+    fields = [field(name, 4 * k, 7, 1) for k, name in enumerate(names)]
+    data = values.reshape(-1).view(np.uint8)
+    size = (rows, columns if width is None else width)
+    return serialised(
+        CLOUD, header(stamp_ns, frame_id), *size, fields, False, 16, 16 * columns, data, False
+    )
+
+
+def pose_data(stamp_ns, quaternion=None, covariance=1e-4):
+    types = typestore().types
+    turn = BASE_POSE.quaternion if quaternion is None else quaternion
+    pose = types['geometry_msgs/msg/Pose'](
+        types['geometry_msgs/msg/Point'](*map(float, BASE_POSE.translation)),
+        types['geometry_msgs/msg/Quaternion'](*map(float, turn)),
+    )
+    values = np.where(np.eye(6), covariance, 0.0).ravel()
+    located = types['geometry_msgs/msg/PoseWithCovariance'](pose, values)
+    return serialised(LOCATED, header(stamp_ns, 'map'), located)
+
+
+def parts(stamp_ns=7, seed=1):
+    cloud = noisy_cloud(seed=seed)
+    image = np.full((240, 320, 3), 80, np.uint8)
+    return {
+        '/camera/image_raw': serialised(
+            IMAGE, header(stamp_ns, 'eye'), 240, 320, 'rgb8', 0, 960, image.ravel()
+        ),
+        '/points': cloud_data(cloud, stamp_ns, 'eye'),
+        '/tagged/pose': pose_data(stamp_ns),
+        '/tagged/points': cloud_data(cloud.transformed(CAMERA_POSE), stamp_ns, 'map'),
+    }
+
+
+@pytest.fixture
+def recorded(tmp_path):
+    def record(*contents, types=TYPES):
+        """A bag of (topic, data) in the order of their arrival, a second apart."""
+        folder = tmp_path / f'flight{len(list(tmp_path.iterdir()))}'
+        with BagWriter(folder) as writer:
+            for number, (name, data) in enumerate(contents):
+                writer.add_topic(topic(name, types[name]))
+                time_ns = (100 + number) * SECOND
+                writer.write([Message(name, types[name], time_ns, time_ns, data)])
+        return open_bag(folder)
+
+    return record
+
+
+def test_the_same_cloud_five_times_is_one(recorded):
+    skipped = []
+    clouds = list(bag_clouds(recorded(*(5 * list(parts().items()))), skipped.append))
+    assert [item.stamp_ns for item in clouds] == [7]
+    assert {(each.topic, each.reason) for each in skipped} == {
+        (name, 'is there a second time') for name in ('/tagged/points', '/tagged/pose')
+    }
+
+
+def test_a_tagged_cloud_comes_with_its_pose_photograph_and_the_cameras_place(recorded):
+    (item,) = bag_clouds(recorded(*parts().items()))
+    assert (item.stamp_ns, item.frame_id, item.in_camera) == (7, 'map', True)
+    np.testing.assert_allclose(item.pose.translation, CAMERA_POSE.translation, atol=2e-5)
+    turned = (item.pose.rotation.inv() * CAMERA_POSE.rotation).magnitude()
+    assert turned < 1e-5
+    np.testing.assert_allclose(item.vehicle.translation, BASE_POSE.translation)
+    assert item.covariance[0, 0] == pytest.approx(1e-4) and item.photograph.shape == (240, 320, 3)
+
+
+@pytest.mark.parametrize('topics', [{'/points'}, {'/tagged/points', '/tagged/pose'}])
+def test_dents_are_found_in_whatever_clouds_were_recorded(recorded, topics):
+    contents = [(name, content) for name, content in parts().items() if name in topics]
+    report = survey_bag(recorded(*contents), inspect)
+    assert report.frame_id == ('eye' if topics == {'/points'} else 'map')
+    truth = [true.position for true in true_dents(DENTED)]
+    if topics != {'/points'}:
+        truth = CAMERA_POSE.apply(np.array(truth))
+    found = [entry.dent.position for entry in report.dents]
+    np.testing.assert_allclose(found, truth, atol=1e-3)
+
+
+def test_clouds_without_poses_are_reported_one_by_one(recorded):
+    contents = [(name, content) for k in (1, 2) for name, content in parts(k, k).items()]
+    report = survey_bag(recorded(*[each for each in contents if each[0] == '/points']), inspect)
+    assert [len(entry.sightings) for entry in report.dents] == [1, 1, 1, 1]
+    assert not report.placed and report.repeatability == ()
+    tagged = survey_bag(recorded(*contents), inspect)
+    assert [len(entry.sightings) for entry in tagged.dents] == [2, 2]
+    assert {each.quantity for each in tagged.repeatability} == {'depth', 'length', 'width'}
+
+
+def test_a_bag_without_clouds_says_what_is_missing(recorded):
+    with pytest.raises(BagError, match='/tagged/points or /points'):
+        count_clouds(recorded(('/camera/image_raw', parts()['/camera/image_raw'])))
+
+
+def test_a_topic_of_another_type_holds_no_clouds(recorded):
+    strings = dict.fromkeys(TYPES, 'std_msgs/msg/String')
+    with pytest.raises(BagError, match='/tagged/points or /points'):
+        count_clouds(recorded(('/points', string_data('no cloud')), types=strings))
+
+
+@pytest.mark.parametrize(
+    ('spoilt', 'data', 'said'),
+    [
+        ('/tagged/points', cloud_data(noisy_cloud(), 8, 'map', width=10**6), 'at 0.000 s'),
+        ('/tagged/points', b'\x00\x01\x00\x00short', 'at 106.000 s'),
+        ('/tagged/pose', pose_data(8, (np.nan, 0, 0, 1)), 'no pose'),
+        ('/tagged/pose', pose_data(8, covariance=np.inf), 'covariance is not finite'),
+        ('/tagged/pose', string_data('no pose'), 'the bag is damaged'),
+    ],
+)
+def test_a_message_that_cannot_be_used_costs_its_cloud_alone(recorded, spoilt, data, said):
+    second = {**parts(8, 2), spoilt: data}
+    names = ('/camera/image_raw', '/tagged/pose', '/tagged/points')
+    first = [(name, parts(7)[name]) for name in names]
+    # The spoilt message comes last of its own, at 106 s.
+    middle = sorted([(name, second[name]) for name in names], key=lambda each: each[0] == spoilt)
+    last = [('/camera/image_raw', b''), *[(name, parts(9, 3)[name]) for name in names[1:]]]
+    skipped = []
+    bag = recorded(('/camera/image_raw', b''), *first, *middle, *last)
+    found = list(bag_clouds(bag, skipped.append))
+    assert [item.stamp_ns for item in found] == [7, 9]
+    assert [item.photograph is None for item in found] == [False, True]
+    photograph, cloud_or_pose, _ = skipped
+    assert str(photograph).startswith('/camera/image_raw at 100.000 s: ')
+    assert cloud_or_pose.topic == spoilt and said in str(cloud_or_pose)
+
+
+def test_the_report_names_what_it_had_to_leave_out(recorded):
+    bad = ('/points', cloud_data(noisy_cloud(), 5 * SECOND, 'eye', width=10**6))
+    report = survey_bag(recorded(bad, ('/points', parts()['/points'])), inspect)
+    assert len(report.frames) == 1 and len(report.skipped) == 1
+    assert report.skipped[0].startswith('/points at 5.000 s: the point cloud of 1000000x')
+    with pytest.raises(CloudError, match=r'could be inspected .*/points at 5.000 s'):
+        survey_bag(recorded(bad), inspect)
+
+
+def test_a_topic_of_two_types_gives_the_clouds_of_it(tmp_path):
+    contents = (('std_msgs/msg/String', string_data('intruder')), (CLOUD, parts()['/points']))
+    with (tmp_path / 'two.mcap').open('wb') as file:
+        writer = Writer(file)
+        writer.start('ros2')
+        for type_name, data in contents:
+            definition = topic('/points', type_name).definition
+            schema = writer.register_schema(type_name, 'ros2msg', definition.text.encode())
+            channel = writer.register_channel('/points', 'cdr', schema)
+            writer.add_message(channel, SECOND, data, SECOND)
+        writer.finish()
+    skipped = []
+    assert len(list(bag_clouds(open_bag(tmp_path / 'two.mcap'), skipped.append))) == 1
+    assert [str(each) for each in skipped] == [
+        '/points at 1.000 s: is a std_msgs/msg/String, not a sensor_msgs/msg/PointCloud2'
+    ]
+
+
+@pytest.mark.filterwarnings('error')
+def test_damaged_messages_are_skipped_or_read_and_never_break_anything(recorded):
+    rng = np.random.default_rng(7)
+    whole = list(parts().items())
+    contents = []
+    for _ in range(40):
+        for name, data in whole:
+            damaged = bytearray(data)
+            for place in rng.integers(4, 150, rng.integers(0, 4)):  # in headers and fields
+                damaged[place] = rng.choice([0, 1, 127, 128, 255])
+            contents.append((name, bytes(damaged[: rng.choice([rng.integers(99), 10**9])])))
+    skipped = []
+    assert list(bag_clouds(recorded(*contents, *whole), skipped.append))
+    assert len(skipped) > 50
+    assert all(each.topic in TYPES and each.reason for each in skipped)
+
+
+def test_clouds_are_read_without_ros(recorded):
+    bag = recorded(*parts().items())
+    code = (
+        'import sys\n'
+        'sys.modules["rclpy"] = sys.modules["sensor_msgs"] = sys.modules["geometry_msgs"] = None\n'
+        'from ftp_dent_ros.recording.clouds import bag_clouds\n'
+        'from ftp_dent_ros.recording.reader import open_bag\n'
+        'print(len(list(bag_clouds(open_bag(sys.argv[1])))))\n'
+    )
+    done = subprocess.run(
+        [sys.executable, '-c', code, str(bag.path)], capture_output=True, text=True, check=False
+    )
+    assert (done.stdout, done.stderr) == ('1\n', '')
+
+
+def test_clouds_that_are_not_the_same_give_no_pose():
+    cloud = noisy_cloud()
+    larger = replace(cloud, points=cloud.points * np.float32(1.01))
+    assert pose_between(cloud, larger) is None
+    half = Cloud(cloud.points[::2], cloud.intensity[::2])
+    assert pose_between(cloud, half) is None

@@ -1,0 +1,155 @@
+import numpy as np
+import pytest
+
+pytest.importorskip('mcap', reason='mcap is not installed: no bags are tested')
+pytest.importorskip('rosbags', reason='rosbags is not installed: no bags are compressed')
+
+from skins import skin
+
+from ftp_dent_ros.coding.view import View
+from ftp_dent_ros.decoding.images import image_from_message
+from ftp_dent_ros.decoding.messages import CLOUD_FIELDS, cloud_from_message
+from ftp_dent_ros.errors import BagError
+from ftp_dent_ros.recording.compression import CompressedBagWriter, decoded
+from ftp_dent_ros.recording.definitions import find_definition, type_hash, typestore
+from ftp_dent_ros.recording.reader import open_bag
+from ftp_dent_ros.recording.topic import Message, Qos, Topic
+from ftp_dent_ros.rig import Lens
+
+CLOUD, IMAGE = 'sensor_msgs/msg/PointCloud2', 'sensor_msgs/msg/Image'
+INFO, TEXT = 'sensor_msgs/msg/CameraInfo', 'std_msgs/msg/String'
+
+
+def made(kind, **values):
+    return typestore().types[kind](**values)
+
+
+def header(frame='camera', second=5):
+    return made(
+        'std_msgs/msg/Header',
+        stamp=made('builtin_interfaces/msg/Time', sec=second, nanosec=7),
+        frame_id=frame,
+    )
+
+
+def cloud_message(cloud, frame='camera', names=CLOUD_FIELDS):
+    rows, columns = cloud.intensity.shape
+    values = np.empty((rows, columns, len(names)), '<f4')
+    values[..., :3] = cloud.points
+    for index, name in enumerate(names[3:], start=3):
+        values[..., index] = getattr(cloud, name)
+    fields = [
+        made('sensor_msgs/msg/PointField', name=name, offset=4 * i, datatype=7, count=1)
+        for i, name in enumerate(names)
+    ]
+    step = 4 * len(names)
+    return made(CLOUD, header=header(frame), height=rows, width=columns, fields=fields,
+                is_bigendian=False, point_step=step, row_step=step * columns,
+                data=values.reshape(-1).view(np.uint8), is_dense=False)  # fmt: skip
+
+
+def image_message(image, encoding='rgb8'):
+    height, width = image.shape[:2]
+    return made(IMAGE, header=header(), height=height, width=width, encoding=encoding,
+                is_bigendian=0, step=image[0].size, data=image.reshape(-1))  # fmt: skip
+
+
+def info_message(lens):
+    return made(
+        INFO,
+        header=header(),
+        height=lens.height,
+        width=lens.width,
+        distortion_model='plumb_bob',
+        d=np.asarray(lens.distortion),
+        k=lens.camera_matrix.ravel(),
+        r=np.eye(3).ravel(),
+        p=np.zeros(12),
+        binning_x=0,
+        binning_y=0,
+        roi=made('sensor_msgs/msg/RegionOfInterest', x_offset=0, y_offset=0, height=0, width=0,
+                 do_rectify=False),
+    )  # fmt: skip
+
+
+def recorded(folder, messages):
+    """Bag of (topic, type, message), compressed."""
+    with CompressedBagWriter(folder) as writer:
+        for name, kind, _ in messages:
+            code = type_hash(kind)
+            writer.add_topic(Topic(name, kind, code, (Qos(depth=2),), find_definition(kind, code)))
+        writer.write(
+            Message(name, kind, 10 + i, 9 + i, bytes(typestore().serialize_cdr(message, kind)), i)
+            for i, (name, kind, message) in enumerate(messages)
+        )
+    return open_bag(folder)
+
+
+def test_names_types_and_contents_come_back(tmp_path, view):
+    cloud = skin(view)
+    picture = np.random.default_rng(1).integers(90, 110, (90, 160, 3), np.uint8)
+    pattern = np.repeat(np.arange(160, dtype=np.uint8)[None, :, None], 90, axis=0).repeat(3, 2)
+    bag = recorded(
+        tmp_path / 'bag',
+        [
+            ('/camera/camera_info', INFO, info_message(view.lens)),
+            ('/points', CLOUD, cloud_message(cloud)),
+            ('/tagged/points', CLOUD, cloud_message(cloud, 'map')),
+            ('/old', CLOUD, cloud_message(cloud, names=CLOUD_FIELDS[:4])),
+            ('/camera/image_raw', IMAGE, image_message(picture)),
+            ('/projector/image_raw', IMAGE, image_message(pattern)),
+            ('/grey', IMAGE, image_message(picture[..., 0].copy(), 'mono8')),
+            ('/text', TEXT, made(TEXT, data='as it is')),
+        ],
+    )
+    types = {topic.name: topic.type for topic in bag.metadata.topics}
+    assert types['/points'] == CLOUD and types['/camera/image_raw'] == IMAGE
+    assert types['/text'] == TEXT and len(types) == 8
+    assert bag.metadata.message_counts == dict.fromkeys(types, 1)
+    assert all(topic.offered_qos[0].depth == 2 for topic in bag.metadata.topics)
+    got = {message.topic: bag.deserialise(message) for message in bag.messages()}
+    for name, frame in (('/points', 'camera'), ('/tagged/points', 'map')):
+        back = cloud_from_message(got[name])
+        off = np.linalg.norm(back.points - cloud.points, axis=2)
+        assert np.nanmax(off - cloud.sigma / 2) < 2e-7
+        assert got[name].header == header(frame)
+    assert [field.name for field in got['/old'].fields] == list(CLOUD_FIELDS[:4])
+    shown = image_from_message(got['/camera/image_raw']).astype(int)
+    assert np.abs(shown - picture).mean() < 5
+    np.testing.assert_array_equal(image_from_message(got['/projector/image_raw']), pattern)
+    np.testing.assert_array_equal(got['/grey'].data, picture[..., 0].ravel())
+    assert got['/text'].data == 'as it is'
+    (one,) = bag.messages(['/points'])
+    assert (one.topic, one.type, one.log_time_ns, one.sequence) == ('/points', CLOUD, 11, 1)
+
+
+def test_a_bag_is_a_fifteenth_of_its_size(tmp_path, view):
+    lens = view.lens
+    large = View(Lens(1280, 720, lens.camera_matrix * [[2], [2], [1]], lens.distortion), 2)
+    message = cloud_message(skin(large))
+    bag = recorded(
+        tmp_path / 'bag',
+        [('/camera/camera_info', INFO, info_message(large.lens)), ('/points', CLOUD, message)],
+    )
+    assert sum(path.stat().st_size for path in bag.files) < len(message.data) / 15
+
+
+def test_what_is_no_organised_cloud_is_stored_as_it_is(tmp_path, view):
+    one_row = cloud_message(skin(view))
+    one_row.height, one_row.width = 1, one_row.height * one_row.width
+    one_row.row_step = 24 * one_row.width
+    bag = recorded(tmp_path / 'bag', [('/dents', CLOUD, one_row)])
+    (message,) = bag.messages()
+    assert bytes(bag.deserialise(message).data) == bytes(one_row.data) and not bag.coded
+
+
+def test_damage_is_told():
+    image = made(
+        'sensor_msgs/msg/CompressedImage', header=header(), format='', data=np.zeros(9, 'u1')
+    )
+    for form in ('jpeg', 'ftp_dent_ros cloud 1, 6 fields', 'ftp_dent_ros rgb8, jpeg'):
+        image.format = form
+        kind = 'sensor_msgs/msg/CompressedImage'
+        data = bytes(typestore().serialize_cdr(image, kind))
+        with pytest.raises(BagError):
+            decoded(Message('/x/coded_cloud', kind, 1, 1, data), '/x')
