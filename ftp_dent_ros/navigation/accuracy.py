@@ -5,6 +5,10 @@ the estimator   ODOMETRY's own covariance where there is one; else of the report
                 ESTIMATOR_STATUS gives the position's in metres. EKF_STATUS_REPORT gives test
                 ratios, innovation by (gate times standard deviation): times ArduPilot's default
                 gate and noise they are innovations again. Neither is better than a floor.
+GPS             what it has become worse by, and how far the estimate is from it where its own
+                noise is no excuse: `gps`
+the barometer   a scale: its height comes from a pressure by way of a temperature, taken to be the
+                sensor's or the standard one. Some 12 K off, of 288, is 4 % of the height
 the clock       its uncertainty, half the width of the proven bounds (uniform: by sqrt 3), times
                 velocity and turn rate, fully correlated
 the stamps      of ATTITUDE_QUATERNION and LOCAL_POSITION_NED are when they were put together,
@@ -31,10 +35,12 @@ from ftp_dent_ros.pose import Pose
 
 Covariance = NDArray[np.float64]
 
-# Standard deviations of what nothing is known of: metres, radians.
-_UNKNOWN_POSITION, _UNKNOWN_ROTATION = 10.0, 1.0
-# The best that an autopilot with GPS and compass is believed to do.
-_FLOOR_POSITION, _FLOOR_TILT, _FLOOR_YAW = 0.03, math.radians(0.5), math.radians(1.0)
+# Standard deviation of a rotation of which nothing is known, radians.
+_UNKNOWN_ROTATION = 1.0
+# The best that an autopilot with GPS, barometer and compass is believed to do: metres across and
+# up as a hovering one was measured to wander, radians.
+_FLOOR_ACROSS, _FLOOR_UP = 0.03, 0.05
+_FLOOR_TILT, _FLOOR_YAW = math.radians(0.5), math.radians(1.0)
 # ArduPilot's defaults, gate times noise: EK3_POS_I_GATE 5, EK3_POSNE_M_NSE 0.5 m;
 # EK3_HGT_I_GATE 5, EK3_ALT_M_NSE 2 m; EK3_MAG_I_GATE 3, EK3_MAG_M_NSE 0.05 gauss of some 0.22.
 _HORIZONTAL, _VERTICAL, _YAW = 2.5, 10.0, 0.7
@@ -80,23 +86,19 @@ def diagonal(position: tuple[float, float, float], rotation: tuple[float, float,
     return np.diag(np.square([*position, *rotation]))
 
 
-def unknown() -> Covariance:
-    """Covariance where the autopilot says nothing of its accuracy."""
-    return diagonal(3 * (_UNKNOWN_POSITION,), 3 * (_UNKNOWN_ROTATION,))
-
-
-def reported(message: Any) -> Covariance:
-    """Covariance of an EKF_STATUS_REPORT or ESTIMATOR_STATUS."""
+def reported(message: Any) -> Covariance | None:
+    """Covariance of an EKF_STATUS_REPORT or ESTIMATOR_STATUS; None if it says nothing possible."""
     if message.get_type() == 'EKF_STATUS_REPORT':
         horizontal = _HORIZONTAL * message.pos_horiz_variance
         vertical = _VERTICAL * message.pos_vert_variance
         yaw = _YAW * message.compass_variance
     else:
         horizontal, vertical = message.pos_horiz_accuracy, message.pos_vert_accuracy
-        yaw = _YAW * message.mag_ratio
+        # Without a compass there is no ratio, and nothing known of the yaw.
+        yaw = _UNKNOWN_ROTATION if math.isnan(message.mag_ratio) else _YAW * message.mag_ratio
     if not all(math.isfinite(value) and value >= 0 for value in (horizontal, vertical, yaw)):
-        return unknown()
-    across, up = math.hypot(_FLOOR_POSITION, horizontal), math.hypot(_FLOOR_POSITION, vertical)
+        return None
+    across, up = math.hypot(_FLOOR_ACROSS, horizontal), math.hypot(_FLOOR_UP, vertical)
     about_up = math.hypot(_FLOOR_YAW, yaw)
     return diagonal((across, across, up), (_FLOOR_TILT, _FLOOR_TILT, about_up))
 
@@ -142,6 +144,34 @@ def of_tag(
             covariance[part, part] += np.outer(along[part], along[part]) * age**2
     bow = motion.gap**2 / 8
     return covariance + diagonal(3 * (_ACCELERATION * bow,), 3 * (_TURN_ACCELERATION * bow,))
+
+
+def of_height(height: float, scale: float) -> Covariance:
+    """What the barometer adds at a height above the map's origin, metres; `scale` is a share."""
+    return diagonal((0.0, 0.0, scale * height), (0.0, 0.0, 0.0))
+
+
+def of_mounted(
+    covariance: Covariance, pose: Pose, mount: Pose, mount_covariance: Covariance
+) -> Covariance:
+    """Covariance of what is mounted on a vehicle, at ``pose @ mount``.
+
+    Parameters
+    ----------
+    covariance : ndarray, shape (6, 6)
+        Of the vehicle's pose in the map.
+    pose, mount : Pose
+        Of the vehicle in the map, and of what it carries on the vehicle.
+    mount_covariance : ndarray, shape (6, 6)
+        Of the mount, in the vehicle's axes: of its place and of its rotation.
+    """
+    east, north, up = pose.rotation.apply(mount.translation)
+    # A turn of the vehicle by a small vector t moves what lies at r by t x r.
+    carried = np.eye(6)
+    carried[:3, 3:] = [[0, up, -north], [-up, 0, east], [north, -east, 0]]
+    turned = np.kron(np.eye(2), pose.rotation.as_matrix())
+    result: Covariance = carried @ covariance @ carried.T + turned @ mount_covariance @ turned.T
+    return result
 
 
 def of_mount(translation: float, rotation: float) -> Covariance:

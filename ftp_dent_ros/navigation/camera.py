@@ -1,8 +1,10 @@
 """The camera's side of MAVLink's camera protocol: what it is, when to shoot, what was shot.
 
 The autopilot and the ground station may command it: MAV_CMD_IMAGE_START_CAPTURE for one image at
-a time, and MAV_CMD_REQUEST_MESSAGE or MAV_CMD_REQUEST_CAMERA_INFORMATION for CAMERA_INFORMATION.
-Of every image it tells CAMERA_IMAGE_CAPTURED.
+a time (as of ArduPilot's CAM1_TYPE 6, which wants CAMERA_INFORMATION before), and
+MAV_CMD_REQUEST_MESSAGE, or the commands that it has replaced, for CAMERA_INFORMATION and
+CAMERA_CAPTURE_STATUS; the autopilot also MAV_CMD_DO_DIGICAM_CONTROL (CAM1_TYPE 5). Of every image
+it tells CAMERA_IMAGE_CAPTURED.
 """
 
 from __future__ import annotations
@@ -22,8 +24,19 @@ from ftp_dent_ros.pose import Pose
 
 COMPONENT = mavlink.MAV_COMP_ID_CAMERA
 _CAPTURE = mavlink.MAV_CMD_IMAGE_START_CAPTURE
-_REQUESTS = (mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAV_CMD_REQUEST_CAMERA_INFORMATION)
+_DIGICAM = mavlink.MAV_CMD_DO_DIGICAM_CONTROL
 _INFORMATION = mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION
+_STATUS = mavlink.MAVLINK_MSG_ID_CAMERA_CAPTURE_STATUS
+_OLD_REQUESTS = {
+    mavlink.MAV_CMD_REQUEST_CAMERA_INFORMATION: _INFORMATION,
+    mavlink.MAV_CMD_REQUEST_CAMERA_CAPTURE_STATUS: _STATUS,
+}
+# Latitude, longitude and altitudes that are not known, as CAMERA_FOV_STATUS of the same service
+# has them: 0, 0 is a place.
+_UNKNOWN = 2**31 - 1
+# The same number of the same client's again after as long is a new command, milliseconds: an
+# autopilot counts from 1 again after a reboot.
+_REPEATED_MS = 10_000
 # Forward, left and up of the camera in its optical frame.
 _OPTICAL_FROM_FLU = Rotation.from_matrix([[0, -1, 0], [0, 0, -1], [1, 0, 0]])
 _BOOT_MS = 2**32
@@ -42,7 +55,7 @@ class Camera:
 
     def __init__(self, ground_station: int, shoot: Callable[[], bool]) -> None:
         self._ground_station, self._shoot = ground_station, shoot
-        self._last: tuple[int, int, float] | None = None
+        self._last: tuple[tuple[int, int, float], int] | None = None
         self._images = 0
 
     def answers(
@@ -58,16 +71,37 @@ class Camera:
         if source != autopilot and source[0] != self._ground_station:
             return []
         if command.command == _CAPTURE:
-            return [_ack(command, source, self._capture(command, source))]
-        is_request = command.command in _REQUESTS
-        is_message = command.command == mavlink.MAV_CMD_REQUEST_MESSAGE
-        wanted = _INFORMATION if is_message else 1
-        if is_request and command.param1 == wanted:
-            information = _information(size, boot_ms)
-            return [_ack(command, source, mavlink.MAV_RESULT_ACCEPTED), information]
-        if command.target_component == 0:
+            return [_ack(command, source, self._capture(command, source, boot_ms))]
+        if command.command == _DIGICAM and self._is_digicam(command, source, autopilot):
+            return [_ack(command, source, self._result())]
+        wanted = _wanted(command)
+        if wanted == _INFORMATION:
+            told = self.information(size, boot_ms)
+        elif wanted == _STATUS:
+            told = self._status(boot_ms)
+        elif command.target_component == 0:
             return []  # It may be meant for another component.
-        return [_ack(command, source, mavlink.MAV_RESULT_UNSUPPORTED)]
+        else:
+            return [_ack(command, source, mavlink.MAV_RESULT_UNSUPPORTED)]
+        return [_ack(command, source, mavlink.MAV_RESULT_ACCEPTED), told]
+
+    def information(self, size: tuple[int, int], boot_ms: int) -> Any:
+        """CAMERA_INFORMATION, with the size of the images (0 if not known yet)."""
+        return mavlink.MAVLink_camera_information_message(
+            time_boot_ms=boot_ms % _BOOT_MS,
+            vendor_name=list(b'ftp_dent_ros'.ljust(32, b'\0')),
+            model_name=list(b'fringe projection'.ljust(32, b'\0')),
+            firmware_version=0,
+            focal_length=math.nan,
+            sensor_size_h=math.nan,
+            sensor_size_v=math.nan,
+            resolution_h=size[0],
+            resolution_v=size[1],
+            lens_id=0,
+            flags=mavlink.CAMERA_CAP_FLAGS_CAPTURE_IMAGE,
+            cam_definition_version=0,
+            cam_definition_uri=b'',
+        )
 
     def captured(
         self, stamp: int, tag: Tag | None, mount: Pose, origin: Origin | None, is_good: bool = True
@@ -83,65 +117,86 @@ class Camera:
         mount : Pose
             Of the camera's optical frame on the vehicle.
         origin : Origin or None
-            The map's; without it latitude and longitude are 0.
+            The map's; without it latitude, longitude and altitude are told as unknown.
         is_good : bool
             Whether there is an image at all.
         """
-        place, up, boot_ms, quaternion = Origin(0.0, 0.0, 0.0), 0.0, 0, np.full(4, math.nan)
+        latitude = longitude = above_sea = above_origin = _UNKNOWN
+        boot_ms, quaternion = 0, np.full(4, math.nan)
         if tag is not None:
             in_map = tag.pose @ mount
-            up, boot_ms = float(in_map.translation[2]), tag.boot // 1_000_000 % _BOOT_MS
+            boot_ms = tag.boot // 1_000_000 % _BOOT_MS
+            above_origin = round(1e3 * float(in_map.translation[2]))
             forward_left_up = in_map.rotation * _OPTICAL_FROM_FLU
             quaternion = frames.ned_attitude(forward_left_up.as_quat())
             if origin is not None:
                 place = origin.moved(in_map.translation)
+                latitude, longitude = round(1e7 * place.latitude), round(1e7 * place.longitude)
+                above_sea = round(1e3 * place.above_sea)
         index, self._images = self._images, self._images + is_good
         return mavlink.MAVLink_camera_image_captured_message(
             time_boot_ms=boot_ms,
             time_utc=stamp // 1000,
-            camera_id=1,
-            lat=round(1e7 * place.latitude),
-            lon=round(1e7 * place.longitude),
-            alt=round(1e3 * place.above_sea),
-            relative_alt=round(1e3 * up),
+            camera_id=0,  # that of a MAVLink camera, which has a component id of its own
+            lat=latitude,
+            lon=longitude,
+            alt=above_sea,
+            relative_alt=above_origin,
             q=quaternion.tolist(),
             image_index=index,
             capture_result=int(is_good),
             file_url=b'',
         )
 
-    def _capture(self, command: Any, source: tuple[int, int]) -> int:
+    def _is_digicam(
+        self, command: Any, source: tuple[int, int], autopilot: tuple[int, int]
+    ) -> bool:
+        """Whether it is a shot, and not one that the autopilot was told as well and passes on."""
+        return bool(command.param5 == 1) and (
+            source == autopilot or command.target_component == COMPONENT
+        )
+
+    def _capture(self, command: Any, source: tuple[int, int], boot_ms: int) -> int:
         if command.param3 != 1:
             return int(mavlink.MAV_RESULT_DENIED)
         # A command that was sent twice is one photograph.
         this = (*source, command.param4)
-        if command.param4 > 0 and this == self._last:
+        if command.param4 > 0 and self._last is not None:
+            last, then_ms = self._last
+            if this == last and 0 <= boot_ms - then_ms < _REPEATED_MS:
+                return int(mavlink.MAV_RESULT_ACCEPTED)
+        result = self._result()
+        if result == mavlink.MAV_RESULT_ACCEPTED:
+            self._last = this, boot_ms
+        return result
+
+    def _result(self) -> int:
+        """Take a photograph: a MAV_RESULT."""
+        if self._shoot():
             return int(mavlink.MAV_RESULT_ACCEPTED)
-        if not self._shoot():
-            return int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
-        self._last = this
-        return int(mavlink.MAV_RESULT_ACCEPTED)
+        return int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
+
+    def _status(self, boot_ms: int) -> Any:
+        """CAMERA_CAPTURE_STATUS: never busy, for a command of its own is a photograph each."""
+        return mavlink.MAVLink_camera_capture_status_message(
+            time_boot_ms=boot_ms % _BOOT_MS,
+            image_status=0,
+            video_status=0,
+            image_interval=0.0,
+            recording_time_ms=0,
+            available_capacity=0.0,
+            image_count=self._images,
+        )
+
+
+def _wanted(command: Any) -> int | None:
+    """Number of the message that a command asks for, if it asks for one."""
+    if command.command == mavlink.MAV_CMD_REQUEST_MESSAGE:
+        return int(command.param1) if math.isfinite(command.param1) else None
+    return _OLD_REQUESTS.get(command.command) if command.param1 == 1 else None
 
 
 def _ack(command: Any, source: tuple[int, int], result: int) -> Any:
     return mavlink.MAVLink_command_ack_message(
         command.command, result, target_system=source[0], target_component=source[1]
-    )
-
-
-def _information(size: tuple[int, int], boot_ms: int) -> Any:
-    return mavlink.MAVLink_camera_information_message(
-        time_boot_ms=boot_ms % _BOOT_MS,
-        vendor_name=list(b'ftp_dent_ros'.ljust(32, b'\0')),
-        model_name=list(b'fringe projection'.ljust(32, b'\0')),
-        firmware_version=0,
-        focal_length=math.nan,
-        sensor_size_h=math.nan,
-        sensor_size_v=math.nan,
-        resolution_h=size[0],
-        resolution_v=size[1],
-        lens_id=0,
-        flags=mavlink.CAMERA_CAP_FLAGS_CAPTURE_IMAGE,
-        cam_definition_version=0,
-        cam_definition_uri=b'',
     )

@@ -39,7 +39,15 @@ _WRAP = 2**32 * MILLISECOND
 
 @dataclass(frozen=True)
 class ClockState:
-    """What is known of the autopilot's clock; times in seconds."""
+    """What is known of the autopilot's clock; times in seconds.
+
+    Attributes
+    ----------
+    round_trip, least_round_trip : float or None
+        Median and least of the last exchanges.
+    silence : float or None
+        Time since the last one.
+    """
 
     converged: bool
     offset: float | None
@@ -48,6 +56,8 @@ class ClockState:
     answers: int
     steps: int
     restarts: int
+    least_round_trip: float | None = None
+    silence: float | None = None
 
 
 class ClockOffset:
@@ -74,7 +84,7 @@ class ClockOffset:
         self._open_requests: dict[int, None] = {}
         self._last_request: int | None = None
         self._round_trips: deque[int] = deque(maxlen=_RECENT)
-        self._answers = self._steps = self._restarts = 0
+        self._answers = self._steps = self._restarts = self._answered = 0
         self.repeated_from: int | None = None
 
     def request(self, now: int) -> int | None:
@@ -109,6 +119,7 @@ class ClockOffset:
         if exchange.round_trip < 0:
             return False
         self._answers += 1
+        self._answered = now
         self.repeated_from = None
         self._round_trips.append(exchange.round_trip)
         is_tight = exchange.round_trip <= 2 * self._maximum_error
@@ -167,7 +178,8 @@ class ClockOffset:
             error = PoseAwaitedError if holders[0] is newest else PoseError
             raise error(
                 f"the offset to the autopilot's clock is only known to within "
-                f'{uncertainty / MILLISECOND:.1f} ms after {holders[0].count} TIMESYNC answers',
+                f'{uncertainty / MILLISECOND:.1f} ms after {holders[0].count} TIMESYNC answers, '
+                f'more than maximum_clock_error allows ({self._maximum_error / MILLISECOND:g} ms)',
                 'clock not converged',
             )
         return stamp - offset, uncertainty
@@ -210,6 +222,8 @@ class ClockOffset:
             self._answers,
             self._steps,
             self._restarts,
+            min(self._round_trips) / SECOND,
+            (now - self._answered) / SECOND,
         )
 
     def _is_converged(self, segment: Segment) -> bool:

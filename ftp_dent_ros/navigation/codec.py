@@ -2,6 +2,12 @@
 
 Signing is MAVLink 2's: 6 bytes of SHA-256 over key and packet, and a time that only grows. With a
 key set, what is unsigned, wrongly signed or said again is as good as noise.
+
+An autopilot that reboots signs with the time that it saved last, up to 30 s before, until it has
+GPS time (ArduPilot). So an autopilot that has been silent for a moment begins anew, as MAVLink has
+it for those not heard before: its time may be up to a minute behind. What is said again in that
+moment is no danger to a pose: none is given before the vehicle has answered a TIMESYNC sent just
+now.
 """
 
 from __future__ import annotations
@@ -19,6 +25,8 @@ from ftp_dent_ros.errors import ConfigurationError
 _KEY_LENGTH = 32
 # Signatures count units of 10 us since 2015.
 _EPOCH_NS, _UNIT_NS = 1_420_070_400 * 10**9, 10_000
+_BEGUN_ANEW_NS, _MOST_BEHIND = 10**9, 60 * 10**9 // _UNIT_NS
+_SIGNED = mavlink.MAVLINK_IFLAG_SIGNED
 
 
 def read_key(path: str) -> bytes:
@@ -52,17 +60,47 @@ def read_key(path: str) -> bytes:
     return key
 
 
+def is_signed(message: Any) -> bool:
+    """Whether a message bears a signature, right or wrong."""
+    head = message.get_msgbuf()[:3]
+    return len(head) == 3 and head[0] == mavlink.PROTOCOL_MARKER_V2 and bool(head[2] & _SIGNED)
+
+
 class _Parser(mavlink.MAVLink):
+    """Tells in `why` what was wrong with the last signature."""
+
+    def __init__(self, heard: dict[tuple[int, int, int], int], autopilot: int) -> None:
+        super().__init__(None)
+        self.why, self.now, self._heard, self._autopilot = '', 0, heard, autopilot
+
     def check_signature(self, msgbuf: bytearray, srcSystem: int, srcComponent: int) -> bool:
         # Before anything of the packet is believed, its time among it.
         digest = hashlib.sha256(self.signing.secret_key + bytes(msgbuf[:-6])).digest()[:6]
         if not hmac.compare_digest(digest, bytes(msgbuf[-6:])):
+            self.why = 'key'
             return False
-        return bool(super().check_signature(msgbuf, srcSystem, srcComponent))
+        stream = (msgbuf[-13], srcSystem, srcComponent)
+        time = int.from_bytes(msgbuf[-12:-6], 'little')
+        is_new = self.now - self._heard.get(stream, 0) > _BEGUN_ANEW_NS
+        is_new = is_new and srcComponent == self._autopilot
+        if is_new and time + _MOST_BEHIND >= self.signing.timestamp:
+            self.signing.stream_timestamps.pop(stream, None)
+        if not super().check_signature(msgbuf, srcSystem, srcComponent):
+            self.why = 'time'
+            return False
+        self._heard[stream] = self.now
+        return True
 
 
 class Codec:
-    """Reads one connection after the other, and writes; a key of no bytes is none.
+    """Reads one connection after the other, and writes.
+
+    Parameters
+    ----------
+    key : bytes
+        Of no bytes: none.
+    autopilot : int
+        The autopilot's component, which may reboot.
 
     Attributes
     ----------
@@ -70,10 +108,16 @@ class Codec:
         Pieces that were no message.
     refused : int
         Messages without a right signature.
+    refusal : tuple
+        When the last of them came (UNIX time in ns), and what was wrong with it: '' for no
+        signature, 'key' for another key's, 'time' for one of the past.
     """
 
-    def __init__(self, key: bytes = b'') -> None:
+    def __init__(self, key: bytes = b'', autopilot: int = mavlink.MAV_COMP_ID_AUTOPILOT1) -> None:
         self.bad_bytes = self.refused = 0
+        self._autopilot = autopilot
+        self.refusal = (0, '')
+        self._heard: dict[tuple[int, int, int], int] = {}
         self._is_whole = False
         self._signing = mavlink.MAVLinkSigning()
         if key:
@@ -91,6 +135,7 @@ class Codec:
     def messages(self, data: bytes, now: int) -> list[Any]:
         """Messages that are complete with these bytes, which came now (UNIX time in ns)."""
         self._set_time(now)
+        self._parser.now, self._parser.why = now, ''
         try:
             parsed = self._parser.parse_buffer(data) or []
         except (mavlink.MAVError, ValueError, TypeError, struct.error):
@@ -106,6 +151,7 @@ class Codec:
             if message.get_type() == 'BAD_DATA':
                 if message.reason == 'Invalid signature':
                     self.refused += 1
+                    self.refusal = now, self._parser.why
                 else:
                     self.bad_bytes += 1
         return messages
@@ -124,7 +170,7 @@ class Codec:
             self._signing.timestamp = max(self._signing.timestamp, units)
 
     def _new_parser(self) -> _Parser:
-        parser = _Parser(None)
+        parser = _Parser(self._heard, self._autopilot)
         parser.robust_parsing = True
         parser.signing = self._signing
         return parser

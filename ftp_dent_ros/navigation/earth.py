@@ -17,11 +17,13 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from ftp_dent_ros.errors import PoseError
 from ftp_dent_ros.navigation.clock_offset import ClockOffset
-from ftp_dent_ros.navigation.geodesy import Origin, origin_below
+from ftp_dent_ros.navigation.geodesy import Origin, origin_below, place_on_earth
 from ftp_dent_ros.navigation.vehicle_state import Instant
 from ftp_dent_ros.pose import Pose
 
 _ASK_AGAIN = 3.0
+# Where it is only to be seen whether the origin moves.
+_ASK_SELDOM = 30.0
 _ONCE = (mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN, mavlink.MAVLINK_MSG_ID_GPS_RAW_INT)
 
 
@@ -67,17 +69,21 @@ class Earth:
             return None
         return self._said.distance(self._derived)
 
-    def next_request(self, now: float) -> int | None:
-        """Number of a message to request once, at a steady time."""
-        known = (self._said is not None, self._separation is not None)
+    def next_request(self, now: float, height: bool = True) -> int | None:
+        """Number of a message to request once, at a steady time.
+
+        Without `height` it is only the origin's, and seldom.
+        """
+        known = (self._said is not None, self._separation is not None or not height)
+        period = _ASK_AGAIN if height else _ASK_SELDOM
         for index, message_id in enumerate(_ONCE):
-            if not known[index] and now - self._asked[index] > _ASK_AGAIN:
+            if not known[index] and now - self._asked[index] > period:
                 self._asked[index] = now
                 return message_id
         return None
 
     def _on_gps_global_origin(self, message: Any, at: Instant) -> None:
-        said = _place(message.latitude, message.longitude, message.altitude)
+        said = place_on_earth(message.latitude, message.longitude, message.altitude)
         self._said = said or self._said
 
     def _on_global_position_int(self, message: Any, at: Instant) -> None:
@@ -86,17 +92,10 @@ class Earth:
             boot, place = self._passed
             with contextlib.suppress(PoseError):
                 self._derived = origin_below(place, self._pose_at(boot).translation)
-        here = _place(message.lat, message.lon, message.alt)
+        here = place_on_earth(message.lat, message.lon, message.alt)
         stamp = self._clock.unwrap(message.time_boot_ms, at.ros)
         self._passed = None if here is None or stamp is None else (stamp, here)
 
     def _on_gps_raw_int(self, message: Any, at: Instant) -> None:
         if message.fix_type >= mavlink.GPS_FIX_TYPE_3D_FIX and message.alt_ellipsoid:
             self._separation = 1e-3 * (message.alt_ellipsoid - message.alt)
-
-
-def _place(latitude: int, longitude: int, altitude: int) -> Origin | None:
-    """Place of MAVLink's 1e-7 degrees and millimetres; None for none (0, 0) and no such place."""
-    if not (latitude or longitude) or abs(latitude) > 900_000_000 or abs(longitude) > 1.8e9:
-        return None
-    return Origin(1e-7 * latitude, 1e-7 * longitude, 1e-3 * altitude)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
 from numpy.typing import NDArray
 
 # Equatorial radius in metres, and the eccentricity's square.
@@ -32,9 +33,17 @@ class Origin:
 
     def distance(self, other: Origin) -> float:
         """Horizontal distance to another that is near by, metres."""
+        return float(np.hypot(*self.offset_of(other)[:2]))
+
+    def offset_of(self, other: Origin) -> NDArray[np.float64]:
+        """Where another that is near by lies from here (ENU, metres)."""
         north, east = _metres_per_degree(self.latitude)
-        return math.hypot(
-            north * (other.latitude - self.latitude), east * (other.longitude - self.longitude)
+        return np.array(
+            [
+                east * (other.longitude - self.longitude),
+                north * (other.latitude - self.latitude),
+                other.above_sea - self.above_sea,
+            ]
         )
 
     def moved(self, offset: NDArray) -> Origin:
@@ -52,6 +61,13 @@ class Origin:
 def origin_below(place: Origin, position: NDArray) -> Origin:
     """Origin of a map in which a place on the earth has a position (ENU, metres)."""
     return place.moved(-position)
+
+
+def place_on_earth(latitude: int, longitude: int, altitude: int) -> Origin | None:
+    """Place of MAVLink's 1e-7 degrees and millimetres; None for none (0, 0) and no such place."""
+    if not (latitude or longitude) or abs(latitude) > 900_000_000 or abs(longitude) > 1.8e9:
+        return None
+    return Origin(1e-7 * latitude, 1e-7 * longitude, 1e-3 * altitude)
 
 
 def _metres_per_degree(latitude: float) -> tuple[float, float]:

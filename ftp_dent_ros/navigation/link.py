@@ -14,12 +14,13 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from ftp_dent_ros.errors import LinkError
 from ftp_dent_ros.navigation.accuracy import Tag
-from ftp_dent_ros.navigation.codec import Codec
+from ftp_dent_ros.navigation.codec import Codec, is_signed
 from ftp_dent_ros.navigation.link_state import LinkState
 from ftp_dent_ros.navigation.roster import Roster, Speaker
-from ftp_dent_ros.navigation.transport import Peer, Transport, check_address, open_transport
+from ftp_dent_ros.navigation.transport import Transport, check_address, open_transport
 from ftp_dent_ros.navigation.vehicle import Vehicle
 from ftp_dent_ros.navigation.vehicle_state import Instant, Settings
+from ftp_dent_ros.navigation.way import Way
 from ftp_dent_ros.pose import Pose
 
 _COMPUTER = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
@@ -29,8 +30,8 @@ _SHORTEST_WAIT, _LONGEST_WAIT = 0.5, 2.0
 # A stream connection that is silent for longer may be dead without saying so.
 _SILENCE = 5.0
 _TIME_TO_END = 5.0
-# A vehicle that is heard from another address has been silent for as long, or is none; seconds.
-_MOVING_TIME = 1.0
+# For as long it is told why messages were refused; ns.
+_REFUSAL_TOLD = 3_000_000_000
 
 
 class Link:
@@ -80,12 +81,12 @@ class Link:
         self._vehicle = Vehicle(settings)
         self._lock = threading.Lock()
         self._transport: Transport | None = None
-        self._peer: Peer = None
-        self._codec = Codec(signing_key)
+        self._way = Way()
+        self._codec = Codec(signing_key, settings.component_id)
+        self._has_key, self._is_signing = bool(signing_key), False
         self._roster = Roster()
         self._fault = 'not opened yet'
-        self._opened = self._impostors = 0
-        self._peer_heard = 0.0
+        self._opened = 0
         self._closing = threading.Event()
         self._waker, self._wakened = socket.socketpair()
         self._thread = threading.Thread(target=self._run, name='mavlink', daemon=True)
@@ -128,13 +129,17 @@ class Link:
     def state(self) -> LinkState:
         """State at this moment."""
         with self._lock:
+            refused_at, refusal = self._codec.refusal
+            is_recent = time.time_ns() - refused_at < _REFUSAL_TOLD
             return LinkState(
                 self._fault,
                 self._vehicle.state(self._now()),
                 self._codec.bad_bytes,
                 max(0, self._opened - 1),
                 self._codec.refused,
-                self._impostors,
+                self._way.impostors,
+                refusal if is_recent else None,
+                self._is_signing and not self._has_key,
             )
 
     def speakers(self) -> list[Speaker]:
@@ -171,7 +176,8 @@ class Link:
 
     def _use(self, transport: Transport | None) -> None:
         with self._lock:
-            self._transport, self._peer = transport, None
+            self._transport = transport
+            self._way.restart()
             if transport is not None:
                 self._codec.restart(transport.is_datagram)
                 self._fault = ''
@@ -203,12 +209,14 @@ class Link:
             with self._lock:
                 for message in self._codec.messages(data, time.time_ns()):
                     self._roster.hear(message, now.steady)
-                    if self._is_elsewhere(message, peer, now.steady):
-                        self._impostors += 1
+                    vehicle = self._vehicle.identity
+                    if self._way.is_elsewhere(message, vehicle, peer, now.steady):
                         continue
                     if self._vehicle.receive(message, now):
-                        self._peer, self._peer_heard = peer, now.steady
-                    if message.get_type() == 'COMMAND_LONG' and self._is_for_us(message, peer):
+                        self._way.confirm(peer, now.steady)
+                        self._is_signing = is_signed(message)
+                    is_command = message.get_type() == 'COMMAND_LONG'
+                    if is_command and self._way.is_for_us(message, vehicle, peer):
                         commands.append(message)
         with self._lock:
             poses = self._vehicle.new_poses(self._now())
@@ -218,27 +226,10 @@ class Link:
             self._on_command(command)
         return has_come
 
-    def _is_for_us(self, command: Any, peer: Peer) -> bool:
-        identity = self._vehicle.identity
-        return identity is not None and command.target_system == identity[0] and peer == self._peer
-
-    def _is_elsewhere(self, message: Any, peer: Peer, now: float) -> bool:
-        """Whether it speaks in the vehicle's name from elsewhere while that goes on speaking.
-
-        After a reboot the vehicle may come back from another port, but not at once.
-        """
-        source = (message.get_srcSystem(), message.get_srcComponent())
-        return (
-            source == self._vehicle.identity
-            and self._peer is not None
-            and peer != self._peer
-            and now - self._peer_heard < _MOVING_TIME
-        )
-
     def _send(self, message: Any, component: int = _COMPUTER) -> None:
         if self._transport is None:
             return
         data = self._codec.pack(message, self._vehicle.system_id, component, time.time_ns())
         # A connection that broke is found out, and mended, where it is read.
         with contextlib.suppress(LinkError):
-            self._transport.send(data, self._peer)
+            self._transport.send(data, self._way.peer)

@@ -23,6 +23,11 @@ class LinkState:
         How often the connection was opened again.
     refused : int
         Messages without the signature that was wanted.
+    refusal : str or None
+        What was wrong with one of the last seconds: '' for no signature, 'key' for another key's,
+        'time' for one of the past.
+    is_signing : bool
+        Whether the vehicle signs what it says, and nothing is signed here.
     impostors : int
         Messages in the vehicle's name from another address than its own.
     """
@@ -33,3 +38,5 @@ class LinkState:
     reconnections: int
     refused: int = 0
     impostors: int = 0
+    refusal: str | None = None
+    is_signing: bool = False

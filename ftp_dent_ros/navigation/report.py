@@ -2,16 +2,37 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
 from ftp_dent_ros.navigation.link_state import LinkState
+from ftp_dent_ros.navigation.vehicle_state import VehicleState
+
+# Exchanges after which a clock that is not known well will not be; seconds without an answer.
+_SETTLED, _UNANSWERED = 30, 2.0
+# What is proposed for maximum_clock_error: some more than the uncertainty of now, in whole steps.
+_MARGIN, _STEP = 1.2, 0.005
 
 _ESTIMATOR = {
     'not ready': "the autopilot's estimator is not ready: wait until it knows its position",
     'awaited': 'the autopilot has not reported the state of its estimator yet',
     'silent': 'the autopilot has stopped reporting the state of its estimator',
 }
+_NO_REPORT = (
+    'the autopilot does not report the state of its estimator (EKF_STATUS_REPORT, or '
+    'ESTIMATOR_STATUS): nobody can say whether its pose is true, and no cloud is tagged'
+)
+_REFUSALS = {
+    '': 'what it says is not signed, and signing_key is set: let the autopilot sign, or leave '
+    'signing_key empty',
+    'key': 'what it says is signed with another key: check signing_key',
+    'time': 'what it says is signed with a time of the past, as after a restart without GPS time: '
+    'wait until it has that',
+}
+_UNSIGNED = (
+    'the autopilot signs what it says and takes nothing that is not signed: set signing_key'
+)
 
 
 @dataclass(frozen=True)
@@ -27,12 +48,8 @@ def judge(state: LinkState, address: str) -> Verdict:
     vehicle = state.vehicle
     if state.fault:
         return Verdict('error', state.fault)
-    if vehicle.identity is None and state.refused:
-        return Verdict(
-            'error',
-            'all messages are unsigned or signed with another key: check signing_key, and that '
-            'the autopilot signs',
-        )
+    if not vehicle.is_alive and state.refusal is not None:
+        return Verdict('error', f'the autopilot is not believed: {_REFUSALS[state.refusal]}')
     if vehicle.identity is None:
         return Verdict(
             'error',
@@ -44,18 +61,67 @@ def judge(state: LinkState, address: str) -> Verdict:
         return Verdict(
             'error', f'the autopilot denies {" and ".join(vehicle.denied)}: lower the rate'
         )
-    if vehicle.clock.answers == 0:
+    return (
+        _clock_verdict(state)
+        or _estimate_verdict(vehicle)
+        or _stream_verdict(vehicle)
+        or Verdict('ok', f'believing the autopilot {_name(vehicle.identity)}')
+    )
+
+
+def _clock_verdict(state: LinkState) -> Verdict | None:
+    clock = state.vehicle.clock
+    if clock.converged:
+        return None
+    if state.is_signing:
+        return Verdict('error', _UNSIGNED)
+    if clock.answers == 0:
         return Verdict(
             'error', 'the autopilot does not answer TIMESYNC, so that no cloud can be tagged'
         )
-    if not vehicle.clock.converged:
-        return Verdict('warning', "the autopilot's clock is not known well enough yet")
+    if clock.silence is not None and clock.silence > _UNANSWERED:
+        return Verdict(
+            'error',
+            f'the autopilot has not answered TIMESYNC for {clock.silence:.1f} s, so that no cloud '
+            'can be tagged',
+        )
+    if clock.answers >= _SETTLED and clock.least_round_trip is not None:
+        known = max(clock.uncertainty or 0.0, clock.least_round_trip / 2)
+        allowed = math.ceil(_MARGIN * known / _STEP) * _STEP
+        return Verdict(
+            'warning',
+            f"the autopilot's clock is known to within {1e3 * known:.0f} ms only, for the "
+            f'quickest answers take {1e3 * clock.least_round_trip:.0f} ms: make the link quicker, '
+            f'or set maximum_clock_error to {allowed:.3f} (each tag tells what that costs)',
+        )
+    return Verdict('warning', "the autopilot's clock is not known well enough yet")
+
+
+def _estimate_verdict(vehicle: VehicleState) -> Verdict | None:
+    if vehicle.estimator == 'not reported':
+        return Verdict('error', _NO_REPORT)
     if vehicle.estimator in _ESTIMATOR:
         return Verdict('warning', _ESTIMATOR[vehicle.estimator])
+    if vehicle.gps is not None and vehicle.gps.fault:
+        return Verdict('error', f'{vehicle.gps.fault}: no cloud is tagged')
+    if vehicle.estimator != 'ready':
+        return Verdict('error', f'{vehicle.estimator_fault}: no cloud is tagged')
+    if vehicle.gps is not None and vehicle.gps.age is None:
+        return Verdict('warning', 'the autopilot has not reported a fix of GPS yet')
+    return None
+
+
+def _stream_verdict(vehicle: VehicleState) -> Verdict | None:
+    if vehicle.rerated_by:
+        return Verdict(
+            'warning',
+            f'some poses are missing: {vehicle.rerated_by} changes the rates of messages; they '
+            'are asked for again at once each time',
+        )
     if vehicle.slow:
         names = ' and '.join(vehicle.slow)
         return Verdict('warning', f'too few {names} come; asked for again')
-    return Verdict('ok', f'believing the autopilot {_name(vehicle.identity)}')
+    return None
 
 
 def figures(state: LinkState) -> dict[str, str]:
@@ -72,6 +138,7 @@ def figures(state: LinkState) -> dict[str, str]:
         'clock offset (s)': _number(clock.offset, 1, 6),
         'clock uncertainty (ms)': _number(clock.uncertainty, 1e3, 3),
         'round trip (ms)': _number(clock.round_trip, 1e3, 3),
+        'least round trip (ms)': _number(clock.least_round_trip, 1e3, 3),
         'clock steps': str(clock.steps),
         'ahead of UTC of GPS (s)': _number(vehicle.utc_error, 1, 3),
         'clock restarts': str(clock.restarts),
@@ -80,10 +147,24 @@ def figures(state: LinkState) -> dict[str, str]:
         'messages of others': str(vehicle.foreign),
         'messages in its name from elsewhere': str(state.impostors),
         'messages lost': str(vehicle.lost),
+        'rates changed by others': str(vehicle.rerated),
         'messages malformed': str(vehicle.malformed),
         'messages without the right signature': str(state.refused),
         'bytes that are no message': str(state.bad_bytes),
     }
+    if vehicle.gps is not None:
+        gps = vehicle.gps
+        values |= {
+            'GPS fix': gps.fix,
+            'GPS satellites': 'unknown' if gps.satellites is None else str(gps.satellites),
+            'GPS within, across (m)': _number(gps.across, 1, 2),
+            'GPS within, up (m)': _number(gps.up, 1, 2),
+            'GPS fix age (s)': _number(gps.age, 1, 2),
+            'estimate from GPS, across (m)': _number(gps.apart_across, 1, 2),
+            'estimate from GPS, up (m)': _number(gps.apart_up, 1, 2),
+        }
+    if vehicle.above_ground is not None:
+        values['range finder, down (m)'] = _number(vehicle.above_ground, 1, 2)
     if vehicle.origin is not None:
         values['origin (deg)'] = f'{vehicle.origin.latitude:.7f} {vehicle.origin.longitude:.7f}'
         values['origin above the sea (m)'] = f'{vehicle.origin.above_sea:.2f}'

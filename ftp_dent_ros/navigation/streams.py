@@ -2,7 +2,8 @@
 
 Asked for with MAV_CMD_SET_MESSAGE_INTERVAL, one at a time, for COMMAND_ACK does not say which
 message it is about. Any other client of the autopilot may change the rates, and a reboot forgets
-them: what comes too slowly is asked for again. Times are steady, in seconds.
+them: what comes too slowly is asked for again, at once where another client is seen to change it,
+where its own stamps are too far apart, or where it stays away. Times are steady, in seconds.
 """
 
 from __future__ import annotations
@@ -10,15 +11,25 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 _ANSWER_TIMEOUT = 0.5
 _RETRIES = 3
 _WINDOW = 2.0
-_PATIENCE = 2.5
-_LONGEST_PATIENCE = 8.0
+# Between two requests for one message, doubled while they are of no use.
+_PATIENCE, _LONGEST_PATIENCE = 0.5, 8.0
 _ENOUGH = 0.8
+# A stream is slow that by its own stamps is so, as many times running as no loss explains.
+_STEPS = 4
+# It has stayed away for as many intervals, and for longer than a link holds messages up; seconds.
+_MISSED, _HELD_UP = 5, 0.1
+# If nothing else came in the middle of a gap, link or autopilot halted: the share of it that is
+# looked at, from either end. TIMESYNC alone is answered ten times a second.
+_MIDDLE, _KEPT_TIMES = 0.25, 64
+# For as long it is told who changed a rate.
+_REMEMBERED = 10.0
 
 
 @dataclass
@@ -40,9 +51,13 @@ class Stream:
     required: bool = True
     denied: bool = False
     asked: float | None = None
+    wanted_since: float | None = None
     patience: float = _PATIENCE
     retries: int = 0
+    is_disturbed: bool = False
+    has_come: bool = False
     arrivals: deque[float] = field(default_factory=lambda: deque(maxlen=4096))
+    stamps: deque[int] = field(default_factory=lambda: deque(maxlen=_STEPS + 1))
 
     @property
     def message_id(self) -> int:
@@ -66,9 +81,30 @@ class Stream:
         return len(self.arrivals) / self.window
 
     def is_slow(self, now: float) -> bool:
-        """Whether it comes too slowly although it was asked for some time ago."""
-        has_had_time = self.asked is not None and now - self.asked > self.window
+        """Whether it comes too slowly although it was first asked for some time ago."""
+        has_had_time = self.wanted_since is not None and now - self.wanted_since > self.window
         return has_had_time and self.measured(now) < _ENOUGH * self.rate
+
+    def steps(self) -> list[float]:
+        """Times between its last stamps, in intervals."""
+        return [1e3 * (b - a) / self.interval_us for a, b in pairwise(self.stamps)]
+
+    def is_sparse(self) -> bool:
+        """Whether its own stamps are too far apart: no link does that."""
+        steps = self.steps()
+        return len(steps) == _STEPS and min(steps) > 1 / _ENOUGH
+
+    def flows(self) -> bool:
+        """Whether since it was asked for it comes as it should."""
+        steps = self.steps()
+        return len(steps) == _STEPS and min(steps) <= 1 / _ENOUGH
+
+    def stays_away(self, now: float) -> bool:
+        """Whether it has come before, and now does not."""
+        if not self.has_come or self.asked is None:
+            return False
+        last = max(self.asked, self.arrivals[-1]) if self.arrivals else self.asked
+        return now - last > max(_HELD_UP, _MISSED / self.rate)
 
     def is_due(self, now: float) -> bool:
         """Whether it has to be asked for (again)."""
@@ -76,10 +112,13 @@ class Stream:
             return True
         if self.denied and not self.required:
             return False
-        if self.measured(now) >= _ENOUGH * self.rate and not self.denied:
+        if self.flows() or self.measured(now) >= _ENOUGH * self.rate:
             self.patience = _PATIENCE
+        is_bad = self.denied or self.is_disturbed or self.is_sparse() or self.stays_away(now)
+        has_had_time = now - self.asked > self.window
+        if not (is_bad or (has_had_time and self.is_slow(now) and not self.flows())):
             return False
-        return now - self.asked > self.patience + self.window - _WINDOW
+        return now - self.asked > self.patience
 
 
 class Streams:
@@ -87,12 +126,38 @@ class Streams:
 
     def __init__(self, wanted: Iterable[Stream]) -> None:
         self._streams = {stream.name: stream for stream in wanted}
+        self._ids = {stream.message_id: stream for stream in self._streams.values()}
         self._open: Stream | None = None
+        self._rerated = 0
+        self._rerated_at: float | None = None
+        self._seen: tuple[float, str] | None = None
+        self._heard = deque[float](maxlen=_KEPT_TIMES)
 
-    def received(self, name: str, now: float) -> None:
-        """Note that a message came."""
-        if name in self._streams:
-            self._streams[name].arrivals.append(now)
+    def received(self, name: str, now: float, boot_ms: int | None = None) -> None:
+        """Note that a message came, stamped with the autopilot's time."""
+        self._heard.append(now)
+        stream = self._streams.get(name)
+        if stream is None:
+            return
+        if boot_ms is not None:
+            if stream.stamps and boot_ms < stream.stamps[-1]:
+                stream.stamps.clear()  # Wrapped, or overtaken.
+            stream.stamps.append(boot_ms)
+            has_gap = len(stream.stamps) > 1 and stream.steps()[-1] > _MISSED
+            if has_gap and stream.arrivals and self._has_heard_between(stream.arrivals[-1], now):
+                self._note_rerating(now)
+        stream.arrivals.append(now)
+        stream.has_come = True
+
+    def meddled(self, who: str, now: float, message_id: int | None = None) -> None:
+        """Somebody else was seen to set the rate of a message, or of no message by its number."""
+        named = None if message_id is None else self._ids.get(message_id)
+        if message_id is not None and named is None:
+            return
+        self._seen = now, who
+        self._note_rerating(now)
+        for stream in self._streams.values() if named is None else (named,):
+            stream.is_disturbed = True
 
     def acknowledged(self, result: int) -> None:
         """Take the result of the COMMAND_ACK to the last request."""
@@ -114,6 +179,8 @@ class Streams:
             if stream.is_due(now):
                 if stream.asked is not None:
                     stream.patience = min(2 * stream.patience, _LONGEST_PATIENCE)
+                    if stream.is_sparse():
+                        self._note_rerating(now)
                 stream.retries = 0
                 return self._ask(stream, now)
         return None
@@ -130,7 +197,34 @@ class Streams:
         """Names of the required messages that the autopilot denies."""
         return [s.name for s in self._streams.values() if s.denied and s.required]
 
+    @property
+    def rerated(self) -> int:
+        """How often somebody else changed a rate."""
+        return self._rerated
+
+    def rerated_by(self, now: float) -> str:
+        """Who did so in the last seconds: '' for nobody, 'another client' if none was seen."""
+        if self._rerated_at is None or now - self._rerated_at > _REMEMBERED:
+            return ''
+        if self._seen is None or now - self._seen[0] > _REMEMBERED:
+            return 'another client'
+        return self._seen[1]
+
     def _ask(self, stream: Stream, now: float) -> Stream:
         stream.asked = now
+        if stream.wanted_since is None:
+            stream.wanted_since = now
+        stream.is_disturbed = False
+        while len(stream.stamps) > 1:
+            stream.stamps.popleft()
         self._open = stream
         return stream
+
+    def _has_heard_between(self, begin: float, end: float) -> bool:
+        """Whether anything came well between two times."""
+        edge = _MIDDLE * (end - begin)
+        return any(begin + edge < at < end - edge for at in self._heard)
+
+    def _note_rerating(self, now: float) -> None:
+        self._rerated += 1
+        self._rerated_at = now

@@ -12,20 +12,19 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from ftp_dent_ros.errors import PoseAwaitedError, PoseError
-from ftp_dent_ros.navigation import accuracy, estimator
+from ftp_dent_ros.navigation import accuracy
 from ftp_dent_ros.navigation.accuracy import Tag
+from ftp_dent_ros.navigation.asking import Asking
 from ftp_dent_ros.navigation.clock_offset import ClockOffset
 from ftp_dent_ros.navigation.earth import Earth
-from ftp_dent_ros.navigation.estimator import Estimator
 from ftp_dent_ros.navigation.pose_source import PoseSource
-from ftp_dent_ros.navigation.streams import Stream, Streams
+from ftp_dent_ros.navigation.trust import Trust
 from ftp_dent_ros.navigation.vehicle_state import SILENCE, Instant, Settings, VehicleState
 from ftp_dent_ros.pose import Pose
 
 # pymavlink makes its messages' fields at run time: no type checker knows them.
 Message = Any
 
-_ESTIMATOR_RATE, _EARTH_RATE = 5.0, 2.0
 # Poses are kept for as long; seconds.
 _LONGEST_AGE = 10.0
 _LONGEST_LEAD = 1.0
@@ -41,9 +40,9 @@ class Vehicle:
         self._clock = ClockOffset(maximum_error=settings.maximum_clock_error)
         self._poses = PoseSource(self._clock, _LONGEST_AGE, settings.maximum_gap)
         self._earth = Earth(self._clock, self._poses.at)
-        self._estimator = Estimator()
-        self._streams = Streams([])
-        self._heard: float | None = None
+        self._trust = Trust(settings)
+        self._asking = Asking(settings, self._clock, self._earth, self._trust)
+        self._heard: Instant | None = None
         self._sequence: int | None = None
         self._streamed = 0
         self._streamed_ros = 0
@@ -53,11 +52,11 @@ class Vehicle:
             'TIMESYNC': self._on_timesync,
             'COMMAND_ACK': self._on_command_ack,
             'SYSTEM_TIME': self._on_system_time,
-            'EKF_STATUS_REPORT': self._on_estimator_report,
-            'ESTIMATOR_STATUS': self._on_estimator_report,
-            **self._poses.handlers,
-            **(self._earth.handlers if settings.earth else {}),
         }
+        self._listeners = [self._handlers, self._poses.handlers, self._trust.handlers]
+        # Whether the map's origin moves is listened for in any case.
+        said_alone = {name: self._earth.handlers[name] for name in ('GPS_GLOBAL_ORIGIN',)}
+        self._listeners.append(self._earth.handlers if settings.earth else said_alone)
 
     @property
     def identity(self) -> tuple[int, int] | None:
@@ -77,34 +76,23 @@ class Vehicle:
             self._identity = source
             self._autopilot = message.autopilot
             self._start_anew(at)
+        if self._identity is not None:
+            self._asking.overheard(message, self._identity, self.system_id, at.steady)
         if source != self._identity:
             self._foreign += 1
             return False
         self._messages += 1
         self._count_losses(message.get_seq())
-        self._heard = at.steady
-        self._streams.received(name, at.steady)
-        if name in self._handlers:
-            self._handlers[name](message, at)
+        self._heard = at
+        self._asking.received(message, at.steady)
+        for handlers in self._listeners:
+            if name in handlers:
+                handlers[name](message, at)
         return True
 
     def requests(self, at: Instant) -> list[Message]:
         """Messages that are due to be sent to the autopilot; ask some 20 times a second."""
-        if self._identity is None:
-            return []
-        due: list[Message] = []
-        ts1 = self._clock.request(at.ros)
-        if ts1 is not None:
-            due.append(mavlink.MAVLink_timesync_message(tc1=0, ts1=ts1))
-        stream = self._streams.next_request(at.steady)
-        if stream is not None:
-            interval = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
-            wanted = stream.message_id, stream.interval_us
-            due.append(_command(self._identity, interval, stream.retries, *wanted))
-        once = self._earth.next_request(at.steady) if self._settings.earth else None
-        if once is not None:
-            due.append(_command(self._identity, mavlink.MAV_CMD_REQUEST_MESSAGE, 0, once, 0))
-        return due
+        return [] if self._identity is None else self._asking.due(self._identity, at)
 
     def pose_at(self, stamp: int, at: Instant) -> Pose:
         """Pose of `tag_at`."""
@@ -132,18 +120,22 @@ class Vehicle:
             )
         if self._identity is None:
             raise PoseAwaitedError('no autopilot has been heard on the link', 'no autopilot')
+        heard = self._heard or at
         try:
-            reported = self._estimator.check(stamp, at.ros)
-            boot, doubt = self._clock.boot_time(stamp)
+            estimate, doubt = self._trust.check(stamp, heard.ros)
+            boot, clock_doubt = self._clock.boot_time(stamp)
             pose = self._poses.at(boot)
         except PoseAwaitedError as error:
-            silence = at.steady - (self._heard or 0.0)
+            silence = at.steady - heard.steady
             if silence < SILENCE:
                 raise
             raise PoseAwaitedError(
                 f'the autopilot has been silent for {silence:.1f} s ({error})', 'link lost'
             ) from None
-        return Tag(pose, self._poses.covariance(boot, reported, doubt / 1e9), boot)
+        covariance = doubt + self._poses.covariance(boot, estimate, clock_doubt / 1e9)
+        height = float(pose.translation[2])
+        covariance += accuracy.of_height(height, self._settings.height_scale_uncertainty)
+        return Tag(pose, covariance, boot)
 
     def new_poses(self, at: Instant) -> list[tuple[int, Pose]]:
         """Poses that have become known since the last call, with their ROS times in ns.
@@ -154,7 +146,7 @@ class Vehicle:
         if not fresh:
             return []
         self._streamed = fresh[-1]
-        if self._estimator.state(at.ros) not in ('ready', 'not reported'):
+        if not self._trust.is_good(at.ros):
             return []
         poses = []
         for boot in fresh:
@@ -177,13 +169,11 @@ class Vehicle:
         return VehicleState(
             identity=self._identity,
             autopilot=mavlink.enums['MAV_AUTOPILOT'][self._autopilot].name,
-            silence=None if self._heard is None else at.steady - self._heard,
-            estimator=self._estimator.state(at.ros),
+            silence=None if self._heard is None else at.steady - self._heard.steady,
+            **self._trust.state(at.ros),
             clock=clock,
             utc_error=utc_error,
-            rates=self._streams.rates(at.steady),
-            slow=self._streams.slow(at.steady),
-            denied=self._streams.denied(),
+            **self._asking.state(at.steady),
             messages=self._messages,
             foreign=self._foreign,
             malformed=self._poses.malformed,
@@ -204,25 +194,11 @@ class Vehicle:
 
     def _start_anew(self, at: Instant) -> None:
         """The autopilot has just been found or has rebooted: it knows of no request."""
-        report = 'EKF_STATUS_REPORT'
-        if self._autopilot != mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA:
-            report = 'ESTIMATOR_STATUS'
-        rate = self._settings.rate
-        earth = [Stream('GLOBAL_POSITION_INT', _EARTH_RATE, required=False)]
-        self._streams = Streams(
-            [
-                Stream('ATTITUDE_QUATERNION', rate),
-                Stream('LOCAL_POSITION_NED', rate),
-                Stream('ODOMETRY', rate, required=False),
-                Stream(report, _ESTIMATOR_RATE, required=False),
-                Stream('SYSTEM_TIME', 1.0, required=False),
-                *(earth if self._settings.earth else []),
-            ]
-        )
+        self._asking.restart(self._autopilot)
         self._poses.clear()
         self._streamed = 0
         self._earth.clear()
-        self._estimator.restart(at.ros)
+        self._trust.restart(at.ros)
         self._utc_offset = None
 
     def _count_losses(self, sequence: int) -> None:
@@ -239,26 +215,10 @@ class Vehicle:
             self._poses.repeat_from(self._clock.repeated_from)
 
     def _on_command_ack(self, message: Message, at: Instant) -> None:
-        # A MAVLink 1 autopilot leaves the addressee 0.
-        ours = (self.system_id, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER)
-        if message.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL and (
-            (message.target_system, message.target_component) in (ours, (0, 0))
-        ):
-            self._streams.acknowledged(message.result)
+        self._asking.acknowledged(message, self.system_id)
 
     def _on_system_time(self, message: Message, at: Instant) -> None:
         boot = self._clock.unwrap(message.time_boot_ms, at.ros)
         # Without GPS time the autopilot says 1970.
         if boot is not None and message.time_unix_usec > 0:
             self._utc_offset = message.time_unix_usec * 1000 - boot
-
-    def _on_estimator_report(self, message: Message, at: Instant) -> None:
-        ready = estimator.is_ready(message.get_type(), message.flags)
-        self._estimator.report(ready, at.ros, accuracy.reported(message))
-
-
-def _command(
-    target: tuple[int, int], command: int, confirmation: int, first: float, second: float
-) -> Message:
-    parameters = (first, second, 0, 0, 0, 0, 0)
-    return mavlink.MAVLink_command_long_message(*target, command, confirmation, *parameters)

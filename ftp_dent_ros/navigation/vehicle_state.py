@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 from ftp_dent_ros.navigation.clock_offset import ClockState
 from ftp_dent_ros.navigation.geodesy import Origin
+from ftp_dent_ros.navigation.gps import GpsState
 
 # An autopilot heartbeats at 1 Hz whatever else it sends; diagnostics tell it a second later.
 SILENCE = 1.5
@@ -36,7 +38,11 @@ class Settings:
     maximum_clock_error : float
         Largest uncertainty of the autopilot's clock at which poses are given, seconds.
     earth : bool
-        Whether to ask where on the earth the map's origin is.
+        Whether to ask for all that tells where on the earth the map's origin is.
+    position_source : {'gps', 'other'}
+        Whether GPS is watched: without new and good fixes there is no pose then.
+    height_scale_uncertainty : float
+        Standard deviation of height as a share of the height above the map's origin.
     """
 
     system_id: int = 0
@@ -45,6 +51,8 @@ class Settings:
     maximum_gap: float = 0.15
     maximum_clock_error: float = 0.01
     earth: bool = False
+    position_source: Literal['gps', 'other'] = 'gps'
+    height_scale_uncertainty: float = 0.04
 
 
 @dataclass(frozen=True)
@@ -55,12 +63,24 @@ class VehicleState:
     ----------
     silence : float or None
         Time since the autopilot was last heard.
+    estimator : str
+        As `Estimator.state`.
+    estimator_fault : str
+        What is wrong with it by its latest report, '' if nothing is.
+    gps : GpsState or None
+        None if the vehicle does not navigate by GPS.
+    above_ground : float or None
+        Distance to what a range finder sees below, metres.
     utc_error : float or None
         How far this computer's clock is ahead of the autopilot's UTC (of GPS), if it has one.
     rates : dict
         Rates measured, by the messages' names.
     slow, denied : list
         Names of the required messages that come too slowly, and that are denied.
+    rerated : int
+        How often somebody else changed the rate of a message that is wanted.
+    rerated_by : str
+        Who was last seen to, if that was of late; 'another client' if nobody was seen.
     foreign, malformed, lost : int
         Messages of others; of the autopilot's own with impossible contents; that never came.
     resets : int
@@ -87,6 +107,11 @@ class VehicleState:
     malformed: int
     lost: int
     resets: int
+    estimator_fault: str = ''
+    gps: GpsState | None = None
+    above_ground: float | None = None
+    rerated: int = 0
+    rerated_by: str = ''
     pose_age: float | None = None
     origin: Origin | None = None
     origin_error: float | None = None

@@ -24,7 +24,7 @@ class Shooting:
     """A camera, and how often it was told to shoot."""
 
     def __init__(self) -> None:
-        self.shots, self.ready = 0, True
+        self.shots, self.ready, self.boot_ms = 0, True, 5000
         self.camera = Camera(255, self._shoot)
 
     def _shoot(self) -> bool:
@@ -36,7 +36,7 @@ class Shooting:
         message = mavlink.MAVLink_command_long_message(1, target, number, 0, *parameters)
         data = message.pack(mavlink.MAVLink(None, *source))
         (heard,) = mavlink.MAVLink(None).parse_buffer(data)
-        answers = self.camera.answers(heard, AUTOPILOT, (640, 480), 5000)
+        answers = self.camera.answers(heard, AUTOPILOT, (640, 480), self.boot_ms)
         for answer in answers:
             answer.pack(mavlink.MAVLink(None, 1, 100))  # it can be sent
         return answers
@@ -56,6 +56,38 @@ def test_one_image_is_taken_for_one_command(source, target) -> None:
             accepted = it.result(CAPTURE, 0, 0, 1, sequence, source=source, target=target)
             assert accepted == mavlink.MAV_RESULT_ACCEPTED
     assert it.shots == 2
+
+
+def test_after_a_reboot_the_autopilot_counts_anew() -> None:
+    it = Shooting()
+    for it.boot_ms in (60_000, 61_000, 5000, 20_000):
+        assert it.result(CAPTURE, 0, 0, 1, 1, source=AUTOPILOT) == mavlink.MAV_RESULT_ACCEPTED
+    assert it.shots == 3
+
+
+DIGICAM = mavlink.MAV_CMD_DO_DIGICAM_CONTROL
+
+
+def test_ardupilots_older_driver_shoots_with_digicam_control() -> None:
+    it = Shooting()
+    accepted = it.result(DIGICAM, 0, 0, 0, 0, 1, source=AUTOPILOT, target=0)
+    assert accepted == mavlink.MAV_RESULT_ACCEPTED
+    # Without the shot it is about zoom and focus; of the ground station to all, the autopilot's.
+    assert it.say(DIGICAM, 0, 3, source=AUTOPILOT, target=0) == []
+    assert it.say(DIGICAM, 0, 0, 0, 0, 1, source=STATION, target=0) == []
+    assert it.result(DIGICAM, 0, 0, 0, 0, 1, source=STATION) == mavlink.MAV_RESULT_ACCEPTED
+    assert it.shots == 2
+
+
+@pytest.mark.parametrize(
+    'command', [(REQUEST, 262), (mavlink.MAV_CMD_REQUEST_CAMERA_CAPTURE_STATUS, 1)]
+)
+def test_it_says_how_many_images_it_has_taken(command) -> None:
+    it = Shooting()
+    it.camera.captured(10**18, None, AHEAD, None)
+    ack, status = it.say(*command)
+    assert ack.result == mavlink.MAV_RESULT_ACCEPTED
+    assert (status.image_count, status.image_status) == (1, 0)
 
 
 def test_a_series_is_denied_and_an_absent_camera_told() -> None:
@@ -118,7 +150,9 @@ def test_of_an_image_it_tells_where_and_how_it_was_taken() -> None:
 def test_of_an_image_without_a_pose_it_says_so() -> None:
     camera = Shooting().camera
     image = camera.captured(10**18, None, AHEAD, Origin(47.45, 8.56, 430.0))
-    assert (image.lat, image.lon, image.time_boot_ms, image.capture_result) == (0, 0, 0, 1)
+    unknown = 2**31 - 1
+    assert (image.lat, image.lon, image.alt, image.relative_alt) == 4 * (unknown,)
+    assert (image.time_boot_ms, image.capture_result, image.camera_id) == (0, 1, 0)
     assert np.isnan(image.q).all()
     failed = camera.captured(10**18, None, AHEAD, None, is_good=False)
     assert (failed.capture_result, failed.image_index) == (0, 1)

@@ -77,6 +77,19 @@ def test_what_was_said_before_is_refused() -> None:
     assert types(codec, signed(at=NOW - 70 * 10**9, system=3)) == []
 
 
+def test_an_autopilot_that_was_silent_may_begin_anew_and_nobody_else() -> None:
+    codec, station = whole(KEY), Codec(KEY).pack(BEAT, 255, 190, NOW)
+    assert types(codec, signed()) == types(codec, station) == ['HEARTBEAT']
+    rebooted, again = signed(at=NOW - 25 * 10**9), Codec(KEY).pack(BEAT, 255, 190, NOW - 10**9)
+    assert types(codec, rebooted, NOW + 9 * 10**8) == []  # it has just spoken
+    later = NOW + 2 * 10**9
+    assert types(codec, rebooted, later) == ['HEARTBEAT']
+    assert types(codec, rebooted, later) == []
+    assert types(codec, again, later) == []
+    assert codec.refusal == (later, 'time')
+    assert types(codec, signed(at=NOW - 70 * 10**9), later + 2 * 10**9) == []
+
+
 def test_a_forged_time_does_not_shut_out_the_true_one() -> None:
     codec = whole(KEY)
     forged = signed(bytes(32), NOW + 3600 * 10**9)

@@ -101,11 +101,13 @@ def test_the_origin_is_asked_for_until_it_is_known_and_again_after_a_reboot() ->
     assert ORIGIN_ID in world.asked
 
 
-def test_without_the_wish_nothing_is_asked() -> None:
+def test_without_the_wish_the_origin_alone_is_asked_that_a_move_is_seen() -> None:
     world = World().run(5)
+    assert world.asked.count(ORIGIN_ID) == 1
     world.say(said())
-    assert world.vehicle.state(world.at).origin is None
-    assert not {ORIGIN_ID, GLOBAL_ID} & set(world.asked)
+    assert world.vehicle.state(world.at).origin.latitude == pytest.approx(47.45)
+    world.say(said(latitude=47.46))
+    assert world.vehicle.state(world.at).origin.latitude == pytest.approx(47.46)
 
 
 @pytest.mark.parametrize('latitude', [-60.0, 0.0, 47.0, 80.0])

@@ -21,8 +21,8 @@ from ftp_dent_ros.navigation.vehicle_state import Settings
 
 
 @pytest.fixture(scope='module')
-def flight(shared: Path) -> Flight:
-    return Flight.read(shared / 'mavlink' / 'copter_flight_square.tlog')
+def flight(data: Path) -> Flight:
+    return Flight.read(data / 'flight' / 'copter_flight_square.tlog.xz')
 
 
 @pytest.fixture(scope='module')
@@ -122,7 +122,8 @@ def test_covariances_cover_the_truth(flight: Flight, outcome: Outcome) -> None:
     ratios = np.abs(errors) / deviations
     assert np.all(np.mean(ratios < 2, axis=0) > 0.95)
     # Nor are they so wide that they say nothing.
-    assert np.all(np.median(deviations, axis=0) < [0.05, 0.05, 0.05, 0.02, 0.02, 0.04])
+    # This one's barometer has no error of scale: 20 cm at 5 m are too many for it alone.
+    assert np.all(np.median(deviations, axis=0) < [0.05, 0.05, 0.22, 0.02, 0.02, 0.04])
 
 
 def test_two_ways_to_know_the_maps_origin_agree(flight: Flight, outcome: Outcome) -> None:

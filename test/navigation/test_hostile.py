@@ -31,6 +31,8 @@ NAMES = [
     'GLOBAL_POSITION_INT',
     'GPS_GLOBAL_ORIGIN',
     'ODOMETRY',
+    'DISTANCE_SENSOR',
+    'REQUEST_DATA_STREAM',
 ]
 NAN, INF, HUGE = float('nan'), float('inf'), 3e38
 

@@ -207,12 +207,74 @@ def test_with_a_key_only_an_autopilot_that_has_it_is_believed(connect) -> None:
         subject.until(lambda: subject.link.state().refused > 2)
         state = subject.link.state()
         assert state.vehicle.identity is None
-        assert 'check signing_key' in judge(state, '').text
+        assert 'is not signed, and signing_key is set' in judge(state, '').text
         with HoveringAutopilot(Wire(udp(), (LOCAL, port)), key=key) as true:
             subject.until(lambda: subject.poses and subject.has_pose())
             assert all(message.get_signed() for message in true.received)
         # In its name, but without its key.
         assert {pose.translation[1] for pose in subject.poses} == {3.0}
+
+
+def test_an_autopilot_that_signs_is_told_of_where_no_key_is_set(connect) -> None:
+    port = free_port()
+    subject = connect(f'udpin:{port}')
+    with HoveringAutopilot(Wire(udp(), (LOCAL, port)), key=bytes(range(32))) as autopilot:
+        subject.until(lambda: 'signs what it says' in judge(subject.link.state(), '').text)
+        assert 'set signing_key' in judge(subject.link.state(), '').text
+        assert autopilot.received == []
+
+
+def test_another_key_is_told_from_none(connect) -> None:
+    port = free_port()
+    subject = connect(f'udpin:{port}', bytes(32))
+    with HoveringAutopilot(Wire(udp(), (LOCAL, port)), key=bytes(range(32))):
+        subject.until(
+            lambda: 'another key: check signing_key' in judge(subject.link.state(), '').text
+        )
+    assert subject.link.state().vehicle.identity is None
+
+
+@pytest.mark.parametrize(('behind', 'is_heard'), [(25.0, True), (300.0, False)])
+def test_a_signing_autopilot_that_restarts_with_a_time_of_the_past(
+    connect, behind, is_heard
+) -> None:
+    """ArduPilot signs with the time that it saved last until it has GPS time."""
+    port, key = free_port(), bytes(range(32))
+    subject = connect(f'udpin:{port}', key)
+    with HoveringAutopilot(Wire(udp(), (LOCAL, port)), uptime=3600.0, key=key):
+        subject.until(subject.has_pose)
+    wire = Wire(udp(), (LOCAL, port))
+    with HoveringAutopilot(wire, north=9.0, key=key, signed_behind=behind):
+        begin = time.monotonic()
+        if is_heard:
+            subject.until(lambda: subject.has_pose(9.0))
+            print(f'recovered within {time.monotonic() - begin:.1f} s')
+            assert subject.link.state().vehicle.clock.restarts == 1
+        else:
+            text = subject.until(lambda: subject.link.state().refused > 20 and judge_late(subject))
+            assert 'a time of the past' in text
+
+
+def judge_late(subject: Subject) -> str:
+    """What is told once the vehicle counts as silent."""
+    state = subject.link.state()
+    return '' if state.vehicle.is_alive else judge(state, '').text
+
+
+def test_what_was_said_before_is_not_believed_again_while_it_speaks(connect) -> None:
+    port, key = free_port(), bytes(range(32))
+    subject = connect(f'udpin:{port}', key)
+    with udp() as tap, udp() as enemy:
+        relay = tap.getsockname()
+        with HoveringAutopilot(Wire(udp(), relay), key=key):
+            heard = [tap.recv(65535) for _ in range(30)]
+            for data in heard:
+                enemy.sendto(data, (LOCAL, port))
+            subject.until(lambda: subject.link.state().vehicle.messages > 20)
+            before = subject.link.state().refused
+            for data in heard:
+                enemy.sendto(data, (LOCAL, port))
+            subject.until(lambda: subject.link.state().refused - before >= 30)
 
 
 def test_a_port_alone_listens_to_this_computer_only(connect) -> None:

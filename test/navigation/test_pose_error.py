@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from test_pose_history import Circle
-from test_vehicle import MS, READY, START, S, heartbeat
+from test_vehicle import MS, READY, START, S, gps_raw_int, heartbeat
 
 from ftp_dent_ros.errors import PoseAwaitedError, PoseError
 from ftp_dent_ros.navigation import frames
@@ -69,8 +69,9 @@ class Sky:
         if now % S == 0:
             messages.append(heartbeat())
         if now % (200 * MS) == 0:
-            report = mavlink.MAVLink_ekf_status_report_message(READY, 0, 0, 0, 0, 0)
-            messages.append(report)
+            ratio = 1e-13 * (now % S)
+            report = mavlink.MAVLink_ekf_status_report_message(READY, ratio, 0, ratio, 0, 0)
+            messages += [report, gps_raw_int(1000 * boot_ms)]
         if now % (20 * MS) == 0:
             turn = frames.ned_attitude(self.circle.attitude(now).as_quat())
             rates = frames.frd_from_flu(self.circle.body_rate(now))

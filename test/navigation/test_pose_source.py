@@ -8,10 +8,19 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from test_vehicle import MS, NOSE_EAST, START, S, World, attitude, heartbeat, position
+from test_vehicle import (
+    MS,
+    NOSE_EAST,
+    START,
+    S,
+    World,
+    attitude,
+    gps_raw_int,
+    heartbeat,
+    position,
+)
 
 from ftp_dent_ros.errors import PoseError
-from ftp_dent_ros.navigation.accuracy import unknown
 
 LOCAL, BODY = mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_BODY_FRD
 VARIANCES = [0.01, 0.02, 0.04, 1e-4, 2e-4, 4e-4]
@@ -47,6 +56,7 @@ class Px4(World):
         self.given: dict[str, Any] = {}
         self.jump = 0.0
         self.others = 9.0
+        self.accuracies = 0.5, 0.8
         self.says_odometry = True
         self.say(heartbeat(mavlink.MAV_AUTOPILOT_PX4))
 
@@ -62,9 +72,10 @@ class Px4(World):
             self.say(attitude(self.boot_ms(), (1, 0, 0, 0)))
         elif message_id == mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS:
             boot_us = (self.now - self.boot) // 1000
+            ratio = 0.1 + 1e-13 * (self.now % S)
             self.say(
                 mavlink.MAVLink_estimator_status_message(
-                    boot_us, self.flags, 0.1, 0.1, 0.1, 0.1, 0, 0, 0.5, 0.8
+                    boot_us, self.flags, ratio, 0.1, ratio, 0.1, 0, 0, *self.accuracies
                 )
             )
         else:
@@ -77,7 +88,9 @@ def test_its_poses_are_those_of_its_samples_with_its_own_covariance() -> None:
         tag = world.vehicle.tag_at(world.now - round(ago * S), world.at)
         assert_allclose(tag.pose.translation, [0, 10 - ago, 5], atol=1e-6)
         assert_allclose(tag.pose.rotation.apply([1, 0, 0]), [1, 0, 0], atol=1e-6)
-        assert_allclose(np.diag(tag.covariance), [0.02, 0.01, 0.04, 2e-4, 1e-4, 4e-4], rtol=0.02)
+        # Its own, and the barometer's scale at 5 m.
+        told = [0.02, 0.01, 0.04 + 0.2**2, 2e-4, 1e-4, 4e-4]
+        assert_allclose(np.diag(tag.covariance), told, rtol=0.02)
     assert world.vehicle.state(world.at).rates['ODOMETRY'] == pytest.approx(50, abs=2)
     assert world.vehicle.state(world.at).estimator == 'ready'
     assert world.vehicle.state(world.at).resets == 0
@@ -87,15 +100,36 @@ def test_without_its_own_covariance_the_estimators_status_counts() -> None:
     world = Px4()
     world.given = {'pose_covariance': np.full(21, np.nan)}
     tag = world.run(10).vehicle.tag_at(world.now - S, world.at)
-    assert_allclose(np.sqrt(np.diag(tag.covariance))[:3], [0.5, 0.5, 0.8], rtol=0.01)
+    told = [0.5, 0.5, np.hypot(0.8, 0.2)]
+    assert_allclose(np.sqrt(np.diag(tag.covariance))[:3], told, rtol=0.01)
 
 
-def test_with_neither_nothing_is_known() -> None:
+def test_without_the_estimators_status_there_is_no_pose() -> None:
     world = Px4()
-    world.given = {'pose_covariance': np.full(21, np.nan)}
     world.grants = world.grants - {mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS}
-    tag = world.run(10).vehicle.tag_at(world.now - S, world.at)
-    assert_allclose(np.diag(tag.covariance), np.diag(unknown()), rtol=0.01)
+    assert world.run(10).reason(1.0) == ('estimator not reported', False)
+    assert 'ESTIMATOR_STATUS' in world.verdict()
+    assert world.poses == []
+
+
+def test_an_accuracy_that_cannot_be_is_no_pose() -> None:
+    world = Px4()
+    world.accuracies = np.nan, 0.8
+    assert world.run(5).reason(1.0) == ('estimator not ready', False)
+
+
+def test_px4_without_gps_is_refused_from_its_last_fix_on() -> None:
+    world = Px4().run(5)
+    lost = world.now
+    world.intervals.pop(mavlink.MAVLINK_MSG_ID_GPS_RAW_INT)  # It sends none without new data.
+    world.grants = world.grants - {mavlink.MAVLINK_MSG_ID_GPS_RAW_INT}
+    world.run(1.7)
+    assert world.reason((world.now - lost) / S - 0.01) == ('GPS not reported', False)
+    assert 'GPS has given no new fix for 1.' in world.verdict()
+    none = gps_raw_int(0, fix_type=0, satellites_visible=255)  # as it says a second later
+    assert world.say(none)
+    assert world.reason(0.3)[0] == 'GPS lost'
+    assert 'GPS has no fix (no gps)' in world.verdict()
 
 
 def test_a_velocity_along_the_body_is_turned() -> None:
