@@ -4,7 +4,7 @@ It flies the path from which the simulated camera photographs the skin, and beha
 like an ArduCopter: until somebody asks, it sends no pose; what it sends bears the time of its own
 boot clock. Run it as a process of its own::
 
-    simulated_autopilot --scene scene.yaml --address udpout:127.0.0.1:14550
+    simulated_autopilot --scene shipped:scene.yaml --address udpout:127.0.0.1:14550
 """
 
 from __future__ import annotations
@@ -15,20 +15,13 @@ import random
 import signal
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
-
-import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.errors import ConfigurationError, FtpDentError
 from ftp_dent_ros.simulation.link import Link, mavlink
+from ftp_dent_ros.simulation.telemetry import Telemetry
 from ftp_dent_ros.simulation.world import World, read_world
-
-# The world's own way from ENU to NED and from FRD to FLU: a mistake in the conversions of
-# `navigation.frames` must not cancel against itself.
-_NED_FROM_ENU = Rotation.from_matrix([[0, 1, 0], [1, 0, 0], [0, 0, -1]])
-_FLU_FROM_FRD = Rotation.from_matrix(np.diag([1, -1, -1]))
 
 _SECOND_US = 1_000_000
 _SHORTEST_US = 4_000
@@ -39,9 +32,12 @@ _DEFAULTS_US = {
     mavlink.MAVLINK_MSG_ID_TIMESYNC: 10 * _SECOND_US,
     mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: 0,
     mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 0,
+    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 0,
+    mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: 0,
 }
-# Where map's origin is said to be: degrees * 1e7, millimetres.
-_ORIGIN = (474_500_000, 85_600_000, 430_000)
+# What REQUEST_DATA_STREAM of another client changes on an ArduCopter, and to what.
+_RERATED = tuple(message_id for message_id, us in _DEFAULTS_US.items() if us == 0)
+_RERATED_US = 500_000
 # Messages that are late keep their time and are sent after each other, unless that is hopeless.
 _MOST_LATE_NS = 500_000_000
 _LONGEST_WAIT_NS = 500_000_000
@@ -64,15 +60,9 @@ class Autopilot:
         self._boot_ns = time.time_ns() - round(uptime * 1e3) * 1_000_000
         self._intervals_us = dict(_DEFAULTS_US)
         self._due_ns: dict[int, int] = {}
-        self._messages: dict[int, Callable[[int], Any]] = {
-            mavlink.MAVLINK_MSG_ID_HEARTBEAT: self._heartbeat,
-            mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: self._system_time,
-            mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: self._estimator_status,
-            mavlink.MAVLINK_MSG_ID_TIMESYNC: self._timesync_request,
-            mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: self._attitude,
-            mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: self._position,
-            mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: self._origin,
-        }
+        self._telemetry = Telemetry(world, self._boot_ns, self.time_since_boot_ns())
+        self._started = time.monotonic()
+        self._done = {'rerated': 0, 'triggered': 0}
         for message_id, interval in self._intervals_us.items():
             self._schedule(message_id, interval)
 
@@ -80,6 +70,7 @@ class Autopilot:
         """Fly and talk for ever."""
         self._send(mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN, self.time_since_boot_ns())
         while True:
+            self._interfere()
             wait_ns = self._send_due()
             for message in self._link.receive(wait_ns / 1e9):
                 self._answer(message)
@@ -113,7 +104,7 @@ class Autopilot:
         return max(next_ns - self.time_since_boot_ns(), 0)
 
     def _send(self, message_id: int, boot_ns: int) -> None:
-        self._link.send(self._messages[message_id](boot_ns))
+        self._link.send(self._telemetry.messages[message_id](boot_ns))
 
     def _answer(self, message: Any) -> None:
         kind = message.get_type()
@@ -131,7 +122,7 @@ class Autopilot:
                 return mavlink.MAV_RESULT_DENIED
             return self._set_interval(int(message.param1), int(message.param2))
         if message.command == mavlink.MAV_CMD_REQUEST_MESSAGE:
-            if message.param1 not in self._messages:
+            if message.param1 not in self._telemetry.messages:
                 return mavlink.MAV_RESULT_DENIED
             self._send(int(message.param1), self.time_since_boot_ns())
             return mavlink.MAV_RESULT_ACCEPTED
@@ -146,69 +137,28 @@ class Autopilot:
         self._schedule(message_id, interval_us // 1000 * 1000 if interval_us > 0 else 0)
         return mavlink.MAV_RESULT_ACCEPTED
 
-    def _heartbeat(self, _: int) -> Any:
-        return mavlink.MAVLink_heartbeat_message(
-            mavlink.MAV_TYPE_QUADROTOR,
-            mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA,
-            mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | mavlink.MAV_MODE_FLAG_SAFETY_ARMED,
-            mavlink.COPTER_MODE_GUIDED,
-            mavlink.MAV_STATE_ACTIVE,
-            3,
-        )
+    def _interfere(self) -> None:
+        """What comes of others, when it is time."""
+        faults = self._world.faults
+        if self._is_time('rerated', faults.rerated_every):
+            for message_id in _RERATED:
+                if 0 < self._intervals_us[message_id] < _RERATED_US:
+                    self._schedule(message_id, _RERATED_US)
+        if self._is_time('triggered', faults.triggers_every):
+            parameters = (0, 0, 1, self._done['triggered'], 0, 0, 0)
+            capture = mavlink.MAV_CMD_IMAGE_START_CAPTURE
+            self._link.send(mavlink.MAVLink_command_long_message(0, 0, capture, 0, *parameters))
 
-    def _system_time(self, boot_ns: int) -> Any:
-        unix_us = (self._boot_ns + boot_ns) // 1000
-        return mavlink.MAVLink_system_time_message(unix_us, _milliseconds(boot_ns))
-
-    def _estimator_status(self, _: int) -> Any:
-        ready = (
-            mavlink.EKF_ATTITUDE
-            | mavlink.EKF_VELOCITY_HORIZ
-            | mavlink.EKF_VELOCITY_VERT
-            | mavlink.EKF_POS_HORIZ_REL
-            | mavlink.EKF_POS_HORIZ_ABS
-            | mavlink.EKF_POS_VERT_ABS
-            | mavlink.EKF_PRED_POS_HORIZ_REL
-            | mavlink.EKF_PRED_POS_HORIZ_ABS
-        )
-        # As a real one's in good weather.
-        return mavlink.MAVLink_ekf_status_report_message(ready, 0.01, 0.005, 0.0003, 0.02, 0.0)
-
-    def _timesync_request(self, _: int) -> Any:
-        return mavlink.MAVLink_timesync_message(0, self.time_since_boot_ns())
-
-    def _origin(self, boot_ns: int) -> Any:
-        return mavlink.MAVLink_gps_global_origin_message(*_ORIGIN, boot_ns // 1000)
-
-    def _attitude(self, boot_ns: int) -> Any:
-        stamp_ns = self._boot_ns + boot_ns
-        rotation = _NED_FROM_ENU * self._world.base_pose(stamp_ns).rotation * _FLU_FROM_FRD
-        x, y, z, w = rotation.as_quat()
-        flight = self._world.flight
-        rates = flight.body_rates(self._world.flight_time(stamp_ns))
-        return mavlink.MAVLink_attitude_quaternion_message(
-            _milliseconds(boot_ns), w, x, y, z, *_FLU_FROM_FRD.inv().apply(rates)
-        )
-
-    def _position(self, boot_ns: int) -> Any:
-        stamp_ns = self._boot_ns + boot_ns
-        velocity = self._world.flight.velocity(self._world.flight_time(stamp_ns))
-        return mavlink.MAVLink_local_position_ned_message(
-            _milliseconds(boot_ns),
-            *_NED_FROM_ENU.apply(self._world.base_pose(stamp_ns).translation),
-            *_NED_FROM_ENU.apply(velocity),
-        )
+    def _is_time(self, what: str, period: float) -> bool:
+        due = period > 0 and time.monotonic() - self._started > (self._done[what] + 1) * period
+        self._done[what] += due
+        return due
 
 
-def _milliseconds(boot_ns: int) -> int:
-    """``time_boot_ms``, which starts again after 49.7 days."""
-    return boot_ns // 1_000_000 % 2**32
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run until SIGINT or SIGTERM: 0; 2 for bad usage or input."""
+def build_parser() -> argparse.ArgumentParser:
+    """Parser of the command line; its options are the parameters of a configuration."""
     parser = argparse.ArgumentParser(prog='simulated_autopilot', description='A simulated drone.')
-    parser.add_argument('--scene', default='scene.yaml', help='scene file; default: %(default)s')
+    parser.add_argument('--scene', default='shipped:scene.yaml', help='default: %(default)s')
     parser.add_argument(
         '--address',
         default='udpout:127.0.0.1:14550',
@@ -223,7 +173,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         type=float,
         help='seconds since boot at the start; default: 20 to 120 by chance',
     )
-    parsed = parser.parse_args(arguments)
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run until SIGINT or SIGTERM: 0; 2 for bad usage or input."""
+    parsed = build_parser().parse_args(arguments)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         world = read_world(parsed.scene, parsed.start_ns)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, TypeVar
 
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.pose import Pose
+
+T = TypeVar('T')
 
 
 class Fields:
@@ -32,6 +35,9 @@ class Fields:
         self._values = dict(values)
         self._where = where
 
+    def __contains__(self, name: str) -> bool:
+        return name in self._values
+
     def number(self, name: str, default: float | None = None) -> float:
         """A finite number."""
         return self._as_number(name, self._take(name, default))
@@ -49,6 +55,65 @@ class Fields:
         if not isinstance(value, int) or isinstance(value, bool) or value < 0:
             raise self.error(name, value, 'a whole number that is not negative')
         return value
+
+    def flag(self, name: str, default: bool | None = None) -> bool:
+        """True or false."""
+        value = self._take(name, default)
+        if not isinstance(value, bool):
+            raise self.error(name, value, 'true or false')
+        return value
+
+    def text(self, name: str, default: str | None = None) -> str:
+        """A text that is not empty."""
+        value = self._take(name, default)
+        if not isinstance(value, str) or not value:
+            raise self.error(name, value, 'a text')
+        return value
+
+    def choice(self, name: str, choices: Mapping[str, T], default: str | None = None) -> T:
+        """What one of the choices stands for."""
+        value = self._take(name, default)
+        if not isinstance(value, str) or value not in choices:
+            raise self.error(name, value, f'one of {", ".join(choices)}')
+        return choices[value]
+
+    def series(self, name: str, default: Any = None) -> tuple[float, ...]:
+        """A list of one finite number or more."""
+        value = self._take(name, default)
+        if not isinstance(value, (list, tuple)) or not value:
+            raise self.error(name, value, 'a list of numbers')
+        return tuple(self._as_number(name, entry) for entry in value)
+
+    def tint(self, name: str, default: Any = None) -> tuple[float, float, float]:
+        """A factor on an albedo: one number that is not negative, or three."""
+        value = self._take(name, default)
+        parts = value if isinstance(value, (list, tuple)) else [value] * 3
+        if len(parts) != 3 or not all(self._as_number(name, part) >= 0 for part in parts):
+            raise self.error(name, value, 'one or three numbers that are not negative')
+        red, green, blue = map(float, parts)
+        return red, green, blue
+
+    def record(self, kind: type[T]) -> T:
+        """A dataclass of plain fields, each read by its name and type."""
+        values: dict[str, Any] = {}
+        for field in dataclasses.fields(kind):  # type: ignore[arg-type]
+            default = None if field.default is dataclasses.MISSING else field.default
+            values[field.name] = self._of_type(str(field.type), field.name, default)
+        self.finish()
+        return kind(**values)
+
+    def _of_type(self, kind: str, name: str, default: Any) -> Any:
+        if kind == 'tuple[float, float, float]':
+            return self.numbers(name, 3, default)
+        read: dict[str, Callable[[str, Any], Any]] = {
+            'float': self.number,
+            'int': self.whole,
+            'bool': self.flag,
+            'str': self.text,
+            'Colour': self.tint,
+            'tuple[float, ...]': self.series,
+        }
+        return read[kind](name, default)
 
     def colour(self, name: str, default: Any) -> tuple[float, float, float]:
         """An albedo: one number from 0 to 1, or three for red, green and blue."""
@@ -104,3 +169,18 @@ class Fields:
         if not number or not math.isfinite(value):
             raise self.error(name, value, 'a finite number')
         return float(value)
+
+
+def require_positive(part: object, *names: str) -> None:
+    """Refuse a part of the world whose lengths of these names are not all positive.
+
+    Raises
+    ------
+    ConfigurationError
+    """
+    for name in names:
+        if not getattr(part, name) > 0:
+            kind = type(part).__name__.lower()
+            raise ConfigurationError(
+                f'the {name} of a {kind} is {getattr(part, name)!r}: give a positive length'
+            )

@@ -38,6 +38,8 @@ class Light:
     along u, where fringes vary, and once along v; in between it is linear.
     """
 
+    unit = np.float32(1 / _FULL)
+
     def __init__(self, projected: NDArray[np.uint8], photometry: Photometry) -> None:
         level = (np.arange(256) / 255) ** photometry.projector_gamma
         level = photometry.projector_black + (1 - photometry.projector_black) * level
@@ -67,11 +69,11 @@ class Light:
 
     def add(self, total: Image, column: Image, row: Image) -> None:
         """Add the light at indices of shape (h, w) to a sum of shape (h, w, 4)."""
-        cv2.accumulate(self._sample(column, row), total)
+        cv2.accumulate(self.sample(column, row), total)
 
     def mean(self, total: Image, count: int) -> Image:
         """Mean of the `count` images of light, 0 to 1, that were added, shape (3, h, w)."""
-        scale = np.float32(1 / (_FULL * count))
+        scale = self.unit / np.float32(count)
         return np.stack([total[..., channel] * scale for channel in range(3)])
 
     def at(self, u: NDArray, v: NDArray) -> Image:
@@ -80,10 +82,11 @@ class Light:
         index = np.full((2, rows * _COLUMNS), -1.0, np.float32)
         index[:, : len(u)] = self.index(u, v)
         column, row = index.reshape(2, rows, _COLUMNS)
-        light = self._sample(column, row).reshape(-1, 4)[: len(u), :3]
-        return light.T * np.float32(1 / _FULL)
+        light = self.sample(column, row).reshape(-1, 4)[: len(u), :3]
+        return light.T * self.unit
 
-    def _sample(self, column: NDArray, row: NDArray) -> Image:
+    def sample(self, column: NDArray, row: NDArray) -> Image:
+        """Light at indices of shape (h, w), in units of `unit`, shape (h, w, 4)."""
         return cv2.remap(self._field, column, row, cv2.INTER_LINEAR, borderValue=0)
 
 

@@ -8,13 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.simulation.marks import Mark
+
 # Reflectance of clear varnish (refractive index 1.5) at normal incidence.
 _VARNISH = 0.04
 
 
 @dataclass(frozen=True)
 class Paint:
-    """A diffuse paint under an optional varnish.
+    """A diffuse paint, marked or not, under an optional varnish.
 
     Attributes
     ----------
@@ -27,12 +29,20 @@ class Paint:
         Albedo beyond the edge.
     roughness : float
         Roughness alpha of the varnish's GGX microfacets (Walter et al., EGSR 2007); 0 is matt.
+    marks : tuple of Mark
+        Dirt, scratches, letters, patches: each a factor on the albedo.
     """
 
     albedo: tuple[float, float, float] = (0.8, 0.8, 0.8)
     edge: tuple[float, float, float] = (0.0, 0.0, 1.0)
     albedo_beyond: tuple[float, float, float] = (0.8, 0.8, 0.8)
     roughness: float = 0.0
+    marks: tuple[Mark, ...] = ()
+
+    @property
+    def coloured(self) -> bool:
+        """Whether a mark's factor differs from colour to colour."""
+        return any(mark.coloured for mark in self.marks)
 
     def beyond_edge(self, x: NDArray, y: NDArray) -> NDArray[np.bool_]:
         """Mask of panel coordinates beyond the paint's edge."""

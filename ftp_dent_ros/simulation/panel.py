@@ -1,12 +1,14 @@
-"""One skin panel: flat or part of a cylinder, with its dents, rivets and paint.
+"""One skin panel: flat or part of a cylinder, with its waves, dents, fittings and paint.
 
 Panel frame: x and y along the skin, z into the aircraft. A flat panel is the plane z = 0; a
 cylindrical one is ``z = R - sqrt(R^2 - x^2)``: it touches that plane along its y axis, which is
-parallel to the cylinder's axis, and bends away from the viewer. Dents and rivets add to z.
+parallel to the cylinder's axis, and bends away from the viewer. Waves, dents and fittings add
+to z.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -17,8 +19,13 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.simulation.dent import Dent, Rivet
+from ftp_dent_ros.simulation import form
+from ftp_dent_ros.simulation.dent import Dent
+from ftp_dent_ros.simulation.fields import require_positive
+from ftp_dent_ros.simulation.fittings import Fitting
+from ftp_dent_ros.simulation.form import Wave
 from ftp_dent_ros.simulation.paint import Paint
+from ftp_dent_ros.simulation.sunlight import Sunlight
 
 # The part of a cylinder's radius that a panel may reach sideways.
 _WIDEST = 0.9
@@ -26,6 +33,40 @@ _ITERATIONS = 12
 _CONVERGED = 1e-11
 
 Field = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Opening:
+    """A window or door: a rectangle or ellipse without skin.
+
+    Attributes
+    ----------
+    x, y : float
+        Centre on the panel, metres.
+    length, width : float
+        Metres.
+    angle : float
+        From the panel's x axis to its length, towards y, radians.
+    round : bool
+        An ellipse.
+    """
+
+    x: float
+    y: float
+    length: float
+    width: float
+    angle: float = 0.0
+    round: bool = False
+
+    def __post_init__(self) -> None:
+        require_positive(self, 'length', 'width')
+
+    def contains(self, x: Field, y: Field) -> NDArray[np.bool_]:
+        """Mask of panel coordinates within."""
+        c, s = math.cos(self.angle), math.sin(self.angle)
+        dx, dy = x - self.x, y - self.y
+        u, v = (c * dx + s * dy) / (self.length / 2), (c * dy - s * dx) / (self.width / 2)
+        return u * u + v * v < 1 if self.round else np.maximum(np.abs(u), np.abs(v)) < 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +83,14 @@ class Panel:
         Metres; 0 is flat.
     paint : Paint
     dents : tuple of Dent
-    rivets : tuple of Rivet
+    rivets : tuple of Fitting
+        Rivets of any kind, and beads of sealant.
+    waves : tuple of Wave
+        The undeformed skin's own waviness.
+    openings : tuple of Opening
+        Where the panel is cut out.
+    sunlight : tuple of Sunlight
+        Light from elsewhere that falls on parts of it, with that of the photometry.
     """
 
     pose: Pose
@@ -50,7 +98,10 @@ class Panel:
     cylinder_radius: float = 0.0
     paint: Paint = field(default_factory=Paint)
     dents: tuple[Dent, ...] = ()
-    rivets: tuple[Rivet, ...] = ()
+    rivets: tuple[Fitting, ...] = ()
+    waves: tuple[Wave, ...] = ()
+    openings: tuple[Opening, ...] = ()
+    sunlight: tuple[Sunlight, ...] = ()
 
     def __post_init__(self) -> None:
         x_min, x_max, y_min, y_max = self.extent
@@ -70,8 +121,8 @@ class Panel:
             object.__setattr__(self, 'extent', narrowed)
 
     @property
-    def features(self) -> tuple[Dent | Rivet, ...]:
-        """Dents and rivets."""
+    def features(self) -> tuple[Dent | Fitting, ...]:
+        """Dents and fittings."""
         return (*self.dents, *self.rivets)
 
     def near(self, x: Field, y: Field, margin: float = 0.0) -> Panel:
@@ -101,20 +152,18 @@ class Panel:
     def contains(self, x: Field, y: Field) -> NDArray[np.bool_]:
         """Mask of panel coordinates within the extent."""
         x_min, x_max, y_min, y_max = self.extent
-        return (x >= x_min) & (x <= x_max) & (y >= y_min) & (y <= y_max)
+        inside = (x >= x_min) & (x <= x_max) & (y >= y_min) & (y <= y_max)
+        for opening in self.openings:
+            inside &= ~opening.contains(x, y)
+        return inside
 
-    def bare_height(self, x: Field) -> tuple[Field, Field]:
-        """Height of the skin without features, and its derivative along x."""
-        if not self.cylinder_radius:
-            return np.zeros_like(x), np.zeros_like(x)
-        root = np.sqrt(np.maximum(self.cylinder_radius**2 - x * x, 1e-12))
-        # R - sqrt(R^2 - x^2) without its cancellation.
-        return x * x / (self.cylinder_radius + root), x / root
+    def bare_height(self, x: Field, y: Field) -> tuple[Field, Field, Field]:
+        """Height of the skin without features, and its derivatives along x and y."""
+        return form.height(self.cylinder_radius, self.waves, x, y)
 
     def height(self, x: Field, y: Field) -> tuple[Field, Field, Field]:
         """Height and its derivatives along x and y, at panel coordinates of shape (n,)."""
-        height, along_x = self.bare_height(x)
-        along_y = np.zeros_like(height)
+        height, along_x, along_y = self.bare_height(x, y)
         for feature, at in self._footprints(x, y):
             rise, slope_x, slope_y = feature.height(x[at], y[at])
             height[at] += rise
@@ -123,11 +172,10 @@ class Panel:
         return height, along_x, along_y
 
     def clean(self, x: Field, y: Field) -> Field:
-        """Part of the paint's reflectance that the dirt in grooves leaves, shape (n,)."""
+        """Factor of the features on the paint's albedo, shape (n,)."""
         part = np.ones_like(x)
-        for rivet in self.rivets:
-            at = np.flatnonzero(rivet.covers(x, y))
-            part[at] *= rivet.clean(x[at], y[at])
+        for feature, at in self._footprints(x, y):
+            part[at] *= feature.clean(x[at], y[at])
         return part
 
     def normal(self, x: Field, y: Field, bare: bool = False) -> Field:
@@ -135,11 +183,7 @@ class Panel:
 
         Those of the skin without its features if `bare`.
         """
-        if bare:
-            _, along_x = self.bare_height(x)
-            along_y = np.zeros_like(along_x)
-        else:
-            _, along_x, along_y = self.height(x, y)
+        _, along_x, along_y = self.bare_height(x, y) if bare else self.height(x, y)
         length = np.sqrt(1 + along_x * along_x + along_y * along_y)
         normal = np.stack([along_x, along_y, np.full_like(along_x, -1.0)]) / length
         return (self.pose.rotation.as_matrix() @ normal).T
@@ -168,12 +212,27 @@ class Panel:
             else:
                 scale = -start[2] / along[2]
             scale = np.where(scale > 0, scale, np.nan)
+        if self.waves:
+            scale = self._on_waves(start, along, scale)
         return scale, start[0] + scale * along[0], start[1] + scale * along[1]
+
+    def _on_waves(self, start: Field, along: Field, scale: Field) -> Field:
+        """Move hits of the cylinder, at `scale`, onto the waves."""
+        with np.errstate(invalid='ignore', divide='ignore'):
+            for _ in range(_ITERATIONS):
+                px, py, pz = start.reshape(3, -1) + scale * along
+                height, along_x, along_y = self.bare_height(px, py)
+                slope = along[2] - along_x * along[0] - along_y * along[1]
+                step = (pz - height) / slope
+                scale = scale - step
+                if not np.nanmax(np.abs(step), initial=0.0) >= _CONVERGED:
+                    break
+        return scale
 
     def hit_features(
         self, origin: Field, rays: Field, scale: Field, x: Field, y: Field
     ) -> tuple[Field, Field, Field]:
-        """Move the hits of `hit_bare` onto the dents and rivets, in place.
+        """Move the hits of `hit_bare` onto the dents and fittings, in place.
 
         Raises no error where a ray grazes a feature: twelve Newton steps then are the best guess.
         """
@@ -204,13 +263,13 @@ class Panel:
         """
         at = self.pose.inverse().apply(points)
         foot_x, foot_y = self._closest_bare(at)
-        height, _ = self.bare_height(foot_x)
+        height, _, _ = self.bare_height(foot_x, foot_y)
         above = at[:, 2] - height
         distance = np.sqrt((at[:, 0] - foot_x) ** 2 + (at[:, 1] - foot_y) ** 2 + above**2)
         behind = above >= 0
         margin = distance + max((feature.rise for feature in self.features), default=0.0)
         local = self.near(foot_x, foot_y, float(margin.max(initial=0.0)))
-        near = np.flatnonzero(local.covered(foot_x, foot_y, margin))
+        near = np.flatnonzero(local.covered(foot_x, foot_y, margin) | bool(self.waves))
         if len(near):
             distance[near], behind[near] = local._refined(at[near], foot_x[near], foot_y[near])
         return np.where(behind, distance, -distance)
@@ -261,7 +320,7 @@ class Panel:
         """Centre and half side of each feature's square, shape (3, number of features)."""
         return np.array([(f.x, f.y, f.reach + 3 * f.rise) for f in self.features]).T
 
-    def _footprints(self, x: Field, y: Field) -> Iterator[tuple[Dent | Rivet, NDArray[np.intp]]]:
+    def _footprints(self, x: Field, y: Field) -> Iterator[tuple[Dent | Fitting, NDArray[np.intp]]]:
         for feature in self.features:
             at = np.flatnonzero(feature.covers(x, y))
             if len(at):

@@ -42,6 +42,8 @@ class Photometry:
         Electrons at saturation: shot noise.
     read_noise : float
         Standard deviation of the read noise, grey levels.
+    crosstalk : float
+        Part of each other colour's light that a colour of the sensor sees, white balanced.
     camera_gamma : float
         Grey level is 255 times the signal to 1 / camera_gamma; 1 is a linear camera.
     bayer : bool
@@ -70,6 +72,7 @@ class Photometry:
     psf_px: float = 0.4
     full_well: float = 12000.0
     read_noise: float = 0.8
+    crosstalk: float = 0.0
     camera_gamma: float = 1.0
     bayer: bool = False
     jpeg_quality: int = 0
@@ -95,6 +98,7 @@ class Photometry:
         ):
             _require(getattr(self, name) > 0, name, getattr(self, name), 'a positive number')
         _require(self.speckle_contrast <= 1, 'speckle_contrast', self.speckle_contrast, '0 to 1')
+        _require(self.crosstalk <= 1, 'crosstalk', self.crosstalk, '0 to 1')
         _require(self.projector_black <= 1, 'projector_black', self.projector_black, '0 to 1')
         _require(self.jpeg_quality <= 100, 'jpeg_quality', self.jpeg_quality, '0 to 100')
         power = self.samples > 0 and self.samples & (self.samples - 1) == 0

@@ -19,6 +19,7 @@ from ftp_dent_ros.simulation.light import Light
 from ftp_dent_ros.simulation.motion import Motion
 from ftp_dent_ros.simulation.photometry import Photometry
 from ftp_dent_ros.simulation.sensor import expose, speckle
+from ftp_dent_ros.simulation.skin import is_even, paint_and_sun, smooth_paint
 from ftp_dent_ros.simulation.surface import Surface
 from ftp_dent_ros.simulation.tracing import View, albedo_table, look
 from ftp_dent_ros.simulation.view import (
@@ -27,6 +28,7 @@ from ftp_dent_ros.simulation.view import (
     light_drift,
     pixel_grid,
     see,
+    skin_drift,
     visible_part,
 )
 
@@ -95,62 +97,131 @@ class Renderer:
             RGB.
         """
         rng = rng or np.random.default_rng(0)
-        lit, albedo = self._gather(surface, rng, motion or Motion())
+        return expose(self.signal(surface, rng, motion), self.photometry, rng)
+
+    def signal(
+        self,
+        surface: Surface,
+        rng: np.random.Generator | None = None,
+        motion: Motion | None = None,
+    ) -> Image:
+        """Light on the sensor, before the lens's blur, noise and saturation.
+
+        Parameters are those of `render`.
+
+        Returns
+        -------
+        ndarray, shape (3, camera height, camera width), float32
+            1 saturates.
+        """
+        rng = rng or np.random.default_rng(0)
+        lit, ambient = self._gather(surface, rng, motion or Motion())
         if self.photometry.speckle_contrast:
             lit *= speckle(lit.shape, self.photometry, rng)
-        albedo *= self.photometry.ambient
-        lit += albedo
+        lit += ambient
         gain = np.float32(self.photometry.exposure)
         lit *= gain * pixel_grid(self.rig.camera).vignette if self.photometry.shading else gain
-        return expose(lit, self.photometry, rng)
+        return lit
 
     def _gather(
         self, surface: Surface, rng: np.random.Generator, motion: Motion
     ) -> tuple[Image, Image]:
-        """Projected light off the skin, and the skin's albedo, each (3, height, width)."""
+        """The projector's and all other light off the skin, each (3, height, width)."""
         surface = visible_part(self.rig, surface)
         view = see(self.rig, surface, self.photometry)
         if self.photometry.phase_noise_px:
             view.u += rng.normal(0, self.photometry.phase_noise_px, view.u.shape)
         sweep = image_sweep(self.rig, surface, motion)
-        lit = self._smooth_light(surface, view, motion, sweep)
-        albedo: Image = np.stack([cv2.LUT(view.tone, tone) for tone in albedo_table(surface)])
-        for channel, tone in zip(lit, albedo, strict=True):
-            channel *= tone * view.diffuse + view.specular
+        if is_even(surface):
+            lit, ambient = self._even_skin(surface, view, motion, sweep)
+        else:
+            lit, ambient = self._marked_skin(surface, view, motion)
         for pixels in broken_pixels(self.rig, surface, view, sweep):
             at = (slice(None), *np.divmod(pixels, view.u.shape[1]))
-            lit[at], albedo[at] = self._fine_light(surface, motion, pixels, rng)
-        return lit, albedo
+            lit[at], ambient[at] = self._broken_skin(surface, motion, pixels, rng)
+        return lit, ambient
 
-    def _smooth_light(self, surface: Surface, view: View, motion: Motion, sweep: float) -> Image:
-        """Mean light that falls on what each pixel sees, (3, height, width).
+    def _even_skin(
+        self, surface: Surface, view: View, motion: Motion, sweep: float
+    ) -> tuple[Image, Image]:
+        """Light off a skin without marks, which changes evenly over a pixel and the exposure.
 
-        What is seen changes evenly over a pixel's area and over the exposure, during which the
-        image moves by `sweep` pixels.
+        The image moves by `sweep` pixels during the exposure.
         """
         light = self._light
-        position = light.index(view.u, view.v)
-        slopes = [np.gradient(position, axis=2), np.gradient(position, axis=1)]
-        if motion:
-            slopes.append(light.index_change(light_drift(self.rig, surface, view, motion)))
+        place, slopes = self._positions(surface, view, motion)
         points = _cubature(len(slopes), math.ceil(sweep / _INTERVAL))
         total = np.zeros((*view.u.shape, 4), np.float32)
         for point in points:
-            column, row = position
-            for axis in np.flatnonzero(point):
-                column = cv2.scaleAdd(slopes[axis][0], point[axis], column)
-                row = cv2.scaleAdd(slopes[axis][1], point[axis], row)
-            light.add(total, column, row)
-        return light.mean(total, len(points))
+            light.add(total, *_moved(place, slopes, point))
+        lit = light.mean(total, len(points))
+        ambient: Image = np.stack([cv2.LUT(view.tone, tone) for tone in albedo_table(surface)])
+        ambient *= view.clean
+        for channel, albedo in zip(lit, ambient, strict=True):
+            channel *= albedo * view.diffuse + view.specular
+        ambient *= np.float32(self.photometry.ambient)
+        return lit, ambient
 
-    def _fine_light(
+    def _marked_skin(self, surface: Surface, view: View, motion: Motion) -> tuple[Image, Image]:
+        """Light off a skin whose marks may end anywhere within a pixel."""
+        light = self._light
+        place, slopes = self._positions(surface, view, motion)
+        # On the panel in float32: to a thousandth of a pixel.
+        skin = np.stack([view.x, view.y]).astype(np.float32)
+        skin_slopes = [np.gradient(skin, axis=2), np.gradient(skin, axis=1)]
+        if motion:
+            skin_slopes.append(skin_drift(self.rig, surface, view, motion))
+        smooth = smooth_paint(surface, view.tone, *skin)
+        smooth_slopes = [np.gradient(smooth, axis=1), np.gradient(smooth, axis=0)]
+        if motion:
+            half = skin_slopes[2] / 2
+            before, after = (
+                smooth_paint(surface, view.tone, *end) for end in (skin - half, skin + half)
+            )
+            smooth_slopes.append(after - before)
+        plain = np.zeros((*view.u.shape, 4), np.float32)
+        diffuse = np.zeros((3, *view.u.shape), np.float32)
+        ambient = np.zeros_like(diffuse)
+        for point in self._points[:, : len(slopes)]:
+            sample = light.sample(*_moved(place, slopes, point))
+            here = _moved(skin, skin_slopes, point)
+            paint, sun = paint_and_sun(surface, view.tone, *here, sharp_only=True)
+            paint *= _shifted(smooth, smooth_slopes, point)
+            sun += np.float32(self.photometry.ambient)
+            cv2.accumulate(sample, plain)
+            for channel in range(3):
+                factor = paint[channel % len(paint)]
+                diffuse[channel] += sample[..., channel] * factor
+                ambient[channel] += sun * factor
+        diffuse *= light.unit / np.float32(len(self._points))
+        ambient /= len(self._points)
+        lit = light.mean(plain, len(self._points))
+        lit *= view.specular
+        for channel, tone in enumerate(albedo_table(surface)):
+            albedo = cv2.LUT(view.tone, tone) * view.clean
+            lit[channel] += diffuse[channel] * albedo * view.diffuse
+            ambient[channel] *= albedo
+        return lit, ambient
+
+    def _positions(
+        self, surface: Surface, view: View, motion: Motion
+    ) -> tuple[Image, list[Image]]:
+        """Indices into the light, and their change over a pixel's columns, rows, and time."""
+        position = self._light.index(view.u, view.v)
+        slopes = [np.gradient(position, axis=2), np.gradient(position, axis=1)]
+        if motion:
+            drift = light_drift(self.rig, surface, view, motion)
+            slopes.append(self._light.index_change(drift))
+        return position, slopes
+
+    def _broken_skin(
         self,
         surface: Surface,
         motion: Motion,
         pixels: NDArray[np.intp],
         rng: np.random.Generator,
     ) -> tuple[Image, Image]:
-        """Projected light off the skin and its albedo at pixels of shape (n,), each (3, n)."""
+        """The projector's and all other light off the skin at pixels (n,), each (3, n)."""
         along_u, along_v, moments = self._points.T
         directions = pixel_grid(self.rig.camera).rays_within(pixels, along_u, along_v)
         fine = look(self.rig, surface, motion.rays(directions, moments), self.photometry)
@@ -158,9 +229,11 @@ class Renderer:
         if self.photometry.phase_noise_px:
             noise = rng.normal(0, self.photometry.phase_noise_px, len(pixels))
             fine.u += np.broadcast_to(noise[:, None], shape).ravel()
-        albedo = albedo_table(surface)[:, fine.tone]
+        paint, sun = paint_and_sun(surface, fine.tone, fine.x, fine.y)
+        albedo = albedo_table(surface)[:, fine.tone] * paint * fine.clean
         light = self._light.at(fine.u, fine.v) * (albedo * fine.diffuse + fine.specular)
-        return light.reshape(3, *shape).mean(axis=2), albedo.reshape(3, *shape).mean(axis=2)
+        ambient = albedo * (self.photometry.ambient + sun)
+        return light.reshape(3, *shape).mean(axis=2), ambient.reshape(3, *shape).mean(axis=2)
 
 
 def render(
@@ -173,6 +246,22 @@ def render(
 ) -> NDArray[np.uint8]:
     """Photograph a surface once: see `Renderer`, which is quicker for more of them."""
     return Renderer(rig, projected, photometry).render(surface, rng, motion)
+
+
+def _moved(place: Image, slopes: list[Image], point: NDArray) -> tuple[Image, Image]:
+    """Two fields, shape (2, h, w), float32, at a point of the pixels and the exposure."""
+    first, second = (
+        _shifted(field, [slope[index] for slope in slopes], point)
+        for index, field in enumerate(place)
+    )
+    return first, second
+
+
+def _shifted(field: Image, slopes: list[Image], point: NDArray) -> Image:
+    """A field of shape (h, w), float32, at a point of the pixels and the exposure."""
+    for axis in np.flatnonzero(point):
+        field = cv2.scaleAdd(slopes[axis], point[axis], field)
+    return field
 
 
 def _cubature(dimensions: int, intervals: int) -> NDArray[np.float64]:

@@ -60,12 +60,20 @@ def expose(signal: Image, photometry: Photometry, rng: np.random.Generator) -> N
     ndarray, shape (height, width, 3), uint8
         RGB.
     """
+    if photometry.crosstalk:
+        signal = _mixed(signal, photometry.crosstalk)
     image = np.stack([_digitised(channel, photometry, rng) for channel in signal], axis=-1)
     if photometry.bayer:
         image = _through_colour_filter(image)
     if photometry.jpeg_quality:
         image = _through_jpeg(image, photometry.jpeg_quality)
     return image
+
+
+def _mixed(signal: Image, crosstalk: float) -> Image:
+    """Light that the colours of the sensor see when each sees a part of the others."""
+    others = signal.sum(axis=0) - signal
+    return (signal + np.float32(crosstalk) * others) * np.float32(1 / (1 + 2 * crosstalk))
 
 
 def _digitised(

@@ -22,6 +22,8 @@ _FIELD = 1.2
 _CLEAR = 1e-5
 # The tone of what is no panel.
 NOTHING = 255
+# What a view takes over from the sight of the panel that is seen.
+_SEEN = ('u', 'v', 'x', 'y', 'diffuse', 'specular', 'clean')
 # A projector pixel far outside any image.
 _NOWHERE = -1000.0
 
@@ -38,6 +40,7 @@ class Sight(NamedTuple):
     v: Field
     diffuse: Field  # Irradiance at full light, 1 for the white patch of the photometry.
     specular: Field  # The same times the varnish's reflectance.
+    clean: Field  # Factor of dents and fittings on the albedo.
 
 
 @dataclass(eq=False)
@@ -46,8 +49,8 @@ class View:
 
     Attributes
     ----------
-    u, v, diffuse, specular : ndarray
-        As in `Sight`; the latter two are 0 where nothing is lit.
+    u, v, x, y, diffuse, specular, clean : ndarray
+        As in `Sight`; diffuse and specular are 0 where nothing is lit.
     tone : ndarray of uint8
         Column of `albedo_table` that holds the albedo: twice the panel's index, one more beyond
         its paint's edge, and `NOTHING` where no panel is.
@@ -57,8 +60,11 @@ class View:
 
     u: NDArray
     v: NDArray
+    x: NDArray
+    y: NDArray
     diffuse: NDArray
     specular: NDArray
+    clean: NDArray
     tone: NDArray[np.uint8]
     shadow: NDArray[np.bool_]
 
@@ -81,7 +87,7 @@ def look(rig: Rig, surface: Surface, rays: Rays, photometry: Photometry) -> View
 def sight(rig: Rig, panel: Panel, rays: Rays, photometry: Photometry, bare: bool = False) -> Sight:
     """What rays see of one panel, beyond its extent too; NaN where they miss.
 
-    If `bare`, its dents and rivets are left out.
+    If `bare`, its dents and fittings are left out.
     """
     scale, x, y = panel.hit_bare(rays.origin, rays.towards)
     if not bare:
@@ -91,7 +97,8 @@ def sight(rig: Rig, panel: Panel, rays: Rays, photometry: Photometry, bare: bool
     points = scale[:, None] * rays.directions
     u, v = projector_pixel(rig, points)
     diffuse, specular = _brightness(rig, panel, points, x, y, photometry, bare)
-    return Sight(scale, x, y, u, v, diffuse, specular)
+    clean = np.ones_like(x) if bare else panel.clean(x, y)
+    return Sight(scale, x, y, u, v, diffuse, specular, clean)
 
 
 def first_seen(rig: Rig, surface: Surface, sights: list[Sight], rays: NDArray) -> View:
@@ -101,8 +108,11 @@ def first_seen(rig: Rig, surface: Surface, sights: list[Sight], rays: NDArray) -
     view = View(
         first.u,
         first.v,
+        first.x,
+        first.y,
         first.diffuse,
         first.specular,
+        first.clean,
         tone=np.full(nearest.shape, NOTHING, np.uint8),
         shadow=np.zeros(nearest.shape, bool),
     )
@@ -112,7 +122,7 @@ def first_seen(rig: Rig, surface: Surface, sights: list[Sight], rays: NDArray) -
         tone = 2 * index + panel.paint.beyond_edge(seen.x, seen.y).astype(np.uint8)
         np.copyto(view.tone, tone, where=closer)
         if seen is not first:
-            for name in ('u', 'v', 'diffuse', 'specular'):
+            for name in _SEEN:
                 np.copyto(getattr(view, name), getattr(seen, name), where=closer)
     if len(surface.panels) > 1:
         view.shadow = _shadowed(rig, surface, view.tone, nearest, rays)
@@ -161,7 +171,7 @@ def _brightness(
         diffuse = incidence * (photometry.reference_distance / distance) ** 2 / axial
     diffuse = np.where(dot(normal, to_eye) < 0, 0, diffuse)
     specular = diffuse * panel.paint.specular(normal, to_light, to_eye)
-    return diffuse if bare else diffuse * panel.clean(x, y), specular
+    return diffuse, specular
 
 
 def _shadowed(

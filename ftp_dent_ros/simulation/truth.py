@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.simulation.dent import DIRECTIONS
 from ftp_dent_ros.simulation.panel import Panel
 from ftp_dent_ros.simulation.surface import Surface
 
@@ -17,6 +18,8 @@ class TrueDent:
 
     Attributes
     ----------
+    kind : str
+        ``'dent'``, ``'crease'``, ``'gouge'`` or ``'bump'``.
     position : ndarray, shape (3,)
         Centre on the undented skin, metres.
     normal, axis : ndarray, shape (3,)
@@ -28,9 +31,10 @@ class TrueDent:
     outline : ndarray, shape (n, 3)
         That contour on the undented skin, metres.
     border : ndarray, shape (n, 3)
-        Where the dent begins, on the undented skin, metres.
+        The ellipse of its full axes, on the undented skin, metres.
     """
 
+    kind: str
     position: NDArray[np.float64]
     normal: NDArray[np.float64]
     axis: NDArray[np.float64]
@@ -59,7 +63,7 @@ def _true_dent(panel: Panel, index: int, corners: int) -> TrueDent:
 
     def on_skin(offsets: NDArray) -> NDArray[np.float64]:
         x, y = (np.array([dent.x, dent.y]) + offsets).T
-        height, _ = panel.bare_height(x)
+        height, _, _ = panel.bare_height(x, y)
         return panel.pose.apply(np.stack([x, y, height], axis=-1))
 
     def ellipse(full_length: float, full_width: float) -> NDArray[np.float64]:
@@ -72,6 +76,7 @@ def _true_dent(panel: Panel, index: int, corners: int) -> TrueDent:
     (ahead,) = on_skin(1e-4 * along[None])
     axis = (ahead - centre) / np.linalg.norm(ahead - centre)
     return TrueDent(
+        kind=dent.kind,
         position=centre,
         normal=normal,
         axis=axis,
@@ -79,6 +84,6 @@ def _true_dent(panel: Panel, index: int, corners: int) -> TrueDent:
         depth=float(-dent.depth * (into @ normal)),
         length=length,
         width=width,
-        outline=ellipse(length, width),
+        outline=on_skin(dent.outline(0.1)[:: DIRECTIONS // corners]),
         border=ellipse(dent.length, dent.width),
     )

@@ -1,13 +1,14 @@
 """What every camera pixel sees, quickly.
 
 The bare skin is smooth, so it is traced at nodes at most 16 pixels and 0.01 radians apart and
-interpolated (cubic, to 1e-4 pixels); pixels on dents are traced one by one. Rivets, and what else
-changes within a pixel, are left to `broken_pixels`, where a caller has to sample finer.
+interpolated (cubic, to 1e-4 pixels); pixels on dents are traced one by one. Fittings, and what
+else changes within a pixel, are left to `broken_pixels`, where a caller has to sample finer.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -18,8 +19,9 @@ from scipy.sparse import csr_matrix
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.rig import Lens, Rig
-from ftp_dent_ros.simulation.dent import Dent, Rivet
-from ftp_dent_ros.simulation.motion import Motion, still
+from ftp_dent_ros.simulation.dent import Dent
+from ftp_dent_ros.simulation.fittings import Fitting
+from ftp_dent_ros.simulation.motion import Motion, Rays, still
 from ftp_dent_ros.simulation.panel import Panel
 from ftp_dent_ros.simulation.photometry import Photometry
 from ftp_dent_ros.simulation.surface import Surface
@@ -30,8 +32,6 @@ _NODE_SPACING = 16
 _NODE_ANGLE = 0.01
 # Windows around features are wider than their outline by this many pixels.
 _AROUND = 4
-# A groove has died out at this many of its half widths.
-_GROOVE = 4.0
 # Motion during an exposure brings nothing into view from farther than this, metres.
 _OUT_OF_VIEW = 0.05
 _EYE = np.zeros(3)
@@ -109,7 +109,7 @@ def pixel_grid(lens: Lens) -> PixelGrid:
 
 
 def visible_part(rig: Rig, surface: Surface) -> Surface:
-    """The surface with only those dents and rivets that the camera may see."""
+    """The surface with only those dents and fittings that the camera may see."""
     rays = pixel_grid(rig.camera).node_rays.reshape(-1, 3)
     panels = []
     for panel in surface.panels:
@@ -133,7 +133,7 @@ def image_sweep(rig: Rig, surface: Surface, motion: Motion) -> float:
 
 
 def see(rig: Rig, surface: Surface, photometry: Photometry) -> View:
-    """What each pixel's centre sees, without rivets: arrays of shape (height, width)."""
+    """What each pixel's centre sees, without fittings: arrays of shape (height, width)."""
     grid = pixel_grid(rig.camera)
     sights = [_sight(grid, rig, panel, photometry) for panel in surface.panels]
     return first_seen(rig, surface, sights, grid.rays)
@@ -149,6 +149,35 @@ def light_drift(rig: Rig, surface: Surface, view: View, motion: Motion) -> NDArr
     -------
     ndarray, shape (2, height, width)
     """
+    return _drift(
+        rig,
+        surface,
+        view,
+        motion,
+        lambda _, rays, scale: projector_pixel(rig, scale[:, None] * rays.directions),
+    )
+
+
+def skin_drift(rig: Rig, surface: Surface, view: View, motion: Motion) -> NDArray[np.float32]:
+    """How far the panel coordinates (x, y) that a pixel sees move during the exposure, metres.
+
+    Those of the bare skin. Shape (2, height, width).
+    """
+
+    def place(panel: Panel, rays: Rays, _: NDArray) -> tuple[NDArray, NDArray]:
+        return panel.hit_bare(rays.origin, rays.towards)[1:]
+
+    return _drift(rig, surface, view, motion, place)
+
+
+def _drift(
+    rig: Rig,
+    surface: Surface,
+    view: View,
+    motion: Motion,
+    place: Callable[[Panel, Rays, NDArray], tuple[NDArray, NDArray]],
+) -> NDArray[np.float32]:
+    """How far what is seen moves during the exposure, shape (2, height, width)."""
     grid = pixel_grid(rig.camera)
     nodes = grid.node_rays.reshape(-1, 1, 3)
     drift = np.zeros((2, *grid.shape), np.float32)
@@ -157,7 +186,7 @@ def light_drift(rig: Rig, surface: Surface, view: View, motion: Motion) -> NDArr
         for moment in (-0.5, 0.5):
             rays = motion.rays(nodes, [moment])
             scale, _, _ = panel.hit_bare(rays.origin, rays.towards)
-            ends.append(np.stack(projector_pixel(rig, scale[:, None] * rays.directions)))
+            ends.append(np.stack(place(panel, rays, scale)))
         change = np.nan_to_num(ends[1] - ends[0]).reshape(2, *grid.node_rays.shape[:2])
         for target, values in zip(drift, change.astype(np.float32), strict=True):
             np.copyto(target, grid.interpolated(values), where=view.tone // 2 == index)
@@ -175,7 +204,7 @@ def broken_pixels(rig: Rig, surface: Surface, view: View, sweep: float) -> list[
     Returns
     -------
     list of ndarray
-        None is empty. The borders of panels, tones and shadows, then each rivet in view.
+        None is empty. The borders of panels, tones and shadows, then each fitting in view.
     """
     grid = pixel_grid(rig.camera)
     reach = 1 + math.ceil(sweep / 2)
@@ -186,9 +215,9 @@ def broken_pixels(rig: Rig, surface: Surface, view: View, sweep: float) -> list[
             border |= cv2.dilate(label, square) != cv2.erode(label, square)
     broken = [np.flatnonzero(border)]
     broken += [
-        _on_rivet(grid, rig.camera, panel, rivet, reach)
+        _on_fitting(grid, rig.camera, panel, fitting, reach)
         for panel in surface.panels
-        for rivet in panel.rivets
+        for fitting in panel.rivets
     ]
     return [pixels for pixels in broken if len(pixels)]
 
@@ -204,9 +233,9 @@ def _sight(grid: PixelGrid, rig: Rig, panel: Panel, photometry: Photometry) -> S
         np.nan_to_num(values, posinf=0, neginf=0)
         .reshape(missing.shape)
         .astype(np.float64 if name in 'uv' else np.float32)
-        for name, values in zip(Sight._fields, coarse, strict=True)
+        for name, values in zip(Sight._fields[:-1], coarse, strict=False)
     )
-    dense = Sight(*map(grid.interpolated, fields))
+    dense = Sight(*map(grid.interpolated, fields), np.ones(grid.shape, np.float32))  # type: ignore[call-arg]
     patches: list[Window | NDArray[np.bool_]] = []
     if missing.any():
         patches.append(abs(grid.rows) @ missing @ abs(grid.columns).T > 0)
@@ -236,13 +265,13 @@ def _interpolation(size: int, focal: float) -> tuple[NDArray[np.float64], csr_ma
     return nodes, csr_matrix(weights)
 
 
-def _window(lens: Lens, panel: Panel, feature: Dent | Rivet) -> Window | None:
+def _window(lens: Lens, panel: Panel, feature: Dent | Fitting) -> Window | None:
     """Part of the image that may show a feature; None where it is out of the image."""
     # A ray that slants at 70 degrees meets a bulge three heights before the bare skin.
     half = feature.reach + 3 * feature.rise
     offsets = [(i * half, j * half) for i in (-1, 0, 1) for j in (-1, 0, 1)]
     x, y = (np.array([feature.x, feature.y]) + offsets).T
-    height, _ = panel.bare_height(x)
+    height, _, _ = panel.bare_height(x, y)
     points = panel.pose.apply(np.stack([x, y, height], axis=-1))
     if (points[:, 2] <= 0).all():
         return None
@@ -257,17 +286,16 @@ def _window(lens: Lens, panel: Panel, feature: Dent | Rivet) -> Window | None:
     return slice(low[1], high[1]), slice(low[0], high[0])
 
 
-def _on_rivet(
-    grid: PixelGrid, lens: Lens, panel: Panel, rivet: Rivet, reach: int
+def _on_fitting(
+    grid: PixelGrid, lens: Lens, panel: Panel, fitting: Fitting, reach: int
 ) -> NDArray[np.intp]:
-    """Flat indices of the pixels on a rivet or within `reach` pixels of it."""
-    window = _window(lens, panel, rivet)
+    """Flat indices of the pixels within `reach` pixels of what is sharp on a fitting."""
+    window = _window(lens, panel, fitting)
     if window is None:
         return np.zeros(0, np.intp)
     rays = grid.rays[window]
     _, x, y = (part.reshape(rays.shape[:2]) for part in panel.hit_bare(_EYE, rays.reshape(-1, 3)))
     steps = (np.hypot(np.diff(x, axis=i), np.diff(y, axis=i)) for i in (0, 1))
     pixel = max(step.max(initial=0.0) for step in steps)
-    radius = rivet.radius + _GROOVE * rivet.sigma + reach * pixel
-    rows, columns = np.nonzero(np.hypot(x - rivet.x, y - rivet.y) < radius)
+    rows, columns = np.nonzero(fitting.sharp(x, y, reach * pixel))
     return (rows + window[0].start) * lens.width + columns + window[1].start

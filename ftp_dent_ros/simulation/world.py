@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import math
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.errors import CameraError, ConfigurationError
 from ftp_dent_ros.files import find, read_yaml
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig import Rig
+from ftp_dent_ros.simulation.estimate import EstimateErrors, Faults
 from ftp_dent_ros.simulation.fields import Fields
 from ftp_dent_ros.simulation.flight import Flight
 from ftp_dent_ros.simulation.motion import Motion
@@ -44,6 +45,10 @@ class World:
         Of all noise; the same seed and time give the same photograph.
     start_ns : int
         When the flight starts. It goes on for ever, before its start too.
+    errors : EstimateErrors
+        How the autopilot's estimate is off; none by default.
+    faults : Faults
+        What goes wrong with the autopilot; nothing by default.
     """
 
     surface: Surface
@@ -53,6 +58,8 @@ class World:
     exposure_time: float
     seed: int = 0
     start_ns: int = 0
+    errors: EstimateErrors = field(default_factory=EstimateErrors)
+    faults: Faults = field(default_factory=Faults)
 
     def flight_time(self, stamp_ns: int) -> float:
         """Seconds into the flight's period, exact to a nanosecond at any date."""
@@ -147,7 +154,7 @@ def read_world(path: str | os.PathLike[str], start_ns: int = 0) -> World:
     """
     file = find(path)
     scene = Fields(read_yaml(file, ConfigurationError), str(file))
-    camera = scene.block('camera')
+    camera, autopilot = scene.block('camera'), scene.block('autopilot', {})
     try:
         world = World(
             surface=surface_from(scene),
@@ -157,6 +164,8 @@ def read_world(path: str | os.PathLike[str], start_ns: int = 0) -> World:
             exposure_time=camera.number('exposure_time'),
             seed=camera.whole('seed', 0),
             start_ns=start_ns,
+            errors=autopilot.block('errors', {}).record(EstimateErrors),
+            faults=autopilot.block('faults', {}).record(Faults),
         )
     except ConfigurationError as reason:
         # What a class refuses by itself does not know of the file.
@@ -167,5 +176,47 @@ def read_world(path: str | os.PathLike[str], start_ns: int = 0) -> World:
     if not 0 <= world.exposure_time <= 1:
         raise camera.error('exposure_time', world.exposure_time, '0 to 1 second')
     camera.finish()
+    autopilot.finish()
     scene.finish()
     return world
+
+
+class LiveWorld:
+    """The world of a scene file that is read again when it has changed: somebody moves a board.
+
+    Parameters
+    ----------
+    path : path
+    start_ns : int
+        ROS time at which the flight starts, nanoseconds.
+
+    Raises
+    ------
+    ConfigurationError
+        The file cannot be used.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], start_ns: int) -> None:
+        self._path, self._start_ns = path, start_ns
+        self._version = self._stat()
+        self._world = read_world(path, start_ns=start_ns)
+
+    def photograph(
+        self, rig: Rig, projected: NDArray[np.uint8], stamp_ns: int
+    ) -> NDArray[np.uint8]:
+        """As `World.photograph`; raises `CameraError` while the changed file cannot be used."""
+        version = self._stat()
+        if version != self._version:
+            try:
+                self._world = read_world(self._path, start_ns=self._start_ns)
+            except ConfigurationError as reason:
+                raise CameraError(str(reason)) from None
+            self._version = version
+        return self._world.photograph(rig, projected, stamp_ns)
+
+    def _stat(self) -> tuple[int, int]:
+        try:
+            status = os.stat(self._path)
+        except OSError:
+            return 0, 0
+        return status.st_mtime_ns, status.st_ino

@@ -9,9 +9,11 @@ import time
 
 import numpy as np
 import pytest
+import yaml
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.spatial.transform import Rotation
 
+from ftp_dent_ros.files import find
 from ftp_dent_ros.simulation.autopilot import main
 from ftp_dent_ros.simulation.world import read_world
 
@@ -119,7 +121,7 @@ def test_poses_are_the_flights_at_their_own_time(client):
     assert set(np.diff(sorted(attitudes))) == {20}
 
     round_trip, boot_ns = min(offsets)
-    world = read_world('scene.yaml', START_NS)
+    world = read_world('shipped:scene.yaml', START_NS)
     # The path is known at the boot clock's exact time; the offset to within half a round trip.
     slack = 1e-5 + round_trip / 2e9 * np.array([0.5, np.radians(10)])
     for boot_ms in sorted(attitudes.keys() & positions.keys()):
@@ -160,6 +162,37 @@ def test_it_answers_when_all_its_streams_are_stopped(client):
         assert client.ask(message_id, -1) == mavlink.MAV_RESULT_ACCEPTED
     assert client.ask(mavlink.MAVLINK_MSG_ID_HEARTBEAT, 0) == mavlink.MAV_RESULT_ACCEPTED
     client.receive('HEARTBEAT')
+
+
+def test_gps_says_where_it_truly_is_and_the_rest_what_is_estimated(client):
+    for name in ('GPS_RAW_INT', 'GLOBAL_POSITION_INT'):
+        message_id = getattr(mavlink, f'MAVLINK_MSG_ID_{name}')
+        assert client.ask(message_id, 100_000) == mavlink.MAV_RESULT_ACCEPTED
+    fix, estimate = client.receive('GPS_RAW_INT'), client.receive('GLOBAL_POSITION_INT')
+    assert (fix.fix_type, fix.satellites_visible) == (3, 16)
+    assert fix.time_usec % 200_000 == 0
+    assert abs(fix.lat - estimate.lat) < 100 and abs(fix.alt - estimate.alt) < 200
+    assert 1e-7 * fix.lat == pytest.approx(47.45 + 7.5 / 111_319, abs=1e-4)
+
+
+def test_what_others_do_can_be_in_the_scene(tmp_path):
+    scene = yaml.safe_load(find('shipped:scene.yaml').read_text())
+    scene['autopilot']['faults'] = {'rerated_every': 0.5, 'triggers_every': 0.5}
+    (tmp_path / 'scene.yaml').write_text(yaml.safe_dump(scene))
+    client = Client('--scene', str(tmp_path / 'scene.yaml'))
+    try:
+        client.receive('GPS_GLOBAL_ORIGIN')
+        assert client.ask(ATTITUDE, 20_000) == mavlink.MAV_RESULT_ACCEPTED
+        last, step = client.receive('ATTITUDE_QUATERNION').time_boot_ms, 0
+        while step != 500:
+            now = client.receive('ATTITUDE_QUATERNION').time_boot_ms
+            last, step = now, now - last
+        shot = client.receive('COMMAND_LONG')
+        assert (shot.target_system, shot.target_component) == (0, 0)
+        assert (shot.command, shot.param3) == (mavlink.MAV_CMD_IMAGE_START_CAPTURE, 1)
+        assert shot.param4 > 0
+    finally:
+        client.close()
 
 
 def test_a_clock_of_many_days_wraps():

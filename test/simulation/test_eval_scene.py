@@ -15,23 +15,15 @@ from ftp_dent_ros.simulation.view import see
 
 
 class Scene:
-    """The part of a scene's photograph that shows the skin, and what should be seen there."""
+    """A photograph, and what should be seen in it."""
 
     def __init__(self, folder):
         scene = json.loads((folder / 'scene.json').read_text())
-        left, top, right, bottom = scene['rect']
-        left, top = left - left % 2, top - top % 2
-        rig = read_rig(folder / 'rig.yaml')
-        matrix = rig.camera.camera_matrix - np.array([[0, 0, left], [0, 0, top], [0, 0, 0]])
-        size = {'width': right - left, 'height': bottom - top, 'camera_matrix': matrix}
-        self.rig = dataclasses.replace(rig, camera=dataclasses.replace(rig.camera, **size))
-        self.image = _read(folder / 'image.png')[top:bottom, left:right]
+        self.rig = read_rig(folder / 'rig.yaml')
+        self.image = _read(folder / 'image.png')
         self.projected = _read(folder / 'pattern.png')
-        self.truth = {
-            name: values[top // 2 : (bottom + 1) // 2, left // 2 : (right + 1) // 2]
-            for name, values in np.load(folder / 'gt_depth.npz').items()
-            if values.ndim
-        }
+        self.truth = dict(np.load(folder / 'truth.npz'))
+        self.step = int(self.truth['step'])
         self.surface = Surface((_panel(scene['surface']),))
         self.reference_distance = scene['median_depth_m']
         motion = scene['motion']
@@ -39,6 +31,10 @@ class Scene:
             translation=np.array(motion['velocity_m_s'], float) * motion['exposure_s']
         )
         self.seen = self.truth['valid'] & ~self.truth['edge']
+
+    def sampled(self, values):
+        """Where the truth is known."""
+        return values[:: self.step, :: self.step][self.seen]
 
     def render(self):
         """The photograph without noise, as bright as theirs: its exposure is not told."""
@@ -48,7 +44,7 @@ class Scene:
         for _ in range(2):
             renderer = Renderer(self.rig, self.projected, photometry)
             image = renderer.render(self.surface, motion=self.motion).astype(float)
-            theirs, ours = (part[::2, ::2][self.seen].ravel() for part in (self.image, image))
+            theirs, ours = (self.sampled(part).ravel() for part in (self.image, image))
             gain = float(ours @ theirs / (ours @ ours))
             photometry = dataclasses.replace(photometry, exposure=photometry.exposure * gain)
         return image
@@ -75,36 +71,31 @@ def _panel(surface):
 
 
 @pytest.fixture(scope='module', params=['static_A', 'dynamic_C'])
-def scene(shared, request):
-    folder = shared / 'eval' / 'scenes' / request.param
-    if not folder.is_dir():
-        pytest.skip(f'{folder} is not here')
-    return Scene(folder)
+def scene(data, request):
+    return Scene(data / 'scenes' / request.param)
 
 
 def test_depth_and_projector_columns_are_theirs(scene):
     """Both of their files' are float32."""
-    rays = scene.rig.camera.rays(scene.rig.camera.pixel_grid(2))
+    rays = scene.rig.camera.rays(scene.rig.camera.pixel_grid(scene.step))
     depth = scene.surface.intersect(rays)
     np.testing.assert_allclose(depth[scene.seen], scene.truth['z'][scene.seen], atol=2e-7)
-    column = see(scene.rig, scene.surface, Photometry()).u[::2, ::2]
-    np.testing.assert_allclose(column[scene.seen], scene.truth['up'][scene.seen], atol=1e-4)
+    column = see(scene.rig, scene.surface, Photometry()).u
+    np.testing.assert_allclose(scene.sampled(column), scene.truth['up'][scene.seen], atol=1e-4)
 
 
 def test_levels_and_fringes_are_theirs(scene):
     ours, theirs = scene.render(), scene.image.astype(float)
-    difference = (ours - theirs)[::2, ::2][scene.seen]
+    difference = scene.sampled(ours - theirs)
     # Theirs has noise: 12000 electrons at 255 levels, and 0.8 of reading.
-    noise = np.sqrt((theirs[::2, ::2][scene.seen] * 255 / 12000 + 0.8**2 + 1 / 12).mean())
+    noise = np.sqrt((scene.sampled(theirs) * 255 / 12000 + 0.8**2 + 1 / 12).mean())
     assert np.sqrt((difference**2).mean()) < 1.3 * noise
 
     column = see(scene.rig, scene.surface, Photometry()).u
     period = 8.0
     wave = np.exp(-2j * np.pi / period * column)
     inside = cv2.erode(
-        np.repeat(np.repeat(scene.seen, 2, 0), 2, 1).astype(np.uint8)[
-            : len(ours), : ours.shape[1]
-        ],
+        np.repeat(np.repeat(scene.seen, scene.step, 0), scene.step, 1).astype(np.uint8),
         np.ones((61, 61), np.uint8),
     )
     red, blue = 0, 2

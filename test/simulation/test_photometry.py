@@ -22,6 +22,7 @@ WRONG = {
     'psf_px': (-0.4,),
     'full_well': (0, -5),
     'read_noise': (-0.8, [0.8]),
+    'crosstalk': (1.1, -0.1),
     'camera_gamma': (0,),
     'bayer': (0, 'RGGB'),
     'jpeg_quality': (101, 90.5, -1, True),

@@ -31,8 +31,8 @@ def test_its_outline_is_the_contour_at_a_tenth_of_the_depth(dented):
     deep, _ = true_dents(dented)
     panel = dented.panels[0]
     x, y, _ = POSE.inverse().apply(deep.outline).T
-    height = panel.height(x, y)[0] - panel.bare_height(x)[0]
+    height = panel.height(x, y)[0] - panel.bare_height(x, y)[0]
     np.testing.assert_allclose(height, 0.1 * 0.002, rtol=1e-9)
     x, y, _ = POSE.inverse().apply(deep.border).T
-    assert np.abs(panel.height(x, y)[0] - panel.bare_height(x)[0]).max() < 1e-12
+    assert np.abs(panel.height(x, y)[0] - panel.bare_height(x, y)[0]).max() < 1e-12
     assert (deep.length, deep.width) == pytest.approx((0.835 * 0.08, 0.835 * 0.05), rel=1e-3)

@@ -17,12 +17,12 @@ START_NS = 1_700_000_000_000_000_000
 
 @pytest.fixture(scope='module')
 def world():
-    return read_world('scene.yaml', START_NS)
+    return read_world('shipped:scene.yaml', START_NS)
 
 
 @pytest.fixture(scope='module')
 def scene():
-    return read_yaml(find('scene.yaml'), ConfigurationError)
+    return read_yaml(find('shipped:scene.yaml'), ConfigurationError)
 
 
 @pytest.fixture
