@@ -45,6 +45,7 @@ def make_dent(
         orientation=Estimate(0.1, 0.01),
         area=Estimate(np.pi / 4 * length * width, 1e-5),
         volume=Estimate(0.3 * depth * length * width, 1e-9),
+        bottom_radius=width**2 / (8 * abs(depth)),
         significance=depth / sigma,
         is_cut=is_cut,
         outline=outline,
@@ -74,7 +75,7 @@ class TrueInspector:
         self.surface, self.noise = surface, noise
         self.bare = Surface(tuple(replace(panel, dents=()) for panel in surface.panels))
 
-    def __call__(self, cloud, noise=None, settings=None, viewpoint=(0.0, 0.0, 0.0)):
+    def __call__(self, cloud, settings=None, viewpoint=(0.0, 0.0, 0.0)):
         deviation = self.bare.distance(cloud.points).astype(np.float32)
         centres = cloud.points[cloud.valid].astype(float)
         dents = [
@@ -83,7 +84,14 @@ class TrueInspector:
             if len(centres) and np.linalg.norm(centres - true.position, axis=1).min() < 5e-3
         ]
         dents.sort(key=lambda dent: -dent.depth.value)
-        return Inspection(tuple(dents), (), deviation, np.full_like(deviation, self.noise))
+        return Inspection(
+            tuple(dents),
+            (),
+            (),
+            deviation,
+            np.full_like(deviation, self.noise),
+            np.full_like(deviation, 1e-4),
+        )
 
 
 CAMERA = Lens(320, 240, np.array([[400.0, 0, 159.5], [0, 400, 119.5], [0, 0, 1]]), np.zeros(5))

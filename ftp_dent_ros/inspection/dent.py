@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.pose import Pose
+
+# A new one goes to the end: messages hold their indices.
+KINDS = ('dent', 'bump', 'step', 'crease', 'gouge', 'other')
 
 Vector = NDArray[np.float64]
 Points = NDArray[np.float64]
@@ -36,7 +40,7 @@ class MeasuredDent:
     Attributes
     ----------
     kind : str
-        ``'dent'`` (smooth, inward), ``'bump'`` (outward) or ``'step'`` (one side of an edge).
+        One of `KINDS`; `ftp_dent_ros.inspection.measuring.kinds` states the rules.
     position : ndarray, shape (3,)
         Centre of the 10 % outline, on the undeformed contour, metres.
     normal : ndarray, shape (3,)
@@ -54,6 +58,8 @@ class MeasuredDent:
         Angle of the length axis from the frame's x axis about the normal, -pi/2 to pi/2, radians.
     area, volume : Estimate
         Within the 10 % outline, square and cubic metres.
+    bottom_radius : float
+        Smallest radius of curvature at the deepest place, as far as it is resolved, metres.
     significance : float
         Depth over the noise that the detection held it against.
     is_cut : bool
@@ -62,6 +68,8 @@ class MeasuredDent:
         The 10 % contour, closed, on the measured skin, metres.
     length_profile, width_profile : ndarray, shape (n, 2)
         Distance from the centre along each axis, and depth below the contour; metres.
+    reason : str
+        Where the kind, or its being one dent, is in doubt: why.
     clearance : float
         From this outline to the next dent's, metres; infinite if there is none.
     """
@@ -78,11 +86,13 @@ class MeasuredDent:
     orientation: Estimate
     area: Estimate
     volume: Estimate
+    bottom_radius: float
     significance: float
     is_cut: bool
     outline: Points
     length_profile: Points
     width_profile: Points
+    reason: str = ''
     clearance: float = float('inf')
 
     @property
@@ -91,14 +101,44 @@ class MeasuredDent:
         return self.width.value / self.depth.value
 
     def transformed(self, pose: Pose) -> MeasuredDent:
-        """The same dent in the parent frame of `pose`; the orientation is left as it is."""
+        """The same dent in the parent frame of `pose`, the orientation from its x axis."""
+        normal, axis = pose.rotation.apply(self.normal), pose.rotation.apply(self.axis)
         return replace(
             self,
             position=pose.apply(self.position),
-            normal=pose.rotation.apply(self.normal),
-            axis=pose.rotation.apply(self.axis),
+            normal=normal,
+            axis=axis,
+            orientation=replace(self.orientation, value=orientation_of(normal, axis)),
             outline=pose.apply(self.outline),
         )
+
+
+def orientation_of(normal: Vector, axis: Vector) -> float:
+    """Angle about the normal from the frame's x axis, as it lies on the skin, to the axis."""
+    x = np.array([1.0, 0, 0]) - normal * normal[0]
+    if np.linalg.norm(x) < 1e-6:
+        x = np.array([0, 1.0, 0])
+    angle = math.atan2(float(np.cross(x, axis) @ normal), float(x @ axis))
+    return (angle + math.pi / 2) % math.pi - math.pi / 2
+
+
+@dataclass(frozen=True, eq=False)
+class Waviness:
+    """What is told of a panel's waviness.
+
+    Attributes
+    ----------
+    amplitude : float
+        Of the sine with the same root mean square, metres.
+    wavelength : float
+        That carries the most, metres.
+    area : float
+        Of the panel, square metres.
+    """
+
+    amplitude: float
+    wavelength: float
+    area: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,15 +150,21 @@ class Inspection:
     dents : tuple of MeasuredDent
         Of kind ``'dent'``, the deepest first.
     others : tuple of MeasuredDent
-        Bumps and steps.
+        Creases, gouges, bumps, steps, and what is none of these.
+    waviness : tuple of Waviness
+        Of the panels that are wavy; what is told of dents is beside it.
     deviation : ndarray, shape (rows, columns)
         Depth of each point of the cloud below the undeformed contour, metres, inward positive;
         NaN where nothing is measured.
     noise : ndarray, shape (rows, columns)
         Its standard deviation, metres.
+    findable : ndarray, shape (rows, columns)
+        Depth from which a dent of the smallest width would have been found there, metres.
     """
 
     dents: tuple[MeasuredDent, ...]
     others: tuple[MeasuredDent, ...]
+    waviness: tuple[Waviness, ...]
     deviation: NDArray[np.float32]
     noise: NDArray[np.float32]
+    findable: NDArray[np.float32]

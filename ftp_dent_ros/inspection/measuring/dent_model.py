@@ -1,0 +1,164 @@
+"""The dent function (eq. 18) fitted to a deviation."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+_ROUNDS = 25
+_ENDED = 1e-4
+# Sides of squares of cells whose means tell how many err alike, how many squares that takes, and
+# how much more they do than is seen: a fit follows what is alike over much of a dent.
+_SQUARES = 2, 3, 4, 6
+_FEWEST = 8
+_HIDDEN = 4.0
+_SINGULAR = 1e-9
+# exp(1 - 1/q) and its slopes vanish below.
+_RIM = 2e-2
+
+Field = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class DentModel:
+    """``depth * exp(1 - 1 / (1 - r^2))`` inside an ellipse, with its covariance.
+
+    Attributes
+    ----------
+    parameters : ndarray, shape (6,)
+        x, y, logarithms of the half axes (metres), angle (radians), depth (metres).
+    covariance : ndarray, shape (6, 6)
+    """
+
+    parameters: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+
+    def depth(self, x: Field, y: Field) -> Field:
+        """Depth at positions, metres."""
+        return dent_function(self.parameters, x, y)
+
+    @property
+    def axes(self) -> tuple[float, float]:
+        """Full axes, the longer first, metres."""
+        a, b = (2 * math.exp(half) for half in self.parameters[2:4])
+        return max(a, b), min(a, b)
+
+    @property
+    def axes_uncertainty(self) -> tuple[float, float]:
+        """Standard uncertainty of `axes`, metres."""
+        spread = 2 * np.exp(self.parameters[2:4]) * np.sqrt(np.diag(self.covariance)[2:4])
+        first, second = spread if self.parameters[2] >= self.parameters[3] else spread[::-1]
+        return float(first), float(second)
+
+    @property
+    def angle_uncertainty(self) -> float:
+        """Standard uncertainty of the angle, radians; that of any angle at most."""
+        return min(math.sqrt(self.covariance[4, 4]), math.pi / math.sqrt(12))
+
+
+def dent_function(parameters: NDArray, x: Field, y: Field) -> Field:
+    """Eq. 18 at x, y, for the parameters of `DentModel`."""
+    u, v, _, _ = _normalised(parameters, x, y)
+    q = 1 - u * u - v * v
+    return np.where(q > _RIM, parameters[5] * np.exp(1 - 1 / np.maximum(q, _RIM)), 0.0)
+
+
+def fit_dent(
+    x: Field, y: Field, depth: Field, known: NDArray[np.bool_], start: Field, correlated: float
+) -> DentModel:
+    """Fit a dent function by damped least squares (Levenberg and Marquardt).
+
+    Parameters
+    ----------
+    x, y, depth, known : ndarray, shape (rows, columns)
+        Positions and depths, metres, and where they are measured.
+    start : ndarray, shape (6,)
+        Parameters to begin with.
+    correlated : float
+        Number of cells whose noise is one independent value, at most.
+    """
+    shape, damping = np.asarray(start, float).copy(), 1e-3
+    x, y, data = x[known], y[known], depth[known]
+    left = data - dent_function(shape, x, y)
+    cost = left @ left
+    for _ in range(_ROUNDS):
+        jacobian = _slopes(shape, x, y).T
+        normal, gradient = jacobian.T @ jacobian, jacobian.T @ left
+        # A dent that has left the grid has no slopes, and stays where it is.
+        diagonal = np.where(np.diag(normal) > 0, np.diag(normal), 1.0)
+        while True:
+            change = np.linalg.solve(
+                normal + np.diag(damping * diagonal + 1e-12 * diagonal), gradient
+            )
+            change[2:4] = np.clip(change[2:4], -0.3, 0.3)
+            change[4] = np.clip(change[4], -0.5, 0.5)
+            trial = shape + change
+            left_then = data - dent_function(trial, x, y)
+            cost_then = left_then @ left_then
+            if cost_then <= cost or damping > 1e4:
+                break
+            damping *= 8
+        if damping > 1e4:
+            break
+        gain = cost - cost_then
+        shape, left, cost = trial, left_then, cost_then
+        damping = max(damping / 8, 1e-9)
+        if abs(gain) <= _ENDED * cost:
+            break
+    jacobian = _slopes(shape, x, y).T
+    together = min(max(correlated, 1.0), _HIDDEN * _correlated_cells(left, known))
+    variance = together * cost / max(len(data) - len(shape), 1)
+    return DentModel(shape, variance * _inverse(jacobian.T @ jacobian))
+
+
+def _inverse(normal: Field) -> Field:
+    """Inverse of a normal matrix; what it does not determine is left very uncertain."""
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-30))
+    values, vectors = np.linalg.eigh(normal / np.outer(scale, scale))
+    inverse = (vectors / np.maximum(values, _SINGULAR)) @ vectors.T
+    return inverse / np.outer(scale, scale)
+
+
+def _correlated_cells(left: Field, known: NDArray[np.bool_]) -> float:
+    """Number of cells that err alike, from the means of squares of cells."""
+    errors = np.zeros(known.shape)
+    errors[known] = left
+    largest = 1.0
+    for side in _SQUARES:
+        size = known.shape[1] // side, known.shape[0] // side
+        whole = slice(0, size[1] * side), slice(0, size[0] * side)
+        share = cv2.resize(known[whole].astype(float), size, interpolation=cv2.INTER_AREA)
+        means = cv2.resize(errors[whole], size, interpolation=cv2.INTER_AREA)[share > 0.99]
+        if len(means) >= _FEWEST:
+            largest = max(largest, side**2 * float(np.mean(means**2) / np.mean(left**2)))
+    return largest
+
+
+def _normalised(parameters, x, y):
+    c, s = math.cos(parameters[4]), math.sin(parameters[4])
+    a, b = np.exp(np.clip(parameters[2:4], -12, 3))
+    dx, dy = x - parameters[0], y - parameters[1]
+    return (c * dx + s * dy) / a, (c * dy - s * dx) / b, a, b
+
+
+def _slopes(parameters, x, y):
+    u, v, a, b = _normalised(parameters, x, y)
+    q = np.maximum(1 - u * u - v * v, _RIM)
+    shape = np.where(q > _RIM, np.exp(1 - 1 / q), 0.0)
+    # Of the height with the square radius, twice.
+    slope = -2 * parameters[5] * shape / (q * q)
+    c, s = math.cos(parameters[4]), math.sin(parameters[4])
+    return np.stack(
+        [
+            slope * (-u * c / a + v * s / b),
+            slope * (-u * s / a - v * c / b),
+            -slope * u * u,
+            -slope * v * v,
+            slope * u * v * (b / a - a / b),
+            shape,
+        ],
+    )

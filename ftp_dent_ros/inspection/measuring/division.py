@@ -1,0 +1,76 @@
+"""Which dent of several that touch each cell of a patch belongs to."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.inspection.measuring.patch import Patch
+from ftp_dent_ros.inspection.measuring.peak import part_above
+
+_GREYS = 250
+# Levels between which the parts of one dent are compared, as parts of its depth.
+LEVELS = 0.25, 0.5, 0.75
+# How much of the width centres may move from level to level in one dent, and axis ratios change.
+_MOVED = 0.06
+_CHANGED = 0.22
+# Cells that have a form.
+_FEWEST = 30
+
+Mask = NDArray[np.bool_]
+
+
+def divided(patch: Patch, peaks: list[tuple[int, int]], level: float) -> list[Mask | None]:
+    """Regions of the peaks, parted where water would part; None of those that stand alone.
+
+    Parameters
+    ----------
+    patch : Patch
+    peaks : list of (int, int)
+        Rows and columns.
+    level : float
+        Part of its depth above which a dent is connected with another, or stands alone.
+    """
+    if len(peaks) < 2:
+        return [None] * len(peaks)
+    around = [part_above(patch, peak, level * patch.depth[peak]) for peak in peaks]
+    alone = [sum(bool(part[other]) for other in peaks) < 2 for part in around]
+    depth = np.clip(patch.depth / max(float(patch.depth.max()), 1e-12), 0, 1)
+    grey = np.rint(_GREYS * (1 - np.sqrt(depth))).astype(np.uint8)
+    markers = np.zeros(depth.shape, np.int32)
+    for index, (row, column) in enumerate(peaks, start=1):
+        cv2.circle(markers, (column, row), 1, index, cv2.FILLED)
+    found = cv2.watershed(cv2.merge([grey] * 3), markers)
+    # The line between two is both's.
+    line = (found == -1).astype(np.uint8)
+    regions: list[Mask | None] = []
+    for index in range(1, len(peaks) + 1):
+        own = (found == index).astype(np.uint8)
+        near = cv2.dilate(own, np.ones((3, 3), np.uint8))
+        regions.append(None if alone[index - 1] else (own | (near & line)) > 0)
+    return regions
+
+
+def looks_compound(parts: list[Mask], noise: float) -> bool:
+    """Whether the parts above rising levels differ in place or form, as of two dents in one.
+
+    Parameters
+    ----------
+    parts : list of ndarray of bool
+        What lies above each of `LEVELS`.
+    noise : float
+        As a part of the depth.
+    """
+    shapes = []
+    for part in parts:
+        rows, columns = np.nonzero(part)
+        if len(rows) < _FEWEST:
+            return False
+        moments = np.cov(np.stack([columns, rows]).astype(float)) + np.eye(2) / 12
+        across, along = np.sqrt(np.linalg.eigvalsh(moments))
+        shapes.append((columns.mean(), rows.mean(), 4 * across, along / across))
+    x, y, width, ratio = np.array(shapes).T
+    moved = np.hypot(np.ptp(x), np.ptp(y)) / width[0]
+    changed = np.ptp(ratio) / ratio.mean()
+    return bool(moved > _MOVED + 3 * noise or changed > _CHANGED + 6 * noise)

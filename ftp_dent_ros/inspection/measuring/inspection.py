@@ -1,0 +1,98 @@
+"""One cloud to its dents: the algorithm, one line a step."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.errors import CloudError
+from ftp_dent_ros.inspection.clearance import with_clearances
+from ftp_dent_ros.inspection.dent import Inspection, MeasuredDent, Waviness
+from ftp_dent_ros.inspection.measuring.bare_skin import bare_skin
+from ftp_dent_ros.inspection.measuring.detection import find_candidates, findable_depth
+from ftp_dent_ros.inspection.measuring.lattice import Lattice
+from ftp_dent_ros.inspection.measuring.measurement import measure
+from ftp_dent_ros.inspection.measuring.panels import find_panels, seam
+from ftp_dent_ros.inspection.measuring.steps import find_steps
+from ftp_dent_ros.inspection.measuring.surroundings import surroundings_of
+from ftp_dent_ros.inspection.measuring.waviness import waviness_of
+from ftp_dent_ros.inspection.settings import Settings
+
+# Cells beside a border of two panels where the reconstruction blurs one into the other.
+_SEAM = 3
+
+
+def inspect(
+    cloud: Cloud,
+    settings: Settings | None = None,
+    viewpoint: ArrayLike = (0, 0, 0),
+) -> Inspection:
+    """Find and measure the dents in a cloud.
+
+    Parameters
+    ----------
+    cloud : Cloud
+        Organised, in any frame, metres. What it tells of its points' uncertainty and resolution
+        is used; without it, noise is estimated from the cloud.
+    settings : Settings, optional
+    viewpoint : array_like, shape (3,)
+        Of the camera in the cloud's frame, on the outer side of the skin.
+
+    Raises
+    ------
+    CloudError
+        The cloud cannot be inspected; the message says why.
+    """
+    settings = settings or Settings()
+    lattice = Lattice.of(cloud, settings)
+    panels, labels = find_panels(lattice, np.asarray(viewpoint, float) - lattice.origin, settings)
+    if not panels:
+        raise CloudError(
+            'no part of the cloud is large enough to know the skin: come closer, or light more'
+        )
+    seams = seam(labels, _SEAM)
+    found: list[MeasuredDent] = find_steps(lattice, panels, labels, seams, settings)
+    wavy: list[Waviness] = []
+    shape = cloud.points.shape[:2]
+    fine = lattice.spread(labels, shape)
+    deviation = np.full(shape, np.nan, np.float32)
+    spread = np.full(shape, np.nan, np.float32)
+    findable = np.full(shape, np.nan, np.float32)
+    for index, panel in enumerate(panels):
+        skin = bare_skin(lattice, panel, seams, settings)
+        relief = None if skin.relief is None else skin.relief.at_points(lattice.block, shape)
+        at = lattice.measured & (fine == index)
+        depth = skin.contour.depth(lattice.all_points)
+        np.copyto(deviation, depth if relief is None else depth - relief, where=at)
+        np.copyto(spread, lattice.spread(skin.noise.after(0), shape), where=at)
+        least = findable_depth(skin.noise, settings)
+        np.copyto(findable, lattice.spread(least, shape), where=at)
+        if skin.relief is not None:
+            wavy.append(waviness_of(skin.relief, panel.mask, lattice))
+        inner = panel.mask & ~seams
+        for candidate in find_candidates(skin.maps, skin.noise, inner, lattice, settings):
+            around = surroundings_of(candidate, at, lattice, skin, relief, seams)
+            if around is not None:
+                found += measure(candidate, around, skin, settings)
+    found = [dent for dent in found if not _is_part(dent, found)]
+    placed = with_clearances([_moved(dent, lattice.origin) for dent in found])
+    dents = sorted((d for d in placed if d.kind == 'dent'), key=lambda d: -d.depth.value)
+    others = tuple(dent for dent in placed if dent.kind != 'dent')
+    return Inspection(tuple(dents), others, tuple(wavy), deviation, spread, findable)
+
+
+def _is_part(dent: MeasuredDent, found: list[MeasuredDent]) -> bool:
+    """Whether something in doubt lies within what is listed as a larger one."""
+    return dent.kind == 'other' and any(
+        np.linalg.norm(dent.position - other.position) < other.length.value / 2
+        and other.length.value > dent.length.value
+        for other in found
+        if other.kind != 'other' and other.depth.value * dent.depth.value > 0
+    )
+
+
+def _moved(dent: MeasuredDent, origin: NDArray[np.float64]) -> MeasuredDent:
+    return replace(dent, position=dent.position + origin, outline=dent.outline + origin)

@@ -1,0 +1,90 @@
+"""What a place that departs from the skin is: the rules.
+
+In this order, with sizes on the contour at 10 % of the depth:
+
+- *bump*: outward.
+- *gouge*: narrower than `_NARROW`, longer than `_LONG` widths, and the light in it differs from
+  that beside it by more than `_MARK`: material or paint is gone. A scratch is a shallow gouge.
+- *crease*: longer than `_LONG` widths, and its radius of curvature at the bottom is smaller than
+  `_SHARP` width^2 / (8 depth) (a Gaussian has 0.48 of it, a paraboloid 1.1), or it is so narrow
+  that the reconstruction cannot show whether it is. Repair manuals treat a crease as a crack.
+- *dent*: all else that is inward, whole, and as wide as the smallest dent.
+- *other*: significant and deep enough, but the rim of the measured area cuts it, or it lies
+  along that rim; with the reason.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ftp_dent_ros.inspection.settings import Settings
+
+# Metres.
+_NARROW = 0.006
+_LONG = 1.8
+_MARK = 0.08
+_SHARP = 0.33
+# A crease narrower than so many wavelengths of which half is left cannot be told from a valley.
+_UNRESOLVED, _LONGER, _BLUNT = 3.0, 2.5, 1.0
+# Depths, in smallest ones, of what the rim cuts, for the contour is known on one side of it only;
+# what lies along it, longer than so many widths, is rarely skin.
+_CUT = 4.0
+_STRIP, _STRIP_CUT = 2.8, 8.0
+
+
+@dataclass(frozen=True)
+class Appearance:
+    """What the rules ask.
+
+    Attributes
+    ----------
+    depth : float
+        Metres, outward negative.
+    length, width : float
+        On the contour at 10 % of the depth, metres.
+    radius : float
+        Of curvature at the bottom across the length, metres.
+    resolution : float
+        Wavelength of which half is left, metres; NaN if it is not known.
+    mark : float
+        Change of the light within, as a part of that beside it.
+    is_cut : bool
+    """
+
+    depth: float
+    length: float
+    width: float
+    radius: float
+    resolution: float
+    mark: float
+    is_cut: bool
+
+
+def kind_of(seen: Appearance, settings: Settings) -> tuple[str, str]:
+    """Kind, and the reason where it is in doubt; an empty kind is too small to list."""
+    deep = abs(seen.depth)
+    long = seen.length > _LONG * seen.width
+    if deep < settings.smallest_depth or seen.length < settings.smallest_width:
+        return '', ''
+    narrow = seen.width < settings.smallest_width
+    if seen.is_cut:
+        strip = seen.length > _STRIP * seen.width
+        if deep < (_STRIP_CUT if strip else _CUT) * settings.smallest_depth or narrow:
+            place = 'lies along' if strip else 'is cut by'
+            return 'other', f'{place} the rim of what is measured, where the skin is not known'
+    if seen.depth < 0:
+        if narrow:
+            return ('other', 'a narrow ridge') if long else ('', '')
+        return 'bump', ''
+    if seen.width < _NARROW and long and abs(seen.mark) > _MARK:
+        return 'gouge', ''
+    if long:
+        bluntness = 8 * deep * seen.radius / seen.width**2
+        if bluntness < _SHARP:
+            return 'crease', ''
+        unresolved = seen.width < _UNRESOLVED * seen.resolution
+        if unresolved and bluntness < _BLUNT and seen.length > _LONGER * seen.width:
+            return 'crease', 'too narrow to see how sharp it is'
+    if narrow:
+        return ('other', 'narrower than the smallest dent') if long else ('', '')
+    return 'dent', ''

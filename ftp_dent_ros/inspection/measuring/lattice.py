@@ -1,0 +1,180 @@
+"""The cloud, checked and averaged to cells as coarse as the smallest dent allows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.errors import CloudError
+from ftp_dent_ros.inspection.settings import Settings
+
+_FEWEST_POINTS = 300
+# A cloud whose neighbours lie so far apart is not in metres.
+_WIDEST_SPACING = 0.05
+# Neighbours whose median distance is the spacing, about.
+_PAIRS = 5000
+# Every so many cells are enough for the usual noise.
+_SOME = 7
+# Cells across the smallest dent.
+_CELLS = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Lattice:
+    """Means of blocks of the cloud.
+
+    Attributes
+    ----------
+    points : ndarray, shape (rows, columns, 3), float32
+        Relative to `origin`, metres; 0 where not `valid`.
+    valid : ndarray, shape (rows, columns), bool
+    sigma : ndarray, shape (rows, columns), float32, or None
+        Standard uncertainty of the points along their rays, where the cloud tells it.
+    resolution : ndarray, shape (rows, columns), float32, or None
+        Wavelength of which half is left, metres, where the cloud tells it.
+    block : int
+        Points of the cloud along a cell's side.
+    spacing : tuple of 2 floats
+        From cell to cell along columns (x) and rows (y), metres.
+    origin : ndarray, shape (3,)
+        In the cloud's frame.
+    all_points : ndarray, shape (rows of the cloud, columns of the cloud, 3), float32
+        Relative to `origin`, metres; 0 where not `measured`.
+    measured : ndarray, shape (rows of the cloud, columns of the cloud), bool
+    light : ndarray, shape (rows of the cloud, columns of the cloud), float32
+        Modulation of the fringes, grey levels.
+    """
+
+    points: NDArray[np.float32]
+    valid: NDArray[np.bool_]
+    sigma: NDArray[np.float32] | None
+    resolution: NDArray[np.float32] | None
+    block: int
+    spacing: tuple[float, float]
+    origin: NDArray[np.float64]
+    all_points: NDArray[np.float32]
+    measured: NDArray[np.bool_]
+    light: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, cloud: Cloud, settings: Settings) -> Lattice:
+        """Check a cloud and average it.
+
+        Raises
+        ------
+        CloudError
+            The cloud cannot be inspected; the message says why.
+        """
+        origin = _checked(cloud)
+        relative, finite = _relative(cloud.points, origin)
+        across = _spacing(relative, finite, 1), _spacing(relative, finite, 0)
+        if max(across) > _WIDEST_SPACING:
+            raise CloudError(
+                f'the points of the cloud lie {max(across):.2g} m apart, so that it seems to be '
+                'in millimetres: give it in metres'
+            )
+        block = max(1, round(settings.smallest_width / _CELLS / max(across)))
+        share = _means(finite.astype(np.float32), block)
+        valid = share > 0.5
+        points = _means(relative, block) / np.where(valid, share, 1)[..., None]
+        points[~valid] = 0
+        spacing = block * across[0], block * across[1]
+        return cls(
+            points.astype(np.float32, copy=False),
+            valid,
+            _told(cloud.sigma, finite, block),
+            _told(cloud.resolution, finite, block),
+            block,
+            spacing,
+            origin,
+            relative,
+            finite,
+            cloud.intensity,
+        )
+
+    def spread(self, coarse: NDArray, shape: tuple[int, int]) -> NDArray:
+        """Values of the cells at the cloud's points, shape `shape`."""
+        rows = np.minimum(np.arange(shape[0]) // self.block, len(coarse) - 1)
+        columns = np.minimum(np.arange(shape[1]) // self.block, coarse.shape[1] - 1)
+        if self.block == 1:
+            return coarse
+        return coarse[rows][:, columns]
+
+    def cells(self, metres: float) -> tuple[float, float]:
+        """A length in cells along x and y."""
+        return metres / self.spacing[0], metres / self.spacing[1]
+
+
+def _told(values: NDArray, finite: NDArray[np.bool_], block: int) -> NDArray[np.float32] | None:
+    """Means of what the cloud tells of its points; None if it tells nothing."""
+    known = finite & np.isfinite(values) & (values > 0)
+    if not known.any():
+        return None
+    weight = _means(known.astype(np.float32), block)
+    total = _means(np.where(known, values, 0).astype(np.float32, copy=False), block)
+    means = total / np.maximum(weight, np.float32(1e-6))
+    usual = np.float32(np.median(means[weight > 0][::_SOME]))
+    return np.where(weight > 0, means, usual)
+
+
+def _checked(cloud: Cloud) -> NDArray[np.float64]:
+    """Median of the points, after checks of their number and order."""
+    rows, columns = cloud.points.shape[:2]
+    if not rows * columns:
+        raise CloudError('the cloud is empty: give one with points')
+    if min(rows, columns) == 1 and rows * columns > 2:
+        raise CloudError(
+            f'the cloud is not organised (its grid is {rows} x {columns}): give it as the '
+            'reconstruction writes it, on the grid of the camera'
+        )
+    finite = np.isfinite(cloud.points[..., 2])
+    count = int(finite.sum())
+    if not count:
+        raise CloudError('no point of the cloud is measured (all are NaN): give another cloud')
+    if count < _FEWEST_POINTS:
+        raise CloudError(
+            f'only {count} points of the cloud are measured, too few to know the skin: '
+            f'give a cloud of {_FEWEST_POINTS} or more'
+        )
+    step = max(1, int(np.sqrt(count / 5000)))
+    some = cloud.points[::step, ::step][finite[::step, ::step]]
+    some = some if len(some) else cloud.points[finite]
+    return np.nanmedian(some.astype(float), axis=0)
+
+
+def _relative(
+    points: NDArray, origin: NDArray[np.float64]
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Points from the origin, 0 where one of their coordinates is not finite, and where not."""
+    move = np.hstack([np.eye(3), -origin[:, None]])
+    moved = np.asarray(cv2.transform(points, move)).astype(np.float32, copy=False)
+    finite = np.isfinite(moved[..., 0] + moved[..., 1] + moved[..., 2])
+    # A bit pattern is 0 after an exclusive or with itself, also that of NaN.
+    cv2.bitwise_xor(moved, moved, dst=moved, mask=(~finite).view(np.uint8))
+    return moved, finite
+
+
+def _spacing(points: NDArray, finite: NDArray[np.bool_], axis: int) -> float:
+    """Median distance of neighbours along an axis."""
+    here = slice(None, -1), slice(None, -1)
+    there = (slice(1, None), here[1]) if axis == 0 else (here[0], slice(1, None))
+    pairs = np.flatnonzero(finite[here] & finite[there])
+    if not len(pairs):
+        raise CloudError('the points of the cloud have no neighbours: give a dense cloud')
+    row, column = np.unravel_index(pairs[:: 1 + len(pairs) // _PAIRS], finite[here].shape)
+    apart = points[there][row, column] - points[here][row, column]
+    return float(np.median(np.linalg.norm(apart, axis=1)))
+
+
+def _means(values: NDArray[np.float32], block: int) -> NDArray[np.float32]:
+    """Means of square blocks; what does not fill one is left out."""
+    if block == 1:
+        return values.copy()
+    rows, columns = values.shape[0] // block, values.shape[1] // block
+    whole = np.ascontiguousarray(values[: rows * block, : columns * block])
+    means = cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA)
+    return np.asarray(means, np.float32)

@@ -1,0 +1,139 @@
+"""How far the bare skin strays from its contour by chance, at each scale of averaging."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.inspection.measuring.lattice import Lattice
+
+_MAD = 1.4826
+# Cells that a median is taken of, about.
+_ENOUGH = 5000
+# Below this no cloud is trusted, metres.
+_LEAST = 5e-7
+# Over which noise beyond the common one is correlated, metres.
+_SHORT = 1.5e-3
+# Cells between the points of a second difference: more than their noise is correlated over.
+_LAG = 3
+
+Map = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """Standard deviation of the deviation map after smoothing by Gaussians.
+
+    Two parts: one that is everywhere alike and correlated over long distances, measured at each
+    scale, and what some places have beyond it, which falls with the scale like noise that is
+    correlated over a fringe.
+
+    Attributes
+    ----------
+    common : ndarray, shape (n,)
+        First part at each of the scales, metres.
+    scales : ndarray, shape (n,)
+        Standard deviations of the Gaussians, metres, the first 0.
+    extra : ndarray, shape (rows, columns), float32
+        Second part of the lattice's cells as they are, metres.
+    """
+
+    common: NDArray[np.float64]
+    scales: NDArray[np.float64]
+    extra: Map
+
+    def after(self, scale: float, extra: float | None = None) -> Map:
+        """Standard deviation after a Gaussian of `scale` metres, of each cell or for one value."""
+        first = float(np.interp(scale, self.scales, self.common))
+        left = 1 / math.sqrt(1 + (scale / _SHORT) ** 2)
+        beyond = self.extra if extra is None else extra
+        return np.hypot(np.float32(first), np.float32(left) * beyond)
+
+    @property
+    def correlated_area(self) -> float:
+        """Area whose mean counts as one independent value, square metres."""
+        ratio = self.common / self.common[0]
+        return float(4 * math.pi * max(np.max((self.scales * ratio) ** 2), _SHORT**2))
+
+
+def smoothed(values: Map, valid: Mask, cells: tuple[float, float]) -> Map:
+    """Gaussian mean of the valid values; NaN where fewer than half of the weights are valid."""
+    size = [2 * math.ceil(2.5 * sigma) + 1 for sigma in cells]
+
+    def blurred(image: Map) -> Map:
+        result = cv2.GaussianBlur(
+            image, size, cells[0], sigmaY=cells[1], borderType=cv2.BORDER_CONSTANT
+        )
+        return np.asarray(result, np.float32)
+
+    weight = blurred(valid.astype(np.float32))
+    total = blurred(np.where(valid, values, np.float32(0)))
+    return np.where(weight > 0.45, total / np.maximum(weight, 0.1), np.float32(np.nan))
+
+
+def median_of(values: NDArray) -> float:
+    """Median of about 5000 of the values, shape (n,), spread evenly."""
+    return float(np.median(values[:: 1 + len(values) // _ENOUGH]))
+
+
+def rough_noise(height: Map, valid: Mask) -> float:
+    """Standard deviation of cells before any contour is known, from second differences, metres."""
+    spreads = []
+    for values, known in ((height, valid), (height.T, valid.T)):
+        ends = known[2 * _LAG :] & known[: -2 * _LAG] & known[_LAG:-_LAG]
+        bend = values[2 * _LAG :] - 2 * values[_LAG:-_LAG] + values[: -2 * _LAG]
+        bend = bend[ends]
+        if len(bend) > 50:
+            # The skin's own curvature is their median.
+            spreads.append(median_of(np.abs(bend - median_of(bend))))
+    return max(_MAD * float(min(spreads, default=0)) / math.sqrt(6), _LEAST)
+
+
+def measured_noise(
+    deviation: Map, maps: list[Map], bare: Mask, lattice: Lattice, scales: tuple[float, ...]
+) -> Noise:
+    """Noise of a deviation map.
+
+    Parameters
+    ----------
+    deviation : ndarray, shape (rows, columns), float32
+        Metres; NaN where there is no contour.
+    maps : list of ndarray
+        The same, `smoothed` at each of the scales.
+    bare : ndarray, shape (rows, columns), bool
+        Skin without dents.
+    lattice : Lattice
+        Its `sigma` gives the noise's distribution over the cloud, if it is known.
+    scales : tuple of float
+        Metres, rising.
+    """
+    known = np.isfinite(deviation)
+    sample = bare & known
+    if sample.sum() < 100:
+        sample = known
+    extra = lattice.sigma if lattice.sigma is not None else _local(deviation, sample, lattice)
+    calm = np.flatnonzero(sample & (extra <= median_of(extra[sample])))
+    calm = calm[:: 1 + len(calm) // _ENOUGH]
+    common = []
+    for values in (deviation, *maps):
+        strayed = np.abs(values.ravel()[calm])
+        strayed = strayed[np.isfinite(strayed)]
+        common.append(_MAD * float(np.median(strayed)) if len(strayed) else _LEAST)
+    falling = np.minimum.accumulate(np.maximum(common, _LEAST))
+    return Noise(falling, np.array((0.0, *scales)), extra)
+
+
+def _local(deviation: Map, bare: Mask, lattice: Lattice) -> Map:
+    """What the noise has beyond its median, from the deviations around each cell."""
+    usual = max(_MAD * median_of(np.abs(deviation[bare])), _LEAST)
+    clipped = np.minimum(np.abs(np.where(bare, deviation, 0)), 4 * usual)
+    across, down = lattice.cells(0.02)
+    wide = min(12.0, across), min(12.0, down)
+    square = smoothed(np.square(clipped).astype(np.float32), bare, wide)
+    beyond = np.where(np.isfinite(square), square, 0) - (1.5 * usual) ** 2
+    return np.sqrt(np.maximum(beyond, 0)).astype(np.float32)

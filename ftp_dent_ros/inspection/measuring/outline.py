@@ -1,0 +1,187 @@
+"""The contour of a dent at a level of its depth, and its length and width."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.inspection.measuring.patch import Patch, sampled
+from ftp_dent_ros.inspection.measuring.peak import part_above
+
+_RAYS = 96
+_SAMPLES = 80
+_FURTHEST = 2.2
+_HARMONICS = 8
+_POINTS = 120
+# Parts of a cell's side, for areas.
+_FINE = 4
+
+Vector = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """A closed curve on the contour's x, y.
+
+    Attributes
+    ----------
+    x, y : ndarray, shape (n,)
+        Metres.
+    slope : ndarray, shape (n,)
+        How fast the depth falls across it.
+    inside : ndarray, shape (rows, columns)
+        Part of each cell of the patch that lies within.
+    is_cut : bool
+        Whether it leaves what is measured.
+    """
+
+    x: Vector
+    y: Vector
+    slope: Vector
+    inside: Vector
+    is_cut: bool
+
+    @property
+    def centre(self) -> tuple[float, float]:
+        """Centroid of the area, metres."""
+        cross = self._cross()
+        area = cross.sum() / 2
+        next_x, next_y = np.roll(self.x, -1), np.roll(self.y, -1)
+        return (
+            float(((self.x + next_x) * cross).sum() / (6 * area)),
+            float(((self.y + next_y) * cross).sum() / (6 * area)),
+        )
+
+    @property
+    def area(self) -> float:
+        """Square metres."""
+        return abs(float(self._cross().sum() / 2))
+
+    def axis(self) -> float:
+        """Angle of the longer principal axis of the area."""
+        x, y = self.centre
+        a, b = self.x - x, self.y - y
+        cross = a * np.roll(b, -1) - np.roll(a, -1) * b
+        u, v = np.roll(a, -1), np.roll(b, -1)
+        xx = (cross * (a * a + a * u + u * u)).sum()
+        yy = (cross * (b * b + b * v + v * v)).sum()
+        xy = (cross * (a * v + 2 * a * b + 2 * u * v + u * b)).sum() / 2
+        sign = math.copysign(1, cross.sum())
+        return math.atan2(2 * sign * xy, sign * (xx - yy)) / 2
+
+    def length(self) -> tuple[float, float, float]:
+        """Longest distance between two points, its angle, and the mean of 1/slope at its ends."""
+        apart = (self.x[:, None] - self.x) ** 2 + (self.y[:, None] - self.y) ** 2
+        i, j = np.unravel_index(np.argmax(apart), apart.shape)
+        angle = math.atan2(self.y[j] - self.y[i], self.x[j] - self.x[i])
+        return math.sqrt(apart[i, j]), angle, self._flatness(i, j)
+
+    def width(self, angle: float) -> tuple[float, float]:
+        """Extent at 90 degrees to an angle, and the mean of 1/slope at its ends."""
+        across = math.cos(angle) * self.y - math.sin(angle) * self.x
+        i, j = int(np.argmax(across)), int(np.argmin(across))
+        return float(across[i] - across[j]), self._flatness(i, j)
+
+    def _flatness(self, i, j) -> float:
+        return float((1 / self.slope[i] + 1 / self.slope[j]) / 2)
+
+    def _cross(self) -> Vector:
+        return self.x * np.roll(self.y, -1) - np.roll(self.x, -1) * self.y
+
+
+def find_outline(
+    patch: Patch, peak: tuple[int, int], level: float, region: Mask | None = None
+) -> Outline | None:
+    """Outline of the part of a patch that holds a cell and is deeper than `level`, if any.
+
+    Within a region, if one is given.
+    """
+    filled = _filled(part_above(patch, peak, level, region))
+    rows, columns = np.nonzero(filled)
+    if len(rows) < 9:
+        return None
+    row, column = rows.mean(), columns.mean()
+    spread = np.cov(np.stack([columns, rows]).astype(float)) + np.eye(2) / 12
+    values, vectors = np.linalg.eigh(spread)
+    radius = 2 * np.sqrt(values)
+    angles = np.arange(_RAYS) * 2 * math.pi / _RAYS
+    ray = vectors @ (radius[:, None] * np.stack([np.cos(angles), np.sin(angles)]))
+    along = np.linspace(0, _FURTHEST, _SAMPLES)
+    at_x = column + ray[0][:, None] * along
+    at_y = row + ray[1][:, None] * along
+    depth = sampled(patch.depth, at_x, at_y, cv2.INTER_CUBIC)
+    # One cell more, so that the crossing behind the last cell is seen.
+    wider = cv2.dilate(filled.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(float)
+    held = (sampled(wider, at_x, at_y, cv2.INTER_NEAREST) > 0.5) & (depth > level)
+    held[:, 0] = True
+    last = np.minimum(_SAMPLES - 1 - np.argmax(held[:, ::-1], axis=1), _SAMPLES - 2)
+    each = np.arange(_RAYS)
+    high, low = depth[each, last], depth[each, last + 1]
+    fall = np.maximum(high - low, 1e-12)
+    crossing = along[last] + (along[1] - along[0]) * np.clip((high - level) / fall, 0, 1)
+    crossing = _harmonic(crossing, _RAYS)
+    dense = _harmonic(crossing, _POINTS)
+    angles = np.arange(_POINTS) * 2 * math.pi / _POINTS
+    ray = vectors @ (radius[:, None] * np.stack([np.cos(angles), np.sin(angles)]))
+    out_x, out_y = column + dense * ray[0], row + dense * ray[1]
+    cut = _cut(patch, out_x, out_y)
+    slope = _slope(patch, out_x, out_y, level)
+    return Outline(
+        patch.corner[0] + patch.step * out_x,
+        patch.corner[1] + patch.step * out_y,
+        slope,
+        _covered(patch.depth.shape, out_x, out_y),
+        cut,
+    )
+
+
+def _covered(shape: tuple[int, ...], columns: Vector, rows: Vector) -> Vector:
+    """Part of each cell within a polygon."""
+    fine = np.zeros((_FINE * shape[0], _FINE * shape[1]), np.uint8)
+    corners = _FINE * (np.stack([columns, rows], axis=1) + 0.5) - 0.5
+    cv2.fillPoly(fine, [np.rint(16 * corners).astype(np.int32)], 1, shift=4)
+    return cv2.resize(fine.astype(np.float32), shape[::-1], interpolation=cv2.INTER_AREA).astype(
+        float
+    )
+
+
+def _filled(part: Mask) -> Mask:
+    contours, _ = cv2.findContours(part.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    filled = np.zeros(part.shape, np.uint8)
+    cv2.drawContours(filled, contours, -1, 1, cv2.FILLED)
+    return filled > 0
+
+
+def _harmonic(values: Vector, count: int) -> Vector:
+    """The lowest harmonics of a periodic sequence, at `count` places."""
+    spectrum = np.fft.rfft(values)[: _HARMONICS + 1]
+    padded = np.zeros(count // 2 + 1, complex)
+    padded[: len(spectrum)] = spectrum
+    return np.fft.irfft(padded, count) * (count / len(values))
+
+
+def _slope(patch: Patch, at_x: Vector, at_y: Vector, level: float) -> Vector:
+    # Right, left, below and above.
+    columns = np.stack([at_x + 1, at_x - 1, at_x, at_x])
+    rows = np.stack([at_y, at_y, at_y + 1, at_y - 1])
+    right, left, below, above = sampled(patch.depth, columns, rows, cv2.INTER_LINEAR)
+    steep = np.hypot(right - left, below - above) / (2 * patch.step)
+    return np.maximum(steep, level / (50 * patch.step))
+
+
+def _cut(patch: Patch, at_x: Vector, at_y: Vector) -> bool:
+    """Whether more than a twentieth of the outline is not measured around."""
+    size = 2 * math.ceil(patch.scale / patch.step) + 1
+    inner = cv2.erode(
+        patch.known.astype(np.uint8),
+        np.ones((size, size), np.uint8),
+        borderType=cv2.BORDER_CONSTANT,
+        borderValue=0,
+    )
+    known = sampled(inner.astype(float), at_x, at_y, cv2.INTER_NEAREST) > 0.5
+    return bool((~known).mean() > 0.05)

@@ -1,0 +1,37 @@
+"""Where a dent lies in the frame of its cloud."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.inspection.measuring.contour import Contour
+from ftp_dent_ros.inspection.measuring.outline import Outline
+
+_PROFILE = 81
+
+Vector = NDArray[np.float64]
+
+
+def axis_along(contour: Contour, normal: Vector, angle: float) -> Vector:
+    """Unit vector along the skin at an angle from the contour's x axis."""
+    along = contour.axes[0] * math.cos(angle) + contour.axes[1] * math.sin(angle)
+    along = along - normal * (along @ normal)
+    return along / np.linalg.norm(along)
+
+
+def on_skin(contour: Contour, outline: Outline, depth: float) -> NDArray[np.float64]:
+    """The outline as a closed line in the cloud's frame, shape (n, 3)."""
+    points = contour.point(outline.x, outline.y, np.full(len(outline.x), depth))
+    return np.concatenate([points, points[:1]])
+
+
+def profile_of(patch, sign, x, y, angle, length) -> NDArray[np.float64]:
+    """Depths along a line, shape (n, 2), a third of the length beyond both ends."""
+    along = np.linspace(-0.83 * length, 0.83 * length, _PROFILE)
+    at_x, at_y = x + along * math.cos(angle), y + along * math.sin(angle)
+    depth = sign * patch.at(at_x, at_y)
+    depth[~patch.is_known(at_x, at_y)] = np.nan
+    return np.stack([along, depth], axis=1)

@@ -1,0 +1,141 @@
+"""The points of a cloud around one candidate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.inspection.measuring.bare_skin import BareSkin
+from ftp_dent_ros.inspection.measuring.detection import Candidate
+from ftp_dent_ros.inspection.measuring.lattice import Lattice
+
+# Of a candidate's window, as a part of its size.
+_MARGIN = 0.45
+# Points along the longer side of a candidate's window, about.
+_WINDOW = 110
+# And across it, at least.
+_ACROSS = 14
+_FEWEST = 30
+
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """Points around one candidate, on their panel.
+
+    Attributes
+    ----------
+    x, y, depth : ndarray, shape (n,)
+        Feet on the contour and depths below the skin, metres.
+    light : ndarray, shape (n,)
+        Modulation of the fringes, grey levels.
+    cells : ndarray, shape (2, cells)
+        x, y of the candidate's own cells, metres.
+    cell : float
+        Their size, metres.
+    spacing : float
+        Between points, metres.
+    bounds : tuple of 4 floats
+        x_min, x_max, y_min, y_max.
+    extra : float
+        Noise beyond the common one here, metres.
+    resolution : float
+        Wavelength of which half is left here, metres; NaN if it is not known.
+    """
+
+    x: Vector
+    y: Vector
+    depth: Vector
+    light: Vector
+    cells: Vector
+    cell: float
+    spacing: float
+    bounds: tuple[float, float, float, float]
+    extra: float
+    resolution: float
+
+
+def surroundings_of(
+    candidate: Candidate,
+    at: NDArray[np.bool_],
+    lattice: Lattice,
+    skin: BareSkin,
+    relief: NDArray[np.float32] | None,
+    seams: NDArray[np.bool_],
+) -> Surroundings | None:
+    """Points around a candidate; none if it is smaller than anything to report.
+
+    Parameters
+    ----------
+    candidate : Candidate
+    at : ndarray, shape (rows of the cloud, columns of the cloud), bool
+        Points of its panel.
+    lattice : Lattice
+    skin : BareSkin
+    relief : ndarray, shape (rows of the cloud, columns of the cloud), float32, optional
+        The skin's, at the points, metres.
+    seams : ndarray, shape (rows, columns), bool
+        Cells at panels' borders.
+    """
+    rows, columns = np.nonzero(candidate.mask)
+    if max(np.ptp(rows), np.ptp(columns)) < 2:
+        return None
+    margin = int(_MARGIN * max(np.ptp(rows), np.ptp(columns))) + 5
+    block = lattice.block
+    top, left = max(rows.min() - margin, 0), max(columns.min() - margin, 0)
+    bottom, right = rows.max() + margin + 1, columns.max() + margin + 1
+    window = slice(top * block, bottom * block), slice(left * block, right * block)
+    usable = at[window]
+    if seams.any():
+        usable = usable & ~lattice.spread(seams, at.shape)[window]
+    images: list[NDArray] = [lattice.all_points[window], lattice.light[window]]
+    images += [] if relief is None else [relief[window]]
+    spacing = max(lattice.spacing) / block
+    every = max(1, min(max(usable.shape) // _WINDOW, int(candidate.width / spacing / _ACROSS)))
+    if every > 1:
+        size = usable.shape[1] // every, usable.shape[0] // every
+        mask = usable.astype(np.uint8)
+        images = [
+            cv2.resize(cv2.copyTo(values, mask), size, interpolation=cv2.INTER_AREA)
+            for values in images
+        ]
+        share = cv2.resize(usable.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+        usable = share > 0.5
+        share = share[usable]
+        values, *rest = (image[usable] for image in images)
+        values, rest = values / share[:, None], [each / share for each in rest]
+    else:
+        values, *rest = (image[usable] for image in images)
+    if len(values) < _FEWEST:
+        return None
+    contour = skin.contour
+    x, y, depth = (axis.astype(float) for axis in contour.deviation(values))
+    if relief is not None:
+        depth = depth - rest[1]
+    around_x, around_y, _ = contour.local(lattice.points[candidate.mask])
+    pad = 0.35 * max(np.ptp(around_x), np.ptp(around_y)) + 4 * max(lattice.spacing)
+    bounds = (
+        float(around_x.min() - pad),
+        float(around_x.max() + pad),
+        float(around_y.min() - pad),
+        float(around_y.max() + pad),
+    )
+    resolution = np.nan
+    if lattice.resolution is not None:
+        resolution = float(np.median(lattice.resolution[candidate.mask]))
+    return Surroundings(
+        x=x,
+        y=y,
+        depth=depth,
+        light=rest[0].astype(float),
+        cells=np.stack([around_x, around_y]).astype(float),
+        cell=max(lattice.spacing),
+        spacing=every * spacing,
+        bounds=bounds,
+        extra=float(np.median(skin.noise.extra[candidate.mask])),
+        resolution=resolution,
+    )

@@ -1,0 +1,87 @@
+"""The clouds of a bag, inspected."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from ftp_dent_ros.errors import CloudError
+from ftp_dent_ros.inspection.observation import SAME, Observation, viewpoint_of
+from ftp_dent_ros.inspection.reporting.content import Report
+from ftp_dent_ros.inspection.reporting.rules import Rules
+from ftp_dent_ros.inspection.reporting.survey import Inspect, Survey
+from ftp_dent_ros.inspection.settings import Settings
+from ftp_dent_ros.recording.clouds import BagCloud, Skipped, bag_clouds, count_clouds
+from ftp_dent_ros.recording.reader import Bag
+from ftp_dent_ros.rig import Lens
+
+
+def survey_bag(
+    bag: Bag,
+    inspect: Inspect,
+    rig: tuple[str, str] = ('', ''),
+    camera: Lens | None = None,
+    rules: Rules | None = None,
+    settings: Settings | None = None,
+    progress: Callable[[], Any] = lambda: None,
+) -> Report:
+    """Inspect every cloud of a bag: the tagged ones with their poses, else those of ``points``.
+
+    Parameters
+    ----------
+    bag : Bag
+    inspect : callable
+        `ftp_dent_ros.inspection.measuring.inspection.inspect`.
+    rig : (str, str)
+        The calibration's name and id.
+    camera : Lens, optional
+        Of that rig, to draw the dents into the photographs.
+    rules : Rules, optional
+    settings : Settings, optional
+    progress : callable
+        Called after each cloud.
+
+    Returns
+    -------
+    Report
+        It names the messages that could not be used.
+
+    Raises
+    ------
+    BagError
+        It has no clouds, or is damaged.
+    CloudError
+        No cloud in it could be inspected.
+    """
+    count, tagged = count_clouds(bag)
+    survey = Survey(inspect, count, repeat=tagged, placed=tagged, settings=settings)
+    frame_id, in_camera = '', True
+    skipped: list[Skipped] = []
+    for item in bag_clouds(bag, skipped.append):
+        survey.add(_observation(item))
+        frame_id, in_camera = item.frame_id, in_camera and item.in_camera
+        progress()
+    report = survey.report(str(bag.path), frame_id, rig, camera if in_camera else None, rules)
+    if not report.frames:
+        reasons = [*survey.refused, *map(str, skipped)]
+        reason = f' ({reasons[0]})' if reasons else ''
+        raise CloudError(
+            f'{bag.path}: no cloud in it could be inspected{reason}: check the clouds'
+        )
+    return replace(report, skipped=tuple(map(str, skipped)))
+
+
+def _observation(item: BagCloud) -> Observation:
+    return Observation(
+        name=f'{item.stamp_ns / 1e9:.3f} s',
+        cloud=item.cloud,
+        stamp_ns=item.stamp_ns,
+        viewpoint=(0.0, 0.0, 0.0) if item.in_camera else viewpoint_of(item.cloud),
+        pose=SAME if item.pose is None else item.pose,
+        vehicle=item.vehicle,
+        covariance=item.covariance,
+        # The bridge gives the pose at exactly the cloud's stamp.
+        pose_age=None if item.vehicle is None else 0.0,
+        photograph=item.photograph,
+    )

@@ -1,0 +1,216 @@
+"""From the clouds of a flight, one after the other, to what is reported of them."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros import __version__
+from ftp_dent_ros.errors import FtpDentError
+from ftp_dent_ros.inspection.dent import Inspection, MeasuredDent
+from ftp_dent_ros.inspection.observation import Observation
+from ftp_dent_ros.inspection.reporting.content import Frame, Report, View
+from ftp_dent_ros.inspection.reporting.drawing import jpeg
+from ftp_dent_ros.inspection.reporting.mesh import Mesh
+from ftp_dent_ros.inspection.reporting.rules import Rules
+from ftp_dent_ros.inspection.settings import Settings
+from ftp_dent_ros.inspection.tracking.dent_list import EXACT, DentList
+from ftp_dent_ros.inspection.tracking.repeatability import halves, repeats_of, study
+from ftp_dent_ros.inspection.tracking.sightings import ListedDent
+from ftp_dent_ros.rig import Lens
+
+# Of the 3-D view: in one cloud, and in all of them.
+_VERTICES, _ALL_VERTICES = 16_000, 120_000
+# The maps of so many frames are kept, whatever else they show, where there are no dents.
+_LEAST_VIEWS = 1
+
+Inspect = Callable[..., Inspection]
+
+
+class Survey:
+    """Inspects clouds and keeps what a report needs, however many they are.
+
+    Parameters
+    ----------
+    inspect : callable
+        `ftp_dent_ros.inspection.measuring.inspection.inspect`.
+    clouds : int
+        How many clouds are about to come, to share the 3-D view's points between them.
+    repeat : bool
+        Whether each cloud is measured again in two halves, for the gauge study.
+    placed : bool
+        Whether all clouds' poses are known, so that a dent can be seen again.
+    settings : Settings, optional
+    """
+
+    def __init__(
+        self,
+        inspect: Inspect,
+        clouds: int = 1,
+        repeat: bool = False,
+        placed: bool = True,
+        settings: Settings | None = None,
+    ) -> None:
+        self._settings = settings or Settings()
+        self._inspect = partial(inspect, settings=self._settings)
+        self._repeat, self._placed = repeat, placed
+        self._vertices = max(400, min(_VERTICES, _ALL_VERTICES // max(clouds, 1)))
+        self._lists: list[DentList] = []
+        self._frames: list[Frame] = []
+        self.refused: list[str] = []
+
+    def add(self, observation: Observation) -> Inspection | None:
+        """Inspect one cloud; None if it is refused, and its reason is kept.
+
+        Returns
+        -------
+        Inspection or None
+            In the cloud's own frame.
+        """
+        try:
+            found = self._inspect(observation.cloud, viewpoint=observation.viewpoint)
+            again = self._again(observation)
+        except FtpDentError as error:
+            self.refused.append(f'{observation.name}: {error}')
+            return None
+        except Exception as error:
+            # One cloud must not cost the report on all the others.
+            self.refused.append(
+                f'{observation.name}: could not be inspected, by a defect of the software '
+                f'({type(error).__name__}: {error}): report it with the cloud'
+            )
+            return None
+        number = len(self._frames) + 1
+        dents = (*found.dents, *found.others)
+        covariance = observation.covariance
+        if covariance is None or not np.any(covariance):
+            covariance = None
+        if not (self._placed and self._lists):
+            self._lists.append(DentList(first=len(self._entries()) + 1))
+        is_new = self._lists[-1].add(
+            number,
+            [dent.transformed(observation.pose) for dent in dents],
+            observation.vehicle,
+            EXACT if observation.vehicle is None else covariance,
+            repeats_of(dents, again) if again else (),
+            observation.stamp_ns,
+        )
+        if not is_new:
+            self.refused.append(f'{observation.name}: the same cloud once more: counted once')
+            return None
+        self._frames.append(_frame(number, observation, covariance, found, self._vertices))
+        self._forget()
+        return found
+
+    def report(
+        self,
+        source: str,
+        frame_id: str,
+        rig: tuple[str, str] = ('', ''),
+        camera: Lens | None = None,
+        rules: Rules | None = None,
+    ) -> Report:
+        """What was found, with the calibration's name and id and the user's limits."""
+        entries = _renumbered(self._entries())
+        several = len(self._frames) > 1
+        return Report(
+            source=source,
+            frame_id=frame_id,
+            frames=tuple(self._frames),
+            entries=entries,
+            version=__version__,
+            written_ns=time.time_ns(),
+            settings=self._settings,
+            rig_name=rig[0],
+            rig_id=rig[1],
+            camera=camera,
+            rules=rules,
+            repeatability=study(entries) if several and self._repeat and self._placed else (),
+            refused=tuple(self.refused),
+            placed=self._placed,
+        )
+
+    def _entries(self) -> tuple[ListedDent, ...]:
+        return tuple(entry for each in self._lists for entry in each.entries)
+
+    def _again(self, observation: Observation) -> list[Sequence[MeasuredDent]]:
+        if not self._repeat:
+            return []
+        found: list[Sequence[MeasuredDent]] = []
+        for half in halves(observation.cloud):
+            again = self._inspect(half, viewpoint=observation.viewpoint)
+            found.append((*again.dents, *again.others))
+        return found
+
+    def _forget(self) -> None:
+        """Keep the maps of the frames alone that show some dent best."""
+        best = {entry.best for entry in self._entries()}
+        if not best:
+            best = {frame.number for frame in self._frames[:_LEAST_VIEWS]}
+        self._frames = [
+            frame if frame.number in best else replace(frame, view=None) for frame in self._frames
+        ]
+
+
+def _renumbered(entries: Sequence[ListedDent]) -> tuple[ListedDent, ...]:
+    """From 1, the deepest dent first, what is no dent after them."""
+    in_order = sorted(entries, key=lambda e: (e.dent.kind != 'dent', -e.dent.depth.value))
+    return tuple(replace(entry, number=i) for i, entry in enumerate(in_order, start=1))
+
+
+def _frame(
+    number: int,
+    observation: Observation,
+    covariance: NDArray[np.float64] | None,
+    found: Inspection,
+    vertices: int,
+) -> Frame:
+    cloud, photograph = observation.cloud, observation.photograph
+    noise = found.noise[np.isfinite(found.noise)]
+    view = View(
+        cloud.points,
+        found.deviation,
+        observation.pose,
+        None if photograph is None else jpeg(photograph),
+        (0, 0) if photograph is None else (photograph.shape[1], photograph.shape[0]),
+    )
+    return Frame(
+        number=number,
+        name=observation.name,
+        stamp_ns=observation.stamp_ns,
+        area=_area(cloud.points),
+        noise=float(np.median(noise)) if len(noise) else float('nan'),
+        findable=_shares(found.findable),
+        waviness=found.waviness,
+        dents=len(found.dents),
+        others=len(found.others),
+        mesh=Mesh.of(cloud.points, found.deviation, observation.pose, vertices),
+        pose=observation.vehicle,
+        covariance=covariance,
+        pose_age=observation.pose_age,
+        coverage=observation.coverage,
+        view=view,
+    )
+
+
+def _shares(findable: NDArray[np.float32]) -> tuple[float, float]:
+    """Median and 95th percentile of what is known."""
+    known = findable[np.isfinite(findable)]
+    if not len(known):
+        return math.nan, math.nan
+    return float(np.median(known)), float(np.percentile(known, 95))
+
+
+def _area(points: NDArray[np.float32]) -> float:
+    """Area of a cloud's whole cells, square metres."""
+    if min(points.shape[:2]) < 2:
+        return 0.0
+    right, down = np.diff(points, axis=1)[:-1], np.diff(points, axis=0)[:, :-1]
+    cells = np.linalg.norm(np.cross(right, down), axis=-1)
+    return float(np.nansum(cells))

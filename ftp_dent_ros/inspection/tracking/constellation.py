@@ -1,0 +1,260 @@
+"""Which of the dents that are known a frame shows again, by where they lie to each other.
+
+Within a frame, places are known to a fraction of a millimetre to each other; the pose that puts
+them into the map only to centimetres. So a frame is moved as a whole, to where most of its dents
+lie on known ones, and how likely that is by chance decides whether they are the same.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial.transform import Rotation
+
+from ftp_dent_ros.inspection.dent import MeasuredDent
+from ftp_dent_ros.inspection.observation import SAME
+from ftp_dent_ros.pose import Pose
+
+# Standard deviation of a dent's centre within its frame: metres, and part of its width.
+_PLACE, _OF_WIDTH = 4e-4, 0.015
+# Sizes agree within so many standard uncertainties, to which a part of the size is added.
+_AGREE, _OF_SIZE = 4.0, 0.08
+# Standard deviations that a pose may be off, and a place within a frame.
+_GATE, _NEAR = 3.75, 4.0
+# Moves that are tried, at most.
+_TRIED = 400
+# Natural logarithm of the odds from which on a match is believed.
+_BELIEVED = 0.0
+# Square metres that a frame's dents are counted on, at least.
+_LEAST_AREA = 0.05
+
+Field = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Match:
+    """A frame found among known dents.
+
+    Attributes
+    ----------
+    move : Pose
+        From where the frame's pose has its dents to where they lie.
+    pairs : tuple of (int, int)
+        Index in the frame, and among the known.
+    odds : float
+        Natural logarithm, for this move against none.
+    """
+
+    move: Pose
+    pairs: tuple[tuple[int, int], ...]
+    odds: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Plane:
+    """The skin's tangent plane at a frame: moves are looked for along it."""
+
+    origin: Field
+    axes: Field
+
+    def flat(self, places: Field) -> Field:
+        """Coordinates along the plane and out of it, shape (n, 3)."""
+        return (places - self.origin) @ self.axes.T
+
+
+def find_match(
+    seen: Sequence[MeasuredDent],
+    known: Sequence[MeasuredDent],
+    pivot: Field,
+    covariance: Field,
+) -> Match | None:
+    """The move that puts a frame's dents onto known ones, if it is likelier than chance.
+
+    Parameters
+    ----------
+    seen, known : sequence of MeasuredDent
+        In one frame of reference.
+    pivot : ndarray, shape (3,)
+        Place of the frame's pose, about which its error turns.
+    covariance : ndarray, shape (6, 6)
+        Of the error, as in geometry_msgs/PoseWithCovariance.
+    """
+    if not len(seen) or not len(known):
+        return None
+    places = np.stack([dent.position for dent in seen])
+    normal = np.mean([dent.normal for dent in seen], axis=0)
+    plane = _tangent(places.mean(axis=0), normal)
+    there = np.stack([dent.position for dent in known])
+    turned = about(places.mean(axis=0) - pivot)
+    spread = plane.axes @ (turned @ covariance @ turned.T) @ plane.axes.T
+    shift, turn = spread[:2, :2] + 1e-12 * np.eye(2), float(normal @ covariance[3:, 3:] @ normal)
+    turn = math.sqrt(turn / (normal @ normal)) + 1e-6
+    a, b = plane.flat(places), plane.flat(there)
+    agree = agreement(seen, known)
+    # Sightings of what the frame cuts have their centre anywhere.
+    whole = np.array([not d.is_cut for d in seen])[:, None] & [not d.is_cut for d in known]
+    offset = b[None, :, :2] - a[:, None, :2]
+    far = np.einsum('ijk,kl,ijl->ij', offset, np.linalg.inv(shift), offset)
+    reach = np.linalg.norm(a[:, :2], axis=1)[:, None] * _GATE * turn
+    slack = (reach / math.sqrt(np.linalg.eigvalsh(shift)[0])) if len(a) > 1 else 0.0
+    possible = np.isfinite(agree) & (np.sqrt(far) < _GATE + slack)
+    # What stands out and what is pushed in lie at about one height.
+    possible &= np.abs(b[None, :, 2] - a[:, None, 2]) < _GATE * math.sqrt(spread[2, 2]) + 0.01
+    sizes = np.array([d.width.value for d in seen]), np.array([d.width.value for d in known])
+    place = np.hypot(_PLACE, _OF_WIDTH * np.nan_to_num(np.minimum(sizes[0][:, None], sizes[1])))
+    rows, columns = np.nonzero(possible & whole)
+    best: Match | None = None
+    for angle, move in _moves(a, b, rows, columns, place, turn):
+        found = _judged(a, b, agree, possible, place, angle, move, shift, turn)
+        if found is None:
+            continue
+        odds, pairs, angle, move = found
+        if best is None or odds > best.odds:
+            best = Match(SAME, tuple(pairs), odds)
+    if best is None or best.odds <= _BELIEVED:
+        return None
+    i, j = np.array(best.pairs).T
+    return replace(best, move=_fit_in_space(places[i], there[j], place[i, j], pivot, covariance))
+
+
+def _moves(a, b, rows, columns, place, turn):
+    """Turns and shifts that bring one or two dents onto known ones, the safest first."""
+    pairs = []
+    count = len(rows)
+    if count > 1:
+        first, second = np.triu_indices(count, 1)
+        i, j, k, m = rows[first], columns[first], rows[second], columns[second]
+        ours, theirs = a[k, :2] - a[i, :2], b[m, :2] - b[j, :2]
+        length, other = np.linalg.norm(ours, axis=1), np.linalg.norm(theirs, axis=1)
+        tolerance = _NEAR * np.hypot(place[i, j], place[k, m])
+        good = (i != k) & (j != m) & (np.abs(length - other) < tolerance)
+        cross = ours[:, 0] * theirs[:, 1] - ours[:, 1] * theirs[:, 0]
+        angle = np.arctan2(cross, (ours * theirs).sum(axis=1))
+        good &= np.abs(angle) < _GATE * turn + tolerance / np.maximum(length, 1e-3)
+        at = np.flatnonzero(good)
+        at = at[np.argsort(-length[at], kind='stable')][:_TRIED]
+        for index in at:
+            middle = (a[i[index], :2] + a[k[index], :2]) / 2
+            there = (b[j[index], :2] + b[m[index], :2]) / 2
+            pairs.append((float(angle[index]), there - _turned(middle, angle[index])))
+    for i, j in zip(rows[:_TRIED], columns[:_TRIED], strict=True):
+        pairs.append((0.0, b[j, :2] - a[i, :2]))
+    return pairs
+
+
+def _judged(a, b, agree, possible, place, angle, move, shift, turn):
+    """Odds and pairs of a move, fitted to all that it brings together."""
+    pairs: list[tuple[int, int]] = []
+    for _ in range(2):
+        off = b[None, :, :2] - (_turned(a[:, :2], angle) + move)[:, None]
+        square = (off**2).sum(axis=-1) / place**2
+        cost = np.where(possible & (square < 2 * _NEAR**2), square + agree, 1e6)
+        chosen = linear_sum_assignment(cost)
+        pairs = [(int(i), int(j)) for i, j in zip(*chosen, strict=True) if cost[i, j] < 1e6]
+        if not pairs:
+            return None
+        angle, move = _fitted(a, b, pairs, place, shift, turn)
+    off = b[None, :, :2] - (_turned(a[:, :2], angle) + move)[:, None]
+    density = len(a) / max(_area(a), _LEAST_AREA)
+    odds = 0.0
+    for i, j in pairs:
+        variance = place[i, j] ** 2
+        square = float((off[i, j] ** 2).sum()) / variance
+        odds -= square / 2 + agree[i, j] / 2
+        odds -= math.log(2 * math.pi * variance * density)
+    # What the pose says of the move, and what the fit takes of the places' freedom.
+    odds -= float(move @ np.linalg.solve(shift, move)) / 2 + (angle / turn) ** 2 / 2
+    variances = [place[i, j] ** 2 for i, j in pairs]
+    information = sum(1 / v for v in variances)
+    odds -= 0.5 * math.log(np.linalg.det(np.eye(2) + shift * information))
+    lever = sum((a[i, :2] ** 2).sum() / place[i, j] ** 2 for i, j in pairs)
+    odds -= 0.5 * math.log(1 + turn**2 * lever)
+    return odds, pairs, angle, move
+
+
+def _fitted(a, b, pairs, place, shift, turn):
+    """Small turn and shift by least squares, with the pose's as a prior."""
+    normal, right = np.zeros((3, 3)), np.zeros(3)
+    normal[0, 0] = turn**-2
+    normal[1:, 1:] = np.linalg.inv(shift)
+    for i, j in pairs:
+        weight = place[i, j] ** -2
+        x, y = a[i, :2]
+        jacobian = np.array([[-y, 1, 0], [x, 0, 1]])
+        normal += weight * jacobian.T @ jacobian
+        right += weight * jacobian.T @ (b[j, :2] - a[i, :2])
+    solution = np.linalg.solve(normal, right)
+    return float(solution[0]), solution[1:]
+
+
+def agreement(seen: Sequence[MeasuredDent], known: Sequence[MeasuredDent]) -> Field:
+    """Chi-square of the sizes' differences; infinite where they cannot be the same."""
+    result = np.zeros((len(seen), len(known)))
+    signs = [np.array([np.sign(d.depth.value) for d in each]) for each in (seen, known)]
+    result[signs[0][:, None] != signs[1]] = np.inf
+    steps = [np.array([d.kind == 'step' for d in each]) for each in (seen, known)]
+    result[steps[0][:, None] | steps[1]] = np.inf
+    cut = np.array([d.is_cut for d in seen])[:, None] | np.array([d.is_cut for d in known])
+    for name in ('depth', 'length', 'width'):
+        one, other = ([getattr(d, name) for d in each] for each in (seen, known))
+        values = np.array([e.value for e in one])[:, None], np.array([e.value for e in other])
+        sigma = [np.nan_to_num([e.uncertainty for e in each]) for each in (one, other)]
+        spread = np.sqrt(
+            sigma[0][:, None] ** 2
+            + sigma[1] ** 2
+            + (_OF_SIZE * np.minimum(np.abs(values[0]), np.abs(values[1]))) ** 2
+        )
+        off = np.abs(values[0] - values[1]) / np.maximum(spread, 1e-9)
+        off = np.where(cut, 0.0, np.nan_to_num(off))
+        result += np.where(off < _AGREE, off**2, np.inf)
+    return result
+
+
+def _tangent(origin: Field, normal: Field) -> _Plane:
+    normal = normal / np.linalg.norm(normal)
+    along = np.eye(3)[int(np.argmin(np.abs(normal)))]
+    along = along - normal * (along @ normal)
+    along /= np.linalg.norm(along)
+    return _Plane(origin, np.stack([along, np.cross(normal, along), normal]))
+
+
+def _fit_in_space(
+    ours: Field, theirs: Field, place: Field, pivot: Field, covariance: Field
+) -> Pose:
+    """Small turn and shift by least squares, with the pose's as a prior."""
+    normal = np.linalg.inv(covariance + 1e-14 * np.eye(6))
+    right = np.zeros(6)
+    for here, there, spread in zip(ours, theirs, place, strict=True):
+        jacobian = about(here - pivot) / spread
+        normal += jacobian.T @ jacobian
+        right += jacobian.T @ ((there - here) / spread)
+    return move_about(np.linalg.solve(normal, right), pivot)
+
+
+def move_about(error: Field, pivot: Field) -> Pose:
+    """Pose that shifts a pivot and turns about it by an error (shift, turn)."""
+    rotation = Rotation.from_rotvec(error[3:])
+    return Pose(rotation, pivot - rotation.apply(pivot) + error[:3])
+
+
+def about(lever: Field) -> Field:
+    """How an error of a pose (shift, turn) moves a point at a lever from it, shape (3, 6)."""
+    x, y, z = lever
+    return np.hstack([np.eye(3), np.array([[0, z, -y], [-z, 0, x], [y, -x, 0]])])
+
+
+def _turned(places: Field, angle: float) -> Field:
+    c, s = math.cos(angle), math.sin(angle)
+    return places @ np.array([[c, s], [-s, c]])
+
+
+def _area(places: Field) -> float:
+    """Of the box around them and half a spacing beyond, square metres."""
+    sides = np.ptp(places[:, :2], axis=0)
+    spacing = math.sqrt(max(sides[0] * sides[1], 1e-4) / len(places))
+    return float((sides[0] + spacing) * (sides[1] + spacing))

@@ -1,0 +1,309 @@
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from small_clouds import COLUMNS, ROWS, cloud_of, panel
+
+from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.errors import CloudError
+from ftp_dent_ros.inspection.measuring.inspection import inspect
+from ftp_dent_ros.inspection.settings import Settings
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.simulation import Dent, Panel, Rivet
+
+DENT = Dent(0.02, -0.01, 0.05, 0.035, 0.001, 0.6)
+
+
+def assert_measured(dent, truth, close=1e-3):
+    """Sizes within four standard uncertainties, and those small."""
+    length, width = truth.size_at(0.1)
+    for estimate, true, largest in (
+        (dent.depth, truth.depth, 2e-5),
+        (dent.length, length, close),
+        (dent.width, width, close),
+        (dent.model_length, truth.length, close),
+        (dent.model_width, truth.width, close),
+        (dent.area, np.pi / 4 * length * width, 4e-5),
+    ):
+        assert abs(estimate.value - true) < 4 * estimate.uncertainty
+        assert estimate.uncertainty < largest
+
+
+@pytest.mark.parametrize('radius', [0.0, 2.0, 0.8])
+@pytest.mark.parametrize('known_noise', [True, False])
+def test_a_dent_is_measured_on_flat_and_curved_skin(radius, known_noise):
+    skin = panel(DENT, radius=radius)
+    cloud = cloud_of(skin)
+    if known_noise:
+        cloud = replace(cloud, sigma=np.full((ROWS, COLUMNS), 5e-6, np.float32))
+
+    (dent,) = inspect(cloud).dents
+
+    assert_measured(dent, DENT)
+    assert not dent.is_cut
+    assert dent.kind == 'dent'
+    assert np.isinf(dent.clearance)
+    height, slope, _ = skin.bare_height(np.array([DENT.x]), np.array([DENT.y]))
+    centre = skin.pose.apply(np.array([DENT.x, DENT.y, height[0]]))
+    assert np.linalg.norm(dent.position - centre) < 3e-4
+    normal = skin.normal(np.array([DENT.x]), np.array([DENT.y]), bare=True)[0]
+    assert dent.normal @ normal > 0.9999
+    along = skin.pose.rotation.apply([np.cos(DENT.angle), np.sin(DENT.angle), slope[0]])
+    assert abs(dent.axis @ along) > 0.995
+
+
+def test_the_deviation_is_depth_below_the_skin_and_nan_where_nothing_is_measured():
+    cloud = cloud_of(panel(DENT))
+    cloud.points[:20] = np.nan
+
+    inspection = inspect(cloud)
+
+    assert inspection.deviation.shape == inspection.noise.shape == (ROWS, COLUMNS)
+    assert np.isnan(inspection.deviation[:20]).all()
+    assert np.nanmax(inspection.deviation) == pytest.approx(DENT.depth, abs=4e-5)
+    assert abs(np.nanmedian(inspection.deviation)) < 3e-6
+    assert np.nanmedian(inspection.noise) == pytest.approx(5e-6, rel=0.5)
+
+
+def test_skin_that_no_quadric_meets_gets_a_higher_degree():
+    points = cloud_of(panel(DENT)).points.astype(float)
+    x, y = points[..., 0], points[..., 1]
+    points[..., 2] += 0.1 * x**2 + 0.3 * y**2 + 0.15 * x**3 + 0.1 * x * y**2
+    (dent,) = inspect(Cloud(points.astype(np.float32), np.ones(x.shape, np.float32))).dents
+    assert dent.depth.value == pytest.approx(DENT.depth, abs=3e-5)
+    assert dent.length.value == pytest.approx(DENT.size_at()[0], abs=1e-3)
+
+
+def test_a_dent_that_fills_nearly_half_of_a_tile_is_not_swallowed():
+    large = Dent(0.0, 0.0, 0.12, 0.10, 0.002)
+    (dent,) = inspect(cloud_of(panel(large, extent=(-0.075, 0.075, -0.075, 0.075)))).dents
+    assert dent.depth.value == pytest.approx(0.002, abs=2e-5)
+    assert dent.length.value == pytest.approx(large.size_at()[0], abs=1e-3)
+
+
+@pytest.mark.parametrize('radius', [0.0, 2.0])
+def test_bare_skin_has_no_dents(radius):
+    rivets = tuple(Rivet(0.025 * i, 0.04) for i in range(-7, 8))
+    for seed in range(3):
+        noisy = cloud_of(panel(radius=radius, rivets=rivets), noise=3e-5, seed=seed)
+        inspection = inspect(noisy)
+        assert inspection.dents == inspection.others == ()
+
+
+def raised(cloud, depths):
+    """The cloud with points further away by so many metres, as if nothing but that had changed."""
+    return Cloud(cloud.points * (1 + depths[..., None] / 0.7).astype(np.float32), cloud.intensity)
+
+
+def test_a_rivet_in_its_ripples_is_no_dent_however_wide_they_are():
+    x, y = 1.4e-3 * (np.mgrid[:COLUMNS, :ROWS].T - np.array([100, 75])).transpose(2, 0, 1)
+    distance = np.hypot(x, y)
+    ripples = 2.5e-5 * np.clip(2.5 - distance / 4e-3, 0, 1)
+    rivet = 1.5e-4 * np.exp(-((distance / 2.5e-3) ** 2))
+    for sign in (1, -1):
+        inspection = inspect(raised(cloud_of(panel()), sign * (ripples + rivet)))
+        assert inspection.dents == ()
+        assert all(other.kind == 'other' for other in inspection.others)
+    small = Dent(0.03, 0.02, 0.018, 0.016, 0.00015)
+    (dent,) = inspect(raised(cloud_of(panel(small)), ripples + rivet)).dents
+    assert dent.depth.value == pytest.approx(small.depth, abs=2e-5)
+
+
+def test_a_sliver_along_the_rim_is_no_panel():
+    lifted = np.zeros((ROWS, COLUMNS))
+    lifted[:, :5] = -8e-4
+    inspection = inspect(raised(cloud_of(panel(DENT)), lifted))
+    assert len(inspection.dents) == 1
+    assert all(other.kind != 'step' for other in inspection.others)
+
+
+def test_what_the_reconstruction_smooths_is_sized_as_it_was():
+    skin = panel(DENT)
+    cloud = cloud_of(skin, noise=0.0)
+    smooth = cv2.GaussianBlur(cloud.points, (0, 0), 2e-3 / 1.4e-3)
+    noisy = cloud_of(skin, noise=2e-6).points - cloud.points
+    length, width = DENT.size_at()
+
+    # A Gaussian takes half of a wave of 5.34 standard deviations.
+    resolution = np.full((ROWS, COLUMNS), 5.34 * 2e-3, np.float32)
+    smooth_cloud = Cloud(smooth + noisy, cloud.intensity, resolution=resolution)
+
+    (dent,) = inspect(smooth_cloud).dents
+
+    for estimate, true in ((dent.length, length), (dent.width, width)):
+        assert abs(estimate.value - true) < 2.5 * estimate.uncertainty
+        # As it lies there it is 1.5 mm too wide and 0.9 mm too long.
+        assert estimate.value == pytest.approx(true, abs=6e-4)
+    assert abs(dent.depth.value - DENT.depth) < 2.5 * dent.depth.uncertainty
+
+
+@pytest.mark.parametrize('value', [np.nan, np.inf, -np.inf])
+def test_a_point_without_all_its_coordinates_is_not_measured(value):
+    cloud = cloud_of(panel(DENT))
+    for axis in range(3):
+        cloud.points[axis::9, ::11, axis] = value
+    inspection = inspect(cloud)
+    (dent,) = inspection.dents
+    assert dent.depth.value == pytest.approx(DENT.depth, abs=2e-5)
+    for axis in range(3):
+        assert np.isnan(inspection.deviation[axis::9, ::11]).all()
+
+
+def test_a_bump_is_a_bump():
+    inspection = inspect(cloud_of(panel(Dent(0, 0, 0.05, 0.04, -0.001))))
+    assert inspection.dents == ()
+    (bump,) = inspection.others
+    assert bump.kind == 'bump'
+    assert bump.depth.value == pytest.approx(-0.001, abs=2e-5)
+
+
+@pytest.mark.parametrize('height', [0.0005, 0.0016])
+def test_a_lap_joint_is_a_step_and_a_dent_beside_it_is_measured(height):
+    lower = panel(DENT, radius=2.0, extent=(-0.1, 0.6, -0.6, 0.6), tilt=(0, 0))
+    up = lower.pose.translation + lower.pose.rotation.apply([0, 0, -height])
+    upper = Panel(Pose(lower.pose.rotation, up), (-0.6, -0.03, -0.6, 0.6), 2.0)
+
+    inspection = inspect(cloud_of(upper, lower))
+
+    (step,) = inspection.others
+    assert step.kind == 'step'
+    assert step.depth.value == pytest.approx(height, abs=2e-5)
+    assert step.length.value == pytest.approx(0.21, abs=0.02)
+    (dent,) = inspection.dents
+    assert_measured(dent, DENT)
+
+
+def test_each_panel_has_its_own_contour():
+    left = Dent(-0.08, 0.0, 0.05, 0.04, 0.001)
+    right = Dent(0.08, 0.0, 0.05, 0.04, 0.0015)
+    inspection = inspect(
+        cloud_of(
+            panel(left, extent=(-0.6, -0.004, -0.6, 0.6), tilt=(0, 0.01)),
+            panel(right, extent=(0.004, 0.6, -0.6, 0.6), tilt=(0.01, -0.01)),
+        )
+    )
+    deeper, shallower = inspection.dents
+    assert_measured(deeper, right)
+    assert_measured(shallower, left)
+
+
+def test_touching_dents_are_two():
+    one, other = Dent(-0.018, 0, 0.04, 0.04, 0.001), Dent(0.018, 0.002, 0.04, 0.03, 0.0015)
+    deeper, shallower = inspect(cloud_of(panel(one, other))).dents
+    assert_measured(deeper, other, 4e-3)
+    assert_measured(shallower, one, 4e-3)
+    assert 0 < deeper.clearance == shallower.clearance < 0.01
+
+
+def test_a_dent_that_the_frame_cuts_is_flagged():
+    cloud = cloud_of(panel(Dent(0.0, 0.0, 0.06, 0.05, 0.002)))
+    cut = Cloud(cloud.points[:, : COLUMNS // 2 + 10], cloud.intensity[:, : COLUMNS // 2 + 10])
+    (dent,) = inspect(cut).dents
+    assert dent.is_cut
+
+
+def test_a_dent_that_a_hole_cuts_is_flagged():
+    cloud = cloud_of(panel(Dent(0.0, 0.0, 0.06, 0.05, 0.002)))
+    cloud.points[:, 105:120] = np.nan
+    assert all(dent.is_cut for dent in inspect(cloud).dents)
+
+
+def test_any_frame_will_do():
+    pose = Pose.from_rpy((1.2, -0.4, 2.0), (30.0, -20.0, 10.0))
+    cloud = cloud_of(panel(DENT))
+    in_map = Cloud(pose.apply(cloud.points.astype(float)), cloud.intensity)
+
+    (dent,) = inspect(in_map, viewpoint=pose.translation).dents
+    (seen,) = inspect(cloud).dents
+
+    moved = seen.transformed(pose)
+    assert np.allclose(dent.position, moved.position, atol=1e-4)
+    assert dent.normal @ moved.normal > 0.9999
+    assert dent.depth.value == pytest.approx(seen.depth.value, abs=5e-6)
+
+
+def test_what_is_smaller_than_the_smallest_dent_is_not_reported():
+    cloud = cloud_of(panel(DENT))
+    assert inspect(cloud, settings=Settings(smallest_depth=0.0012)).dents == ()
+    assert inspect(cloud, settings=Settings(smallest_width=0.04)).dents == ()
+
+
+GRID = np.zeros((100, 100, 3), np.float32)
+
+
+@pytest.mark.parametrize(
+    ('points', 'words'),
+    [
+        (np.zeros((0, 0, 3), np.float32), 'empty'),
+        (np.ones((1, 5000, 3), np.float32), 'not organised'),
+        (np.full_like(GRID, np.nan), 'all are NaN'),
+        (np.ones((1, 2, 3), np.float32), 'only 2 points'),
+    ],
+)
+def test_a_cloud_that_cannot_be_used_is_refused(points, words):
+    with pytest.raises(CloudError, match=words):
+        inspect(Cloud(points, np.zeros(points.shape[:2], np.float32)))
+
+
+def test_two_points_among_nan_are_refused():
+    points = np.full_like(GRID, np.nan)
+    points[50, 50:52] = 1
+    with pytest.raises(CloudError, match='only 2 points'):
+        inspect(Cloud(points, np.zeros((100, 100), np.float32)))
+
+
+def test_millimetres_are_recognised():
+    cloud = cloud_of(panel(DENT))
+    with pytest.raises(CloudError, match='millimetres'):
+        inspect(Cloud(1000 * cloud.points, cloud.intensity))
+
+
+def kind_of_it(depths, **told):
+    cloud = raised(cloud_of(panel(), noise=1e-6), depths)
+    light = cloud.intensity + told.get('light', np.zeros_like(cloud.intensity))
+    known = np.full((ROWS, COLUMNS), told.get('resolution', 4e-3), np.float32)
+    found = inspect(Cloud(cloud.points, light, resolution=known))
+    return [(each.kind, each.reason) for each in (*found.dents, *found.others)]
+
+
+X, Y = 1.4e-3 * (np.mgrid[:COLUMNS, :ROWS].T - np.array([100, 75])).transpose(2, 0, 1)
+VALLEY = np.clip(1 - (X / 0.03) ** 4, 0, 1) ** 2
+
+
+def test_a_long_valley_with_a_sharp_bottom_is_a_crease():
+    sharp = 8e-4 * VALLEY * np.clip(1 - np.abs(Y) / 0.01, 0, 1) ** 2
+    assert kind_of_it(sharp) == [('crease', '')]
+    blunt = 8e-4 * VALLEY * np.clip(1 - (Y / 0.01) ** 2, 0, 1) ** 2
+    assert [kind for kind, _ in kind_of_it(blunt)] == ['dent']
+
+
+def test_a_narrow_valley_is_in_no_list_of_dents_and_in_the_other():
+    narrow = 8e-4 * VALLEY * np.exp(-((Y / 2.5e-3) ** 2))
+    ((kind, reason),) = kind_of_it(narrow)
+    assert (kind, reason) == ('crease', 'too narrow to see how sharp it is')
+
+
+def test_hail_is_found_on_wavy_skin_and_the_waviness_is_told_apart():
+    waves = 1e-4 * np.sin(2 * np.pi * X / 0.15) * np.cos(2 * np.pi * Y / 0.2)
+    places = [(-0.06, -0.03), (0.0, 0.03), (0.06, -0.02)]
+    hail = sum(2e-4 * 10 ** -(((X - x) ** 2 + (Y - y) ** 2) / 0.009**2) for x, y in places)
+    found = inspect(raised(cloud_of(panel(), noise=1e-6), waves + hail))
+    assert [dent.kind for dent in (*found.dents, *found.others)] == 3 * ['dent']
+    for dent in found.dents:
+        assert abs(dent.depth.value - 2e-4) < 3 * dent.depth.uncertainty
+    (wavy,) = found.waviness
+    # The contour takes a part of so few waves.
+    assert 3e-5 < wavy.amplitude < 1e-4 / np.sqrt(2)
+    assert wavy.wavelength == pytest.approx(1 / np.hypot(1 / 0.15, 1 / 0.2), rel=0.3)
+
+
+def test_two_dents_in_one_that_no_saddle_parts_are_one_with_a_word():
+    one, other = (
+        1e-3 * 10 ** -(((X - x) / 0.015) ** 2 + (Y / 0.02) ** 2) for x in (-0.007, 0.007)
+    )
+    ((kind, _reason),) = kind_of_it(one + 0.6 * other)
+    assert kind == 'dent'
+    apart = sum(1e-3 * 10 ** -(((X - x) / 0.015) ** 2 + (Y / 0.02) ** 2) for x in (-0.014, 0.014))
+    assert [kind for kind, _ in kind_of_it(apart)] == ['dent', 'dent']
+    assert all('overlaps' in reason for _, reason in kind_of_it(apart))
