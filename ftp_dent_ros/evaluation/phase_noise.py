@@ -10,9 +10,28 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.evaluation.scenes import PATTERN, Scene
 from ftp_dent_ros.profilometry.carrier import ReferencePlane, measured_carrier
-from ftp_dent_ros.profilometry.extrapolation import demodulate
-from ftp_dent_ros.profilometry.reference import reference_phase
-from ftp_dent_ros.profilometry.region import lit_region
+from ftp_dent_ros.profilometry.fourier_transform import FourierTransform
+from ftp_dent_ros.profilometry.fourier_transform.demodulation import demodulate
+from ftp_dent_ros.profilometry.fourier_transform.reference import reference_phase
+from ftp_dent_ros.profilometry.fourier_transform.region import Window, lit_region
+
+
+class NoisyPhase(FourierTransform):
+    """A method of the paper's with noise added to its phase map before it is unwrapped.
+
+    Attributes
+    ----------
+    noise : ndarray, shape (rows, columns), optional
+        Radians, at the camera's pixels.
+    """
+
+    noise: NDArray[np.float32] | None = None
+
+    def _phase_map(self, fringes: NDArray[np.complex64], window: Window) -> NDArray[np.complex64]:
+        if self.noise is None:
+            return fringes
+        noise = window.padded(self.noise[:: self.settings.stride])
+        return fringes * np.exp(1j * noise).astype(np.complex64)
 
 
 def on_phase_map(

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from ftp_dent_ros.evaluation.scenes import PATTERN, Scene
 from ftp_dent_ros.evaluation.study import Entry
 from ftp_dent_ros.profilometry.carrier import ReferencePlane, carrier_on
-from ftp_dent_ros.profilometry.reference import reference_phase
+from ftp_dent_ros.profilometry.fourier_transform.reference import reference_phase
 
 _MM = 1e3
 _NOTHING = '0.85'

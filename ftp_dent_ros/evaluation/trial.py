@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.errors import RefusedFrameError
-from ftp_dent_ros.evaluation.phase_noise import on_phase_map
+from ftp_dent_ros.evaluation.phase_noise import NoisyPhase, on_phase_map
 from ftp_dent_ros.evaluation.scenes import PATTERN, Scene
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.rig import Rig
@@ -32,10 +33,11 @@ class Method:
 def methods(unwrapping: str, tau: float = 0.8) -> tuple[Method, Method]:
     """The paper's two methods with one unwrapping."""
     title = "Itoh's" if unwrapping == 'itoh' else f"Estrada's, tau {tau:g}"
-    return (
-        Method(f'direct, {title}', Settings('direct', unwrapping, tau)),
-        Method(f'virtual reference, {title}', Settings('virtual-reference', unwrapping, tau)),
+    direct, virtual = (
+        Settings.chosen(name, unwrapping=unwrapping, tau=tau)
+        for name in ('direct', 'virtual-reference')
     )
+    return Method(f'direct, {title}', direct), Method(f'virtual reference, {title}', virtual)
 
 
 LEAST_SQUARES = Method('least squares', Settings('least-squares'))
@@ -82,7 +84,12 @@ class Bench:
 
     def __init__(self, method: Method, rig: Rig) -> None:
         self.method = method
-        self._reconstructor = Reconstructor(rig, PATTERN, method.settings)
+        least_squares = method.settings.method == 'least-squares'
+        self._method: Any = (
+            Reconstructor(rig, PATTERN, method.settings)
+            if least_squares
+            else NoisyPhase(rig, PATTERN, method.settings)
+        )
         self._warm = False
 
     def run(
@@ -104,13 +111,15 @@ class Bench:
             Added to the phase map, radians.
         """
         if phase_noise is not None and self.method is LEAST_SQUARES:
-            image, phase_noise = on_phase_map(image, scene, phase_noise), None
+            image = on_phase_map(image, scene, phase_noise)
+        elif phase_noise is not None:
+            self._method.noise = phase_noise
         try:
             if not self._warm:
-                self._reconstructor.measure(image, phase_noise)
+                self._method.measure(image)
                 self._warm = True
             start = time.perf_counter()
-            cloud = self._reconstructor.measure(image, phase_noise).cloud
+            cloud = self._method.measure(image).cloud
             seconds = time.perf_counter() - start
         except RefusedFrameError:
             nothing = math.nan

@@ -34,13 +34,13 @@ class Perfect:
         depth += SCENE.dent.height(x, y)[0] * (1 + deeper / SCENE.dent.depth) + offset
         self.cloud = Cloud((rays * depth[..., None]).astype(np.float32), depth)
 
-    def measure(self, image, phase_noise):
+    def measure(self, image):
         return self
 
 
 def figures_of(reconstruction, lit):
     bench = Bench(VIRTUAL, SCENE.rig)
-    bench._reconstructor = reconstruction
+    bench._method = reconstruction
     return bench.run(SCENE, lit, np.zeros((720, 1280, 3), np.uint8)).figures
 
 

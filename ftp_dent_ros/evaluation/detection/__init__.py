@@ -1,0 +1,1 @@
+"""Probability of detection: which dents are found, from the photograph to the list."""
