@@ -1,0 +1,1 @@
+"""Clouds in few bytes, for thin links and small bags."""
