@@ -1,0 +1,1 @@
+"""The payload's data on the ground: what crosses a thin link, in which form and which order."""

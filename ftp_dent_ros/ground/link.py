@@ -1,0 +1,203 @@
+"""The link itself: Zenoh between drone and ground, over TCP or TLS, and who may use it.
+
+The drone listens, the ground connects. Pieces go down and reports up as messages, commands up as
+queries. Nothing is discovered: neither multicast nor gossip leaves the machine.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import json
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.ground.keys import AUTHORITY
+
+PORT = 7447
+_ROOT = 'ftp_dent'
+_ADDRESS = re.compile(r'(?P<host>\[[0-9a-fA-F:.]+\]|[^\s:/\[\]]+)(:(?P<port>\d{1,5}))?')
+# ms without a sign of life after which a connection is given up: a new one is faster than TCP's
+# own patience, which doubles with each loss.
+_LEASE = 6000
+_OPEN = 4000
+_RETRY = {'period_init_ms': 500, 'period_max_ms': 2000, 'period_increase_factor': 1.5}
+
+
+@dataclass(frozen=True)
+class Security:
+    """Keys of one end, or the explicit wish to do without.
+
+    Attributes
+    ----------
+    keys : Path or None
+        Folder that `make_keys` made, or the part of it that this end needs.
+    open : bool
+        Whether anybody may connect if there are no keys.
+    """
+
+    keys: Path | None = None
+    open: bool = False
+
+
+def endpoint(address: str, security: Security, role: str) -> str:
+    """Zenoh's endpoint of ``HOST``, ``HOST:PORT`` or ``[IPv6]:PORT``.
+
+    Raises
+    ------
+    ConfigurationError
+        The address is malformed, the keys are not there, or there are none although the
+        address is beyond this machine.
+    """
+    match = _ADDRESS.fullmatch(address)
+    port = int(match['port'] or PORT) if match else 0
+    if match is None or not 0 < port < 65536:
+        raise ConfigurationError(f'{address}: no address of a link: give HOST or HOST:PORT')
+    if security.keys is not None:
+        for name in (AUTHORITY, f'{role}.pem', f'{role}.key'):
+            if not (security.keys / name).is_file():
+                raise ConfigurationError(
+                    f'{security.keys}: {name} is not there: make keys with '
+                    '`ftp-dent ground --make-keys DIR` and copy them to both ends'
+                )
+    elif not security.open and not _is_here(match['host']):
+        raise ConfigurationError(
+            f'{address}: without keys anybody on that network could command the drone: make '
+            'keys with `ftp-dent ground --make-keys DIR`, or say plainly that it is to be open'
+        )
+    return f'{"tls" if security.keys else "tcp"}/{match["host"]}:{port}'
+
+
+class Link:
+    """One end of the link.
+
+    Parameters
+    ----------
+    role : str
+        ``'drone'``, which listens, or ``'ground'``, which connects.
+    address : str
+    security : Security
+    name : str
+        Of the payload: both ends use the same.
+
+    Raises
+    ------
+    ConfigurationError
+        As `endpoint`; or Zenoh is not installed, or the address cannot be listened on.
+    """
+
+    def __init__(self, role: str, address: str, security: Security, name: str = 'payload') -> None:
+        try:
+            import zenoh
+        except ModuleNotFoundError:
+            raise ConfigurationError(
+                'the link needs Zenoh, which is not installed: install it with '
+                "`pip install '.[ground]'`"
+            ) from None
+        if not re.fullmatch(r'\w+', name):
+            raise ConfigurationError(f'{name!r} is no name of a link: give letters and digits')
+        self._zenoh: Any = zenoh
+        self._base = f'{_ROOT}/{name}'
+        self._held: list[Any] = []
+        self._publishers: dict[str, Any] = {}
+        where = endpoint(address, security, role)
+        try:
+            self._session = zenoh.open(_configuration(zenoh, role, where, security))
+        except zenoh.ZError as reason:
+            raise ConfigurationError(
+                f'{address}: cannot {"be listened on" if role == "drone" else "be reached"} '
+                f'({str(reason).split(" at ")[0]}): check the address and the keys'
+            ) from None
+
+    def send(self, way: str, data: bytes) -> None:
+        """Send a message; blocks while the connection takes no more."""
+        publisher = self._publishers.get(way)
+        if publisher is None:
+            publisher = self._publishers[way] = self._session.declare_publisher(
+                f'{self._base}/{way}',
+                congestion_control=self._zenoh.CongestionControl.BLOCK,
+                priority=self._zenoh.Priority.INTERACTIVE_HIGH,
+                express=True,
+            )
+        publisher.put(data)
+
+    def on(self, way: str, take: Callable[[bytes], None]) -> None:
+        """Call `take` with each message of a way, in a thread of Zenoh's."""
+        self._held.append(
+            self._session.declare_subscriber(
+                f'{self._base}/{way}', lambda sample: take(bytes(sample.payload))
+            )
+        )
+
+    def answer(self, way: str, reply: Callable[[bytes], bytes]) -> None:
+        """Answer requests, in a thread of Zenoh's."""
+
+        def take(query: Any) -> None:
+            given = bytes(query.payload) if query.payload is not None else b''
+            query.reply(query.key_expr, reply(given))
+
+        self._held.append(self._session.declare_queryable(f'{self._base}/{way}', take))
+
+    def ask(self, way: str, data: bytes, seconds: float) -> bytes | None:
+        """Answer to a request, or None if there is none in that time."""
+        for reply in self._session.get(f'{self._base}/{way}', payload=data, timeout=seconds):
+            if reply.ok is not None:
+                return bytes(reply.ok.payload)
+        return None
+
+    def close(self) -> None:
+        """End the connection; a second time changes nothing."""
+        if self._session.is_closed():
+            return
+        for each in self._held:
+            each.undeclare()
+        self._session.close()
+
+
+def _configuration(zenoh: Any, role: str, where: str, security: Security) -> Any:
+    settings: dict[str, Any] = {
+        'mode': 'peer',
+        'scouting/multicast/enabled': False,
+        'scouting/gossip/enabled': False,
+        'transport/unicast/open_timeout': _OPEN,
+        'transport/link/tx/lease': _LEASE,
+        'transport/link/tx/keep_alive': 3,
+        # What waits in queues here cannot be overtaken.
+        'transport/link/rx/max_message_size': 1 << 20,
+    }
+    if role == 'drone':
+        settings['listen/endpoints'] = [where]
+        settings['transport/unicast/max_sessions'] = 16
+    else:
+        settings['listen/endpoints'] = []
+        settings['connect/endpoints'] = [where]
+        settings['connect/exit_on_failure'] = False
+        settings['connect/timeout_ms'] = -1
+        settings['connect/retry'] = _RETRY
+    if security.keys is not None:
+        side = 'listen' if role == 'drone' else 'connect'
+        settings['transport/link/tls'] = {
+            'root_ca_certificate': str(security.keys / AUTHORITY),
+            f'{side}_certificate': str(security.keys / f'{role}.pem'),
+            f'{side}_private_key': str(security.keys / f'{role}.key'),
+            'enable_mtls': True,
+            # Its name is not an address; that it is the drone's its certificate's use says.
+            'verify_name_on_connect': False,
+            'close_link_on_expiration': False,
+        }
+    configuration = zenoh.Config()
+    for key, value in settings.items():
+        configuration.insert_json5(key, json.dumps(value))
+    return configuration
+
+
+def _is_here(host: str) -> bool:
+    if host == 'localhost':
+        return True
+    try:
+        return ipaddress.ip_address(host.strip('[]')).is_loopback
+    except ValueError:
+        return False

@@ -1,0 +1,236 @@
+"""A drone's feed and a ground's assembly over a line of the test's own, on the test's clock."""
+
+import random
+
+import pytest
+
+from ftp_dent_ros.errors import CodecError
+from ftp_dent_ros.ground.assembly import Assembly
+from ftp_dent_ros.ground.feed import SILENCE, Feed
+from ftp_dent_ros.ground.frames import Name, Piece, Report
+from ftp_dent_ros.ground.item import Importance, Item
+from ftp_dent_ros.ground.pace import Pace
+from ftp_dent_ros.ground.store import Store
+
+GROUND = bytes(range(16))
+
+
+class Line:
+    """Feed and assembly, joined by a line of a rate, a delay and losses; time is simulated."""
+
+    def __init__(self, folder=None, rate=30_000.0, delay=0.05, loss=0.0, limit=0.0, size=10**9):
+        self.time = 1000.0
+        self.rate, self.delay, self.loss, self.up = rate, delay, loss, True
+        self.store = Store(folder, size, boot=7)
+        self.feed = Feed(GROUND, 1, 11, self.store, Pace(limit, self.now), self.now)
+        self.ground = Assembly(GROUND, 1, self.now)
+        self.items, self.arrivals, self.pieces = [], [], []
+        self._chance = random.Random(4)
+        self._down, self._reports = [], []
+        self._free = self.time
+        self._next_report = self.time
+
+    def now(self):
+        return self.time
+
+    def put(self, importance, stamp, size=1000, topic='t', latest=False):
+        data = random.Random(stamp).randbytes(size)
+        kept = self.store.put(Item(importance, topic, 'k', stamp, data, latest))
+        self.feed.offer(kept)
+        return kept
+
+    def run(self, seconds, step=0.005):
+        end = self.time + seconds
+        while self.time < end:
+            self._send()
+            self._receive()
+            self.time += step
+        return self.items
+
+    def _send(self):
+        while (found := self.feed.next_piece()) is not None and found[1] == 0:
+            piece = found[0]
+            self.pieces.append((self.time, piece))
+            self._free = max(self._free, self.time) + (len(piece.data) + 40) / self.rate
+            if self.up and self._chance.random() >= self.loss:
+                self._down.append((self._free + self.delay, piece.pack()))
+
+    def _receive(self):
+        while self._down and self._down[0][0] <= self.time:
+            _, data = self._down.pop(0)
+            if self.up:
+                item = self.ground.add(Piece.unpack(data))
+                if item is not None:
+                    self.items.append(item)
+                    self.arrivals.append(self.time)
+                self._reports.append((self.time + self.delay, self.ground.report().pack()))
+        if self.time >= self._next_report:
+            self._next_report = self.time + 0.5
+            self._reports.append((self.time + self.delay, self.ground.report().pack()))
+        while self._reports and self._reports[0][0] <= self.time:
+            _, data = self._reports.pop(0)
+            if self.up:
+                for kept in self.feed.take(Report.unpack(data)):
+                    self.store.remove(kept)
+
+
+def stamps(items, importance):
+    return [item.stamp_ns for item in items if item.importance == importance]
+
+
+def test_everything_arrives_once_and_whole():
+    line = Line()
+    for stamp in range(20):
+        line.put(Importance.CLOUDS, stamp, 5000)
+    items = line.run(10)
+    assert sorted(stamps(items, Importance.CLOUDS)) == list(range(20))
+    assert all(item.data == random.Random(item.stamp_ns).randbytes(5000) for item in items)
+    assert len(line.store) == 0
+
+
+def test_the_order_is_that_of_importance_and_clouds_go_newest_first():
+    line = Line(rate=10_000.0)
+    for stamp, importance in enumerate(
+        [Importance.PICTURES, *[Importance.CLOUDS] * 3, *[Importance.POSES] * 3, Importance.DENTS]
+    ):
+        line.put(importance, stamp, 3000, topic=str(stamp))
+    got = [item.stamp_ns for item in line.run(10)]
+    assert got == [7, 4, 5, 6, 3, 2, 1, 0]
+
+
+def test_what_is_more_important_overtakes_within_a_quarter_of_a_second():
+    line = Line(rate=30_000.0)
+    line.put(Importance.CLOUDS, 1, 2_000_000)
+    line.run(20)
+    line.put(Importance.DENTS, 2, 500)
+    start = line.time
+    line.run(2)
+    assert stamps(line.items, Importance.DENTS) == [2]
+    assert line.arrivals[0] - start < 0.05 + 0.25
+
+
+@pytest.mark.parametrize('rate', [7_200.0, 32_000.0, 250_000.0, 1_250_000.0])
+def test_it_finds_the_rate_of_the_link_and_does_not_flood_it(rate):
+    line = Line(rate=rate, delay=0.05)
+    line.put(Importance.CLOUDS, 1, 30_000_000)
+    line.run(12)
+    half = line.ground.bytes
+    line.run(8)
+    assert (line.ground.bytes - half) / 8 > 0.85 * rate
+    # What waits in the link's buffer delays all that comes after it.
+    waiting = line._free - line.time
+    assert waiting < 0.25
+
+
+def test_a_limit_is_kept():
+    line = Line(rate=1e6, limit=20_000.0)
+    line.put(Importance.CLOUDS, 1, 1_000_000)
+    line.run(10)
+    assert 0.9 * 20_000 < line.ground.bytes / 10 < 1.02 * 20_000
+
+
+def test_losses_are_sent_again():
+    line = Line(loss=0.2)
+    for stamp in range(10):
+        line.put(Importance.CLOUDS, stamp, 5000)
+    items = line.run(30)
+    assert sorted(stamps(items, Importance.CLOUDS)) == list(range(10))
+    assert line.feed.lost > 0 and len(line.store) == 0
+
+
+def test_an_outage_costs_nothing_but_time():
+    line = Line(rate=30_000.0)
+    line.put(Importance.CLOUDS, 0, 60_000)
+    line.run(0.8)
+    line.up = False
+    sent = len(line.pieces)
+    for stamp in range(1, 30):
+        line.put(Importance.CLOUDS, stamp, 2000)
+        line.put(Importance.PREVIEWS, stamp, 500, topic='preview')
+        line.run(1.0, step=0.02)
+    assert len(line.pieces) - sent < 64 and line.feed.silence > SILENCE
+    line.up = True
+    line.run(15)
+    assert sorted(stamps(line.items, Importance.CLOUDS)) == list(range(30))
+    # Previews that were replaced before they were begun are of no use any more.
+    assert stamps(line.items, Importance.PREVIEWS)[-1] == 29
+    assert len(stamps(line.items, Importance.PREVIEWS)) < 4
+    assert len({(i.importance, i.stamp_ns) for i in line.items}) == len(line.items)
+
+
+def test_what_is_replaced_in_a_long_silence_does_not_pile_up():
+    line = Line()
+    line.up = False
+    for stamp in range(5000):
+        line.put(Importance.PREVIEWS, stamp, 10, topic='preview')
+    assert len(line.store) == 1 and len(line.feed._waiting) <= 1001
+    assert line.feed.waiting[Importance.PREVIEWS] == 1
+
+
+def test_a_ground_that_starts_anew_gets_what_it_had_in_part():
+    line = Line(rate=20_000.0)
+    line.put(Importance.CLOUDS, 1, 100_000)
+    line.run(2)
+    line.ground = Assembly(GROUND, 2, line.now)
+    line.feed.restart(2, 12)
+    line.run(10)
+    assert stamps(line.items, Importance.CLOUDS) == [1] and len(line.store) == 0
+
+
+def test_a_drone_that_starts_anew_sends_what_it_had_kept(tmp_path):
+    line = Line(tmp_path)
+    for stamp in range(5):
+        line.put(Importance.CLOUDS, stamp, 3000)
+        line.put(Importance.DENTS, stamp, 100, topic='list', latest=True)
+    (tmp_path / '4_9_7_99.part').write_bytes(b'half')
+    (tmp_path / '4_8_7_98.item').write_bytes(b'damaged')
+    again = Line(tmp_path)
+    again.store._boot = 8
+    for kept in again.store:
+        again.feed.offer(kept)
+    again.run(5)
+    assert sorted(stamps(again.items, Importance.CLOUDS)) == list(range(5))
+    assert stamps(again.items, Importance.DENTS) == []
+    assert again.store.dropped == 1 and list(tmp_path.iterdir()) == []
+
+
+def test_without_room_the_least_important_and_oldest_go(tmp_path):
+    store = Store(tmp_path, 20_000, boot=1)
+    for stamp in range(10):
+        store.put(Item(Importance.PICTURES, 'p', 'k', stamp, bytes(3000)))
+        store.put(Item(Importance.POSES, 'o', 'k', stamp, bytes(100)))
+    assert store.size <= 20_000 and store.waiting(Importance.POSES) == 10
+    left = sorted(kept.stamp_ns for kept in store if kept.importance == Importance.PICTURES)
+    assert left == list(range(10 - len(left), 10)) and store.dropped == 10 - len(left)
+
+
+def test_messages_that_are_none_are_refused():
+    piece = Piece(Name(1, 2), 3, 4, 10, 5, b'abcde')
+    assert Piece.unpack(piece.pack()) == piece
+    report = Report(GROUND, 5, 6, 7, 0b1011)
+    assert Report.unpack(report.pack()) == report
+    chance = random.Random(3)
+    for data in (piece.pack(), report.pack()):
+        for size in range(len(data)):
+            with pytest.raises(CodecError):
+                Piece.unpack(data[:size] if size < 33 else b'')
+            with pytest.raises(CodecError):
+                Report.unpack(data[:size])
+    for _ in range(2000):
+        noise = chance.randbytes(chance.randrange(200))
+        for kind in (Piece, Report):
+            with pytest.raises(CodecError):
+                kind.unpack(noise)
+    with pytest.raises(CodecError):
+        Item.unpack(Item(Importance.STATE, 't', 'k', 1, b'abc').pack()[:-1])
+
+
+def test_what_the_ground_holds_is_bounded():
+    ground = Assembly(GROUND, 1)
+    for number in range(500):
+        ground.add(Piece(Name(1, number), 1, number + 1, 8_000_000, 0, b'x'))
+    assert ground.unfinished <= 64 and ground._held <= 64 << 20
+    replayed = Item(Importance.DENTS, 't', 'k', 1, b'abc').pack()
+    piece = Piece(Name(2, 1), 1, 900, len(replayed), 0, replayed)
+    assert ground.add(piece) is not None
+    assert [ground.add(piece) for _ in range(5)] == [None] * 5

@@ -1,0 +1,203 @@
+"""Both ends over a real Zenoh, on this machine."""
+
+import json
+import random
+import socket
+import threading
+import time
+
+import pytest
+
+pytest.importorskip('zenoh', reason='Zenoh is not installed: the link to the ground is not tested')
+
+from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.ground.commands import Answer, Executive, command
+from ftp_dent_ros.ground.drone import Drone
+from ftp_dent_ros.ground.frames import Name, Piece, Report
+from ftp_dent_ros.ground.item import Importance, Item
+from ftp_dent_ros.ground.link import Link, Security, endpoint
+from ftp_dent_ros.ground.station import Station
+
+NO_KEYS = Security()
+
+
+@pytest.fixture
+def address():
+    with socket.socket() as free:
+        free.bind(('127.0.0.1', 0))
+        return f'127.0.0.1:{free.getsockname()[1]}'
+
+
+@pytest.fixture(scope='module')
+def keys(tmp_path_factory):
+    pytest.importorskip('cryptography', reason='cryptography is not installed: no keys are made')
+    from ftp_dent_ros.ground.keys import make_keys
+
+    folder = tmp_path_factory.mktemp('keys')
+    make_keys(folder)
+    with pytest.raises(ConfigurationError, match='holds keys already'):
+        make_keys(folder)
+    assert all(path.stat().st_mode & 0o77 == 0 for path in folder.iterdir())
+    return folder
+
+
+def until(condition, seconds=30.0):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, 'not reached'
+        time.sleep(0.02)
+
+
+def drone_at(address, security=NO_KEYS, folder=None, does=None):
+    return Drone(Link('drone', address, security), folder, 10**8, 0.0, Executive(does or {}))
+
+
+def station_at(address, take, name='one', security=NO_KEYS):
+    return Station(Link('ground', address, security), take, name)
+
+
+def cloud(stamp):
+    return Item(Importance.CLOUDS, 'points', 'k', stamp, random.Random(stamp).randbytes(20_000))
+
+
+def dents(stamp):
+    return Item(Importance.DENTS, 'dents/list', 'k', stamp, b'list', latest=True)
+
+
+def test_two_grounds_and_one_that_comes_late(address):
+    one, two = [], []
+    drone, first = drone_at(address), station_at(address, one.append)
+    drone.put(dents(1))
+    for stamp in range(5):
+        drone.put(cloud(stamp))
+    until(lambda: len(one) == 6)
+    second = station_at(address, two.append, 'two')
+    # The latched list is there for who comes late, what was delivered is not sent again.
+    until(lambda: len(two) == 1)
+    drone.put(cloud(9))
+    until(lambda: len(one) == 7 and len(two) == 2)
+    assert two[0].topic == 'dents/list' and two[1].stamp_ns == 9
+    assert drone.state()['grounds'] == '2'
+    for end in (first, second, drone):
+        end.close()
+
+
+def test_either_end_may_start_anew_and_nothing_comes_twice(address, tmp_path):
+    got = []
+    drone = drone_at(address, folder=tmp_path)
+    for stamp in range(3):
+        drone.put(cloud(stamp))
+    drone.close()
+    drone = drone_at(address, folder=tmp_path)
+    drone.put(cloud(3))
+    station = station_at(address, got.append)
+    until(lambda: len(got) == 4)
+    station.close()
+    drone.put(cloud(4))
+    station = station_at(address, got.append)
+    until(lambda: len(got) == 5)
+    assert sorted(item.stamp_ns for item in got) == list(range(5))
+    until(lambda: not list(tmp_path.iterdir()))
+    station.close()
+    drone.close()
+
+
+def test_commands_are_done_once_and_answered(address):
+    done = []
+
+    def capture():
+        done.append(1)
+        return Answer(True, 'photograph taken')
+
+    drone = drone_at(address, does={'capture': capture})
+    link = Link('ground', address, Security())
+    assert command(link, 'capture') == Answer(True, 'photograph taken')
+    request = json.dumps({'command': 'capture', 'id': '0' * 32}).encode()
+    executive = Executive({'capture': capture})
+    assert len({executive.reply(request) for _ in range(5)}) == 1 and len(done) == 2
+    for nonsense in (b'', b'[]', b'{"command": "fly", "id": "x"}', b'\xff' * 9999, b'[' * 2000):
+        assert not json.loads(executive.reply(nonsense))['success']
+    assert executive.refused == 5 and len(done) == 2
+    assert not command(link, 'take_list').success
+    drone.close()
+    answer = command(link, 'capture', patience=0.5)
+    assert not answer.success and 'no answer' in answer.message
+    link.close()
+
+
+def test_with_keys_nobody_else_gets_in(address, keys, tmp_path):
+    from ftp_dent_ros.ground.keys import make_keys
+
+    got, strangers = [], []
+    secure = Security(keys)
+    drone = drone_at(address, secure)
+    station = station_at(address, got.append, security=secure)
+    drone.put(cloud(1))
+    until(lambda: got)
+    make_keys(tmp_path / 'others')
+    # Without keys, with others', and with the drone's own in a ground's place.
+    swapped = tmp_path / 'swapped'
+    swapped.mkdir()
+    for end in ('pem', 'key'):
+        (swapped / f'ground.{end}').write_bytes((keys / f'drone.{end}').read_bytes())
+    (swapped / 'authority.pem').write_bytes((keys / 'authority.pem').read_bytes())
+    others = [Security(), Security(tmp_path / 'others'), Security(swapped)]
+    ends = [station_at(address, strangers.append, 'x', each) for each in others]
+    drone.put(cloud(2))
+    until(lambda: len(got) == 2)
+    assert not strangers and drone.state()['grounds'] == '1'
+    link = Link('ground', address, Security(tmp_path / 'others'))
+    assert not command(link, 'capture', patience=0.5).success
+    for end in (link, *ends, station, drone):
+        end.close()
+
+
+def test_noise_and_replays_from_one_who_is_in(address):
+    got = []
+    drone, station = drone_at(address), station_at(address, got.append)
+    pieces = []
+    rogue = Link('ground', address, Security())
+    rogue.on('down/*', pieces.append)
+    drone.put(cloud(1))
+    until(lambda: got)
+    chance = random.Random(1)
+    for _ in range(300):
+        rogue.send('up', chance.randbytes(chance.randrange(100)))
+        rogue.send('command', chance.randbytes(50))
+    # Many grounds that are none: only so many are remembered.
+    for number in range(200):
+        rogue.send('up', Report(number.to_bytes(16, 'big'), 1, 0, 0, 0).pack())
+    drone.put(cloud(2))
+    until(lambda: len(got) == 2)
+    assert int(drone.state()['refused']) >= 300 and len(drone._feeds) <= 8
+    # What was heard is played to the station again, truncated, and made up.
+    for data in [*pieces, *(each[:40] for each in pieces[:20])]:
+        station._take(data)
+    made_up = Item(Importance.STATE, 't', 'k', 1, b'x').pack()[:-1] + b'?'
+    station._take(Piece(Name(5, 5), 1, 1, len(made_up), 0, made_up).pack())
+    assert len(got) == 2 and station.refused >= 1
+    for end in (rogue, station, drone):
+        end.close()
+
+
+def test_the_payload_does_not_wait_for_a_link_that_is_dead(address, tmp_path):
+    drone = drone_at(address, folder=tmp_path)
+    for stamp in range(50):
+        drone.put(cloud(stamp))
+    assert int(drone.state()['waiting: clouds']) == 50 and threading.active_count() < 50
+    drone.close()
+    assert len(list(tmp_path.iterdir())) == 50
+
+
+def test_addresses_and_refusals(keys):
+    assert endpoint('localhost', Security(), 'drone') == 'tcp/localhost:7447'
+    assert endpoint('[::1]:5', Security(), 'drone') == 'tcp/[::1]:5'
+    assert endpoint('10.0.0.1:5', Security(keys), 'drone') == 'tls/10.0.0.1:5'
+    assert endpoint('10.0.0.1:5', Security(open=True), 'drone') == 'tcp/10.0.0.1:5'
+    for wrong in ('', 'a b', 'host:99999', 'host:x', '::1', 'tcp/host:1'):
+        with pytest.raises(ConfigurationError, match='no address'):
+            endpoint(wrong, Security(open=True), 'drone')
+    with pytest.raises(ConfigurationError, match='without keys anybody'):
+        endpoint('0.0.0.0', Security(), 'drone')
+    with pytest.raises(ConfigurationError, match=r'authority\.pem is not there'):
+        endpoint('10.0.0.1', Security(keys / 'nowhere'), 'ground')

@@ -1,0 +1,282 @@
+"""The page with a real station behind it, in a real browser."""
+
+import http.client
+import socket
+import zlib
+from urllib.parse import urlsplit
+
+import cv2
+import numpy as np
+import pytest
+from skins import skin
+
+pytest.importorskip('zenoh', reason='Zenoh is not installed: the page is not tested')
+pytest.importorskip('rosbags', reason='rosbags is not installed: the page is not tested')
+
+from chromium import Chromium
+
+from ftp_dent_ros.coding.cloud_codec import encode
+from ftp_dent_ros.coding.view import View
+from ftp_dent_ros.errors import CodecError, ConfigurationError
+from ftp_dent_ros.ground import topics
+from ftp_dent_ros.ground.commands import Answer, Executive
+from ftp_dent_ros.ground.drone import Drone
+from ftp_dent_ros.ground.item import Importance, Item
+from ftp_dent_ros.ground.link import Link, Security
+from ftp_dent_ros.ground.page.scene import Scene
+from ftp_dent_ros.ground.page.server import Page, PageServer
+from ftp_dent_ros.ground.station import Station
+from ftp_dent_ros.recording.definitions import typestore
+
+STAMP = 1_700_000_000_500_000_000
+
+
+def coded(topic, kind, importance=Importance.DENTS, **values):
+    """Item of a message, made without ROS."""
+    store = typestore()
+    message = store.types[kind](**values)
+    data = zlib.compress(bytes(store.serialize_cdr(message, kind)))
+    return Item(importance, topic, f'cdr:{kind}', STAMP, data)
+
+
+def header(frame='map'):
+    types = typestore().types
+    time_ = types['builtin_interfaces/msg/Time'](sec=STAMP // 10**9, nanosec=STAMP % 10**9)
+    return types['std_msgs/msg/Header'](stamp=time_, frame_id=frame)
+
+
+def pose_item(topic):
+    types = typestore().types
+    position = types['geometry_msgs/msg/Point'](x=1.0, y=2.0, z=3.0)
+    turn = types['geometry_msgs/msg/Quaternion'](x=0.0, y=0.0, z=0.0, w=1.0)
+    pose = types['geometry_msgs/msg/Pose'](position=position, orientation=turn)
+    with_covariance = types['geometry_msgs/msg/PoseWithCovariance'](
+        pose=pose, covariance=np.zeros(36)
+    )
+    return coded(
+        topic,
+        'geometry_msgs/msg/PoseWithCovarianceStamped',
+        Importance.POSES,
+        header=header(),
+        pose=with_covariance,
+    )
+
+
+def dents_item():
+    """One dent of 40 x 30 x 1.5 mm in the middle of the view, 0.8 m ahead."""
+    values = {
+        'x': 1.0,
+        'y': 2.0,
+        'z': 3.8,
+        'normal_x': 0,
+        'normal_y': 0,
+        'normal_z': -1,
+        'axis_x': 1,
+        'axis_y': 0,
+        'axis_z': 0,
+        'length': 0.04,
+        'width': 0.03,
+        'depth': 1.5e-3,
+        'length_uncertainty': 1e-3,
+        'width_uncertainty': 1e-3,
+        'depth_uncertainty': 2e-5,
+    }
+    whole = {'number': 7, 'kind': 0, 'sightings': 3}
+    row = np.dtype([(name, '<f4') for name in values] + [(name, '<u4') for name in whole])
+    data = np.array([tuple({**values, **whole}.values())], row)
+    field = typestore().types['sensor_msgs/msg/PointField']
+    fields = [
+        field(name=name, offset=4 * i, datatype=6 if name in whole else 7, count=1)
+        for i, name in enumerate(row.names)
+    ]
+    return coded(
+        'dents/list',
+        'sensor_msgs/msg/PointCloud2',
+        header=header(),
+        height=1,
+        width=1,
+        fields=fields,
+        is_bigendian=False,
+        point_step=row.itemsize,
+        row_step=row.itemsize,
+        data=np.frombuffer(data.tobytes(), np.uint8),
+        is_dense=True,
+    )
+
+
+def state_item(text='works'):
+    types = typestore().types
+    value = types['diagnostic_msgs/msg/KeyValue'](key='recording', value='not recording')
+    status = types['diagnostic_msgs/msg/DiagnosticStatus'](
+        level=0, name='downlink', message=text, hardware_id='', values=[value]
+    )
+    return coded(
+        topics.DIAGNOSTICS,
+        'diagnostic_msgs/msg/DiagnosticArray',
+        Importance.STATE,
+        header=header(),
+        status=[status],
+    )
+
+
+def picture_item(view):
+    lens = View(view.lens, 1)
+    image = np.full((view.lens.height, view.lens.width, 3), 120, np.uint8)
+    data = cv2.imencode('.jpg', image)[1].tobytes()
+    extra = {'frame': 'camera', 'lens': lens.numbers()}
+    return Item(Importance.PICTURES, topics.IMAGE, 'jpeg', STAMP, data, extra=extra)
+
+
+def cloud_item(view):
+    data = encode(skin(view), view)
+    extra = {'frame': 'camera'}
+    return Item(Importance.PREVIEWS, topics.PREVIEW_POINTS, 'cloud', STAMP, data, extra=extra)
+
+
+@pytest.fixture
+def items(view):
+    return [
+        pose_item(topics.CAMERA_POSE),
+        pose_item('tagged/pose'),
+        dents_item(),
+        state_item(),
+        picture_item(view),
+        cloud_item(view),
+    ]
+
+
+def test_the_scene_places_the_dent_in_the_picture(items, view):
+    scene = Scene()
+    for item in items:
+        scene.take(item)
+    state = scene.state()
+    (outline,) = state['picture']['outlines']
+    middle = np.mean(outline['points'], axis=0)
+    np.testing.assert_allclose(middle, view.lens.camera_matrix[:2, 2], atol=1.0)
+    across = np.ptp(outline['points'], axis=0)
+    np.testing.assert_allclose(across, [850 * 0.05, 852 * 0.0375], atol=1.5)
+    assert state['dents'][0]['depth_mm'] == pytest.approx(1.5)
+    assert state['path'] == [[1.0, 2.0, 3.0]] and len(state['areas']) == 1
+    values = np.frombuffer(scene.cloud, '<f4').reshape(-1, 4)
+    # The dent of the skin is the deepest deviation away from its smooth form.
+    assert len(values) > 10_000 and np.abs(np.median(values[:, 3])) < 1.0
+
+
+def test_the_scene_refuses_what_is_no_item(items):
+    scene = Scene()
+    for item in items:
+        for data in (b'', b'x' * 50, item.data[:-9], zlib.compress(b'\xff' * 300)):
+            with pytest.raises(CodecError):
+                scene.take(Item(item.importance, item.topic, item.kind, 1, data))
+    assert scene.version == 0 and scene.state()['dents'] == []
+
+
+@pytest.fixture
+def served():
+    scene = Scene()
+    server = PageServer(
+        '127.0.0.1:0',
+        scene,
+        lambda: {'level': 0, 'text': 'works', 'rate': 1},
+        lambda name: Answer(True, name),
+    )
+    yield scene, urlsplit(server.url)
+    server.close()
+
+
+def ask(url, method, path, **headers):
+    connection = http.client.HTTPConnection(url.hostname, url.port, timeout=20)
+    connection.request(method, path, headers=headers)
+    response = connection.getresponse()
+    data = response.read()
+    connection.close()
+    return response.status, data
+
+
+def test_commands_come_from_the_page_alone(served):
+    _, url = served
+    sign = {'X-Ftp-Dent': 'command'}
+    assert ask(url, 'POST', '/command/capture', **sign) == (
+        200,
+        b'{"success": true, "message": "capture"}',
+    )
+    assert ask(url, 'POST', '/command/capture')[0] == 403
+    assert ask(url, 'POST', '/command/fly', **sign)[0] == 404
+    # A name of somebody else's that leads here.
+    assert ask(url, 'POST', '/command/capture', Host='evil.example', **sign)[0] == 403
+    assert ask(url, 'GET', '/', Host='evil.example')[0] == 403
+    assert ask(url, 'GET', '/../../etc/passwd')[0] == 404
+
+
+def test_beyond_this_machine_the_page_asks_for_its_key():
+    server = PageServer('0.0.0.0:0', Scene(), dict, lambda name: Answer(True, ''))
+    try:
+        url = urlsplit(server.url)
+        here = url._replace(netloc=f'127.0.0.1:{url.port}')
+        assert ask(here, 'GET', '/')[0] == 403
+        assert ask(here, 'GET', f'/?{url.query}')[0] == 200
+        cookie = url.query
+        assert ask(here, 'GET', '/page.js', Cookie=cookie)[0] == 200
+        assert ask(here, 'GET', '/page.js', Cookie=cookie[:-1])[0] == 403
+    finally:
+        server.close()
+    with pytest.raises(ConfigurationError, match='cannot be served'):
+        PageServer('nowhere', Scene(), dict, lambda name: Answer(True, ''))
+
+
+def test_the_page_shows_what_comes_and_its_buttons_command(items, tmp_path):
+    with socket.socket() as free:
+        free.bind(('127.0.0.1', 0))
+        address = f'127.0.0.1:{free.getsockname()[1]}'
+    done = []
+
+    def capture():
+        done.append(1)
+        return Answer(True, 'photograph taken')
+
+    browser = Chromium(tmp_path)
+    drone = Drone(
+        Link('drone', address, Security()), None, 10**8, 0.0, Executive({'capture': capture})
+    )
+    pages = []
+    station = Station(
+        Link('ground', address, Security()), lambda item: pages[0].take(item), 'browser'
+    )
+    pages.append(Page('127.0.0.1:0', station))
+    try:
+        browser.open(pages[0].url)
+        for item in items:
+            drone.put(item)
+        browser.until("document.querySelectorAll('#dents tr').length === 1")
+        row = browser.value("document.querySelector('#dents tr').innerText")
+        assert row.split('\t')[0] == '7' and '1.500' in row and '± 0.020' in row
+        browser.until("document.querySelectorAll('#outlines polygon').length === 1")
+        browser.until("document.getElementById('picture').naturalWidth === 640")
+        browser.until('cloudView.values.length > 1000')
+        browser.until("document.getElementById('recording').textContent === 'not recording'")
+        assert browser.until("document.getElementById('link').className") == 'chip good'
+        for canvas in ('cloud', 'map'):
+            shades = browser.value(
+                f"new Set(document.getElementById('{canvas}').getContext('2d')"
+                '.getImageData(0, 0, 960, 540).data).size'
+            )
+            assert shades > 20, canvas
+        button = "document.querySelector('[data-command=capture]')"
+        browser.value(f'{button}.click()')
+        said = "document.getElementById('answer').textContent"
+        assert 'photograph taken' in browser.until(f"{said}.includes('done') && {said}")
+        assert done == [1]
+        browser.value("document.querySelector('[data-command=start_recording]').click()")
+        assert 'cannot' in browser.until(f"{said}.includes('failed') && {said}")
+        # Large enough for fingers, and nothing is wider than the tablet.
+        assert browser.value(f'{button}.getBoundingClientRect().height') >= 44
+        assert browser.value('document.documentElement.scrollWidth <= innerWidth')
+        assert browser.errors == []
+        drone.close()
+        text = "document.getElementById('link').textContent"
+        browser.until(f"{text}.startsWith('nothing has come')")
+    finally:
+        browser.close()
+        pages[0].close()
+        station.close()
+        drone.close()
