@@ -1,0 +1,1 @@
+"""From photographs of a board under projected patterns to ``rig.yaml``."""

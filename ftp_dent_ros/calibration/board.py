@@ -1,0 +1,257 @@
+"""The calibration board: a printed chessboard or ChArUco board, and its corners in a photograph.
+
+OpenCV 4.6 to 5 are served: ChArUco's functions became classes in 4.7, and are of the main modules
+since then.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.calibration.corners import refine_corners
+from ftp_dent_ros.errors import CalibrationError, ConfigurationError
+
+# Windows reach this part of the way to the nearest corner, so that one crossing alone is in them,
+# and these pixels at most: lens distortion bends longer edges.
+_WINDOW, _SMALLEST_WINDOW, _LARGEST_WINDOW = 0.6, 3, 15
+# A corner search on a large photograph begins on a smaller one; pixels of its longer side.
+_SEARCH_SIZE = 1300
+_CRITERIA = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 40, 1e-3)
+
+
+@dataclass(frozen=True)
+class Board:
+    """A flat board of squares.
+
+    Attributes
+    ----------
+    columns, rows : int
+        Inner corners along the board's x and y.
+    square : float
+        Side of a square, metres.
+    dictionary : str
+        ChArUco: name of the markers' dictionary (``DICT_5X5_250``); empty for a chessboard.
+    marker : float
+        ChArUco: side of a marker, metres.
+    legacy : bool
+        ChArUco: printed by OpenCV before 4.6 with an even number of rows.
+
+    Raises
+    ------
+    ConfigurationError
+        A value is out of its range.
+    """
+
+    columns: int
+    rows: int
+    square: float
+    dictionary: str = ''
+    marker: float = 0.0
+    legacy: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ('columns', 'rows'):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int) or not 3 <= value <= 100:
+                raise ConfigurationError(
+                    f'board: {name} is {value!r}: give the number of inner corners, 3 to 100'
+                )
+        if not (math.isfinite(self.square) and 0.001 <= self.square <= 1.0):
+            raise ConfigurationError(
+                f'board: a square of {self.square!r} m: give 0.001 to 1 m, measured on the print'
+            )
+        if self.dictionary:
+            if not hasattr(cv2, 'aruco'):
+                raise ConfigurationError(
+                    f'board: OpenCV {cv2.__version__} here has no ArUco: use a chessboard, or '
+                    'install python3-opencv (apt) or OpenCV 4.7 or later'
+                )
+            if not hasattr(cv2.aruco, self.dictionary):
+                raise ConfigurationError(
+                    f'board: {self.dictionary!r} is no dictionary of OpenCV: give one like '
+                    'DICT_5X5_250'
+                )
+            if not 0 < self.marker < self.square:
+                raise ConfigurationError(
+                    f'board: a marker of {self.marker!r} m does not fit a square of '
+                    f'{self.square:g} m: measure both'
+                )
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Inner corners along x and y."""
+        return self.columns, self.rows
+
+    @cached_property
+    def points(self) -> NDArray[np.float64]:
+        """Corners row by row, shape (n, 3), metres; x right, y down, z into the board."""
+        x, y = np.meshgrid(np.arange(self.columns), np.arange(self.rows))
+        return (
+            np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=-1).astype(float) * self.square
+        )
+
+    def turned(self) -> Board:
+        """The board with rows and columns exchanged."""
+        return Board(
+            self.rows, self.columns, self.square, self.dictionary, self.marker, self.legacy
+        )
+
+    def find(self, photograph: NDArray[np.uint8]) -> NDArray[np.float64]:
+        """Corners in a photograph.
+
+        Parameters
+        ----------
+        photograph : ndarray, shape (height, width), uint8
+            Grey, evenly lit.
+
+        Returns
+        -------
+        ndarray, shape (n, 2)
+            Pixels (u, v) in the order of `points`; NaN where a corner is not seen.
+
+        Raises
+        ------
+        CalibrationError
+            The board is not found, or not whole where it has no markers.
+        """
+        corners = self._find_coded(photograph) if self.dictionary else self._find_plain(photograph)
+        seen = np.isfinite(corners[:, 0])
+        window = max(2, int(_WINDOW / 2 * self.spacing(corners)))
+        rough = corners[seen].astype(np.float32).reshape(-1, 1, 2)
+        fine = cv2.cornerSubPix(photograph, rough, (window, window), (-1, -1), _CRITERIA)
+        corners[seen] = np.asarray(fine, float).reshape(-1, 2)
+        return self.refine(photograph, corners)[0]
+
+    def refine(
+        self, photograph: NDArray, corners: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], float]:
+        """Corners that are known to a pixel, as exactly as can be, and the median blur, pixels.
+
+        Parameters
+        ----------
+        photograph : ndarray, shape (height, width)
+        corners : ndarray, shape (n, 2)
+            NaN where not seen.
+        """
+        spacing = self.spacing(corners)
+        radius = int(np.clip(_WINDOW * spacing, _SMALLEST_WINDOW, _LARGEST_WINDOW))
+        seen = np.flatnonzero(np.isfinite(corners[:, 0]))
+        along = self._directions(corners)
+        result = np.full(corners.shape, np.nan)
+        result[seen], blur = refine_corners(photograph, corners[seen], along[seen], radius)
+        return result, float(np.nanmedian(blur)) if np.isfinite(blur).any() else np.inf
+
+    def _directions(self, corners: NDArray) -> NDArray[np.float64]:
+        """Of the two edges at each corner, shape (n, 2, 2): those of the whole board's mapping."""
+        seen = np.isfinite(corners[:, 0])
+        plane, _ = cv2.findHomography(self.points[seen, :2], corners[seen])
+        step = 0.1 * self.square
+        ends = [
+            cv2.perspectiveTransform((self.points[:, :2] + shift)[None], plane)[0]
+            for shift in ([0, 0], [step, 0], [0, step])
+        ]
+        return np.stack([ends[1] - ends[0], ends[2] - ends[0]], axis=1)
+
+    def draw(self, pixels: int) -> NDArray[np.uint8]:
+        """The board's print with a white rim of half a square, `pixels` a square."""
+        size = ((self.columns + 2) * pixels, (self.rows + 2) * pixels)
+        if not self.dictionary:
+            image = np.full(size[::-1], 255, np.uint8)
+            row, column = np.indices((self.rows + 1, self.columns + 1))
+            squares = np.where((row + column) % 2, 255, 0).astype(np.uint8)
+            large = np.kron(squares, np.ones((pixels, pixels), np.uint8))
+        else:
+            inner = ((self.columns + 1) * pixels, (self.rows + 1) * pixels)
+            board = self._charuco
+            large = (
+                board.generateImage(inner)
+                if hasattr(board, 'generateImage')
+                else board.draw(inner)
+            )
+            image = np.full(size[::-1], 255, np.uint8)
+        half = pixels // 2
+        image[half : half + large.shape[0], half : half + large.shape[1]] = large
+        return image
+
+    def spacing(self, corners: NDArray) -> float:
+        """Smallest distance between neighbouring corners, pixels."""
+        grid = corners.reshape(self.rows, self.columns, 2)
+        steps = [np.linalg.norm(np.diff(grid, axis=axis), axis=-1) for axis in (0, 1)]
+        known = np.concatenate([step[np.isfinite(step)] for step in steps])
+        return float(known.min()) if len(known) else 6.0
+
+    def _find_plain(self, photograph: NDArray[np.uint8]) -> NDArray[np.float64]:
+        scale = max(1.0, max(photograph.shape) / _SEARCH_SIZE)
+        small = photograph
+        if scale > 1:
+            small = np.asarray(
+                cv2.resize(
+                    photograph, None, fx=1 / scale, fy=1 / scale, interpolation=cv2.INTER_AREA
+                )
+            )
+        flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
+        found, corners = cv2.findChessboardCorners(small, self.size, flags=flags)
+        if not found:
+            # Slower, and finds what blur or uneven light hides from the other.
+            found, corners = cv2.findChessboardCornersSB(small, self.size)
+        if not found:
+            raise CalibrationError(
+                f'no chessboard of {self.columns}x{self.rows} inner corners is seen whole: check '
+                'the numbers, the light and that no corner is hidden'
+            )
+        corners = (np.asarray(corners, float).reshape(-1, 2) + 0.5) * scale - 0.5
+        if (self.columns + self.rows) % 2 and not self._first_square_is_dark(photograph, corners):
+            corners = corners[::-1].copy()
+        return corners
+
+    def _first_square_is_dark(self, photograph: NDArray, corners: NDArray) -> bool:
+        """Whether the square between the first corners is darker than that beside it.
+
+        OpenCV begins at either end; where the squares' colours tell the ends apart, so that a
+        bend of the board is the same in each pose.
+        """
+        grid = corners.reshape(self.rows, self.columns, 2)
+        levels = []
+        for column in (0, 1):
+            u, v = np.rint(grid[:2, column : column + 2].mean(axis=(0, 1))).astype(int)
+            levels.append(np.median(photograph[v - 1 : v + 2, u - 1 : u + 2]))
+        return bool(levels[0] < levels[1])
+
+    def _find_coded(self, photograph: NDArray[np.uint8]) -> NDArray[np.float64]:
+        aruco: Any = cv2.aruco
+        found: Any = None
+        ids: Any = None
+        if hasattr(aruco, 'CharucoDetector'):
+            found, ids, _, _ = aruco.CharucoDetector(self._charuco).detectBoard(photograph)
+        else:
+            markers, names, _ = aruco.detectMarkers(photograph, self._charuco.dictionary)
+            if names is not None and len(names):
+                _, found, ids = aruco.interpolateCornersCharuco(
+                    markers, names, photograph, self._charuco
+                )
+        corners = np.full((self.columns * self.rows, 2), np.nan)
+        if ids is None or len(ids) < 6:
+            raise CalibrationError(
+                f'of the ChArUco board {0 if ids is None else len(ids)} corners are seen, fewer '
+                'than 6: check its numbers and dictionary, and show more of it'
+            )
+        corners[np.asarray(ids).ravel()] = np.asarray(found, float).reshape(-1, 2)
+        return corners
+
+    @cached_property
+    def _charuco(self) -> Any:
+        aruco: Any = cv2.aruco
+        squares = (self.columns + 1, self.rows + 1)
+        dictionary = aruco.getPredefinedDictionary(getattr(aruco, self.dictionary))
+        if not hasattr(aruco, 'CharucoDetector'):
+            return aruco.CharucoBoard_create(*squares, self.square, self.marker, dictionary)
+        board = aruco.CharucoBoard(squares, self.square, self.marker, dictionary)
+        board.setLegacyPattern(self.legacy)
+        return board

@@ -1,0 +1,252 @@
+"""Whether a rig still holds, from one photograph of a flat wall or a smooth skin in its pattern.
+
+Vertical fringes give three equations for three unknowns, so a wrong rig gives a cloud all the
+same. Two things betray it: the rim of the projector's frame, whose rows are known, and that a wall
+is flat. The projector's turn against the camera is estimated from both, with the wall's place and,
+for a skin, its curvature as unknowns.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from ftp_dent_ros.calibration.uncertainty import depth_deviation
+from ftp_dent_ros.errors import CalibrationError
+from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.rig import Rig
+
+# A fitted quadratic follows a wall or a skin to this; metres.
+_SMOOTH = 5e-5
+# What is known of a rim: its blur is even to this part of a pixel, and so are phases.
+_RIM_PX, _PHASE_PX = 0.15, 0.03
+# Neighbours err together: as if there were a tenth as many (its square).
+_ALIKE = np.sqrt(10)
+_MOST_POINTS, _FEWEST_RIM = 1500, 12
+# Half the length of a profile across the rim, camera pixels.
+_REACH = 14
+_LEAST_STEP = 8.0
+# A turn counts as drift beyond so many deviations, and this many projector pixels.
+_SURE, _DRIFT_PX = 4.0, 0.4
+# Worse known than this it is not known, projector pixels.
+_UNKNOWN_PX = 1.2
+_AXES = ('pitch', 'yaw', 'roll')
+
+
+@dataclass(frozen=True, eq=False)
+class Check:
+    """What one photograph says of a rig.
+
+    Attributes
+    ----------
+    turn : ndarray, shape (3,)
+        Of the projector about its x (pitch), y (yaw) and z (roll), radians, as it seems.
+    deviation : ndarray, shape (3,)
+        Standard deviation of the turn, radians.
+    drift_px : ndarray, shape (3,)
+        The same at the frame's border, projector pixels.
+    depth_error : float
+        What the turn, where it is sure, does to the depth at the wall, metres.
+    rim_points : int
+        Places at which the frame's upper and lower rim was seen.
+    unknown : tuple of str
+        Axes about which the photograph says nothing.
+    moved : tuple of str
+        Axes about which the projector has moved, surely.
+    """
+
+    turn: NDArray[np.float64]
+    deviation: NDArray[np.float64]
+    drift_px: NDArray[np.float64]
+    depth_error: float
+    rim_points: int
+    unknown: tuple[str, ...]
+    moved: tuple[str, ...]
+
+    @property
+    def holds(self) -> bool:
+        """Whether nothing moved that was seen."""
+        return not self.moved
+
+    @property
+    def sentence(self) -> str:
+        """For people."""
+        if self.moved:
+            parts = [
+                f'{axis} {np.degrees(self.turn[_AXES.index(axis)]):+.3f} degrees '
+                f'({abs(self.drift_px[_AXES.index(axis)]):.1f} pixels)'
+                for axis in self.moved
+            ]
+            return (
+                f'the rig does not hold: the projector has turned, {", ".join(parts)}; depths are '
+                f'off by {1e3 * self.depth_error:.2f} mm: calibrate again, or adjust it'
+            )
+        blind = ', '.join(self.unknown)
+        said = 'the rig holds, as far as this photograph tells'
+        return f'{said}; it tells nothing of {blind}' if blind else said
+
+
+def check(
+    rig: Rig,
+    pattern: Pattern,
+    image: NDArray[np.uint8],
+    points: NDArray,
+    flatness: float = 1e-4,
+) -> Check:
+    """Check a rig by a photograph.
+
+    Parameters
+    ----------
+    rig : Rig
+    pattern : Pattern
+    image : ndarray, shape (height, width, 3), uint8
+        RGB.
+    points : ndarray, shape (rows, columns, 3)
+        The cloud that was computed of it with `rig`, metres; NaN where there is none.
+    flatness : float
+        How far a wall's border may lie off the plane of its middle (standard deviation), metres:
+        the yaw shows in nothing else. Infinite for a skin, of which nothing is known but that it
+        curves evenly.
+
+    Raises
+    ------
+    CalibrationError
+        Too little was measured.
+    """
+    seen = points[np.isfinite(points).all(axis=-1)].astype(float)
+    if len(seen) < 200:
+        raise CalibrationError(
+            f'{len(seen)} points were measured, fewer than 200: photograph a flat wall that fills '
+            'the image'
+        )
+    seen = seen[:: max(1, len(seen) // _MOST_POINTS)]
+    rays = seen / seen[:, 2:]
+    columns = rig.projector.project(rig.to_projector(seen))[:, 0]
+    distance = float(np.median(seen[:, 2]))
+    shape, *_ = np.linalg.lstsq(_surface(rays), 1 / seen[:, 2], rcond=None)
+    rim_pixels, rows = _rim(rig, pattern, image, shape)
+    rim_rays = rig.camera.rays(rim_pixels) if len(rim_pixels) else np.zeros((0, 3))
+    scale = rig.projector.camera_matrix[0, 0] * np.linalg.norm(rig.translation)
+    phase_noise = np.hypot(_PHASE_PX, _SMOOTH * scale / distance**2)
+    reach = float(np.percentile(np.hypot(rays[:, 0], rays[:, 1]), 95))
+    bend = flatness / distance**2 / reach**2
+
+    def residuals(state: NDArray) -> NDArray[np.float64]:
+        turned = _turned(rig, state[:3])
+        parts = []
+        for each, axis, known, noise in (
+            (rays, 0, columns, phase_noise),
+            (rim_rays, 1, rows, _RIM_PX),
+        ):
+            inverse = _surface(each) @ state[3:]
+            pixel = turned.projector.project(turned.to_projector(each / inverse[:, None]))
+            parts.append((pixel[:, axis] - known) / (noise * _ALIKE))
+        return np.concatenate([*parts, state[6:] / bend])
+
+    start = np.concatenate([np.zeros(3), shape])
+    found = least_squares(residuals, start, x_scale='jac', loss='soft_l1', f_scale=2.0)
+    covariance = _inverse(found.jac.T @ found.jac)[:3, :3]
+    if rig.record is not None and rig.record.covariance is not None:
+        covariance = covariance + rig.record.covariance[18:21, 18:21]
+    deviation = np.sqrt(np.diag(covariance))
+    lens = rig.projector
+    lever = np.array([*lens.camera_matrix[[1, 0], [1, 0]], np.hypot(lens.width, lens.height) / 2])
+    turn = found.x[:3]
+    drift, doubt = turn * lever, deviation * lever
+    unknown = tuple(a for a, each in zip(_AXES, doubt, strict=True) if each > _UNKNOWN_PX)
+    moved = tuple(
+        axis
+        for axis, each, off in zip(_AXES, np.abs(drift), doubt, strict=True)
+        if axis not in unknown and each > max(_DRIFT_PX, _SURE * off)
+    )
+    sure = np.array([axis in moved for axis in _AXES])
+    middle = np.median(seen, axis=0)
+    pixel = rig.camera.project(middle)[None]
+    shift = np.zeros((24, 24))
+    shift[18:21, 18:21] = np.diag(np.where(sure, turn, 0) ** 2)
+    error = float(depth_deviation(rig, shift, pixel, middle[2:])[0])
+    return Check(turn, deviation, drift, error, len(rows), unknown, moved)
+
+
+def adjusted(rig: Rig, found: Check) -> Rig:
+    """The rig with the projector turned as a check says, about the axes that it is sure of."""
+    sure = np.array([axis not in found.unknown for axis in _AXES])
+    return replace(_turned(rig, np.where(sure, found.turn, 0)), record=None)
+
+
+def _turned(rig: Rig, turn: NDArray) -> Rig:
+    by = Rotation.from_rotvec(turn).as_matrix()
+    return replace(rig, rotation=by @ rig.rotation, translation=by @ rig.translation)
+
+
+def _surface(rays: NDArray) -> NDArray[np.float64]:
+    """Terms of the inverse depth along rays: three of a plane, three of its bend."""
+    x, y = rays[:, 0], rays[:, 1]
+    return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
+
+
+def _inverse(normal: NDArray) -> NDArray[np.float64]:
+    scale = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    return np.linalg.pinv(normal * np.outer(scale, scale), hermitian=True) * np.outer(scale, scale)
+
+
+def _rim(
+    rig: Rig, pattern: Pattern, image: NDArray[np.uint8], shape: NDArray
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Camera pixels, shape (n, 2), at which the frame's upper and lower rim lies, and its rows."""
+    red = image[..., 0].astype(float)
+    bright = np.arange(
+        pattern.stripe_center_px % pattern.period_px, pattern.width, pattern.period_px
+    )
+    pixels, rows = [], []
+    for row, inward in ((-0.5, 1.0), (pattern.height - 0.5, -1.0)):
+        edge = np.column_stack([bright, np.full(len(bright), row)])
+        ends = [_lit(rig, edge + np.array([0, inward * step]), shape) for step in (0.0, 8.0)]
+        across = ends[1] - ends[0]
+        across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
+        offsets = np.arange(-_REACH, _REACH + 0.25, 0.25)
+        profile_at = ends[0][:, None] + offsets[:, None] * across[:, None]
+        limits = np.array([rig.camera.width - 1, rig.camera.height - 1])
+        inside = ((profile_at > 0) & (profile_at < limits)).all(axis=(1, 2))
+        for place, way, where in zip(
+            ends[0][inside], across[inside], profile_at[inside], strict=True
+        ):
+            profile = map_coordinates(red, where[:, ::-1].T, order=1)
+            offset = _step(profile, offsets)
+            if np.isfinite(offset):
+                pixels.append(place + offset * way)
+                rows.append(row)
+    if len(rows) < _FEWEST_RIM:
+        return np.zeros((0, 2)), np.zeros(0)
+    return np.array(pixels), np.array(rows)
+
+
+def _step(profile: NDArray, offsets: NDArray) -> float:
+    """Where a profile crosses the middle between dark and light; NaN where there is no edge."""
+    dark, light = np.median(profile[:16]), np.median(profile[-24:])
+    if light - dark < _LEAST_STEP or light > 250:
+        return np.nan
+    above = profile > (dark + light) / 2
+    crossings = np.flatnonzero(~above[:-1] & above[1:])
+    if len(crossings) != 1:
+        return np.nan
+    index = crossings[0]
+    part = ((dark + light) / 2 - profile[index]) / (profile[index + 1] - profile[index])
+    return float(offsets[index] + part * 0.25)
+
+
+def _lit(rig: Rig, pixels: NDArray, shape: NDArray) -> NDArray[np.float64]:
+    """Camera pixels that see what projector pixels light on the surface."""
+    rays = rig.projector.rays(pixels) @ rig.rotation
+    centre = rig.projector_centre
+    scale = np.full(len(rays), 1 / shape[0])
+    for _ in range(20):
+        points = centre + scale[:, None] * rays
+        depth = 1 / (_surface(points / points[:, 2:]) @ shape)
+        scale += (depth - points[:, 2]) / rays[:, 2]
+    return rig.camera.project(centre + scale[:, None] * rays)

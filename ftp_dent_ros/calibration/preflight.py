@@ -1,0 +1,185 @@
+"""What a few photographs say before take-off: light, focus, flicker, noise, rig."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.calibration.checking import check
+from ftp_dent_ros.errors import CalibrationError, RefusedFrameError
+from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.profilometry import Reconstructor
+from ftp_dent_ros.rig import Rig
+
+OK, WARN, NO = 'ok', 'warn', 'no'
+_CLIPPED = 250
+# Bright enough to be measured, and as bright as it should be: grey levels.
+_BRIGHT, _DESIRED = 60, 215
+_MOST_CLIPPED, _SOME_CLIPPED = 0.05, 0.005
+# Of the fringes' contrast between a black and a white frame: what a lens in focus leaves of it.
+_SHARP, _SOFT = 0.6, 0.3
+# Part of the light from elsewhere.
+_SOME_AMBIENT, _MUCH_AMBIENT = 0.5, 1.5
+# Strength and colour from photograph to photograph, standard deviations.
+_SOME_FLICKER, _MUCH_FLICKER = 0.01, 0.04
+# A dent is seen if it is so many times deeper than the noise of a point.
+_SEEN = 5.0
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One line of the check.
+
+    Attributes
+    ----------
+    name : str
+    verdict : str
+        `OK`, `WARN` or `NO`.
+    text : str
+        The value, and what to do if it is not well.
+    """
+
+    name: str
+    verdict: str
+    text: str
+
+
+def sharpness(
+    white: NDArray[np.uint8], black: NDArray[np.uint8], fringes: NDArray[np.uint8]
+) -> float:
+    """Fringe contrast over that of white and black, 0 to 1: what the lenses leave of it."""
+    lit = _lit(white, black)
+    if not lit.any():
+        return 0.0
+    dark = black[..., 0][lit].astype(float)
+    part = (fringes[..., 0][lit] - dark) / (white[..., 0][lit] - dark)
+    # (1 + m cos) / 2 has the standard deviation m / sqrt(8).
+    return float(np.clip(np.std(part) * math.sqrt(8), 0, 1))
+
+
+def examine(
+    rig: Rig,
+    pattern: Pattern,
+    white: NDArray[np.uint8],
+    black: NDArray[np.uint8],
+    fringes: list[NDArray[np.uint8]],
+    reconstructor: Reconstructor,
+    exposure: float = 0.0,
+) -> list[Finding]:
+    """Examine photographs of what will be inspected, or of a wall.
+
+    Parameters
+    ----------
+    rig : Rig
+    pattern : Pattern
+    white, black : ndarray, shape (height, width, 3), uint8
+        RGB, under an even projected image.
+    fringes : list of ndarray
+        Two or more under the pattern.
+    reconstructor : Reconstructor
+        Of `rig` and `pattern`.
+    exposure : float
+        Of the photographs, seconds; 0 if it is not known.
+    """
+    lit = _lit(white, black)
+    if lit.mean() < 0.05:
+        return [
+            Finding('projector', NO, 'its light is not seen: check lamp, lens cap and distance')
+        ]
+    findings = [
+        Finding('projector', OK, f'lights {100 * lit.mean():.0f} % of the image'),
+        _exposure(fringes[0], lit, exposure),
+        _focus(white, black, fringes[0]),
+        _flicker(fringes, lit, exposure),
+        _ambient(white, black, lit),
+    ]
+    try:
+        clouds = [reconstructor.measure(each).cloud for each in fringes[:2]]
+    except RefusedFrameError as reason:
+        return [*findings, Finding('stripe', NO, str(reason))]
+    both = clouds[0].valid & clouds[1].valid
+    share = float(both.sum() * reconstructor.settings.stride**2 / lit.sum())
+    findings.append(
+        Finding(
+            'stripe', OK if share > 0.5 else WARN, f'seen; {100 * min(share, 1):.0f} % measured'
+        )
+    )
+    findings.append(_noise(*(cloud.points[both].astype(float) for cloud in clouds)))
+    try:
+        found = check(rig, pattern, fringes[0], clouds[0].points, flatness=math.inf)
+        findings.append(Finding('rig', OK if found.holds else NO, found.sentence))
+    except CalibrationError as reason:
+        findings.append(Finding('rig', WARN, f'not checked: {reason}'))
+    return findings
+
+
+def _lit(white: NDArray, black: NDArray) -> NDArray[np.bool_]:
+    """Where the projector's light falls."""
+    span = white[..., 0].astype(float) - black[..., 0]
+    return span > max(8.0, 0.3 * float(np.percentile(span, 99)))
+
+
+def _exposure(fringes: NDArray, lit: NDArray, exposure: float) -> Finding:
+    levels = fringes[..., 0][lit]
+    clipped, bright = float((levels >= _CLIPPED).mean()), float(np.percentile(levels, 98))
+    advice = _DESIRED / max(bright, 1.0)
+    if clipped > _SOME_CLIPPED:
+        # How much too bright is not seen: by halves.
+        advice = 0.5 if clipped > _MOST_CLIPPED else 0.75
+    to = f'{1e3 * exposure * advice:.1f} ms' if exposure else f'{advice:.2f} times as long'
+    text = f'{100 * clipped:.1f} % clipped, fringes up to {bright:.0f} of 255'
+    if clipped > _SOME_CLIPPED or bright < 0.75 * _DESIRED:
+        verdict = NO if clipped > _MOST_CLIPPED or bright < _BRIGHT else WARN
+        return Finding('exposure', verdict, f'{text}: expose for {to}')
+    return Finding('exposure', OK, text)
+
+
+def _focus(white: NDArray, black: NDArray, fringes: NDArray) -> Finding:
+    left = sharpness(white, black, fringes)
+    text = f'{100 * left:.0f} % of the contrast is left'
+    if left >= _SHARP:
+        return Finding('focus', OK, text)
+    advice = 'turn the focus of projector and camera with --watch'
+    return Finding('focus', WARN if left >= _SOFT else NO, f'{text}: {advice}')
+
+
+def _flicker(fringes: list[NDArray], lit: NDArray, exposure: float) -> Finding:
+    levels = np.array([each[lit].astype(float).mean(axis=0) for each in fringes])
+    strength = float(np.std(levels.mean(axis=1)) / max(levels.mean(), 1e-9))
+    colour = levels / np.maximum(levels.sum(axis=1, keepdims=True), 1e-9)
+    tint = float(np.std(colour, axis=0).max() / colour.mean())
+    worst = max(strength, tint)
+    text = f'strength {100 * strength:.1f} %, colour {100 * tint:.1f} %'
+    if worst <= _SOME_FLICKER:
+        return Finding('flicker', OK, text)
+    frames = max(1, round(exposure * 60)) if exposure else 1
+    advice = f'expose for a whole number of projector frames ({1e3 * frames / 60:.1f} ms at 60 Hz)'
+    return Finding('flicker', WARN if worst <= _MUCH_FLICKER else NO, f'{text}: {advice}')
+
+
+def _ambient(white: NDArray, black: NDArray, lit: NDArray) -> Finding:
+    dark = float(np.median(black[..., 0][lit]))
+    span = float(np.median(white[..., 0][lit].astype(float) - black[..., 0][lit]))
+    share = dark / max(span, 1.0)
+    text = f"{100 * share:.0f} % of the projector's light"
+    if share <= _SOME_AMBIENT:
+        return Finding('ambient', OK, text)
+    advice = 'work in the shade, or with a brighter projector'
+    return Finding('ambient', WARN if share <= _MUCH_AMBIENT else NO, f'{text}: {advice}')
+
+
+def _noise(first: NDArray, second: NDArray) -> Finding:
+    distance = float(np.median(first[:, 2]))
+    difference = first[:, 2] - second[:, 2]
+    # Robust, and without what moves all points alike: the drone, the wall.
+    spread = np.median(np.abs(difference - np.median(difference)))
+    noise = 1.4826 * float(spread) / math.sqrt(2)
+    return Finding(
+        'distance',
+        OK,
+        f'{distance:.3f} m; noise {1e3 * noise:.3f} mm a point, so dents from '
+        f'{1e3 * _SEEN * noise:.2f} mm depth',
+    )

@@ -1,0 +1,139 @@
+"""What is projected on the board: white, black, Gray codes and phase-shifted fringes.
+
+Gray codes alone, each bit followed by its inverse, in the order of OpenCV's structured_light:
+columns, rows, white, black. The project's own: white, black, a few Gray bits and shifted fringes
+along both axes, white again. One bit more than the fringes need has its edges amid theirs, so that
+a fringe order is never read at an edge (complementary Gray code: Sun and Zhang, 2012).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.errors import ConfigurationError
+
+_LEVELS = 254  # as pattern.py
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One projected image.
+
+    Attributes
+    ----------
+    kind : str
+        ``white``, ``black``, ``gray``, ``inverse`` or ``shift``.
+    axis : str
+        ``u``: varies along the columns; ``v``: along the rows; empty for white and black.
+    index : int
+        Gray: the bit, 0 the coarsest. Shift: the step. White: 0 the first.
+    """
+
+    kind: str
+    axis: str = ''
+    index: int = 0
+
+    @property
+    def name(self) -> str:
+        """Words for files and sentences."""
+        return '_'.join(filter(None, [self.kind, self.axis, f'{self.index}' if self.axis else '']))
+
+
+@dataclass(frozen=True)
+class Sequence:
+    """The images of one pose, in the order in which they are shown.
+
+    Attributes
+    ----------
+    width, height : int
+        Of the projector, pixels.
+    period : int
+        Of the shifted fringes, projector pixels, a power of two; 0 for Gray codes alone.
+    steps : int
+        Photographs a period.
+    """
+
+    width: int
+    height: int
+    period: int = 16
+    steps: int = 6
+
+    def __post_init__(self) -> None:
+        for name in ('width', 'height'):
+            value = getattr(self, name)
+            if not isinstance(value, int) or not 16 <= value <= 16384:
+                raise ConfigurationError(
+                    f'the projector has a {name} of {value!r} pixels: correct it'
+                )
+        if self.period and (self.period not in (8, 16, 32, 64, 128) or not 3 <= self.steps <= 64):
+            raise ConfigurationError(
+                f'{self.steps} steps of a period of {self.period} pixels: give 3 to 64 steps of '
+                '8, 16, 32, 64 or 128 pixels'
+            )
+
+    def size(self, axis: str) -> int:
+        """Projector pixels along an axis."""
+        return self.width if axis == 'u' else self.height
+
+    def bits(self, axis: str) -> int:
+        """Gray bits of an axis."""
+        if not self.period:
+            return math.ceil(math.log2(self.size(axis)))
+        return math.ceil(math.log2(self.size(axis) / self.period)) + 1
+
+    def cell(self, axis: str) -> int:
+        """Width of the finest Gray bit's code word, projector pixels."""
+        return self.period // 2 if self.period else 1
+
+    @property
+    def frames(self) -> tuple[Frame, ...]:
+        """What is shown, in order."""
+        if not self.period:
+            return (
+                *(
+                    Frame(kind, axis, bit)
+                    for axis in 'uv'
+                    for bit in range(self.bits(axis))
+                    for kind in ('gray', 'inverse')
+                ),
+                Frame('white'),
+                Frame('black'),
+            )
+        return (
+            Frame('white'),
+            Frame('black'),
+            *(
+                frame
+                for axis in 'uv'
+                for frame in (
+                    *(Frame('gray', axis, bit) for bit in range(self.bits(axis))),
+                    *(Frame('shift', axis, step) for step in range(self.steps)),
+                )
+            ),
+            Frame('white', '', 1),
+        )
+
+    def draw(self, frame: Frame) -> NDArray[np.uint8]:
+        """The pixels of one frame, RGB, shape (height, width, 3)."""
+        if not frame.axis:
+            level = _LEVELS if frame.kind == 'white' else 0
+            return np.full((self.height, self.width, 3), level, np.uint8)
+        position = np.arange(self.size(frame.axis))
+        if frame.kind == 'shift':
+            angle = 2 * np.pi * (position / self.period - frame.index / self.steps)
+            line = np.rint(_LEVELS * (0.5 + 0.5 * np.cos(angle)))
+        else:
+            word = position // self.cell(frame.axis)
+            bit = ((word ^ (word >> 1)) >> (self.bits(frame.axis) - 1 - frame.index)) & 1
+            line = _LEVELS * (bit if frame.kind == 'gray' else 1 - bit)
+        line = line.astype(np.uint8)
+        image = (
+            np.tile(line, (self.height, 1))
+            if frame.axis == 'u'
+            else np.tile(line[:, None], (1, self.width))
+        )
+        return np.repeat(image[..., None], 3, axis=2)

@@ -1,0 +1,90 @@
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from ftp_dent_ros.calibration.checking import _turned, adjusted, check
+from ftp_dent_ros.cli.main import main
+from ftp_dent_ros.errors import CalibrationError
+from ftp_dent_ros.files import config_folder
+from ftp_dent_ros.pattern import read_pattern
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.profilometry import Reconstructor, Settings
+from ftp_dent_ros.rig import read_rig, write_rig
+from ftp_dent_ros.simulation import Panel, Photometry, Surface, render
+
+TURNS = ((0.05, 0, 0), (0, -0.05, 0), (0, 0, 0.05), (0.02, 0, 0))
+
+
+@pytest.fixture(scope='module')
+def rig():
+    return read_rig(config_folder() / 'rig.yaml')
+
+
+@pytest.fixture(scope='module')
+def pattern():
+    return read_pattern(config_folder() / 'pattern.yaml')
+
+
+@pytest.fixture(scope='module')
+def wall(rig, pattern):
+    panel = Panel(Pose.from_rpy((0.03, -0.06, 0.01), (0, 0, 0.75)), (-1, 1, -1, 1))
+    light = Photometry(reference_distance=0.75, read_noise=1.5, defocus_px=1.0)
+    return render(rig, pattern.draw(), Surface((panel,)), light)
+
+
+def seen(rig, pattern, image, flatness=2e-5):
+    points = Reconstructor(rig, pattern, Settings(stride=4)).measure(image).cloud.points
+    return check(rig, pattern, image, points, flatness)
+
+
+def test_a_good_rig_holds(rig, pattern, wall):
+    found = seen(rig, pattern, wall)
+    assert found.holds
+    assert not found.unknown
+    assert np.abs(found.turn / found.deviation).max() < 2
+    assert np.abs(found.drift_px).max() < 0.1
+    assert 'holds' in found.sentence
+
+
+@pytest.mark.parametrize('degrees', TURNS)
+def test_a_turned_projector_is_found_and_adjusted(rig, pattern, wall, degrees):
+    wrong = _turned(rig, -np.radians(degrees))
+    found = seen(wrong, pattern, wall)
+    assert not found.holds
+    np.testing.assert_allclose(np.degrees(found.turn), degrees, atol=0.004)
+    mended = adjusted(wrong, found)
+    np.testing.assert_allclose(mended.rotation, rig.rotation, atol=1e-4)
+
+
+def test_a_skin_tells_less_and_says_so(rig, pattern, wall):
+    found = seen(rig, pattern, wall, flatness=np.inf)
+    assert found.holds
+    assert 'yaw' in found.unknown
+    assert 'nothing of yaw' in found.sentence
+    with pytest.raises(CalibrationError, match='fewer than 200'):
+        check(rig, pattern, wall, np.full((4, 4, 3), np.nan))
+
+
+def test_the_command_checks_and_adjusts_but_overwrites_nothing(
+    rig, pattern, wall, tmp_path, capsys
+):
+    image, bad, new = tmp_path / 'wall.png', tmp_path / 'bad.yaml', tmp_path / 'new.yaml'
+    cv2.imwrite(str(image), wall[..., ::-1])
+    write_rig(bad, _turned(rig, np.radians([0.05, 0, 0])))
+    options = ['--pattern', str(config_folder() / 'pattern.yaml')]
+    assert (
+        main(['calibrate', 'check', str(image), '--rig', str(bad), *options, '--adjust', str(new)])
+        == 1
+    )
+    said = capsys.readouterr().out
+    assert 'the projector has turned, pitch -0.05' in said
+    assert main(['calibrate', 'check', str(image), '--rig', str(new), *options]) == 0
+    before = new.read_bytes()
+    assert (
+        main(['calibrate', 'check', str(image), '--rig', str(bad), *options, '--adjust', str(new)])
+        == 2
+    )
+    assert 'never overwritten' in capsys.readouterr().err
+    assert new.read_bytes() == before

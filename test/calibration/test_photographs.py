@@ -1,0 +1,206 @@
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from ftp_dent_ros.calibration.board import Board
+from ftp_dent_ros.calibration.bundle import Model
+from ftp_dent_ros.calibration.observing import observe
+from ftp_dent_ros.calibration.sequence import Frame, Sequence
+from ftp_dent_ros.calibration.session import Session, read_session, see_poses, write_session
+from ftp_dent_ros.calibration.solving import solve
+from ftp_dent_ros.cli.main import main
+from ftp_dent_ros.errors import CalibrationError
+from ftp_dent_ros.rig import Lens, Rig, read_rig
+from ftp_dent_ros.simulation import Photometry
+from ftp_dent_ros.simulation.boards import photographs, random_pose, true_correspondences
+
+BOARD = Board(7, 6, 0.03)
+SEQUENCE = Sequence(400, 300, period=16, steps=5)
+GRAY = Sequence(400, 300, period=0)
+LIGHT = Photometry(projector_gamma=2.0, defocus_px=1.0, psf_px=0.6, reference_distance=0.7)
+
+
+@pytest.fixture(scope='module')
+def rig():
+    camera = Lens(
+        640,
+        480,
+        np.array([[900.0, 0, 322], [0, 901, 236], [0, 0, 1]]),
+        np.array([-0.1, 0.05, 1e-3, -5e-4, 0]),
+    )
+    projector = Lens(
+        400,
+        300,
+        np.array([[620.0, 0, 197], [0, 621, 160], [0, 0, 1]]),
+        np.array([-0.04, 0, 0, 0, 0]),
+    )
+    turn = Rotation.from_euler('y', 0.28).as_matrix()
+    return Rig(camera, projector, turn, np.array([-0.2, 0.005, 0.03]))
+
+
+@pytest.fixture(scope='module')
+def poses(rig):
+    rng = np.random.default_rng(5)
+    return [random_pose(BOARD, rig, 0.7, rng) for _ in range(6)]
+
+
+@pytest.fixture(scope='module')
+def taken(rig, poses):
+    return photographs(rig, BOARD, SEQUENCE, poses, LIGHT)
+
+
+@pytest.fixture
+def folder(taken, tmp_path):
+    """Three poses as files."""
+    for index in range(3):
+        below = tmp_path / 'poses' / f'pose_{index}'
+        below.mkdir(parents=True)
+        for number, frame in enumerate(SEQUENCE.frames):
+            cv2.imwrite(str(below / f'{frame.name}_{number:02d}.png'), taken[index][frame])
+    write_session(tmp_path / 'poses', Session(BOARD, SEQUENCE))
+    return tmp_path / 'poses'
+
+
+def test_corners_and_projector_pixels_are_true(rig, poses, taken):
+    for pose, each in zip(poses, taken, strict=True):
+        sight = observe('pose', each, SEQUENCE, BOARD)
+        camera, projector = true_correspondences(BOARD, rig, pose)
+        for got, true in (
+            (sight.observation.camera, camera),
+            (sight.observation.projector, projector),
+        ):
+            off = got - true
+            assert np.isfinite(off).all()
+            assert np.sqrt(np.square(off).sum(axis=1).mean()) < 0.05
+            assert np.abs(off.mean(axis=0)).max() < 0.03
+        assert sight.moved_px < 0.1
+        assert 0.3 < sight.blur_px < 1.0
+
+
+@pytest.mark.skipif(
+    not hasattr(cv2, 'aruco'), reason='this OpenCV has no ArUco: ChArUco is not tested'
+)
+def test_a_charuco_board_may_be_seen_in_part(rig):
+    board = Board(6, 5, 0.04, 'DICT_4X4_50', 0.03)
+    pose = random_pose(replace(board, columns=4), rig, 0.6, np.random.default_rng(1))
+    gray = photographs(rig, board, GRAY, [pose], LIGHT)[0]
+    sight = observe('pose', gray, GRAY, board)
+    camera, projector = true_correspondences(board, rig, pose)
+    seen = np.isfinite(sight.observation.camera[:, 0])
+    assert 12 <= seen.sum() <= 30
+    assert np.abs(sight.observation.camera - camera)[seen].max() < 0.2
+    lit = np.isfinite(sight.observation.projector).all(axis=1)
+    assert lit.sum() >= 12
+    off = np.abs(sight.observation.projector - projector)[lit]
+    assert np.median(off) < 0.1
+
+
+def test_bad_poses_are_refused_with_their_reason(taken):
+    good = taken[0]
+
+    def refused(photos):
+        with pytest.raises(CalibrationError) as reason:
+            observe('pose_7', photos, SEQUENCE, BOARD)
+        assert str(reason.value).startswith('pose_7: ')
+        return str(reason.value)
+
+    later = [frame for frame in SEQUENCE.frames if frame.axis == 'v']
+    moved = good | {frame: np.roll(good[frame], 2, axis=1) for frame in later}
+    assert 'moved by 2.0 pixels' in refused(moved)
+    blurred = {frame: cv2.GaussianBlur(image, (0, 0), 6) for frame, image in good.items()}
+    assert 'blurred' in refused(blurred)
+    bright = {
+        frame: np.clip(4.0 * image, 0, 255).astype(np.uint8) for frame, image in good.items()
+    }
+    assert 'saturated' in refused(bright)
+    half = {frame: np.where(np.arange(640) < 320, image, 0) for frame, image in good.items()}
+    half = {frame: image.astype(np.uint8) for frame, image in half.items()}
+    assert 'seen whole' in refused(half)
+    exchanged = good | {
+        Frame('gray', 'u', 1): good[Frame('gray', 'u', 2)],
+        Frame('gray', 'u', 2): good[Frame('gray', 'u', 1)],
+    }
+    assert 'out of order' in refused(exchanged)
+    shuffled = good | {
+        Frame('shift', 'u', 1): good[Frame('shift', 'u', 3)],
+        Frame('shift', 'u', 3): good[Frame('shift', 'u', 1)],
+    }
+    assert 'out of order' in refused(shuffled)
+
+
+def test_what_is_missing_costs_no_more_than_itself(rig, taken):
+    rows = {f: image for f, image in taken[0].items() if f.axis != 'v'}
+    sight = observe('pose', rows, SEQUENCE, BOARD)
+    assert np.isfinite(sight.observation.projector[:, 0]).all()
+    assert np.isnan(sight.observation.projector[:, 1]).all()
+    assert 'rows' in sight.remarks[0]
+    steps = {f: i for f, i in taken[0].items() if f.kind != 'shift' or f.index % 2 == 0}
+    sight = observe('pose', steps, SEQUENCE, BOARD)
+    assert np.isfinite(sight.observation.projector).all()
+
+
+def test_the_command_says_what_it_left_out_and_writes_nothing_by_halves(folder, tmp_path, capsys):
+    rig_file = tmp_path / 'rig.yaml'
+    arguments = ['calibrate', 'solve', str(folder), '--output', str(rig_file)]
+    for number in (0, 1):
+        shutil.copytree(folder / 'pose_0', folder / f'pose_{3 + number}')
+    for path in list((folder / 'pose_3').iterdir()):
+        cv2.imwrite(str(path), np.zeros((480, 640), np.uint8))
+    next((folder / 'pose_4').iterdir()).write_bytes(b'no image')
+    assert main(arguments) == 0
+    said = capsys.readouterr().out
+    assert 'left out: pose_3: no chessboard of 7x6' in said
+    assert 'left out: pose_4/' in said.replace(f'{folder}/', '')
+    assert read_rig(rig_file).record.poses == 3
+    assert rig_file.with_suffix('.html').is_file()
+    rig_file.unlink()
+    shutil.rmtree(folder / 'pose_0')
+    assert main(arguments) == 2
+    error = capsys.readouterr().err.strip().splitlines()[-1]
+    assert error.startswith('ftp-dent calibrate: ')
+    assert 'fewer than 3' in error
+    assert not rig_file.exists()
+
+
+def test_folders_that_cannot_be_used(tmp_path, capsys):
+    options = ['--board', '7x6', '--square', '30', '--projector', '400x300']
+
+    def refused(*words):
+        assert main(['calibrate', 'solve', *words]) == 2
+        return capsys.readouterr().err.strip().splitlines()[-1]
+
+    assert 'no such folder' in refused(str(tmp_path / 'nowhere'), *options)
+    assert 'holds no folders' in refused(str(tmp_path), *options)
+    (tmp_path / 'pose').mkdir()
+    (tmp_path / 'pose' / 'first.png').write_bytes(b'')
+    assert 'does not end in a number' in refused(str(tmp_path), *options)
+    assert 'the board is not known' in refused(str(tmp_path))
+    assert 'give two whole numbers' in refused(str(tmp_path), '--board', '7', '--square', '30')
+
+
+def test_a_session_is_kept_in_its_folder(tmp_path):
+    session = Session(Board(7, 6, 0.03), SEQUENCE, 0.25, 0.05, 1.8)
+    write_session(tmp_path, session)
+    assert read_session(tmp_path) == session
+
+
+def test_real_photographs(shared):
+    board, sequence = Board(7, 9, 0.075), Sequence(1024, 768, period=0)
+    sights, left_out, size = see_poses(shared / 'real' / 'calibration', Session(board, sequence))
+    assert (len(sights), left_out, size) == (5, [], (1280, 1024))
+    observations = [sight.observation for sight in sights]
+    found = solve(observations, board, size, (1024, 768), model=Model(3, 3, 'bent'))
+    camera, projector, joint = found.estimate.rms()
+    assert camera < 0.35
+    assert projector < 0.25
+    assert joint < 0.30
+    assert 1800 < found.rig.projector.camera_matrix[0, 0] < 2000
+    mistaken = [replace(o, projector=o.projector[:, ::-1]) for o in observations]
+    with pytest.raises(CalibrationError, match='rows and columns are exchanged'):
+        solve(mistaken, board, size, (1024, 768))

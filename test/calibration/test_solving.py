@@ -1,0 +1,169 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ftp_dent_ros.calibration.board import Board
+from ftp_dent_ros.calibration.bundle import Model, _Problem, rig_vector
+from ftp_dent_ros.calibration.observation import Observation
+from ftp_dent_ros.calibration.page import write_page
+from ftp_dent_ros.calibration.solving import STEPS, solve
+from ftp_dent_ros.calibration.start import first_rig
+from ftp_dent_ros.calibration.uncertainty import depth_deviation, depths
+from ftp_dent_ros.errors import CalibrationError
+from ftp_dent_ros.files import config_folder
+from ftp_dent_ros.rig import read_rig, write_rig
+from ftp_dent_ros.simulation.boards import random_pose, true_correspondences
+
+BOARD = Board(7, 6, 0.035)
+NOISE = 0.03, 0.02
+SIZE = 1280, 720
+
+
+@pytest.fixture(scope='module')
+def rig():
+    return read_rig(config_folder() / 'rig.yaml')
+
+
+def observe(rig, count=9, seed=3, board=BOARD):
+    rng = np.random.default_rng(seed)
+    seen = []
+    for index in range(count):
+        pose = random_pose(board, rig, rng.choice([0.65, 0.8, 0.95]), rng)
+        camera, projector = true_correspondences(board, rig, pose)
+        seen.append(
+            Observation(
+                f'pose_{index}',
+                camera + rng.normal(0, NOISE[0], camera.shape),
+                projector + rng.normal(0, NOISE[1], projector.shape),
+            )
+        )
+    return seen
+
+
+@pytest.fixture(scope='module')
+def observations(rig):
+    return observe(rig)
+
+
+@pytest.fixture(scope='module')
+def solution(observations):
+    steps = []
+    found = solve(observations, BOARD, SIZE, SIZE, progress=steps.append)
+    assert len(steps) <= STEPS
+    return found
+
+
+def test_the_jacobian_is_that_of_the_residuals(rig, observations):
+    start, poses = first_rig(observations[:3], BOARD.points, SIZE, SIZE)
+    bent = replace(
+        start,
+        camera=replace(start.camera, distortion=np.array([-0.1, 0.05, 1e-3, -2e-3, 0.01])),
+        projector=replace(start.projector, distortion=np.array([0.05, 0.1, -1e-3, 1e-3, 0.02])),
+    )
+    for shape in ('bent', 'free'):
+        problem = _Problem(observations[:3], BOARD.points, bent, Model(shape=shape), 'rig', None)
+        vector = np.concatenate([rig_vector(bent), poses.ravel(), problem.start_shape])
+        at = vector[problem.active]
+        jacobian = problem.jacobian(at, vector).toarray()
+        for index in range(0, len(at), 5):
+            step = np.zeros(len(at))
+            step[index] = 1e-6 * max(1, abs(at[index]))
+            ends = [problem.residuals(at + sign * step, vector) for sign in (-1, 1)]
+            slope = (ends[1] - ends[0]) / (2 * step[index])
+            column = jacobian[:, index]
+            assert np.abs(slope - column).max() <= 1e-5 * max(np.abs(column).max(), 1)
+
+
+def test_a_rig_is_found_again(rig, solution):
+    assert solution.model.shape == 'flat'
+    camera, projector, _ = solution.estimate.rms()
+    # Six numbers a pose and the rig's own take a part of the noise.
+    assert 0.8 < camera / (np.sqrt(2) * NOISE[0]) < 1.0
+    assert 0.8 < projector / (np.sqrt(2) * NOISE[1]) < 1.0
+    deviations = np.sqrt(np.diag(solution.rig.record.covariance))
+    estimated = deviations > 0
+    off = np.abs(rig_vector(solution.rig) - rig_vector(rig))[estimated] / deviations[estimated]
+    assert off.max() < 4
+    assert abs(solution.rig.camera.camera_matrix[0, 0] / 1702.4 - 1) < 5e-4
+    assert np.linalg.norm(solution.rig.translation - rig.translation) < 1e-4
+    assert solution.held_out.rms[2] < 0.06
+    assert not solution.excluded
+
+
+def test_depths_lie_within_their_stated_intervals(rig, solution):
+    u, v = np.meshgrid(np.linspace(100, 1180, 7), np.linspace(60, 660, 5))
+    pixels = np.tile(np.stack([u.ravel(), v.ravel()], axis=1), (3, 1))
+    distance = np.repeat([0.6, 0.8, 1.0], u.size)
+    points = rig.camera.rays(pixels) * distance[:, None]
+    column = rig.projector.project(rig.to_projector(points))[:, 0]
+    np.testing.assert_allclose(depths(rig, pixels, column), distance, atol=1e-9)
+    off = depths(solution.rig, pixels, column) - distance
+    deviation = depth_deviation(solution.rig, solution.rig.record.covariance, pixels, distance)
+    assert np.sqrt(np.mean(np.square(off / deviation))) < 2
+    assert np.median(deviation) < 2e-4
+
+
+def test_rig_and_page_are_written(tmp_path, solution):
+    write_rig(tmp_path / 'rig.yaml', solution.rig)
+    read = read_rig(tmp_path / 'rig.yaml')
+    assert read.id == solution.rig.id == read.record.id
+    assert read.record.poses == 9
+    np.testing.assert_allclose(
+        read.record.covariance, solution.rig.record.covariance, rtol=1e-6, atol=1e-15
+    )
+    write_page(tmp_path / 'rig.html', solution, ['pose_9: blurred'])
+    page = (tmp_path / 'rig.html').read_text()
+    for words in (solution.rig.id, 'OpenCV', 'held out', 'pose_9: blurred', 'baseline, mm'):
+        assert words in page
+    assert page.count('data:image/png') == 3
+
+
+def test_mistakes_are_named(observations):
+    def refused(seen, **options):
+        with pytest.raises(CalibrationError) as reason:
+            solve(seen, options.pop('board', BOARD), SIZE, SIZE, **options)
+        return str(reason.value)
+
+    swapped = [replace(o, projector=o.projector[:, ::-1]) for o in observations]
+    assert 'rows and columns are exchanged' in refused(swapped)
+    mirrored = [
+        replace(o, projector=np.column_stack([1279 - o.projector[:, 0], o.projector[:, 1]]))
+        for o in observations
+    ]
+    assert 'mirrored image' in refused(mirrored)
+    grid = np.arange(42).reshape(6, 7)[:, ::-1].ravel()
+    turned = [replace(o, camera=o.camera[grid], projector=o.projector[grid]) for o in observations]
+    assert 'as in a mirror' in refused(turned)
+    exchanged = [replace(o, camera=o.camera[:, ::-1]) for o in observations]
+    assert 'exchanged' in refused(exchanged)
+    wrong = Board(7, 6, 0.030)
+    assert 'a square is 1.1' in refused(observations, board=wrong, baseline=0.247)
+    assert 'fewer than 3' in refused(observations[:2])
+
+
+def test_a_pose_in_which_the_board_moved_is_left_out(observations):
+    moved = replace(observations[4], projector=observations[4].projector * [1.02, 0.97])
+    found = solve(
+        [*observations[:4], moved, *observations[5:]], BOARD, SIZE, SIZE, model=Model(3, 3)
+    )
+    assert list(found.excluded) == ['pose_4']
+    assert 'moved' in found.excluded['pose_4']
+    assert found.estimate.rms()[2] < 0.06
+
+
+def test_half_of_the_coordinates_missing_is_survived(rig, observations):
+    rng = np.random.default_rng(0)
+    holes = []
+    for index, each in enumerate(observations):
+        projector = each.projector.copy()
+        if index % 3 == 0:
+            projector[:, 1] = np.nan
+        elif index % 3 == 1:
+            projector[:] = np.nan
+        projector[rng.random(42) < 0.2] = np.nan
+        holes.append(replace(each, projector=projector))
+    found = solve(holes, BOARD, SIZE, SIZE, model=Model(3, 3))
+    assert np.linalg.norm(found.rig.translation - rig.translation) < 1e-3
