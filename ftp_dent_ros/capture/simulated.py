@@ -12,6 +12,8 @@ from ftp_dent_ros.errors import CameraError
 
 # A busy machine may compute a photograph that much later than it was taken, seconds.
 _PATIENCE = 6.0
+# Projected images that may be photographed that late.
+_MOST = 16
 
 
 class SimulatedSource(PacedSource):
@@ -36,16 +38,17 @@ class SimulatedSource(PacedSource):
         super().__init__(rate, _PATIENCE)
         self._photograph = photograph
         self._now_ns = now_ns
-        self._projected: NDArray[np.uint8] | None = None
+        self._projected: tuple[tuple[int, NDArray[np.uint8]], ...] = ()
         self._prepared: NDArray[np.uint8] | None = None
 
-    def project(self, image: NDArray[np.uint8]) -> None:
-        """Let the projector show RGB pixels from now on."""
-        self._projected = image
+    def project(self, image: NDArray[np.uint8], from_ns: int) -> None:
+        """Let the projector show RGB pixels from a time on, nanoseconds."""
+        shown = sorted((*self._projected, (from_ns, image)), key=lambda entry: entry[0])
+        self._projected = tuple(shown[-_MOST:])
 
     def next_frame(self, timeout: float) -> Frame | None:
         """Photograph that is due by the rate; None if none is within `timeout` seconds."""
-        projected = self._shown()
+        projected = self._shown(self._now_ns())
         if projected is not self._prepared:
             # The first photograph of a pattern takes long: tables are made for it.
             self._photograph(projected, self._now_ns())
@@ -68,9 +71,10 @@ class SimulatedSource(PacedSource):
         return self._photograph_at(self._now_ns())
 
     def _photograph_at(self, stamp_ns: int) -> Frame:
-        return Frame(self._photograph(self._shown(), stamp_ns), stamp_ns)
+        return Frame(self._photograph(self._shown(stamp_ns), stamp_ns), stamp_ns)
 
-    def _shown(self) -> NDArray[np.uint8]:
-        if self._projected is None:
+    def _shown(self, stamp_ns: int) -> NDArray[np.uint8]:
+        projected = [image for from_ns, image in self._projected if from_ns <= stamp_ns]
+        if not projected:
             raise CameraError('nothing is projected yet: start pattern_publisher')
-        return self._projected
+        return projected[-1]

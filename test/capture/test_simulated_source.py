@@ -26,9 +26,9 @@ def test_without_a_pattern_there_is_no_photograph():
 
 def test_a_photograph_is_of_its_stamp_and_of_what_is_projected_then():
     camera = source()
-    camera.project(np.full((2, 2, 3), 1, np.uint8))
+    camera.project(np.full((2, 2, 3), 1, np.uint8), 0)
     first = camera.shoot()
-    camera.project(np.full((2, 2, 3), 2, np.uint8))
+    camera.project(np.full((2, 2, 3), 2, np.uint8), 1001)
     second = camera.shoot()
     assert (first.stamp_ns, second.stamp_ns) == (1000, 1001)
     assert first.image[0, 0, 0] == 1 + 1000 % 256
@@ -37,14 +37,23 @@ def test_a_photograph_is_of_its_stamp_and_of_what_is_projected_then():
 
 def test_a_pattern_of_another_size_is_refused():
     camera = source()
-    camera.project(np.zeros((3, 2, 3), np.uint8))
+    camera.project(np.zeros((3, 2, 3), np.uint8), 0)
     with pytest.raises(ImageError, match='wrong size'):
         camera.shoot()
 
 
 def test_frames_fall_due_at_the_rate():
     camera = source(rate=0.001)
-    camera.project(np.zeros((2, 2, 3), np.uint8))
+    camera.project(np.zeros((2, 2, 3), np.uint8), -(10**12))
     assert camera.next_frame(0.0) is not None
     assert camera.next_frame(0.0) is None
     assert camera.notes() == {'missed': 0}
+
+
+def test_a_photograph_that_is_computed_late_shows_what_was_projected_when_it_was_taken():
+    camera = source()
+    camera.project(np.full((2, 2, 3), 1, np.uint8), 900)
+    camera.project(np.full((2, 2, 3), 7, np.uint8), 1001)
+    assert camera.shoot().image[0, 0, 0] == np.uint8(1 + 1000 % 256), 'not yet the next one'
+    camera.project(np.full((2, 2, 3), 3, np.uint8), 950)
+    assert camera.shoot().image[0, 0, 0] == np.uint8(7 + 1001 % 256), 'by stamp, not by arrival'

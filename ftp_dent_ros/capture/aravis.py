@@ -1,0 +1,274 @@
+"""GenICam cameras (GigE Vision, USB3 Vision) through Aravis's C library.
+
+Through ctypes, not PyGObject: that is compiled for the system's own Python alone. The library is
+apt's ``libaravis-0.8-0``; who has no such camera needs none of it.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import ctypes.util
+import time
+from collections import deque
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.capture.device import DeviceSource
+from ftp_dent_ros.capture.genicam_settings import SOFTWARE, GenicamSettings
+from ftp_dent_ros.errors import CameraError
+
+_LIBRARY = 'libaravis-0.8.so.0'
+_BUFFERS = 8
+_WAIT_US = 200_000
+# Without a trigger, silence of so long means that the camera is gone, seconds.
+_SILENCE = 3.0
+_SUCCESS = 0
+# How many frames the camera's clock is compared with the computer's over.
+_WINDOW = 100
+_BAYER = {
+    0x01080008: cv2.COLOR_BayerGB2BGR,  # GRBG: OpenCV names patterns by their second row
+    0x01080009: cv2.COLOR_BayerBG2BGR,  # RGGB
+    0x0108000A: cv2.COLOR_BayerGR2BGR,  # GBRG
+    0x0108000B: cv2.COLOR_BayerRG2BGR,  # BGGR
+}
+_MONO8, _RGB8, _BGR8 = 0x01080001, 0x02180014, 0x02180015
+
+
+class GenicamCapture:
+    """One camera, with the methods of cv2.VideoCapture that `DeviceSource` uses.
+
+    Frames that lost packets are dropped and counted.
+
+    Raises
+    ------
+    CameraError
+        Aravis is not installed, or the camera is not found or refuses a setting.
+    """
+
+    def __init__(self, settings: GenicamSettings) -> None:
+        self._settings = settings
+        self._camera = self._stream = None
+        self.dropped = 0
+        self._offsets: deque[int] = deque(maxlen=_WINDOW)
+        self._image: NDArray[np.uint8] | None = None
+        self._host_ns = 0
+        self._triggered = 0.0
+        self._released = False
+        self._library = _load()
+        try:
+            self._open()
+        except BaseException:
+            self.release()
+            raise
+
+    @property
+    def stamp_uncertainty(self) -> float:
+        """Of the camera's clock against the computer's, seconds: the delivery's scatter."""
+        if len(self._offsets) < 2:
+            return float('nan')
+        offsets = np.array(self._offsets)
+        return float(np.median(offsets) - offsets.min()) / 1e9
+
+    def grab(self) -> bool:
+        """Wait for the next whole frame; False if the camera has gone silent."""
+        begin = time.monotonic()
+        while not self._released:
+            self._trigger()
+            buffer = self._library.arv_stream_timeout_pop_buffer(self._stream, _WAIT_US)
+            if not buffer:
+                waits = self._settings.trigger not in ('', SOFTWARE)
+                if not waits and time.monotonic() - begin > _SILENCE:
+                    return False
+                continue
+            try:
+                if self._library.arv_buffer_get_status(buffer) != _SUCCESS:
+                    self.dropped += 1
+                    if time.monotonic() - begin > _SILENCE:
+                        return False
+                    continue
+                self._take(buffer)
+                return True
+            finally:
+                self._library.arv_stream_push_buffer(self._stream, buffer)
+        return False
+
+    def retrieve(self) -> tuple[bool, NDArray[np.uint8]]:
+        """The frame that was grabbed, BGR."""
+        image = self._image
+        return image is not None, np.zeros((0, 0, 3), np.uint8) if image is None else image
+
+    def get(self, which: int) -> float:
+        """Time of the grabbed frame on the monotonic clock, milliseconds."""
+        age_ns = time.time_ns() - self._host_ns
+        return (time.monotonic_ns() - age_ns) / 1e6
+
+    def release(self) -> None:
+        """Let go of the camera."""
+        self._released = True
+        if self._camera:
+            self._library.arv_camera_stop_acquisition(self._camera, None)
+        for each in (self._stream, self._camera):
+            if each:
+                self._library.g_object_unref(each)
+        self._stream = self._camera = None
+
+    def _open(self) -> None:
+        given, name = self._settings, self._settings.camera or None
+        self._library.arv_update_device_list()
+        self._camera = self._call('arv_camera_new', name.encode() if name else None)
+        camera = self._camera
+        if given.width and given.height:
+            self._call('arv_camera_set_region', camera, 0, 0, given.width, given.height)
+        if given.pixel_format:
+            self._call(
+                'arv_camera_set_pixel_format_from_string', camera, given.pixel_format.encode()
+            )
+        if given.exposure:
+            self._call('arv_camera_set_exposure_time', camera, 1e6 * given.exposure)
+        if given.gain >= 0:
+            self._call('arv_camera_set_gain', camera, given.gain)
+        if given.trigger:
+            self._call('arv_camera_set_trigger', camera, given.trigger.encode())
+        elif given.rate >= 1:
+            self._call('arv_camera_clear_triggers', camera)
+            self._call('arv_camera_set_frame_rate', camera, given.rate)
+        size = self._call('arv_camera_get_payload', camera)
+        self._stream = self._call('arv_camera_create_stream', camera, None, None)
+        for _ in range(_BUFFERS):
+            buffer = self._library.arv_buffer_new(size, None)
+            self._library.arv_stream_push_buffer(self._stream, buffer)
+        self._call('arv_camera_start_acquisition', camera)
+
+    def _trigger(self) -> None:
+        """A software trigger at the rate."""
+        if self._settings.trigger != SOFTWARE:
+            return
+        pause = 1 / self._settings.rate if self._settings.rate > 0 else 0.0
+        left = self._triggered + pause - time.monotonic()
+        if left > 0:
+            time.sleep(left)
+        self._triggered = time.monotonic()
+        self._call('arv_camera_software_trigger', self._camera)
+
+    def _take(self, buffer: Any) -> None:
+        library = self._library
+        device_ns = library.arv_buffer_get_timestamp(buffer)
+        arrived_ns = library.arv_buffer_get_system_timestamp(buffer)
+        # The quickest delivery of late is the least that a frame takes.
+        self._offsets.append(arrived_ns - device_ns)
+        self._host_ns = device_ns + min(self._offsets) if device_ns else arrived_ns
+        size = ctypes.c_size_t()
+        data = library.arv_buffer_get_data(buffer, ctypes.byref(size))
+        width = library.arv_buffer_get_image_width(buffer)
+        height = library.arv_buffer_get_image_height(buffer)
+        kind = library.arv_buffer_get_image_pixel_format(buffer)
+        channels = 3 if kind in (_RGB8, _BGR8) else 1
+        if kind not in (_MONO8, _RGB8, _BGR8, *_BAYER) or size.value < width * height * channels:
+            raise CameraError(
+                f'the camera sends the pixel format {kind:#010x}: set genicam.pixel_format to '
+                'Mono8, RGB8, BGR8 or an 8-bit Bayer format'
+            )
+        flat = (ctypes.c_uint8 * (width * height * channels)).from_address(data)
+        pixels = np.frombuffer(flat, np.uint8).reshape(height, width, channels).copy()
+        if kind in _BAYER:
+            pixels = np.asarray(cv2.cvtColor(pixels[..., 0], _BAYER[kind]), np.uint8)
+        elif kind == _MONO8:
+            pixels = np.repeat(pixels, 3, axis=2)
+        elif kind == _RGB8:
+            pixels = pixels[..., ::-1].copy()
+        self._image = pixels
+
+    def _call(self, function: str, *arguments: Any) -> Any:
+        """Call what ends with a GError; raises it."""
+        error = ctypes.POINTER(_Error)()
+        result = getattr(self._library, function)(*arguments, ctypes.byref(error))
+        if error:
+            why = error.contents.message.decode(errors='replace')
+            self._library.g_error_free(error)
+            which = self._settings.camera or 'the first GenICam camera'
+            what = function.removeprefix('arv_camera_').replace('_', ' ')
+            raise CameraError(f'{which}: {what}: {why}: check its cable and genicam.*')
+        return result
+
+
+class GenicamSource(DeviceSource):
+    """Frames of a GenICam camera; parameters as of `DeviceSource`, but for the settings."""
+
+    def __init__(self, settings: GenicamSettings, *arguments: Any, **options: Any) -> None:
+        self._settings = settings
+        self._capture: GenicamCapture | None = None
+        self._dropped_before = 0
+        super().__init__(self._open_camera, *arguments, **options)
+
+    def notes(self) -> dict[str, object]:
+        """How the camera does."""
+        capture, notes = self._capture, super().notes()
+        if capture is not None:
+            notes['frames dropped for lost packets'] = self._dropped_before + capture.dropped
+            notes['time stamp uncertainty (ms)'] = f'{1e3 * capture.stamp_uncertainty:.2f}'
+        return notes
+
+    def _open_camera(self) -> Any:
+        if self._capture is not None:
+            self._dropped_before += self._capture.dropped
+        self._capture = GenicamCapture(self._settings)
+        return self._capture
+
+
+class _Error(ctypes.Structure):
+    """``GError``."""
+
+    _fields_ = (
+        ('domain', ctypes.c_uint32),
+        ('code', ctypes.c_int),
+        ('message', ctypes.c_char_p),
+    )
+
+
+_P, _S, _U64 = ctypes.c_void_p, ctypes.c_char_p, ctypes.c_uint64
+# Result and arguments; those of functions that may fail end with a GError**.
+_FUNCTIONS: dict[str, tuple[Any, ...]] = {
+    'arv_update_device_list': (None,),
+    'arv_camera_new': (_P, _S, _P),
+    'arv_camera_set_region': (None, _P, *[ctypes.c_int] * 4, _P),
+    'arv_camera_set_pixel_format_from_string': (None, _P, _S, _P),
+    'arv_camera_set_exposure_time': (None, _P, ctypes.c_double, _P),
+    'arv_camera_set_gain': (None, _P, ctypes.c_double, _P),
+    'arv_camera_set_frame_rate': (None, _P, ctypes.c_double, _P),
+    'arv_camera_set_trigger': (None, _P, _S, _P),
+    'arv_camera_clear_triggers': (None, _P, _P),
+    'arv_camera_software_trigger': (None, _P, _P),
+    'arv_camera_get_payload': (ctypes.c_uint, _P, _P),
+    'arv_camera_create_stream': (_P, _P, _P, _P, _P),
+    'arv_camera_start_acquisition': (None, _P, _P),
+    'arv_camera_stop_acquisition': (None, _P, _P),
+    'arv_buffer_new': (_P, ctypes.c_size_t, _P),
+    'arv_stream_push_buffer': (None, _P, _P),
+    'arv_stream_timeout_pop_buffer': (_P, _P, _U64),
+    'arv_buffer_get_status': (ctypes.c_int, _P),
+    'arv_buffer_get_timestamp': (_U64, _P),
+    'arv_buffer_get_system_timestamp': (_U64, _P),
+    'arv_buffer_get_data': (_P, _P, _P),
+    'arv_buffer_get_image_width': (ctypes.c_int, _P),
+    'arv_buffer_get_image_height': (ctypes.c_int, _P),
+    'arv_buffer_get_image_pixel_format': (ctypes.c_uint32, _P),
+    'g_object_unref': (None, _P),
+    'g_error_free': (None, _P),
+}
+
+
+def _load() -> Any:
+    """Aravis with the types of its functions; raises `CameraError` where it is missing."""
+    try:
+        library = ctypes.CDLL(_LIBRARY)
+    except OSError:
+        raise CameraError(
+            'GenICam cameras need Aravis, which is not installed: sudo apt install libaravis-0.8-0'
+        ) from None
+    for name, (result, *arguments) in _FUNCTIONS.items():
+        function = getattr(library, name)
+        function.restype, function.argtypes = result, arguments
+    return library

@@ -1,0 +1,167 @@
+"""A window in full screen, under X11 or Wayland, through SDL 2."""
+
+from __future__ import annotations
+
+import ctypes
+import importlib
+import os
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.errors import ConfigurationError
+
+_TITLE = b'ftp_dent_ros pattern'
+
+
+class Window:
+    """A window without border, cursor or scaling whose pixels are the pattern's.
+
+    Parameters
+    ----------
+    x, y : int
+        Upper left corner of the display on the desktop, pixels.
+    size : (int, int)
+        Width and height of the pattern.
+
+    Attributes
+    ----------
+    trouble : str
+        What is wrong with what is shown; empty if nothing is.
+
+    Raises
+    ------
+    ConfigurationError
+        There is no desktop, or SDL 2 is not installed.
+    """
+
+    def __init__(self, x: int, y: int, size: tuple[int, int]) -> None:
+        self.trouble = ''
+        self._corner, self._size = (x, y), size
+        self._image: NDArray[np.uint8] | None = None
+        self._window: Any = None
+        if not (os.environ.get('DISPLAY') or os.environ.get('WAYLAND_DISPLAY')):
+            raise ConfigurationError(
+                'display.enabled is set, but this process has no desktop (DISPLAY is not set): '
+                'start it in a graphical session, or set display.kind to drm on a console'
+            )
+        self._sdl = _load()
+        self._sdl.SDL_SetHint(b'SDL_VIDEO_X11_NET_WM_BYPASS_COMPOSITOR', b'1')
+        self._sdl.SDL_SetHint(b'SDL_VIDEO_MINIMIZE_ON_FOCUS_LOSS', b'0')
+        if self._sdl.SDL_Init(self._sdl.SDL_INIT_VIDEO) != 0:
+            raise ConfigurationError(
+                f'display.enabled is set, but no window can be opened ({self._error()}): check '
+                'DISPLAY and that this user may use the desktop'
+            )
+        self._sdl.SDL_DisableScreenSaver()
+        self.refresh()
+
+    def show(self, image: NDArray[np.uint8]) -> None:
+        """Show RGB pixels of shape (height, width, 3)."""
+        self._image = image
+        self._draw()
+
+    def refresh(self) -> None:
+        """Serve the window; open it again if it was closed or its display comes back."""
+        event = self._sdl.SDL_Event()
+        redraw = False
+        while self._sdl.SDL_PollEvent(ctypes.byref(event)):
+            if event.type == self._sdl.SDL_WINDOWEVENT:
+                redraw = True
+                if event.window.event == self._sdl.SDL_WINDOWEVENT_CLOSE:
+                    self._close_window()
+        shown = self._display_size()
+        if shown is None:
+            self._close_window()
+            self.trouble = (
+                f'no display has its corner at {self._corner[0]}, {self._corner[1]} of the '
+                'desktop: plug the projector in, or set display.x and display.y'
+            )
+            return
+        if self._window is None:
+            self._open()
+            redraw = True
+        self.trouble = ''
+        if shown != self._size:
+            self.trouble = (
+                f'the display shows {shown[0]}x{shown[1]} pixels, the pattern has '
+                f"{self._size[0]}x{self._size[1]}: set the display to the projector's resolution"
+            )
+        if redraw:
+            self._draw()
+
+    def close(self) -> None:
+        """Close the window."""
+        self._close_window()
+        self._sdl.SDL_Quit()
+
+    def _display_size(self) -> tuple[int, int] | None:
+        """Size of the display whose corner is the one given; None if there is none."""
+        bounds = self._sdl.SDL_Rect()
+        for index in range(self._sdl.SDL_GetNumVideoDisplays()):
+            self._sdl.SDL_GetDisplayBounds(index, ctypes.byref(bounds))
+            if (bounds.x, bounds.y) == self._corner:
+                return bounds.w, bounds.h
+        return None
+
+    def _open(self) -> None:
+        flags = (
+            self._sdl.SDL_WINDOW_BORDERLESS
+            | self._sdl.SDL_WINDOW_ALWAYS_ON_TOP
+            | self._sdl.SDL_WINDOW_ALLOW_HIGHDPI
+        )
+        self._window = self._sdl.SDL_CreateWindow(_TITLE, *self._corner, *self._size, flags)
+        if not self._window:
+            self._window = None
+            raise ConfigurationError(f'the pattern has no window ({self._error()}): check DISPLAY')
+        if self._display_size() == self._size:
+            full = self._sdl.SDL_WINDOW_FULLSCREEN_DESKTOP
+            self._sdl.SDL_SetWindowFullscreen(self._window, full)
+        self._sdl.SDL_ShowCursor(self._sdl.SDL_DISABLE)
+
+    def _draw(self) -> None:
+        if self._window is None or self._image is None:
+            return
+        surface = self._sdl.SDL_GetWindowSurface(self._window)
+        if not surface:
+            self.trouble = f'the window cannot be drawn ({self._error()})'
+            return
+        target = surface.contents
+        form = target.format.contents
+        shifts = form.Rshift, form.Gshift, form.Bshift
+        if form.BytesPerPixel != 4:
+            self.trouble = 'the desktop has fewer than 24 bits a pixel: set it to 24'
+            return
+        height, width = (
+            min(target.h, self._image.shape[0]),
+            min(target.w, self._image.shape[1]),
+        )
+        buffer = (ctypes.c_uint8 * (target.pitch * target.h)).from_address(target.pixels)
+        rows = np.frombuffer(buffer, np.uint32).reshape(target.h, target.pitch // 4)
+        packed = np.zeros((height, width), np.uint32)
+        for channel, shift in enumerate(shifts):
+            packed |= self._image[:height, :width, channel].astype(np.uint32) << shift
+        rows[:] = 0
+        rows[:height, :width] = packed
+        if self._sdl.SDL_UpdateWindowSurface(self._window) != 0:
+            self.trouble = f'the window cannot be drawn ({self._error()})'
+
+    def _close_window(self) -> None:
+        if self._window is not None:
+            self._sdl.SDL_DestroyWindow(self._window)
+            self._window = None
+
+    def _error(self) -> str:
+        return self._sdl.SDL_GetError().decode(errors='replace') or 'SDL gives no reason'
+
+
+def _load() -> Any:
+    """SDL 2's functions; only who shows a window needs them."""
+    try:
+        return importlib.import_module('sdl2')
+    except ImportError as reason:
+        raise ConfigurationError(
+            f'display.enabled is set, but SDL 2 is not here ({reason}): install python3-sdl2 '
+            "(apt), or `pip install 'ftp_dent_ros[display]'`"
+        ) from None

@@ -1,0 +1,126 @@
+"""Aravis's own fake GigE Vision camera, over the loopback."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import fcntl
+import shutil
+import subprocess
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ftp_dent_ros.capture.aravis import GenicamCapture, GenicamSource
+from ftp_dent_ros.capture.genicam_settings import SOFTWARE, GenicamSettings
+from ftp_dent_ros.capture.stamps import ExposureClock
+from ftp_dent_ros.errors import CameraError
+
+PROGRAM = 'arv-fake-gv-camera-0.8'
+
+
+@pytest.fixture(scope='module', autouse=True)
+def aravis():
+    try:
+        ctypes.CDLL('libaravis-0.8.so.0')
+    except OSError:
+        pytest.skip('Aravis is not installed (apt: aravis-tools): GenICam is not tested')
+    if not shutil.which(PROGRAM):
+        pytest.skip('aravis-tools is not installed: GenICam is not tested')
+    # GigE Vision has one port: test runs of this machine take turns.
+    with (Path(tempfile.gettempdir()) / 'ftp_dent_ros_aravis.lock').open('w') as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+
+
+@pytest.fixture
+def fake():
+    """Function that starts a fake camera; it serves the loopback alone."""
+    started = []
+
+    def start(*options):
+        started.append(subprocess.Popen([PROGRAM, '-i', '127.0.0.1', '-s', 'FTP1', *options]))
+        return started[-1]
+
+    yield start
+    for process in started:
+        process.kill()
+        process.wait()
+
+
+def open_camera(seconds=120.0, **settings):
+    """The camera, once it answers and gives frames: a client may come before it is ready."""
+    end = time.monotonic() + seconds
+    while True:
+        with contextlib.suppress(CameraError):
+            capture = GenicamCapture(GenicamSettings('Aravis-FTP1', **settings))
+            if capture.grab():
+                return capture
+            capture.release()
+        assert time.monotonic() < end, 'the fake camera does not answer'
+        time.sleep(0.2)
+
+
+def test_frames_come_with_their_time(fake):
+    fake()
+    capture = open_camera(width=256, height=128, rate=20.0, exposure=0.005, pixel_format='Mono8')
+    try:
+        stamps = []
+        for _ in range(4):
+            assert capture.grab()
+            good, image = capture.retrieve()
+            assert good and image.shape == (128, 256, 3)
+            assert image.std() > 0
+            stamps.append(capture.get(0))
+            assert abs(time.monotonic() * 1e3 - stamps[-1]) < 2000
+        assert stamps == sorted(stamps)
+        assert 0 <= capture.stamp_uncertainty < 0.5
+    finally:
+        capture.release()
+
+
+def test_a_software_trigger_takes_frames(fake):
+    fake()
+    capture = open_camera(width=256, height=128, rate=20.0, trigger=SOFTWARE)
+    try:
+        assert capture.grab()
+    finally:
+        capture.release()
+
+
+def test_frames_with_lost_packets_are_dropped_and_told_and_a_lost_camera_comes_back(fake):
+    process = fake('-r', '30')
+    settings = GenicamSettings('Aravis-FTP1', width=512, height=512, rate=20.0)
+    clock = ExposureClock(0.005, True, 0.0)
+    source = GenicamSource(settings, 0.0, clock, time.time_ns, first_pause=0.1)
+
+    def until(condition):
+        end = time.monotonic() + 120
+        while not condition():
+            assert time.monotonic() < end, source.notes()
+            time.sleep(0.05)
+
+    try:
+        until(lambda: source.notes().get('frames dropped for lost packets', 0) > 0)
+        process.kill()
+        process.wait()
+        fake()
+        until(lambda: source.notes()['times opened'] >= 2)
+
+        def shot():
+            try:
+                return source.shoot()
+            except CameraError:
+                return None
+
+        until(lambda: (frame := shot()) is not None and np.ptp(frame.image) > 0)
+    finally:
+        source.close()
+
+
+def test_a_camera_that_is_not_there_is_told():
+    with pytest.raises(CameraError, match=r'Aravis-NONE: .*check its cable'):
+        GenicamCapture(GenicamSettings('Aravis-NONE'))
