@@ -31,11 +31,16 @@ class BridgeCamera:
     """
 
     def __init__(
-        self, node: Node, ground_station: int, mount: Pose, diagnostics: Diagnostics
+        self,
+        node: Node,
+        ground_station: int,
+        mount: Pose,
+        size: tuple[int, int],
+        diagnostics: Diagnostics,
     ) -> None:
         self._node, self._mount, self._diagnostics = node, mount, diagnostics
         self._camera = Camera(ground_station, self._shoot)
-        self._size = (0, 0)
+        self._size = self._told_size = size
         self._commands: deque[Any] = deque(maxlen=_MOST_WAITING)
         self._images: deque[tuple[int, float]] = deque(maxlen=_MOST_WAITING)
         self._failures = 0
@@ -59,11 +64,16 @@ class BridgeCamera:
     def settle(self, link: Link, now_ns: int, timeout: float) -> None:
         """Answer what can be answered by now."""
         send: Callable[[Any], None] = lambda message: link.send(message, COMPONENT)  # noqa: E731
-        state = link.state().vehicle if self._commands or self._images else None
+        has_news = self._commands or self._images or self._size != self._told_size
+        state = link.state().vehicle if has_news else None
         if state is None or state.identity is None:
             return
         offset = state.clock.offset
         boot_ms = 0 if offset is None else round(1e3 * (now_ns / 1e9 - offset))
+        if self._size != self._told_size:
+            # Whoever asked before the first image was told that it is not known.
+            self._told_size = self._size
+            send(self._camera.information(self._size, boot_ms))
         while self._commands:
             command = self._commands.popleft()
             for message in self._camera.answers(command, state.identity, self._size, boot_ms):

@@ -3,16 +3,73 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 from ftp_dent_ros.navigation import accuracy
 from ftp_dent_ros.navigation.accuracy import Covariance
 from ftp_dent_ros.navigation.codec import read_key
 from ftp_dent_ros.navigation.vehicle_state import Settings
+from ftp_dent_ros.parameters import Declarations
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.ros.parameters import Parameters
+from ftp_dent_ros.rig import read_rig
 
 
-def declare_link(parameters: Parameters) -> tuple[str, int, bytes]:
+@dataclass(frozen=True)
+class BridgeParameters:
+    """What mavlink_bridge was given; the timeout in seconds."""
+
+    address: str
+    baud: int
+    signing_key: bytes
+    settings: Settings
+    timeout: float
+    most_waiting: int
+    map_frame: str
+    base_frame: str
+    camera_frame: str
+    mount: Pose
+    mount_covariance: Covariance
+    publishes_tf: bool
+    ground_station: int
+    image_size: tuple[int, int]
+
+
+def declare(parameters: Declarations) -> BridgeParameters:
+    """Declare them; ``pose_timeout`` changes while it runs."""
+    address, baud, signing_key = declare_link(parameters)
+    map_frame, base_frame, camera_frame = declare_frames(parameters)
+    mount, mount_covariance = declare_mount(parameters)
+    ground_station, image_size = declare_camera(parameters)
+    return BridgeParameters(
+        address=address,
+        baud=baud,
+        signing_key=signing_key,
+        settings=declare_settings(parameters),
+        timeout=parameters.declare(
+            'pose_timeout',
+            1.0,
+            'How long a cloud waits for its pose, seconds.',
+            minimum=0.0,
+            maximum=60.0,
+            changeable=True,
+        ),
+        most_waiting=parameters.declare(
+            'queue_size', 5, 'How many clouds may wait at once.', minimum=1, maximum=1000
+        ),
+        map_frame=map_frame,
+        base_frame=base_frame,
+        camera_frame=camera_frame,
+        mount=mount,
+        mount_covariance=mount_covariance,
+        publishes_tf=parameters.declare(
+            'publish_tf', True, 'Whether poses and mount also go to TF, where tf2_msgs exists.'
+        ),
+        ground_station=ground_station,
+        image_size=image_size,
+    )
+
+
+def declare_link(parameters: Declarations) -> tuple[str, int, bytes]:
     """Address, baud rate and signing key, from parameters."""
     address = parameters.declare(
         'address',
@@ -23,17 +80,18 @@ def declare_link(parameters: Parameters) -> tuple[str, int, bytes]:
     baud = parameters.declare(
         'baud', 921600, 'Baud rate of a serial device.', minimum=1200, maximum=4_000_000
     )
-    key_file = parameters.declare(
+    key_file = parameters.file(
         'signing_key',
         '',
         'File with the key of MAVLink signing, 32 bytes or 64 hexadecimal digits; what is not '
         'signed with it is refused. Without it nothing is signed.',
+        secret=True,
     )
-    signing_key = read_key(key_file) if key_file else b''
+    signing_key = read_key(str(key_file)) if key_file else b''
     return address, baud, signing_key
 
 
-def declare_settings(parameters: Parameters) -> Settings:
+def declare_settings(parameters: Declarations) -> Settings:
     """Whom to believe and what to ask for, from parameters."""
     default = Settings()
     return Settings(
@@ -77,10 +135,25 @@ def declare_settings(parameters: Parameters) -> Settings:
             default.earth,
             "Whether the map's origin on the earth goes to the topic earth.",
         ),
+        position_source=parameters.declare(
+            'position_source',
+            default.position_source,
+            'What the autopilot navigates by: gps, which is watched then (no tag without a new '
+            'and good fix), or other (vision, motion capture).',
+            choices=('gps', 'other'),
+        ),
+        height_scale_uncertainty=parameters.declare(
+            'height_scale_uncertainty',
+            default.height_scale_uncertainty,
+            "Standard deviation of height as a share of the height above the map's origin; 0 "
+            'where it does not come from a barometer.',
+            minimum=0.0,
+            maximum=1.0,
+        ),
     )
 
 
-def declare_frames(parameters: Parameters) -> tuple[str, str, str]:
+def declare_frames(parameters: Declarations) -> tuple[str, str, str]:
     """Names of the map, the base and the camera frame, from parameters."""
     return (
         parameters.declare('map_frame', 'map', "The map: ENU about the estimator's origin."),
@@ -91,7 +164,7 @@ def declare_frames(parameters: Parameters) -> tuple[str, str, str]:
     )
 
 
-def declare_mount(parameters: Parameters) -> tuple[Pose, Covariance]:
+def declare_mount(parameters: Declarations) -> tuple[Pose, Covariance]:
     """Pose of the camera on the vehicle and its covariance; by default it looks forward."""
     translation = parameters.declare(
         'mount.translation',
@@ -126,8 +199,11 @@ def declare_mount(parameters: Parameters) -> tuple[Pose, Covariance]:
     return Pose.from_rpy(rpy, translation), uncertainty
 
 
-def declare_ground_station(parameters: Parameters) -> int:
-    """System that may command the camera over MAVLink; 0 if there is no camera to command."""
+def declare_camera(parameters: Declarations) -> tuple[int, tuple[int, int]]:
+    """System that may command the camera over MAVLink, and the size of its images.
+
+    0 if there is no camera to command; 0, 0 if the size is not known yet.
+    """
     is_enabled = parameters.declare(
         'camera.enabled',
         False,
@@ -141,4 +217,12 @@ def declare_ground_station(parameters: Parameters) -> int:
         minimum=1,
         maximum=255,
     )
-    return station if is_enabled else 0
+    rig = parameters.file(
+        'rig',
+        '',
+        "Calibration file (rig.yaml): of what size the camera's images are, for the MAVLink side; "
+        'without it that is known with the first image.',
+    )
+    camera = read_rig(rig).camera if rig else None
+    size = (0, 0) if camera is None else (camera.width, camera.height)
+    return (station if is_enabled else 0), size

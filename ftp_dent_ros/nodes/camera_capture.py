@@ -25,14 +25,19 @@ from std_srvs.srv import Trigger
 from ftp_dent_ros.capture.simulated import SimulatedSource
 from ftp_dent_ros.capture.source import Frame, Source
 from ftp_dent_ros.errors import CameraError, ImageError
-from ftp_dent_ros.files import find
-from ftp_dent_ros.nodes.camera_sources import SOURCES, declare_source
-from ftp_dent_ros.rig import read_rig
+from ftp_dent_ros.nodes.camera_parameters import declare
+from ftp_dent_ros.nodes.camera_sources import make_source
+from ftp_dent_ros.nodes.declarations import names_of_all
 from ftp_dent_ros.ros.diagnostics import OK, WARN, Diagnostics
-from ftp_dent_ros.ros.messages import camera_info_message, image_from_message, image_to_message
+from ftp_dent_ros.ros.messages import (
+    camera_info_message,
+    image_from_message,
+    image_to_message,
+    stamp_to_ns,
+)
 from ftp_dent_ros.ros.node import run
 from ftp_dent_ros.ros.parameters import Parameters
-from ftp_dent_ros.ros.qos import IMAGES, LATCHED, OVERRIDABLE
+from ftp_dent_ros.ros.qos import IMAGES, OVERRIDABLE, PATTERNS
 
 _DEMAND_TIMEOUT = 10.0
 _PAUSE = 0.1
@@ -58,46 +63,26 @@ class CameraCapture(Node):
     def __init__(self, **options: Any) -> None:
         super().__init__('camera_capture', **options)
         parameters = Parameters(self)
-        kind = parameters.declare(
-            'source', 'device', 'Where the images come from.', choices=SOURCES
-        )
-        rig = parameters.declare(
-            'rig',
-            '',
-            'Calibration file (rig.yaml), or the name of a shipped one; without it camera_info '
-            'says that the camera is uncalibrated.',
-        )
-        self._rate = parameters.declare(
-            'rate', 2.0, 'Images a second; 0 for only on demand.', minimum=0.0, maximum=1000.0
-        )
-        self._continuous = parameters.declare(
-            'continuous',
-            True,
-            'Whether images are taken at the rate; if not, only on demand.',
-            changeable=True,
-        )
-        self._frame_id = parameters.declare(
-            'frame_id', 'camera_optical_frame', "The camera's optical frame."
-        )
+        given = declare(parameters)
+        parameters.close(names_of_all)
         parameters.on_change(self._change)
-        self._rig = read_rig(find(rig)) if rig else None
-        self._source: Source = declare_source(
-            parameters, kind, self._rig, self._rate, self._now_ns
-        )
+        self._rig, self._rate, self._frame_id = given.rig, given.rate, given.frame_id
+        self._continuous = given.continuous
+        self._source: Source = make_source(given, self._now_ns)
         self._image = self.create_publisher(
             Image, 'camera/image_raw', IMAGES, qos_overriding_options=OVERRIDABLE
         )
         self._info = self.create_publisher(
             CameraInfo, 'camera/camera_info', IMAGES, qos_overriding_options=OVERRIDABLE
         )
-        device = parameters['device.path'] if kind == 'device' else kind
+        device = given.device.path if given.source == 'device' else given.source
         self._diagnostics = Diagnostics(self, self._judge, hardware_id=device)
         self._demands: deque[_Demand] = deque()
         self._missed_before = 0
         self._was_wanted = False
         if isinstance(self._source, SimulatedSource):
             project = functools.partial(self._on_projected, self._source)
-            self.create_subscription(Image, 'projector/image_raw', project, LATCHED)
+            self.create_subscription(Image, 'projector/image_raw', project, PATTERNS)
         # It waits for the photograph, in the executor's second thread.
         self.create_service(
             Trigger, '~/capture', self._on_capture, callback_group=MutuallyExclusiveCallbackGroup()
@@ -118,7 +103,7 @@ class CameraCapture(Node):
 
     def _on_projected(self, source: SimulatedSource, message: Image) -> None:
         try:
-            source.project(image_from_message(message))
+            source.project(image_from_message(message), stamp_to_ns(message.header.stamp))
         except ImageError as error:
             self._diagnostics.refuse('wrong pattern', str(error))
 

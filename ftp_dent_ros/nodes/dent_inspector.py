@@ -1,10 +1,10 @@
 """Point clouds in, dents out.
 
-Inspects the clouds of ``points``, each by itself, or those of ``tagged/points`` with their poses
-on ``tagged/pose``; then a dent that is seen again is one dent of the list, in the map. The dents
-of each cloud go to ``dents``, the list to ``dents/list`` and ``dents/markers``, both latched. The
-service ``~/take_list`` returns the list as JSON and clears it. Nothing is computed while nobody
-subscribes, unless the parameter `always` asks for the list.
+Inspects the clouds of ``points`` in the camera's frame, each by itself, or each with the camera's
+pose on ``tagged/camera_pose``; then its dents are moved to the map, and a dent that is seen again
+is one dent of the list. The dents of each cloud go to ``dents``, the list to ``dents/list`` and
+``dents/markers``, both latched. The service ``~/take_list`` returns the list as JSON and clears
+it. Nothing is computed while nobody subscribes, unless the parameter `always` asks for the list.
 """
 
 from __future__ import annotations
@@ -18,27 +18,35 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
+from numpy.typing import NDArray
 from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 from ftp_dent_ros.errors import CloudError, PoseError
-from ftp_dent_ros.files import find
-from ftp_dent_ros.inspection.dent_list import EXACT, DentList, ListedDent
-from ftp_dent_ros.inspection.inspection import inspect
-from ftp_dent_ros.inspection.report.records import dent_record, finite
-from ftp_dent_ros.inspection.rules import read_rules
-from ftp_dent_ros.inspection.settings import Settings
+from ftp_dent_ros.inspection.measuring.inspection import inspect
+from ftp_dent_ros.inspection.observation import SAME
+from ftp_dent_ros.inspection.reporting.records import dent_record, finite
+from ftp_dent_ros.inspection.tracking.dent_list import EXACT, DentList
+from ftp_dent_ros.inspection.tracking.kept_list import KeptList
+from ftp_dent_ros.inspection.tracking.sightings import ListedDent
+from ftp_dent_ros.nodes.declarations import names_of_all
+from ftp_dent_ros.nodes.inspector_parameters import declare
+from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.ros.dent_messages import dents_to_markers, dents_to_message
 from ftp_dent_ros.ros.diagnostics import OK, Diagnostics
-from ftp_dent_ros.ros.messages import cloud_from_message, pose_from_message, stamp_to_ns
+from ftp_dent_ros.ros.messages import (
+    cloud_from_message,
+    covariance_from_message,
+    pose_from_message,
+    stamp_to_ns,
+)
 from ftp_dent_ros.ros.node import run
 from ftp_dent_ros.ros.parameters import Parameters
 from ftp_dent_ros.ros.qos import CLOUDS, DENTS, LATCHED, OVERRIDABLE, POSES
 from ftp_dent_ros.ros.worker import NewestWorker
 
-TAGGED = 'tagged'
 # A longer time since the exposure is no latency: the clouds come from a recording.
 _LONGEST_LATENCY = 60.0
 # Clouds and poses that may wait for each other.
@@ -57,45 +65,14 @@ class DentInspector(Node):
     def __init__(self, **options: Any) -> None:
         super().__init__('dent_inspector', **options)
         parameters = Parameters(self)
-        self._tagged = (
-            parameters.declare(
-                'source',
-                'points',
-                'Which clouds: points, each by itself, or tagged, whose dents become one list in '
-                'the map.',
-                choices=('points', TAGGED),
-            )
-            == TAGGED
-        )
-        self._always = parameters.declare(
-            'always', False, 'Whether the list is kept while nobody subscribes.'
-        )
-        default = Settings()
-        self._settings = Settings(
-            smallest_depth=parameters.declare(
-                'smallest_depth',
-                default.smallest_depth,
-                'Shallower dents are not reported, metres.',
-                minimum=1e-6,
-                maximum=0.1,
-            ),
-            smallest_width=parameters.declare(
-                'smallest_width',
-                default.smallest_width,
-                'Narrower ones are rivets, scratches and gaps: not reported, metres.',
-                minimum=1e-4,
-                maximum=1.0,
-            ),
-        )
-        rules = parameters.declare(
-            'rules', '', 'File of limits to judge the list by, or the name of a shipped one.'
-        )
-        self._rules = read_rules(find(rules)) if rules else None
+        given = declare(parameters)
+        parameters.close(names_of_all)
+        self._map = given.map_frame
+        self._tagged, self._always = given.is_tagged, given.always
+        self._settings = given.settings
+        self._rules = given.rules
         self._lock = threading.Lock()
-        self._list = DentList()
-        self._clouds = 0
-        self._frame_id = ''
-        self._stamp_ns = 0
+        self._list = KeptList(given.list_file if self._tagged else None)
         self._waiting: dict[int, dict[str, Any]] = {}
         self._dents = self.create_publisher(PointCloud2, 'dents', DENTS)
         self._latched = self.create_publisher(PointCloud2, 'dents/list', LATCHED)
@@ -103,14 +80,15 @@ class DentInspector(Node):
         self._diagnostics = Diagnostics(self, self._judge)
         self._worker = NewestWorker(self._work, 'dent_inspector')
         self.create_service(Trigger, '~/take_list', self._take_list)
-        topic = 'tagged/points' if self._tagged else 'points'
         self.create_subscription(
-            PointCloud2, topic, self._on_cloud, CLOUDS, qos_overriding_options=OVERRIDABLE
+            PointCloud2, 'points', self._on_cloud, CLOUDS, qos_overriding_options=OVERRIDABLE
         )
         if self._tagged:
             self.create_subscription(
-                PoseWithCovarianceStamped, 'tagged/pose', self._on_pose, POSES
+                PoseWithCovarianceStamped, 'tagged/camera_pose', self._on_pose, POSES
             )
+        if self._list.clouds:
+            self._publish_list()
 
     def destroy_node(self) -> None:
         """Finish the cloud in work first."""
@@ -145,12 +123,12 @@ class DentInspector(Node):
             self._hand_over(_Cloud(parts['cloud'], parts['pose']))
         while len(self._waiting) > _WAITING:
             lost = self._waiting.pop(next(iter(self._waiting)))
-            if 'cloud' in lost:
-                self._diagnostics.refuse('no pose', 'a tagged cloud came without its pose')
+            had, missing = ('cloud', 'pose') if 'cloud' in lost else ('pose', 'cloud')
+            self._diagnostics.refuse(f'no {missing}', f'a tagged {had} came without its {missing}')
 
     def _hand_over(self, cloud: _Cloud) -> None:
         if self._worker.put(cloud):
-            self._diagnostics.count('dropped')
+            self._diagnostics.drop()
 
     def _work(self, cloud: _Cloud) -> None:
         """Inspect one cloud, in the worker's thread; nothing that it holds ends the node."""
@@ -159,7 +137,7 @@ class DentInspector(Node):
         except CloudError as error:
             self._diagnostics.refuse('wrong cloud', str(error))
         except PoseError as error:
-            self._diagnostics.refuse('wrong pose', str(error))
+            self._diagnostics.refuse(error.reason, str(error))
         except Exception as error:
             self._diagnostics.fail(
                 f'a cloud could not be inspected, by a defect of the software '
@@ -170,31 +148,35 @@ class DentInspector(Node):
     def _inspect(self, item: _Cloud) -> None:
         started_ns = self._now_ns()
         header = item.message.header
-        pose, covariance = None, EXACT
-        viewpoint = np.zeros(3)
-        if item.pose is not None:
-            pose = pose_from_message(item.pose.pose.pose)
-            covariance = np.array(item.pose.pose.covariance, float).reshape(6, 6)
-            viewpoint = pose.translation
-        cloud = cloud_from_message(item.message)
-        found = inspect(cloud, settings=self._settings, viewpoint=viewpoint)
-        dents = (*found.dents, *found.others)
         stamp_ns = stamp_to_ns(header.stamp)
+        pose, covariance, frame_id = SAME, EXACT, header.frame_id
+        if item.pose is not None:
+            pose, covariance = _located(item.pose, header.frame_id, self._map)
+            frame_id = item.pose.header.frame_id
+        found = inspect(cloud_from_message(item.message), settings=self._settings)
+        dents = [dent.transformed(pose) for dent in (*found.dents, *found.others)]
         alone = DentList()
         alone.add(1, dents, pose, covariance)
-        self._dents.publish(dents_to_message(alone.entries, stamp_ns, header.frame_id))
         with self._lock:
-            if not self._tagged or header.frame_id != self._frame_id:
-                # Places in another frame are not comparable.
-                self._list = DentList()
-                self._clouds = 0
-            self._clouds += 1
-            self._list.add(self._clouds, dents, pose, covariance)
-            self._frame_id, self._stamp_ns = header.frame_id, stamp_ns
+            if not self._tagged:
+                # Places in another cloud's frame are not comparable.
+                self._list.clear()
+            try:
+                self._list.add(frame_id, stamp_ns, dents, pose, covariance)
+            except OSError as error:
+                self._diagnostics.fail(
+                    f'the list is not kept on disk ({error.strerror}): make room there'
+                )
             listed = self._publish_list()
+        self._dents.publish(dents_to_message(alone.entries, stamp_ns, frame_id))
         self._diagnostics.count('inspected')
         self._diagnostics.note('dents', len(found.dents))
+        self._diagnostics.note('others', len(found.others))
         self._diagnostics.note('dents in the list', _count(listed))
+        findable = found.findable[np.isfinite(found.findable)]
+        if len(findable):
+            depth = f'{1e3 * np.percentile(findable, 95):.2f}'
+            self._diagnostics.note('findable on 95 % of the area from (mm)', depth)
         self._diagnostics.measure('computation', (self._now_ns() - started_ns) / 1e9)
         latency = (self._now_ns() - stamp_ns) / 1e9
         if 0 <= latency < _LONGEST_LATENCY:
@@ -202,8 +184,9 @@ class DentInspector(Node):
 
     def _publish_list(self) -> tuple[ListedDent, ...]:
         entries = self._list.entries
-        self._latched.publish(dents_to_message(entries, self._stamp_ns, self._frame_id))
-        self._markers.publish(dents_to_markers(entries, self._stamp_ns, self._frame_id))
+        header = self._list.stamp_ns, self._list.frame_id
+        self._latched.publish(dents_to_message(entries, *header))
+        self._markers.publish(dents_to_markers(entries, *header))
         return entries
 
     def _take_list(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -212,12 +195,11 @@ class DentInspector(Node):
             record = {
                 'dents': self._records(entries),
                 'others': [dent_record(e) for e in entries if e.dent.kind != 'dent'],
-                'frame_id': self._frame_id,
-                'clouds': self._clouds,
-                'stamp_ns': self._stamp_ns,
+                'frame_id': self._list.frame_id,
+                'clouds': self._list.clouds,
+                'stamp_ns': self._list.stamp_ns,
             }
             self._list.clear()
-            self._clouds = 0
             self._publish_list()
         self._diagnostics.note('dents in the list', 0)
         response.success = True
@@ -240,6 +222,25 @@ class DentInspector(Node):
 
     def _now_ns(self) -> int:
         return self.get_clock().now().nanoseconds
+
+
+def _located(
+    message: PoseWithCovarianceStamped, camera: str, frame: str
+) -> tuple[Pose, NDArray[np.float64]]:
+    """Pose and covariance of the camera that saw a cloud; raises `PoseError` if it cannot be."""
+    if message.header.frame_id == camera:
+        raise PoseError(
+            f'the pose is in the frame {camera!r} of its cloud: publish the cloud in the '
+            "camera's frame, and its pose in the map",
+            'wrong frame',
+        )
+    if message.header.frame_id != frame:
+        raise PoseError(
+            f'the pose is in the frame {message.header.frame_id!r}, the map is {frame!r}: '
+            'set map_frame',
+            'wrong frame',
+        )
+    return pose_from_message(message.pose.pose), covariance_from_message(message.pose.covariance)
 
 
 def _count(entries: tuple[ListedDent, ...]) -> int:

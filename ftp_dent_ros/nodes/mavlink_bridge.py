@@ -1,10 +1,10 @@
 """The autopilot's pose for every cloud.
 
 Keeps a MAVLink link, publishes the autopilot's poses on ``mavlink/pose``, and for each cloud on
-``points`` the same cloud in the map frame on ``tagged/points`` and the pose at exactly its stamp
-on ``tagged/pose``. A cloud waits, without holding anything up, until all that its pose depends on
-has been heard; a pose that cannot be had is counted and logged with its reason, and nothing is
-published in its place.
+``points`` the same cloud in the map frame on ``tagged/points`` and the poses at exactly its stamp,
+of the vehicle on ``tagged/pose``, of the camera on ``tagged/camera_pose``. A cloud waits, without
+holding anything up, until all that its pose depends on has been heard; a pose that cannot be had
+is counted and logged with its reason, and nothing is published in its place.
 """
 
 from __future__ import annotations
@@ -12,11 +12,10 @@ from __future__ import annotations
 import sys
 import time
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import NavSatFix, PointCloud2
@@ -27,24 +26,12 @@ from ftp_dent_ros.navigation.geodesy import Origin
 from ftp_dent_ros.navigation.link import Link
 from ftp_dent_ros.navigation.report import Verdict, figures, judge
 from ftp_dent_ros.nodes.bridge_camera import BridgeCamera
-from ftp_dent_ros.nodes.bridge_parameters import (
-    declare_frames,
-    declare_ground_station,
-    declare_link,
-    declare_mount,
-    declare_settings,
-)
+from ftp_dent_ros.nodes.bridge_parameters import declare
+from ftp_dent_ros.nodes.bridge_tags import BridgeTags
+from ftp_dent_ros.nodes.declarations import names_of_all
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.ros.diagnostics import ERROR, OK, WARN, Diagnostics
-from ftp_dent_ros.ros.messages import (
-    cloud_from_message,
-    cloud_to_message,
-    fix_message,
-    make_header,
-    pose_stamped_message,
-    pose_to_message,
-    stamp_to_ns,
-)
+from ftp_dent_ros.ros.messages import fix_message, pose_stamped_message, stamp_to_ns
 from ftp_dent_ros.ros.node import run
 from ftp_dent_ros.ros.parameters import Parameters
 from ftp_dent_ros.ros.qos import CLOUDS, LATCHED, OVERRIDABLE, POSES
@@ -69,41 +56,37 @@ class MavlinkBridge(Node):
     def __init__(self, **options: Any) -> None:
         super().__init__('mavlink_bridge', **options)
         parameters = Parameters(self)
-        address, baud, signing_key = declare_link(parameters)
-        settings = declare_settings(parameters)
+        given = declare(parameters)
+        parameters.close(names_of_all)
+        address, settings = given.address, given.settings
         self._earth = None
         if settings.earth:
             self._earth = self.create_publisher(NavSatFix, 'earth', LATCHED)
         self._origin: Origin | None = None
-        self._timeout = parameters.declare(
-            'pose_timeout',
-            1.0,
-            'How long a cloud waits for its pose, seconds.',
-            minimum=0.0,
-            maximum=60.0,
-            changeable=True,
+        self._timeout, self._most_waiting = given.timeout, given.most_waiting
+        self._map, self._base, self._camera = (
+            given.map_frame,
+            given.base_frame,
+            given.camera_frame,
         )
-        self._most_waiting = parameters.declare(
-            'queue_size', 5, 'How many clouds may wait at once.', minimum=1, maximum=1000
-        )
-        self._map, self._base, self._camera = declare_frames(parameters)
-        self._mount, self._mount_covariance = declare_mount(parameters)
-        publishes_tf = parameters.declare(
-            'publish_tf', True, 'Whether poses and mount also go to TF, where tf2_msgs exists.'
-        )
+        self._mount, self._mount_covariance = given.mount, given.mount_covariance
         parameters.on_change(self._change)
         self._address = address
         self._waiting: deque[_Waiting] = deque()
         self._said: Verdict | None = None
         self._poses = self.create_publisher(PoseStamped, 'mavlink/pose', POSES)
-        self._tagged_pose = self.create_publisher(PoseWithCovarianceStamped, 'tagged/pose', POSES)
-        self._tagged_points = self.create_publisher(
-            PointCloud2, 'tagged/points', CLOUDS, qos_overriding_options=OVERRIDABLE
-        )
-        self._transforms = TransformPublisher(self) if publishes_tf else None
+        self._transforms = TransformPublisher(self) if given.publishes_tf else None
         if self._transforms is not None:
             self._transforms.publish_static(self._mount, self._base, self._camera, self._now_ns())
         self._diagnostics = Diagnostics(self, self._judge, hardware_id=address)
+        self._tags = BridgeTags(
+            self,
+            self._map,
+            self._mount,
+            self._mount_covariance,
+            self._most_waiting,
+            self._diagnostics,
+        )
         self.create_subscription(
             PointCloud2, 'points', self._on_points, CLOUDS, qos_overriding_options=OVERRIDABLE
         )
@@ -111,18 +94,20 @@ class MavlinkBridge(Node):
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_CHECK_PERIOD, self._settle, clock=steady)
         self.create_timer(1.0, self._send_heartbeat, clock=steady)
-        station = declare_ground_station(parameters)
+        station, size = given.ground_station, given.image_size
         self._mavlink_camera = (
-            BridgeCamera(self, station, self._mount, self._diagnostics) if station else None
+            BridgeCamera(self, station, self._mount, size, self._diagnostics) if station else None
         )
+        # Of each photograph it is told where on the earth it was taken.
+        settings = replace(settings, earth=settings.earth or bool(station))
         # Last, for its thread must not be left behind if something above fails.
         self._link = Link(
             address,
-            baud,
+            given.baud,
             settings,
             self._now_ns,
             self._on_link_poses,
-            signing_key,
+            given.signing_key,
             self._on_link_command,
         )
 
@@ -165,11 +150,10 @@ class MavlinkBridge(Node):
             )
             return
         stamp = stamp_to_ns(message.header.stamp)
-        if len(self._waiting) >= self._most_waiting:
-            late = self._waiting.popleft()
-            self._refuse(late, 'too many waiting', f'{self._most_waiting} clouds wait already')
         self._waiting.append(_Waiting(message, stamp, time.monotonic()))
         self._settle()
+        while len(self._waiting) > self._most_waiting:
+            self._refuse_crowded(self._waiting.popleft())
 
     def _settle(self) -> None:
         """Tag or refuse each waiting cloud for which that can be said by now."""
@@ -191,25 +175,21 @@ class MavlinkBridge(Node):
                 self._tag(cloud, tag)
 
     def _tag(self, cloud: _Waiting, tag: Tag) -> None:
-        header = make_header(cloud.stamp, self._map)
-        if self._tagged_points.get_subscription_count():
-            try:
-                points = cloud_from_message(cloud.message)
-            except CloudError as error:
-                self._diagnostics.refuse('wrong cloud', str(error))
-                return
-            in_map = points.transformed(tag.pose @ self._mount)
-            self._tagged_points.publish(cloud_to_message(in_map, cloud.stamp, self._map))
-        covariance = tag.covariance + self._mount_covariance
-        message = PoseWithCovarianceStamped(header=header)
-        message.pose.pose = pose_to_message(tag.pose)
-        message.pose.covariance = covariance.ravel()
-        self._tagged_pose.publish(message)
-        self._diagnostics.count('tagged')
-        deviations = np.sqrt(np.diag(covariance))
-        self._diagnostics.note('tag within (mm)', f'{1e3 * deviations[:3].max():.0f}')
-        self._diagnostics.note('tag within (deg)', f'{np.degrees(deviations[3:].max()):.2f}')
+        try:
+            self._tags.publish(cloud.message, cloud.stamp, tag)
+        except CloudError as error:
+            self._diagnostics.refuse('wrong cloud', str(error))
+            return
         self._diagnostics.measure('waited', time.monotonic() - cloud.arrival)
+
+    def _refuse_crowded(self, cloud: _Waiting) -> None:
+        """Refuse one for which there is no room any more, with what it has waited for."""
+        try:
+            self._tag(cloud, self._link.tag_at(cloud.stamp))
+        except PoseError as error:
+            waited = time.monotonic() - cloud.arrival
+            crowd = f'after {waited:.1f} s, and {self._most_waiting} clouds wait behind it'
+            self._refuse(cloud, error.reason, f'{crowd} (queue_size): {error}')
 
     def _refuse(self, cloud: _Waiting, reason: str, sentence: str) -> None:
         age = (self._now_ns() - cloud.stamp) / 1e9
@@ -223,7 +203,7 @@ class MavlinkBridge(Node):
         for name, value in figures(state).items():
             self._diagnostics.note(name, value)
         self._diagnostics.note('clouds waiting', len(self._waiting))
-        self._publish_origin(state.vehicle.origin)
+        self._follow_origin(state.vehicle.origin)
         verdict = judge(state, self._address)
         if verdict != self._said:
             self._said = verdict
@@ -236,17 +216,19 @@ class MavlinkBridge(Node):
                 self.get_logger().error(verdict.text)
         return _LEVELS[verdict.severity], verdict.text
 
-    def _publish_origin(self, origin: Origin | None) -> None:
+    def _follow_origin(self, origin: Origin | None) -> None:
         # Compared as text, for an altitude that is not known differs from itself.
-        if self._earth is None or origin is None or repr(origin) == repr(self._origin):
+        if origin is None or repr(origin) == repr(self._origin):
             return
         if self._origin is not None:
-            self.get_logger().warning(
+            self._diagnostics.refuse(
+                'moved map',
                 f"the map's origin has moved by {origin.distance(self._origin):.2f} m: clouds of "
-                'before and after do not lie together'
+                'before and after do not lie together, take the list of dents and begin anew',
             )
         self._origin = origin
-        self._earth.publish(fix_message(origin, self._now_ns(), self._map))
+        if self._earth is not None:
+            self._earth.publish(fix_message(origin, self._now_ns(), self._map))
 
     def _now_ns(self) -> int:
         return self.get_clock().now().nanoseconds

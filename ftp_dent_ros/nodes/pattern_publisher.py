@@ -2,31 +2,45 @@
 
 Latched ``projector/image_raw`` (rgb8) holds exactly the pixels to project, and
 ``projector/camera_info`` the projector's intrinsics. It can also show the pattern itself, on a
-projector that is this computer's second display.
+projector that is a display of this computer, with a desktop or without one.
+
+The stamp is the time from which on the pattern is shown. A change is told of a little before it
+is shown, so that no photograph of it can be faster than the message. Images of ``projector/show``
+(a calibration's, say) are shown and published in the pattern's stead, until an empty one or half
+a minute without any.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import os
 import sys
+import time
+from collections import deque
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image
 
-from ftp_dent_ros.errors import ConfigurationError
-from ftp_dent_ros.files import find
-from ftp_dent_ros.pattern import Pattern, read_pattern
-from ftp_dent_ros.rig import Rig, read_rig
-from ftp_dent_ros.ros.diagnostics import ERROR, OK, Diagnostics
-from ftp_dent_ros.ros.messages import camera_info_message, image_to_message
+from ftp_dent_ros.display.opening import Display, open_display
+from ftp_dent_ros.errors import ConfigurationError, ImageError
+from ftp_dent_ros.nodes.declarations import names_of_all
+from ftp_dent_ros.nodes.pattern_parameters import declare
+from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.ros.diagnostics import ERROR, OK, WARN, Diagnostics
+from ftp_dent_ros.ros.messages import camera_info_message, image_from_message, image_to_message
 from ftp_dent_ros.ros.node import run
 from ftp_dent_ros.ros.parameters import Parameters
-from ftp_dent_ros.ros.qos import LATCHED
+from ftp_dent_ros.ros.qos import LATCHED, LATCHED_INPUT, PATTERNS
+
+# Nanoseconds between a change's message and its show: many times what a message of this size
+# takes within a computer (10 ms; 60 ms over a network of 400 Mbit/s).
+_AHEAD_NS = 200_000_000
+# Seconds after which an image of projector/show that nothing follows gives way to the pattern.
+_LONGEST_SHOW = 30.0
+# Seconds between looks at what is due on the display: less than a frame of 60 Hz.
+_TICK = 0.01
 
 
 class PatternPublisher(Node):
@@ -35,61 +49,25 @@ class PatternPublisher(Node):
     def __init__(self, **options: Any) -> None:
         super().__init__('pattern_publisher', **options)
         parameters = Parameters(self)
-        rig = parameters.declare(
-            'rig', '', 'Calibration file (rig.yaml), or the name of a shipped one.'
-        )
-        pattern = parameters.declare(
-            'pattern',
-            '',
-            'Pattern file (pattern.yaml), or the name of a shipped one; if empty, the size is '
-            "that of the rig's projector and period_px must be set.",
-        )
-        parameters.declare(
-            'period_px',
-            0.0,
-            'Fringe period, projector pixels; 0 takes that of the pattern file.',
-            minimum=0.0,
-            maximum=1e4,
-            changeable=True,
-        )
-        parameters.declare(
-            'stripe_center_px',
-            0.0,
-            'Column of the middle of the red stripe, projector pixels; 0 takes that of the '
-            "pattern file or, without one, the image's middle.",
-            minimum=0.0,
-            maximum=65536.0,
-            changeable=True,
-        )
-        self._frame_id = parameters.declare(
-            'frame_id', 'projector_optical_frame', "The projector's frame."
-        )
-        show = parameters.declare(
-            'display.enabled', False, 'Show the pattern in full screen on a display.'
-        )
-        corner = [
-            parameters.declare(
-                f'display.{axis}',
-                0,
-                f"{axis} of the display's upper left corner on the desktop, pixels.",
-                minimum=-65536,
-                maximum=65536,
-            )
-            for axis in 'xy'
-        ]
-        self._rig: Rig | None = read_rig(find(rig)) if rig else None
-        self._base = read_pattern(find(pattern)) if pattern else None
+        given = declare(parameters)
+        parameters.close(names_of_all)
+        self._frame_id = given.frame_id
+        self._rig, self._base = given.rig, given.pattern
         self._pattern = self._make(parameters['period_px'], parameters['stripe_center_px'])
-        self._image = self.create_publisher(Image, 'projector/image_raw', LATCHED)
+        self._image = self.create_publisher(Image, 'projector/image_raw', PATTERNS)
         self._info = self.create_publisher(CameraInfo, 'projector/camera_info', LATCHED)
         self._diagnostics = Diagnostics(self, self._judge)
         self._display: Display | None = None
-        if show:
-            self._display = Display(
-                corner[0], corner[1], (self._pattern.width, self._pattern.height)
-            )
+        self._waiting: deque[tuple[int, NDArray[np.uint8]]] = deque()
+        if given.display.enabled:
+            size = self._pattern.width, self._pattern.height
+            self._display = open_display(given.display, size)
             self.create_timer(0.1, self._display.refresh)
+            self.create_timer(_TICK, self._show)
         self._settings = parameters
+        self._shown_until: float | None = None
+        self.create_subscription(Image, 'projector/show', self._on_show, LATCHED_INPUT)
+        self.create_timer(0.5, self._return)
         parameters.on_change(self._change)
         self._publish()
 
@@ -127,18 +105,23 @@ class PatternPublisher(Node):
         period, stripe = (
             values.get(name, self._settings[name]) for name in ('period_px', 'stripe_center_px')
         )
-        self._pattern = self._make(period, stripe)
-        self._publish()
+        pattern = self._make(period, stripe)
+        # What is shown already keeps its stamp.
+        if pattern != self._pattern:
+            self._pattern = pattern
+            self._publish(_AHEAD_NS)
 
-    def _publish(self) -> None:
-        pattern, now_ns = self._pattern, self.get_clock().now().nanoseconds
-        image = pattern.draw()
-        self._image.publish(image_to_message(image, now_ns, self._frame_id))
+    def _publish(self, ahead_ns: int = 0) -> None:
+        """Publish the pattern, and show it so many nanoseconds later."""
+        pattern, image = self._pattern, self._pattern.draw()
+        stamp_ns = self.get_clock().now().nanoseconds + ahead_ns
+        self._image.publish(image_to_message(image, stamp_ns, self._frame_id))
         lens = self._rig.projector if self._rig else None
         size = (pattern.width, pattern.height)
-        self._info.publish(camera_info_message(lens, size, now_ns, self._frame_id))
+        self._info.publish(camera_info_message(lens, size, stamp_ns, self._frame_id))
         if self._display:
-            self._display.show(image)
+            self._waiting.append((stamp_ns, image))
+            self._show()
         self._diagnostics.count('patterns')
         self._diagnostics.note('period (px)', f'{pattern.period_px:g}')
         self._diagnostics.note('stripe centre (px)', f'{pattern.stripe_center_px:g}')
@@ -148,81 +131,52 @@ class PatternPublisher(Node):
             f'stripe at {pattern.stripe_center_px:g}'
         )
 
+    def _on_show(self, message: Image) -> None:
+        """Show somebody's image instead of the pattern, for a while; an empty one ends it."""
+        if not message.width:
+            self._shown_until = time.monotonic()
+            self._return()
+            return
+        try:
+            image = image_from_message(message)
+        except ImageError as error:
+            self._diagnostics.refuse('wrong image', str(error))
+            return
+        size = self._pattern.width, self._pattern.height
+        if image.shape[1::-1] != size:
+            self._diagnostics.refuse(
+                'wrong image',
+                f'an image of {image.shape[1]}x{image.shape[0]} pixels was to be shown by a '
+                f'projector of {size[0]}x{size[1]}',
+            )
+            return
+        self._shown_until = time.monotonic() + _LONGEST_SHOW
+        stamp_ns = self.get_clock().now().nanoseconds
+        if self._display:
+            self._waiting.append((stamp_ns, image))
+            self._show()
+        self._image.publish(image_to_message(image, stamp_ns, self._frame_id))
+        self._diagnostics.count('images shown')
+
+    def _return(self) -> None:
+        """Go back to the pattern once nobody shows anything else."""
+        if self._shown_until is not None and time.monotonic() >= self._shown_until:
+            self._shown_until = None
+            self._publish()
+
+    def _show(self) -> None:
+        """Show what is due."""
+        now_ns = self.get_clock().now().nanoseconds
+        while self._display and self._waiting and self._waiting[0][0] <= now_ns:
+            self._display.show(self._waiting.popleft()[1])
+
     def _judge(self) -> tuple[bytes, str]:
         if self._display and self._display.trouble:
             return ERROR, self._display.trouble
+        if self._shown_until is not None:
+            return WARN, 'shows the images of projector/show, not the pattern'
         shown = 'shown and published' if self._display else 'published'
         return OK, f'{shown}, {self._image.get_subscription_count()} subscribers'
-
-
-class Display:
-    """A window in full screen whose pixels are the pattern's.
-
-    Parameters
-    ----------
-    x, y : int
-        Upper left corner of the display on the desktop, pixels.
-    size : (int, int)
-        Width and height of the pattern.
-
-    Raises
-    ------
-    ConfigurationError
-        There is no desktop, or this OpenCV has no windows.
-    """
-
-    _NAME = 'ftp_dent_ros pattern'
-
-    def __init__(self, x: int, y: int, size: tuple[int, int]) -> None:
-        self.trouble = ''
-        self._corner = x, y
-        self._size = size
-        self._shown: NDArray | None = None
-        # Without a desktop some builds of OpenCV end the process instead of raising.
-        if not (os.environ.get('DISPLAY') or os.environ.get('WAYLAND_DISPLAY')):
-            raise ConfigurationError(
-                'display.enabled is set, but this process has no desktop (DISPLAY is not set): '
-                'start it in a graphical session or show projector/image_raw elsewhere'
-            )
-        try:
-            self._open()
-        except cv2.error as reason:
-            raise ConfigurationError(
-                f'display.enabled is set, but OpenCV {cv2.__version__} opens no window here '
-                f'({reason.err.split(".")[0]}): install an OpenCV that is not headless'
-            ) from None
-
-    def show(self, image: NDArray[np.uint8]) -> None:
-        """Show RGB pixels."""
-        self._shown = np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
-        cv2.imshow(self._NAME, self._shown)
-
-    def refresh(self) -> None:
-        """Serve the window, and open it again if it was closed."""
-        cv2.waitKey(1)
-        if cv2.getWindowProperty(self._NAME, cv2.WND_PROP_VISIBLE) < 1:
-            self._open()
-            if self._shown is not None:
-                cv2.imshow(self._NAME, self._shown)
-        _, _, *size = cv2.getWindowImageRect(self._NAME)
-        self.trouble = ''
-        if tuple(size) != self._size:
-            self.trouble = (
-                f'the display shows {size[0]}x{size[1]} pixels, the pattern has '
-                f"{self._size[0]}x{self._size[1]}: set the display to the projector's resolution"
-            )
-
-    def close(self) -> None:
-        """Close the window."""
-        cv2.destroyAllWindows()
-
-    def _open(self) -> None:
-        # Of the pattern's size: where no window manager serves, nothing makes it fill the screen.
-        bare = cv2.WINDOW_NORMAL | cv2.WINDOW_FREERATIO | cv2.WINDOW_GUI_NORMAL
-        cv2.namedWindow(self._NAME, bare)
-        cv2.resizeWindow(self._NAME, *self._size)
-        cv2.moveWindow(self._NAME, *self._corner)
-        cv2.setWindowProperty(self._NAME, cv2.WND_PROP_FULLSCREEN, cv2.WINDOW_FULLSCREEN)
 
 
 def main() -> int:

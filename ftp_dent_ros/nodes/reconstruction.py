@@ -1,37 +1,45 @@
 """Photographs in, point clouds out.
 
 Period and stripe are read out of ``projector/image_raw``; the calibration is the parameter
-``rig``. Nothing is computed while nobody subscribes to ``points``; of the images that arrive
-while one is worked on only the newest is kept. A photograph that gives no cloud is refused with
-its reason, in the log and on ``/diagnostics``.
+``rig``. A photograph goes with the pattern that was shown when it was taken, by their stamps; one
+from around a change is refused. Nothing is computed while nobody subscribes to ``points``; of the
+images that arrive while one is worked on only the newest is kept. A photograph that gives no cloud
+is refused with its reason, in the log and on ``/diagnostics``.
 """
 
 from __future__ import annotations
 
 import contextlib
-import dataclasses
+import math
 import sys
+import time
 import traceback
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 from ftp_dent_ros.errors import (
+    CalibrationError,
     ImageError,
     InputError,
     NoCalibrationError,
-    NoPatternError,
+    PatternChangeError,
     PatternError,
     RefusedFrameError,
     RigError,
     WrongCalibrationError,
 )
-from ftp_dent_ros.files import find
+from ftp_dent_ros.nodes.declarations import names_of_all
+from ftp_dent_ros.nodes.reconstruction_parameters import declare
 from ftp_dent_ros.pattern import Pattern, pattern_from_image
-from ftp_dent_ros.profilometry import METHODS, UNWRAPPINGS, Reconstructor, Settings
-from ftp_dent_ros.rig import Lens, read_rig
+from ftp_dent_ros.pattern_history import PatternHistory
+from ftp_dent_ros.profilometry import Reconstructor, Settings
+from ftp_dent_ros.profilometry.coverage import REASONS
+from ftp_dent_ros.rig import Lens
+from ftp_dent_ros.ros.any_publisher import AnySubscription
 from ftp_dent_ros.ros.diagnostics import OK, WARN, Diagnostics
 from ftp_dent_ros.ros.messages import (
     cloud_to_message,
@@ -41,11 +49,15 @@ from ftp_dent_ros.ros.messages import (
 )
 from ftp_dent_ros.ros.node import run
 from ftp_dent_ros.ros.parameters import Parameters
-from ftp_dent_ros.ros.qos import CLOUDS, IMAGES, LATCHED, OVERRIDABLE
+from ftp_dent_ros.ros.qos import CLOUDS, IMAGES, OVERRIDABLE, PATTERNS
 from ftp_dent_ros.ros.worker import NewestWorker
 
 # A longer time since the exposure is no latency: the images come from a recording.
 _LONGEST_LATENCY = 60.0
+# Seconds between checks of the rig: each takes some 0.1 s.
+_CHECK_PERIOD = 30.0
+# Reconstructors that are kept with their tables: of the patterns before and after a change.
+_PREPARED = 2
 
 
 class Reconstruction(Node):
@@ -54,48 +66,25 @@ class Reconstruction(Node):
     def __init__(self, **options: Any) -> None:
         super().__init__('reconstruction', **options)
         parameters = Parameters(self)
-        rig = parameters.declare(
-            'rig',
-            '',
-            'Calibration file (rig.yaml), or the name of a shipped one; without it every image '
-            'is refused.',
-        )
-        self._tolerance_px = parameters.declare(
-            'camera_info_tolerance',
-            5.0,
-            "Pixels by which a ray may differ between camera_info and the rig's camera; beyond "
-            'it images are refused.',
-            minimum=0.0,
-            maximum=1e4,
-        )
-        self._settings = _declare_settings(parameters)
+        given = declare(parameters)
+        parameters.close(names_of_all)
         parameters.on_change(self._change)
-        self._rig = read_rig(find(rig)) if rig else None
-        self._pattern: Pattern | None = None
-        self._pattern_trouble = 'nothing came on the pattern topic yet: start pattern_publisher'
+        self._tolerance_px, self._choices = given.tolerance_px, given.choices
+        self._rig, self._patterns = given.rig, PatternHistory(given.settling_ns)
         self._calibration_trouble = ''
+        self._check_due, self._rig_trouble = 0.0, ''
         self._checked: tuple[Any, ...] = ()
-        self._prepared: tuple[Pattern, Settings, Reconstructor] | None = None
+        self._prepared: dict[tuple[Pattern, Settings], Reconstructor] = {}
         self._points = self.create_publisher(
             PointCloud2, 'points', CLOUDS, qos_overriding_options=OVERRIDABLE
         )
         self._diagnostics = Diagnostics(self, self._judge)
+        self._diagnostics.expect_one('camera/image_raw')
+        self._diagnostics.note('rig', self._rig.id if self._rig else 'none')
         self._worker = NewestWorker(self._work, 'reconstruction')
-        self.create_subscription(Image, 'projector/image_raw', self._on_pattern, LATCHED)
-        self.create_subscription(
-            CameraInfo,
-            'camera/camera_info',
-            self._on_info,
-            IMAGES,
-            qos_overriding_options=OVERRIDABLE,
-        )
-        self.create_subscription(
-            Image,
-            'camera/image_raw',
-            self._on_image,
-            IMAGES,
-            qos_overriding_options=OVERRIDABLE,
-        )
+        self.create_subscription(Image, 'projector/image_raw', self._on_pattern, PATTERNS)
+        AnySubscription(self, CameraInfo, 'camera/camera_info', self._on_info, IMAGES, OVERRIDABLE)
+        AnySubscription(self, Image, 'camera/image_raw', self._on_image, IMAGES, OVERRIDABLE)
 
     def destroy_node(self) -> None:
         """Finish the image in work first."""
@@ -103,29 +92,44 @@ class Reconstruction(Node):
         super().destroy_node()
 
     def _change(self, values: dict[str, Any]) -> None:
-        self._settings = dataclasses.replace(self._settings, **values)
+        # Options of the other methods wait until one of them is chosen.
+        self._choices = {**self._choices, **values}
 
     def _on_pattern(self, message: Image) -> None:
+        stamp_ns = stamp_to_ns(message.header.stamp)
         try:
-            self._pattern = pattern_from_image(image_from_message(message))
-        except (ImageError, PatternError) as error:
+            image = image_from_message(message)
+        except ImageError as error:
+            # No image at all: it tells nothing of what is projected.
+            self._diagnostics.refuse('wrong pattern', str(error))
+            return
+        try:
+            pattern = pattern_from_image(image)
+            if stamp_ns == 0:
+                raise PatternError(
+                    'the pattern image has no stamp: publish it with the time from which on it '
+                    'is shown'
+                )
+        except PatternError as error:
             # What is projected now is not known, so that the pattern before must not be used.
-            self._pattern, self._pattern_trouble = None, str(error)
+            self._patterns.forget(str(error))
             self.get_logger().error(f'pattern refused: {error}')
             return
-        period, stripe = self._pattern.period_px, self._pattern.stripe_center_px
+        self._patterns.add(stamp_ns, pattern)
+        period, stripe = pattern.period_px, pattern.stripe_center_px
         self._diagnostics.note('period (px)', f'{period:g}')
         self._diagnostics.note('stripe centre (px)', f'{stripe:g}')
         self.get_logger().info(f'pattern with period {period:g} px, stripe at {stripe:g} px')
         # The tables are made now, so that the first image does not wait for them.
         with contextlib.suppress(RefusedFrameError, PatternError):
-            self._reconstructor()
+            self._reconstructor(pattern)
 
     def _on_info(self, message: CameraInfo) -> None:
         values = (message.width, message.height, tuple(message.k), tuple(message.d))
         if self._rig is None or values == self._checked:
             return
         self._checked = values
+        self._diagnostics.note('camera_info', 'comes')
         try:
             lens = lens_from_message(message)
             self._calibration_trouble = ''
@@ -139,7 +143,7 @@ class Reconstruction(Node):
         if self._points.get_subscription_count() == 0:
             return
         if self._worker.put(message):
-            self._diagnostics.count('dropped')
+            self._diagnostics.drop()
 
     def _work(self, message: Image) -> None:
         """Reconstruct one image, in the worker's thread; nothing that it holds ends the node."""
@@ -161,11 +165,19 @@ class Reconstruction(Node):
             self.get_logger().debug(traceback.format_exc())
 
     def _reconstruct(self, message: Image) -> None:
-        reconstructor = self._reconstructor()
-        started_ns = self._now_ns()
-        measurement = reconstructor.measure(image_from_message(message))
-        cloud = measurement.cloud
         stamp_ns = stamp_to_ns(message.header.stamp)
+        pattern = self._pattern_at(stamp_ns)
+        reconstructor = self._reconstructor(pattern)
+        started_ns = self._now_ns()
+        image = image_from_message(message)
+        measurement = reconstructor.measure(image)
+        cloud = measurement.cloud
+        # The message of a change may have come meanwhile, later than the photograph.
+        if self._pattern_at(stamp_ns) != pattern:
+            raise PatternChangeError(
+                'the pattern that was shown came to be known only after the photograph had been '
+                'reconstructed: take photographs later after a change'
+            )
         self._points.publish(cloud_to_message(cloud, stamp_ns, message.header.frame_id))
         self._diagnostics.count('clouds')
         self._diagnostics.measure('computation', (self._now_ns() - started_ns) / 1e9)
@@ -173,31 +185,63 @@ class Reconstruction(Node):
         if 0 <= latency < _LONGEST_LATENCY:
             self._diagnostics.measure('latency', latency)
         self._diagnostics.note('valid points', f'{100 * cloud.valid.mean():.1f} %')
-        quality = measurement.quality
-        if quality is not None:
-            self._diagnostics.note('lit but not tied', f'{100 * quality.untied:.1f} %')
-        self._diagnostics.note('remarks', '; '.join(quality.remarks) if quality else '')
+        coverage = measurement.coverage
+        self._diagnostics.note('lit area with points', f'{coverage.share:.1%}')
+        for reason in REASONS:
+            self._diagnostics.note(f'lit but {reason}', f'{coverage.missing.get(reason, 0):.1%}')
+        if not self._checked:
+            self._warn_of_no_info()
+        self._check_rig(pattern, image, cloud.points)
+        self._diagnostics.note('remarks', '; '.join(coverage.remarks))
 
-    def _reconstructor(self) -> Reconstructor:
-        """Reconstructor for the pattern and the settings of the moment; made when they change."""
-        pattern, settings = self._pattern, self._settings
+    def _pattern_at(self, stamp_ns: int) -> Pattern:
+        """Pattern that a photograph of the time shows; raises the refusal if it is not known."""
         if self._rig is None:
             raise NoCalibrationError('no rig is set: set the parameter rig to its rig.yaml')
         if self._calibration_trouble:
             raise WrongCalibrationError(self._calibration_trouble)
-        if pattern is None:
-            raise NoPatternError(self._pattern_trouble)
-        if self._prepared is None or self._prepared[:2] != (pattern, settings):
-            self._prepared = pattern, settings, Reconstructor(self._rig, pattern, settings)
-        return self._prepared[2]
+        return self._patterns.at(stamp_ns)
+
+    def _warn_of_no_info(self) -> None:
+        without = "none came: the rig's own camera is believed"
+        self._diagnostics.note('camera_info', without)
+        self.get_logger().warning(f'camera_info: {without}', once=True)
+
+    def _check_rig(self, pattern: Pattern, image: NDArray[np.uint8], points: NDArray) -> None:
+        """Now and then: whether the projector has turned, as far as a curved skin tells."""
+        if self._rig is None or time.monotonic() < self._check_due:
+            return
+        self._check_due = time.monotonic() + _CHECK_PERIOD
+        # Imported only here: it takes SciPy's optimisers.
+        from ftp_dent_ros.calibration.checking import check
+
+        try:
+            found = check(self._rig, pattern, image, points, flatness=math.inf)
+        except (CalibrationError, np.linalg.LinAlgError, ValueError) as reason:
+            self._diagnostics.note('rig check', f'not possible: {reason}')
+            return
+        self._diagnostics.note('rig check', found.sentence)
+        self._rig_trouble = '' if found.holds else found.sentence
+
+    def _reconstructor(self, pattern: Pattern) -> Reconstructor:
+        """Reconstructor for a pattern and the settings of the moment; made when they change."""
+        if self._rig is None:
+            raise NoCalibrationError('no rig is set: set the parameter rig to its rig.yaml')
+        key, prepared = (pattern, Settings.chosen(**self._choices)), self._prepared
+        if key not in prepared:
+            kept = [] if len(prepared) < _PREPARED else list(prepared.items())[1 - _PREPARED :]
+            prepared = self._prepared = dict([*kept, (key, Reconstructor(self._rig, *key))])
+        return prepared[key]
 
     def _judge(self) -> tuple[bytes, str]:
         if self._rig is None:
             return WARN, 'no calibration: set the parameter rig to its rig.yaml'
-        if self._pattern is None:
-            return WARN, f'no pattern: {self._pattern_trouble}'
+        if self._patterns.latest is None:
+            return WARN, f'no pattern: {self._patterns.trouble}'
         if self._calibration_trouble:
             return WARN, f'wrong calibration: {self._calibration_trouble}'
+        if self._rig_trouble:
+            return WARN, self._rig_trouble
         if self._points.get_subscription_count() == 0:
             return OK, 'idle: nobody subscribes to points'
         if not self._diagnostics.recent('images'):
@@ -206,49 +250,6 @@ class Reconstruction(Node):
 
     def _now_ns(self) -> int:
         return self.get_clock().now().nanoseconds
-
-
-def _declare_settings(parameters: Parameters) -> Settings:
-    """Settings of the reconstruction from parameters of the same names."""
-    default = Settings()
-    return Settings(
-        method=parameters.declare(
-            'method',
-            default.method,
-            'How the phase is computed.',
-            choices=tuple(METHODS),
-            changeable=True,
-        ),
-        unwrapping=parameters.declare(
-            'unwrapping',
-            default.unwrapping,
-            'How the phase is unwrapped.',
-            choices=tuple(UNWRAPPINGS),
-            changeable=True,
-        ),
-        tau=parameters.declare(
-            'tau',
-            float(default.tau),
-            "Gain of Estrada's unwrapping.",
-            minimum=0.0,
-            maximum=1.0,
-            changeable=True,
-        ),
-        stride=parameters.declare(
-            'stride',
-            default.stride,
-            'Every how many pixels the cloud has a point, along rows and columns.',
-            minimum=1,
-            maximum=16,
-            changeable=True,
-        ),
-        fast=parameters.declare(
-            'fast',
-            default.fast,
-            'Whether least squares correct their model once instead of twice.',
-            changeable=True,
-        ),
-    )
 
 
 def _compare(given: Lens, camera: Lens, tolerance_px: float) -> None:

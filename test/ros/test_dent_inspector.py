@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from array import array
+from collections import Counter
 
 import numpy as np
 import pytest
@@ -15,8 +16,11 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.inspection.measuring.inspection import inspect
+from ftp_dent_ros.inspection.observation import SAME
+from ftp_dent_ros.inspection.tracking.dent_list import EXACT, DentList
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.ros.dent_messages import dents_from_message
+from ftp_dent_ros.ros.dent_messages import dents_from_message, dents_to_message
 from ftp_dent_ros.ros.messages import (
     cloud_to_message,
     make_header,
@@ -26,6 +30,7 @@ from ftp_dent_ros.ros.messages import (
 from ftp_dent_ros.ros.qos import CLOUDS, LATCHED, POSES
 from ftp_dent_ros.simulation.truth import true_dents
 
+CAMERA = 'camera_optical_frame'
 CAMERA_POSES = [
     Pose.from_rpy((-1.6, 0.0, -1.5 + turn), (8.0, along, 2.0))
     for turn, along in ((0.0, 3.0), (0.02, 3.02), (-0.01, 2.99))
@@ -40,10 +45,9 @@ class Bench:
         self.process = ros.start('dent_inspector', **parameters)
         self.state = ros.diagnostics('dent_inspector')
         tagged = parameters.get('source') == 'tagged'
-        topic = 'tagged/points' if tagged else 'points'
-        self.points = ros.publisher(PointCloud2, topic, CLOUDS)
+        self.points = ros.publisher(PointCloud2, 'points', CLOUDS)
         if tagged:
-            self.poses = ros.publisher(PoseWithCovarianceStamped, 'tagged/pose', POSES)
+            self.poses = ros.publisher(PoseWithCovarianceStamped, 'tagged/camera_pose', POSES)
 
     def value(self, key):
         values = self.state().values if self.state() else ()
@@ -52,7 +56,7 @@ class Bench:
     def says(self, words):
         self.ros.until(lambda: self.state() and self.state().message.startswith(words))
 
-    def show(self, cloud, stamp_ns, frame_id='camera_optical_frame'):
+    def show(self, cloud, stamp_ns, frame_id=CAMERA):
         self.points.publish(cloud_to_message(cloud, stamp_ns, frame_id))
 
     def take(self):
@@ -87,6 +91,13 @@ def test_a_cloud_becomes_its_dents_and_nothing_is_computed_unasked(ros, cloud):
     for value, true in zip(values, truth, strict=True):
         np.testing.assert_allclose([value[a] for a in 'xyz'], true.position, atol=5e-4)
         np.testing.assert_allclose([value[f'normal_{a}'] for a in 'xyz'], true.normal, atol=0.01)
+    # The command and the bag call the same, on what a file or a bag holds.
+    found = inspect(cloud)
+    alone = DentList()
+    dents_here = [dent.transformed(SAME) for dent in (*found.dents, *found.others)]
+    alone.add(1, dents_here, SAME, EXACT)
+    same = dents_to_message(alone.entries, stamp_to_ns(message.header.stamp), CAMERA)
+    assert bytes(message.data) == bytes(same.data)
     # Who comes late is told the list.
     late = ros.collect(PointCloud2, 'dents/list', LATCHED)
     markers = ros.collect(MarkerArray, 'dents/markers', LATCHED)
@@ -97,7 +108,7 @@ def test_a_cloud_becomes_its_dents_and_nothing_is_computed_unasked(ros, cloud):
 
 
 def test_tagged_clouds_become_one_list_that_the_service_takes(ros, cloud):
-    bench = Bench(ros, source='tagged', always=True, rules='example_rules.yaml')
+    bench = Bench(ros, source='tagged', always=True, rules='shipped:example_rules.yaml')
     covariance = np.diag([1e-6] * 3 + [1e-8] * 3).ravel()
     for number, pose in enumerate(CAMERA_POSES, start=1):
         seen = noisy_cloud(DENTED.transformed(pose.inverse() @ CAMERA_POSES[0]), number)
@@ -105,7 +116,7 @@ def test_tagged_clouds_become_one_list_that_the_service_takes(ros, cloud):
         tag = PoseWithCovariance(pose=pose_to_message(pose), covariance=covariance)
         # Cloud and pose may come in either order.
         parts = [
-            lambda: bench.show(seen.transformed(pose), number * 10**9, 'map'),  # noqa: B023
+            lambda: bench.show(seen, number * 10**9),  # noqa: B023
             lambda: bench.poses.publish(PoseWithCovarianceStamped(header=header, pose=tag)),  # noqa: B023
         ]
         for publish in parts if number % 2 else reversed(parts):
@@ -126,6 +137,85 @@ def test_tagged_clouds_become_one_list_that_the_service_takes(ros, cloud):
     ros.until(lambda: dents_from_message(listed[-1]).size == 0)
     assert bench.take()['dents'] == []
     assert bench.process.stop() == 0
+
+
+def test_what_is_not_plausible_changes_nothing_in_the_list(ros, cloud):
+    bench = Bench(ros, source='tagged', always=True)
+    at, covariance = CAMERA_POSES[0], np.diag([1e-6] * 3 + [1e-8] * 3)
+    listed = ros.collect(PointCloud2, 'dents/list', LATCHED)
+
+    def send(stamp, points, pose, matrix=covariance, frames=(CAMERA, 'map')):
+        tag = PoseWithCovariance(pose=pose, covariance=matrix.ravel())
+        header = make_header(stamp, frames[1])
+        bench.poses.publish(PoseWithCovarianceStamped(header=header, pose=tag))
+        bench.show(points, stamp, frames[0])
+
+    def moved(x):
+        message = pose_to_message(at)
+        message.position.x = x
+        return message
+
+    good, pose = cloud, pose_to_message(at)
+    nothing = Cloud(np.zeros((60, 80, 3), np.float32), np.zeros((60, 80), np.float32))
+    # Nor does a frame of its own make a list of it.
+    send(100, good, pose, covariance, (CAMERA, 'odom'))
+    ros.until(lambda: bench.value('refused: wrong frame') == '1')
+    send(1, good, pose)
+    ros.until(lambda: bench.value('inspected') == '1' and listed)
+    hostile = [
+        ('already seen', (1, good, pose)),
+        ('already seen', (1, good, pose)),
+        ('wrong pose', (2, good, moved(1e300))),
+        ('wrong pose', (3, good, moved(float('nan')))),
+        ('wrong pose', (5, good, pose, 1e300 * np.eye(6))),
+        ('wrong pose', (6, good, pose, -covariance)),
+        ('wrong pose', (7, good, pose, np.full((6, 6), np.nan))),
+        ('wrong cloud', (8, nothing, pose)),
+        ('wrong frame', (9, good, pose, covariance, ('map', 'map'))),
+        ('wrong frame', (10, good, pose, covariance, (CAMERA, 'odom'))),
+    ]
+    refused = Counter({'wrong frame': 1})
+    for reason, words in hostile:
+        send(*words)
+        refused[reason] += 1
+        ros.until(lambda: bench.value(f'refused: {reason}') == str(refused[reason]))  # noqa: B023
+    send(11, good, pose)
+    ros.until(lambda: bench.value('inspected') == '2')
+    ros.until(lambda: dents_from_message(listed[-1])['sightings'].tolist() == [2, 2])
+    assert bench.value('failed') == '0'
+    taken = bench.take()
+    assert (taken['clouds'], taken['frame_id']) == (2, 'map')
+    assert [dent['sightings'] for dent in taken['dents']] == [2, 2]
+
+
+def test_the_list_survives_a_restart_of_its_node(ros, cloud, tmp_path):
+    kept = tmp_path / 'dents.jsonl'
+    tag = PoseWithCovariance(
+        pose=pose_to_message(CAMERA_POSES[0]),
+        covariance=np.diag([1e-6] * 3 + [1e-8] * 3).ravel(),
+    )
+
+    def show(bench, stamp):
+        header = make_header(stamp, 'map')
+        bench.poses.publish(PoseWithCovarianceStamped(header=header, pose=tag))
+        bench.show(cloud, stamp)
+
+    first = Bench(ros, source='tagged', always=True, list_file=str(kept))
+    show(first, 1)
+    ros.until(lambda: first.value('inspected') == '1')
+    assert first.process.stop() == 0
+    # As if the power had failed while the next cloud was written.
+    kept.write_bytes(kept.read_bytes() + b'{"frame_id": "ma')
+
+    again = Bench(ros, source='tagged', always=True, list_file=str(kept))
+    listed = ros.collect(PointCloud2, 'dents/list', LATCHED)
+    ros.until(lambda: listed)
+    assert dents_from_message(listed[-1])['sightings'].tolist() == [1, 1]
+    show(again, 2)
+    ros.until(lambda: dents_from_message(listed[-1])['sightings'].tolist() == [2, 2])
+    assert again.take()['clouds'] == 2
+    assert kept.read_bytes() == b''
+    assert again.process.stop() == 0
 
 
 def test_what_cannot_be_inspected_is_refused_with_its_reason_and_ends_nothing(ros, cloud):

@@ -15,6 +15,7 @@ from ftp_dent_ros.ros.messages import (
     camera_info_message,
     cloud_from_message,
     cloud_to_message,
+    covariance_from_message,
     image_from_message,
     image_to_message,
     lens_from_message,
@@ -140,15 +141,11 @@ def test_a_cloud_comes_back_bit_for_bit():
     cloud = sample_cloud()
     message = through_the_wire(cloud_to_message(cloud, 5, 'eye'))
     assert (message.height, message.width, message.is_dense) == (3, 5, False)
-    assert [field.name for field in message.fields] == ['x', 'y', 'z', 'intensity']
+    names = ['x', 'y', 'z', 'intensity', 'sigma', 'resolution']
+    assert [field.name for field in message.fields] == names
     back = cloud_from_message(message)
     np.testing.assert_array_equal(back.points.view(np.uint32), cloud.points.view(np.uint32))
     np.testing.assert_array_equal(back.intensity, cloud.intensity)
-
-
-def test_an_empty_cloud_is_possible():
-    cloud = Cloud(np.empty((0, 0, 3), np.float32), np.empty((0, 0), np.float32))
-    assert cloud_from_message(cloud_to_message(cloud, 0, '')).points.shape == (0, 0, 3)
 
 
 @pytest.mark.parametrize('order', ['<', '>'])
@@ -259,3 +256,57 @@ def test_an_impossible_pose_is_refused(name, value):
     setattr(message.orientation, name, value)
     with pytest.raises(PoseError):
         pose_from_message(message)
+
+
+def test_points_that_are_known_in_part_are_not_known():
+    cloud = sample_cloud()
+    cloud.points[1, 2] = (np.inf, 0.1, 0.2)
+    cloud.points[2, 3] = (0.1, np.nan, 0.2)
+    taken = cloud_from_message(cloud_to_message(cloud, 0, ''))
+    assert np.isnan(taken.points[[0, 1, 2], [1, 2, 3]]).all()
+    assert taken.valid.sum() == cloud.valid.size - 3
+
+
+@pytest.mark.parametrize(
+    ('points', 'words'),
+    [
+        (np.zeros((3, 5, 3), np.float32), 'all 15 points of the cloud are in one place'),
+        (np.full((3, 5, 3), 1e5, np.float32), '1e[+]05 m from its frame'),
+        (np.linspace(0, 3e38, 45, dtype=np.float32).reshape(3, 5, 3), 'holds no millimetre'),
+    ],
+)
+def test_points_that_cannot_be_are_refused(points, words):
+    cloud = Cloud(points, np.zeros((3, 5), np.float32))
+    with pytest.raises(CloudError, match=words):
+        cloud_from_message(cloud_to_message(cloud, 0, ''))
+
+
+@pytest.mark.parametrize(('height', 'width'), [(2**32 - 1, 0), (0, 2**32 - 1), (0, 0)])
+def test_a_cloud_without_points_is_refused_at_once(height, width):
+    message = cloud_to_message(sample_cloud(), 0, '')
+    message.height, message.width, message.data = height, width, array('B')
+    with pytest.raises(CloudError, match=f'has {width}x{height} points'):
+        cloud_from_message(message)
+
+
+@pytest.mark.parametrize(
+    ('covariance', 'words'),
+    [
+        (np.full((6, 6), np.nan), 'is not finite'),
+        (np.eye(6) * 1e300, 'is above 100 m or a whole turn'),
+        (-np.eye(6), 'is not positive'),
+        (np.eye(6) + np.eye(6, k=1), 'is not symmetric'),
+        (np.ones((6, 6)) - np.eye(6), 'is not positive'),
+    ],
+)
+def test_what_is_no_covariance_is_refused(covariance, words):
+    with pytest.raises(PoseError, match=words):
+        covariance_from_message(covariance.ravel())
+
+
+def test_a_covariance_has_an_inverse_unless_it_is_not_known():
+    assert not covariance_from_message(np.zeros(36)).any()
+    flat = np.diag([1e-4, 0, 0, 0, 0, 0])
+    taken = covariance_from_message(flat.ravel())
+    np.testing.assert_allclose(taken, flat, atol=1e-11)
+    assert np.isfinite(np.linalg.inv(taken)).all()

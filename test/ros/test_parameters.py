@@ -140,3 +140,42 @@ def test_a_fixed_parameter_cannot_be_changed(ros, make):
     make().declare('rig', 'a.yaml', 'Calibration file.')
     result = set_remotely(ros, 'rig', 'b.yaml')
     assert not result.successful and 'read-only' in result.reason
+
+
+@pytest.mark.parametrize('given', ['rat', 'nothing.like.it'])
+def test_what_no_node_declares_is_refused_with_the_nearest_name(make, given):
+    parameters = make(**{given: 1})
+    declare_rate(parameters)
+    near = 'did you mean rate?' if given == 'rat' else 'there are rate'
+    with pytest.raises(ConfigurationError, match=f'no parameter {given}: {near}'):
+        parameters.close(lambda: ('stride',))
+
+
+def test_what_another_node_declares_or_ros_is_no_error(make):
+    parameters = make(stride=2, **{'use_sim_time': False, 'qos_overrides./a.publisher.depth': 3})
+    declare_rate(parameters)
+    parameters.close(lambda: ('stride',))
+
+
+def test_a_number_may_have_an_excluded_end(make):
+    with pytest.raises(ConfigurationError, match='give a value above 0 and up to 1'):
+        make(tau=0).declare('tau', 0.8, 'Gain.', above=0.0, maximum=1.0)
+
+
+def test_the_end_that_is_excluded_cannot_be_set_either(ros, make):
+    parameters = make()
+    parameters.declare('tau', 0.8, 'Gain.', above=0.0, maximum=1.0, changeable=True)
+    result = set_remotely(ros, 'tau', 0.0)
+    assert not result.successful and 'above 0' in result.reason
+    assert parameters['tau'] == 0.8
+
+
+def test_a_file_is_told_with_the_id_of_its_content(make, tmp_path, capfd):
+    file = tmp_path / 'rig.yaml'
+    file.write_text('one')
+    parameters = make(rig=str(file))
+    assert parameters.file('rig', '', 'Calibration.') == file
+    parameters.close(tuple)
+    assert f'rig: {file} (id 7692c3ad3540)' in capfd.readouterr().err
+    with pytest.raises(ConfigurationError, match=r'parameter rig: .*none.yaml: no such file'):
+        make(rig=str(tmp_path / 'none.yaml')).file('rig', '', 'Calibration.')

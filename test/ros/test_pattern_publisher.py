@@ -7,7 +7,7 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, Image
 
 from ftp_dent_ros.pattern import Pattern, pattern_from_image, write_pattern
-from ftp_dent_ros.ros.messages import image_from_message, lens_from_message
+from ftp_dent_ros.ros.messages import image_from_message, lens_from_message, stamp_to_ns
 from ftp_dent_ros.ros.qos import LATCHED
 
 PATTERN = Pattern(320, 200, 10.0, 150.0)
@@ -49,8 +49,12 @@ def test_the_pattern_of_a_rig_alone_changes_while_it_runs(ros, rig_file):
         )
         return ros.call(SetParameters, 'pattern_publisher/set_parameters', request).results[0]
 
+    asked_ns = ros.node.get_clock().now().nanoseconds
     assert change(period_px=16.0).successful
     ros.until(lambda: len(images) == 2)
+    ahead_ns = stamp_to_ns(images[1].header.stamp) - asked_ns
+    assert ahead_ns >= 200_000_000, 'it is told of before it is shown'
+    assert change(period_px=16.0).successful, 'no change, and not published again'
     assert pattern_from_image(image_from_message(images[1])) == Pattern(320, 200, 16.0, 159.5)
     refused = change(period_px=100.0)
     assert not refused.successful

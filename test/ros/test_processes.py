@@ -41,7 +41,7 @@ def test_every_node_reports_and_ends_well_on_a_signal(ros, rig_file, with_signal
 def test_bad_parameters_are_one_clear_line_and_status_2(ros, rig_file):
     sentences = {
         'pattern_publisher': 'pattern_publisher: the size of the pattern is not known: set ',
-        'camera_capture': "camera_capture: parameter source is 'webcam': give device or files or ",
+        'camera_capture': "camera_capture: parameter source is 'webcam': give device or ",
         'reconstruction': 'reconstruction: parameter stride is 0: give a value from 1 to 16',
     }
     processes = [

@@ -9,11 +9,13 @@ import pytest
 README = Path(__file__).resolve().parents[2] / 'README.md'
 # What a node cannot start without, or would disturb another test with.
 GIVEN = {
-    'pattern_publisher': {'rig': 'rig.yaml', 'pattern': 'pattern.yaml'},
-    'camera_capture': {'rig': 'rig.yaml', 'source': 'simulation'},
+    'pattern_publisher': {'rig': 'shipped:rig.yaml', 'pattern': 'shipped:pattern.yaml'},
+    'camera_capture': {'rig': 'shipped:rig.yaml', 'source': 'simulation'},
     'reconstruction': {},
     'mavlink_bridge': {'address': 'udpout:127.0.0.1:9'},
     'dent_inspector': {},
+    'downlink': {'address': '127.0.0.1:17999'},
+    'ground_station': {'address': '127.0.0.1:17998'},
 }
 OF_ROS = ('qos_overrides.', 'use_sim_time', 'start_type_description_service')
 

@@ -18,10 +18,11 @@ from ftp_dent_ros.ros.messages import (
     image_to_message,
     stamp_to_ns,
 )
-from ftp_dent_ros.ros.qos import IMAGES, LATCHED
+from ftp_dent_ros.ros.qos import IMAGES, PATTERNS
 from ftp_dent_ros.simulation import Panel, Photometry, Renderer, Surface
 
 PATTERN = Pattern(320, 200, 8.0, 160.0)
+SECOND = 1_000_000_000
 SKIN = Surface((Panel(Pose.from_rpy([0, 0.1, 0], [0, 0, 0.65]), (-1, 1, -1, 1), 2.0),))
 
 
@@ -46,10 +47,11 @@ class Bench:
 
     def __init__(self, ros, **parameters):
         self.ros = ros
+        parameters = {'pattern_settling': 0.0, **parameters}
         self.process = ros.start('reconstruction', **parameters)
         self.state = ros.diagnostics('reconstruction')
         self.clouds = []
-        self.pattern = ros.publisher(Image, 'projector/image_raw', LATCHED)
+        self.pattern = ros.publisher(Image, 'projector/image_raw', PATTERNS)
         self.camera = ros.publisher(Image, 'camera/image_raw', IMAGES)
         self.info = ros.publisher(CameraInfo, 'camera/camera_info', IMAGES)
 
@@ -57,8 +59,8 @@ class Bench:
         self.clouds = self.ros.collect(PointCloud2, 'points')
         self.says('waiting for images')
 
-    def project(self, pixels):
-        self.pattern.publish(image_to_message(pixels, 1, 'projector_optical_frame'))
+    def project(self, pixels, stamp_ns=1):
+        self.pattern.publish(image_to_message(pixels, stamp_ns, 'projector_optical_frame'))
 
     def show(self, pixels, stamp_ns=5):
         self.camera.publish(image_to_message(pixels, stamp_ns, 'eye'))
@@ -124,7 +126,7 @@ def test_a_photograph_becomes_the_cloud_that_the_library_gives(ros, rig, rig_fil
     ros.until(lambda: bench.value('clouds') == '2')
     assert bench.state().level == DiagnosticStatus.OK
     assert float(bench.value('computation median (ms)')) > 0
-    assert float(bench.value('lit but not tied').split()[0]) < 10
+    assert float(bench.value('lit but not tied to the red stripe').rstrip('%')) < 10
 
     assert all(result.successful for result in bench.set(stride=4, method='direct'))
     changed = bench.cloud_of(photograph, 3)
@@ -175,8 +177,8 @@ def test_each_bad_photograph_is_refused_with_its_reason(ros, rig, rig_file, rend
     bench.project(Pattern(640, 400, 16.0, 320.0).draw())
     ros.until(lambda: bench.value('period (px)') == '16')
     bench.show(photograph)
-    bench.refused('wrong pattern')
-    assert 'the pattern is 640x400, the projector 320x200' in bench.process.output
+    ros.until(lambda: bench.value('refused: wrong pattern') == '1')
+    assert 'the pattern is 640x400, the projector 320x200' in bench.state().message
     assert (len(bench.clouds), bench.value('failed')) == (2, '0')
 
 
@@ -190,7 +192,7 @@ def test_what_is_not_tied_to_the_stripe_is_left_out_and_said(ros, rig, rig_file)
     bench.cloud_of(seen, 1)
     ros.until(lambda: bench.value('remarks'))
     assert 'not tied to the red stripe' in bench.value('remarks')
-    assert float(bench.value('lit but not tied').split()[0]) > 10
+    assert float(bench.value('lit but not tied to the red stripe').rstrip('%')) > 10
     assert bench.process.stop() == 0
 
 
@@ -236,11 +238,8 @@ def test_hostile_messages_end_nothing_and_a_flood_is_thinned(ros, rig_file, phot
     bench.says('wrong calibration: camera_info holds numbers that are not finite')
     bench.info.publish(CameraInfo(width=400, height=260))
     bench.pattern.publish(Image(height=3, width=2**31, step=1, encoding='rgb8'))
-    bench.says('no pattern: the image says')
-    bench.show(photograph)
-    bench.refused('no pattern')
-    bench.project(PATTERN.draw())
-    bench.takes_back('no pattern')
+    bench.refused('wrong pattern')
+    # What is no image tells nothing of what is projected.
     bench.cloud_of(photograph, 4)
     assert bench.value('failed') == '0' and 'Traceback' not in bench.process.output
 
@@ -258,7 +257,42 @@ def test_hostile_messages_end_nothing_and_a_flood_is_thinned(ros, rig_file, phot
         lambda: (
             all(bench.value(name) for name in names)
             and int(bench.value('clouds')) >= len(bench.clouds)
-            and sum(int(bench.value(name)) for name in names) == int(bench.value('images'))
+            # One refusal is of the pattern.
+            and sum(int(bench.value(name)) for name in names) == int(bench.value('images')) + 1
         )
     )
+    assert bench.process.stop() == 0
+
+
+def test_a_photograph_goes_with_the_pattern_shown_when_it_was_taken(ros, rig_file, render):
+    other = Pattern(320, 200, 10.0, 160.0)
+    of_first, of_other = render(), render(other.draw())
+    bench = Bench(ros, rig=rig_file, stride=2, pattern_settling=0.25)
+    bench.project(PATTERN.draw(), 1 * SECOND)
+    bench.says('idle')
+    bench.project(other.draw(), 2 * SECOND)
+    bench.listen()
+
+    def is_right(message):
+        cloud = cloud_from_message(message)
+        return np.abs(SKIN.distance(cloud.points[cloud.valid])).mean() < 0.5e-3
+
+    # In any order, and however late.
+    assert is_right(bench.cloud_of(of_other, 10 * SECOND))
+    assert is_right(bench.cloud_of(of_first, SECOND + SECOND // 2))
+    assert is_right(bench.cloud_of(of_other, 2 * SECOND + SECOND // 4))
+    bench.show(of_first, SECOND // 2)
+    bench.refused('no pattern')
+    for number, (photograph, away_ms) in enumerate(((of_first, -240), (of_other, 240)), start=1):
+        bench.show(photograph, 2 * SECOND + away_ms * 1_000_000)
+        ros.until(lambda number=number: bench.value('refused: pattern changed') == str(number))
+    assert 'the period changed from 8 to 10 px' in bench.message
+    assert bench.state().level == DiagnosticStatus.WARN
+    assert bench.value('refused: no pattern') == '1'
+    # A replay of another flight, from before.
+    bench.project(other.draw(), -9 * SECOND)
+    bench.project(PATTERN.draw(), -5 * SECOND)
+    ros.until(lambda: bench.process.output.count('pattern with period') == 4)
+    assert is_right(bench.cloud_of(of_first, -3 * SECOND))
+    assert len(bench.clouds) == 4
     assert bench.process.stop() == 0

@@ -15,6 +15,7 @@ import pytest
 for library in ('mcap', 'rosbags'):
     pytest.importorskip(library, reason='bags need it')
 
+import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from rcl_interfaces.msg import Log, ParameterEvent
@@ -248,6 +249,28 @@ def test_a_publisher_that_offers_less_is_heard_too(ros, command, tmp_path):
     assert 'offers less than the others' in recorder.output
 
 
+def test_a_topic_of_two_types_is_recorded_in_the_first_one(ros, command, tmp_path):
+    bag = tmp_path / 'bag'
+    topic = f'{ros.namespace}/words'
+    recorder = command('record', topic, '-o', bag)
+    words = ros.publisher(String, topic)
+    words.publish(String(data='before'))
+    ros.until(lambda: len(on_disk(bag)) == 1)
+    context = rclpy.Context()  # one participant cannot have a topic of two types
+    rclpy.init(context=context, domain_id=ros.context.get_domain_id())
+    intruder = rclpy.create_node('intruder', context=context)
+    intruder.create_publisher(Image, topic, LATCHED).publish(Image())
+    ros.until(lambda: f'{topic}: sensor_msgs/msg/Image are published too' in recorder.output)
+    words.publish(String(data='meanwhile'))
+    intruder.destroy_node()
+    context.try_shutdown()
+    ros.until(lambda: 'is published again' in recorder.output)
+    words.publish(String(data='after'))
+    ros.until(lambda: len(on_disk(bag)) == 3)
+    assert recorder.stop() == 0
+    assert [text_of(message) for message in read_messages(bag)] == ['before', 'meanwhile', 'after']
+
+
 def test_everything_means_everything(ros, command, tmp_path):
     bag = tmp_path / 'bag'
     recorder = command('record', '--all', '--max-bag-size', '10K', '-o', bag)
@@ -445,6 +468,22 @@ def test_some_topics_under_other_names(ros, command, tmp_path):
     assert listeners['other'].texts == ['b']
     assert listeners['b'].data == listeners['c'].data == []
     assert '2 messages of 2 topics' in player.output
+
+
+def test_what_ros_refuses_is_left_out_and_the_rest_replayed(ros, command, tmp_path):
+    bag = tmp_path / 'bag'
+    good = f'{ros.namespace}/good'
+    with BagWriter(bag) as writer:
+        for name in ('/2 bad\x1b[2J//names/', good):
+            writer.add_topic(Topic(name, STRING, '', (Qos(),)))
+            data = on_the_wire(String(data=name))
+            writer.write([Message(name, STRING, 1, 1, data)])
+    listener = Listener(ros, String, good)
+    player = command('replay', bag, '--wait-for-subscribers')
+    assert player.wait() == 0
+    ros.until(lambda: listener.texts == [good])
+    assert '/2 bad\\x1b[2J//names/: not replayed: ROS refuses it' in player.output
+    assert '\x1b' not in player.output
 
 
 def test_types_that_are_not_here_as_recorded_are_left_out(domain, capsys, tmp_path):

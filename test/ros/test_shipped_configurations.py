@@ -1,12 +1,16 @@
 """The nodes know every parameter that the shipped configurations set."""
 
+import shutil
 import socket
+from pathlib import Path
 
 import pytest
 import yaml
 
 from ftp_dent_ros import files
-from ftp_dent_ros.ros.configuration import NODES, read_configuration
+from ftp_dent_ros.nodes.declarations import fitted
+from ftp_dent_ros.supervision.configuration import read_configuration
+from ftp_dent_ros.supervision.executables import NODES
 
 
 def flat(parameters, prefix=''):
@@ -19,7 +23,9 @@ def flat(parameters, prefix=''):
 
 @pytest.mark.parametrize('configuration', ['payload.yaml', 'simulation.yaml'])
 def test_every_parameter_is_declared_and_taken(ros, tmp_path, configuration):
-    blocks = yaml.safe_load(files.find(configuration).read_text())
+    blocks = yaml.safe_load(files.find(f'shipped:{configuration}').read_text())
+    # The calibration that a user's payload has beside its configuration.
+    shutil.copy(files.find('shipped:rig.yaml'), tmp_path)
     # The address of another test must not be taken, nor may a window open.
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind(('127.0.0.1', 0))
@@ -27,10 +33,12 @@ def test_every_parameter_is_declared_and_taken(ros, tmp_path, configuration):
     blocks['mavlink_bridge']['ros__parameters']['address'] = address
     blocks['pattern_publisher']['ros__parameters'].pop('display.enabled', None)
     path = tmp_path / configuration
-    path.write_text(yaml.safe_dump({f'{ros.namespace}/{key}': blocks[key] for key in NODES}))
+    path.write_text(
+        yaml.safe_dump({f'{ros.namespace}/{key}': blocks[key] for key in NODES if key in blocks})
+    )
     processes = {
-        entry.executable: ros.start(entry.executable, '--params-file', str(path))
-        for entry in read_configuration(path)
+        entry.executable: ros.start(entry.executable, *entry.parameter_words)
+        for entry in fitted(read_configuration(path))
     }
     for name, process in processes.items():
         check(ros, name, process, dict(flat(blocks[name]['ros__parameters'])))
@@ -50,4 +58,6 @@ def check(ros, name, process, given):
     for parameter, value in zip(given, response.values, strict=True):
         taken = parameter_value_to_python(value)
         taken = list(taken) if isinstance(given[parameter], list) else taken
+        if parameter == 'rig' and not given['rig'].startswith('shipped:'):
+            taken = Path(taken).name
         assert taken == given[parameter], parameter

@@ -5,12 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_srvs.srv import Trigger
 
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.ros.messages import cloud_from_message, image_from_message, stamp_to_ns
+from ftp_dent_ros.ros.qos import PATTERNS
 from ftp_dent_ros.simulation.world import read_world
 
 PATTERN = Pattern(320, 200, 8.0, 159.5)
@@ -19,7 +22,7 @@ START_NS = 1_763_000_000_000_000_000
 
 @pytest.fixture
 def world():
-    return read_world('scene.yaml', START_NS)
+    return read_world('shipped:scene.yaml', START_NS)
 
 
 def start_camera(ros, rig_file, **parameters):
@@ -68,6 +71,32 @@ def test_photographs_of_the_simulated_skin_become_clouds_on_it(ros, rig, rig_fil
         np.testing.assert_array_equal(cloud.points, again.points)
         in_map = world.camera_pose(stamp_ns).apply(cloud.points[cloud.valid])
         assert cloud.valid.mean() > 0.5
+        assert np.abs(world.surface.distance(in_map)).mean() < 0.5e-3
+    assert [process.stop() for process in processes] == [0, 0, 0]
+
+
+def test_a_pattern_that_changes_in_flight_never_makes_a_wrong_cloud(ros, rig_file, world):
+    patterns = ros.collect(Image, 'projector/image_raw', PATTERNS)
+    clouds = ros.collect(PointCloud2, 'points')
+    processes = [
+        ros.start('reconstruction', rig=rig_file, stride=4),
+        ros.start('pattern_publisher', rig=rig_file, period_px=8),
+        start_camera(ros, rig_file, rate=8),
+    ]
+    ros.until(lambda: patterns and clouds)
+    for number, period in enumerate((10.0, 7.0, 11.0, 8.0), start=2):
+        parameter = Parameter('period_px', value=period).to_parameter_msg()
+        request = SetParameters.Request(parameters=[parameter])
+        ros.call(SetParameters, 'pattern_publisher/set_parameters', request)
+        ros.until(lambda number=number: len(patterns) == number)
+        change_ns = stamp_to_ns(patterns[-1].header.stamp)
+        ros.until(lambda after=change_ns: stamp_to_ns(clouds[-1].header.stamp) > after)
+    changes = [stamp_to_ns(pattern.header.stamp) for pattern in patterns]
+    for message in clouds:
+        stamp_ns = stamp_to_ns(message.header.stamp)
+        assert min(abs(stamp_ns - change) for change in changes) >= 250_000_000
+        cloud = cloud_from_message(message)
+        in_map = world.camera_pose(stamp_ns).apply(cloud.points[cloud.valid])
         assert np.abs(world.surface.distance(in_map)).mean() < 0.5e-3
     assert [process.stop() for process in processes] == [0, 0, 0]
 

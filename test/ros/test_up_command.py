@@ -10,7 +10,10 @@ from pathlib import Path
 import pytest
 import yaml
 
+from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.pattern import Pattern, write_pattern
+from ftp_dent_ros.ros.presence import alive, refuse_second
+from ftp_dent_ros.supervision.shared_memory import free_leftovers
 
 
 @pytest.fixture
@@ -79,6 +82,49 @@ def test_a_killed_node_comes_back_and_all_end_with_a_signal(ros, up):
     assert payload.output.rstrip().endswith('up | stopped')
 
 
+def test_a_second_of_the_same_names_is_refused(ros, up):
+    first = up(pattern_publisher={'pattern': up.pattern})
+    state = ros.diagnostics('pattern_publisher')
+    ros.until(state)
+    second = up(pattern_publisher={'pattern': up.pattern})
+    assert second.process.wait(30.0) == 2
+    assert 'pattern_publisher is run by another payload in the ROS domain' in second.output
+    assert first.process.poll() is None
+
+
+def test_names_that_a_node_of_other_making_has_are_refused(ros, up):
+    ros.start('pattern_publisher', pattern=up.pattern)
+    name = f'{ros.namespace}/pattern_publisher'.strip('/')
+    # As often as a busy machine needs to find it.
+    assert ros.until(lambda: alive([name, 'another'])) == {name}
+    with pytest.raises(ConfigurationError, match='runs already in this domain: end it'):
+        for _ in range(10):
+            refuse_second([name])
+
+
+def test_what_killed_processes_have_left_is_given_back(ros, up):
+    node = ros.start('pattern_publisher', pattern=up.pattern)
+    ros.until(ros.diagnostics('pattern_publisher'))
+    (segment,) = segments_of(node.pid)
+    node.kill()
+    assert segment.stat().st_size > 1 << 20
+    lock = Path(f'{segment}_el')
+    os.utime(lock, (0, 0))
+    assert free_leftovers().segments >= 1
+    assert not segment.exists() and not lock.exists()
+
+
+def segments_of(pid):
+    """Segments of shared memory that a process has locked as its own."""
+    locked = {
+        int(words[5].rpartition(':')[2])
+        for words in map(str.split, Path('/proc/locks').read_text().splitlines())
+        if words[4] == str(pid)
+    }
+    files = [path for path in Path('/dev/shm').glob('fastrtps_*_el') if 'port' not in path.name]
+    return {Path(str(path)[:-3]) for path in files if path.stat().st_ino in locked}
+
+
 def test_no_node_outlives_it(ros, up):
     payload = up(pattern_publisher={'pattern': up.pattern})
     ros.until(lambda: ros.node.count_publishers('projector/image_raw'))
@@ -91,8 +137,23 @@ def test_no_node_outlives_it(ros, up):
 
 
 def test_wrong_parameters_are_said_and_not_tried_again(up):
-    payload = up(pattern_publisher={'pattern': up.pattern, 'period_px': -3.0})
+    # Only the node itself finds that it does not fit the pattern.
+    payload = up(pattern_publisher={'pattern': up.pattern, 'period_px': 300.0})
     assert payload.process.wait(20.0) == 2
-    assert 'period_px' in payload.output
+    assert 'period_px is 300' in payload.output
     assert 'ended with status 2: it cannot run with what it was given' in payload.output
     assert 'restarting' not in payload.output
+
+
+def test_wrong_names_start_nothing(up):
+    payload = up(pattern_publisher={'pattern': up.pattern}, reconstruction={'strid': 2})
+    assert payload.process.wait(20.0) == 2
+    (line,) = payload.output.splitlines()
+    assert line.endswith('there is no parameter strid: did you mean stride?')
+
+
+@pytest.mark.parametrize('given', ['rigg:=a.yaml', 'strid:=2', 'displayy.enabled:=true'])
+def test_a_node_by_itself_refuses_wrong_names_too(ros, given):
+    process = ros.start('reconstruction', '-p', given)
+    assert process.wait() == 2
+    assert process.output.startswith('reconstruction: there is no parameter')

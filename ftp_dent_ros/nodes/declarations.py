@@ -1,0 +1,63 @@
+"""Which parameters the nodes declare, and whether a configuration fits them; without rclpy."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from ftp_dent_ros import files
+from ftp_dent_ros.parameters import Declarations, Given, flat
+from ftp_dent_ros.supervision.configuration import Entry
+from ftp_dent_ros.supervision.executables import NODES, PARAMETERS, SIMULATED_AUTOPILOT
+
+
+def declarations(node: str) -> Callable[[Declarations], Any]:
+    """Function that declares a node's parameters."""
+    # Imported only when they are asked for: a node needs its own alone.
+    module = importlib.import_module(PARAMETERS[node])
+    return module.declare
+
+
+def names_of_all() -> tuple[str, ...]:
+    """Names of the parameters of all nodes."""
+    return tuple(name for node in NODES for name in names_of(node))
+
+
+def names_of(node: str) -> tuple[str, ...]:
+    """Names of a node's parameters."""
+    given = Given({}, Path(), node)
+    declarations(node)(given)
+    return tuple(given.names)
+
+
+def fitted(entries: Sequence[Entry]) -> tuple[Entry, ...]:
+    """Entries whose parameters the nodes will take, with their relative paths made absolute.
+
+    Relative to the folder of the configuration, that is.
+
+    Raises
+    ------
+    ConfigurationError
+        A parameter is wrong, or none of the node's; or a file that one names is not there.
+    """
+    return tuple(map(_fitted, entries))
+
+
+def _fitted(entry: Entry) -> Entry:
+    where, folder = f'{entry.file}: {entry.name}', entry.file.parent
+    if entry.executable == SIMULATED_AUTOPILOT:
+        from ftp_dent_ros.simulation.autopilot import build_parser
+
+        given = Given(entry.parameters, folder, where)
+        given.file('scene', f'{files.SHIPPED}scene.yaml', 'Scene file.')
+        given.names.extend(vars(build_parser().parse_args([])))
+        given.refuse_others()
+    else:
+        own, shared = dict(flat(entry.parameters)), dict(flat(entry.shared))
+        given = Given({**shared, **own}, folder, where)
+        declarations(entry.executable)(given)
+        given.refuse_others([name for name in shared if name not in own], names_of_all())
+    return replace(entry, absolute=given.absolute)

@@ -1,0 +1,49 @@
+"""Camera drivers of other makes: best effort, and without camera_info."""
+
+from __future__ import annotations
+
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+
+from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.ros.messages import camera_info_message, image_to_message
+from ftp_dent_ros.ros.qos import PATTERNS
+from ftp_dent_ros.simulation import Panel, Renderer, Surface
+
+PATTERN = Pattern(320, 200, 8.0, 160.0)
+SKIN = Surface((Panel(Pose.from_rpy([0, 0.1, 0], [0, 0, 0.65]), (-1, 1, -1, 1)),))
+BEST_EFFORT = QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+def test_a_best_effort_camera_without_camera_info_is_heard(ros, rig, rig_file):
+    ros.start('reconstruction', rig=rig_file, pattern_settling=0.0)
+    state = ros.diagnostics('reconstruction')
+    clouds = ros.collect(PointCloud2, 'points')
+    pattern = ros.publisher(Image, 'projector/image_raw', PATTERNS)
+    pattern.publish(image_to_message(PATTERN.draw(), 1, 'projector'))
+    camera = ros.node.create_publisher(Image, 'camera/image_raw', BEST_EFFORT)
+    ros.until(camera.get_subscription_count)
+    photograph = Renderer(rig, PATTERN.draw()).render(SKIN)
+    stamp_ns = 1_000_000_000
+
+    def shown():
+        nonlocal stamp_ns
+        stamp_ns += 1_000_000
+        camera.publish(image_to_message(photograph, stamp_ns, 'eye'))
+        return clouds
+
+    ros.until(shown)
+
+    def told():
+        status = state()  # None before the first
+        pairs = status.values if status else ()
+        return {pair.key: pair.value for pair in pairs}.get('camera_info', '')
+
+    ros.until(lambda: "none came: the rig's own camera" in told())
+
+    # Once it comes, from a reliable publisher, the warning ends.
+    info = ros.publisher(CameraInfo, 'camera/camera_info')
+    size = rig.camera.width, rig.camera.height
+    info.publish(camera_info_message(rig.camera, size, stamp_ns, 'eye'))
+    ros.until(lambda: told() == 'comes')

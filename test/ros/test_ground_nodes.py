@@ -1,0 +1,160 @@
+"""downlink and ground_station as real processes, in two ROS domains."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip('zenoh', reason='Zenoh is not installed: the link to the ground is not tested')
+
+from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.coding.compressed_depth import depths
+from ftp_dent_ros.coding.view import View
+from ftp_dent_ros.pose import Pose
+
+
+@pytest.fixture
+def address():
+    import socket
+
+    with socket.socket() as free:
+        free.bind(('127.0.0.1', 0))
+        return f'127.0.0.1:{free.getsockname()[1]}'
+
+
+@pytest.fixture
+def ground(ros, domain, tmp_path):
+    """A node in the ground's domain; processes that it starts are there too."""
+    from ftp_dent_ros.supervision.domain import free_domain
+
+    with free_domain() as other:
+        assert other != domain
+        folder = tmp_path / 'ground'
+        folder.mkdir()
+        instance = type(ros)(other, folder)
+        yield instance
+        instance.close()
+
+
+def small_cloud(rig, seed):
+    view = View(rig.camera, 4)
+    rng = np.random.default_rng(seed)
+    depth = 0.7 + 0.05 * rng.random() + 0 * view.rays()[0]
+    depth[:5, :9] = np.nan
+    points = np.stack([*view.rays() * depth, depth], axis=2).astype('f4')
+    return Cloud(points, np.where(np.isfinite(depth), 20, 0).astype('f4'))
+
+
+def test_topics_and_commands_cross_the_link(
+    ros, ground, domain, rig, address, tmp_path, monkeypatch
+):
+    from diagnostic_msgs.msg import DiagnosticArray
+    from geometry_msgs.msg import PoseWithCovarianceStamped
+    from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
+    from std_srvs.srv import Trigger
+
+    from ftp_dent_ros.ros.messages import (
+        camera_info_message,
+        cloud_from_message,
+        cloud_to_message,
+        image_to_message,
+        make_header,
+        pose_to_message,
+        stamp_to_ns,
+    )
+    from ftp_dent_ros.ros.qos import CLOUDS, IMAGES, LATCHED, POSES
+
+    station = ground.start('ground_station', address=address)
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
+    downlink = ros.start('downlink', address=address, spool__folder=tmp_path / 'spool')
+    calls = []
+
+    def capture(_, response):
+        calls.append(1)
+        response.success, response.message = True, 'photograph taken'
+        return response
+
+    ros.node.create_service(Trigger, 'camera_capture/capture', capture)
+    points = ros.publisher(PointCloud2, 'points', CLOUDS)
+    pose = ros.publisher(PoseWithCovarianceStamped, 'tagged/camera_pose', POSES)
+    info = ros.publisher(CameraInfo, 'camera/camera_info', IMAGES)
+    image = ros.publisher(Image, 'camera/image_raw', IMAGES)
+    dents = ros.publisher(PointCloud2, 'dents/list', LATCHED)
+    got = {
+        name: ground.collect(kind, name, qos)
+        for name, kind, qos in (
+            ('points', PointCloud2, CLOUDS),
+            ('tagged/points', PointCloud2, CLOUDS),
+            ('preview/points', PointCloud2, CLOUDS),
+            ('tagged/camera_pose', PoseWithCovarianceStamped, POSES),
+            ('camera/image_raw', Image, IMAGES),
+            ('camera/camera_info', CameraInfo, IMAGES),
+            ('depth/image_raw/compressedDepth', CompressedImage, IMAGES),
+            ('dents/list', PointCloud2, LATCHED),
+            ('/diagnostics', DiagnosticArray, 10),
+        )
+    }
+    state = ground.diagnostics('ground_station')
+    ground.until(lambda: state() is not None and got['/diagnostics'])
+
+    where = Pose.from_rpy([0.1, 0.2, 0.3], [4.0, 5.0, 6.0])
+    stamp = 1_700_000_000_123_456_789
+    cloud = small_cloud(rig, 1)
+    info.publish(camera_info_message(rig.camera, (400, 260), stamp, 'camera_optical_frame'))
+    tagged = PoseWithCovarianceStamped(header=make_header(stamp, 'map'))
+    tagged.pose.pose = pose_to_message(where)
+    listed = cloud_to_message(cloud, stamp, 'map')
+
+    def both(condition):
+        def turn():
+            ros.executor.spin_once(timeout_sec=0.01)
+            return condition()
+
+        return ground.until(turn)
+
+    # Discovery joins publisher and subscriber one after the other.
+    both(lambda: info.get_subscription_count() and image.get_subscription_count())
+    pose.publish(tagged)
+    points.publish(cloud_to_message(cloud, stamp, 'camera_optical_frame'))
+    image.publish(image_to_message(np.full((260, 400, 3), 90, np.uint8), stamp, 'camera'))
+    dents.publish(listed)
+    both(lambda: all(got[name] for name in got))
+
+    arrived = got['points'][0]
+    assert stamp_to_ns(arrived.header.stamp) == stamp
+    assert arrived.header.frame_id == 'camera_optical_frame'
+    back = cloud_from_message(arrived)
+    np.testing.assert_allclose(back.points, cloud.points, atol=1e-6)
+    in_map = got['tagged/points'][0]
+    assert in_map.header.frame_id == 'map' and stamp_to_ns(in_map.header.stamp) == stamp
+    np.testing.assert_allclose(
+        cloud_from_message(in_map).points, cloud.transformed(where).points, atol=2e-6
+    )
+    assert got['tagged/camera_pose'][0] == tagged and got['dents/list'][0] == listed
+    assert abs(int(got['camera/image_raw'][0].data[0]) - 90) < 3
+    np.testing.assert_allclose(got['camera/camera_info'][0].k, rig.camera.camera_matrix.ravel())
+    assert len(got['points']) == len(got['tagged/points']) == 1
+
+    shown = depths(bytes(got['depth/image_raw/compressedDepth'][0].data))
+    np.testing.assert_allclose(shown, cloud.points[..., 2], atol=1e-5)
+
+    client = ground.node.create_client(Trigger, 'camera_capture/capture')
+    ground.until(client.service_is_ready)
+    future = client.call_async(Trigger.Request())
+    both(future.done)
+    assert future.result().success and future.result().message == 'photograph taken'
+    assert calls == [1]
+    assert downlink.stop() == 0 and station.stop() == 0
+
+
+@pytest.mark.parametrize('node', ['downlink', 'ground_station'])
+def test_an_open_link_beyond_this_machine_is_refused(ros, node):
+    process = ros.start(node, address='192.0.2.1:7447')
+    assert process.wait() == 2
+    assert process.output.count('\n') == 1 and 'without keys' in process.output
+
+
+def test_in_the_payloads_own_domain_the_ground_publishes_nothing(ros, address):
+    ros.start('downlink', address=address)
+    ros.start('ground_station', address=address)
+    state = ros.diagnostics('ground_station')
+    told = ros.until(lambda: state() and 'choose another ROS_DOMAIN_ID' in state().message)
+    assert told and state().level == b'\x02'
