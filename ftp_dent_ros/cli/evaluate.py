@@ -1,8 +1,9 @@
-"""``ftp-dent evaluate``: the paper's simulation and tables, with least squares beside them."""
+"""``ftp-dent evaluate``: the paper's tables with least squares beside them, or what is found."""
 
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
 
 from tqdm import tqdm
@@ -24,6 +25,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--quick', action='store_true', help='few photographs a row: under a minute'
     )
+    parser.add_argument(
+        '--pod',
+        action='store_true',
+        help='the probability of detection instead; a run that was ended is gone on with',
+    )
+    parser.add_argument(
+        '--dents', type=int, default=400, metavar='N', help='with --pod; default: %(default)s'
+    )
+    parser.add_argument(
+        '--blanks',
+        type=int,
+        default=1000,
+        metavar='N',
+        help='photographs without dents, with --pod; default: %(default)s',
+    )
+    parser.add_argument(
+        '--smallest-depth',
+        type=float,
+        default=0.05,
+        metavar='MM',
+        help='that is looked for, with --pod; default: %(default)g',
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -35,8 +58,36 @@ def run(arguments: argparse.Namespace) -> int:
         raise ConfigurationError(
             f'--output {folder} cannot be made ({error.strerror}): name another folder'
         ) from None
+    if arguments.pod:
+        return _detect(arguments, folder)
     with tqdm(total=steps(arguments.quick), unit='cloud', dynamic_ncols=True) as bar:
         measured = study(arguments.quick, bar.update)
     pages = write_pages(folder, measured)
     print('\n'.join(str(page) for page in pages))
+    return 0
+
+
+def _detect(arguments: argparse.Namespace, folder: Path) -> int:
+    # Few need it.
+    from ftp_dent_ros.evaluation.detection.page import write_page
+    from ftp_dent_ros.evaluation.detection.results import blanks_of, rows_of, sentence
+    from ftp_dent_ros.evaluation.detection.trials import TOGETHER, trials
+
+    for name in ('dents', 'blanks'):
+        if getattr(arguments, name) < 1:
+            raise ConfigurationError(
+                f'--{name} is {getattr(arguments, name)}: give a number above 0'
+            )
+    if not 0 < arguments.smallest_depth < 100:
+        raise ConfigurationError(
+            f'--smallest-depth is {arguments.smallest_depth:g}: give millimetres, above 0'
+        )
+    depth = arguments.smallest_depth / 1e3
+    total = math.ceil(arguments.dents / TOGETHER) + arguments.blanks
+    with tqdm(total=total, unit='photograph', dynamic_ncols=True) as bar:
+        taken = trials(folder, arguments.dents, arguments.blanks, depth, bar.update)
+    rows, blanks = rows_of(taken), blanks_of(taken)
+    page = write_page(folder, taken, rows, blanks, depth)
+    print(sentence(rows, blanks, depth))
+    print(page)
     return 0

@@ -9,16 +9,18 @@ from pathlib import Path
 from tqdm import tqdm
 
 from ftp_dent_ros.cli.reconstruct import is_photograph, read_image
-from ftp_dent_ros.cloud import read_ply
 from ftp_dent_ros.errors import CloudError, ConfigurationError
-from ftp_dent_ros.files import find
-from ftp_dent_ros.inspection.captured import Captured, viewpoint_of
-from ftp_dent_ros.inspection.inspection import inspect
-from ftp_dent_ros.inspection.report import Report, content_id, write_report
-from ftp_dent_ros.inspection.rules import Rules, read_rules, verdict
+from ftp_dent_ros.files import content_id, find
+from ftp_dent_ros.inspection.dent import MeasuredDent
+from ftp_dent_ros.inspection.measuring.inspection import inspect
+from ftp_dent_ros.inspection.observation import Observation, viewpoint_of
+from ftp_dent_ros.inspection.reporting.content import Report
+from ftp_dent_ros.inspection.reporting.files import write_report
+from ftp_dent_ros.inspection.reporting.rules import Rules, read_rules, verdict
+from ftp_dent_ros.inspection.reporting.survey import Survey
 from ftp_dent_ros.inspection.settings import Settings
-from ftp_dent_ros.inspection.survey import Survey
 from ftp_dent_ros.pattern import read_pattern
+from ftp_dent_ros.ply import read_ply
 from ftp_dent_ros.rig import Lens, read_rig
 
 _CAMERA_FRAME = 'camera_optical_frame'
@@ -90,7 +92,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def summary(report: Report) -> str:
     """A line a dent."""
-    lines = [f'{len(report.dents)} dents, {len(report.others)} bumps and steps']
+    lines = [f'{len(report.dents)} dents, {len(report.others)} others']
     for entry, findings in zip(report.dents, report.findings(), strict=True):
         dent = entry.dent
         line = (
@@ -98,16 +100,25 @@ def summary(report: Report) -> str:
             f'length {dent.length.value * 1e3:.1f} mm, width {dent.width.value * 1e3:.1f} mm'
         )
         line += ', cut' if dent.is_cut else ''
+        line += f', {dent.reason}' if dent.reason else ''
         line += f', seen {len(entry.sightings)} times' if len(report.frames) > 1 else ''
         lines.append(line + (f': {verdict(findings)}' if findings else ''))
+    lines += [_other(entry.dent) for entry in report.others]
+    if report.skipped:
+        lines.append(f'{len(report.skipped)} messages skipped, the first: {report.skipped[0]}')
     return '\n'.join(lines)
 
 
+def _other(dent: MeasuredDent) -> str:
+    sizes = f'{dent.depth.value * 1e3:.3f} mm, length {dent.length.value * 1e3:.1f} mm'
+    return f'      {dent.kind} {sizes}' + (f': {dent.reason}' if dent.reason else '')
+
+
 def _of_bag(arguments: argparse.Namespace, rules: Rules | None) -> Report:
-    # Only this needs ROS.
+    # Only this needs the libraries of bags.
+    from ftp_dent_ros.inspection.reporting.bag import survey_bag
+    from ftp_dent_ros.recording.clouds import count_clouds
     from ftp_dent_ros.recording.reader import open_bag
-    from ftp_dent_ros.ros.bag_clouds import count_clouds
-    from ftp_dent_ros.ros.bag_survey import survey_bag
 
     named, camera = _rig(arguments.rig)
     bag = open_bag(arguments.input)
@@ -121,8 +132,8 @@ def _of_cloud(arguments: argparse.Namespace, rules: Rules | None) -> Report:
     cloud, frame_id = read_ply(arguments.input)
     in_camera = frame_id == _CAMERA_FRAME
     viewpoint = (0.0, 0.0, 0.0) if in_camera else viewpoint_of(cloud)
-    captured = Captured(Path(arguments.input).name, cloud, viewpoint=viewpoint)
-    return _of_one(arguments, captured, frame_id, rules)
+    observation = Observation(Path(arguments.input).name, cloud, viewpoint=viewpoint)
+    return _of_one(arguments, observation, frame_id, rules)
 
 
 def _of_photograph(arguments: argparse.Namespace, rules: Rules | None) -> Report:
@@ -139,17 +150,18 @@ def _of_photograph(arguments: argparse.Namespace, rules: Rules | None) -> Report
     )
     image = read_image(arguments.input)
     measured = reconstructor.measure(image)
-    noise = None if measured.quality is None else measured.quality.standard_deviation()
-    captured = Captured(Path(arguments.input).name, measured.cloud, noise=noise, photograph=image)
-    return _of_one(arguments, captured, _CAMERA_FRAME, rules)
+    observation = Observation(
+        Path(arguments.input).name, measured.cloud, coverage=measured.coverage, photograph=image
+    )
+    return _of_one(arguments, observation, _CAMERA_FRAME, rules)
 
 
 def _of_one(
-    arguments: argparse.Namespace, captured: Captured, frame_id: str, rules: Rules | None
+    arguments: argparse.Namespace, observation: Observation, frame_id: str, rules: Rules | None
 ) -> Report:
     named, camera = _rig(arguments.rig)
     survey = Survey(inspect, settings=_settings(arguments))
-    if survey.add(captured) is None:
+    if survey.add(observation) is None:
         raise CloudError(survey.refused[0])
     in_camera = frame_id == _CAMERA_FRAME
     return survey.report(arguments.input, frame_id, named, camera if in_camera else None, rules)

@@ -44,6 +44,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--system-id', type=int, default=0, help='of the autopilot; default: the first heard'
     )
     parser.add_argument('--component-id', type=int, default=1, help='default: %(default)s')
+    parser.add_argument(
+        '--position-source',
+        choices=('gps', 'other'),
+        default=default.position_source,
+        help='as of the bridge; default: %(default)s',
+    )
+    parser.add_argument(
+        '--maximum-clock-error',
+        type=float,
+        default=default.maximum_clock_error,
+        metavar='SECONDS',
+        help='as of the bridge; default: %(default)s',
+    )
     parser.add_argument('--signing-key', default='', metavar='FILE', help='as of the bridge')
 
 
@@ -53,6 +66,8 @@ def run(arguments: argparse.Namespace) -> int:
         system_id=arguments.system_id,
         component_id=arguments.component_id,
         rate=arguments.rate,
+        position_source=arguments.position_source,
+        maximum_clock_error=arguments.maximum_clock_error,
     )
     key = read_key(arguments.signing_key) if arguments.signing_key else b''
     link = Link(arguments.address, arguments.baud, settings, signing_key=key)
@@ -65,7 +80,8 @@ def run(arguments: argparse.Namespace) -> int:
     verdict = judge(state, arguments.address)
     print('\n'.join(_who(state, speakers)))
     if state.vehicle.identity is not None:
-        print('\n'.join([*_streams(state, speakers, arguments.rate), *_clock(state), *_pose(tag)]))
+        lines = _streams(state, speakers, arguments.rate)
+        print('\n'.join([*lines, *_clock(state), *_gps(state), *_pose(tag)]))
     if verdict.severity != 'ok':
         print(f'\nNO GO: {verdict.text}')
         return 1
@@ -101,6 +117,22 @@ def _settled_tag(link: Link) -> Tag | PoseError:
         return error
 
 
+def _gps(state: LinkState) -> list[str]:
+    gps = state.vehicle.gps
+    if gps is None:
+        return []
+    satellites = 'unknown' if gps.satellites is None else gps.satellites
+    lines = [f'GPS          {gps.fix}, {satellites} satellites']
+    if gps.across is not None and gps.up is not None:
+        lines[0] += f', to within {gps.across:.1f} m across and {gps.up:.1f} m up'
+    if gps.apart_across is not None and gps.apart_up is not None:
+        lines.append(
+            f'             the estimate is {gps.apart_across:.1f} m across and '
+            f'{abs(gps.apart_up):.1f} m up from it'
+        )
+    return lines
+
+
 def _pose(tag: Tag | PoseError) -> list[str]:
     if isinstance(tag, PoseError):
         return [f'pose         none: {tag}']
@@ -108,11 +140,13 @@ def _pose(tag: Tag | PoseError) -> list[str]:
     ahead = tag.pose.rotation.apply([1.0, 0.0, 0.0])
     heading = np.degrees(np.arctan2(ahead[0], ahead[1])) % 360
     deviations = np.sqrt(np.diag(tag.covariance))
+    across, above = 1e3 * deviations[:2].max(), 1e3 * deviations[2]
     return [
         f'pose         {north:.2f} m north, {east:.2f} m east, {up:.2f} m up, heading '
         f'{heading:.0f} degrees',
-        f'             to within {1e3 * deviations[:3].max():.0f} mm and '
+        f'             to within {across:.0f} mm across, {above:.0f} mm up and '
         f'{np.degrees(deviations[3:].max()):.1f} degrees, without the mount',
+        '             and without what GPS, barometer and compass wander over minutes',
     ]
 
 

@@ -16,8 +16,11 @@ COMMANDS = {
     'up': "run a configuration's nodes and keep them running",
     'reconstruct': 'one photograph to a point cloud',
     'inspect': 'a cloud, a photograph or a bag to its dents and their report',
+    'calibrate': 'a board under projected patterns to rig.yaml',
     'evaluate': "the paper's simulation and tables, and least squares beside them",
+    'preflight': 'whether a running payload is fit to take off with',
     'link-check': "who is on the autopilot's link, and whether it is fit to fly",
+    'ground': "the payload's topics on the ground, over a thin link",
     'record': 'record topics to an MCAP bag',
     'replay': 'publish the messages of a bag',
     'recover': 'mend a bag whose recorder was killed',
@@ -69,6 +72,8 @@ def _advice(package: str) -> str:
             "install it with `pip install '.[bags]'`, or where ROS 2 is installed "
             'use `ros2 bag`, which writes and reads the same bags'
         )
+    if package in ('jinja2', 'matplotlib'):
+        return "install it with `pip install '.[reports]'`"
     return 'see "Install" in the README'
 
 

@@ -13,10 +13,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.cloud import write_ply
 from ftp_dent_ros.errors import CloudError, ImageError
 from ftp_dent_ros.files import find
 from ftp_dent_ros.pattern import read_pattern
+from ftp_dent_ros.ply import write_ply
 from ftp_dent_ros.profilometry import METHODS, UNWRAPPINGS, Reconstructor, Settings
 from ftp_dent_ros.rig import read_rig
 
@@ -35,16 +35,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--output', required=True, metavar='CLOUD.ply', help='point cloud to write'
     )
-    parser.add_argument('--method', choices=METHODS, default=default.method)
-    parser.add_argument('--unwrapping', choices=UNWRAPPINGS, default=default.unwrapping)
+    parser.add_argument('--method', choices=tuple(METHODS), default=default.method)
     parser.add_argument(
-        '--tau', type=float, default=default.tau, help="gain of Estrada's unwrapping, 0 to 1"
+        '--unwrapping', choices=UNWRAPPINGS, help='of the Fourier methods; itoh by default'
+    )
+    parser.add_argument(
+        '--tau', type=float, help="gain of Estrada's unwrapping, 0 to 1; 0.8 by default"
     )
     parser.add_argument(
         '--stride', type=int, default=default.stride, metavar='N', help='every N-th pixel only'
     )
     parser.add_argument(
-        '--fast', action='store_true', help='least squares: one correction instead of two'
+        '--fast',
+        action='store_true',
+        default=None,
+        help='least squares: correct once, not twice',
     )
 
 
@@ -74,6 +79,12 @@ def run(arguments: argparse.Namespace) -> int:
             f'depth {middle:.3f} m ({low:.3f} to {high:.3f} m but for 1 % at each end), '
             f'red stripe at {measurement.stripe_depth:.3f} m'
         )
+        if np.isfinite(cloud.sigma).any():
+            sigma = 1e3 * np.nanpercentile(cloud.sigma[cloud.valid], [50, 95])
+            print(f'standard uncertainty {sigma[0]:.4f} mm, below {sigma[1]:.4f} mm for 95 %')
+    print(f'{measurement.coverage.share:.1%} of the lit area has points')
+    for remark in measurement.coverage.remarks:
+        print(f'  {remark}')
     return 0
 
 

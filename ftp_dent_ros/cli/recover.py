@@ -7,6 +7,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
+from ftp_dent_ros.errors import printable
 from ftp_dent_ros.recording.recovery import Recovery, mcap_files, recover
 
 
@@ -31,9 +32,9 @@ def _report(recovery: Recovery, arguments: argparse.Namespace) -> None:
     counts = recovery.message_counts
     print(f'{arguments.output}: {sum(counts.values())} messages of {len(counts)} topics')
     for topic in sorted(counts):
-        print(f'  {counts[topic]:8d}  {topic}')
+        print(f'  {counts[topic]:8d}  {printable(topic)}')
     for name, size in recovery.cut.items():
-        print(f'{name}: cut {size} bytes at the end, which hold no whole message')
+        print(f'{printable(name)}: cut {size} bytes at the end, which hold no whole message')
     if recovery.damaged:
         print(f'left out {recovery.damaged} damaged chunks or records')
     for reason in recovery.skipped.values():

@@ -9,9 +9,9 @@ from pathlib import Path
 
 from ftp_dent_ros.errors import BagError
 from ftp_dent_ros.recording.reader import Bag, open_bag
+from ftp_dent_ros.recording.ros.player import Player
 from ftp_dent_ros.recording.selection import Selection
 from ftp_dent_ros.recording.topic import Topic
-from ftp_dent_ros.ros.player import Player
 from ftp_dent_ros.ros.session import session
 
 

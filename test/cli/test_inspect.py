@@ -11,9 +11,10 @@ import pytest
 from dent_samples import DENTED, noisy_cloud
 
 from ftp_dent_ros.cli.main import main
-from ftp_dent_ros.cloud import Cloud, write_ply
+from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.files import find
 from ftp_dent_ros.pattern import read_pattern
+from ftp_dent_ros.ply import write_ply
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig import read_rig
 from ftp_dent_ros.simulation import Photometry, Renderer
@@ -43,7 +44,7 @@ def refusal(capsys, *words):
 
 def test_a_cloud_gives_its_dents_and_their_verdicts(tmp_path, capsys, cloud):
     write_ply(tmp_path / 'cloud.ply', cloud, 'camera_optical_frame')
-    words = ('--rules', 'example_rules.yaml', '--rig', 'rig.yaml')
+    words = ('--rules', 'shipped:example_rules.yaml', '--rig', 'shipped:rig.yaml')
     data = inspected(tmp_path / 'out', tmp_path / 'cloud.ply', *words)
     assert [dent['depth_mm'] for dent in data['dents']] == pytest.approx([2, 1], abs=0.02)
     for dent, true in zip(data['dents'], TRUTH, strict=True):
@@ -53,7 +54,7 @@ def test_a_cloud_gives_its_dents_and_their_verdicts(tmp_path, capsys, cloud):
     assert all(dent['verdict'] for dent in data['dents'])
     assert data['frame_id'] == 'camera_optical_frame' and len(data['rig']['id']) == 12
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0] == '2 dents, 0 bumps and steps'
+    assert lines[0] == '2 dents, 0 others'
     deepest = data['dents'][0]
     assert lines[1].endswith(f'width {deepest["width_mm"]:.1f} mm: exceeds')
 
@@ -75,11 +76,11 @@ def test_a_cloud_in_the_map_is_seen_from_its_outside(tmp_path, cloud):
 
 
 def test_a_photograph_is_reconstructed_and_shown_with_its_dents(tmp_path):
-    rig, pattern = read_rig(find('rig.yaml')), read_pattern(find('pattern.yaml'))
+    rig, pattern = read_rig(find('shipped:rig.yaml')), read_pattern(find('shipped:pattern.yaml'))
     light = Photometry(reference_distance=0.6)
     image = Renderer(rig, pattern.draw(), light).render(DENTED, np.random.default_rng(1))
     cv2.imwrite(str(tmp_path / 'photo.png'), image[..., ::-1])
-    words = ('--rig', 'rig.yaml', '--pattern', 'pattern.yaml')
+    words = ('--rig', 'shipped:rig.yaml', '--pattern', 'shipped:pattern.yaml')
     data = inspected(tmp_path / 'out', tmp_path / 'photo.png', *words)
     assert data['dents'][0]['depth_mm'] == pytest.approx(2, abs=0.05)
     assert 'data:image/jpeg' in (tmp_path / 'out/report.html').read_text()

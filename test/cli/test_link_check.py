@@ -40,6 +40,7 @@ def test_a_link_that_is_fit_is_a_go(port, wire, capsys) -> None:
     assert 'estimator    ready' in out
     assert 'clock        known, to within ' in out and 'round trip ' in out
     assert 'pose         3.00 m north, 2.00 m east, 1.00 m up, heading 0 degrees' in out
+    assert 'GPS          3d fix, 12 satellites' in out
     assert '0 of ' in out
 
 
@@ -51,6 +52,23 @@ def test_an_estimator_that_is_not_ready_is_no_go(port, wire, capsys) -> None:
     assert 'pose         none: ' in out
     beats = {(m.get_srcSystem(), m.get_srcComponent()) for m in autopilot.heard('HEARTBEAT')}
     assert beats == {(1, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER)}
+
+
+def test_an_estimator_that_is_never_heard_of_is_no_go(port, wire, capsys) -> None:
+    with HoveringAutopilot(wire) as autopilot:
+        autopilot.reports = False
+        assert main(['link-check', f'udpin:{port}', '--seconds', '4']) == 1
+    out = capsys.readouterr().out
+    assert 'NO GO: the autopilot does not report the state of its estimator' in out
+    assert 'pose         none: ' in out
+
+
+def test_a_vehicle_without_gps_is_no_go_unless_that_is_said(port, wire, capsys) -> None:
+    with HoveringAutopilot(wire) as autopilot:
+        autopilot.fix_type = 1
+        assert main(['link-check', f'udpin:{port}', '--seconds', '2']) == 1
+        assert 'NO GO: GPS has no fix' in capsys.readouterr().out
+        assert main(['link-check', f'udpin:{port}', '--position-source', 'other']) == 0
 
 
 def test_nobody_on_the_link_is_no_go(port, capsys) -> None:

@@ -10,8 +10,8 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.cli.main import main
-from ftp_dent_ros.cloud import read_ply
 from ftp_dent_ros.pattern import Pattern, read_pattern, write_pattern
+from ftp_dent_ros.ply import read_ply
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.rig import Lens, Rig, read_rig, write_rig
@@ -81,9 +81,12 @@ def test_a_photograph_becomes_a_cloud(folder):
     assert frame_id == 'camera_optical_frame'
     off = np.abs(SKIN.distance(cloud.points[cloud.valid]))
     assert off.mean() < 1e-4
-    first, second = done.stdout.splitlines()
+    first, second, third, fourth, fifth = done.stdout.splitlines()
     assert first.startswith(f'{folder}/cloud.ply: {cloud.valid.sum()} points, ')
     assert second.startswith('depth 0.65')
+    assert third.startswith('standard uncertainty 0.0')
+    assert fourth.endswith('of the lit area has points') and float(fourth.split('%')[0]) > 95
+    assert fifth.endswith('could not be checked'), 'no rim of the frame is in view'
     assert not list(folder.glob('.*'))
 
 

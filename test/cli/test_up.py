@@ -4,10 +4,11 @@ import time
 
 import pytest
 
-from ftp_dent_ros.cli import main, up
+from ftp_dent_ros.cli import main
 from ftp_dent_ros.errors import ConfigurationError
-from ftp_dent_ros.ros.process_log import ProcessLog
-from ftp_dent_ros.ros.processes import Processes, Program
+from ftp_dent_ros.supervision.process_log import ProcessLog
+from ftp_dent_ros.supervision.processes import Processes, Program
+from ftp_dent_ros.supervision.respawn import keep_running
 
 BARE = (sys.executable, '-I', '-S', '-c')
 
@@ -24,7 +25,7 @@ class Run:
             return len(self.lines) >= lines
 
         with Processes(lambda name, line: self.lines.append((name, line))) as self.processes:
-            self.status = up.keep_running(
+            self.status = keep_running(
                 programs, self.processes, self.said.append, stopping, first_delay=0.01
             )
 

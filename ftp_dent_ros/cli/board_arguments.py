@@ -1,0 +1,94 @@
+"""The arguments that describe a board and what is projected on it."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from pathlib import Path
+
+from ftp_dent_ros.calibration.board import Board
+from ftp_dent_ros.calibration.sequence import Sequence
+from ftp_dent_ros.calibration.session import FILE, Session, read_session
+from ftp_dent_ros.errors import ConfigurationError
+
+
+def add_board_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare them; lengths are in millimetres, as on a ruler."""
+    parser.add_argument('--board', metavar='CxR', help='inner corners along x and y, as 10x7')
+    parser.add_argument('--square', type=float, metavar='MM', help='side of a square')
+    parser.add_argument(
+        '--charuco', default='', metavar='DICT', help='dictionary of a ChArUco board, DICT_5X5_250'
+    )
+    parser.add_argument('--marker', type=float, default=0.0, metavar='MM', help='side of a marker')
+    parser.add_argument(
+        '--legacy', action='store_true', help='ChArUco board made before OpenCV 4.6'
+    )
+    parser.add_argument('--projector', metavar='WxH', help="the projector's pixels, as 1280x720")
+    parser.add_argument(
+        '--period', type=int, metavar='PX', help='of shifted fringes; 0: Gray codes alone'
+    )
+    parser.add_argument('--steps', type=int, metavar='N', help='photographs a period')
+    parser.add_argument(
+        '--baseline',
+        type=float,
+        default=0.0,
+        metavar='MM',
+        help='distance between the lenses by the tape: the check that squares have the size given',
+    )
+
+
+def session_of(arguments: argparse.Namespace, folder: Path | None = None) -> Session:
+    """What the arguments say, and the folder's ``calibration.yaml`` where they say nothing.
+
+    Raises
+    ------
+    ConfigurationError
+        Board or projector are described nowhere.
+    """
+    known = read_session(folder) if folder and (folder / FILE).is_file() else None
+    baseline = 1e-3 * arguments.baseline or (known.baseline if known else 0.0)
+    return Session(_board(arguments, known), _sequence(arguments, known), baseline)
+
+
+def _board(arguments: argparse.Namespace, known: Session | None) -> Board:
+    if arguments.board is None and arguments.square is None and known:
+        return known.board
+    if arguments.board is None or arguments.square is None:
+        raise ConfigurationError(
+            'the board is not known: give --board with its inner corners (10x7) and --square with '
+            'the side of a square in millimetres, measured on the print'
+        )
+    columns, rows = _pair('--board', arguments.board)
+    return Board(
+        columns,
+        rows,
+        1e-3 * arguments.square,
+        arguments.charuco,
+        1e-3 * arguments.marker,
+        arguments.legacy,
+    )
+
+
+def _sequence(arguments: argparse.Namespace, known: Session | None) -> Sequence:
+    default = known.sequence if known else None
+    if arguments.projector is not None:
+        width, height = _pair('--projector', arguments.projector)
+    elif default:
+        width, height = default.width, default.height
+    else:
+        raise ConfigurationError(
+            "the projector's size is not known: give --projector, as 1280x720"
+        )
+    period = arguments.period
+    if period is None:
+        # Photographs of another tool's are Gray codes, unless they say what they are.
+        period = default.period if default else 0
+    steps = arguments.steps or (default.steps if default else 6)
+    return Sequence(width, height, period, steps)
+
+
+def _pair(option: str, text: str) -> tuple[int, int]:
+    found = re.fullmatch(r'(\d{1,5})[x×X](\d{1,5})', text)
+    if not found:
+        raise ConfigurationError(f'{option} is {text!r}: give two whole numbers, as 10x7')
+    return int(found.group(1)), int(found.group(2))

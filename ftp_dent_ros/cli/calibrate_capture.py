@@ -1,0 +1,166 @@
+"""``ftp-dent calibrate capture``: photographs of a board, pose by pose, through the nodes."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import math
+import shutil
+import sys
+import threading
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from ftp_dent_ros.calibration.guidance import covered, next_pose
+from ftp_dent_ros.calibration.observation import Observation
+from ftp_dent_ros.calibration.observing import observe
+from ftp_dent_ros.calibration.response import projector_delay, response
+from ftp_dent_ros.calibration.sequence import Frame
+from ftp_dent_ros.calibration.session import Session, write_session
+from ftp_dent_ros.cli.board_arguments import add_board_arguments, session_of
+from ftp_dent_ros.errors import CalibrationError, ConfigurationError
+
+if TYPE_CHECKING:
+    from ftp_dent_ros.ros.photographer import Photographer
+
+# A projector that is brightened as if for films: fringes get harmonics.
+_LINEAR = 0.15
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the step's arguments."""
+    parser.add_argument('folder', type=Path, metavar='DIR', help='where the poses go; new')
+    parser.add_argument('--poses', type=int, default=15, help='default: %(default)s')
+    parser.add_argument('--namespace', default='', help="of the payload's nodes, if they have one")
+    add_board_arguments(parser)
+    parser.set_defaults(period=16)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Guide through the poses: 0 if all were taken, else 1."""
+    if importlib.util.find_spec('rclpy') is None:
+        raise ConfigurationError('needs rclpy, which is not here: see "Install" in the README')
+    # Only here: the other steps run without ROS.
+    from ftp_dent_ros.ros.photographer import Photographer
+    from ftp_dent_ros.ros.session import session as ros_session
+
+    folder = arguments.folder
+    if folder.exists() and any(folder.iterdir()):
+        raise ConfigurationError(f'{folder}: is not empty: give a new folder')
+    remap = ['-r', f'__ns:={arguments.namespace}'] if arguments.namespace else []
+    with ros_session('calibration', remap) as (node, stop):
+        rig = Photographer(node, stop)
+        try:
+            size = rig.projector_size()
+            if arguments.projector is None:
+                arguments.projector = f'{size[0]}x{size[1]}'
+            session = session_of(arguments)
+            if size != (session.sequence.width, session.sequence.height):
+                raise ConfigurationError(
+                    f'--projector is {arguments.projector}, and {size[0]}x{size[1]} pixels are '
+                    'projected: leave it out, or correct the pattern'
+                )
+            session = _measured(rig, session)
+            write_session(folder, session)
+            taken = _take_poses(rig, session, folder, arguments.poses, stop)
+        finally:
+            rig.close()
+    print(f'\n{folder}: {taken} poses. Now: ftp-dent calibrate solve {folder}')
+    return 0 if taken >= arguments.poses else 1
+
+
+def _measured(rig: Photographer, session: Session) -> Session:
+    """Delay and response of the projector, measured and said."""
+    size = session.sequence.width, session.sequence.height
+    _say('measuring the projector: point it at the board, or at a wall ...')
+    delay = projector_delay(rig.show, rig.photograph, size)
+    rig.delay_ns = round(1e9 * delay)
+    _, gamma = response(rig.show, rig.photograph, size, rig.delay_ns)
+    _say(f'the projector shows an image {1e3 * delay:.0f} ms after it is told to')
+    if not math.isfinite(gamma):
+        _say('its response is not known: white is clipped or dark; change the exposure')
+        gamma = 0.0
+    elif abs(gamma - 1) > _LINEAR:
+        _say(
+            f'its light follows the grey level to the power {gamma:.2f}: fringes are no '
+            'sinusoids; choose a linear picture mode if it has one (the calibration bears it)'
+        )
+    else:
+        _say(f'its light follows the grey level (exponent {gamma:.2f})')
+    return replace(session, delay=delay, gamma=gamma)
+
+
+def _take_poses(
+    rig: Photographer, session: Session, folder: Path, wanted: int, stop: threading.Event
+) -> int:
+    seen: list[Observation] = []
+    camera_size = (0, 0)
+    sequence, board = session.sequence, session.board
+    while len(seen) < wanted and not stop.is_set():
+        advice = next_pose(seen, board, camera_size, (sequence.width, sequence.height))
+        _say(f'\npose {len(seen) + 1} of {wanted}: {advice.sentence}')
+        if math.isfinite(advice.depth_deviation):
+            _say(
+                f'  so far: depth known to {1e3 * advice.depth_deviation:.3f} mm, '
+                f'{100 * covered(seen, camera_size):.0f} % of the image covered'
+            )
+        if not _confirmed():
+            break
+        name = f'pose_{len(seen):02d}'
+        try:
+            first = rig.take(sequence.draw(Frame('white')))
+            board.find(first)  # before half a minute of photographs
+            photographs = _photograph(rig, session, stop)
+            sight = observe(name, photographs, sequence, board)
+        except CalibrationError as reason:
+            _say(f'  refused: {reason}')
+            continue
+        camera_size = first.shape[1], first.shape[0]
+        _keep(folder / name, session, photographs)
+        seen.append(sight.observation)
+        _say(
+            f'  taken: edges {sight.blur_px:.1f} pixels soft, contrast {sight.contrast:.0f} grey '
+            f'levels, moved by {sight.moved_px:.2f} pixels'
+        )
+        for remark in sight.remarks:
+            _say(f'  note: {remark}')
+    return len(seen)
+
+
+def _photograph(
+    rig: Photographer, session: Session, stop: threading.Event
+) -> dict[Frame, NDArray[np.uint8]]:
+    taken = {}
+    for frame in tqdm(session.sequence.frames, desc='  photographs', leave=False):
+        if stop.is_set():
+            raise KeyboardInterrupt
+        taken[frame] = rig.take(session.sequence.draw(frame))
+    return taken
+
+
+def _keep(folder: Path, session: Session, taken: dict[Frame, NDArray[np.uint8]]) -> None:
+    """Write a pose's photographs; a folder under that name is whole or not there."""
+    aside = folder.with_name(f'.{folder.name}')
+    shutil.rmtree(aside, ignore_errors=True)
+    aside.mkdir(parents=True)
+    for number, frame in enumerate(session.sequence.frames):
+        if not cv2.imwrite(str(aside / f'{frame.name}_{number:02d}.png'), taken[frame]):
+            raise ConfigurationError(f'{aside}: cannot be written: make room on the disk')
+    aside.rename(folder)
+
+
+def _confirmed(read: Callable[[], str] = sys.stdin.readline) -> bool:
+    _say('  Enter takes it, q ends')
+    answer = read()
+    return bool(answer) and answer.strip().lower() not in ('q', 'quit')
+
+
+def _say(text: str) -> None:
+    print(text, flush=True)

@@ -1,0 +1,77 @@
+"""``ftp-dent calibrate check``: whether a rig still holds, from one photograph."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+
+import numpy as np
+
+from ftp_dent_ros.calibration.checking import adjusted, check
+from ftp_dent_ros.cli.reconstruct import read_image
+from ftp_dent_ros.errors import ConfigurationError, RefusedFrameError
+from ftp_dent_ros.files import find
+from ftp_dent_ros.pattern import read_pattern
+from ftp_dent_ros.profilometry import Reconstructor, Settings
+from ftp_dent_ros.rig import read_rig, write_rig
+
+# Points are many more than the check needs.
+_STRIDE = 4
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the step's arguments."""
+    parser.add_argument(
+        'image', metavar='IMAGE', help='photograph of a flat wall under the flight pattern'
+    )
+    parser.add_argument('--rig', required=True, metavar='RIG.yaml', help='rig to check')
+    parser.add_argument('--pattern', required=True, metavar='PATTERN.yaml')
+    parser.add_argument(
+        '--skin', action='store_true', help='a smooth skin, not a wall: tells less'
+    )
+    parser.add_argument(
+        '--flatness',
+        type=float,
+        default=0.1,
+        metavar='MM',
+        help='how flat the wall is (standard deviation at its border); default: %(default)s',
+    )
+    parser.add_argument(
+        '--adjust', type=Path, metavar='NEW.yaml', help='write the rig with the drift taken out'
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Check and say: 0 holds, 1 does not."""
+    path = find(arguments.rig)
+    if arguments.adjust and arguments.adjust.exists():
+        raise ConfigurationError(
+            f'{arguments.adjust}: is there, and a rig is never overwritten: give a new name'
+        )
+    if not arguments.flatness > 0:
+        raise ConfigurationError(f'--flatness is {arguments.flatness:g}: give millimetres')
+    flatness = math.inf if arguments.skin else 1e-3 * arguments.flatness
+    rig, pattern = read_rig(path), read_pattern(find(arguments.pattern))
+    image = read_image(arguments.image)
+    try:
+        cloud = Reconstructor(rig, pattern, Settings(stride=_STRIDE)).measure(image).cloud
+    except RefusedFrameError as reason:
+        raise ConfigurationError(f'{arguments.image}: {reason}') from None
+    found = check(rig, pattern, image, cloud.points, flatness=flatness)
+    print(f'rig {rig.id}, {found.rim_points} places on the rim of the frame')
+    for name, turn, deviation, drift in zip(
+        ('pitch', 'yaw', 'roll'),
+        np.degrees(found.turn),
+        np.degrees(found.deviation),
+        found.drift_px,
+        strict=True,
+    ):
+        known = ', not known' if name in found.unknown else ''
+        print(f'  {name:6}{turn:+8.3f} +- {deviation:.3f} degrees {drift:+7.2f} pixels{known}')
+    print(found.sentence)
+    if arguments.adjust:
+        new = adjusted(rig, found)
+        write_rig(arguments.adjust, new)
+        print(f'{arguments.adjust}: rig {new.id}, without a covariance: calibrate when you can')
+    return 0 if found.holds else 1

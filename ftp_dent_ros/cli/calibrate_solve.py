@@ -1,0 +1,90 @@
+"""``ftp-dent calibrate solve``: folders of photographs to ``rig.yaml`` and a page."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from tqdm import tqdm
+
+from ftp_dent_ros.calibration.page import depth_words, write_page
+from ftp_dent_ros.calibration.photographs import find_poses
+from ftp_dent_ros.calibration.session import see_poses
+from ftp_dent_ros.calibration.solving import STEPS, Solution, solve
+from ftp_dent_ros.cli.board_arguments import add_board_arguments, session_of
+from ftp_dent_ros.errors import CalibrationError
+from ftp_dent_ros.rig import write_rig
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the step's arguments."""
+    parser.add_argument(
+        'folder',
+        type=Path,
+        metavar='DIR',
+        help='a folder a pose, the photographs numbered as they were projected',
+    )
+    parser.add_argument(
+        '--output', type=Path, metavar='RIG.yaml', help='rig to write; default: DIR/rig.yaml'
+    )
+    parser.add_argument(
+        '--page', type=Path, metavar='PAGE.html', help='page to write; default: beside the rig'
+    )
+    add_board_arguments(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Solve, write the rig and its page, and say how good it is."""
+    session = session_of(arguments, arguments.folder)
+    output = arguments.output or arguments.folder / 'rig.yaml'
+    page = arguments.page or output.with_suffix('.html')
+    with tqdm(total=len(find_poses(arguments.folder)), desc='reading poses', unit='pose') as bar:
+        sights, left_out, size = see_poses(arguments.folder, session, _shown_on(bar))
+    for sight in sights:
+        for remark in sight.remarks:
+            print(f'{sight.observation.name}: {remark}')
+    for sentence in left_out:
+        print(f'left out: {sentence}')
+    with tqdm(total=STEPS, desc='solving', unit='step') as bar:
+        try:
+            solution = solve(
+                [sight.observation for sight in sights],
+                session.board,
+                size,
+                (session.sequence.width, session.sequence.height),
+                session.baseline,
+                progress=_shown_on(bar),
+            )
+        except CalibrationError as reason:
+            hint = f' (left out before: {left_out[0]})' if left_out else ''
+            raise CalibrationError(f'{arguments.folder}: {reason}{hint}') from None
+        bar.update(STEPS - bar.n)
+    left_out += [f'{name}: {reason}' for name, reason in solution.excluded.items()]
+    write_page(page, solution, left_out)
+    write_rig(output, solution.rig)
+    sys.stdout.write('\n'.join(_summary(solution, output, page)) + '\n')
+    return 0
+
+
+def _shown_on(bar: tqdm) -> Callable[[str], None]:
+    def step(name: str) -> None:
+        bar.set_postfix_str(name)
+        bar.update()
+
+    return step
+
+
+def _summary(solution: Solution, output: Path, page: Path) -> list[str]:
+    lines = [f'{name}: {reason}' for name, reason in solution.excluded.items()]
+    lines += ['', f'{"RMS, pixels":24}{"camera":>10}{"projector":>11}{"stereo":>9}']
+    rows = [(f'{len(solution.observations)} poses', solution.estimate.rms())]
+    if solution.held_out:
+        rows.append(('held out, half by half', solution.held_out.rms))
+    lines += [f'{name:24}{a:10.3f}{b:11.3f}{c:9.3f}' for name, (a, b, c) in rows]
+    lines += ['', depth_words(solution)]
+    lines += [f'note: {remark}' for remark in solution.remarks]
+    if solution.outliers:
+        lines.append(f'note: {len(solution.outliers)} corners are far off; the page names them')
+    return [*lines, f'{output}: rig {solution.rig.id}', f'{page}: residuals, coverage, OpenCV']

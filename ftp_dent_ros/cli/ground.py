@@ -1,0 +1,159 @@
+"""``ftp-dent ground``: the payload's topics on the ground, over a thin link."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import importlib.util
+import json
+import os
+import queue
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ftp_dent_ros.cli.up import keep_running
+from ftp_dent_ros.errors import ConfigurationError, InputError
+from ftp_dent_ros.ground.item import Item
+from ftp_dent_ros.ground.keys import make_keys
+from ftp_dent_ros.ground.link import Link, Security, endpoint
+from ftp_dent_ros.supervision import transport
+from ftp_dent_ros.supervision.process_log import ProcessLog
+from ftp_dent_ros.supervision.processes import Processes, Program
+from ftp_dent_ros.supervision.signals import stop_event
+
+if TYPE_CHECKING:
+    from ftp_dent_ros.ground.foxglove_server import FoxgloveServer
+    from ftp_dent_ros.ground.page.server import Page
+
+_PARTICIPANTS = 4  # the node, a recorder and two viewers, for the share of the shared memory
+_QUEUE = 64  # items that wait to be shown
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument(
+        'address', nargs='?', metavar='ADDRESS', help='HOST or HOST:PORT of the downlink'
+    )
+    parser.add_argument('--keys', type=Path, metavar='DIR', help='keys of the link')
+    parser.add_argument(
+        '--open', action='store_true', help='use the link without keys beyond this machine'
+    )
+    parser.add_argument('--name', default='payload', help='name of the payload')
+    parser.add_argument(
+        '--station', default='', help="name of this ground (default: the machine's)"
+    )
+    parser.add_argument(
+        '--domain', type=int, metavar='N', help="the ground's ROS domain (default: the shell's)"
+    )
+    parser.add_argument(
+        '--web',
+        nargs='?',
+        const='127.0.0.1:8080',
+        default='',
+        metavar='HOST:PORT',
+        help='serve a page for browsers (default: 127.0.0.1:8080); works without ROS too',
+    )
+    parser.add_argument(
+        '--foxglove',
+        nargs='?',
+        const='127.0.0.1:8765',
+        default='',
+        metavar='HOST:PORT',
+        help='serve a Foxglove WebSocket (default: 127.0.0.1:8765); works without ROS too',
+    )
+    parser.add_argument(
+        '--make-keys', type=Path, metavar='DIR', help='make the keys of a link, and end'
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run until SIGINT or SIGTERM."""
+    if arguments.make_keys is not None:
+        return _make_keys(arguments.make_keys)
+    if arguments.address is None:
+        raise ConfigurationError("the drone's address is missing: give HOST or HOST:PORT")
+    endpoint(arguments.address, Security(arguments.keys, arguments.open), 'ground')
+    alone = importlib.util.find_spec('rclpy') is None
+    if alone and (arguments.web or arguments.foxglove):
+        return _run_shows(arguments)
+    return _run_node(arguments)
+
+
+def _run_shows(arguments: argparse.Namespace) -> int:
+    """The page and the WebSocket alone: this machine has no ROS."""
+    from ftp_dent_ros.ground.foxglove_server import FoxgloveServer
+    from ftp_dent_ros.ground.page.server import Page
+    from ftp_dent_ros.ground.station import Station
+
+    stop = stop_event()
+    items: queue.Queue[Item] = queue.Queue(_QUEUE)
+    security = Security(arguments.keys, arguments.open)
+    link = Link('ground', arguments.address, security, arguments.name)
+    station = Station(link, items.put, arguments.station)
+    shows: list[Page | FoxgloveServer] = []
+    try:
+        if arguments.web:
+            shows.append(Page(arguments.web, station))
+        if arguments.foxglove:
+            shows.append(FoxgloveServer(arguments.foxglove))
+        for show in shows:
+            print(f'what comes is shown at {show.url} (no ROS here: no topics)', flush=True)
+        while not stop.is_set():
+            with contextlib.suppress(queue.Empty):
+                item = items.get(timeout=0.2)
+                for show in shows:
+                    _show(show, item)
+    finally:
+        for show in shows:
+            show.close()
+        station.close()
+    return 0
+
+
+def _show(show: Page | FoxgloveServer, item: Item) -> None:
+    try:
+        show.take(item)
+    except InputError as error:
+        print(error, file=sys.stderr, flush=True)
+
+
+def _make_keys(folder: Path) -> int:
+    for path in make_keys(folder):
+        print(path)
+    print(
+        'Copy authority.pem, drone.pem and drone.key to the drone, and authority.pem, ground.pem '
+        'and ground.key to each ground. Whoever has the .key files can use the link.'
+    )
+    return 0
+
+
+def _run_node(arguments: argparse.Namespace) -> int:
+    if importlib.util.find_spec('rclpy') is None:
+        raise ConfigurationError(
+            'needs rclpy, which is not here: see "Install" in the README, or watch without ROS '
+            'with --web or --foxglove'
+        )
+    if arguments.domain is not None:
+        os.environ['ROS_DOMAIN_ID'] = str(arguments.domain)
+    words = ['--ros-args']
+    for name, value in (
+        ('address', arguments.address),
+        ('keys', str(arguments.keys.resolve()) if arguments.keys else ''),
+        ('open', arguments.open),
+        ('name', arguments.name),
+        ('station', arguments.station),
+        ('web', arguments.web),
+        ('foxglove', arguments.foxglove),
+    ):
+        words += ['-p', f'{name}:={json.dumps(value)}']
+    program = Program(
+        'ground_station', (sys.executable, '-m', 'ftp_dent_ros.nodes.ground_station', *words)
+    )
+    stopping = stop_event().is_set
+    with (
+        transport.profile(_PARTICIPANTS) as variables,
+        ProcessLog([program.name]) as log,
+        Processes(log.show, variables) as processes,
+    ):
+        return keep_running([program], processes, log.say, stopping)

@@ -1,0 +1,209 @@
+"""``ftp-dent preflight``: whether a running payload is fit to take off with."""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import sys
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from numpy.typing import NDArray
+from rclpy.node import Node
+
+from ftp_dent_ros.calibration.preflight import NO, OK, WARN, Finding, examine, sharpness
+from ftp_dent_ros.errors import CameraError, ConfigurationError
+from ftp_dent_ros.files import find
+from ftp_dent_ros.pattern import pattern_from_image
+from ftp_dent_ros.profilometry import Reconstructor, Settings
+from ftp_dent_ros.rig import read_rig
+from ftp_dent_ros.ros.photographer import Photographer
+from ftp_dent_ros.ros.qos import DIAGNOSTICS
+from ftp_dent_ros.ros.session import session
+from ftp_dent_ros.supervision.configuration import Entry, read_configuration
+
+_PHOTOGRAPHS = 6  # for the flicker
+# No projector is later, nanoseconds.
+_SETTLED_NS = 200_000_000
+# Tries until a picture shows what is projected, and the contrast from which on it shows fringes.
+_RETAKES, _FRINGES = 5, 0.3
+_STRIDE = 4
+# A flight's bag takes some 15 MB a second: half an hour, ten minutes.
+_ROOM, _LITTLE_ROOM = 27e9, 9e9
+# A stamp is that old at most when its photograph arrives, seconds.
+_LATEST = 2.0
+_LEVEL = {OK: '  ok ', WARN: 'WARN ', NO: 'NO GO'}
+_BAR = '\u2588'
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument('configuration', metavar='CONFIG.yaml', help='of the running payload')
+    parser.add_argument(
+        '--watch', action='store_true', help='repeat the focus as a bar until Ctrl-C'
+    )
+    parser.add_argument(
+        '--bags', type=Path, default=Path(), metavar='DIR', help='where bags will go; default: .'
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Check, say, and judge: 0 go, 1 no go."""
+    entries = {entry.executable: entry for entry in read_configuration(arguments.configuration)}
+    for name in ('pattern_publisher', 'camera_capture', 'reconstruction'):
+        if name not in entries:
+            raise ConfigurationError(f'{arguments.configuration}: runs no {name}: add it')
+    namespace = entries['reconstruction'].namespace
+    remap = ['-r', f'__ns:={namespace}'] if namespace != '/' else []
+    with session('preflight', remap) as (node, stop):
+        states = _listen(node)
+        photographer = Photographer(node, stop)
+        try:
+            size = photographer.projector_size()
+            if arguments.watch:
+                return _watch(photographer, size, stop.is_set)
+            findings = _photographs(photographer, size, entries)
+        except CameraError as reason:
+            findings = [Finding('payload', NO, str(reason))]
+        finally:
+            photographer.close()
+    findings += _nodes(states, entries)
+    findings.append(_disk(arguments.bags))
+    for finding in findings:
+        print(f'{_LEVEL[finding.verdict]}  {finding.name:12}{finding.text}')
+    reasons = [finding for finding in findings if finding.verdict == NO]
+    if reasons:
+        print(f'\nNO GO: {reasons[0].name}: {reasons[0].text}')
+        return 1
+    print('\nGO')
+    return 0
+
+
+def _photographs(
+    photographer: Photographer, size: tuple[int, int], entries: Mapping[str, Entry]
+) -> list[Finding]:
+    pattern = pattern_from_image(photographer.projected())
+    rig = read_rig(find(_parameter(entries['reconstruction'], 'rig', '')))
+    pattern.check_fits(rig.projector)
+    reconstructor = Reconstructor(rig, pattern, Settings(stride=_STRIDE))
+    white, _ = photographer.photograph(
+        photographer.show(_even(size, 254)) + _SETTLED_NS, colour=True
+    )
+    shown = photographer.show(_even(size, 0)) + _SETTLED_NS
+    black = _retaken(photographer, shown, lambda image: image.mean() < white.mean())
+    shown = photographer.show(pattern.draw()) + _SETTLED_NS
+    _retaken(photographer, shown, lambda image: sharpness(white, black, image) >= _FRINGES)
+    fringes, ages = [], []
+    for _ in range(_PHOTOGRAPHS):
+        image, stamp_ns = photographer.photograph(shown, colour=True)
+        ages.append((photographer.now_ns() - stamp_ns) / 1e9)
+        fringes.append(image)
+    exposure = float(_parameter(entries['camera_capture'], 'device.exposure', 0.0))
+    findings = examine(rig, pattern, white, black, fringes, reconstructor, exposure)
+    age = float(np.median(ages))
+    well = -0.01 <= age <= _LATEST
+    text = f'photographs are {1e3 * age:.0f} ms old when they arrive'
+    advice = '' if well else ': set the clock of the camera and of this computer alike'
+    return [*findings, Finding('clock', OK if well else NO, text + advice)]
+
+
+def _retaken(
+    photographer: Photographer, shown: int, right: Callable[[NDArray[np.uint8]], bool]
+) -> NDArray[np.uint8]:
+    """Photograph of what is shown; a projector or a camera that is late gets some tries more."""
+    for _ in range(_RETAKES):
+        image, _ = photographer.photograph(shown, colour=True)
+        if right(image):
+            break
+    return image
+
+
+def _watch(photographer: Photographer, size: tuple[int, int], stopped: Any) -> int:
+    """A bar that grows with the focus, and a mark at the best so far."""
+    pattern = photographer.projected()
+    white, _ = photographer.photograph(
+        photographer.show(_even(size, 254)) + _SETTLED_NS, colour=True
+    )
+    black, _ = photographer.photograph(
+        photographer.show(_even(size, 0)) + _SETTLED_NS, colour=True
+    )
+    shown, best = photographer.show(pattern) + _SETTLED_NS, 0.0
+    last = time.monotonic()
+    while not stopped():
+        if time.monotonic() - last > 10:
+            # Half a minute without an image brings the payload's own pattern back anyway.
+            shown, last = photographer.show(pattern) + _SETTLED_NS, time.monotonic()
+        image, _ = photographer.photograph(shown, colour=True)
+        left = sharpness(white, black, image)
+        best = max(best, left)
+        sys.stdout.write(bar(left, best, shutil.get_terminal_size().columns))
+        sys.stdout.flush()
+    return 0
+
+
+def bar(value: float, best: float, columns: int) -> str:
+    """Five lines that fill the terminal's width and are drawn over each other."""
+    width = max(10, columns - 2)
+    filled, mark = round(value * width), min(width - 1, round(best * width))
+    line = list(_BAR * filled + ' ' * (width - filled))
+    line[mark] = '|'
+    rows = [f'\x1b[2K{"".join(line)}'] * 4
+    words = f'\x1b[2KFOCUS {100 * value:.0f} %   best {100 * best:.0f} %'
+    return '\n'.join([*rows, words]) + '\x1b[4A\r'
+
+
+def _listen(node: Node) -> dict[str, DiagnosticStatus]:
+    """Last state of every node, by its name, as they come."""
+    states: dict[str, DiagnosticStatus] = {}
+
+    def on_array(array: DiagnosticArray) -> None:
+        states.update({status.name: status for status in array.status})
+
+    node.create_subscription(DiagnosticArray, '/diagnostics', on_array, DIAGNOSTICS)
+    return states
+
+
+def _nodes(states: Mapping[str, DiagnosticStatus], entries: Mapping[str, Entry]) -> list[Finding]:
+    findings = []
+    for entry in entries.values():
+        if entry.executable == 'simulated_autopilot':
+            continue
+        state = states.get(entry.name)
+        if state is None:
+            findings.append(Finding(entry.name, NO, 'says nothing: is it running?'))
+            continue
+        verdict = OK
+        if state.level == DiagnosticStatus.ERROR:
+            verdict = NO
+        elif state.level == DiagnosticStatus.WARN and 'projector/show' not in state.message:
+            verdict = NO if entry.executable == 'mavlink_bridge' else WARN
+        findings.append(Finding(entry.name, verdict, state.message))
+    return findings
+
+
+def _disk(folder: Path) -> Finding:
+    free = shutil.disk_usage(folder if folder.exists() else Path()).free
+    minutes = free / 15e6 / 60
+    verdict = OK if free > _ROOM else WARN if free > _LITTLE_ROOM else NO
+    return Finding('disk', verdict, f'{free / 1e9:.0f} GB free, some {minutes:.0f} minutes of bag')
+
+
+def _parameter(entry: Entry, name: str, default: Any) -> Any:
+    """A parameter of an entry, written flat or nested."""
+    for block in (entry.absolute, entry.parameters, entry.shared):
+        value: Any = block
+        if name in block:
+            return block[name]
+        for part in name.split('.'):
+            value = value.get(part) if isinstance(value, Mapping) else None
+        if value is not None:
+            return value
+    return default
+
+
+def _even(size: tuple[int, int], level: int) -> np.ndarray:
+    return np.full((size[1], size[0], 3), level, np.uint8)
