@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
@@ -41,12 +42,15 @@ class Appraisal:
     ----------
     images, clouds, tagged_clouds, poses : int
         What the bag holds; `tagged_clouds` counts those that have both cloud and pose.
-    images_lost : int
-        Gaps in the images' stamps, at the camera's rate.
+    images_lost, poses_lost : int
+        Holes in the count of the publisher: published, and not in the bag.
+    tagged_clouds_late : int
+        Clouds that came to the bridge when their poses were forgotten already.
+    images_not_taken, poses_not_had : int
+        Further gaps in the stamps at the rate that was asked for: the camera, or the autopilot
+        and its link, could not keep up.
     clouds_lost, tagged_clouds_lost : int
         Images without a cloud; clouds without the same cloud in ``map`` and a pose.
-    poses_lost : int
-        Gaps in the poses' stamps, at the rate asked of the autopilot.
     latency_median_ms, latency_maximum_ms : float
         From the middle of the exposure to the tagged cloud's arrival at the recorder.
     camera_mae_mm, camera_mae_worst_mm : float
@@ -58,12 +62,15 @@ class Appraisal:
 
     images: int
     images_lost: int
+    images_not_taken: int
     clouds: int
     clouds_lost: int
     tagged_clouds: int
     tagged_clouds_lost: int
+    tagged_clouds_late: int
     poses: int
     poses_lost: int
+    poses_not_had: int
     latency_median_ms: float
     latency_maximum_ms: float
     camera_mae_mm: float
@@ -92,6 +99,7 @@ def appraise(
         Called after each cloud.
     """
     stamps: dict[str, list[int]] = {topic: [] for topic in TYPES}
+    counts: dict[str, list[int]] = {topic: [] for topic in TYPES}
     latencies: list[float] = []
     camera_errors: list[float] = []
     map_errors: list[float] = []
@@ -99,6 +107,7 @@ def appraise(
         content = deserialize_message(message.data, TYPES[message.topic])
         stamp_ns = stamp_to_ns(content.header.stamp)
         stamps[message.topic].append(stamp_ns)
+        counts[message.topic].append(message.sequence)
         if message.topic == '/points':
             error = camera_error(world, cloud_from_message(content), stamp_ns, _EVERY)
             camera_errors.append(mean_absolute(error))
@@ -108,19 +117,24 @@ def appraise(
             error = map_error(world, cloud_from_message(content), _EVERY)
             map_errors.append(mean_absolute(error))
             progress()
+    late = _refused(bag, 'too old')
     images, clouds = set(stamps['/camera/image_raw']), set(stamps['/points'])
     tagged = set(stamps['/tagged/points']) & set(stamps['/tagged/pose'])
     poses = set(stamps['/mavlink/pose'])
+    images_lost, poses_lost = (_holes(counts[t]) for t in ('/camera/image_raw', '/mavlink/pose'))
     nothing = float('nan')
     return Appraisal(
         images=len(images),
-        images_lost=_missing(images, image_rate),
+        images_lost=images_lost,
+        images_not_taken=max(_gaps(images, image_rate) - images_lost, 0),
         clouds=len(clouds),
         clouds_lost=len(images - clouds),
         tagged_clouds=len(tagged),
-        tagged_clouds_lost=len(clouds - tagged),
+        tagged_clouds_lost=max(len(clouds - tagged) - late, 0),
+        tagged_clouds_late=late,
         poses=len(poses),
-        poses_lost=_missing(poses, pose_rate),
+        poses_lost=poses_lost,
+        poses_not_had=max(_gaps(poses, pose_rate) - poses_lost, 0),
         latency_median_ms=statistics.median(latencies) if latencies else nothing,
         latency_maximum_ms=max(latencies, default=nothing),
         camera_mae_mm=statistics.fmean(camera_errors) if camera_errors else nothing,
@@ -166,7 +180,25 @@ def _content(message: Message) -> Any:
     return deserialize_message(message.data, TYPES[message.topic])
 
 
-def _missing(stamps: set[int], rate: float) -> int:
+def _refused(bag: Bag, reason: str) -> int:
+    """How many clouds the bridge has refused for a reason, by the last that it told."""
+    topic, count = '/diagnostics', 0
+    if topic not in {each.name for each in bag.metadata.topics}:
+        return 0
+    for message in bag.messages([topic]):
+        for status in deserialize_message(message.data, DiagnosticArray).status:
+            if status.name.endswith('mavlink_bridge'):
+                values = {item.key: item.value for item in status.values}
+                count = max(count, int(values.get(f'refused: {reason}', 0)))
+    return count
+
+
+def _holes(counts: list[int]) -> int:
+    """How many of a publisher's messages are missing between the first and the last."""
+    return max(counts) - min(counts) + 1 - len(set(counts)) if counts else 0
+
+
+def _gaps(stamps: set[int], rate: float) -> int:
     """How many stamps of a regular series are missing between its first and its last."""
     if len(stamps) < 2:
         return 0

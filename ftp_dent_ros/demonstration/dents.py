@@ -12,8 +12,8 @@ from sensor_msgs.msg import PointCloud2
 
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.demonstration.appraisal import clouds_of
-from ftp_dent_ros.inspection.dent_list import ListedDent
-from ftp_dent_ros.inspection.report import Report
+from ftp_dent_ros.inspection.reporting.content import Report
+from ftp_dent_ros.inspection.tracking.dent_list import ListedDent
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.recording.reader import Bag
 from ftp_dent_ros.rig import Lens
@@ -43,8 +43,8 @@ class DentAppraisal:
     dents_in_list, dents_false_in_list : int
         What the node's own list held at the end.
     clouds_not_inspected : int
-    bumps_and_steps_false : int
-        Reported; the simulated skin of the demonstration has none.
+    others, others_false : int
+        Reported as something else than a dent, and of these where there is no dent.
     """
 
     dents: int
@@ -58,7 +58,8 @@ class DentAppraisal:
     dents_in_list: int
     dents_false_in_list: int
     clouds_not_inspected: int
-    bumps_and_steps_false: int
+    others: int
+    others_false: int
 
 
 def appraise_dents(bag: Bag, report: Report, world: World, camera: Lens) -> DentAppraisal:
@@ -79,13 +80,18 @@ def appraise_dents(bag: Bag, report: Report, world: World, camera: Lens) -> Dent
     found: set[tuple[int, int]] = set()
     false = 0
     errors = []
-    for entry in report.dents:
-        index = _true_index(entry.dent.position, truth)
+    others_false = 0
+    for entry in report.entries:
+        is_dent = entry.dent.kind == 'dent'
+        index = true_index(entry.dent.position, truth)
         if index is None:
-            false += 1
+            false += is_dent
+            others_false += not is_dent
             continue
-        found |= {(index, sighting.frame) for sighting in entry.sightings}
-        if not entry.dent.is_cut:
+        if entry.dent.depth.value > 0:
+            # A crease is listed as one, and what is in doubt as something else.
+            found |= {(index, sighting.frame) for sighting in entry.sightings}
+        if is_dent and not entry.dent.is_cut:
             errors.append(_errors(entry, truth[index]))
     whole = {index for index, _ in expected}
     listed = _last_list(bag)
@@ -100,9 +106,10 @@ def appraise_dents(bag: Bag, report: Report, world: World, camera: Lens) -> Dent
         length_error_mm=float(worst[1]),
         width_error_mm=float(worst[2]),
         dents_in_list=len(listed),
-        dents_false_in_list=sum(_true_index(place, truth) is None for place in listed),
+        dents_false_in_list=sum(true_index(place, truth) is None for place in listed),
         clouds_not_inspected=len(report.refused),
-        bumps_and_steps_false=len(report.others),
+        others=len(report.others),
+        others_false=others_false,
     )
 
 
@@ -129,7 +136,7 @@ def _lies_in(
     return bool(mask[row, column].all())
 
 
-def _true_index(position: np.ndarray, truth: Sequence[TrueDent]) -> int | None:
+def true_index(position: np.ndarray, truth: Sequence[TrueDent]) -> int | None:
     """The true dent within whose length a position lies; the nearest of several."""
     apart = [float(np.linalg.norm(true.position - position)) for true in truth]
     near = [i for i, true in enumerate(truth) if apart[i] <= true.length / 2]

@@ -20,16 +20,16 @@ from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from sensor_msgs.msg import CameraInfo
 
-from ftp_dent_ros import files
 from ftp_dent_ros.demonstration.appraisal import TYPES
 from ftp_dent_ros.errors import ConfigurationError, FtpDentError
-from ftp_dent_ros.ros import transport
-from ftp_dent_ros.ros.configuration import EXECUTABLES, read_configuration
-from ftp_dent_ros.ros.domain import free_domain
+from ftp_dent_ros.nodes.declarations import fitted
 from ftp_dent_ros.ros.messages import stamp_to_ns
-from ftp_dent_ros.ros.process_log import ProcessLog
-from ftp_dent_ros.ros.processes import Processes, Program
 from ftp_dent_ros.ros.qos import DIAGNOSTICS, IMAGES, POSES
+from ftp_dent_ros.supervision.configuration import read_configuration
+from ftp_dent_ros.supervision.domain import free_domain
+from ftp_dent_ros.supervision.executables import EXECUTABLES, LINK
+from ftp_dent_ros.supervision.process_log import ProcessLog
+from ftp_dent_ros.supervision.processes import Processes, Program
 
 # Until everything is discovered and the clocks are matched, on a slow and busy machine.
 _READY_S = 60.0
@@ -46,14 +46,15 @@ class FlightError(FtpDentError):
 
 def simulation_parameters(configuration: str, start_ns: int) -> dict[str, Any]:
     """Blocks of a configuration, with a free port and the start of the flight filled in."""
-    blocks = files.read_yaml(files.find(configuration), ConfigurationError)
-    missing = set(EXECUTABLES) - set(blocks)
+    entries = read_configuration(configuration)
+    missing = set(EXECUTABLES) - LINK - {entry.name for entry in entries}
     if missing:
         raise ConfigurationError(
             f'{configuration}: has no {" and no ".join(sorted(missing))}: name the '
-            'configuration of a whole simulated payload, as simulation.yaml is'
+            'configuration of a whole simulated payload, as shipped:simulation.yaml is'
         )
-    parameters = {name: block['ros__parameters'] for name, block in blocks.items()}
+    entries = fitted(entries)
+    parameters = {entry.name: {**entry.parameters, **entry.absolute} for entry in entries}
     port = _free_port()
     parameters['mavlink_bridge']['address'] = f'udpin:127.0.0.1:{port}'
     parameters['simulated_autopilot']['address'] = f'udpout:127.0.0.1:{port}'
@@ -104,11 +105,10 @@ def fly(
     record = ('-m', 'ftp_dent_ros.cli.main', 'record', '--all', '--output', str(bag))
     programs[_RECORDER] = Program(_RECORDER, (sys.executable, *record))
     with (
-        free_domain(),
-        transport.profile(len(programs) + 1) as variables,
+        free_domain(len(programs) + 1),
         (folder / 'terminal.log').open('w') as quiet,
         ProcessLog(tuple(programs), folder=logs, terminal=quiet) as log,
-        Processes(log.show, variables) as processes,
+        Processes(log.show) as processes,
         _observer(processes, logs) as observer,
     ):
         say(f'starting {len(programs)} processes')
@@ -160,8 +160,9 @@ class _Observer:
 
     def all_subscribed(self) -> bool:
         """Whether every topic of interest has its readers, so that no message is missed."""
-        topics = dict.fromkeys(TYPES, 1) | {'/camera/image_raw': 2, '/points': 2}
-        topics |= dict.fromkeys(('/tagged/points', '/tagged/pose'), 2)
+        # The recorder reads all of them; so do these nodes and this one.
+        topics = dict.fromkeys(TYPES, 1) | {'/camera/image_raw': 2, '/points': 3}
+        topics |= dict.fromkeys(('/tagged/pose', '/tagged/camera_pose'), 2)
         topics |= dict.fromkeys(('/dents', '/dents/list'), 1)
         count = self._node.count_subscribers
         return all(count(topic) >= readers for topic, readers in topics.items())

@@ -10,7 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ftp_dent_ros.cloud import write_ply
+from ftp_dent_ros.decoding.images import image_from_message
 from ftp_dent_ros.demonstration import pictures
 from ftp_dent_ros.demonstration.appraisal import (
     camera_error,
@@ -20,8 +20,8 @@ from ftp_dent_ros.demonstration.appraisal import (
     mean_absolute,
 )
 from ftp_dent_ros.files import written_aside
+from ftp_dent_ros.ply import write_ply
 from ftp_dent_ros.recording.reader import Bag
-from ftp_dent_ros.ros.images import image_from_message
 from ftp_dent_ros.simulation.surface import Surface
 from ftp_dent_ros.simulation.world import World
 
