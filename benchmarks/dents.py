@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from clouds import cloud_of, random_dent, skin
@@ -42,9 +43,10 @@ from scenes import (
 from scipy.integrate import quad
 from tqdm import tqdm
 
+from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.errors import RefusedFrameError
 from ftp_dent_ros.inspection.dent import Inspection, MeasuredDent
-from ftp_dent_ros.inspection.inspection import inspect
+from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.rig import Rig
 from ftp_dent_ros.simulation import Dent, Panel, Surface
@@ -65,7 +67,7 @@ def truths(one: Scene) -> Iterator[tuple[Dent, np.ndarray]]:
     """Dents and their centres on the contour, in the camera's frame at mid exposure."""
     for panel in one.panels:
         for dent in panel.dents:
-            height, _ = panel.bare_height(np.array([dent.x]))
+            height, _, _ = panel.bare_height(np.array([dent.x]), np.array([dent.y]))
             yield dent, panel.pose.apply(np.array([dent.x, dent.y, height[0]]))
 
 
@@ -86,7 +88,7 @@ def matched(one: Iterator[tuple[Dent, np.ndarray]], found: Inspection):
 def inspected(one: Scene, stride: int, rig: Rig | None = None, seed: int = 0) -> Inspection:
     """What is found in a photograph of a scene."""
     measurement = reconstructor(rig or one.rig, stride).measure(one.photograph(seed))
-    return inspect(measurement.cloud, measurement.quality.standard_deviation())
+    return inspect(measurement.cloud)
 
 
 def reconstructor(rig: Rig, stride: int, kept: dict = {}) -> Reconstructor:  # noqa: B006
@@ -146,8 +148,8 @@ def calibration(count: int, seed: int) -> None:
         panel = skin(float(rng.choice([0.6, 0.8])), tilt, radius, (dent,))
         noise = 10 ** rng.uniform(-5.5, -4.3)
         cloud, deviation = cloud_of(Surface((panel,)), noise, rng, rng.uniform(1.5, 4))
-        found = inspect(cloud, deviation)
-        centre = panel.bare_height(np.array([dent.x]))[0][0]
+        found = inspect(replace(cloud, sigma=deviation))
+        centre = panel.bare_height(np.array([dent.x]), np.array([dent.y]))[0][0]
         centre = panel.pose.apply(np.array([dent.x, dent.y, centre]))
         pairs, left = matched(iter([(dent, centre)]), found)
         extra += len(left)
@@ -232,8 +234,8 @@ def rates(count: int, stride: int, seed: int) -> None:
         for k in tqdm(range(count)):
             one = riveted(rng)
             measurement = reconstructor(one.rig, stride).measure(one.photograph(k))
-            noise = measurement.quality.standard_deviation() if known else None
-            seen.append(inspect(measurement.cloud, noise))
+            cloud = measurement.cloud
+            seen.append(inspect(cloud if known else Cloud(cloud.points, cloud.intensity)))
         print(
             f'no dent, rivets turned by up to 20 degrees, noise {"" if known else "un"}known: '
             f'{sum(len(each.dents) for each in seen)} false in {len(seen)} frames; '

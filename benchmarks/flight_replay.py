@@ -1,6 +1,6 @@
 """Plays a recorded flight over UDP, in real time, into the bridge's own process; prints a table.
 
-    python benchmarks/flight_replay.py FLIGHT.tlog [--begin S] [--end S]
+    python benchmarks/flight_replay.py [FLIGHT.tlog] [--begin S] [--end S]
                                        [--loss 0.05] [--bursts 0.1] [--foreign]
 
 The log (of pymavlink's kind, with SIM_STATE as ground truth) is played as the vehicle would: its
@@ -30,6 +30,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import QoSProfile
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import PointCloud2
 
@@ -42,7 +43,6 @@ from flight_replay import Errors, compare, own_poses  # noqa: E402
 from ftp_dent_ros.cloud import Cloud  # noqa: E402
 from ftp_dent_ros.navigation import frames  # noqa: E402
 from ftp_dent_ros.navigation.estimator import is_ready  # noqa: E402
-from ftp_dent_ros.ros.domain import free_domain  # noqa: E402
 from ftp_dent_ros.ros.messages import (  # noqa: E402
     cloud_from_message,
     cloud_to_message,
@@ -50,7 +50,9 @@ from ftp_dent_ros.ros.messages import (  # noqa: E402
     stamp_to_ns,
 )
 from ftp_dent_ros.ros.qos import CLOUDS, POSES  # noqa: E402
+from ftp_dent_ros.supervision.domain import free_domain  # noqa: E402
 
+SHIPPED = ROOT / 'test' / 'data' / 'flight' / 'copter_flight_square.tlog.xz'
 LATENCY_NS = 200_000_000
 # Of the truth's records every second has a cloud: 12.5 Hz.
 EVERY = 2
@@ -71,8 +73,9 @@ class Watcher:
         self.delays: list[float] = []
         self.values: dict[str, str] = {}
         subscribe = self.node.create_subscription
-        subscribe(PoseWithCovarianceStamped, 'tagged/pose', self._on_tag, POSES)
-        subscribe(PointCloud2, 'tagged/points', self._on_cloud, CLOUDS)
+        subscribe(PoseWithCovarianceStamped, 'tagged/pose', self._on_tag, QoSProfile(depth=100))
+        # Deep, for it shares the machine with all that it watches.
+        subscribe(PointCloud2, 'tagged/points', self._on_cloud, QoSProfile(depth=100))
         subscribe(PoseStamped, 'mavlink/pose', self._on_pose, POSES)
         subscribe(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
 
@@ -236,7 +239,7 @@ def print_row(name: str, errors: Errors) -> None:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('log', type=Path)
+    parser.add_argument('log', type=Path, nargs='?', default=SHIPPED)
     parser.add_argument('--begin', type=float, default=0.0, help='seconds since its start')
     parser.add_argument('--end', type=float, default=1e6)
     parser.add_argument('--loss', type=float, default=0.0, help='share of packets lost')

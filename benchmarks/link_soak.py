@@ -36,9 +36,9 @@ from hovering_autopilot import HoveringAutopilot, Wire  # noqa: E402
 from test_hostile import hostile  # noqa: E402
 
 from ftp_dent_ros.cloud import Cloud  # noqa: E402
-from ftp_dent_ros.ros.domain import free_domain  # noqa: E402
 from ftp_dent_ros.ros.messages import cloud_to_message, stamp_to_ns  # noqa: E402
 from ftp_dent_ros.ros.qos import CLOUDS, POSES  # noqa: E402
+from ftp_dent_ros.supervision.domain import free_domain  # noqa: E402
 
 LOCAL = '127.0.0.1'
 FLOOD = 5000
@@ -76,7 +76,7 @@ def flood(port: int) -> None:
 
 def changes(data: bytes) -> bool:
     """Whether it is a sound report in the vehicle's name, which nobody could tell for forged."""
-    return data[5:7] == b'\x01\x01' and int.from_bytes(data[7:10], 'little') in (193, 230)
+    return data[5:7] == b'\x01\x01' and int.from_bytes(data[7:10], 'little') in (24, 193, 230)
 
 
 class Soak:

@@ -8,7 +8,6 @@ Over the transport that `ftp-dent up` selects.
 from __future__ import annotations
 
 import argparse
-import os
 import subprocess
 import sys
 import tempfile
@@ -24,11 +23,13 @@ from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.rig import Lens, Rig, write_rig
-from ftp_dent_ros.ros.domain import free_domain
 from ftp_dent_ros.ros.messages import image_to_message, stamp_to_ns
-from ftp_dent_ros.ros.qos import CLOUDS, IMAGES, LATCHED
-from ftp_dent_ros.ros.transport import profile
+from ftp_dent_ros.ros.qos import CLOUDS, IMAGES, PATTERNS
 from ftp_dent_ros.simulation import Panel, Renderer, Surface
+from ftp_dent_ros.supervision.domain import free_domain
+
+# Stamp of the first image: long after the pattern's.
+_SETTLED_NS = 1_000_000_000
 
 
 def make_rig(width: int, height: int) -> Rig:
@@ -55,8 +56,7 @@ def main() -> None:
     skin = Surface((Panel(Pose.from_rpy([0, 0.1, 0], [0, 0, 0.65]), (-1, 1, -1, 1), 2.0),))
     image = Renderer(rig, pattern.draw()).render(skin)
 
-    with tempfile.TemporaryDirectory() as folder, free_domain(), profile(2) as transport:
-        os.environ.update(transport)
+    with tempfile.TemporaryDirectory() as folder, free_domain(2):
         rig_file = Path(folder) / 'rig.yaml'
         write_rig(rig_file, rig)
         words = ['-p', f'rig:={rig_file}', '-p', f'stride:={arguments.stride}']
@@ -96,7 +96,7 @@ def measure(image: np.ndarray, pattern: Pattern, images: int, rate: float) -> li
         arrivals[stamp_to_ns(message.header.stamp)] = time.perf_counter()
 
     node.create_subscription(PointCloud2, 'points', on_cloud, CLOUDS)
-    projector = node.create_publisher(Image, 'projector/image_raw', LATCHED)
+    projector = node.create_publisher(Image, 'projector/image_raw', PATTERNS)
     projector.publish(image_to_message(pattern.draw(), 1, ''))
     camera = node.create_publisher(Image, 'camera/image_raw', IMAGES)
     executor = rclpy.executors.SingleThreadedExecutor()
@@ -111,15 +111,16 @@ def measure(image: np.ndarray, pattern: Pattern, images: int, rate: float) -> li
     spin(time.perf_counter() + 1.0)
     for number in range(images + 1):
         start = time.perf_counter()
-        camera.publish(image_to_message(image, number, 'camera'))
-        sent[number] = start
+        stamp_ns = _SETTLED_NS + number
+        camera.publish(image_to_message(image, stamp_ns, 'camera'))
+        sent[stamp_ns] = start
         # The first one builds the tables.
         spin(start + (1 / rate if number else 3.0))
     spin(time.perf_counter() + 1.0)
     executor.shutdown()
     node.destroy_node()
     rclpy.shutdown()
-    return [arrivals[number] - sent[number] for number in arrivals if number]
+    return [arrivals[stamp] - sent[stamp] for stamp in arrivals if stamp > _SETTLED_NS]
 
 
 if __name__ == '__main__':

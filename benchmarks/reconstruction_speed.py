@@ -52,7 +52,7 @@ def main() -> None:
         choices = [(method, stride, False) for method in METHODS for stride in STRIDES]
         for method, stride, fast in (*choices, ('least-squares', 1, True)):
             rig = scene_at(*size).rig
-            reconstructor = Reconstructor(rig, PATTERN, Settings(method, stride=stride, fast=fast))
+            reconstructor = Reconstructor(rig, PATTERN, Settings.chosen(method, stride, fast=fast))
             name = f'{method}, stride {stride}' + fast * ', fast'
             work = {
                 'rfft + irfft of the frame': transform,

@@ -20,6 +20,7 @@ from pathlib import Path
 # Topic: kind, bytes of a message, messages a second.
 USUAL = ('/image:Image:2764800:20', '/points:PointCloud2:3686400:10', '/pose:PoseStamped:0:50')
 HEAVY = ('/image:Image:2764800:20', '/points:PointCloud2:14745600:10', '/pose:PoseStamped:0:50')
+SMALL = tuple(f'/pose{number}:PoseStamped:0:50' for number in range(8))
 MEGABYTE = 10**6
 
 
@@ -63,7 +64,7 @@ def run(name: str, specifications: tuple[str, ...], seconds: float, kill: bool) 
     """Record the publishers, and compare the bag with what they sent."""
     from ftp_dent_ros.recording.reader import open_bag
     from ftp_dent_ros.recording.recovery import recover
-    from ftp_dent_ros.ros import transport
+    from ftp_dent_ros.supervision import transport
 
     folder = Path(tempfile.mkdtemp(prefix='ftp_dent_ros.'))
     bag = folder / 'bag'
@@ -82,6 +83,10 @@ def run(name: str, specifications: tuple[str, ...], seconds: float, kill: bool) 
             stdout=subprocess.PIPE,
             text=True,
         )
+        memory = []
+        while publisher.poll() is None:
+            time.sleep(min(1.0, seconds / 10))
+            memory.append(resident(recorder.pid))
         output, _ = publisher.communicate()
         recorder.send_signal(signal.SIGKILL if kill else signal.SIGINT)
         recorder.wait()
@@ -93,11 +98,31 @@ def run(name: str, specifications: tuple[str, ...], seconds: float, kill: bool) 
     for message in open_bag(bag).messages():
         # In serialised messages with a header its stamp's seconds stand at offset 4.
         numbers[message.topic].append(struct.unpack_from('<i', message.data, 4)[0])
+    count = sum(map(len, numbers.values()))
     print(f'{name}: {size / MEGABYTE:.0f} MB, {size / MEGABYTE / seconds:.0f} MB/s')
+    print(f'  {count} messages in {chunks(next(bag.glob("*.mcap")))} chunks')
+    settled = memory[len(memory) // 2 :]
+    if seconds >= 30:
+        growth = (settled[-1] - settled[0]) / len(settled) * 60
+        print(f'  memory: {settled[-1] / MEGABYTE:.0f} MB, {growth / MEGABYTE:+.2f} MB a minute')
     for topic, sent in (line.split() for line in output.splitlines()):
         missing = int(sent) - len(set(numbers[topic]))
         print(f'  {topic:10s} {sent:>5s} sent, {missing} lost')
     shutil.rmtree(folder)
+
+
+def resident(pid: int) -> int:
+    """Bytes of memory that a process holds."""
+    pages = int(Path(f'/proc/{pid}/statm').read_text().split()[1])
+    return pages * os.sysconf('SC_PAGE_SIZE')
+
+
+def chunks(path: Path) -> int:
+    """How many chunks a file has."""
+    from mcap.reader import SeekingReader
+
+    with path.open('rb') as stream:
+        return len(SeekingReader(stream).get_summary().chunk_indexes)
 
 
 def main() -> None:
@@ -116,6 +141,7 @@ def main() -> None:
     run('images, clouds of every second pixel, poses', USUAL, arguments.seconds, kill=False)
     run('images, clouds of every pixel, poses', HEAVY, arguments.seconds, kill=False)
     run('recorder killed with -9, bag recovered', USUAL, arguments.seconds, kill=True)
+    run('small messages', SMALL, max(60.0, arguments.seconds), kill=False)
 
 
 if __name__ == '__main__':

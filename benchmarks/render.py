@@ -42,7 +42,10 @@ def main() -> None:
     parser.add_argument('--repeats', type=int, default=9)
     repeats = parser.parse_args().repeats
     cv2.setNumThreads(1)
-    rig, pattern = read_rig(find('rig.yaml')), read_pattern(find('pattern.yaml')).draw()
+    rig, pattern = (
+        read_rig(find('shipped:rig.yaml')),
+        read_pattern(find('shipped:pattern.yaml')).draw(),
+    )
     renderer = Renderer(rig, pattern)
     rng = np.random.default_rng(0)
     surfaces = {
@@ -55,7 +58,7 @@ def main() -> None:
         name: median_time(lambda _, surface=surface: renderer.render(surface, rng), repeats)
         for name, surface in surfaces.items()
     }
-    world = read_world('scene.yaml')
+    world = read_world('shipped:scene.yaml')
     results['shipped scene as the simulated camera flies by'] = median_time(
         lambda index: world.photograph(rig, pattern, index * 1_700_000_000), repeats
     )

@@ -36,7 +36,7 @@ class Scene(evaluation.Scene):
         mask = np.zeros(len(points), bool)
         for panel in self.panels:
             x, y, z = panel.pose.inverse().apply(points).T
-            height, _ = panel.bare_height(x)
+            height, _, _ = panel.bare_height(x, y)
             for dent in panel.dents:
                 mask |= dent.covers(x, y) & (np.abs(z - height) < 0.01)
         return mask
