@@ -1,6 +1,7 @@
 """Build file for pip and colcon alike; package.xml names the same dependencies for rosdep."""
 
 import re
+import runpy
 from pathlib import Path
 
 from setuptools import find_packages, setup
@@ -8,13 +9,8 @@ from setuptools import find_packages, setup
 NAME = 'ftp_dent_ros'
 HERE = Path(__file__).resolve().parent
 VERSION = re.search(r"__version__ = '(.+)'", (HERE / NAME / '__init__.py').read_text()).group(1)
-NODES = (
-    'pattern_publisher',
-    'camera_capture',
-    'reconstruction',
-    'mavlink_bridge',
-    'dent_inspector',
-)
+REPORTS = ('jinja2>=3.1', 'matplotlib>=3.6')
+EXECUTABLES = runpy.run_path(str(HERE / NAME / 'supervision' / 'executables.py'))['EXECUTABLES']
 
 
 def shared_files(folder: str) -> list[tuple[str, list[str]]]:
@@ -48,12 +44,12 @@ setup(
     zip_safe=False,
     python_requires='>=3.10',
     package_data={
+        f'{NAME}.calibration': ['templates/*.j2'],
         f'{NAME}.evaluation': ['templates/*.j2'],
-        f'{NAME}.inspection.report': ['*.html', '*.css', '*.js'],
+        f'{NAME}.ground.page': ['*.html', '*.css', '*.js'],
+        f'{NAME}.inspection.reporting': ['*.html', '*.css', '*.js'],
     },
     install_requires=[
-        'jinja2>=3.1',
-        'matplotlib>=3.6',
         'numpy>=1.26',
         'opencv-python-headless>=4.6',
         'pymavlink>=2.4.40',
@@ -75,21 +71,33 @@ setup(
             'ros-std-srvs==5.3.6',
             'ros-visualization-msgs==5.3.6',
         ],
+        # A window for the projector; on ROS machines apt's python3-sdl2.
+        'display': ['pysdl2>=0.9.9', 'pysdl2-dll>=2.0.20'],
         'bags': ['mcap>=1.6', 'rosbags>=0.11'],
+        # Pages and pictures: of inspect, calibrate, demo and evaluate. The nodes need neither.
+        'reports': list(REPORTS),
+        # The link to the ground; cryptography only to make its keys.
+        'ground': ['cryptography>=38', 'eclipse-zenoh>=1.0', 'foxglove-sdk>=0.14'],
         'test': [
             'colcon-common-extensions>=0.3',
             'pytest>=7.4',
             'pytest-xdist>=3.4',
             'setuptools>=59,<80',
             'wheel',
+            *REPORTS,
         ],
-        'lint': ['mypy==2.4.1', 'ruff==0.17.5', 'types-PyYAML', 'types-tqdm'],
+        'lint': [
+            'import-linter==2.16',
+            'mypy==2.4.1',
+            'ruff==0.17.5',
+            'types-PyYAML',
+            'types-tqdm',
+        ],
     },
     entry_points={
         'console_scripts': [
             'ftp-dent = ftp_dent_ros.cli.main:main',
-            *(f'{node} = {NAME}.nodes.{node}:main' for node in NODES),
-            'simulated_autopilot = ftp_dent_ros.simulation.autopilot:main',
+            *(f'{name} = {module}:main' for name, module in EXECUTABLES.items()),
         ],
     },
 )

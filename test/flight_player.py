@@ -8,6 +8,7 @@ log, of whatever system, goes out as it is.
 from __future__ import annotations
 
 import copy
+import lzma
 import random
 import select
 import socket
@@ -29,7 +30,10 @@ _EARTH_RADIUS, _ECCENTRICITY_SQUARED = 6378137.0, 6.69437999014e-3  # WGS 84
 
 @dataclass
 class Flight:
-    """Packets of a .tlog file; times are nanoseconds on the clock of the recording computer."""
+    """Packets of a .tlog file, packed (.xz) or not.
+
+    Times are nanoseconds on the clock of the recording computer.
+    """
 
     times: list[int] = field(default_factory=list)
     packets: list[bytes] = field(default_factory=list)
@@ -38,6 +42,8 @@ class Flight:
     @classmethod
     def read(cls, path: Path) -> Flight:
         data, at, flight = path.read_bytes(), 0, cls()
+        if path.suffix == '.xz':
+            data = lzma.decompress(data)
         parser = mavlink.MAVLink(None)
         while at < len(data):
             (microseconds,) = struct.unpack_from('>Q', data, at)

@@ -65,14 +65,14 @@ def test_is_made_once_and_updated_when_the_build_file_changes(project, make):
     status, said, calls = make('test')
     assert (status, calls[0]) == (0, 'venv')
     assert 'Setting up .venv' in said
-    assert calls[2] == 'pip -e .[ros,bags,test,lint]'
+    assert calls[2] == 'pip -e .[ros,bags,display,ground,test,lint]'
     assert make('test') == (0, '', [''])
     assert make('ros') == (0, '', [''])
     with (project / 'setup.py').open('a') as file:
         file.write('# changed\n')
     status, said, calls = make('test')
     assert 'Updating .venv' in said
-    assert calls[:2] == ['pip --upgrade pip>=23', 'pip -e .[ros,bags,test,lint]']
+    assert calls[:2] == ['pip --upgrade pip>=23', 'pip -e .[ros,bags,display,ground,test,lint]']
     assert make('test') == (0, '', [''])
 
 
@@ -116,7 +116,7 @@ def test_without_wheels_it_says_what_to_do_instead(make, place, reason):
     assert status == 0
     assert reason in said
     assert 'colcon test' in said
-    assert calls[2] == 'pip -e .[bags,test,lint]'
+    assert calls[2] == 'pip -e .[bags,display,ground,test,lint]'
 
 
 def test_an_old_python_is_named(make):
@@ -142,7 +142,7 @@ def test_ubuntu_versions_need_a_python_that_has_them(make):
 
 def test_a_python_without_wheels_runs_the_rest(make):
     status, said, calls = make('test', minor=14)
-    assert (status, calls[2]) == (0, 'pip -e .[bags,test,lint]')
+    assert (status, calls[2]) == (0, 'pip -e .[bags,display,ground,test,lint]')
     assert 'there are ROS wheels for Python 3.10 to 3.13 only' in said
 
 

@@ -16,21 +16,17 @@ from pathlib import Path
 import pytest
 
 from ftp_dent_ros import __version__
+from ftp_dent_ros.supervision.executables import EXECUTABLES
 
 ROOT = Path(__file__).resolve().parents[1]
 PARTS = (
     *('ftp_dent_ros', 'config', 'launch', 'hook', 'resource'),
     *('package.xml', 'setup.py', 'setup.cfg', 'pyproject.toml', 'colcon.pkg', 'LICENSE'),
 )
-COMMANDS = {
-    'ftp-dent',
-    *('pattern_publisher', 'camera_capture', 'reconstruction', 'mavlink_bridge'),
-    'dent_inspector',
-    'simulated_autopilot',
-}
+COMMANDS = {'ftp-dent', *EXECUTABLES}
 ASK = (
     'import json, ftp_dent_ros\nfrom importlib import resources\nfrom ftp_dent_ros import files\n'
-    'report = resources.files("ftp_dent_ros.inspection.report")\n'
+    'report = resources.files("ftp_dent_ros.inspection.reporting")\n'
     'assert all(report.joinpath(name).is_file() for name in ("page.html", "view.js"))\n'
     'print(json.dumps([ftp_dent_ros.__file__, str(files.config_folder())]))'
 )

@@ -11,17 +11,19 @@ import pytest
 import yaml
 
 from ftp_dent_ros import __version__, files
-from ftp_dent_ros.ros.configuration import NODES, SIMULATED_AUTOPILOT
+from ftp_dent_ros.supervision.executables import EXECUTABLES, LINK, NODES
 
 ROOT = Path(__file__).resolve().parents[1]
 TOPICS = {
     *('/projector/image_raw', '/projector/camera_info'),
     *('/camera/image_raw', '/camera/camera_info', '/points'),
-    *('/tagged/points', '/tagged/pose', '/mavlink/pose', '/diagnostics'),
+    *('/tagged/points', '/tagged/pose', '/tagged/camera_pose'),
+    *('/mavlink/pose', '/diagnostics'),
     *('/dents', '/dents/list', '/dents/markers'),
 }
 # What is imported, rosdep's key for it and PyPI's name. rclpy and the messages: ROS's own.
 LIBRARIES = {
+    'cryptography': ('python3-cryptography', 'cryptography'),
     'cv2': ('python3-opencv', 'opencv-python-headless'),
     'jinja2': ('python3-jinja2', 'jinja2'),
     'lz4': ('mcap-ros2-support', 'mcap'),  # mcap brings it
@@ -36,6 +38,8 @@ LIBRARIES = {
     'yaml': ('python3-yaml', 'pyyaml'),
     'zstandard': ('mcap-ros2-support', 'mcap'),  # mcap brings it
 }
+# Extras of PyPI that rosdep has no key for.
+WITHOUT_KEY = {'foxglove': 'foxglove-sdk', 'zenoh': 'eclipse-zenoh'}
 COME_WITH_RCLPY = {'rcl_interfaces', 'builtin_interfaces', 'rosidl_runtime_py', 'rpyutils'}
 
 
@@ -69,7 +73,9 @@ def test_the_manifest_is_valid(package):
 def test_the_manifest_and_the_build_file_name_what_is_imported(package):
     keys = {each.name for each in (*package[0].exec_depends, *package[0].build_depends)}
     build_file = (ROOT / 'setup.py').read_text()
-    for name in imported() - COME_WITH_RCLPY:
+    for project in WITHOUT_KEY.values():
+        assert f"'{project}" in build_file
+    for name in imported() - COME_WITH_RCLPY - set(WITHOUT_KEY):
         key, project = LIBRARIES.get(name, (name, f'ros-{name.replace("_", "-")}'))
         assert key in keys, f'package.xml: {name} needs {key}'
         if name != 'tf2_msgs':  # there are no wheels of it: used where it is
@@ -81,10 +87,8 @@ def test_the_changelog_knows_this_version():
 
 
 def test_every_executable_has_a_main():
-    for node in NODES:
-        assert '\ndef main(' in (ROOT / f'ftp_dent_ros/nodes/{node}.py').read_text()
-    assert SIMULATED_AUTOPILOT == 'simulated_autopilot'
-    assert '\ndef main(' in (ROOT / 'ftp_dent_ros/simulation/autopilot.py').read_text()
+    for module in EXECUTABLES.values():
+        assert '\ndef main(' in (ROOT / f'{module.replace(".", "/")}.py').read_text()
 
 
 def strings(data):
@@ -97,7 +101,7 @@ def strings(data):
 
 
 def test_rviz_shows_topics_that_exist():
-    layout = yaml.safe_load(files.find('payload.rviz').read_text())
+    layout = yaml.safe_load(files.find('shipped:payload.rviz').read_text())
     displays = layout['Visualization Manager']['Displays']
     shown = {each['Topic']['Value'] for each in displays if 'Topic' in each}
     assert {'/points', '/tagged/points', '/tagged/pose', '/camera/image_raw'} <= shown <= TOPICS
@@ -105,7 +109,7 @@ def test_rviz_shows_topics_that_exist():
 
 
 def test_foxglove_shows_topics_that_exist():
-    layout = json.loads(files.find('foxglove.json').read_text())
+    layout = json.loads(files.find('shipped:foxglove.json').read_text())
     panels = layout['configById']
     placed = {text for text in strings(layout['layout']) if '!' in text}
     assert placed == set(panels)
@@ -116,7 +120,7 @@ def test_foxglove_shows_topics_that_exist():
 
 
 def test_qos_overrides_are_those_of_the_bag_tools():
-    overrides = yaml.safe_load(files.find('qos_overrides.yaml').read_text())
+    overrides = yaml.safe_load(files.find('shipped:qos_overrides.yaml').read_text())
     assert set(overrides) == TOPICS
     for topic, policies in overrides.items():
         assert set(policies) == {'history', 'depth', 'reliability', 'durability'}
@@ -129,8 +133,10 @@ def test_qos_overrides_are_those_of_the_bag_tools():
 LAUNCH = {
     'launch': {'LaunchContext', 'LaunchDescription', 'LaunchDescriptionEntity'},
     'launch.actions': {
-        *('DeclareLaunchArgument', 'ExecuteProcess', 'OpaqueFunction', 'SetEnvironmentVariable'),
+        *('DeclareLaunchArgument', 'ExecuteProcess', 'LogInfo', 'OpaqueFunction'),
+        *('SetEnvironmentVariable', 'TimerAction'),
     },
+    'launch.events.process': {'ProcessExited'},
     'launch.substitutions': {'LaunchConfiguration'},
     'launch_ros.actions': {'Node'},
 }
@@ -153,9 +159,10 @@ def test_the_launch_file_starts_what_up_starts():
 
     module = runpy.run_path(str(ROOT / 'launch' / 'payload.launch.py'))
     context = launch.LaunchContext()
-    context.launch_configurations['configuration'] = 'simulation.yaml'
+    context.launch_configurations['configuration'] = 'shipped:simulation.yaml'
+    context.launch_configurations['interface'] = 'lo'
     actions = module['payload'](context)
     nodes = [each for each in actions if isinstance(each, launch_ros.Node)]
-    assert {each.node_executable for each in nodes} == set(NODES)
+    assert {each.node_executable for each in nodes} == set(NODES) - LINK
     (description,) = (module['generate_launch_description'](),)
-    assert len(description.entities) == 2
+    assert len(description.entities) == 3
