@@ -11,7 +11,7 @@ help:
 	@echo 'make demo        set up .venv, then fly the payload on a simulated panel: out/demo/'
 	@echo 'make test        set up .venv and run all tests; then again, those that need no ROS,'
 	@echo "                 with Ubuntu 24.04's versions of numpy, SciPy and OpenCV"
-	@echo 'make lint        ruff: style and format'
+	@echo 'make lint        ruff: style and format; import-linter: which way arrows run'
 	@echo 'make types       mypy'
 	@echo 'make benchmark   accuracy and speed: 5 minutes'
 	@echo 'make clean       remove the environments and all that was generated'
@@ -30,6 +30,7 @@ lint:
 	@tools/environment test
 	$(VENV)/ruff check .
 	$(VENV)/ruff format --check .
+	$(VENV)/lint-imports --no-cache
 
 types:
 	@tools/environment test
