@@ -23,7 +23,9 @@ class Chromium:
         self._in, from_browser = os.pipe()
         moved = f'exec {program} "$@" 3<&{to_browser} 4>&{from_browser}'
         options = (
-            *('--headless=new', '--no-sandbox', '--disable-gpu', '--remote-debugging-pipe'),
+            *('--headless=new', '--no-sandbox', '--remote-debugging-pipe'),
+            # WebGL without a graphics card.
+            *('--use-angle=swiftshader', '--enable-unsafe-swiftshader'),
             *('--no-first-run', '--disable-dev-shm-usage', f'--user-data-dir={folder}'),
             *(f'--window-size={size[0]},{size[1]}', '--disable-background-networking'),
             'about:blank',
@@ -56,7 +58,7 @@ class Chromium:
         )
         return answer['result'].get('value')
 
-    def until(self, expression, seconds=30.0):
+    def until(self, expression, seconds=120.0):
         """Wait for an expression to give something true, which is returned."""
         end = time.monotonic() + seconds
         while not (value := self.value(expression)):
