@@ -13,8 +13,8 @@ from ftp_dent_ros.ground.commands import Answer
 from ftp_dent_ros.supervision.processes import Processes, Program
 
 _NAME = 'recorder'
-# Until a recorder that cannot begin has ended (s).
-_BEGIN = 3.0
+# Seconds within which a recorder begins, also on a small computer that is busy.
+_BEGIN = 45.0
 
 
 class Recordings:
@@ -80,9 +80,12 @@ class Recordings:
         words = ('-m', 'ftp_dent_ros.cli.main', 'record', '--all', '--output', str(bag))
         self._processes.start(Program(_NAME, (sys.executable, *words)))
         end = time.monotonic() + _BEGIN
-        while time.monotonic() < end and not bag.is_dir():
+        while not bag.is_dir():
             if self._processes.ended(0.1):
                 return Answer(False, f'the recording could not begin: {self._last}')
+            if time.monotonic() > end:
+                self._processes.stop(_NAME)
+                return Answer(False, f'the recording did not begin within {_BEGIN:.0f} s')
         self._bag = bag
         return Answer(True, f'recording to {bag}')
 
