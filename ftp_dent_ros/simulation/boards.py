@@ -15,11 +15,12 @@ from ftp_dent_ros.simulation.light import Light
 from ftp_dent_ros.simulation.motion import still
 from ftp_dent_ros.simulation.panel import Panel
 from ftp_dent_ros.simulation.photometry import Photometry
+from ftp_dent_ros.simulation.pixel_grid import pixel_grid
 from ftp_dent_ros.simulation.printed import board_print
 from ftp_dent_ros.simulation.sensor import expose
 from ftp_dent_ros.simulation.surface import Surface
 from ftp_dent_ros.simulation.tracing import NOTHING, albedo_table, look
-from ftp_dent_ros.simulation.view import broken_pixels, pixel_grid, see
+from ftp_dent_ros.simulation.view import broken_pixels, see
 
 # Points of a pixel's light: four on a star whose variance is a square's, more at edges.
 _STAR = np.float32(np.sqrt(1 / 6))

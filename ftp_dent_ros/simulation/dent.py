@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.simulation.fields import require_positive
+from ftp_dent_ros.simulation.placing import turned
 from ftp_dent_ros.simulation.shapes import SMOOTH, Shape
 
 # Directions in which a contour is followed, and its points on a ray that find its outermost
@@ -111,9 +112,8 @@ class Dent:
         return np.stack([c * along - s * across, s * along + c * across], axis=-1)
 
     def _normalised(self, x: Field, y: Field) -> tuple[Field, Field]:
-        c, s = math.cos(self.angle), math.sin(self.angle)
-        dx, dy = x - self.x, y - self.y
-        return (c * dx + s * dy) / (self.length / 2), (c * dy - s * dx) / (self.width / 2)
+        along, across = turned(x - self.x, y - self.y, self.angle)
+        return along / (self.length / 2), across / (self.width / 2)
 
 
 def size_of(points: Field) -> tuple[float, float]:

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.simulation.fields import require_positive
+from ftp_dent_ros.simulation.fitting import Fitting, RoundFitting
+from ftp_dent_ros.simulation.placing import turned
 
 # At 1.6 radii a rivet's groove and step have died out to 1e-8 of their height.
 _RIVET_REACH = 1.6
@@ -24,40 +25,8 @@ _STEP = 50e-6
 Field = NDArray[np.float64]
 
 
-class Fitting(Protocol):
-    """A height field with a place and an end, as dents are, that changes within a pixel."""
-
-    @property
-    def x(self) -> float:
-        """Centre on the panel, metres."""
-
-    @property
-    def y(self) -> float:
-        """Centre on the panel, metres."""
-
-    @property
-    def reach(self) -> float:
-        """Half the side of a square around the centre that holds it, metres."""
-
-    @property
-    def rise(self) -> float:
-        """Largest height above or below the skin, metres."""
-
-    def covers(self, x: Field, y: Field, margin: float | Field = 0.0) -> NDArray[np.bool_]:
-        """Mask of panel coordinates where it, widened by `margin` metres, is not zero."""
-
-    def sharp(self, x: Field, y: Field, margin: float) -> NDArray[np.bool_]:
-        """Mask of panel coordinates within `margin` metres of what changes within a pixel."""
-
-    def height(self, x: Field, y: Field) -> tuple[Field, Field, Field]:
-        """Height and its derivatives along x and y, at panel coordinates of any shape."""
-
-    def clean(self, x: Field, y: Field) -> Field:
-        """Factor on the paint's albedo at panel coordinates."""
-
-
 @dataclass(frozen=True)
-class Rivet:
+class Rivet(RoundFitting):
     """A flush rivet: a round head, slightly proud of the skin, in a shallow groove.
 
     Attributes
@@ -76,9 +45,6 @@ class Rivet:
         Part of the paint's reflectance that is lost at the groove's bottom, 0 to 1.
     """
 
-    x: float
-    y: float
-    radius: float = 0.004
     groove: float = 80e-6
     sigma: float = 250e-6
     proud: float = 30e-6
@@ -97,13 +63,9 @@ class Rivet:
         """Largest height above or below the skin, metres."""
         return abs(self.groove) + abs(self.proud)
 
-    def covers(self, x: Field, y: Field, margin: float | Field = 0.0) -> NDArray[np.bool_]:
-        """Mask of panel coordinates where the rivet, widened by `margin` metres, is not zero."""
-        return _within(self, self.reach, x, y, margin)
-
     def sharp(self, x: Field, y: Field, margin: float) -> NDArray[np.bool_]:
         """Mask of panel coordinates within `margin` metres of head and groove."""
-        return _within(self, self.radius + _GROOVE * self.sigma, x, y, margin)
+        return self._within(self.radius + _GROOVE * self.sigma + margin, x, y)
 
     def height(self, x: Field, y: Field) -> tuple[Field, Field, Field]:
         """Height and its derivatives along x and y, at panel coordinates of any shape."""
@@ -122,7 +84,7 @@ class Rivet:
 
 
 @dataclass(frozen=True)
-class DomedRivet:
+class DomedRivet(RoundFitting):
     """A rivet whose head is a sphere's cap on the skin (universal or brazier head).
 
     Attributes
@@ -135,31 +97,15 @@ class DomedRivet:
         How far its middle stands out of the skin, metres.
     """
 
-    x: float
-    y: float
-    radius: float = 0.004
     proud: float = 0.0012
 
     def __post_init__(self) -> None:
         require_positive(self, 'radius', 'proud')
 
     @property
-    def reach(self) -> float:
-        """Half the side of a square around the centre that holds the head, metres."""
-        return self.radius
-
-    @property
     def rise(self) -> float:
         """Largest height above the skin, metres."""
         return self.proud
-
-    def covers(self, x: Field, y: Field, margin: float | Field = 0.0) -> NDArray[np.bool_]:
-        """Mask of panel coordinates where the head, widened by `margin` metres, is not zero."""
-        return _within(self, self.radius, x, y, margin)
-
-    def sharp(self, x: Field, y: Field, margin: float) -> NDArray[np.bool_]:
-        """Mask of panel coordinates within `margin` metres of the head."""
-        return _within(self, self.radius, x, y, margin)
 
     def height(self, x: Field, y: Field) -> tuple[Field, Field, Field]:
         """Height and its derivatives along x and y, at panel coordinates of any shape."""
@@ -168,13 +114,9 @@ class DomedRivet:
         slope = np.where(part > 0, 2 * self.proud / self.radius, 0.0)
         return -self.proud * np.maximum(part, 0), slope * u, slope * v
 
-    def clean(self, x: Field, y: Field) -> Field:
-        """The head is painted as the skin is."""
-        return np.ones_like(x)
-
 
 @dataclass(frozen=True)
-class MissingRivet:
+class MissingRivet(RoundFitting):
     """The hole of a rivet that is gone: dark, with a floor.
 
     Attributes
@@ -189,8 +131,6 @@ class MissingRivet:
         Factor on the paint's albedo within.
     """
 
-    x: float
-    y: float
     radius: float = 0.0024
     depth: float = 0.002
     dark: float = 0.08
@@ -199,22 +139,9 @@ class MissingRivet:
         require_positive(self, 'radius', 'depth')
 
     @property
-    def reach(self) -> float:
-        """Half the side of a square around the centre that holds the hole, metres."""
-        return self.radius
-
-    @property
     def rise(self) -> float:
         """Its depth below the skin, metres."""
         return self.depth
-
-    def covers(self, x: Field, y: Field, margin: float | Field = 0.0) -> NDArray[np.bool_]:
-        """Mask of panel coordinates where the hole, widened by `margin` metres, is not zero."""
-        return _within(self, self.radius, x, y, margin)
-
-    def sharp(self, x: Field, y: Field, margin: float) -> NDArray[np.bool_]:
-        """Mask of panel coordinates within `margin` metres of the hole."""
-        return _within(self, self.radius, x, y, margin)
 
     def height(self, x: Field, y: Field) -> tuple[Field, Field, Field]:
         """Height and its derivatives along x and y, at panel coordinates of any shape."""
@@ -230,7 +157,7 @@ class MissingRivet:
 
 
 @dataclass(frozen=True)
-class Bead:
+class Bead(Fitting):
     """A bead of sealant along a line: half a cosine across, its ends rounded off.
 
     Attributes
@@ -247,8 +174,6 @@ class Bead:
         Factor on the paint's albedo.
     """
 
-    x: float
-    y: float
     length: float
     width: float = 0.008
     proud: float = 0.0012
@@ -272,10 +197,6 @@ class Bead:
         """Mask of panel coordinates where the bead, widened by `margin` metres, is not zero."""
         return self._off_line(x, y)[0] < self.width / 2 + margin
 
-    def sharp(self, x: Field, y: Field, margin: float) -> NDArray[np.bool_]:
-        """Mask of panel coordinates within `margin` metres of the bead."""
-        return self.covers(x, y, margin)
-
     def height(self, x: Field, y: Field) -> tuple[Field, Field, Field]:
         """Height and its derivatives along x and y, at panel coordinates of any shape."""
         distance, dx, dy = self._off_line(x, y)
@@ -292,13 +213,6 @@ class Bead:
         """Distance from its middle line, and the way from there, metres."""
         c, s = math.cos(self.angle), math.sin(self.angle)
         dx, dy = x - self.x, y - self.y
-        along = np.clip(c * dx + s * dy, -self.length / 2, self.length / 2)
+        along = np.clip(turned(dx, dy, self.angle)[0], -self.length / 2, self.length / 2)
         dx, dy = dx - c * along, dy - s * along
         return np.hypot(dx, dy), dx, dy
-
-
-def _within(
-    fitting: Fitting, radius: float, x: Field, y: Field, margin: float | Field
-) -> NDArray[np.bool_]:
-    reach = radius + margin
-    return (x - fitting.x) ** 2 + (y - fitting.y) ** 2 < reach * reach

@@ -8,28 +8,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any, Protocol
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.simulation.fields import require_positive
+from ftp_dent_ros.simulation.placing import turned
+from ftp_dent_ros.simulation.textures import LETTER, letters_of, noise, sampled
 
-# Grains of a noise before it repeats (at 4 mm half a metre), and samples a grain: OpenCV 4 rounds
-# positions to 1/32 of a sample.
-_GRAINS = 128
-_FINE = 8
 # Standard deviations that 99 % of a normal distribution lie within.
 _WITHIN = 2.576
-# The correlation of white noise blurred by sigma is half at a distance of 1.67 sigma.
-_GRAIN_SIGMA = 0.5 / 1.665
-# Pixels of a letter's height: 0.1 mm of a letter of 20 mm.
-_LETTER = 200
-# Of the images that lists of positions are made into.
-_COLUMNS = 4096
 # Half the ramp at a mark's border, metres: paint ends within a tenth of a millimetre.
 _SOFT = 5e-5
 
@@ -99,7 +89,7 @@ class Dirt:
         along, across = (c * x + s * y) / self.stretch, c * y - s * x
         total = np.zeros(x.shape, np.float32)
         for index, scale in enumerate(self.scales):
-            total += _noise(self.seed, index, along / scale, across / scale)
+            total += noise(self.seed, index, along / scale, across / scale)
         total *= np.float32(self.contrast / (_WITHIN * math.sqrt(len(self.scales))))
         total += 1
         # No dirt swallows all light, nor does any lack of it more than double it.
@@ -149,7 +139,7 @@ class Patch:
 
     def factor(self, x: Image, y: Image) -> Image:
         """At panel coordinates, metres."""
-        along, across = _turned(self, x, y)
+        along, across = _from_centre(self, x, y)
         half_length, half_width = self.length / 2, self.width / 2
         if self.round:
             r = np.hypot(along / half_length, across / half_width)
@@ -196,17 +186,17 @@ class Lettering:
     @property
     def box(self) -> Box:
         """Centre and half the side of a square that holds it, metres."""
-        letters = _letters(self.text)
-        return self.x, self.y, math.hypot(*letters.shape) / 2 * self.height / _LETTER
+        letters = letters_of(self.text)
+        return self.x, self.y, math.hypot(*letters.shape) / 2 * self.height / LETTER
 
     def factor(self, x: Image, y: Image) -> Image:
         """At panel coordinates, metres."""
-        letters = _letters(self.text)
-        along, across = _turned(self, x, y)
-        scale = np.float32(_LETTER / self.height)
+        letters = letters_of(self.text)
+        along, across = _from_centre(self, x, y)
+        scale = np.float32(LETTER / self.height)
         column = along * scale + np.float32((letters.shape[1] - 1) / 2)
         row = across * scale + np.float32((letters.shape[0] - 1) / 2)
-        return _tinted(_sample(letters, column, row), self.tint)
+        return _tinted(sampled(letters, column, row), self.tint)
 
 
 def scratches(
@@ -239,11 +229,10 @@ def scratches(
     return tuple(found)
 
 
-def _turned(mark: Patch | Lettering, x: Image, y: Image) -> tuple[Image, Image]:
+def _from_centre(mark: Patch | Lettering, x: Image, y: Image) -> tuple[Image, Image]:
     """Coordinates along and across a mark from its centre, metres, float32."""
-    c, s = math.cos(mark.angle), math.sin(mark.angle)
     dx, dy = (x - mark.x).astype(np.float32), (y - mark.y).astype(np.float32)
-    return dx * np.float32(c) + dy * np.float32(s), dy * np.float32(c) - dx * np.float32(s)
+    return turned(dx, dy, mark.angle)
 
 
 def _tinted(cover: Image, tint: Colour) -> Image:
@@ -251,58 +240,3 @@ def _tinted(cover: Image, tint: Colour) -> Image:
     if min(tint) == max(tint):
         return 1 - cover * np.float32(1 - tint[0])
     return np.stack([1 - cover * np.float32(1 - part) for part in tint])
-
-
-def _noise(seed: int, octave: int, u: Image, v: Image) -> Image:
-    """Smooth noise of mean 0 and variance 1 with grains one unit wide."""
-    # OpenCV cannot wrap a map of positions: the field has a rim.
-    column = np.mod(u, _GRAINS) * _FINE
-    row = np.mod(v, _GRAINS) * _FINE
-    return _sample(_grains(seed, octave), column, row)
-
-
-@lru_cache(maxsize=16)
-def _grains(seed: int, octave: int) -> Image:
-    """A noise at `_FINE` samples a unit, its first column and row repeated at the end."""
-    size = _GRAINS * _FINE
-    white = np.random.default_rng([seed, octave]).standard_normal((size, size), np.float32)
-    rim = 4 * _FINE
-    padded = np.pad(white, rim, mode='wrap')
-    smooth = cv2.GaussianBlur(padded, (0, 0), _GRAIN_SIGMA * _FINE)[rim : 1 - rim, rim : 1 - rim]
-    return (smooth - smooth.mean()) / smooth.std()
-
-
-@lru_cache(maxsize=8)
-def _letters(text: str) -> Image:
-    """Cover of a line of text, 0 to 1, capitals `_LETTER` pixels high and in the middle."""
-    # OpenCV's versions draw other fonts under one name: measured on what is drawn.
-    capital = np.flatnonzero(_drawn('H').any(axis=1))
-    size = _LETTER / len(capital)
-    canvas = _drawn(text)
-    above, below = capital[0], len(canvas) - 1 - capital[-1]
-    rim = ((max(below - above, 0), max(above - below, 0)), (0, 0))
-    letters: Image = cv2.resize(np.pad(canvas, rim), None, fx=size, fy=size)
-    return letters.astype(np.float32) / 255
-
-
-def _drawn(text: str) -> NDArray[np.uint8]:
-    """A line of text with room around it; its height does not depend on the letters."""
-    font, scale, thickness = cv2.FONT_HERSHEY_DUPLEX, 8.0, 24
-    (_, height), below = cv2.getTextSize('H', font, scale, thickness)
-    (width, _), _ = cv2.getTextSize(text, font, scale, thickness)
-    room = below + thickness
-    canvas = np.zeros((height + 2 * room, width + 2 * thickness), np.uint8)
-    cv2.putText(canvas, text, (thickness, height + room), font, scale, 255, thickness, cv2.LINE_AA)
-    return canvas
-
-
-def _sample(field: Image, column: Image, row: Image) -> Image:
-    """Linear interpolation of a field, 0 around it, at positions of any shape."""
-    # OpenCV limits a side to 32767: a list is made an image.
-    count = column.size
-    shape, width = column.shape, min(max(count, 1), _COLUMNS)
-    places = np.full((2, -(-count // width) * width), -2.0, np.float32)
-    places[:, :count] = column.ravel(), row.ravel()
-    column, row = places.reshape(2, -1, width)
-    values = cv2.remap(field, column, row, cv2.INTER_LINEAR, borderValue=0)
-    return values.ravel()[:count].reshape(shape)

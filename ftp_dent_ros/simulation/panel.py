@@ -8,7 +8,6 @@ to z.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -21,9 +20,9 @@ from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.simulation import form
 from ftp_dent_ros.simulation.dent import Dent
-from ftp_dent_ros.simulation.fields import require_positive
-from ftp_dent_ros.simulation.fittings import Fitting
+from ftp_dent_ros.simulation.fitting import Fitting
 from ftp_dent_ros.simulation.form import Wave
+from ftp_dent_ros.simulation.openings import Opening
 from ftp_dent_ros.simulation.paint import Paint
 from ftp_dent_ros.simulation.sunlight import Sunlight
 
@@ -33,40 +32,6 @@ _ITERATIONS = 12
 _CONVERGED = 1e-11
 
 Field = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Opening:
-    """A window or door: a rectangle or ellipse without skin.
-
-    Attributes
-    ----------
-    x, y : float
-        Centre on the panel, metres.
-    length, width : float
-        Metres.
-    angle : float
-        From the panel's x axis to its length, towards y, radians.
-    round : bool
-        An ellipse.
-    """
-
-    x: float
-    y: float
-    length: float
-    width: float
-    angle: float = 0.0
-    round: bool = False
-
-    def __post_init__(self) -> None:
-        require_positive(self, 'length', 'width')
-
-    def contains(self, x: Field, y: Field) -> NDArray[np.bool_]:
-        """Mask of panel coordinates within."""
-        c, s = math.cos(self.angle), math.sin(self.angle)
-        dx, dy = x - self.x, y - self.y
-        u, v = (c * dx + s * dy) / (self.length / 2), (c * dy - s * dx) / (self.width / 2)
-        return u * u + v * v < 1 if self.round else np.maximum(np.abs(u), np.abs(v)) < 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,61 +219,6 @@ class Panel:
             scale[near] = s
             x[near], y[near], _ = start + s * along
         return scale, x, y
-
-    def distance(self, points: Field) -> Field:
-        """Signed distance of points (n, 3) in the parent frame, positive behind the skin.
-
-        The closest point lies within the extent. To 1e-6 m for points within a few millimetres
-        of the skin; of points far away the nearest of several dents may be missed.
-        """
-        at = self.pose.inverse().apply(points)
-        foot_x, foot_y = self._closest_bare(at)
-        height, _, _ = self.bare_height(foot_x, foot_y)
-        above = at[:, 2] - height
-        distance = np.sqrt((at[:, 0] - foot_x) ** 2 + (at[:, 1] - foot_y) ** 2 + above**2)
-        behind = above >= 0
-        margin = distance + max((feature.rise for feature in self.features), default=0.0)
-        local = self.near(foot_x, foot_y, float(margin.max(initial=0.0)))
-        near = np.flatnonzero(local.covered(foot_x, foot_y, margin) | bool(self.waves))
-        if len(near):
-            distance[near], behind[near] = local._refined(at[near], foot_x[near], foot_y[near])
-        return np.where(behind, distance, -distance)
-
-    def _refined(self, at: Field, x: Field, y: Field) -> tuple[Field, NDArray[np.bool_]]:
-        """Distance and side of points (n, 3) in the panel's frame, from feet near theirs."""
-        x_min, x_max, y_min, y_max = self.extent
-        best = np.full(len(x), np.inf)
-        behind = np.zeros(len(x), bool)
-        for _ in range(_ITERATIONS):
-            height, hx, hy = self.height(x, y)
-            dx, dy, dz = at[:, 0] - x, at[:, 1] - y, at[:, 2] - height
-            distance = np.sqrt(dx * dx + dy * dy + dz * dz)
-            closer = distance < best
-            best[closer], behind[closer] = distance[closer], dz[closer] >= 0
-            # Gauss-Newton on the squared distance, with the curvature of the bare skin added.
-            bend = np.zeros(len(x))
-            if self.cylinder_radius:
-                root = self.cylinder_radius**2 - x * x
-                bend = np.minimum(dz * self.cylinder_radius**2 / root**1.5, 0.8)
-            xx, xy, yy = 1 + hx * hx - bend, hx * hy, 1 + hy * hy
-            gradient_x, gradient_y = dx + hx * dz, dy + hy * dz
-            determinant = xx * yy - xy * xy
-            step_x = (yy * gradient_x - xy * gradient_y) / determinant
-            step_y = (xx * gradient_y - xy * gradient_x) / determinant
-            x = np.clip(x + step_x, x_min, x_max)
-            y = np.clip(y + step_y, y_min, y_max)
-            if max(np.abs(step_x).max(), np.abs(step_y).max()) < _CONVERGED:
-                break
-        return best, behind
-
-    def _closest_bare(self, at: Field) -> tuple[Field, Field]:
-        """Coordinates (x, y) of the closest points within the extent, features left out."""
-        x_min, x_max, y_min, y_max = self.extent
-        x = at[:, 0]
-        if self.cylinder_radius:
-            below = np.maximum(self.cylinder_radius - at[:, 2], 1e-9)
-            x = self.cylinder_radius * x / np.hypot(x, below)
-        return np.clip(x, x_min, x_max), np.clip(at[:, 1], y_min, y_max)
 
     def _in_panel(self, origin: Field, rays: Field) -> tuple[Field, Field]:
         """Origin, shape (3,) or (3, n), and rays, shape (3, n), in the panel's frame."""

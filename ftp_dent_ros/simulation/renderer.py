@@ -15,26 +15,17 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.errors import ImageError
 from ftp_dent_ros.rig import Rig
+from ftp_dent_ros.simulation.drift import image_sweep, light_drift, skin_drift
+from ftp_dent_ros.simulation.integration import cubature, lattice, moved, shifted
 from ftp_dent_ros.simulation.light import Light
 from ftp_dent_ros.simulation.motion import Motion
 from ftp_dent_ros.simulation.photometry import Photometry
+from ftp_dent_ros.simulation.pixel_grid import pixel_grid
 from ftp_dent_ros.simulation.sensor import expose, speckle
 from ftp_dent_ros.simulation.skin import is_even, paint_and_sun, smooth_paint
 from ftp_dent_ros.simulation.surface import Surface
 from ftp_dent_ros.simulation.tracing import View, albedo_table, look
-from ftp_dent_ros.simulation.view import (
-    broken_pixels,
-    image_sweep,
-    light_drift,
-    pixel_grid,
-    see,
-    skin_drift,
-    visible_part,
-)
-
-# Generators of a rank-1 lattice over (column, row, time): evenly spread in each of them alone
-# and in the sums of them along which moving fringes run.
-_LATTICE = (1, 19, 53)
+from ftp_dent_ros.simulation.view import broken_pixels, see, visible_part
 
 # Longest way of the image, pixels, over which one set of points integrates a moving fringe.
 _INTERVAL = 2.0
@@ -72,7 +63,7 @@ class Renderer:
         self.rig = rig
         self.photometry = photometry or Photometry()
         self._light = Light(projected, self.photometry)
-        self._points = _lattice(self.photometry.samples)
+        self._points = lattice(self.photometry.samples)
 
     def render(
         self,
@@ -150,10 +141,10 @@ class Renderer:
         """
         light = self._light
         place, slopes = self._positions(surface, view, motion)
-        points = _cubature(len(slopes), math.ceil(sweep / _INTERVAL))
+        points = cubature(len(slopes), math.ceil(sweep / _INTERVAL))
         total = np.zeros((*view.u.shape, 4), np.float32)
         for point in points:
-            light.add(total, *_moved(place, slopes, point))
+            light.add(total, *moved(place, slopes, point))
         lit = light.mean(total, len(points))
         ambient: Image = np.stack([cv2.LUT(view.tone, tone) for tone in albedo_table(surface)])
         ambient *= view.clean
@@ -183,10 +174,10 @@ class Renderer:
         diffuse = np.zeros((3, *view.u.shape), np.float32)
         ambient = np.zeros_like(diffuse)
         for point in self._points[:, : len(slopes)]:
-            sample = light.sample(*_moved(place, slopes, point))
-            here = _moved(skin, skin_slopes, point)
+            sample = light.sample(*moved(place, slopes, point))
+            here = moved(skin, skin_slopes, point)
             paint, sun = paint_and_sun(surface, view.tone, *here, sharp_only=True)
-            paint *= _shifted(smooth, smooth_slopes, point)
+            paint *= shifted(smooth, smooth_slopes, point)
             sun += np.float32(self.photometry.ambient)
             cv2.accumulate(sample, plain)
             for channel in range(3):
@@ -246,39 +237,3 @@ def render(
 ) -> NDArray[np.uint8]:
     """Photograph a surface once: see `Renderer`, which is quicker for more of them."""
     return Renderer(rig, projected, photometry).render(surface, rng, motion)
-
-
-def _moved(place: Image, slopes: list[Image], point: NDArray) -> tuple[Image, Image]:
-    """Two fields, shape (2, h, w), float32, at a point of the pixels and the exposure."""
-    first, second = (
-        _shifted(field, [slope[index] for slope in slopes], point)
-        for index, field in enumerate(place)
-    )
-    return first, second
-
-
-def _shifted(field: Image, slopes: list[Image], point: NDArray) -> Image:
-    """A field of shape (h, w), float32, at a point of the pixels and the exposure."""
-    for axis in np.flatnonzero(point):
-        field = cv2.scaleAdd(slopes[axis], point[axis], field)
-    return field
-
-
-def _cubature(dimensions: int, intervals: int) -> NDArray[np.float64]:
-    """Points (column, row[, time]) from -1/2 to 1/2 whose mean integrates cubic polynomials.
-
-    On each axis two points, so far out that the variance is right; time in a few intervals.
-    """
-    star = math.sqrt(dimensions / 12) * np.vstack([np.eye(dimensions), -np.eye(dimensions)])
-    if dimensions < 3:
-        return star
-    star[:, 2] /= intervals
-    centres = np.zeros((intervals, 1, 3))
-    centres[:, 0, 2] = (np.arange(intervals) + 0.5) / intervals - 0.5
-    return (centres + star).reshape(-1, 3)
-
-
-def _lattice(count: int) -> NDArray[np.float64]:
-    """Points (column, row, time) from -1/2 to 1/2, symmetric about 0, shape (count, 3)."""
-    odd = 2 * np.arange(count) + 1
-    return (np.outer(odd, _LATTICE) % (2 * count)) / (2 * count) - 0.5

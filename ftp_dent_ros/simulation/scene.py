@@ -11,7 +11,8 @@ import numpy as np
 from ftp_dent_ros.calibration.board import Board
 from ftp_dent_ros.simulation.dent import Dent
 from ftp_dent_ros.simulation.fields import Fields
-from ftp_dent_ros.simulation.fittings import Bead, DomedRivet, Fitting, MissingRivet, Rivet
+from ftp_dent_ros.simulation.fitting import Fitting
+from ftp_dent_ros.simulation.fittings import Bead, DomedRivet, MissingRivet, Rivet
 from ftp_dent_ros.simulation.flight import Flight
 from ftp_dent_ros.simulation.form import Wave
 from ftp_dent_ros.simulation.marks import Dirt, Lettering, Mark, Patch, scratches

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.simulation.nearest import signed_distance
 from ftp_dent_ros.simulation.panel import Panel
 
 
@@ -73,7 +74,7 @@ class Surface:
         inside = flat[finite]
         best = np.full(len(inside), np.inf)
         for panel in self.panels:
-            distance = panel.distance(inside)
+            distance = signed_distance(panel, inside)
             best = np.where(np.abs(distance) < np.abs(best), distance, best)
         result = np.full(len(flat), np.nan)
         result[finite] = best
