@@ -14,6 +14,7 @@ from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.errors import RefusedFrameError
 from ftp_dent_ros.evaluation.phase_noise import NoisyPhase, on_phase_map
 from ftp_dent_ros.evaluation.scenes import PATTERN, Scene
+from ftp_dent_ros.photograph import Photograph
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.rig import Rig
 
@@ -114,12 +115,13 @@ class Bench:
             image = on_phase_map(image, scene, phase_noise)
         elif phase_noise is not None:
             self._method.noise = phase_noise
+        photograph = Photograph.of(image)
         try:
             if not self._warm:
-                self._method.measure(image)
+                self._method.measure(photograph)
                 self._warm = True
             start = time.perf_counter()
-            cloud = self._method.measure(image).cloud
+            cloud = self._method.measure(photograph).cloud
             seconds = time.perf_counter() - start
         except RefusedFrameError:
             nothing = math.nan

@@ -5,11 +5,11 @@ from __future__ import annotations
 import os
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.files import find
 from ftp_dent_ros.pattern import Pattern, read_pattern
+from ftp_dent_ros.photograph import Photograph
 from ftp_dent_ros.profilometry.reconstruction import Measurement, Reconstructor
 from ftp_dent_ros.profilometry.settings import Settings
 from ftp_dent_ros.rig import Rig, read_rig
@@ -18,14 +18,16 @@ _Path = str | os.PathLike[str]
 
 
 def reconstruct(
-    image: NDArray[np.uint8], rig: Rig | _Path, pattern: Pattern | _Path, **settings: Any
+    image: Photograph | NDArray[Any], rig: Rig | _Path, pattern: Pattern | _Path, **settings: Any
 ) -> Measurement:
     """Measure the surface in a photograph of the fringes.
 
     Parameters
     ----------
-    image : ndarray, shape (height, width, 3), uint8
-        RGB, as large as the camera's calibration says.
+    image : ndarray or Photograph
+        As large as the camera's calibration says. An array is RGB, shape (height, width, 3), or
+        grey, shape (height, width), of 8 or 16 bits; `ftp_dent_ros.photograph.Photograph` tells
+        of raw pixels, and of bits between.
     rig : Rig or path
         The calibrated camera and projector, or their file; ``shipped:rig.yaml`` is the
         demonstration's.

@@ -2,26 +2,28 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Any, Protocol
 
-import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud import Cloud
-from ftp_dent_ros.errors import ImageError
+from ftp_dent_ros.errors import ImageError, NoStripeError
 from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.photograph import Photograph
 from ftp_dent_ros.profilometry.fourier_transform import FourierTransform
 from ftp_dent_ros.profilometry.least_squares import LeastSquares
 from ftp_dent_ros.profilometry.measurement import Measurement
 from ftp_dent_ros.profilometry.settings import Settings
 from ftp_dent_ros.rig import Rig
 
+_GREY = 'the image is grey, and the stripe that numbers the fringes is red: photograph in colour'
+
 
 class Method(Protocol):
     """A method, made for one rig, pattern and settings."""
 
-    def measure(self, image: NDArray[np.uint8]) -> Measurement:
-        """Measure the surface in a photograph, RGB, of the camera's size."""
+    def measure(self, photograph: Photograph) -> Measurement:
+        """Measure the surface in a photograph of the camera's size."""
 
 
 def method_for(rig: Rig, pattern: Pattern, settings: Settings) -> Method:
@@ -51,17 +53,18 @@ class Reconstructor:
         self.rig, self.pattern, self.settings = rig, pattern, settings or Settings()
         self._method = method_for(rig, pattern, self.settings)
 
-    def reconstruct(self, image: NDArray[np.uint8]) -> Cloud:
+    def reconstruct(self, image: Photograph | NDArray[Any]) -> Cloud:
         """Cloud of a photograph: that of `measure`."""
         return self.measure(image).cloud
 
-    def measure(self, image: NDArray[np.uint8]) -> Measurement:
+    def measure(self, image: Photograph | NDArray[Any]) -> Measurement:
         """Measure the surface in a photograph.
 
         Parameters
         ----------
-        image : ndarray, shape (height, width, 3), uint8
-            RGB, as large as the camera's calibration says.
+        image : Photograph or ndarray
+            As large as the camera's calibration says. An array is RGB, shape (height, width, 3),
+            or grey, shape (height, width), of 8 or 16 bits (uint8, uint16).
 
         Returns
         -------
@@ -76,18 +79,23 @@ class Reconstructor:
         RefusedFrameError
             The image gives no measurement; the message says why and what to do.
         """
-        self._check(image)
-        return self._method.measure(image)
+        photograph = Photograph.of(image)
+        self._check(photograph)
+        try:
+            return self._method.measure(photograph)
+        except NoStripeError:
+            if photograph.is_grey:
+                raise NoStripeError(_GREY) from None
+            raise
 
-    def _check(self, image: NDArray[np.uint8]) -> None:
-        """Raise `ImageError` unless the image is of the camera's kind and size."""
+    def _check(self, photograph: Photograph) -> None:
+        """Raise `ImageError` unless the photograph is of the camera's kind and size."""
         camera = self.rig.camera
-        if not isinstance(image, np.ndarray) or image.dtype != np.uint8:
-            kind = getattr(image, 'dtype', type(image).__name__)
-            raise ImageError(f'the image is of {kind}, not 8-bit levels: give an 8-bit RGB image')
-        if image.shape != (camera.height, camera.width, 3):
-            size = 'x'.join(str(length) for length in image.shape[1::-1] + image.shape[2:])
+        if (photograph.width, photograph.height) != (camera.width, camera.height):
             raise ImageError(
-                f"the image is {size}, the rig's camera {camera.width}x{camera.height}x3: "
-                'use the camera that was calibrated, at that resolution and in colour'
+                f"the image is {photograph.width}x{photograph.height}, the rig's camera "
+                f'{camera.width}x{camera.height}: use the camera that was calibrated, at that '
+                'resolution'
             )
+        if photograph.is_flat and not photograph.mosaic:
+            raise ImageError(_GREY)

@@ -92,10 +92,14 @@ def test_a_photograph_becomes_a_cloud(folder):
 
 def test_a_photograph_without_a_stripe_is_refused(folder, photograph):
     white = np.repeat(photograph[1][..., :1], 3, axis=2)
-    write_image(folder / 'image.png', white)
-    done = run(*words(folder))
-    assert (done.returncode, done.stdout) == (2, '')
-    assert done.stderr.startswith('ftp-dent reconstruct: the red stripe is not seen')
+    for image, said in (
+        (white // (1, 1, 2), 'the red stripe is not seen'),
+        (white, 'the image is grey'),
+    ):
+        write_image(folder / 'image.png', image.astype(np.uint8))
+        done = run(*words(folder))
+        assert (done.returncode, done.stdout) == (2, '')
+        assert done.stderr.startswith(f'ftp-dent reconstruct: {said}')
     assert done.stderr.count('\n') == 1
     assert not (folder / 'cloud.ply').exists()
 
@@ -137,7 +141,7 @@ GREY = np.full((240, 320, 3), 90, np.uint8)
         (0 * GREY + 255, 'clipped'),
         (GREY[..., 0], 'shape (240, 320), not 8-bit colours'),
         (GREY.astype(np.uint16), 'uint16 in shape (240, 320, 3), not 8-bit'),
-        (GREY[:100], "320x100x3, the rig's camera 320x240x3"),
+        (GREY[:100], "320x100, the rig's camera 320x240"),
     ],
     ids=['black', 'white', 'grey', '16 bit', 'cropped'],
 )

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.errors import NoStripeError
 from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.photograph import Photograph
 from ftp_dent_ros.profilometry.carrier import (
     Carrier,
     ReferencePlane,
@@ -65,7 +66,7 @@ class FourierTransform:
         self._rays = rig.camera.rays(rows).astype(np.float32)
         self._reference_phase = lru_cache(maxsize=4)(self._reference_at)
 
-    def measure(self, image: NDArray[np.uint8]) -> Measurement:
+    def measure(self, photograph: Photograph) -> Measurement:
         """Measure the surface in a photograph.
 
         Raises
@@ -73,7 +74,7 @@ class FourierTransform:
         TooDarkError, SaturatedError, NoStripeError, OtherPatternError
         """
         stride = self.settings.stride
-        levels = image.astype(np.float32)
+        levels = photograph.rgb() * np.float32(photograph.unit)
         red = np.ascontiguousarray(levels[..., 0])
 
         coarse = measured_carrier(red, self.rig, self.pattern)

@@ -24,6 +24,8 @@ _PER_FRINGE = 4.6
 # Boxes that average pixels to bins, one over the other: an odd number.
 _ORDER = 5
 _NODE_ORDER = 3
+# Where bins are pixels, those of a lattice have every second: a cubic through four fills in.
+_BETWEEN = np.array([-1, 0, 9, 16, 9, 0, -1]) / 16
 # Nodes that one product of matrices makes, and rows of bins that stay in the cache.
 _BLOCK, _STRIP = 16, 16
 
@@ -97,17 +99,64 @@ class Grid:
         missing = rows * self.rows - self.height, columns * self.step - self.width
         if any(missing):
             plane = cv2.copyMakeBorder(plane, 0, missing[0], 0, missing[1], cv2.BORDER_REPLICATE)
-        total = np.add(plane[0 :: self.rows], plane[1 :: self.rows], dtype=np.uint16)
+        wide = np.uint16 if plane.dtype == np.uint8 else np.uint32
+        total = np.add(plane[0 :: self.rows], plane[1 :: self.rows], dtype=wide)
         for row in range(2, self.rows):
             total += plane[row :: self.rows]
         fine: Any = total.astype(np.float32)
         fine *= np.float32(1 / self.rows)
         if self.step == 1:
             return fine
-        taps = _boxes(self.step, _ORDER)
+        return self._averaged_along_u(fine, _boxes(self.step, _ORDER))
+
+    def binned_lattice(
+        self, mosaic: NDArray, first_row: int, first_column: int
+    ) -> NDArray[np.float32]:
+        """Averages over the bins of every second pixel of every second row alone.
+
+        Their centres of gravity are those of all pixels of the bins: along u since averages over
+        averages leave nothing of what alternates, along v by a share of the bin beside.
+
+        Parameters
+        ----------
+        mosaic : ndarray, shape (height, width)
+        first_row, first_column : int
+            0 or 1, of the pixels that count.
+        """
+        rows, columns = self.bin_shape
+        missing = rows * self.rows - self.height, columns * self.step - self.width
+        if any(missing):
+            # Mirrored about the last pixel, rows and columns stay odd or even.
+            mosaic = cv2.copyMakeBorder(
+                mosaic, 0, missing[0], 0, missing[1], cv2.BORDER_REFLECT_101
+            )
+        lines = mosaic[:, first_column::2].reshape(rows, self.rows, -1)
+        mean = np.empty((rows, lines.shape[2]), np.float32)
+        odd = self.rows % 2
+        for parity in range(1 + odd):
+            some = slice(parity, None, 1 + odd)
+            chosen = range((first_row + parity * odd) % 2, self.rows, 2)
+            total = np.zeros(mean[some].shape, np.uint32)
+            for row in chosen:
+                total += lines[some, row]
+            mean[some] = total * np.float32(1 / len(chosen))
+        if not odd:
+            away = np.float32((0.5 - first_row) / self.rows)
+            padded = np.pad(mean, ((1, 1), (0, 0)), 'edge')
+            beside = padded[2:] if away > 0 else padded[:-2]
+            mean += abs(away) * (beside - mean)
+        sparse = np.zeros((rows + 1, columns * self.step), np.float32)
+        sparse[:-1, first_column::2] = mean
+        sparse[-1, first_column::2] = 1
+        taps = _BETWEEN if self.step == 1 else _boxes(self.step, _ORDER)
+        averages = self._averaged_along_u(sparse, taps)
+        return averages[:-1] / averages[-1]
+
+    def _averaged_along_u(self, lines, taps) -> NDArray[np.float32]:
+        """Means, weighted by `taps`, of pixels around the centres of the bins along u."""
         anchor = ((len(taps) - 1) // 2, 0)
-        fine = cv2.sepFilter2D(
-            fine, -1, taps, np.ones(1), anchor=anchor, borderType=cv2.BORDER_REFLECT_101
+        fine: Any = cv2.sepFilter2D(
+            lines, -1, taps, np.ones(1), anchor=anchor, borderType=cv2.BORDER_REFLECT_101
         )
         return np.ascontiguousarray(fine[:, (self.step - 1) // 2 :: self.step])
 

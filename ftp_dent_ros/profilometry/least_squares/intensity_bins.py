@@ -1,4 +1,4 @@
-"""A photograph's colours, as bins."""
+"""A photograph's light, as bins in grey levels: 255ths of white, however many bits there are."""
 
 from __future__ import annotations
 
@@ -11,15 +11,17 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.photograph import Photograph
 from ftp_dent_ros.profilometry.least_squares.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.pixel_noise import PixelNoise
 from ftp_dent_ros.profilometry.least_squares.windows import blurred
 
-# Luma (ITU-R BT.601), in which the errors of demosaicing and of JPEG cancel.
-_RED, _OTHERS = 0.299, 0.701
+# Of red in luma (ITU-R BT.601), in which the errors of demosaicing and of JPEG cancel, and in
+# the mean of a mosaic's pixels.
+_RED_IN_LUMA, _RED_IN_MOSAIC = 0.299, 0.25
 # Level up to which a pixel of a colour is not clipped; demosaicing may lower it by one.
 _CLIPPED = 253
-# Share of a bin, in luma, that may be clipped: noise clips some pixels below that level, by no
+# Share of a bin, in light, that may be clipped: noise clips some pixels below that level, by no
 # more than its own standard deviation.
 _FEW = 0.1
 # Phase up to which green and blue are missing, and a little of their blur, radians.
@@ -36,27 +38,38 @@ class IntensityBins:
     Attributes
     ----------
     red : ndarray
-        The fringes go on through the stripe in it.
+        The fringes go on through a red stripe in it; as `grey` where there is none.
     grey : ndarray
-        The least noise, but no fringe in the stripe.
+        The least noise, but no fringe in a red stripe.
     noise : PixelNoise
         Of a pixel of the grey levels.
     clipping : ndarray
-        Share of each bin that is clipped, in luma.
+        Share of each bin that is clipped, in light.
+    red_share : float
+        Of `red` in `grey`.
     """
 
     red: NDArray[np.float32]
     grey: NDArray[np.float32]
     noise: PixelNoise
     clipping: NDArray[np.float32]
+    red_share: float
 
     @classmethod
-    def of(cls, image: NDArray[np.uint8], grid: Grid) -> IntensityBins:
-        """Bins of an RGB image, shape (height, width, 3)."""
-        grey: Any = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-        red = grid.binned(cv2.extractChannel(image, 0))
-        noise = PixelNoise.of(grey)
-        return cls(red, grid.binned(grey), noise, _clipping(image, grid))
+    def of(cls, photograph: Photograph, grid: Grid, stripe: bool = True) -> IntensityBins:
+        """Bins of a photograph.
+
+        Parameters
+        ----------
+        photograph : Photograph
+        grid : Grid
+        stripe : bool
+            Whether one fringe has no green and blue. If not, all that the sensor sees shows all
+            fringes; if so, the photograph must have colours.
+        """
+        light = _of_mosaic if photograph.mosaic else _of_planes
+        red, grey, noise, clipping, share = light(photograph, grid)
+        return cls(red if stripe else grey, grey, noise, clipping, share if stripe else 1.0)
 
     @cached_property
     def clipped(self) -> NDArray[np.bool_]:
@@ -65,14 +78,15 @@ class IntensityBins:
 
     def others(self, rows: NDArray[np.integer]) -> NDArray[np.float32]:
         """Green and blue in some rows."""
-        return (self.grey[rows] - np.float32(_RED) * self.red[rows]) / np.float32(_OTHERS)
+        share = np.float32(self.red_share)
+        return (self.grey[rows] - share * self.red[rows]) / (1 - share)
 
     def filled(
         self, phase: NDArray[np.float32], inside: NDArray[np.bool_], period: float
     ) -> NDArray[np.float32]:
         """Grey levels in which the stripe is a fringe like the others.
 
-        In the stripe, the red level is taken to the grey that goes with it around.
+        In a red stripe, the red level is taken to the grey that goes with it around.
 
         Parameters
         ----------
@@ -83,6 +97,8 @@ class IntensityBins:
         period : float
             Of the fringes, bins.
         """
+        if self.red is self.grey:
+            return self.grey
         stripe = np.abs(phase) < _STRIPE
         columns = np.flatnonzero((stripe & inside).any(axis=0))
         if not len(columns):
@@ -105,8 +121,53 @@ class IntensityBins:
         return filled
 
 
-def _clipping(image: NDArray[np.uint8], grid: Grid) -> NDArray[np.float32]:
-    if image.max() <= _CLIPPED:
-        return np.zeros(grid.bin_shape, np.float32)
-    _, colours = cv2.threshold(image, _CLIPPED, 255, cv2.THRESH_BINARY)
-    return grid.binned(cv2.cvtColor(colours, cv2.COLOR_RGB2GRAY)) / np.float32(255)
+def _of_planes(photograph: Photograph, grid: Grid) -> tuple[Any, ...]:
+    """Red, grey, noise, clipping and red's share of whole planes of pixels."""
+    unit = np.float32(photograph.unit)
+    if photograph.is_flat:
+        plane: Any = photograph.pixels
+    else:
+        plane = cv2.cvtColor(photograph.pixels, cv2.COLOR_RGB2GRAY)
+    noise = PixelNoise.of(plane, unit=photograph.unit, step=photograph.step)
+    grey = grid.binned(plane) * unit
+    red = (
+        grey
+        if photograph.is_flat
+        else grid.binned(cv2.extractChannel(photograph.pixels, 0)) * unit
+    )
+    full = _full(photograph)
+    if full is None:
+        clipping = np.zeros(grid.bin_shape, np.float32)
+    else:
+        seen: Any = full if photograph.is_flat else cv2.cvtColor(full, cv2.COLOR_RGB2GRAY)
+        clipping = grid.binned(seen) / np.float32(255)
+    return red, grey, noise, clipping, _RED_IN_LUMA
+
+
+def _of_mosaic(photograph: Photograph, grid: Grid) -> tuple[Any, ...]:
+    """The same of a mosaic: each colour where its pixels are, and their mean."""
+    pixels, unit = photograph.pixels, photograph.unit
+    lattices = photograph.lattices()
+    planes = [pixels[row::2, column::2] for _, row, column in lattices]
+    height, width = min(map(len, planes)), min(plane.shape[1] for plane in planes)
+    planes = [plane[:height, :width] for plane in planes]
+    bins = [
+        (colour, grid.binned_lattice(pixels, row, column) * np.float32(unit))
+        for colour, row, column in lattices
+    ]
+    red = next(each for colour, each in bins if colour == 'r')
+    grey = sum(each for _, each in bins) * np.float32(1 / len(bins))
+    full = _full(photograph)
+    clipping = np.zeros(grid.bin_shape, np.float32)
+    if full is not None:
+        clipping = grid.binned(full) / np.float32(255)
+    noise = PixelNoise.of(*planes, unit=unit, step=photograph.step)
+    return red, grey, noise, clipping, _RED_IN_MOSAIC
+
+
+def _full(photograph: Photograph) -> NDArray[np.uint8] | None:
+    """255 for each level that is clipped, else 0; None if none is."""
+    highest = _CLIPPED / photograph.unit
+    if photograph.pixels.max() <= highest:
+        return None
+    return (photograph.pixels > highest).view(np.uint8) * np.uint8(255)

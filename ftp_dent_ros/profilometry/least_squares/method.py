@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.errors import NoFringesError, NoStripeError
 from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.photograph import Photograph
 from ftp_dent_ros.profilometry.carrier import ReferencePlane, carrier_on
 from ftp_dent_ros.profilometry.coverage import Coverage
 from ftp_dent_ros.profilometry.least_squares.cloud_builder import CloudBuilder, Published
@@ -97,14 +98,14 @@ class LeastSquares:
         self._refinement = lru_cache(maxsize=4)(self._refinement_at)
         self._builder = CloudBuilder(rig, self.grid, stride)
 
-    def measure(self, image: NDArray[np.uint8]) -> Measurement:
+    def measure(self, photograph: Photograph) -> Measurement:
         """Measure the surfaces in a photograph.
 
         Raises
         ------
         TooDarkError, SaturatedError, NoStripeError, OtherPatternError
         """
-        light = IntensityBins.of(image, self.grid)
+        light = IntensityBins.of(photograph, self.grid)
         table = self._table
         fringes = fit(self.grid, self.windows, table, light.red)
         lit, seams = fringe_region(fringes, self.windows, self.grid, self.period)

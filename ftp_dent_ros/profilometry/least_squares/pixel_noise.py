@@ -6,6 +6,7 @@ the light: shot noise grows with it, read noise does not, speckle goes with its 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,7 +19,7 @@ from ftp_dent_ros.profilometry.least_squares.median import median
 # Rows of which one is looked at, and columns.
 _EVERY, _EVERY_COLUMN = 16, 5
 # Fourth differences, which take off fringes that are inclined, and the sum of their squares.
-_WEIGHTS = (1, -4, 6, -4, 1)
+_WEIGHTS = np.array([1, -4, 6, -4, 1], np.float32)
 _SQUARES = 70
 _BINS = 16
 # Levels beyond which some pixels are clipped, and have no noise.
@@ -26,8 +27,6 @@ _DARKEST, _BRIGHTEST = 2, 250
 _FEWEST = 40  # differences that tell the noise of a level
 # Of squares of normal values: the median.
 _MEDIAN_OF_SQUARE = 0.4549
-# Rounding to whole levels, grey levels^2.
-_ROUNDING = 1 / 12
 _COARSE = 4  # nodes along u and v that it is told for together
 _PHASES = 4  # of half a fringe, that a mean is taken over
 
@@ -45,25 +44,35 @@ class PixelNoise:
     variance: NDArray[np.float32]
 
     @classmethod
-    def of(cls, grey: NDArray[np.uint8]) -> PixelNoise:
-        """Measure the noise of a plane of pixels, shape (height, width)."""
-        count = (len(grey) - len(_WEIGHTS)) // _EVERY
-        rows = [
-            grey[first : first + count * _EVERY : _EVERY, ::_EVERY_COLUMN].astype(np.float32)
-            for first in range(len(_WEIGHTS))
-        ]
-        square = np.square(sum(w * part for w, part in zip(_WEIGHTS, rows, strict=True)))
-        level = rows[len(rows) // 2]
+    def of(cls, *planes: NDArray, unit: float = 1.0, step: int = 1) -> PixelNoise:
+        """Measure the noise of pixels.
+
+        Parameters
+        ----------
+        *planes : ndarray, shape (height, width)
+            One, or the lattices of a mosaic, each of which is an equal part of the light: what
+            counts is the mean of their variances, by the mean of their levels.
+        unit : float
+            Factor from levels to grey levels.
+        step : int
+            Least difference of two levels.
+        """
+        every = _EVERY // math.isqrt(len(planes))
+        samples = [_sampled(plane, every) * np.float32(unit) for plane in planes]
+        level = np.mean([sample[len(_WEIGHTS) // 2] for sample in samples], axis=0)
         place = np.minimum((level * (_BINS / 256)).astype(np.intp), _BINS - 1)
-        place[(level < _DARKEST) | (np.maximum.reduce(rows) > _BRIGHTEST)] = -1
+        brightest = np.maximum.reduce([sample.max(axis=0) for sample in samples])
+        place[(level < _DARKEST) | (brightest > _BRIGHTEST)] = -1
+        squares = [np.square(np.tensordot(_WEIGHTS, sample, 1)) for sample in samples]
         levels, variances = [], []
         for index in range(_BINS):
             inside = place == index
             if np.count_nonzero(inside) >= _FEWEST:
                 levels.append(float(level[inside].mean()))
-                variances.append(median(square[inside]) / (_SQUARES * _MEDIAN_OF_SQUARE))
+                middle = np.mean([median(square[inside]) for square in squares])
+                variances.append(middle / (_SQUARES * _MEDIAN_OF_SQUARE))
         known = np.interp(np.arange(256), levels or [0], variances or [0])
-        return cls(np.maximum(known, _ROUNDING).astype(np.float32))
+        return cls(np.maximum(known, (unit * step) ** 2 / 12).astype(np.float32))
 
     def of_fringes(
         self, level: NDArray[np.float32], modulation: NDArray[np.float32]
@@ -81,3 +90,13 @@ class PixelNoise:
             weight = np.float32(2 * np.sin(phase) ** 2 / _PHASES)
             mean += weight * self.variance[seen.astype(np.uint8)]
         return cv2.resize(mean, (columns, rows), interpolation=cv2.INTER_LINEAR)
+
+
+def _sampled(plane: NDArray, every: int) -> NDArray[np.float32]:
+    """Rows and those after them, shape (differences, samples along v, along u), float32."""
+    count = (len(plane) - len(_WEIGHTS)) // every
+    rows = [
+        plane[first : first + count * every : every, ::_EVERY_COLUMN]
+        for first in range(len(_WEIGHTS))
+    ]
+    return np.stack(rows).astype(np.float32)

@@ -25,6 +25,20 @@ def test_a_plane_stays_a_plane(grid):
     np.testing.assert_allclose(nodes[:, 2:-2], expected[:, 2:-2], atol=1e-3)
 
 
+@pytest.mark.parametrize('first', [(0, 0), (0, 1), (1, 0), (1, 1)])
+def test_a_lattice_has_the_bins_of_its_plane(grid, first):
+    v, u = np.mgrid[: grid.height, : grid.width]
+    plane = (2000 + 50 * u + 25 * v).astype(np.uint16)
+    elsewhere = np.ones(plane.shape, bool)
+    elsewhere[first[0] :: 2, first[1] :: 2] = False
+    plane[elsewhere] = 65535
+    bins = grid.binned_lattice(plane, *first)
+    columns, rows = np.meshgrid(*grid.bin_positions())
+    inside = (slice(1, -2), slice(3 * grid.bins, -3 * grid.bins))
+    expected = 2000 + 50 * columns + 25 * rows
+    np.testing.assert_allclose(bins[inside], expected[inside], atol=1.0)
+
+
 def test_nodes_are_interpolated_and_extrapolated_to_the_bins(grid):
     columns, _ = grid.node_positions()
     nodes = np.tile(columns, (grid.shape[0], 1)).astype(np.float32)
