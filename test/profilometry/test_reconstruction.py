@@ -16,6 +16,7 @@ from ftp_dent_ros.pattern import read_pattern
 from ftp_dent_ros.photograph import MOSAICS, Photograph
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.rig import read_rig
+from ftp_dent_ros.simulation import Surface
 
 
 def check(scene, cloud, mae, p95, coverage, stride=1):
@@ -83,7 +84,7 @@ def test_other_methods(scene, method, unwrapping, mae):
 def test_the_dent_has_its_depth(scene):
     seen = scene('flat')
     cloud = Reconstructor(RIG, PATTERN).reconstruct(seen.image)
-    bare = replace(seen.surface.panels[0], dents=())
+    bare = Surface((replace(seen.surface.panels[0], dents=()),))
     depth = bare.distance(cloud.points[cloud.valid].astype(float))
     assert np.percentile(depth, 99.9) == pytest.approx(0.002, abs=0.1e-3)
     assert np.percentile(depth, 1) > -0.1e-3
