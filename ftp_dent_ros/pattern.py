@@ -1,8 +1,12 @@
-"""The projected fringe pattern: vertical sinusoidal fringes, the central one red.
+"""The projected fringe pattern: vertical sinusoidal fringes that tell their order.
 
-``I(u) = (1 + cos(2 pi (u - stripe_center_px) / period_px)) / 2``; over the one period around
-``stripe_center_px`` green and blue are 0. The pattern draws itself, and reads itself back from
-an image of it, so that the projected image is the only thing that a rig has to share.
+``I(u) = (1 + c_k cos Phi) / 2`` with ``Phi = 2 pi (u - stripe_center_px) / period_px``. How a
+fringe tells which it is, the code says:
+
+- ``stripe``: c_k = 1, and over the one period around ``stripe_center_px`` green and blue are 0.
+- ``contrast``: no colour; the contrast c_k of fringe ``k = floor((Phi + pi / 2) / 2 pi)`` is 1 or
+  ``low_contrast``, after a de Bruijn sequence. It changes where the cosine is zero, so that the
+  light is continuous and its mean the same everywhere.
 """
 
 from __future__ import annotations
@@ -22,11 +26,29 @@ from ftp_dent_ros.rig import Lens
 # An even number, so that the mean level is a whole grey level and the rounding of the two
 # halves of a fringe cancels: 255 levels shift a fringe by up to 0.003 pixels.
 _LEVELS = 254
+CODES = 'stripe', 'contrast'
+
+
+def _de_bruijn_sequence() -> NDArray[np.bool_]:
+    """256 bits in which each word of 8 comes once: which fringes have the full contrast.
+
+    It is the sequence of the shift register x^8 + x^6 + x^4 + x^3 + x^2 + x + 1, with the word of
+    zeros put in. Of all registers of this length and all starts, it is the one in whose 160 bits
+    around k = 0 any two words of 10 differ in 2 places, those of 16 in 3, and in which nothing
+    longer than 14 is found in the mirrored sequence.
+    """
+    bits = [0, 0, 0, 0, 0, 0, 0, 1]
+    while len(bits) < 255:
+        bits.append(sum(bits[len(bits) - 8 + tap] for tap in (0, 1, 2, 3, 4, 6)) % 2)
+    return np.roll(np.array([0, *bits], bool), 90)
+
+
+SEQUENCE = _de_bruijn_sequence()
 
 
 @dataclass(frozen=True)
 class Pattern:
-    """A fringe pattern with a red stripe.
+    """A fringe pattern and its code.
 
     Attributes
     ----------
@@ -35,11 +57,16 @@ class Pattern:
     period_px : float
         Fringe period T_p, projector pixels.
     stripe_center_px : float
-        Column at the middle of the red stripe, where the phase is zero, projector pixels.
+        Column where the phase is zero, projector pixels; the red stripe's middle, if there is
+        one.
     axis : str
         The axis along which the intensity varies; ``'u'``.
     levels : int
         Grey level of the brightest pixels: 254 as `draw` makes them, 255 as others do.
+    code : str
+        One of `CODES`: a red stripe, or the fringes' contrast.
+    low_contrast : float
+        Contrast of every other fringe or so, 0.3 to 0.95, where the contrast is the code.
 
     Raises
     ------
@@ -53,6 +80,8 @@ class Pattern:
     stripe_center_px: float
     axis: str = 'u'
     levels: int = _LEVELS
+    code: str = 'stripe'
+    low_contrast: float = 0.75
 
     def __post_init__(self) -> None:
         for name in ('width', 'height'):
@@ -61,10 +90,14 @@ class Pattern:
                 raise PatternError(f'{name} is {value!r}, not a number of pixels: correct it')
         if self.levels not in (254, 255):
             raise PatternError(f'levels is {self.levels!r}, neither 254 nor 255: correct it')
-        for name in ('period_px', 'stripe_center_px'):
+        for name in ('period_px', 'stripe_center_px', 'low_contrast'):
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, (int, float)):
                 raise PatternError(f'{name} is {value!r}, not a number: correct it')
+        if self.code not in CODES:
+            raise PatternError(f'code is {self.code!r}: choose {" or ".join(CODES)}')
+        if not 0.3 <= self.low_contrast <= 0.95:
+            raise PatternError(f'low_contrast is {self.low_contrast:g}, outside 0.3 to 0.95')
         if not 3.0 <= self.period_px <= self.width / 4:
             raise PatternError(
                 f'period_px is {self.period_px:g}, outside 3 to {self.width / 4:g} '
@@ -81,7 +114,26 @@ class Pattern:
 
     def intensity(self, u: ArrayLike) -> NDArray[np.float64]:
         """Intensity, 0 to 1, at projector columns `u`; it goes on beyond the panel."""
-        return (1 + np.cos(self.phase(u))) / 2
+        phase = self.phase(u)
+        return (1 + self.contrast(phase) * np.cos(phase)) / 2
+
+    def contrast(self, phase: ArrayLike) -> NDArray[np.float32]:
+        """Contrast of the fringes at absolute phases; 1 everywhere where it is no code."""
+        return self.fringe_contrast(fringe_order(phase))
+
+    def fringe_contrast(self, order: ArrayLike) -> NDArray[np.float32]:
+        """Contrast of the fringes of whole orders k; the sequence repeats every 256 fringes."""
+        order = np.asarray(order)
+        if self.code != 'contrast':
+            return np.ones(order.shape, np.float32)
+        contrasts = np.where(SEQUENCE, 1, self.low_contrast).astype(np.float32)
+        return contrasts[order & (len(SEQUENCE) - 1)]
+
+    @property
+    def fringe_orders(self) -> range:
+        """Orders k of the fringes that are on the panel, in whole or in part."""
+        first, last = fringe_order(self.phase([-0.5, self.width - 0.5])).tolist()
+        return range(first, last + 1)
 
     def phase(self, u: ArrayLike) -> NDArray[np.float64]:
         """Absolute phase ``2 pi (u_p - stripe_center_px) / T_p`` at projector columns `u`."""
@@ -92,8 +144,10 @@ class Pattern:
         return self.stripe_center_px + self.period_px / (2 * np.pi) * np.asarray(phase, float)
 
     def in_stripe(self, u: ArrayLike) -> NDArray[np.bool_]:
-        """Whether projector columns `u` lie in the red stripe."""
-        return np.abs(np.asarray(u, float) - self.stripe_center_px) <= self.period_px / 2
+        """Whether projector columns `u` lie in the red stripe; nowhere if there is none."""
+        return (self.code == 'stripe') & (
+            np.abs(np.asarray(u, float) - self.stripe_center_px) <= self.period_px / 2
+        )
 
     @property
     def rounding_variance(self) -> float:
@@ -107,7 +161,7 @@ class Pattern:
         meant = self.levels * self.intensity(u)
         error = np.rint(meant) - meant
         by_luck = np.abs(error) > 0.5 - 1e-6
-        sine = np.sin(phase)
+        sine = np.sin(phase) / self.contrast(phase)
         order = np.rint(phase / (2 * np.pi)).astype(int)
         order -= order.min()
         scale = 4 / (self.period_px * self.levels)
@@ -129,6 +183,12 @@ class Pattern:
                 f'the pattern is {self.width}x{self.height}, the projector '
                 f'{projector.width}x{projector.height} pixels: use the pattern of this rig'
             )
+
+
+def fringe_order(phase: ArrayLike) -> NDArray[np.int32]:
+    """Whole orders k of the fringes at absolute phases: ``floor((Phi + pi / 2) / 2 pi)``."""
+    turns = np.asarray(phase) / (2 * np.pi) + 0.25
+    return np.floor(turns).astype(np.int32)
 
 
 def read_pattern(path: str | os.PathLike[str]) -> Pattern:
@@ -154,76 +214,7 @@ def pattern_from_fields(data: dict[str, Any], where: str) -> Pattern:
 def write_pattern(path: str | os.PathLike[str], pattern: Pattern) -> None:
     """Write ``pattern.yaml``; a file under that name is whole or not there."""
     with written_aside(path) as aside:
-        aside.write_text(yaml.safe_dump(asdict(pattern), sort_keys=False), encoding='utf-8')
-
-
-def pattern_from_image(image: NDArray[np.uint8]) -> Pattern:
-    """Read period and stripe back from the pixels of a drawn pattern.
-
-    Parameters
-    ----------
-    image : ndarray, shape (height, width, 3), uint8
-        The projected image, RGB.
-
-    Returns
-    -------
-    Pattern
-        The roundest period and centre that draw these pixels; to 1e-4 pixels where they are
-        not round.
-
-    Raises
-    ------
-    PatternError
-        The image is no such pattern.
-    """
-    if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
-        raise PatternError(
-            f'the pattern image has the shape {image.shape} and type {image.dtype}: '
-            'publish an rgb8 image'
-        )
-    height, width, _ = image.shape
-    row = image[height // 2].astype(float) if height else np.zeros((0, 3))
-    stripe = np.flatnonzero((row[:, 0] > 64) & (row[:, 1:].max(axis=1) == 0))
-    if len(stripe) == 0 or (image != image[height // 2]).any():
-        raise PatternError(
-            'the pattern image shows no vertical fringes with one red stripe: '
-            'publish the image that pattern_publisher draws'
-        )
-    u = np.arange(width)
-    period, center = _fit_fringes(u, row[:, 0], stripe.mean())
-    levels = 255 if row.max() > 254 else 254
-    # The roundest numbers that draw these very pixels are the ones that were meant.
-    for decimals in range(5):
-        pattern = Pattern(
-            width, height, round(period, decimals), round(center, decimals), levels=levels
-        )
-        drawn = pattern.intensity(u)
-        misfit = np.abs(drawn * (drawn @ row[:, 0]) / (drawn @ drawn) - row[:, 0]).max()
-        if misfit < 0.6:
-            break
-    outside = ~pattern.in_stripe(u)
-    if misfit > 2 or (row[outside, 1] != row[outside, 0]).any():
-        raise PatternError(
-            'the pattern image is not a sinusoid of one period with one red stripe: '
-            'publish the image that pattern_publisher draws'
-        )
-    return pattern
-
-
-def _fit_fringes(u: NDArray, level: NDArray, stripe: float) -> tuple[float, float]:
-    """Period and centre of the peak nearest `stripe` by least squares on phase and frequency."""
-    centred = level - level.mean()
-    size = 8 * len(u)
-    spectrum = np.abs(np.fft.rfft(centred * np.hanning(len(u)), size))
-    frequency = (np.argmax(spectrum[8:]) + 8) / size
-    centre = float(stripe)
-    for _ in range(8):
-        angle = 2 * np.pi * frequency * (u - centre)
-        cosine, sine = np.cos(angle), np.sin(angle)
-        moment = 2 * np.pi * (u - centre)
-        basis = np.stack([np.ones_like(cosine), cosine, sine, moment * sine], axis=1)
-        _, amplitude, quadrature, slope = np.linalg.lstsq(basis, level, rcond=None)[0]
-        frequency -= slope / np.hypot(amplitude, quadrature)
-        centre += np.arctan2(quadrature, amplitude) / (2 * np.pi * frequency)
-    centre -= round((centre - stripe) * frequency) / frequency
-    return float(1 / frequency), float(centre)
+        fields = asdict(pattern)
+        if pattern.code != 'contrast':
+            del fields['low_contrast']
+        aside.write_text(yaml.safe_dump(fields, sort_keys=False), encoding='utf-8')

@@ -109,4 +109,10 @@ def _told(old: Pattern | None, new: Pattern) -> str:
         return f'the period changed from {old.period_px:g} to {new.period_px:g} px'
     if old.stripe_center_px != new.stripe_center_px:
         return f'the stripe moved from {old.stripe_center_px:g} to {new.stripe_center_px:g} px'
+    if (old.code, old.low_contrast) != (new.code, new.low_contrast):
+        return f'the code changed from {_coded(old)} to {_coded(new)}'
     return f'the size changed from {old.width}x{old.height} to {new.width}x{new.height} px'
+
+
+def _coded(pattern: Pattern) -> str:
+    return f'{pattern.code} {pattern.low_contrast:g}' if pattern.code == 'contrast' else 'a stripe'

@@ -5,16 +5,13 @@ import numpy as np
 import pytest
 import yaml
 
+from ftp_dent_ros.drawn_pattern import pattern_from_image
 from ftp_dent_ros.errors import PatternError
-from ftp_dent_ros.pattern import (
-    Pattern,
-    pattern_from_image,
-    read_pattern,
-    write_pattern,
-)
+from ftp_dent_ros.pattern import SEQUENCE, Pattern, fringe_order, read_pattern, write_pattern
 from ftp_dent_ros.rig import Lens
 
 PATTERN = Pattern(640, 360, 8.0, 320.0)
+CODED = Pattern(1280, 720, 10.0, 640.0, code='contrast')
 
 
 def test_phase_and_column_are_inverse():
@@ -52,6 +49,12 @@ def test_rounding_to_grey_levels_shifts_no_fringe():
         Pattern(1280, 720, 9.142857, 640.0),
         Pattern(320, 8, 20.0, 100.3),
         Pattern(1280, 720, 8.123456, 639.98765),
+        CODED,
+        Pattern(1280, 720, 10.0, 123.5, code='contrast', low_contrast=0.9),
+        Pattern(854, 480, 7.3, 426.25, levels=255, code='contrast'),
+        Pattern(1280, 720, 8.123456, 639.98765, code='contrast'),
+        Pattern(1280, 720, 9.142857, 640.0, code='contrast', low_contrast=0.6),
+        Pattern(1920, 8, 4.0, 960.0, code='contrast'),
     ],
     ids=lambda pattern: f'{pattern.width}px/{pattern.period_px}',
 )
@@ -60,6 +63,46 @@ def test_reads_itself_back(pattern):
     assert (read.width, read.height) == (pattern.width, pattern.height)
     assert read.period_px == pytest.approx(pattern.period_px, abs=1e-4)
     assert read.stripe_center_px == pytest.approx(pattern.stripe_center_px, abs=2e-4)
+    assert (read.code, read.levels) == (pattern.code, pattern.levels)
+    assert read.low_contrast == pytest.approx(pattern.low_contrast, abs=1e-3)
+
+
+def test_each_word_of_the_code_comes_once_and_long_ones_not_mirrored():
+    words = {tuple(np.roll(SEQUENCE, -start)[:8]) for start in range(256)}
+    assert len(words) == 256
+    on_panel = SEQUENCE[np.arange(-80, 80)]
+    ten = np.lib.stride_tricks.sliding_window_view(on_panel, 10)
+    apart = (ten[:, None] != ten[None]).sum(axis=-1)
+    assert apart[~np.eye(len(ten), dtype=bool)].min() == 2
+    forward = np.lib.stride_tricks.sliding_window_view(on_panel, 15)
+    mirrored = np.lib.stride_tricks.sliding_window_view(on_panel[::-1], 15)
+    assert not (forward[:, None] == mirrored[None]).all(axis=-1).any()
+
+
+def test_coded_fringes_are_grey_continuous_and_of_one_mean():
+    image = CODED.draw()
+    assert (image == image[..., :1]).all()
+    u = np.arange(0, 1280, 0.01)
+    assert np.abs(np.diff(CODED.intensity(u))).max() < 0.5 * 2 * np.pi / 10 * 0.0101
+    order = fringe_order(CODED.phase(u))
+    contrast = CODED.contrast(CODED.phase(u))
+    assert set(np.unique(contrast)) == {np.float32(0.75), np.float32(1)}
+    for k in (-64, -5, 0, 63):
+        assert (contrast[order == k] == (1 if SEQUENCE[k % 256] else 0.75)).all()
+    whole = u[(order == 3) & (contrast == contrast[order == 3][0])]
+    assert CODED.intensity(whole).mean() == pytest.approx(0.5, abs=1e-3)
+    assert CODED.fringe_orders == range(-64, 65)
+
+
+def test_the_stripe_stays_what_a_file_without_a_code_is(tmp_path):
+    plain = Pattern(640, 360, 8.0, 320.0)
+    assert plain.code == 'stripe'
+    assert (plain.contrast(np.linspace(-500, 500)) == 1).all()
+    for pattern in (plain, CODED):
+        path = tmp_path / f'{pattern.code}.yaml'
+        write_pattern(path, pattern)
+        assert read_pattern(path) == pattern
+    assert 'low_contrast' not in (tmp_path / 'stripe.yaml').read_text()
 
 
 def test_reads_a_pattern_drawn_elsewhere(data):
@@ -84,6 +127,7 @@ def sawtooth():
         PATTERN.draw().astype(np.float32),
         PATTERN.draw()[..., [0, 0, 0]],
         PATTERN.draw().transpose(1, 0, 2),
+        CODED.draw()[:, ::-1],
         np.random.default_rng(0).integers(0, 256, (360, 640, 3), np.uint8),
         sawtooth(),
         np.zeros((0, 0, 3), np.uint8),
@@ -95,6 +139,7 @@ def sawtooth():
         'float',
         'no-stripe',
         'horizontal',
+        'mirrored-code',
         'random',
         'sawtooth',
         'empty',
@@ -126,6 +171,9 @@ def test_write_then_read(tmp_path):
         ('stripe_center_px', -4.0),
         ('stripe_center_px', 639.0),
         ('axis', 'v'),
+        ('code', 'colour'),
+        ('low_contrast', 1.0),
+        ('low_contrast', 'faint'),
         ('colour', 'red'),
     ],
 )

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from rclpy.node import Node
 
 from ftp_dent_ros.calibration.preflight import NO, OK, WARN, Finding, examine, sharpness
+from ftp_dent_ros.drawn_pattern import pattern_from_image
 from ftp_dent_ros.errors import CameraError, ConfigurationError
 from ftp_dent_ros.files import find
-from ftp_dent_ros.pattern import pattern_from_image
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.rig import read_rig
 from ftp_dent_ros.ros.photographer import Photographer

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from ftp_dent_ros.display.opening import DISPLAYS, DisplaySettings
 from ftp_dent_ros.parameters import Declarations
-from ftp_dent_ros.pattern import Pattern, read_pattern
+from ftp_dent_ros.pattern import CODES, Pattern, read_pattern
 from ftp_dent_ros.rig import Rig, read_rig
 
 
@@ -21,7 +21,7 @@ class PatternParameters:
 
 
 def declare(parameters: Declarations) -> PatternParameters:
-    """Declare them; ``period_px`` and ``stripe_center_px`` change while it runs."""
+    """Declare them; ``period_px``, ``stripe_center_px`` and ``code`` change while it runs."""
     parameters.declare(
         'period_px',
         0.0,
@@ -33,10 +33,19 @@ def declare(parameters: Declarations) -> PatternParameters:
     parameters.declare(
         'stripe_center_px',
         0.0,
-        'Column of the middle of the red stripe, projector pixels; 0 takes that of the '
+        "Column of the middle of the red stripe, or where the coded fringes' phase is zero, "
+        'projector pixels; 0 takes that of the '
         "pattern file or, without one, the image's middle.",
         minimum=0.0,
         maximum=65536.0,
+        changeable=True,
+    )
+    parameters.declare(
+        'code',
+        'file',
+        'How fringes tell which they are: stripe (the central one is red), contrast (each has its '
+        'own, and no colour), or file: as the pattern file says; without one, stripe.',
+        choices=('file', *CODES),
         changeable=True,
     )
     x, y = (

@@ -41,6 +41,7 @@ _AHEAD_NS = 200_000_000
 _LONGEST_SHOW = 30.0
 # Seconds between looks at what is due on the display: less than a frame of 60 Hz.
 _TICK = 0.01
+_CHANGEABLE = 'period_px', 'stripe_center_px', 'code'
 
 
 class PatternPublisher(Node):
@@ -53,7 +54,7 @@ class PatternPublisher(Node):
         parameters.close(names_of_all)
         self._frame_id = given.frame_id
         self._rig, self._base = given.rig, given.pattern
-        self._pattern = self._make(parameters['period_px'], parameters['stripe_center_px'])
+        self._pattern = self._make(*(parameters[name] for name in _CHANGEABLE))
         self._image = self.create_publisher(Image, 'projector/image_raw', PATTERNS)
         self._info = self.create_publisher(CameraInfo, 'projector/camera_info', LATCHED)
         self._diagnostics = Diagnostics(self, self._judge)
@@ -77,8 +78,8 @@ class PatternPublisher(Node):
             self._display.close()
         super().destroy_node()
 
-    def _make(self, period_px: float, stripe_center_px: float) -> Pattern:
-        """Pattern of the file or the rig's projector, with these values where they are not 0."""
+    def _make(self, period_px: float, stripe_center_px: float, code: str) -> Pattern:
+        """Pattern of the file or the rig's projector, with these values where they are given."""
         base = self._base
         if base is None:
             if self._rig is None:
@@ -96,16 +97,14 @@ class PatternPublisher(Node):
             base,
             period_px=period_px or base.period_px,
             stripe_center_px=stripe_center_px or base.stripe_center_px,
+            code=base.code if code == 'file' else code,
         )
         if self._rig:
             pattern.check_fits(self._rig.projector)
         return pattern
 
     def _change(self, values: dict[str, Any]) -> None:
-        period, stripe = (
-            values.get(name, self._settings[name]) for name in ('period_px', 'stripe_center_px')
-        )
-        pattern = self._make(period, stripe)
+        pattern = self._make(*(values.get(name, self._settings[name]) for name in _CHANGEABLE))
         # What is shown already keeps its stamp.
         if pattern != self._pattern:
             self._pattern = pattern
@@ -125,10 +124,11 @@ class PatternPublisher(Node):
         self._diagnostics.count('patterns')
         self._diagnostics.note('period (px)', f'{pattern.period_px:g}')
         self._diagnostics.note('stripe centre (px)', f'{pattern.stripe_center_px:g}')
+        self._diagnostics.note('code', pattern.code)
         self._diagnostics.note('size', f'{pattern.width}x{pattern.height}')
         self.get_logger().info(
             f'pattern of {pattern.width}x{pattern.height} pixels, period {pattern.period_px:g}, '
-            f'stripe at {pattern.stripe_center_px:g}'
+            f'{pattern.code} code, centre at {pattern.stripe_center_px:g}'
         )
 
     def _on_show(self, message: Image) -> None:

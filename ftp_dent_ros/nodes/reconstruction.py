@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
+from ftp_dent_ros.drawn_pattern import pattern_from_image
 from ftp_dent_ros.errors import (
     CalibrationError,
     ImageError,
@@ -34,7 +35,7 @@ from ftp_dent_ros.errors import (
 )
 from ftp_dent_ros.nodes.declarations import names_of_all
 from ftp_dent_ros.nodes.reconstruction_parameters import declare
-from ftp_dent_ros.pattern import Pattern, pattern_from_image
+from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.pattern_history import PatternHistory
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.profilometry.coverage import REASONS
@@ -119,7 +120,10 @@ class Reconstruction(Node):
         period, stripe = pattern.period_px, pattern.stripe_center_px
         self._diagnostics.note('period (px)', f'{period:g}')
         self._diagnostics.note('stripe centre (px)', f'{stripe:g}')
-        self.get_logger().info(f'pattern with period {period:g} px, stripe at {stripe:g} px')
+        self._diagnostics.note('code', pattern.code)
+        self.get_logger().info(
+            f'pattern with period {period:g} px, {pattern.code} code, centre at {stripe:g} px'
+        )
         # The tables are made now, so that the first image does not wait for them.
         with contextlib.suppress(RefusedFrameError, PatternError):
             self._reconstructor(pattern)

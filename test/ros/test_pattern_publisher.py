@@ -6,7 +6,8 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, Image
 
-from ftp_dent_ros.pattern import Pattern, pattern_from_image, write_pattern
+from ftp_dent_ros.drawn_pattern import pattern_from_image
+from ftp_dent_ros.pattern import Pattern, write_pattern
 from ftp_dent_ros.ros.messages import image_from_message, lens_from_message, stamp_to_ns
 from ftp_dent_ros.ros.qos import LATCHED
 
@@ -63,6 +64,11 @@ def test_the_pattern_of_a_rig_alone_changes_while_it_runs(ros, rig_file):
     ros.until(lambda: len(images) == 3)
     last = pattern_from_image(image_from_message(images[2]))
     assert last == Pattern(320, 200, 16.0, 100.0), 'the refused period left nothing behind'
+    assert not change(code='colour').successful
+    assert change(code='contrast').successful
+    ros.until(lambda: len(images) == 4)
+    coded = pattern_from_image(image_from_message(images[3]))
+    assert coded == Pattern(320, 200, 16.0, 100.0, code='contrast')
 
 
 def test_without_a_rig_the_projector_is_uncalibrated(ros, pattern_file):
