@@ -12,6 +12,7 @@ from ftp_dent_ros.pattern import SEQUENCE, Pattern, fringe_order
 
 # Whole fringes that tell which they are: the length of the sequence's words.
 _LEAST_FRINGES = 8
+_LAST = len(SEQUENCE) - 1
 
 
 def pattern_from_image(image: NDArray[np.uint8]) -> Pattern:
@@ -26,7 +27,8 @@ def pattern_from_image(image: NDArray[np.uint8]) -> Pattern:
     -------
     Pattern
         The roundest period and centre that draw these pixels; to 1e-4 pixels where they are
-        not round. The lower contrast is one of whole hundredths.
+        not round. Of a code without a stripe, the centre is that of the fringe nearest to the
+        image's middle, and the lower contrast is one of whole hundredths.
 
     Raises
     ------
@@ -85,23 +87,18 @@ def _coded_fringes(u: NDArray, level: NDArray, levels: int) -> tuple[tuple[float
     # The first and the last fringe are cut by the image's border.
     whole = contrast[1:-1]
     high = whole > 1 - (1 - whole.min(initial=1)) / 2
-    shifts = [
-        shift
-        for shift in range(len(SEQUENCE))
-        if (SEQUENCE[(np.arange(len(whole)) + shift) % len(SEQUENCE)] == high).all()
-    ]
-    if len(whole) < _LEAST_FRINGES or high.all() or not high.any() or len(shifts) != 1:
+    index = np.arange(1, len(contrast) - 1)
+    # The fit may take the first column for the fringe beside.
+    leads = [lead for lead in (0, 1, -1) if (high == SEQUENCE[index + lead & _LAST]).all()]
+    if len(whole) < _LEAST_FRINGES or not leads:
         raise PatternError(
             'the pattern image shows neither a red stripe nor fringes with the contrast of the '
             'code: publish the image that pattern_publisher draws'
         )
-    lead = shifts[0] - (first + 1)
-    # Of the places where the sequence begins anew, the one nearest to the image's middle.
-    lead -= len(SEQUENCE) * round(lead / len(SEQUENCE))
     low_contrast = np.median(whole[~high]) / np.median(whole[high])
-    code = np.where(SEQUENCE, 1, low_contrast)[(order + lead) % len(SEQUENCE)]
+    code = np.where(SEQUENCE, 1, low_contrast)[order - first + leads[0] & _LAST]
     even = half + (level - half) / code
-    period, centre = _fit_fringes(u, even, centre - lead * period)
+    period, centre = _fit_fringes(u, even, centre)
     cosine = np.cos(2 * np.pi / period * (u - centre))
     low, full = (
         ((level - half) * cosine)[chosen].sum() / np.square(cosine[chosen]).sum()

@@ -5,8 +5,9 @@ fringe tells which it is, the code says:
 
 - ``stripe``: c_k = 1, and over the one period around ``stripe_center_px`` green and blue are 0.
 - ``contrast``: no colour; the contrast c_k of fringe ``k = floor((Phi + pi / 2) / 2 pi)`` is 1 or
-  ``low_contrast``, after a de Bruijn sequence. It changes where the cosine is zero, so that the
-  light is continuous and its mean the same everywhere.
+  ``low_contrast``, after a de Bruijn sequence that begins with the panel's first fringe. It
+  changes where the cosine is zero, so that the light is continuous and its mean the same
+  everywhere. To tell the zero of the phase a whole fringe elsewhere changes no pixel.
 """
 
 from __future__ import annotations
@@ -33,14 +34,14 @@ def _de_bruijn_sequence() -> NDArray[np.bool_]:
     """256 bits in which each word of 8 comes once: which fringes have the full contrast.
 
     It is the sequence of the shift register x^8 + x^6 + x^4 + x^3 + x^2 + x + 1, with the word of
-    zeros put in. Of all registers of this length and all starts, it is the one in whose 160 bits
-    around k = 0 any two words of 10 differ in 2 places, those of 16 in 3, and in which nothing
-    longer than 14 is found in the mirrored sequence.
+    zeros put in. Of all registers of this length and all starts, it is one in whose first 160
+    bits any two words of 10 differ in 2 places, those of 16 in 3, and none of 15 is found in them
+    mirrored.
     """
     bits = [0, 0, 0, 0, 0, 0, 0, 1]
     while len(bits) < 255:
         bits.append(sum(bits[len(bits) - 8 + tap] for tap in (0, 1, 2, 3, 4, 6)) % 2)
-    return np.roll(np.array([0, *bits], bool), 90)
+    return np.roll(np.array([0, *bits], bool), 170)
 
 
 SEQUENCE = _de_bruijn_sequence()
@@ -123,7 +124,7 @@ class Pattern:
 
     def fringe_contrast(self, order: ArrayLike) -> NDArray[np.float32]:
         """Contrast of the fringes of whole orders k; the sequence repeats every 256 fringes."""
-        order = np.asarray(order)
+        order = np.asarray(order) - self.fringe_orders.start
         if self.code != 'contrast':
             return np.ones(order.shape, np.float32)
         contrasts = np.where(SEQUENCE, 1, self.low_contrast).astype(np.float32)
@@ -131,8 +132,10 @@ class Pattern:
 
     @property
     def fringe_orders(self) -> range:
-        """Orders k of the fringes that are on the panel, in whole or in part."""
-        first, last = fringe_order(self.phase([-0.5, self.width - 0.5])).tolist()
+        """Orders k of the fringes from the first to the last column."""
+        # So that rounding does not tell one fringe from the next at the border.
+        rim = self.phase([0, self.width - 1]) + np.array([1e-6, -1e-6]) * 2 * np.pi
+        first, last = fringe_order(rim).tolist()
         return range(first, last + 1)
 
     def phase(self, u: ArrayLike) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import cv2
 import numpy as np
@@ -50,7 +50,7 @@ def test_rounding_to_grey_levels_shifts_no_fringe():
         Pattern(320, 8, 20.0, 100.3),
         Pattern(1280, 720, 8.123456, 639.98765),
         CODED,
-        Pattern(1280, 720, 10.0, 123.5, code='contrast', low_contrast=0.9),
+        Pattern(1280, 720, 10.0, 643.5, code='contrast', low_contrast=0.9),
         Pattern(854, 480, 7.3, 426.25, levels=255, code='contrast'),
         Pattern(1280, 720, 8.123456, 639.98765, code='contrast'),
         Pattern(1280, 720, 9.142857, 640.0, code='contrast', low_contrast=0.6),
@@ -70,7 +70,7 @@ def test_reads_itself_back(pattern):
 def test_each_word_of_the_code_comes_once_and_long_ones_not_mirrored():
     words = {tuple(np.roll(SEQUENCE, -start)[:8]) for start in range(256)}
     assert len(words) == 256
-    on_panel = SEQUENCE[np.arange(-80, 80)]
+    on_panel = SEQUENCE[:160]
     ten = np.lib.stride_tricks.sliding_window_view(on_panel, 10)
     apart = (ten[:, None] != ten[None]).sum(axis=-1)
     assert apart[~np.eye(len(ten), dtype=bool)].min() == 2
@@ -88,10 +88,19 @@ def test_coded_fringes_are_grey_continuous_and_of_one_mean():
     contrast = CODED.contrast(CODED.phase(u))
     assert set(np.unique(contrast)) == {np.float32(0.75), np.float32(1)}
     for k in (-64, -5, 0, 63):
-        assert (contrast[order == k] == (1 if SEQUENCE[k % 256] else 0.75)).all()
+        assert (contrast[order == k] == (1 if SEQUENCE[k + 64] else 0.75)).all()
     whole = u[(order == 3) & (contrast == contrast[order == 3][0])]
     assert CODED.intensity(whole).mean() == pytest.approx(0.5, abs=1e-3)
     assert CODED.fringe_orders == range(-64, 65)
+
+
+@pytest.mark.parametrize('fringes', [-20, -1, 1, 33])
+@pytest.mark.parametrize(('period', 'centre'), [(10.0, 640.0), (8.0, 641.5), (7.3, 600.25)])
+def test_the_zero_of_coded_fringes_may_be_told_whole_fringes_elsewhere(fringes, period, centre):
+    told = Pattern(1280, 8, period, centre, code='contrast')
+    other = replace(told, stripe_center_px=centre + fringes * period)
+    np.testing.assert_array_equal(other.draw(), told.draw())
+    assert pattern_from_image(other.draw()) == pattern_from_image(told.draw())
 
 
 def test_the_stripe_stays_what_a_file_without_a_code_is(tmp_path):

@@ -68,7 +68,7 @@ def test_the_pattern_of_a_rig_alone_changes_while_it_runs(ros, rig_file):
     assert change(code='contrast').successful
     ros.until(lambda: len(images) == 4)
     coded = pattern_from_image(image_from_message(images[3]))
-    assert coded == Pattern(320, 200, 16.0, 100.0, code='contrast')
+    assert coded == Pattern(320, 200, 16.0, 164.0, code='contrast')
 
 
 def test_without_a_rig_the_projector_is_uncalibrated(ros, pattern_file):
