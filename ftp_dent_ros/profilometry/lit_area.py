@@ -80,8 +80,9 @@ class LitArea:
     rig : Rig
     pattern : Pattern
         As told.
-    columns, rows : ndarray
-        Pixels at which it is known, all over the image.
+    rays : ndarray, shape (rows, columns, 2 or 3), float32
+        The camera's undistorted rays, z = 1, through the pixels at which it is known, all over
+        the image.
     u_p : ndarray, shape (rows, columns)
         Projector columns; of `lit` only.
     lit : ndarray, shape (rows, columns), bool
@@ -90,8 +91,7 @@ class LitArea:
 
     rig: Rig
     pattern: Pattern
-    columns: NDArray[np.floating]
-    rows: NDArray[np.floating]
+    rays: NDArray[np.float32]
     u_p: NDArray[np.floating]
     lit: NDArray[np.bool_]
 
@@ -100,21 +100,20 @@ class LitArea:
         cls,
         rig: Rig,
         pattern: Pattern,
-        positions: tuple[NDArray, NDArray],
+        rays: NDArray[np.float32],
         surfaces: Sequence[tuple[NDArray[np.floating], NDArray[np.bool_]]],
     ) -> LitArea:
         """Area of surfaces: the absolute phase and where it is measured.
 
         Parameters
         ----------
-        positions : (ndarray, ndarray)
-            Pixel columns and rows.
+        rays : ndarray, shape (rows, columns, 2 or 3), float32
         surfaces : sequence of (ndarray, ndarray), shape (rows, columns)
         """
         phase, lit = surfaces[0]
         for other, measured in surfaces[1:]:
             phase, lit = np.where(measured, other, phase), lit | measured
-        return cls(rig, pattern, *positions, pattern.column(phase), lit)
+        return cls(rig, pattern, rays, pattern.column(phase), lit)
 
     def scaled(self, u_p: NDArray, period: float) -> NDArray:
         """Projector columns if the period were another."""
@@ -125,8 +124,8 @@ class LitArea:
         self, row: NDArray[np.intp], column: NDArray[np.intp], period: float
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Points and projector rows v_p at places, if the period were another; NaN behind."""
-        pixels = np.stack([self.columns[column], self.rows[row]], axis=-1)
-        rays = self.rig.camera.rays(pixels)[None].astype(np.float32)
+        rays = np.ones((1, len(row), 3), np.float32)
+        rays[..., :2] = self.rays[row, column, :2]
         u_p = self.scaled(self.u_p[row, column], period)[None].astype(np.float32)
         depth, v_p = triangulate(self.rig, rays, u_p)
         return (rays * depth[..., None])[0].astype(float), v_p[0].astype(float)
@@ -138,7 +137,7 @@ class LitArea:
         """
         found = {}
         row = np.flatnonzero(self.lit[::_EVERY].any(axis=1)) * _EVERY
-        lit, count, fringe = self.lit[row], len(self.columns), self.pattern.period_px
+        lit, count, fringe = self.lit[row], self.lit.shape[1], self.pattern.period_px
         width = max(count // 200, 1)
         for right in (False, True):
             end = count - 1 - lit[:, ::-1].argmax(axis=1) if right else lit.argmax(axis=1)
@@ -153,18 +152,18 @@ class LitArea:
             away = np.sort(away)
             held = np.searchsorted(away, away + 2 * _PARALLEL) - np.arange(len(away))
             best = int(held.argmax())
-            if held[best] >= max(_SHARE * len(self.rows) / _EVERY, _LEAST):
+            if held[best] >= max(_SHARE * self.lit.shape[0] / _EVERY, _LEAST):
                 found[last] = float(np.median(away[best : best + held[best]]))
         return found
 
     def upper_and_lower(self, period: float) -> dict[str, RimLine]:
         """Lines on which the light ends above and below, if the period were another."""
-        lines, count = {}, len(self.rows)
+        lines, count = {}, self.lit.shape[0]
         for side in ('upper', 'lower'):
             bottom = side == 'lower'
             end = count - 1 - self.lit[::-1].argmax(axis=0) if bottom else self.lit.argmax(axis=0)
             column = np.flatnonzero(self.lit.any(axis=0) & (end > 2) & (end < count - 3))
-            if len(column) < _SHARE * len(self.columns):
+            if len(column) < _SHARE * self.lit.shape[1]:
                 continue
             column = column[:: max(1, len(column) // _POINTS)]
             _, v_p = self.points(end[column], column, period)

@@ -124,12 +124,10 @@ class FourierTransform:
 
     def _check_pattern(self, window: Window, phase: NDArray, valid: NDArray[np.bool_]) -> bool:
         """Raise if the fringes cannot be those of the pattern told; whether no other's."""
-        stride, camera = self.settings.stride, self.rig.camera
         shape = self._rays.shape[:2]
         whole, lit = np.zeros(shape, np.float32), np.zeros(shape, bool)
         whole[window.rows, window.columns], lit[window.rows, window.columns] = phase, valid
-        positions = np.arange(camera.width), np.arange(0, camera.height, stride)
-        return check_pattern(LitArea.of(self.rig, self.pattern, positions, [(whole, lit)]))
+        return check_pattern(LitArea.of(self.rig, self.pattern, self._rays, [(whole, lit)]))
 
     def _points_of(self, stripe: Stripe) -> NDArray[np.floating]:
         """Points on the stripe, shape (points, 3), metres."""

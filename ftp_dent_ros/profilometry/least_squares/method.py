@@ -92,6 +92,7 @@ class LeastSquares:
         self.grid = Grid.for_fringes(rig.camera.width, rig.camera.height, self.period, fast)
         self.windows = Windows.for_fringes(self.period, self.grid)
         bins = PhaseGeometry.of(rig, pattern, *self.grid.bin_positions())
+        self._bin_rays = bins.rays
         self._nodes = PhaseGeometry.of(rig, pattern, *self.grid.node_positions())
         self._table = ReferenceTable.of(self.grid, self.windows, bins, self._nodes, self._depth)
         self._fast = fast
@@ -132,9 +133,7 @@ class LeastSquares:
     def _check_pattern(self, parts: list[_Part]) -> bool:
         """Raise if the fringes cannot be those of the pattern told; whether no other's."""
         surfaces = [(self.grid.at_bins(part.phase), part.refined.measured) for part in parts]
-        return check_pattern(
-            LitArea.of(self.rig, self.pattern, self.grid.bin_positions(), surfaces)
-        )
+        return check_pattern(LitArea.of(self.rig, self.pattern, self._bin_rays, surfaces))
 
     def _absolute(self, light, table, fringes, lit, seams):
         """Phase at the nodes, the part each is tied to, and the stripe's order by part."""
