@@ -1,20 +1,16 @@
-"""The calibration board: a printed chessboard or ChArUco board, and its corners in a photograph.
-
-OpenCV 4.6 to 5 are served: ChArUco's functions became classes in 4.7, and are of the main modules
-since then.
-"""
+"""The calibration board, a printed chessboard or ChArUco board, and its corners in photographs."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.calibration.charuco import Charuco
 from ftp_dent_ros.calibration.corners import refine_corners
 from ftp_dent_ros.errors import CalibrationError, ConfigurationError
 
@@ -121,7 +117,8 @@ class Board:
         CalibrationError
             The board is not found, or not whole where it has no markers.
         """
-        corners = self._find_coded(photograph) if self.dictionary else self._find_plain(photograph)
+        coded = bool(self.dictionary)
+        corners = self._charuco.find(photograph) if coded else self._find_plain(photograph)
         seen = np.isfinite(corners[:, 0])
         window = max(2, int(_WINDOW / 2 * self.spacing(corners)))
         rough = corners[seen].astype(np.float32).reshape(-1, 1, 2)
@@ -161,21 +158,13 @@ class Board:
 
     def draw(self, pixels: int) -> NDArray[np.uint8]:
         """The board's print with a white rim of half a square, `pixels` a square."""
-        size = ((self.columns + 2) * pixels, (self.rows + 2) * pixels)
+        image = np.full(((self.rows + 2) * pixels, (self.columns + 2) * pixels), 255, np.uint8)
         if not self.dictionary:
-            image = np.full(size[::-1], 255, np.uint8)
             row, column = np.indices((self.rows + 1, self.columns + 1))
             squares = np.where((row + column) % 2, 255, 0).astype(np.uint8)
             large = np.kron(squares, np.ones((pixels, pixels), np.uint8))
         else:
-            inner = ((self.columns + 1) * pixels, (self.rows + 1) * pixels)
-            board = self._charuco
-            large = (
-                board.generateImage(inner)
-                if hasattr(board, 'generateImage')
-                else board.draw(inner)
-            )
-            image = np.full(size[::-1], 255, np.uint8)
+            large = self._charuco.draw(pixels)
         half = pixels // 2
         image[half : half + large.shape[0], half : half + large.shape[1]] = large
         return image
@@ -224,34 +213,7 @@ class Board:
             levels.append(np.median(photograph[v - 1 : v + 2, u - 1 : u + 2]))
         return bool(levels[0] < levels[1])
 
-    def _find_coded(self, photograph: NDArray[np.uint8]) -> NDArray[np.float64]:
-        aruco: Any = cv2.aruco
-        found: Any = None
-        ids: Any = None
-        if hasattr(aruco, 'CharucoDetector'):
-            found, ids, _, _ = aruco.CharucoDetector(self._charuco).detectBoard(photograph)
-        else:
-            markers, names, _ = aruco.detectMarkers(photograph, self._charuco.dictionary)
-            if names is not None and len(names):
-                _, found, ids = aruco.interpolateCornersCharuco(
-                    markers, names, photograph, self._charuco
-                )
-        corners = np.full((self.columns * self.rows, 2), np.nan)
-        if ids is None or len(ids) < 6:
-            raise CalibrationError(
-                f'of the ChArUco board {0 if ids is None else len(ids)} corners are seen, fewer '
-                'than 6: check its numbers and dictionary, and show more of it'
-            )
-        corners[np.asarray(ids).ravel()] = np.asarray(found, float).reshape(-1, 2)
-        return corners
-
     @cached_property
-    def _charuco(self) -> Any:
-        aruco: Any = cv2.aruco
+    def _charuco(self) -> Charuco:
         squares = (self.columns + 1, self.rows + 1)
-        dictionary = aruco.getPredefinedDictionary(getattr(aruco, self.dictionary))
-        if not hasattr(aruco, 'CharucoDetector'):
-            return aruco.CharucoBoard_create(*squares, self.square, self.marker, dictionary)
-        board = aruco.CharucoBoard(squares, self.square, self.marker, dictionary)
-        board.setLegacyPattern(self.legacy)
-        return board
+        return Charuco(squares, self.square, self.marker, self.dictionary, self.legacy)

@@ -12,46 +12,22 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import least_squares
-from scipy.sparse import csr_matrix, diags
+from scipy.sparse import diags
 from scipy.sparse.linalg import LinearOperator
-from scipy.spatial.transform import Rotation
 
+from ftp_dent_ros.calibration.model import RIG, Model, rig_of, rig_vector
 from ftp_dent_ros.calibration.observation import Observation
-from ftp_dent_ros.rig import Lens, Rig
+from ftp_dent_ros.calibration.problem import FIRST_DEVIATIONS, Problem
+from ftp_dent_ros.rig import Rig
 
-# Coefficients k1, k2, p1, p2, k3 as they come in, one candidate after the other.
-DISTORTIONS: tuple[tuple[int, ...], ...] = ((), (0,), (0, 1), (0, 1, 2, 3), (0, 1, 2, 3, 4))
-SHAPES = ('flat', 'bent', 'free')
 # Residuals beyond this many standard deviations count linearly (Huber's 95 % is 1.345; corners
 # that are merely blurred are to keep their say).
 _ROBUST = 2.0
-# What a print or a plate may be off without being another board; metres, standard deviation.
-_FREEDOM = 0.0003
 # Weights are standard deviations of camera and projector, found in these rounds; pixels.
 _ROUNDS = 2
-_LEAST_DEVIATION = 0.005
 _RESTARTS, _FEW = 4, 10
 # What the data leave open moves no farther than this makes it.
 _JITTER = 1e-10
-_LENS = 9
-_RIG = 2 * _LENS + 6
-
-
-@dataclass(frozen=True)
-class Model:
-    """What is estimated.
-
-    Attributes
-    ----------
-    camera, projector : int
-        Index into `DISTORTIONS`.
-    shape : str
-        Of the board: one of `SHAPES`. ``bent`` is a quadratic, ``free`` lets each corner move.
-    """
-
-    camera: int = len(DISTORTIONS) - 1
-    projector: int = len(DISTORTIONS) - 1
-    shape: str = 'flat'
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,26 +79,6 @@ def rms(residuals: list[NDArray[np.float64]]) -> tuple[float, float, float]:
     )  # type: ignore[return-value]
 
 
-def rig_vector(rig: Rig) -> NDArray[np.float64]:
-    """The rig's 24 numbers, in the order of `calibration_record.PARAMETERS`."""
-    lenses = [
-        np.concatenate([lens.camera_matrix[[0, 1, 0, 1], [0, 1, 2, 2]], lens.distortion])
-        for lens in (rig.camera, rig.projector)
-    ]
-    turn = Rotation.from_matrix(rig.rotation).as_rotvec()
-    return np.concatenate([*lenses, turn, rig.translation])
-
-
-def rig_of(vector: NDArray, like: Rig) -> Rig:
-    """The rig of its 24 numbers, with image sizes `like` another's."""
-    lenses = []
-    for lens, part in ((like.camera, vector[:_LENS]), (like.projector, vector[_LENS : 2 * _LENS])):
-        matrix = np.array([[part[0], 0, part[2]], [0, part[1], part[3]], [0, 0, 1]])
-        lenses.append(Lens(lens.width, lens.height, matrix, part[4:].copy()))
-    rotation = Rotation.from_rotvec(vector[18:21]).as_matrix()
-    return Rig(lenses[0], lenses[1], rotation, vector[21:24].copy())
-
-
 def adjust(
     observations: list[Observation],
     board: NDArray[np.float64],
@@ -158,33 +114,31 @@ def adjust(
     -------
     Estimate
     """
-    problem = _Problem(observations, board, start, model, free, shape)
+    problem = Problem(observations, board, start, model, free, shape)
     vector = np.concatenate([rig_vector(start), poses.ravel(), problem.start_shape])
     if free == 'rig':
-        vector[np.setdiff1d(np.arange(_RIG), problem.active)] = 0
+        vector[np.setdiff1d(np.arange(RIG), problem.active)] = 0
     estimated = deviations is None
-    deviations = deviations or (0.3, 0.3)
+    deviations = deviations or FIRST_DEVIATIONS
     for _ in range(_ROUNDS + 1 if estimated else 1):
         problem.deviations = deviations
         vector = _solve(problem, vector, tolerance)
         if estimated:
             deviations = problem.spread(vector)
-    return problem.estimate(vector, start, poses.shape)
+    return _estimate(problem, vector, start, poses.shape)
 
 
 def weighted_jacobian(
     seen: Observation, board: NDArray, estimate: Estimate, pose: NDArray, model: Model
 ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
     """Of one observation's residuals, and the parameters that its columns are of."""
-    problem = _Problem([seen], board, estimate.rig, model, 'rig', None)
+    problem = Problem([seen], board, estimate.rig, model, 'rig', None)
     problem.deviations = estimate.deviations
     vector = np.concatenate([rig_vector(estimate.rig), pose, problem.start_shape])
     return problem.jacobian(vector[problem.active], vector).toarray(), problem.active
 
 
-def _solve(
-    problem: _Problem, vector: NDArray[np.float64], tolerance: float
-) -> NDArray[np.float64]:
+def _solve(problem: Problem, vector: NDArray[np.float64], tolerance: float) -> NDArray[np.float64]:
     """All parameters at the least squares."""
     for _ in range(_RESTARTS):
         vector, evaluations = _descend(problem, vector, tolerance)
@@ -194,7 +148,7 @@ def _solve(
 
 
 def _descend(
-    problem: _Problem, vector: NDArray[np.float64], tolerance: float
+    problem: Problem, vector: NDArray[np.float64], tolerance: float
 ) -> tuple[NDArray[np.float64], int]:
     """All parameters after one descent, and how often it looked at the residuals.
 
@@ -235,221 +189,25 @@ def _descend(
     return problem.whole(to_active(result.x), vector), result.nfev
 
 
-class _Problem:
-    """Residuals and their sparse Jacobian over the active ones of all parameters."""
-
-    def __init__(
-        self,
-        observations: list[Observation],
-        board: NDArray[np.float64],
-        start: Rig,
-        model: Model,
-        free: str,
-        shape: NDArray[np.float64] | None,
-    ) -> None:
-        self.board = board
-        self.count = len(observations)
-        self.observed = np.concatenate([np.hstack([o.camera, o.projector]) for o in observations])
-        self.pose_of = np.repeat(np.arange(self.count), len(board))
-        self.corner_of = np.tile(np.arange(len(board)), self.count)
-        self.known = np.isfinite(self.observed)
-        self.deviations = (0.3, 0.3)
-        self.model = model
-        half = np.abs(board[:, :2] - board[:, :2].mean(axis=0)).max(axis=0)
-        x, y = ((board[:, :2] - board[:, :2].mean(axis=0)) / half).T
-        terms = {'flat': 0, 'bent': 3, 'free': board.size}[model.shape]
-        # d corner / d shape parameter, shape (n, 3, terms).
-        self.give = np.zeros((len(board), 3, terms))
-        if model.shape == 'bent':
-            self.give[:, 2] = np.stack([x * x, x * y, y * y], axis=1)
-        elif model.shape == 'free':
-            self.give[:] = np.eye(board.size).reshape(len(board), 3, board.size)
-        self.start_shape: NDArray[np.floating] = np.zeros(terms)
-        if shape is not None and terms:
-            flat = self.give.reshape(-1, terms)
-            self.start_shape = np.linalg.lstsq(flat, (shape - board).ravel(), rcond=None)[0]
-        elif shape is not None:
-            self.board = shape
-        active: list[int] = []
-        if free == 'rig':
-            for offset, terms_of in ((0, model.camera), (_LENS, model.projector)):
-                active += [offset + i for i in range(4)]
-                active += [offset + 4 + i for i in DISTORTIONS[terms_of]]
-        if free in ('rig', 'pose'):
-            active += range(18, 24)
-        active += range(_RIG, _RIG + 6 * self.count)
-        first = _RIG + 6 * self.count
-        if free == 'rig':
-            active += range(first, first + terms)
-        self.active = np.array(active)
-        self.place = np.full(first + terms, -1)
-        self.place[self.active] = np.arange(len(self.active))
-
-    def whole(self, active: NDArray, vector: NDArray) -> NDArray[np.float64]:
-        whole = vector.copy()
-        whole[self.active] = active
-        return whole
-
-    def residuals(self, active: NDArray, vector: NDArray) -> NDArray[np.float64]:
-        whole = self.whole(active, vector)
-        difference = self.modelled(whole)[0] - self.observed
-        weighted = (difference / np.repeat(self.deviations, 2))[self.known]
-        if self.model.shape == 'free':
-            weighted = np.concatenate([weighted, whole[_RIG + 6 * self.count :] / _FREEDOM])
-        return weighted
-
-    def jacobian(self, active: NDArray, vector: NDArray) -> csr_matrix:
-        whole = self.whole(active, vector)
-        _, parts = self.modelled(whole, derivatives=True)
-        row_of = np.full(self.known.shape, -1)
-        row_of[self.known] = np.arange(self.known.sum())
-        rows, columns, values = [], [], []
-        for components, indices, derivative in parts:
-            # derivative: (observations, 2, k), indices: (observations, k)
-            scale = 1 / self.deviations[components.start // 2]
-            row = np.broadcast_to(row_of[:, components, None], derivative.shape)
-            column = np.broadcast_to(self.place[indices][:, None], derivative.shape)
-            kept = (row >= 0) & (column >= 0) & (derivative != 0)
-            rows.append(row[kept])
-            columns.append(column[kept])
-            values.append(derivative[kept] * scale)
-        height = int(self.known.sum())
-        if self.model.shape == 'free':
-            place = self.place[_RIG + 6 * self.count :]
-            kept_places = place >= 0
-            rows.append(height + np.flatnonzero(kept_places))
-            columns.append(place[kept_places])
-            values.append(np.full(kept_places.sum(), 1 / _FREEDOM))
-            height += len(place)
-        entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
-        return csr_matrix(entries, shape=(height, len(self.active)))
-
-    def modelled(self, whole: NDArray, derivatives: bool = False):
-        """Pixels of every corner in every pose, shape (poses * n, 4), and their derivatives."""
-        first = _RIG + 6 * self.count
-        corners = self.board + self.give @ whole[first:]
-        poses = whole[_RIG:first].reshape(-1, 6)
-        turns = Rotation.from_rotvec(poses[:, :3]).as_matrix()
-        turned = np.einsum('pij,nj->pni', turns, corners).reshape(-1, 3)
-        in_camera = turned + poses[self.pose_of, 3:]
-        rig_turn = Rotation.from_rotvec(whole[18:21]).as_matrix()
-        rig_turned = in_camera @ rig_turn.T
-        in_projector = rig_turned + whole[21:24]
-        pixels = np.empty((len(turned), 4))
-        parts = []
-        for points, offset, components in (
-            (in_camera, 0, slice(0, 2)),
-            (in_projector, _LENS, slice(2, 4)),
-        ):
-            part = whole[offset : offset + _LENS]
-            pixel, by_point, by_lens = _project(points, part)
-            pixels[:, components] = pixel
-            if not derivatives:
-                continue
-            count = len(points)
-            indices = np.broadcast_to(np.arange(offset, offset + _LENS), (count, _LENS))
-            parts.append((components, indices, by_lens))
-            by_camera_point = by_point
-            if offset:
-                by_turn = by_point @ (-_cross(rig_turned) @ _left_jacobian(whole[18:21]))
-                indices = np.broadcast_to(np.arange(18, 24), (count, 6))
-                parts.append((components, indices, np.concatenate([by_turn, by_point], axis=2)))
-                by_camera_point = by_point @ rig_turn
-            jacobians = np.stack([_left_jacobian(pose[:3]) for pose in poses])
-            by_rotation = by_camera_point @ (-_cross(turned) @ jacobians[self.pose_of])
-            indices = _RIG + 6 * self.pose_of[:, None] + np.arange(6)
-            parts.append(
-                (components, indices, np.concatenate([by_rotation, by_camera_point], axis=2))
-            )
-            if self.model.shape != 'flat':
-                by_corner = by_camera_point @ turns[self.pose_of]
-                if self.model.shape == 'free':
-                    indices = first + 3 * self.corner_of[:, None] + np.arange(3)
-                    parts.append((components, indices, by_corner))
-                else:
-                    terms = self.give.shape[2]
-                    indices = np.broadcast_to(np.arange(first, first + terms), (count, terms))
-                    parts.append((components, indices, by_corner @ self.give[self.corner_of]))
-        return pixels, parts
-
-    def spread(self, vector: NDArray) -> tuple[float, float]:
-        """Robust standard deviation of camera and projector coordinates, pixels."""
-        difference = self.modelled(vector)[0] - self.observed
-        spent = len(self.active) / max(int(self.known.sum()), 1)
-        result = []
-        for part in (slice(0, 2), slice(2, 4)):
-            known = np.abs(difference[:, part][self.known[:, part]])
-            deviation = 1.4826 * float(np.median(known)) if len(known) else 0.3
-            result.append(max(_LEAST_DEVIATION, deviation / np.sqrt(max(1 - spent, 0.1))))
-        return result[0], result[1]
-
-    def estimate(self, vector: NDArray, start: Rig, shape_of_poses: tuple[int, ...]) -> Estimate:
-        first = _RIG + 6 * self.count
-        weighted = self.residuals(vector[self.active], vector)
-        robust = np.minimum(1, np.sqrt(_ROBUST / np.maximum(np.abs(weighted), 1e-12)))
-        difference = self.observed - self.modelled(vector)[0]
-        rows_of_pose = np.broadcast_to(self.pose_of[:, None], self.known.shape)[self.known]
-        rows_of_pose = np.concatenate(
-            [rows_of_pose, np.full(len(weighted) - len(rows_of_pose), -1)]
-        )
-        jacobian = self.jacobian(vector[self.active], vector).toarray() * robust[:, None]
-        return Estimate(
-            rig=rig_of(vector[:_RIG], start),
-            poses=vector[_RIG:first].reshape(shape_of_poses),
-            shape=self.board + self.give @ vector[first:],
-            deviations=self.deviations,
-            residuals=np.split(difference, self.count),
-            jacobian=jacobian,
-            active=self.active,
-            rows_of_pose=rows_of_pose,
-            weighted=weighted * robust,
-        )
-
-
-def _project(points: NDArray, lens: NDArray):
-    """Pixels, and their derivatives by the points (n, 2, 3) and the lens's numbers (n, 2, 9)."""
-    fx, fy, cx, cy, k1, k2, p1, p2, k3 = lens
-    z = points[:, 2]
-    x, y = points[:, 0] / z, points[:, 1] / z
-    r2 = x * x + y * y
-    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    slope = 2 * (k1 + r2 * (2 * k2 + 3 * r2 * k3))
-    xd = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
-    yd = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
-    pixel = np.stack([fx * xd + cx, fy * yd + cy], axis=1)
-    mixed = x * y * slope + 2 * p1 * x + 2 * p2 * y
-    xx = fx * (radial + x * x * slope + 2 * p1 * y + 6 * p2 * x)
-    yy = fy * (radial + y * y * slope + 6 * p1 * y + 2 * p2 * x)
-    by_point = np.empty((len(z), 2, 3))
-    by_point[:, 0, 0], by_point[:, 0, 1] = xx / z, fx * mixed / z
-    by_point[:, 1, 0], by_point[:, 1, 1] = fy * mixed / z, yy / z
-    by_point[:, :, 2] = -(by_point[:, :, 0] * x[:, None] + by_point[:, :, 1] * y[:, None])
-    by_lens = np.zeros((len(z), 2, _LENS))
-    by_lens[:, 0, 0], by_lens[:, 1, 1] = xd, yd
-    by_lens[:, 0, 2] = by_lens[:, 1, 3] = 1
-    for index, power in ((4, r2), (5, r2 * r2), (8, r2**3)):
-        by_lens[:, 0, index], by_lens[:, 1, index] = fx * x * power, fy * y * power
-    by_lens[:, 0, 6], by_lens[:, 1, 6] = 2 * fx * x * y, fy * (r2 + 2 * y * y)
-    by_lens[:, 0, 7], by_lens[:, 1, 7] = fx * (r2 + 2 * x * x), 2 * fy * x * y
-    return pixel, by_point, by_lens
-
-
-def _cross(vectors: NDArray) -> NDArray[np.float64]:
-    """Matrices of the cross product with vectors of shape (n, 3)."""
-    matrices = np.zeros((len(vectors), 3, 3))
-    x, y, z = vectors.T
-    matrices[:, 0, 1], matrices[:, 0, 2] = -z, y
-    matrices[:, 1, 0], matrices[:, 1, 2] = z, -x
-    matrices[:, 2, 0], matrices[:, 2, 1] = -y, x
-    return matrices
-
-
-def _left_jacobian(rotation: NDArray) -> NDArray[np.float64]:
-    """Change of the turned frame with a rotation vector: the left Jacobian of SO(3)."""
-    angle = float(np.linalg.norm(rotation))
-    cross = _cross(rotation[None])[0]
-    if angle < 1e-5:
-        return np.eye(3) + cross / 2
-    first = (1 - np.cos(angle)) / angle**2
-    second = (angle - np.sin(angle)) / angle**3
-    return np.eye(3) + first * cross + second * cross @ cross
+def _estimate(
+    problem: Problem, vector: NDArray, start: Rig, shape_of_poses: tuple[int, ...]
+) -> Estimate:
+    """All that was estimated, of all parameters."""
+    first = RIG + 6 * problem.count
+    weighted = problem.residuals(vector[problem.active], vector)
+    robust = np.minimum(1, np.sqrt(_ROBUST / np.maximum(np.abs(weighted), 1e-12)))
+    difference = problem.observed - problem.modelled(vector)[0]
+    rows_of_pose = np.broadcast_to(problem.pose_of[:, None], problem.known.shape)[problem.known]
+    rows_of_pose = np.concatenate([rows_of_pose, np.full(len(weighted) - len(rows_of_pose), -1)])
+    jacobian = problem.jacobian(vector[problem.active], vector).toarray() * robust[:, None]
+    return Estimate(
+        rig=rig_of(vector[:RIG], start),
+        poses=vector[RIG:first].reshape(shape_of_poses),
+        shape=problem.board + problem.give @ vector[first:],
+        deviations=problem.deviations,
+        residuals=np.split(difference, problem.count),
+        jacobian=jacobian,
+        active=problem.active,
+        rows_of_pose=rows_of_pose,
+        weighted=weighted * robust,
+    )

@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from ftp_dent_ros.calibration.rim import find_rim, inverse_depth
 from ftp_dent_ros.calibration.uncertainty import depth_deviation
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.pattern import Pattern
@@ -27,10 +27,7 @@ _SMOOTH = 5e-5
 _RIM_PX, _PHASE_PX = 0.15, 0.03
 # Neighbours err together: as if there were a tenth as many (its square).
 _ALIKE = np.sqrt(10)
-_MOST_POINTS, _FEWEST_RIM = 1500, 12
-# Half the length of a profile across the rim, camera pixels.
-_REACH = 14
-_LEAST_STEP = 8.0
+_MOST_POINTS = 1500
 # A turn counts as drift beyond so many deviations, and this many projector pixels.
 _SURE, _DRIFT_PX = 4.0, 0.4
 # Worse known than this it is not known, projector pixels.
@@ -128,8 +125,8 @@ def check(
     rays = seen / seen[:, 2:]
     columns = rig.projector.project(rig.to_projector(seen))[:, 0]
     distance = float(np.median(seen[:, 2]))
-    shape, *_ = np.linalg.lstsq(_surface(rays), 1 / seen[:, 2], rcond=None)
-    rim_pixels, rows = _rim(rig, pattern, image, shape)
+    shape, *_ = np.linalg.lstsq(inverse_depth(rays), 1 / seen[:, 2], rcond=None)
+    rim_pixels, rows = find_rim(rig, pattern, image, shape)
     rim_rays = rig.camera.rays(rim_pixels) if len(rim_pixels) else np.zeros((0, 3))
     scale = rig.projector.camera_matrix[0, 0] * np.linalg.norm(rig.translation)
     phase_noise = np.hypot(_PHASE_PX, _SMOOTH * scale / distance**2)
@@ -143,7 +140,7 @@ def check(
             (rays, 0, columns, phase_noise),
             (rim_rays, 1, rows, _RIM_PX),
         ):
-            inverse = _surface(each) @ state[3:]
+            inverse = inverse_depth(each) @ state[3:]
             pixel = turned.projector.project(turned.to_projector(each / inverse[:, None]))
             parts.append((pixel[:, axis] - known) / (noise * _ALIKE))
         return np.concatenate([*parts, state[6:] / bend])
@@ -184,69 +181,6 @@ def _turned(rig: Rig, turn: NDArray) -> Rig:
     return replace(rig, rotation=by @ rig.rotation, translation=by @ rig.translation)
 
 
-def _surface(rays: NDArray) -> NDArray[np.float64]:
-    """Terms of the inverse depth along rays: three of a plane, three of its bend."""
-    x, y = rays[:, 0], rays[:, 1]
-    return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
-
-
 def _inverse(normal: NDArray) -> NDArray[np.float64]:
     scale = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
     return np.linalg.pinv(normal * np.outer(scale, scale), hermitian=True) * np.outer(scale, scale)
-
-
-def _rim(
-    rig: Rig, pattern: Pattern, image: NDArray[np.uint8], shape: NDArray
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Camera pixels, shape (n, 2), at which the frame's upper and lower rim lies, and its rows."""
-    red = image[..., 0].astype(float)
-    bright = np.arange(
-        pattern.stripe_center_px % pattern.period_px, pattern.width, pattern.period_px
-    )
-    pixels, rows = [], []
-    for row, inward in ((-0.5, 1.0), (pattern.height - 0.5, -1.0)):
-        edge = np.column_stack([bright, np.full(len(bright), row)])
-        ends = [_lit(rig, edge + np.array([0, inward * step]), shape) for step in (0.0, 8.0)]
-        across = ends[1] - ends[0]
-        across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
-        offsets = np.arange(-_REACH, _REACH + 0.25, 0.25)
-        profile_at = ends[0][:, None] + offsets[:, None] * across[:, None]
-        limits = np.array([rig.camera.width - 1, rig.camera.height - 1])
-        inside = ((profile_at > 0) & (profile_at < limits)).all(axis=(1, 2))
-        for place, way, where in zip(
-            ends[0][inside], across[inside], profile_at[inside], strict=True
-        ):
-            profile = map_coordinates(red, where[:, ::-1].T, order=1)
-            offset = _step(profile, offsets)
-            if np.isfinite(offset):
-                pixels.append(place + offset * way)
-                rows.append(row)
-    if len(rows) < _FEWEST_RIM:
-        return np.zeros((0, 2)), np.zeros(0)
-    return np.array(pixels), np.array(rows)
-
-
-def _step(profile: NDArray, offsets: NDArray) -> float:
-    """Where a profile crosses the middle between dark and light; NaN where there is no edge."""
-    dark, light = np.median(profile[:16]), np.median(profile[-24:])
-    if light - dark < _LEAST_STEP or light > 250:
-        return np.nan
-    above = profile > (dark + light) / 2
-    crossings = np.flatnonzero(~above[:-1] & above[1:])
-    if len(crossings) != 1:
-        return np.nan
-    index = crossings[0]
-    part = ((dark + light) / 2 - profile[index]) / (profile[index + 1] - profile[index])
-    return float(offsets[index] + part * 0.25)
-
-
-def _lit(rig: Rig, pixels: NDArray, shape: NDArray) -> NDArray[np.float64]:
-    """Camera pixels that see what projector pixels light on the surface."""
-    rays = rig.projector.rays(pixels) @ rig.rotation
-    centre = rig.projector_centre
-    scale = np.full(len(rays), 1 / shape[0])
-    for _ in range(20):
-        points = centre + scale[:, None] * rays
-        depth = 1 / (_surface(points / points[:, 2:]) @ shape)
-        scale += (depth - points[:, 2]) / rays[:, 2]
-    return rig.camera.project(centre + scale[:, None] * rays)

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.calibration.board import Board
-from ftp_dent_ros.calibration.bundle import Model, adjust
+from ftp_dent_ros.calibration.bundle import adjust
+from ftp_dent_ros.calibration.model import Model
 from ftp_dent_ros.calibration.observation import Observation
 from ftp_dent_ros.calibration.start import FEWEST_POSES, first_rig
 from ftp_dent_ros.calibration.uncertainty import (

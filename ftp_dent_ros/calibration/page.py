@@ -8,7 +8,8 @@ import jinja2
 import numpy as np
 
 from ftp_dent_ros.calibration import pictures
-from ftp_dent_ros.calibration.bundle import DISTORTIONS, rig_vector, rms
+from ftp_dent_ros.calibration.bundle import rms
+from ftp_dent_ros.calibration.model import DISTORTIONS, rig_vector
 from ftp_dent_ros.calibration.opencv import OpenCvResult, calibrate_with_opencv
 from ftp_dent_ros.calibration.solving import Solution
 from ftp_dent_ros.calibration_record import PARAMETERS

@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.calibration.bundle import DISTORTIONS, Estimate, Model, adjust
+from ftp_dent_ros.calibration.bundle import Estimate, adjust
+from ftp_dent_ros.calibration.model import DISTORTIONS, Model
 from ftp_dent_ros.calibration.observation import Observation
 
 _FOLDS = 4

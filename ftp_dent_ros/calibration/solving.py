@@ -7,52 +7,29 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros import __version__
 from ftp_dent_ros.calibration.board import Board
-from ftp_dent_ros.calibration.bundle import SHAPES, Estimate, Model, adjust, rms
+from ftp_dent_ros.calibration.bundle import Estimate, adjust
+from ftp_dent_ros.calibration.gross_errors import (
+    refuse_hopeless,
+    refuse_wrong_scale,
+    without_bad_poses,
+)
+from ftp_dent_ros.calibration.holding_out import HeldOut, hold_out
+from ftp_dent_ros.calibration.model import SHAPES, Model
 from ftp_dent_ros.calibration.observation import Observation
-from ftp_dent_ros.calibration.selection import candidates, folds, held_out, select
-from ftp_dent_ros.calibration.start import FEWEST_POSES, first_rig
-from ftp_dent_ros.calibration.uncertainty import covariance, depths
+from ftp_dent_ros.calibration.selection import candidates, select
+from ftp_dent_ros.calibration.start import first_rig
+from ftp_dent_ros.calibration.uncertainty import covariance
 from ftp_dent_ros.calibration_record import CalibrationRecord
-from ftp_dent_ros.errors import CalibrationError, RigError
+from ftp_dent_ros.errors import RigError
 from ftp_dent_ros.rig import Rig
 from ftp_dent_ros.rig_geometry import check_geometry
 
-# A pose whose residuals are this many times those of the others was not seen as it was.
-_BAD_POSE = 4.0
-_BAD_POSE_PX = 0.5
 # A corner this many deviations off is named.
 _OUTLIER = 6.0
-# The tape measures the distance between two lenses to a centimetre, or to this part.
-_TAPE, _TAPE_SHARE = 0.01, 0.05
-# No rig fits its own photographs worse than this; joint, pixels.
-_HOPELESS = 5.0
-
-
-@dataclass(frozen=True, eq=False)
-class HeldOut:
-    """What poses say of a rig that was fitted to the others, half by half.
-
-    Attributes
-    ----------
-    rms : tuple of 3 floats
-        Camera, projector and both, pixels.
-    stereo_rms : float
-        Of the projector, with the board's place told by the camera alone; pixels.
-    depth_errors : ndarray, shape (m,)
-        Of every corner: its triangulated depth less that of the board's plane; metres.
-    depths : ndarray, shape (m,)
-        Of the corners, metres.
-    """
-
-    rms: tuple[float, float, float]
-    stereo_rms: float
-    depth_errors: NDArray[np.float64]
-    depths: NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,10 +103,10 @@ def solve(
     start, poses = first_rig(used, points, camera_size, projector_size)
     progress('start')
     estimate = adjust(used, points, start, poses, Model())
-    used, estimate, excluded = _without_bad_poses(used, points, estimate)
+    used, estimate, excluded = without_bad_poses(used, points, estimate)
     progress('all poses')
-    _refuse_hopeless(estimate)
-    _refuse_wrong_scale(estimate.rig, baseline)
+    refuse_hopeless(estimate)
+    refuse_wrong_scale(estimate.rig, baseline)
     # A board that looks the same upside down has no shape that could be told from its mirror.
     shapes = SHAPES if board.dictionary or (board.columns + board.rows) % 2 else SHAPES[:2]
     scores: dict[Model, float] = {}
@@ -137,7 +114,7 @@ def solve(
         model, scores = select(used, points, estimate, Model(), shapes, progress)
     estimate = adjust(used, points, estimate.rig, estimate.poses, model)
     progress('final')
-    checked = _hold_out(used, points, estimate, model)
+    checked = hold_out(used, points, estimate, model)
     progress('held out')
     record = _record(estimate, board, checked)
     rig = replace(estimate.rig, record=replace(record, id=estimate.rig.id))
@@ -156,108 +133,6 @@ def solve(
 
 
 STEPS = 4 + candidates(SHAPES)
-
-
-def _without_bad_poses(
-    used: list[Observation], points: NDArray, estimate: Estimate
-) -> tuple[list[Observation], Estimate, dict[str, str]]:
-    """Leave out poses that fit far worse than the others, one by one, the worst first."""
-    excluded: dict[str, str] = {}
-    while len(used) > FEWEST_POSES + 1:
-        each = [rms([residuals]) for residuals in estimate.residuals]
-        joint = np.array([part[2] for part in each])
-        worst = int(np.argmax(joint))
-        limit = max(_BAD_POSE * float(np.median(joint)), _BAD_POSE_PX)
-        if joint[worst] <= limit:
-            break
-        alone = _camera_alone(used, points, estimate, np.array([worst])).rms()[0]
-        blame = (
-            'the projector coordinates: the board or the rig moved between its photographs, or '
-            'they are out of order'
-            if alone <= limit / 2
-            else 'the corners: another board, bent, or seen in a mirror'
-        )
-        excluded[used[worst].name] = (
-            f'left out: {joint[worst]:.1f} pixels off where the others are '
-            f'{np.median(joint):.2f}; what does not fit are {blame}'
-        )
-        kept = [index for index in range(len(used)) if index != worst]
-        used = [used[index] for index in kept]
-        estimate = adjust(used, points, estimate.rig, estimate.poses[kept], Model())
-    return used, estimate, excluded
-
-
-def _refuse_hopeless(estimate: Estimate) -> None:
-    camera, projector, joint = estimate.rms()
-    if joint <= _HOPELESS:
-        return
-    blame = (
-        "the projector coordinates: their photographs are out of order, or the projector's size "
-        'is wrong'
-        if projector > 2 * camera
-        else 'the corners: rows and columns of the board exchanged, or another board'
-    )
-    raise CalibrationError(
-        f'no rig fits these poses: {joint:.1f} pixels are left (camera {camera:.1f}, projector '
-        f'{projector:.1f}); what does not fit are {blame}'
-    )
-
-
-def _refuse_wrong_scale(rig: Rig, baseline: float) -> None:
-    found = float(np.linalg.norm(rig.translation))
-    if baseline and abs(found - baseline) > max(_TAPE, _TAPE_SHARE * baseline):
-        raise CalibrationError(
-            f'the lenses come out {1e3 * found:.0f} mm apart, and {1e3 * baseline:.0f} mm were '
-            f'measured: if the tape is right, a square is {baseline / found:.3f} times what was '
-            'given: measure the print over ten squares'
-        )
-
-
-def _hold_out(
-    used: list[Observation], points: NDArray, estimate: Estimate, model: Model
-) -> HeldOut | None:
-    parts = folds(len(used), 2)
-    if not parts:
-        return None
-    residuals, stereo, errors, places = [], [], [], []
-    for out in parts:
-        found, fitted = held_out(used, points, estimate, model, out)
-        residuals += found
-        seen = _camera_alone(used, points, replace(estimate, rig=fitted.rig), out)
-        for index, pose in zip(out, seen.poses, strict=True):
-            corners = Rotation.from_rotvec(pose[:3]).apply(estimate.shape) + pose[3:]
-            predicted = fitted.rig.projector.project(fitted.rig.to_projector(corners))
-            stereo.append(used[index].projector - predicted)
-            known = np.isfinite(used[index].projector[:, 0] + used[index].camera[:, 0])
-            measured = depths(
-                fitted.rig, used[index].camera[known], used[index].projector[known, 0]
-            )
-            errors.append(measured - corners[known, 2])
-            places.append(corners[known, 2])
-    off = np.concatenate(stereo)
-    square = np.square(off[np.isfinite(off).all(axis=1)]).sum(axis=1)
-    return HeldOut(
-        rms(residuals),
-        float(np.sqrt(square.mean())),
-        np.concatenate(errors),
-        np.concatenate(places),
-    )
-
-
-def _camera_alone(
-    used: list[Observation], points: NDArray, estimate: Estimate, which: NDArray
-) -> Estimate:
-    """Poses as the camera alone tells them, with an estimate's rig."""
-    return adjust(
-        [replace(used[i], projector=np.full_like(used[i].projector, np.nan)) for i in which],
-        points,
-        estimate.rig,
-        estimate.poses[which],
-        Model(),
-        free='none',
-        shape=estimate.shape,
-        deviations=estimate.deviations,
-    )
 
 
 def _record(estimate: Estimate, board: Board, checked: HeldOut | None) -> CalibrationRecord:

@@ -55,14 +55,20 @@ def first_rig(
         )
     refuse_mirrored_board(useful, board)
     seen = [np.isfinite(o.camera[:, 0]) for o in observations]
-    _, matrix, distortion, turns, shifts = cv2.calibrateCamera(
-        [board[s].astype(np.float32) for s in seen],
-        [o.camera[s].astype(np.float32) for o, s in zip(observations, seen, strict=True)],
-        camera_size,
-        np.eye(3),
-        np.zeros(5),
-        flags=_SAFE,
-    )
+    threads = cv2.getNumThreads()
+    # Threads add up in any order: the same photographs are to give the same rig, and its id.
+    cv2.setNumThreads(1)
+    try:
+        _, matrix, distortion, turns, shifts = cv2.calibrateCamera(
+            [board[s].astype(np.float32) for s in seen],
+            [o.camera[s].astype(np.float32) for o, s in zip(observations, seen, strict=True)],
+            camera_size,
+            np.eye(3),
+            np.zeros(5),
+            flags=_SAFE,
+        )
+    finally:
+        cv2.setNumThreads(threads)
     camera = Lens(*camera_size, np.asarray(matrix), np.ravel(distortion)[:5].astype(float))
     poses = np.hstack([np.reshape(turns, (-1, 3)), np.reshape(shifts, (-1, 3))]).astype(float)
     points = np.concatenate(

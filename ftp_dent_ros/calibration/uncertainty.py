@@ -5,17 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.calibration.bundle import (
-    Estimate,
-    Model,
-    rig_of,
-    rig_vector,
-    weighted_jacobian,
-)
+from ftp_dent_ros.calibration.bundle import Estimate, weighted_jacobian
+from ftp_dent_ros.calibration.model import RIG, Model, rig_of, rig_vector
 from ftp_dent_ros.calibration.observation import Observation
 from ftp_dent_ros.rig import Rig
 
-_RIG = 24
 # What corners may be off alike, by shading and uneven blur, pixels: twice the mean error of ray
 # traced boards.
 _BIAS = 0.01
@@ -34,7 +28,7 @@ def covariance(estimate: Estimate) -> NDArray[np.float64]:
     variance 0.
     """
     jacobian, residuals = estimate.jacobian, estimate.weighted
-    common = np.flatnonzero((estimate.active < _RIG) | (estimate.active >= _first_shape(estimate)))
+    common = np.flatnonzero((estimate.active < RIG) | (estimate.active >= _first_shape(estimate)))
     count = len(estimate.poses)
     reduced, gradients = [], []
     rest = estimate.rows_of_pose < 0
@@ -42,7 +36,7 @@ def covariance(estimate: Estimate) -> NDArray[np.float64]:
     for pose in range(count):
         rows = estimate.rows_of_pose == pose
         own = np.flatnonzero(
-            (estimate.active >= _RIG + 6 * pose) & (estimate.active < _RIG + 6 * pose + 6)
+            (estimate.active >= RIG + 6 * pose) & (estimate.active < RIG + 6 * pose + 6)
         )
         shared, private = jacobian[rows][:, common], jacobian[rows][:, own]
         basis, _ = np.linalg.qr(private)
@@ -60,9 +54,9 @@ def covariance(estimate: Estimate) -> NDArray[np.float64]:
     )
     scatter = sum(float(each @ inverse @ each) for each in gradients)
     spread = max(1.0, scatter / max(variance * float(expected), 1e-300))
-    result = np.zeros((_RIG, _RIG))
+    result = np.zeros((RIG, RIG))
     place = estimate.active[common]
-    ours = place < _RIG
+    ours = place < RIG
     result[np.ix_(place[ours], place[ours])] = (variance * spread * inverse)[np.ix_(ours, ours)]
     for index in _PRINCIPAL_POINTS:
         result[index, index] += _BIAS**2
@@ -74,11 +68,11 @@ def information(
 ) -> NDArray[np.float64]:
     """What one more pose would add to the normal equations of the rig's 24 numbers."""
     jacobian, active = weighted_jacobian(seen, board, estimate, pose, model)
-    basis, _ = np.linalg.qr(jacobian[:, active >= _RIG])
-    shared = jacobian[:, active < _RIG]
+    basis, _ = np.linalg.qr(jacobian[:, active >= RIG])
+    shared = jacobian[:, active < RIG]
     shared = shared - basis @ (basis.T @ shared)
-    result = np.zeros((_RIG, _RIG))
-    place = active[active < _RIG]
+    result = np.zeros((RIG, RIG))
+    place = active[active < RIG]
     result[np.ix_(place, place)] = shared.T @ shared
     return result
 
@@ -98,7 +92,7 @@ def with_information(
 
 
 def _first_shape(estimate: Estimate) -> int:
-    return _RIG + 6 * len(estimate.poses)
+    return RIG + 6 * len(estimate.poses)
 
 
 def depths(rig: Rig, pixels: NDArray, columns: NDArray) -> NDArray[np.float64]:
@@ -147,9 +141,9 @@ def depth_slopes(rig: Rig, pixels: NDArray, distance: NDArray) -> NDArray[np.flo
     points = rig.camera.rays(pixels) * np.asarray(distance)[:, None]
     columns = rig.projector.project(rig.to_projector(points))[:, 0]
     vector = rig_vector(rig)
-    slopes = np.zeros((len(points), _RIG))
-    for index in range(_RIG):
-        step = np.zeros(_RIG)
+    slopes = np.zeros((len(points), RIG))
+    for index in range(RIG):
+        step = np.zeros(RIG)
         step[index] = _STEP[index]
         ends = [depths(rig_of(vector + sign * step, rig), pixels, columns) for sign in (-1, 1)]
         slopes[:, index] = (ends[1] - ends[0]) / (2 * _STEP[index])

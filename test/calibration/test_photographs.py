@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.calibration.board import Board
-from ftp_dent_ros.calibration.bundle import Model
+from ftp_dent_ros.calibration.model import Model
 from ftp_dent_ros.calibration.observing import observe
 from ftp_dent_ros.calibration.sequence import Frame, Sequence
 from ftp_dent_ros.calibration.session import Session, read_session, see_poses, write_session

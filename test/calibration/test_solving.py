@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from ftp_dent_ros.calibration.board import Board
-from ftp_dent_ros.calibration.bundle import Model, _Problem, rig_vector
+from ftp_dent_ros.calibration.model import Model, rig_vector
 from ftp_dent_ros.calibration.observation import Observation
 from ftp_dent_ros.calibration.page import write_page
+from ftp_dent_ros.calibration.problem import Problem
 from ftp_dent_ros.calibration.solving import STEPS, solve
 from ftp_dent_ros.calibration.start import first_rig
 from ftp_dent_ros.calibration.uncertainty import depth_deviation, depths
@@ -64,7 +65,7 @@ def test_the_jacobian_is_that_of_the_residuals(rig, observations):
         projector=replace(start.projector, distortion=np.array([0.05, 0.1, -1e-3, 1e-3, 0.02])),
     )
     for shape in ('bent', 'free'):
-        problem = _Problem(observations[:3], BOARD.points, bent, Model(shape=shape), 'rig', None)
+        problem = Problem(observations[:3], BOARD.points, bent, Model(shape=shape), 'rig', None)
         vector = np.concatenate([rig_vector(bent), poses.ravel(), problem.start_shape])
         at = vector[problem.active]
         jacobian = problem.jacobian(at, vector).toarray()
