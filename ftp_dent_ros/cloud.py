@@ -70,6 +70,13 @@ class Cloud:
         """Mask of the measured points, shape (rows, columns)."""
         return np.isfinite(self.points[..., 2])
 
+    @property
+    def transposed(self) -> Cloud:
+        """The same with x for y, and y for x, of pixels as of points."""
+        points = np.ascontiguousarray(self.points.swapaxes(0, 1)[..., [1, 0, 2]])
+        names = ('intensity', 'sigma', 'resolution')
+        return Cloud(points, *(np.ascontiguousarray(getattr(self, name).T) for name in names))
+
     def transformed(self, pose: Pose) -> Cloud:
         """The same cloud in the parent frame of `pose`."""
         return replace(self, points=pose.apply(self.points))

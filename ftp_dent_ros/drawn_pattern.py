@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,6 +14,10 @@ from ftp_dent_ros.pattern import SEQUENCE, Pattern, fringe_order
 # Whole fringes that tell which they are: the length of the sequence's words.
 _LEAST_FRINGES = 8
 _LAST = len(SEQUENCE) - 1
+# Levels by which numbers that are not quite those meant may draw a pixel otherwise.
+_ROUNDING = 2
+# Difference of the contrast from row to row that is rounding.
+_EVEN = 1e-3
 
 
 def pattern_from_image(image: NDArray[np.uint8]) -> Pattern:
@@ -40,13 +45,27 @@ def pattern_from_image(image: NDArray[np.uint8]) -> Pattern:
             f'the pattern image has the shape {image.shape} and type {image.dtype}: '
             'publish an rgb8 image'
         )
+    if image.size and _spread(image, axis=0) > _spread(image, axis=1):
+        return _upright(image.transpose(1, 0, 2)).transposed
+    return _upright(image)
+
+
+def _spread(image: NDArray[np.uint8], axis: int) -> float:
+    """How much the levels differ along an axis, in the middle of the image."""
+    middle = image.take(image.shape[1 - axis] // 2, axis=1 - axis)
+    return float(middle.astype(float).std(axis=0).mean())
+
+
+def _upright(image: NDArray[np.uint8]) -> Pattern:
+    """Pattern of an image of upright fringes."""
     height, width, _ = image.shape
-    row = image[height // 2].astype(float) if height else np.zeros((0, 3))
+    # Along the first row, the contrast is that of the code alone.
+    row = image[0].astype(float) if height else np.zeros((0, 3))
     stripe = np.flatnonzero((row[:, 0] > 64) & (row[:, 1:].max(axis=1) == 0))
     red = row[:, 0]
-    if not image.size or red.min() == red.max() or (image != image[height // 2]).any():
+    if not image.size or red.min() == red.max() or (len(stripe) and (image != image[0]).any()):
         raise PatternError(
-            'the pattern image shows no vertical fringes: publish the image that '
+            'the pattern image shows no straight fringes: publish the image that '
             'pattern_publisher draws'
         )
     u = np.arange(width)
@@ -71,7 +90,42 @@ def pattern_from_image(image: NDArray[np.uint8]) -> Pattern:
             'the pattern image is not a sinusoid of one period with one red stripe, nor a '
             'coded one: publish the image that pattern_publisher draws'
         )
-    return pattern
+    return pattern if low_contrast is None else _with_rows(pattern, image)
+
+
+def _with_rows(pattern: Pattern, image: NDArray[np.uint8]) -> Pattern:
+    """The pattern with the contrast that its image has along the fringes."""
+    if _misfit(pattern, image) == (0, 0):
+        return pattern
+    swing = pattern.levels * (pattern.intensity(np.arange(pattern.width)) - 0.5)
+    contrast = (image[..., 0] - pattern.levels / 2) @ swing / (swing @ swing)
+    found = [replace(pattern, row_depth=0.0)]
+    if np.ptp(contrast) > _EVEN:
+        v = np.arange(pattern.height)
+        period, _ = _fit_fringes(v, contrast, 0.0)
+        wave = (1 - np.cos(2 * np.pi / period * v)) / 2
+        depth = float(wave @ (1 - contrast) / (wave @ wave))
+        if 0 < depth <= 0.3 and period >= 16:
+            found += [
+                replace(
+                    pattern, row_depth=round(depth, 2 + more), row_period_px=round(period, more)
+                )
+                for more in range(5)
+            ]
+    # Of those that draw it as well, the roundest.
+    best = min(found, key=lambda each: _misfit(each, image))
+    if _misfit(best, image)[0] <= _ROUNDING:
+        return best
+    raise PatternError(
+        'the contrast of the pattern image does not change along its fringes as a pattern has '
+        'it: publish the image that pattern_publisher draws'
+    )
+
+
+def _misfit(pattern: Pattern, image: NDArray[np.uint8]) -> tuple[int, int]:
+    """Levels by which pixels differ from those that the pattern draws: at most, and in all."""
+    away = cv2.absdiff(pattern.draw(), np.ascontiguousarray(image))
+    return int(away.max()), int(away.sum(dtype=np.int64))
 
 
 def _coded_fringes(u: NDArray, level: NDArray, levels: int) -> tuple[tuple[float, float], float]:

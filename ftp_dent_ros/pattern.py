@@ -1,4 +1,4 @@
-"""The projected fringe pattern: vertical sinusoidal fringes that tell their order.
+"""The projected fringe pattern: sinusoidal fringes that tell their order.
 
 ``I(u) = (1 + c_k cos Phi) / 2`` with ``Phi = 2 pi (u - stripe_center_px) / period_px``. How a
 fringe tells which it is, the code says:
@@ -7,13 +7,17 @@ fringe tells which it is, the code says:
 - ``contrast``: no colour; the contrast c_k of fringe ``k = floor((Phi + pi / 2) / 2 pi)`` is 1 or
   ``low_contrast``, after a de Bruijn sequence that begins with the panel's first fringe. It
   changes where the cosine is zero, so that the light is continuous and its mean the same
-  everywhere. To tell the zero of the phase a whole fringe elsewhere changes no pixel.
+  everywhere. To tell the zero of the phase a whole fringe elsewhere changes no pixel. Along the
+  fringes all contrasts are times ``r(v) = 1 - row_depth (1 - cos(2 pi v / row_period_px)) / 2``,
+  which tells the rows: over the level, a fringe's amplitude is free of paint and dirt.
+
+Fringes of the axis v are the same, turned: read u for v, and width for height.
 """
 
 from __future__ import annotations
 
 import os
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -28,6 +32,10 @@ from ftp_dent_ros.rig import Lens
 # halves of a fringe cancels: 255 levels shift a fringe by up to 0.003 pixels.
 _LEVELS = 254
 CODES = 'stripe', 'contrast'
+AXES = 'u', 'v'
+# What the contrast's code needs, and the stripe does not.
+_OF_CODE = 'low_contrast', 'row_depth', 'row_period_px'
+_NUMBERS = 'period_px', 'stripe_center_px', *_OF_CODE
 
 
 def _de_bruijn_sequence() -> NDArray[np.bool_]:
@@ -61,13 +69,18 @@ class Pattern:
         Column where the phase is zero, projector pixels; the red stripe's middle, if there is
         one.
     axis : str
-        The axis along which the intensity varies; ``'u'``.
+        The axis along which the fringes follow one another: ``'u'``, which is upright fringes
+        for a projector beside the camera, or ``'v'`` for one above or below it.
     levels : int
         Grey level of the brightest pixels: 254 as `draw` makes them, 255 as others do.
     code : str
         One of `CODES`: a red stripe, or the fringes' contrast.
     low_contrast : float
         Contrast of every other fringe or so, 0.3 to 0.95, where the contrast is the code.
+    row_depth, row_period_px : float
+        What the contrast loses along the fringes at most, 0 (nothing) to 0.3, and the period of
+        it, pixels, where the contrast is the code. The period is no part of most projectors'
+        heights: 720 rows are 15 and a half, so that a pattern upside down is told.
 
     Raises
     ------
@@ -83,6 +96,8 @@ class Pattern:
     levels: int = _LEVELS
     code: str = 'stripe'
     low_contrast: float = 0.75
+    row_depth: float = 0.08
+    row_period_px: float = 46.5
 
     def __post_init__(self) -> None:
         for name in ('width', 'height'):
@@ -91,7 +106,7 @@ class Pattern:
                 raise PatternError(f'{name} is {value!r}, not a number of pixels: correct it')
         if self.levels not in (254, 255):
             raise PatternError(f'levels is {self.levels!r}, neither 254 nor 255: correct it')
-        for name in ('period_px', 'stripe_center_px', 'low_contrast'):
+        for name in _NUMBERS:
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, (int, float)):
                 raise PatternError(f'{name} is {value!r}, not a number: correct it')
@@ -99,24 +114,42 @@ class Pattern:
             raise PatternError(f'code is {self.code!r}: choose {" or ".join(CODES)}')
         if not 0.3 <= self.low_contrast <= 0.95:
             raise PatternError(f'low_contrast is {self.low_contrast:g}, outside 0.3 to 0.95')
-        if not 3.0 <= self.period_px <= self.width / 4:
+        if not 0 <= self.row_depth <= 0.3:
+            raise PatternError(f'row_depth is {self.row_depth:g}, outside 0 to 0.3: correct it')
+        if not self.row_period_px >= 16:
+            raise PatternError(f'row_period_px is {self.row_period_px:g}, below 16: correct it')
+        if self.axis not in AXES:
             raise PatternError(
-                f'period_px is {self.period_px:g}, outside 3 to {self.width / 4:g} '
-                '(a quarter of the width): correct it'
+                f'axis is {self.axis!r}: choose u (upright fringes) or v (level ones)'
             )
-        low, high = self.period_px / 2, self.width - 1 - self.period_px / 2
+        length = self.width if self.axis == 'u' else self.height
+        if not 3.0 <= self.period_px <= length / 4:
+            raise PatternError(
+                f'period_px is {self.period_px:g}, outside 3 to {length / 4:g} '
+                '(a quarter of the image): correct it'
+            )
+        low, high = self.period_px / 2, length - 1 - self.period_px / 2
         if not low <= self.stripe_center_px <= high:
             raise PatternError(
                 f'stripe_center_px is {self.stripe_center_px:g}, so that the stripe leaves the '
                 f'image: set it between {low:g} and {high:g}'
             )
-        if self.axis != 'u':
-            raise PatternError(f'axis is {self.axis!r}: only u (vertical fringes) is built')
+
+    @property
+    def transposed(self) -> Pattern:
+        """The same fringes with columns for rows, and rows for columns."""
+        axis = 'v' if self.axis == 'u' else 'u'
+        return replace(self, width=self.height, height=self.width, axis=axis)
 
     def intensity(self, u: ArrayLike) -> NDArray[np.float64]:
-        """Intensity, 0 to 1, at projector columns `u`; it goes on beyond the panel."""
+        """Intensity, 0 to 1, at projector columns `u` of row 0; it goes on beyond the panel."""
         phase = self.phase(u)
         return (1 + self.contrast(phase) * np.cos(phase)) / 2
+
+    def row_contrast(self, v: ArrayLike) -> NDArray[np.float64]:
+        """Contrast r(v) at projector rows `v`, over that of row 0; 1 everywhere for the stripe."""
+        turn = 2 * np.pi / self.row_period_px * np.asarray(v, float)
+        return 1 - (self.code == 'contrast') * self.row_depth * (1 - np.cos(turn)) / 2
 
     def contrast(self, phase: ArrayLike) -> NDArray[np.float32]:
         """Contrast of the fringes at absolute phases; 1 everywhere where it is no code."""
@@ -174,10 +207,16 @@ class Pattern:
 
     def draw(self) -> NDArray[np.uint8]:
         """Draw the pattern's pixels, RGB, shape (height, width, 3)."""
+        if self.axis == 'v':
+            return np.ascontiguousarray(self.transposed.draw().transpose(1, 0, 2))
         u = np.arange(self.width)
-        row = np.repeat(np.rint(self.levels * self.intensity(u))[:, None], 3, axis=1)
-        row[self.in_stripe(u), 1:] = 0
-        return np.tile(row.astype(np.uint8), (self.height, 1, 1))
+        swing = self.levels * (self.intensity(u) - 0.5)
+        grey = np.rint(
+            self.levels / 2 + np.outer(self.row_contrast(np.arange(self.height)), swing)
+        )
+        pixels = np.repeat(grey.astype(np.uint8)[..., None], 3, axis=2)
+        pixels[:, self.in_stripe(u), 1:] = 0
+        return pixels
 
     def check_fits(self, projector: Lens) -> None:
         """Raise `PatternError` unless the pattern is as large as the projector's image."""
@@ -217,7 +256,6 @@ def pattern_from_fields(data: dict[str, Any], where: str) -> Pattern:
 def write_pattern(path: str | os.PathLike[str], pattern: Pattern) -> None:
     """Write ``pattern.yaml``; a file under that name is whole or not there."""
     with written_aside(path) as aside:
-        fields = asdict(pattern)
-        if pattern.code != 'contrast':
-            del fields['low_contrast']
+        left_out = _OF_CODE if pattern.code != 'contrast' else ()
+        fields = {name: value for name, value in asdict(pattern).items() if name not in left_out}
         aside.write_text(yaml.safe_dump(fields, sort_keys=False), encoding='utf-8')

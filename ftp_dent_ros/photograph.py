@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -88,6 +88,12 @@ class Photograph:
             return cls(image, (1 << bits) - 1 if bits else 255, mosaic)
         used = int(np.bitwise_or.reduce(image[::_EVERY, ::_EVERY], axis=None)) if image.size else 0
         return cls(image, (1 << (bits or 16)) - 1, mosaic, max(used & -used, 1))
+
+    @property
+    def transposed(self) -> Photograph:
+        """The same pixels with columns for rows, and rows for columns."""
+        mosaic = ''.join(self.mosaic[place] for place in (0, 2, 1, 3)) if self.mosaic else ''
+        return replace(self, pixels=np.ascontiguousarray(self.pixels.swapaxes(0, 1)), mosaic=mosaic)
 
     @property
     def height(self) -> int:

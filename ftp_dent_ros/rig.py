@@ -46,6 +46,12 @@ class Lens:
     camera_matrix: NDArray[np.float64]
     distortion: NDArray[np.float64]
 
+    @property
+    def transposed(self) -> Lens:
+        """The same lens with columns for rows, and rows for columns."""
+        matrix = self.camera_matrix[[1, 0, 2]][:, [1, 0, 2]]
+        return Lens(self.height, self.width, matrix, self.distortion[[0, 1, 3, 2, 4]])
+
     def project(self, points: ArrayLike) -> NDArray[np.float64]:
         """Project points of shape (..., 3) in this lens's frame to pixels, shape (..., 2)."""
         points = np.asarray(points, float)
@@ -135,6 +141,13 @@ class Rig:
         everything = np.concatenate([*numbers, self.rotation.ravel(), self.translation])
         digest = hashlib.sha256(everything.astype('<f8').tobytes())
         return digest.hexdigest()[:12]
+
+    @property
+    def transposed(self) -> Rig:
+        """The same rig with x for y, and y for x, of pixels as of frames; without its record."""
+        rotation = self.rotation[[1, 0, 2]][:, [1, 0, 2]]
+        translation = self.translation[[1, 0, 2]]
+        return Rig(self.camera.transposed, self.projector.transposed, rotation, translation)
 
     @property
     def projector_centre(self) -> NDArray[np.float64]:

@@ -25,7 +25,7 @@ _MOST_ASPECT = 2.5
 _MOST_SHIFT = 1.0
 # Where both may look: multiples of the baseline along the camera's rays.
 _DISTANCES = np.geomspace(0.5, 200.0, 40)
-# Of the baseline, the part along the projector's rows, across its fringes.
+# Of the baseline, the part across the projector's view; and that across its fringes.
 _LEAST_ACROSS = 0.2
 _RAYS = 17
 
@@ -41,13 +41,19 @@ def check_geometry(rig: Rig) -> None:
             f'extrinsics.translation is a baseline of {baseline:g} m{unit}, outside '
             f'{_SHORTEST_BASELINE:g} to {_LONGEST_BASELINE:g} m: give it in metres'
         )
-    if abs(rig.translation[0]) < _LEAST_ACROSS * baseline:
+    if np.linalg.norm(rig.translation[:2]) < _LEAST_ACROSS * baseline:
         raise RigError(
-            'extrinsics.translation puts the projector above, below or behind the camera, where '
-            'vertical fringes hardly move with the depth: put it beside the camera, or check that '
+            'extrinsics.translation puts the projector behind or before the camera, where '
+            'no fringes move with the depth: put it beside the camera, or check that '
             'X_p = rotation X_c + translation'
         )
     _check_view(rig, baseline)
+
+
+def moves_fringes(rig: Rig, axis: str) -> bool:
+    """Whether the depth moves fringes of the axis u or v, for a baseline across them."""
+    across = abs(rig.translation['uv'.index(axis)])
+    return bool(across >= _LEAST_ACROSS * np.linalg.norm(rig.translation))
 
 
 def _check_lens(lens: Lens, name: str) -> None:

@@ -55,6 +55,11 @@ def test_rounding_to_grey_levels_shifts_no_fringe():
         Pattern(1280, 720, 8.123456, 639.98765, code='contrast'),
         Pattern(1280, 720, 9.142857, 640.0, code='contrast', low_contrast=0.6),
         Pattern(1920, 8, 4.0, 960.0, code='contrast'),
+        Pattern(640, 360, 10.0, 320.0, code='contrast', row_depth=0.0),
+        Pattern(640, 360, 10.0, 320.0, code='contrast', row_depth=0.2, row_period_px=40.0),
+        Pattern(640, 401, 7.3, 320.0, code='contrast', row_depth=0.055, row_period_px=31.37),
+        Pattern(640, 360, 8.0, 180.0, 'v'),
+        Pattern(360, 1280, 10.0, 640.0, 'v', code='contrast'),
     ],
     ids=lambda pattern: f'{pattern.width}px/{pattern.period_px}',
 )
@@ -63,7 +68,10 @@ def test_reads_itself_back(pattern):
     assert (read.width, read.height) == (pattern.width, pattern.height)
     assert read.period_px == pytest.approx(pattern.period_px, abs=1e-4)
     assert read.stripe_center_px == pytest.approx(pattern.stripe_center_px, abs=2e-4)
-    assert (read.code, read.levels) == (pattern.code, pattern.levels)
+    assert (read.code, read.levels, read.axis) == (pattern.code, pattern.levels, pattern.axis)
+    assert read.row_depth == pytest.approx(pattern.row_depth, abs=1e-3)
+    if pattern.row_depth:
+        assert read.row_period_px == pytest.approx(pattern.row_period_px, abs=2e-3)
     assert read.low_contrast == pytest.approx(pattern.low_contrast, abs=1e-3)
 
 
@@ -92,6 +100,23 @@ def test_coded_fringes_are_grey_continuous_and_of_one_mean():
     whole = u[(order == 3) & (contrast == contrast[order == 3][0])]
     assert CODED.intensity(whole).mean() == pytest.approx(0.5, abs=1e-3)
     assert CODED.fringe_orders == range(-64, 65)
+
+
+def test_along_coded_fringes_the_contrast_tells_the_row_and_the_mean_does_not():
+    image = CODED.draw()[..., 0].astype(float)
+    bright = np.flatnonzero((CODED.phase(np.arange(1280)) / (2 * np.pi)) % 1 == 0)
+    full = bright[CODED.contrast(CODED.phase(bright)) == 1]
+    contrast = (image[:, full].mean(axis=1) - 127) / 127
+    np.testing.assert_allclose(contrast, CODED.row_contrast(np.arange(720)), atol=0.5 / 127)
+    assert contrast[0] == 1
+    assert contrast.min() == pytest.approx(1 - CODED.row_depth, abs=0.5 / 127)
+    np.testing.assert_allclose(image[:, 5:1275].mean(axis=1), 127, atol=0.3)
+
+
+def test_fringes_along_the_other_axis_are_the_same_turned():
+    turned = Pattern(360, 640, 8.0, 320.0, 'v')
+    assert turned.transposed == PATTERN
+    np.testing.assert_array_equal(turned.draw(), PATTERN.draw().transpose(1, 0, 2))
 
 
 @pytest.mark.parametrize('fringes', [-20, -1, 1, 33])
@@ -135,8 +160,9 @@ def sawtooth():
         np.zeros((360, 640), np.uint8),
         PATTERN.draw().astype(np.float32),
         PATTERN.draw()[..., [0, 0, 0]],
-        PATTERN.draw().transpose(1, 0, 2),
+        np.where(np.arange(360)[:, None, None] < 100, CODED.draw()[:360], CODED.draw()[7:367]),
         CODED.draw()[:, ::-1],
+        CODED.draw()[::-1],
         np.random.default_rng(0).integers(0, 256, (360, 640, 3), np.uint8),
         sawtooth(),
         np.zeros((0, 0, 3), np.uint8),
@@ -147,8 +173,9 @@ def sawtooth():
         'grey',
         'float',
         'no-stripe',
-        'horizontal',
+        'sheared',
         'mirrored-code',
+        'upside-down-code',
         'random',
         'sawtooth',
         'empty',
@@ -179,7 +206,9 @@ def test_write_then_read(tmp_path):
         ('period_px', 'eight'),
         ('stripe_center_px', -4.0),
         ('stripe_center_px', 639.0),
-        ('axis', 'v'),
+        ('axis', 'w'),
+        ('row_depth', 0.5),
+        ('row_period_px', 4.0),
         ('code', 'colour'),
         ('low_contrast', 1.0),
         ('low_contrast', 'faint'),

@@ -42,7 +42,7 @@ def beside(centre, axis, degrees):
         (dataclasses.replace(RIG, camera=with_matrix(RIG.camera, c_x=-9e3)), 'principal point'),
         (beside((0.25, 0, 0), 'y', 180), 'turn the projector away'),
         (beside((0.25, 0, 0), 'y', -60), 'turn the projector away'),
-        (beside((0, 0.25, 0), 'x', 17), 'above, below or behind the camera'),
+        (beside((0, 0.02, 0.25), 'x', 4), 'behind or before the camera'),
     ],
 )
 def test_what_cannot_be_is_refused(tmp_path, rig, words):
@@ -61,6 +61,7 @@ def test_what_cannot_be_is_refused(tmp_path, rig, words):
         beside((0.02, 0, 0), 'y', 0),
         beside((2.0, 0, 0.5), 'y', 40),
         beside((0.18, 0.18, 0), 'xy', (-10, 12)),
+        beside((0, 0.25, 0), 'x', -17),
         # Lens shift, and micromirrors on their corners.
         Rig(RIG.camera, with_matrix(RIG.projector, c_y=720.0), RIG.rotation, RIG.translation),
         Rig(RIG.camera, with_matrix(RIG.projector, f_y=948.0), RIG.rotation, RIG.translation),

@@ -14,6 +14,7 @@ from ftp_dent_ros.errors import FtpDentError
 COMMANDS = {
     'demo': 'the whole payload on a simulated panel and autopilot',
     'up': "run a configuration's nodes and keep them running",
+    'pattern': 'what is projected, drawn as an image, or read back from one',
     'reconstruct': 'one photograph to a point cloud',
     'inspect': 'a cloud, a photograph or a bag to its dents and their report',
     'calibrate': 'a board under projected patterns to rig.yaml',

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.profilometry.coverage import Coverage
@@ -24,3 +24,8 @@ class Measurement:
     cloud: Cloud
     stripe_depth: float
     coverage: Coverage
+
+    @property
+    def transposed(self) -> Measurement:
+        """The same with x for y, and y for x, of pixels as of points."""
+        return replace(self, cloud=self.cloud.transposed)

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud import Cloud
-from ftp_dent_ros.errors import ImageError, NoStripeError
+from ftp_dent_ros.errors import ImageError, NoStripeError, PatternError
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.photograph import Photograph
 from ftp_dent_ros.profilometry.fourier_transform import FourierTransform
@@ -15,6 +15,7 @@ from ftp_dent_ros.profilometry.least_squares import LeastSquares
 from ftp_dent_ros.profilometry.measurement import Measurement
 from ftp_dent_ros.profilometry.settings import Settings
 from ftp_dent_ros.rig import Rig
+from ftp_dent_ros.rig_geometry import moves_fringes
 
 _GREY = 'the image is grey, and the stripe that numbers the fringes is red: photograph in colour'
 
@@ -45,12 +46,17 @@ class Reconstructor:
     Raises
     ------
     PatternError
-        The pattern does not fit the projector.
+        The pattern does not fit the projector, or its fringes run along the baseline.
     """
 
     def __init__(self, rig: Rig, pattern: Pattern, settings: Settings | None = None) -> None:
         pattern.check_fits(rig.projector)
+        _check_axis(rig, pattern)
         self.rig, self.pattern, self.settings = rig, pattern, settings or Settings()
+        # The methods know upright fringes: level ones are upright for a rig on its side.
+        self._on_side = pattern.axis == 'v'
+        if self._on_side:
+            rig, pattern = rig.transposed, pattern.transposed
         self._method = method_for(rig, pattern, self.settings)
 
     def reconstruct(self, image: Photograph | NDArray[Any]) -> Cloud:
@@ -82,6 +88,8 @@ class Reconstructor:
         photograph = Photograph.of(image)
         self._check(photograph)
         try:
+            if self._on_side:
+                return self._method.measure(photograph.transposed).transposed
             return self._method.measure(photograph)
         except NoStripeError:
             if photograph.is_grey:
@@ -99,3 +107,17 @@ class Reconstructor:
             )
         if photograph.is_flat and not photograph.mosaic:
             raise ImageError(_GREY)
+
+
+def _check_axis(rig: Rig, pattern: Pattern) -> None:
+    """Raise `PatternError` if the depth does not move the pattern's fringes."""
+    if moves_fringes(rig, pattern.axis):
+        return
+    way, place, other = {
+        'u': ('upright', 'above or below', 'v'),
+        'v': ('level', 'beside', 'u'),
+    }[pattern.axis]
+    raise PatternError(
+        f'the pattern has {way} fringes, but the projector is {place} the camera, where the depth '
+        f'hardly moves them: use a pattern with the axis {other}'
+    )

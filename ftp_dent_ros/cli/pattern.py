@@ -1,0 +1,80 @@
+"""``ftp-dent pattern``: what is projected, as an image, and an image as what is projected."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from ftp_dent_ros.drawn_pattern import pattern_from_image
+from ftp_dent_ros.errors import ImageError, PatternError
+from ftp_dent_ros.files import find, written_aside
+from ftp_dent_ros.pattern import Pattern, read_pattern, write_pattern
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument(
+        'pattern',
+        metavar='PATTERN',
+        help='PATTERN.yaml to draw, or a drawn PATTERN.png to read back',
+    )
+    parser.add_argument(
+        '--output',
+        type=Path,
+        required=True,
+        metavar='FILE',
+        help='PATTERN.png, the pixels to project, or PATTERN.yaml, their numbers',
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Draw the pattern, or read one back, and say what it is."""
+    output = arguments.output
+    if output.suffix.lower() not in ('.png', '.yaml'):
+        raise PatternError(
+            f'{output}: a pattern is written without loss: give a name that ends in .png or .yaml'
+        )
+    pattern = _read(find(arguments.pattern))
+    if output.suffix.lower() == '.yaml':
+        write_pattern(output, pattern)
+    else:
+        _, data = cv2.imencode('.png', pattern.draw()[..., ::-1])
+        with written_aside(output) as aside:
+            aside.write_bytes(data.tobytes())
+    print(f'{output}: {pattern.width}x{pattern.height} pixels, {_sentence(pattern)}')
+    return 0
+
+
+def _read(path: Path) -> Pattern:
+    """Pattern of its file, or of an image of it."""
+    if path.suffix.lower() != '.png':
+        return read_pattern(path)
+    try:
+        data = np.fromfile(path, np.uint8)
+    except OSError as reason:
+        raise ImageError(f'{path}: cannot be read ({reason.strerror}): check the path') from None
+    image = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
+    if image is None:
+        raise ImageError(f'{path}: empty, damaged or not an image: draw it again')
+    try:
+        return pattern_from_image(np.ascontiguousarray(image[..., ::-1]).astype(np.uint8))
+    except PatternError as reason:
+        raise PatternError(f'{path}: {reason}') from None
+
+
+def _sentence(pattern: Pattern) -> str:
+    """What it shows."""
+    way = 'upright' if pattern.axis == 'u' else 'level'
+    fringes = f'{way} fringes of {pattern.period_px:g} px'
+    if pattern.code == 'stripe':
+        return f'{fringes}, the red one at {pattern.stripe_center_px:g}'
+    text = f'{fringes}, coded by a contrast of 1 or {pattern.low_contrast:g}'
+    if not pattern.row_depth:
+        return text
+    return (
+        f'{text}, which falls by {pattern.row_depth:.0%} every {pattern.row_period_px:g} px along '
+        'them'
+    )
