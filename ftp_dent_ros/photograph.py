@@ -93,7 +93,8 @@ class Photograph:
     def transposed(self) -> Photograph:
         """The same pixels with columns for rows, and rows for columns."""
         mosaic = ''.join(self.mosaic[place] for place in (0, 2, 1, 3)) if self.mosaic else ''
-        return replace(self, pixels=np.ascontiguousarray(self.pixels.swapaxes(0, 1)), mosaic=mosaic)
+        pixels = np.ascontiguousarray(self.pixels.swapaxes(0, 1))
+        return replace(self, pixels=pixels, mosaic=mosaic)
 
     @property
     def height(self) -> int:

@@ -74,8 +74,8 @@ def test_a_transposed_mosaic_has_its_colours_where_the_pixels_are(mosaic):
 
 
 def test_fringes_along_the_baseline_are_refused():
-    with pytest.raises(PatternError, match='above or below the camera.* axis v'):
+    with pytest.raises(PatternError, match=r'above or below the camera.* axis v'):
         Reconstructor(ABOVE, PATTERN)
-    with pytest.raises(PatternError, match='beside the camera.* axis u'):
+    with pytest.raises(PatternError, match=r'beside the camera.* axis u'):
         turned = ABOVE.transposed
         Reconstructor(turned, replace(LEVEL, width=480, height=640))
