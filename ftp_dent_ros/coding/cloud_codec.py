@@ -23,23 +23,14 @@ from numpy.typing import NDArray
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.coding.planes import Mask, pack, unpack
 from ftp_dent_ros.coding.quantising import Scale, quantise, restore
+from ftp_dent_ros.coding.steps import PART, inverse_step, is_on_rays, linear_step
 from ftp_dent_ros.coding.view import View
 from ftp_dent_ros.errors import CodecError
 
 VERSION = 1
 MAGIC = b'FDC'
-# Of a point's stated uncertainty, for the step of its depth: the error is half a step at most, and
-# what single precision rounds.
-PART = 0.9
-# 1/m, where no uncertainty is stated: 0.4 um at 0.6 m, 1.4 um at 1.2 m, which is 0.0003 rad of
-# the shipped rig's fringes, half of the noise of its best photographs.
-STEP_UNKNOWN = 1e-6
-# 1/m: at 1 m what a float32 resolves.
-_FINEST = 1e-7
 # Grey levels of the modulation.
 _INTENSITY_STEP = 1.0
-# Points off the lens's rays by more than this part of their depth are not its camera's.
-_OFF_THE_RAY = 1e-6
 _MOST_POINTS = 1 << 24
 _LARGEST_HEADER = 1 << 14
 _START = struct.Struct('<3sBH')
@@ -70,12 +61,12 @@ def encode(cloud: Cloud, view: View | None = None, part: float = PART) -> bytes:
     writer = _Writer()
     depth = np.ascontiguousarray(cloud.points[..., 2])
     valid: NDArray[np.bool_] = np.isfinite(depth)
-    if view is not None and _is_on_rays(cloud.points, valid, view):
-        step = _inverse_step(cloud, valid, part)
+    if view is not None and is_on_rays(cloud.points, depth, valid, view):
+        step = inverse_step(depth, cloud.sigma, valid, view, part)
         writer.add('z', depth, valid, Scale.INVERSE, step)
     else:
         view = None
-        metres = _linear_step(cloud.points, cloud.sigma, valid, part)
+        metres = linear_step(cloud.points, cloud.sigma, valid, part)
         for axis, name in enumerate('xyz'):
             writer.add(name, cloud.points[..., axis], valid, Scale.LINEAR, metres)
     lit = np.isfinite(cloud.intensity) & (cloud.intensity != 0)
@@ -239,45 +230,3 @@ def _decoded(header: dict[str, Any], body: bytes) -> Cloud:
         if name in values:
             rest[name][~within[name]] = nothing
     return Cloud(points, **rest)
-
-
-def _is_on_rays(points: NDArray[np.float32], valid: NDArray[np.bool_], view: View) -> bool:
-    if view.shape != valid.shape:
-        return False
-    depth = np.where(valid, points[..., 2], np.float32(1))
-    if not (depth > 0).all():
-        return False
-    bound = depth * np.float32(_OFF_THE_RAY)
-    for axis, ray in enumerate(view.rays()):
-        off = points[..., axis] - ray * depth
-        np.abs(off, out=off)
-        if not ((off <= bound) | ~valid).all():
-            return False
-    return True
-
-
-def _inverse_step(cloud: Cloud, valid: NDArray[np.bool_], part: float) -> float:
-    """Step of 1/z, by the point whose uncertainty is the smallest in it.
-
-    A change of 1/z by d moves a point p along its ray by ``|p| z d``.
-    """
-    known = valid & (cloud.sigma > 0)
-    if not known.any():
-        return STEP_UNKNOWN * part
-    x, y, z = np.moveaxis(cloud.points, 2, 0)
-    with np.errstate(invalid='ignore'):
-        noise = cloud.sigma / (np.sqrt(x * x + y * y + z * z) * z)
-    return max(float(noise.min(where=known, initial=np.inf)) * part, _FINEST)
-
-
-def _linear_step(
-    points: NDArray[np.float32],
-    sigma: NDArray[np.float32],
-    valid: NDArray[np.bool_],
-    part: float,
-) -> float:
-    """Step of x, y and z, metres."""
-    known = valid & (sigma > 0)
-    if known.any():
-        return max(float(sigma[known].min()) * part / math.sqrt(3), _FINEST)
-    return STEP_UNKNOWN * part

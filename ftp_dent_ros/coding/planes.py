@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import zlib
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,14 +41,31 @@ class Mask:
         return zlib.compress(bits.tobytes(), 6)
 
     @cached_property
-    def nearest(self) -> NDArray[np.intp]:
-        """Flat index of the last value before each place of a row, or of the row's first."""
-        rows, columns = self.where.shape
-        last = np.where(self.where, np.arange(columns, dtype=np.int32), np.int32(-1))
-        np.maximum.accumulate(last, axis=1, out=last)
-        first = self.where.argmax(axis=1) if columns else np.zeros(rows, np.intp)
-        last = np.where(last < 0, first[:, None], last)
-        return last + np.arange(rows, dtype=np.intp)[:, None] * columns
+    def _neighbours(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Flat indices of the holes, and of the last value before each in its row, or the first.
+
+        Holes of a row without any value are left out.
+        """
+        holes = np.flatnonzero(~self.where)
+        values = np.flatnonzero(self.where)
+        if not len(values):
+            return values, values
+        row = holes // self.where.shape[1]
+        # As many values lie before a hole as there are places less the holes before it.
+        count = holes - np.arange(len(holes))
+        before = values[np.maximum(count - 1, 0)]
+        after = values[np.minimum(count, len(values) - 1)]
+        has_before = (count > 0) & (before // self.where.shape[1] == row)
+        chosen = np.where(has_before, before, after)
+        is_there = chosen // self.where.shape[1] == row
+        return holes[is_there], chosen[is_there]
+
+    def fill(self, values: NDArray[np.int32]) -> NDArray[np.int32]:
+        """Put what is easily predicted into a grid's holes, in place; the grid."""
+        holes, neighbours = self._neighbours
+        flat = values.reshape(-1)
+        flat[holes] = flat[neighbours]
+        return values
 
     @staticmethod
     def unpack(data: bytes, shape: tuple[int, int]) -> Mask:
@@ -133,6 +150,19 @@ def _planes(residuals: NDArray[np.int32]) -> list[bytes]:
     planes = []
     for index in range(count):
         plane = (folded >> (8 * index)).astype(np.uint8)
-        writer = zlib.compressobj(_LEVEL, zlib.DEFLATED, zlib.MAX_WBITS, _MEMORY, zlib.Z_RLE)
-        planes.append(writer.compress(plane.data) + writer.flush())
+        first = int(plane.flat[0]) if plane.size else 0
+        # The first residual is the first value itself, beside which all others are small.
+        is_empty = np.count_nonzero(plane) == bool(first)
+        planes.append(_alone(first, plane.size) if is_empty else _deflated(plane.data))
     return planes
+
+
+@lru_cache(maxsize=16)
+def _alone(first: int, size: int) -> bytes:
+    """Deflated plane of one byte and zeros."""
+    return _deflated(bytes([first]) + bytes(size - 1) if size else b'')
+
+
+def _deflated(plane: bytes | memoryview) -> bytes:
+    writer = zlib.compressobj(_LEVEL, zlib.DEFLATED, zlib.MAX_WBITS, _MEMORY, zlib.Z_RLE)
+    return writer.compress(plane) + writer.flush()

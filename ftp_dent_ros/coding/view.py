@@ -65,6 +65,10 @@ class View:
         """x/z and y/z of each point, shape (2, rows, columns)."""
         return _rays(tuple(self.numbers()))
 
+    def lengths(self) -> NDArray[np.float32]:
+        """Distance from the camera over the depth, shape (rows, columns)."""
+        return _lengths(tuple(self.numbers()))
+
 
 @lru_cache(maxsize=4)
 def _rays(numbers: tuple[float, ...]) -> NDArray[np.float32]:
@@ -72,3 +76,9 @@ def _rays(numbers: tuple[float, ...]) -> NDArray[np.float32]:
     with np.errstate(all='ignore'):
         rays = view.lens.rays(view.lens.pixel_grid(view.stride))[..., :2]
     return np.ascontiguousarray(np.moveaxis(rays, 2, 0), np.float32)
+
+
+@lru_cache(maxsize=4)
+def _lengths(numbers: tuple[float, ...]) -> NDArray[np.float32]:
+    x, y = _rays(numbers)
+    return np.sqrt(1 + x * x + y * y)

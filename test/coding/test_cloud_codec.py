@@ -10,9 +10,10 @@ from scipy.spatial.transform import Rotation
 from skins import skin
 
 from ftp_dent_ros.cloud import Cloud
-from ftp_dent_ros.coding import cloud_codec
 from ftp_dent_ros.coding.cloud_codec import decode, encode, thinned
 from ftp_dent_ros.coding.planes import Mask, inflate, pack, unpack
+from ftp_dent_ros.coding.quantising import Scale, quantise
+from ftp_dent_ros.coding.steps import STEP_UNKNOWN
 from ftp_dent_ros.coding.view import View
 from ftp_dent_ros.errors import CodecError
 from ftp_dent_ros.pose import Pose
@@ -37,7 +38,7 @@ def test_without_uncertainties_the_error_is_that_of_the_stated_step(view, cloud,
     back = decode(encode(near, view))
     z = near.points[..., 2].astype(float)
     length = np.linalg.norm(near.points.astype(float), axis=2)
-    bound = cloud_codec.STEP_UNKNOWN / 2 * z * length + 2e-7 * length
+    bound = STEP_UNKNOWN / 2 * z * length + 2e-7 * length
     assert (along_ray(near, back)[near.valid] <= bound[near.valid]).all()
     assert np.isnan(back.sigma).all() and np.isnan(back.resolution).all()
 
@@ -49,6 +50,22 @@ def test_other_fields_come_back_within_their_steps(cloud, view):
         before, after = getattr(cloud, name), getattr(back, name)
         np.testing.assert_array_equal(np.isnan(after), np.isnan(before))
         assert np.nanmax(np.abs(np.log2(after / before))) <= 1 / 8 + 1e-6
+
+
+def test_the_logarithm_has_its_steps_where_mathematics_has_them():
+    k = np.arange(-100, 100)
+    edges = np.float32(2.0) ** (k // 4) * 2 ** ((k % 4 + 0.5) / 4)
+    values = np.concatenate([edges * (1 - 1e-6), edges * (1 + 1e-6)])[None].astype(np.float32)
+    mask = Mask(np.ones(values.shape, bool))
+    steps = quantise(values, mask, Scale.LOGARITHM, 0.0)
+    np.testing.assert_array_equal(steps[0], [*k, *(k + 1)])
+
+
+def test_a_hole_takes_the_value_before_it_in_its_row_or_the_rows_first():
+    where = np.array([[0, 1, 0, 0, 1, 0], [0, 0, 0, 0, 0, 0], [0, 0, 1, 1, 0, 0]], bool)
+    grid = np.arange(18, dtype=np.int32).reshape(3, 6)
+    filled = Mask(where).fill(grid.copy())
+    assert filled.tolist() == [[1, 1, 1, 1, 4, 4], grid[1].tolist(), [14, 14, 14, 15, 15, 15]]
 
 
 def test_same_bytes_and_same_cloud_each_time(cloud, view):
