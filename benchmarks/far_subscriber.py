@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from ftp_dent_ros.simulation.radio import Conditions
-from ftp_dent_ros.simulation.sites import joined_sites
+from ftp_dent_ros.simulation.sites import Site, joined_sites
 from ftp_dent_ros.supervision.transport import profile
 
 
@@ -80,6 +80,7 @@ def listen(where: str, seconds: float) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--rate', type=float, default=20.0)
+    parser.add_argument('--loss', type=float, default=0.0, help='share of packets')
     parser.add_argument('--seconds', type=float, default=8.0)
     parser.add_argument('--megabytes', type=float, default=5.5)
     parser.add_argument('--role', help=argparse.SUPPRESS)
@@ -99,7 +100,10 @@ def run(arguments: argparse.Namespace) -> None:
     environment.pop('ROS_AUTOMATIC_DISCOVERY_RANGE', None)
     words = [sys.executable, str(Path(__file__).resolve())]
     words += ['--seconds', str(arguments.seconds), '--megabytes', str(arguments.megabytes)]
-    with joined_sites(Conditions(delay=0.005)) as joined, profile(3) as transport:
+    with (
+        joined_sites(Conditions(delay=0.005, loss=arguments.loss)) as joined,
+        profile(3) as transport,
+    ):
         tbf = ('tc', 'qdisc', 'add', 'dev', joined.drone.interface, 'root', 'tbf')
         limits = ('rate', f'{arguments.rate:g}mbit', 'burst', '64kb', 'limit', '40mb')
         subprocess.run(joined.drone.command([*tbf, *limits]), check=True)
@@ -115,6 +119,21 @@ def run(arguments: argparse.Namespace) -> None:
         ]
         for process in processes:
             process.wait()
+        for name, site in (('aboard', joined.drone), ('ground', joined.ground)):
+            print(f'{name}: {_lost(site)}')
+
+
+def _lost(site: Site) -> str:
+    """What a site's kernel has thrown away."""
+    text = subprocess.run(
+        site.command(['cat', '/proc/net/snmp']), check=True, capture_output=True, text=True
+    ).stdout
+    rows = [line.split() for line in text.splitlines() if line.startswith(('Ip:', 'Udp:'))]
+    numbers = dict(zip((*rows[0], *rows[2]), (*rows[1], *rows[3]), strict=True))
+    return (
+        f'{numbers["ReasmFails"]} datagrams not put together, {numbers["RcvbufErrors"]} did not '
+        f'fit into a receiving socket, {numbers["SndbufErrors"]} not into a sending one'
+    )
 
 
 if __name__ == '__main__':
