@@ -67,10 +67,9 @@ _LEAST_SHARE = 0.5
 _GIVEN_UP = 60.0
 _LONGEST_STOP = 6.0
 _HOSTILE_PERIOD = 0.2
-# Of a tag: beyond so many standard deviations, or so far off, it is wrong.
+# Beyond so many of its own stated standard deviations a tag or a dent's depth is wrong; a tag also
+# so far off, metres.
 _DEVIATIONS, _FAR_OFF = 4.0, 0.02
-# Of a dent's depth, metres: twice what the demonstration's dents are off at most, and a bit.
-_DEPTH_OFF = 1e-4
 # Memory of all processes at the end, over that after the first minute.
 _GROWTH, _GROWTH_MB = 1.1, 50.0
 _EVERY = 4
@@ -197,8 +196,10 @@ class Witness:
                 where = ', '.join(f'{value:.3f}' for value in place)
                 self.findings.false[f'{kind} at {where} m, {1e3 * dent["depth"]:.3f} mm'] += 1
                 continue
-            off = 1e3 * abs(float(dent['depth']) - self._truth[index].depth)
-            self.findings.check(f'{kind}s in lists (mm)', off, 1e3 * _DEPTH_OFF, stamp_ns)
+            off = abs(float(dent['depth']) - self._truth[index].depth)
+            deviations = off / float(dent['depth_uncertainty'])
+            self.findings.check(f'{kind}s in lists (mm)', 1e3 * off, np.inf, stamp_ns)
+            self.findings.check(f'{kind}s in lists (sd)', deviations, _DEVIATIONS, stamp_ns)
 
     def _on_state(self, message: DiagnosticArray) -> None:
         for status in message.status:
