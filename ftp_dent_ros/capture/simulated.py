@@ -49,14 +49,16 @@ class SimulatedSource(PacedSource):
     def next_frame(self, timeout: float) -> Frame | None:
         """Photograph that is due by the rate; None if none is within `timeout` seconds."""
         projected = self._shown(self._now_ns())
-        if projected is not self._prepared:
-            # The first photograph of a pattern takes long: tables are made for it.
-            self._photograph(projected, self._now_ns())
-            self._prepared = projected
-            self.rest()
         if not self._pace.wait(timeout):
             return None
-        return self._photograph_at(self._now_ns() - round(self._pace.late * 1e9))
+        frame = self._photograph_at(self._now_ns() - round(self._pace.late * 1e9))
+        if projected is not self._prepared:
+            # Tables are made for the first photograph of a pattern: what falls due meanwhile is
+            # not missed, and the next one is due a period from now.
+            self._prepared = projected
+            self.rest()
+            self._pace.wait(0.0)
+        return frame
 
     def shoot(self) -> Frame:
         """Photograph of this moment.

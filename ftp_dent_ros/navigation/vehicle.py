@@ -25,8 +25,9 @@ from ftp_dent_ros.pose import Pose
 # pymavlink makes its messages' fields at run time: no type checker knows them.
 Message = Any
 
-# Poses are kept for as long; seconds.
-_LONGEST_AGE = 10.0
+# Poses are kept for as long, seconds: a cloud of a machine that has just restarted half of its
+# processes may come 15 s after its photograph. TIMESYNC's drift (200 ppm) is 6 ms by then.
+_LONGEST_AGE = 30.0
 _LONGEST_LEAD = 1.0
 
 

@@ -14,7 +14,8 @@ from ftp_dent_ros.ros.session import session
 
 # In which participants on one network find each other, seconds: 0.2 but on a busy machine.
 _DISCOVERY = 2.0
-# A node that lives tells its state every second; DDS goes on naming a killed one for 20.
+# A node that lives tells its state every second; DDS goes on naming a killed one for 20. For as
+# long a name that is found is listened for.
 _SIGN_OF_LIFE = 3.0
 
 
@@ -40,7 +41,7 @@ def refuse_second(names: Collection[str]) -> None:
 
 def alive(names: Collection[str]) -> set[str]:
     """Those of the names whose nodes live, as far as that shows within a few seconds."""
-    heard: set[str] = set()
+    wanted, heard = set(names), set[str]()
     with session('presence') as (node, stop):
 
         def listen(message: DiagnosticArray) -> None:
@@ -54,12 +55,13 @@ def alive(names: Collection[str]) -> set[str]:
         try:
             while not stop.is_set() and time.monotonic() < start + longest:
                 executor.spin_once(timeout_sec=0.1)
-                if heard & set(names):
+                if heard & wanted:
                     break
-                if node.count_publishers('/diagnostics'):
+                found = node.get_node_names_and_namespaces()
+                if wanted & {f'{namespace}/{name}'.strip('/') for name, namespace in found}:
                     longest = _SIGN_OF_LIFE
         finally:
             executor.shutdown()
         if stop.is_set():
             raise KeyboardInterrupt
-    return heard & set(names)
+    return heard & wanted

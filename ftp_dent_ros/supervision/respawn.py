@@ -18,7 +18,8 @@ FIRST_DELAY, _LONGEST_DELAY, _SETTLED = 1.0, 30.0, 10.0
 class Respawn:
     """Policy for one process: restarted however it ends, but not with wrong parameters.
 
-    The delay before a restart doubles each time, and starts anew after ten seconds of running.
+    What ran for longer than ten seconds is restarted at once: it had what it needed, and the
+    flight goes on without it meanwhile. What ends sooner waits, twice as long each time.
     """
 
     def __init__(self, first_delay: float = FIRST_DELAY) -> None:
@@ -34,8 +35,10 @@ class Respawn:
         """
         if status == WRONG_PARAMETERS:
             return None
-        delay = self._first if seconds > _SETTLED else self._next
-        self._next = min(2.0 * delay, _LONGEST_DELAY)
+        if seconds > _SETTLED:
+            self._next = self._first
+            return 0.0
+        delay, self._next = self._next, min(2.0 * self._next, _LONGEST_DELAY)
         return delay
 
 
@@ -43,7 +46,7 @@ def verdict(delay: float | None) -> str:
     """What to say of a process that has ended."""
     if delay is None:
         return 'it cannot run with what it was given, so it is not restarted'
-    return f'restarting it in {delay:g} s'
+    return f'restarting it in {delay:g} s' if delay else 'restarting it at once'
 
 
 def keep_running(
