@@ -43,8 +43,8 @@ DEPTH = 0.65
 PATTERN = Pattern(640, 480, 13.0, 320.0)
 # Not free: numbers that follow from a definition, and what the reader of a table reads.
 EXACT = {
-    *('_TURN', '_MAD', '_MEDIAN_OF_SQUARE', '_SQUARES', '_INSIDE', '_BESIDE', '_ROUNDING'),
-    *('_RED', '_OTHERS', '_REMARKABLE', '_WEIGHTS', '_SUMS'),
+    *('_TURN', '_MAD', '_MEDIAN_OF_SQUARE', '_SQUARES', '_INSIDE', '_BESIDE', '_BETWEEN'),
+    *('_RED_IN_LUMA', '_RED_IN_MOSAIC', '_REMARKABLE', '_WEIGHTS', '_SUMS'),
 }
 
 

@@ -22,11 +22,11 @@ from kind_figures import METHODS, reconstructor
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from ftp_dent_ros.cli.reconstruct import read_image
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.errors import FtpDentError
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.pattern import read_pattern
+from ftp_dent_ros.photograph_file import read_photograph
 from ftp_dent_ros.rig import Rig, read_rig
 
 COLUMNS = 'cover', 'outside', 'MAE', 'p95', '>0.1', '>1', 'z', '<4', 'edge z', '<4', 'scale mm'
@@ -85,7 +85,7 @@ def row(one: Photograph, method: str) -> tuple[list[str], list[str]]:
     rig, pattern = read_rig(one.rig), read_pattern(one.pattern)
     try:
         measurement = reconstructor(rig, pattern, method, one.stride).measure(
-            read_image(one.image)
+            read_photograph(one.image)
         )
     except FtpDentError as reason:
         return [str(reason)], []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -9,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.errors import ImageError
+from ftp_dent_ros.errors import ConfigurationError, ImageError
 
 #: Mosaics of colour filters: the colours of the first two pixels of the first and second row.
 MOSAICS = ('rggb', 'bggr', 'gbrg', 'grbg')
@@ -22,6 +23,38 @@ _TO_RGB = {
 }
 # Every how many rows and columns are looked at for what all pixels share.
 _EVERY = 8
+_ENCODING = re.compile(r'(mono|rgb|bayer_(?:rggb|bggr|gbrg|grbg))(8|1[0246])')
+
+
+@dataclass(frozen=True)
+class Encoding:
+    """What pixels mean, as a name tells: ``mono12``, ``bayer_rggb10``, ``rgb8``.
+
+    Attributes
+    ----------
+    mosaic : str
+        As of a `Photograph`.
+    coloured : bool
+        Whether a pixel has three levels.
+    bits : int
+        Of a level: 8, 10, 12, 14 or 16.
+    """
+
+    mosaic: str
+    coloured: bool
+    bits: int
+
+    @classmethod
+    def named(cls, name: str) -> Encoding:
+        """Encoding of a name; raises `ConfigurationError` if it is none."""
+        match = _ENCODING.fullmatch(name)
+        if match is None:
+            raise ConfigurationError(
+                f'the encoding is {name!r}: give mono, rgb or bayer_ and one of '
+                f'{", ".join(MOSAICS)}, with 8, 10, 12, 14 or 16 bits, as mono12 or bayer_rggb12'
+            )
+        kind = match[1].removeprefix('bayer_')
+        return cls(kind if kind in MOSAICS else '', kind == 'rgb', int(match[2]))
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,13 +12,13 @@ import time
 from collections import deque
 from typing import Any
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from ftp_dent_ros.capture.device import DeviceSource
 from ftp_dent_ros.capture.genicam_settings import SOFTWARE, GenicamSettings
+from ftp_dent_ros.capture.raw_formats import GENICAM
 from ftp_dent_ros.errors import CameraError
+from ftp_dent_ros.photograph import Photograph
 
 _LIBRARY = 'libaravis-0.8.so.0'
 _BUFFERS = 8
@@ -28,13 +28,6 @@ _SILENCE = 3.0
 _SUCCESS = 0
 # How many frames the camera's clock is compared with the computer's over.
 _WINDOW = 100
-_BAYER = {
-    0x01080008: cv2.COLOR_BayerGB2BGR,  # GRBG: OpenCV names patterns by their second row
-    0x01080009: cv2.COLOR_BayerBG2BGR,  # RGGB
-    0x0108000A: cv2.COLOR_BayerGR2BGR,  # GBRG
-    0x0108000B: cv2.COLOR_BayerRG2BGR,  # BGGR
-}
-_MONO8, _RGB8, _BGR8 = 0x01080001, 0x02180014, 0x02180015
 
 
 class GenicamCapture:
@@ -53,7 +46,7 @@ class GenicamCapture:
         self._camera = self._stream = None
         self.dropped = 0
         self._offsets: deque[int] = deque(maxlen=_WINDOW)
-        self._image: NDArray[np.uint8] | None = None
+        self._image: Photograph | None = None
         self._host_ns = 0
         self._triggered = 0.0
         self._released = False
@@ -95,10 +88,9 @@ class GenicamCapture:
                 self._library.arv_stream_push_buffer(self._stream, buffer)
         return False
 
-    def retrieve(self) -> tuple[bool, NDArray[np.uint8]]:
-        """The frame that was grabbed, BGR."""
-        image = self._image
-        return image is not None, np.zeros((0, 0, 3), np.uint8) if image is None else image
+    def retrieve(self) -> tuple[bool, Photograph | None]:
+        """Whether a frame was grabbed, and the frame, as the sensor has it."""
+        return self._image is not None, self._image
 
     def get(self, which: int) -> float:
         """Time of the grabbed frame on the monotonic clock, milliseconds."""
@@ -165,21 +157,15 @@ class GenicamCapture:
         width = library.arv_buffer_get_image_width(buffer)
         height = library.arv_buffer_get_image_height(buffer)
         kind = library.arv_buffer_get_image_pixel_format(buffer)
-        channels = 3 if kind in (_RGB8, _BGR8) else 1
-        if kind not in (_MONO8, _RGB8, _BGR8, *_BAYER) or size.value < width * height * channels:
+        if kind not in GENICAM:
             raise CameraError(
                 f'the camera sends the pixel format {kind:#010x}: set genicam.pixel_format to '
-                'Mono8, RGB8, BGR8 or an 8-bit Bayer format'
+                'one of Mono8 to Mono16, BayerRG8 to BayerRG16 (or GR, GB, BG), RGB8 or BGR8'
             )
-        flat = (ctypes.c_uint8 * (width * height * channels)).from_address(data)
-        pixels = np.frombuffer(flat, np.uint8).reshape(height, width, channels).copy()
-        if kind in _BAYER:
-            pixels = np.asarray(cv2.cvtColor(pixels[..., 0], _BAYER[kind]), np.uint8)
-        elif kind == _MONO8:
-            pixels = np.repeat(pixels, 3, axis=2)
-        elif kind == _RGB8:
-            pixels = pixels[..., ::-1].copy()
-        self._image = pixels
+        # Copied: the buffer goes back to the camera.
+        flat: Any = (ctypes.c_uint8 * size.value).from_address(data)
+        pixels = np.frombuffer(flat, np.uint8).copy()
+        self._image = GENICAM[kind].photograph(pixels, width, height)
 
     def _call(self, function: str, *arguments: Any) -> Any:
         """Call what ends with a GError; raises it."""

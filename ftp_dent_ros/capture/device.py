@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from typing import Any
 
 import cv2
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from ftp_dent_ros.capture.source import Frame
 from ftp_dent_ros.capture.stamps import ExposureClock
 from ftp_dent_ros.errors import CameraError
+from ftp_dent_ros.photograph import Photograph
 
 _FIRST_PAUSE, _LONGEST_PAUSE = 0.5, 8.0
 _PATIENCE = 3.0
@@ -49,7 +51,8 @@ class DeviceSource:
     Parameters
     ----------
     open_capture : callable
-        Opens the camera, or raises `CameraError`.
+        Opens the camera, or raises `CameraError`. What it retrieves is BGR as OpenCV's, or a
+        `Photograph`.
     rate : float
         Frames a second, if the camera gives more; 0 for none unless asked for.
     clock : ExposureClock
@@ -63,7 +66,7 @@ class DeviceSource:
 
     def __init__(
         self,
-        open_capture: Callable[[], cv2.VideoCapture],
+        open_capture: Callable[[], Any],
         rate: float,
         clock: ExposureClock,
         now_ns: Callable[[], int],
@@ -150,7 +153,7 @@ class DeviceSource:
             self._stop.wait(pause)
             pause = min(2 * pause, _LONGEST_PAUSE)
 
-    def _stream(self, capture: cv2.VideoCapture) -> bool:
+    def _stream(self, capture: Any) -> bool:
         """Take images until there are no more; whether there was any."""
         due = _Due(self._rate)
         last_ns = 0
@@ -169,11 +172,12 @@ class DeviceSource:
             good, image = capture.retrieve()
             if not good:
                 continue
-            if last is not None and np.array_equal(image, last):
+            photograph = image if isinstance(image, Photograph) else _of_bgr(image)
+            if last is not None and np.array_equal(photograph.pixels, last):
                 self._repeated += 1
                 continue
-            last = image
-            self._give(Frame(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB)), stamp_ns))
+            last = photograph.pixels
+            self._give(Frame(photograph, stamp_ns))
         return last is not None
 
     def _is_wanted(self, stamp_ns: int) -> bool:
@@ -193,3 +197,7 @@ class DeviceSource:
             if self._wanted_after_ns is not None and frame.stamp_ns >= self._wanted_after_ns:
                 self._wanted_after_ns = None
             self._changed.notify_all()
+
+
+def _of_bgr(image: NDArray[np.uint8]) -> Photograph:
+    return Photograph(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8))

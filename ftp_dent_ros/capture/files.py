@@ -8,14 +8,14 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import cv2
-import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.capture.source import Frame, PacedSource
 from ftp_dent_ros.errors import ConfigurationError, ImageError
+from ftp_dent_ros.photograph import Encoding
+from ftp_dent_ros.photograph_file import photograph_of_bgr
 
 _PICTURES = ('.bmp', '.jpeg', '.jpg', '.png', '.pnm', '.ppm', '.tif', '.tiff', '.webp')
-_AS_STORED = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
 
 
 class FileSource(PacedSource):
@@ -34,11 +34,13 @@ class FileSource(PacedSource):
         Width and height that every image must have.
     now_ns : callable
         Time of a frame, nanoseconds of ROS time.
+    encoding : str
+        Of images, as `photograph_file.read_photograph` takes it.
 
     Raises
     ------
     ConfigurationError
-        There is no such file, or no image among them.
+        There is no such file, no image among them, or no such encoding.
     ImageError
         From `next_frame` and `shoot`: a file is no image or has the wrong size; the one after it
         comes next.
@@ -51,8 +53,12 @@ class FileSource(PacedSource):
         loop: bool,
         size: tuple[int, int] | None,
         now_ns: Callable[[], int],
+        encoding: str = '',
     ) -> None:
         super().__init__(rate)
+        if encoding:
+            Encoding.named(encoding)
+        self._encoding = encoding
         self._paths = find_images(path)
         self._loop = loop
         self._size = size
@@ -73,16 +79,16 @@ class FileSource(PacedSource):
         path, image = following
         if image is None:
             raise ImageError(f'{path}: not an image that can be read: remove or replace it')
-        height, width, _ = image.shape
+        height, width = image.shape[:2]
         if self._size and (width, height) != self._size:
             raise ImageError(
                 f'{path}: has {width}x{height} pixels, the camera of the rig '
                 f'{self._size[0]}x{self._size[1]}: use the images of this rig'
             )
-        return Frame(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8), self._now_ns())
+        return Frame(photograph_of_bgr(image, self._encoding, str(path)), self._now_ns())
 
     def _open(self) -> Iterator[tuple[Path, NDArray | None]]:
-        """Paths and their BGR images, None where a file cannot be read."""
+        """Paths and their images, grey or BGR, None where a file cannot be read."""
         for path in self._paths:
             if path.suffix.lower() in _PICTURES:
                 yield path, _picture(path)
@@ -125,7 +131,7 @@ def _by_number(path: Path) -> list[tuple[int, int, str]]:
 
 def _picture(path: Path) -> NDArray | None:
     try:
-        return cv2.imread(str(path), _AS_STORED)
+        return cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     except cv2.error:
         return None
 

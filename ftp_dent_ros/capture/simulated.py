@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.capture.source import Frame, PacedSource
 from ftp_dent_ros.errors import CameraError
+from ftp_dent_ros.photograph import Photograph
 
 # A busy machine may compute a photograph that much later than it was taken, seconds.
 _PATIENCE = 6.0
@@ -22,7 +23,7 @@ class SimulatedSource(PacedSource):
     Parameters
     ----------
     photograph : callable
-        Gives the camera's RGB image of what the projector shows (RGB) at a time (nanoseconds).
+        Gives the camera's photograph of what the projector shows (RGB) at a time (nanoseconds).
     rate : float
         Images a second; 0 for none unless asked for.
     now_ns : callable
@@ -31,7 +32,7 @@ class SimulatedSource(PacedSource):
 
     def __init__(
         self,
-        photograph: Callable[[NDArray[np.uint8], int], NDArray[np.uint8]],
+        photograph: Callable[[NDArray[np.uint8], int], Photograph],
         rate: float,
         now_ns: Callable[[], int],
     ) -> None:

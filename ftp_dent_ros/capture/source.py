@@ -11,6 +11,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.photograph import Photograph
+
 
 @dataclass(frozen=True, eq=False)
 class Frame:
@@ -18,14 +20,18 @@ class Frame:
 
     Attributes
     ----------
-    image : ndarray, shape (height, width, 3), uint8
-        RGB.
+    photograph : Photograph
     stamp_ns : int
         Middle of the exposure, nanoseconds of ROS time.
     """
 
-    image: NDArray[np.uint8]
+    photograph: Photograph
     stamp_ns: int
+
+    @property
+    def image(self) -> NDArray[np.uint8]:
+        """RGB of 8 bits, shape (height, width, 3), to look at."""
+        return self.photograph.shown()
 
 
 class Source(Protocol):

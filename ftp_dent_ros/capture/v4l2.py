@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
+import numpy as np
 
+from ftp_dent_ros.capture.raw_formats import V4L2, RawFormat
 from ftp_dent_ros.errors import CameraError, ConfigurationError
+from ftp_dent_ros.photograph import Photograph
 
 # OpenCV's V4L2 backend delivers these with red and blue swapped in some versions: the red
 # stripe would be blue.
@@ -31,7 +35,8 @@ class DeviceSettings:
     rate : float
         Images a second asked of the driver; below 1 leaves it as it is.
     fourcc : str
-        Pixel format of V4L2, of four characters ('MJPG', 'YUYV'); empty leaves it as it is.
+        Pixel format of V4L2, of four characters ('MJPG', 'YUYV', 'GREY', 'Y12 ', 'RG12'); empty
+        leaves it as it is.
     exposure : float
         Seconds; 0 leaves it as it is.
     gain : float
@@ -63,7 +68,33 @@ class DeviceSettings:
             )
 
 
-def open_device(settings: DeviceSettings) -> cv2.VideoCapture:
+class RawCapture:
+    """A camera whose pixels come as its sensor has them, with `cv2.VideoCapture`'s methods.
+
+    Parameters
+    ----------
+    capture : cv2.VideoCapture
+        Open and set up.
+    form : RawFormat
+    size : (int, int)
+        Width and height, pixels.
+    """
+
+    def __init__(self, capture: Any, form: RawFormat, size: tuple[int, int]) -> None:
+        self._capture, self._form, self._size = capture, form, size
+        self.grab, self.get, self.release = capture.grab, capture.get, capture.release
+
+    def retrieve(self) -> tuple[bool, Photograph | None]:
+        """Whether a frame was grabbed, and the frame."""
+        good, data = self._capture.retrieve()
+        if not good:
+            return False, None
+        # OpenCV gives the driver's bytes in one shape or another.
+        flat = np.ascontiguousarray(data).reshape(-1).view(np.uint8)
+        return True, self._form.photograph(flat, *self._size)
+
+
+def open_device(settings: DeviceSettings) -> cv2.VideoCapture | RawCapture:
     """Open and set up a camera.
 
     Raises
@@ -83,14 +114,20 @@ def open_device(settings: DeviceSettings) -> cv2.VideoCapture:
                 f'{path} cannot be opened as a camera: end the program that uses it, or name '
                 'another device of the camera (often the first of two)'
             )
-        _set_up(capture, settings)
+        taken = _set_up(capture, settings)
     except BaseException:
         capture.release()
         raise
+    if taken in V4L2:
+        return RawCapture(capture, V4L2[taken], (settings.width, settings.height))
     return capture
 
 
-def _set_up(capture: cv2.VideoCapture, settings: DeviceSettings) -> None:
+def _set_up(capture: cv2.VideoCapture, settings: DeviceSettings) -> str:
+    """Ask for the settings; the pixel format that is taken."""
+    if settings.fourcc in V4L2:
+        # As the sensor has them: OpenCV's conversion keeps eight bits.
+        capture.set(cv2.CAP_PROP_CONVERT_RGB, 0)
     # The order matters: each format has its own sizes, each size its own rates.
     if settings.fourcc:
         capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*settings.fourcc))
@@ -124,6 +161,9 @@ def _set_up(capture: cv2.VideoCapture, settings: DeviceSettings) -> None:
         )
     if settings.gain >= 0:
         _set(capture, settings, cv2.CAP_PROP_GAIN, settings.gain, f'a gain of {settings.gain:g}')
+    if taken in V4L2:
+        capture.set(cv2.CAP_PROP_CONVERT_RGB, 0)
+    return taken
 
 
 def _set(

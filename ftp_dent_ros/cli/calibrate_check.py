@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from ftp_dent_ros.calibration.checking import adjusted, check
-from ftp_dent_ros.cli.reconstruct import read_image
 from ftp_dent_ros.errors import ConfigurationError, RefusedFrameError
 from ftp_dent_ros.files import find
 from ftp_dent_ros.pattern import read_pattern
+from ftp_dent_ros.photograph_file import read_photograph
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.rig import read_rig, write_rig
 
@@ -53,12 +53,12 @@ def run(arguments: argparse.Namespace) -> int:
         raise ConfigurationError(f'--flatness is {arguments.flatness:g}: give millimetres')
     flatness = math.inf if arguments.skin else 1e-3 * arguments.flatness
     rig, pattern = read_rig(path), read_pattern(find(arguments.pattern))
-    image = read_image(arguments.image)
+    photograph = read_photograph(arguments.image)
     try:
-        cloud = Reconstructor(rig, pattern, Settings(stride=_STRIDE)).measure(image).cloud
+        cloud = Reconstructor(rig, pattern, Settings(stride=_STRIDE)).measure(photograph).cloud
     except RefusedFrameError as reason:
         raise ConfigurationError(f'{arguments.image}: {reason}') from None
-    found = check(rig, pattern, image, cloud.points, flatness=flatness)
+    found = check(rig, pattern, photograph.shown(), cloud.points, flatness=flatness)
     print(f'rig {rig.id}, {found.rim_points} places on the rim of the frame')
     for name, turn, deviation, drift in zip(
         ('pitch', 'yaw', 'roll'),

@@ -8,7 +8,6 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from ftp_dent_ros.cli.reconstruct import is_photograph, read_image
 from ftp_dent_ros.errors import CloudError, ConfigurationError
 from ftp_dent_ros.files import content_id, find
 from ftp_dent_ros.inspection.dent import MeasuredDent
@@ -20,6 +19,7 @@ from ftp_dent_ros.inspection.reporting.rules import Rules, read_rules, verdict
 from ftp_dent_ros.inspection.reporting.survey import Survey
 from ftp_dent_ros.inspection.settings import Settings
 from ftp_dent_ros.pattern import read_pattern
+from ftp_dent_ros.photograph_file import is_photograph, read_photograph
 from ftp_dent_ros.ply import read_ply
 from ftp_dent_ros.rig import Lens, read_rig
 
@@ -148,10 +148,13 @@ def _of_photograph(arguments: argparse.Namespace, rules: Rules | None) -> Report
     reconstructor = profilometry.Reconstructor(
         rig, pattern, profilometry.Settings(stride=arguments.stride)
     )
-    image = read_image(arguments.input)
-    measured = reconstructor.measure(image)
+    photograph = read_photograph(arguments.input)
+    measured = reconstructor.measure(photograph)
     observation = Observation(
-        Path(arguments.input).name, measured.cloud, coverage=measured.coverage, photograph=image
+        Path(arguments.input).name,
+        measured.cloud,
+        coverage=measured.coverage,
+        photograph=photograph.shown(),
     )
     return _of_one(arguments, observation, _CAMERA_FRAME, rules)
 

@@ -3,37 +3,37 @@
 from __future__ import annotations
 
 import argparse
-import os
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from ftp_dent_ros.errors import CloudError, ImageError
+from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.files import find
 from ftp_dent_ros.pattern import read_pattern
+from ftp_dent_ros.photograph_file import read_photograph
 from ftp_dent_ros.ply import write_ply
 from ftp_dent_ros.profilometry import METHODS, UNWRAPPINGS, Reconstructor, Settings
 from ftp_dent_ros.rig import read_rig
 
-_SUFFIXES = ('.png', '.jpg', '.jpeg', '.tif', '.tiff')
 _FRAME = 'camera_optical_frame'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     default = Settings()
-    parser.add_argument('image', metavar='IMAGE', help='photograph (PNG, JPEG or TIFF, 8 bit)')
+    parser.add_argument('image', metavar='IMAGE', help='photograph (PNG, JPEG or TIFF)')
     parser.add_argument('--rig', required=True, metavar='RIG.yaml', help='calibrated rig')
     parser.add_argument(
         '--pattern', required=True, metavar='PATTERN.yaml', help='projected pattern'
     )
     parser.add_argument(
         '--output', required=True, metavar='CLOUD.ply', help='point cloud to write'
+    )
+    parser.add_argument(
+        '--encoding',
+        default='',
+        metavar='NAME',
+        help='what the file cannot say: raw pixels or bits, as bayer_rggb12 or mono10',
     )
     parser.add_argument('--method', choices=tuple(METHODS), default=default.method)
     parser.add_argument(
@@ -68,8 +68,12 @@ def run(arguments: argparse.Namespace) -> int:
     reconstructor = Reconstructor(
         read_rig(find(arguments.rig)), read_pattern(find(arguments.pattern)), settings
     )
-    measurement = reconstructor.measure(read_image(arguments.image))
+    photograph = read_photograph(arguments.image, arguments.encoding)
+    measurement = reconstructor.measure(photograph)
     cloud = measurement.cloud
+    if photograph.encoding != 'rgb8':
+        told = 'as told' if arguments.encoding else 'tell by --encoding if it is not'
+        print(f'{arguments.image}: taken for {photograph.encoding} ({told})')
     write_ply(output, cloud, _FRAME)
     depth = cloud.points[..., 2][cloud.valid]
     print(f'{output}: {len(depth)} points, {cloud.valid.mean():.1%} of the image')
@@ -86,47 +90,3 @@ def run(arguments: argparse.Namespace) -> int:
     for remark in measurement.coverage.remarks:
         print(f'  {remark}')
     return 0
-
-
-def is_photograph(path: str | Path) -> bool:
-    """Whether a file's name is that of a photograph."""
-    return Path(path).suffix.lower() in _SUFFIXES
-
-
-def read_image(path: str) -> NDArray[np.uint8]:
-    """Read a colour photograph as RGB.
-
-    Raises
-    ------
-    ImageError
-        The file is no PNG, JPEG or TIFF, cannot be decoded, or has no 8-bit colours.
-    """
-    if not is_photograph(path):
-        raise ImageError(f'{path}: not a photograph: give one of {", ".join(_SUFFIXES)}')
-    try:
-        data = np.fromfile(path, np.uint8)
-    except OSError as reason:
-        raise ImageError(f'{path}: cannot be read ({reason.strerror}): check the path') from None
-    with _silent():
-        image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if len(data) else None
-    if image is None:
-        raise ImageError(f'{path}: empty, damaged or not an image: take it again')
-    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] not in (3, 4):
-        raise ImageError(
-            f'{path}: {image.dtype} in shape {image.shape}, not 8-bit colours: save it as RGB'
-        )
-    return np.ascontiguousarray(image[..., 2::-1])
-
-
-@contextmanager
-def _silent() -> Iterator[None]:
-    """Keep the decoders' own words about damaged files off the standard error."""
-    sys.stderr.flush()
-    kept = os.dup(2)
-    with open(os.devnull, 'wb') as nothing:
-        os.dup2(nothing.fileno(), 2)
-    try:
-        yield
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)

@@ -160,15 +160,17 @@ class CameraCapture(Node):
         return bool(self._image.get_subscription_count() or self._info.get_subscription_count())
 
     def _publish(self, frame: Frame) -> None:
-        height, width, _ = frame.image.shape
+        photograph = frame.photograph
+        width, height = photograph.width, photograph.height
         if self._image.get_subscription_count():
-            self._image.publish(image_to_message(frame.image, frame.stamp_ns, self._frame_id))
+            self._image.publish(image_to_message(photograph, frame.stamp_ns, self._frame_id))
         lens = self._rig.camera if self._rig else None
         self._info.publish(
             camera_info_message(lens, (width, height), frame.stamp_ns, self._frame_id)
         )
         self._diagnostics.count('images')
         self._diagnostics.note('size', f'{width}x{height}')
+        self._diagnostics.note('pixels', photograph.encoding)
         self._diagnostics.measure('latency', (self._now_ns() - frame.stamp_ns) / 1e9)
 
     def _judge(self) -> tuple[bytes, str]:

@@ -29,6 +29,7 @@ class CameraParameters:
     stamps: str
     stamp_offset: float
     files: str
+    encoding: str
     loop: bool
     scene: Path | None
     start_ns: int
@@ -83,6 +84,12 @@ def declare(parameters: Declarations) -> CameraParameters:
         files=parameters.path(
             'files.path', '', 'A folder of images, a pattern of names (with * or ?), or a video.'
         ),
+        encoding=parameters.declare(
+            'files.encoding',
+            '',
+            'What image files cannot say of their pixels, as bayer_rggb12; empty for what they '
+            'say.',
+        ),
         loop=parameters.declare('files.loop', True, 'Whether the first image follows the last.'),
         scene=parameters.file(*scene) if source == SIMULATION else None,
         start_ns=parameters.declare(
@@ -104,7 +111,8 @@ def _declare_genicam(parameters: Declarations, device: DeviceSettings) -> Genica
         pixel_format=parameters.declare(
             'genicam.pixel_format',
             '',
-            'Pixel format of a GenICam camera (RGB8, BayerRG8, Mono8); empty leaves it as it is.',
+            'Pixel format of a GenICam camera (Mono12, BayerRG12p, RGB8); empty leaves it as it '
+            'is.',
         ),
         trigger=parameters.declare(
             'genicam.trigger',
@@ -147,7 +155,8 @@ def _declare_device(parameters: Declarations, rig: Rig | None, rate: float) -> D
         fourcc=parameters.declare(
             'device.fourcc',
             '',
-            'Pixel format of V4L2 (MJPG, YUYV); empty leaves it as it is.',
+            'Pixel format of V4L2 (MJPG, YUYV; GREY, "Y12 ", RG12 and the like as the sensor has '
+            'them); empty leaves it as it is.',
         ),
         exposure=parameters.declare(
             'device.exposure',

@@ -28,7 +28,7 @@ def make_source(given: CameraParameters, now_ns: Callable[[], int]) -> Source:
     rig = given.rig
     if given.source == 'files':
         size = (rig.camera.width, rig.camera.height) if rig else None
-        return FileSource(given.files, given.rate, given.loop, size, now_ns)
+        return FileSource(given.files, given.rate, given.loop, size, now_ns, given.encoding)
     if rig is None or given.scene is None:
         lacking = 'rig' if rig is None else 'simulation.scene'
         raise ConfigurationError(

@@ -37,6 +37,7 @@ from ftp_dent_ros.nodes.declarations import names_of_all
 from ftp_dent_ros.nodes.reconstruction_parameters import declare
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.pattern_history import PatternHistory
+from ftp_dent_ros.photograph import Photograph
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.profilometry.coverage import REASONS
 from ftp_dent_ros.rig import Lens
@@ -46,6 +47,7 @@ from ftp_dent_ros.ros.messages import (
     cloud_to_message,
     image_from_message,
     lens_from_message,
+    photograph_from_message,
     stamp_to_ns,
 )
 from ftp_dent_ros.ros.node import run
@@ -71,6 +73,7 @@ class Reconstruction(Node):
         parameters.close(names_of_all)
         parameters.on_change(self._change)
         self._tolerance_px, self._choices = given.tolerance_px, given.choices
+        self._bits = given.bits
         self._rig, self._patterns = given.rig, PatternHistory(given.settling_ns)
         self._calibration_trouble = ''
         self._check_due, self._rig_trouble = 0.0, ''
@@ -173,8 +176,8 @@ class Reconstruction(Node):
         pattern = self._pattern_at(stamp_ns)
         reconstructor = self._reconstructor(pattern)
         started_ns = self._now_ns()
-        image = image_from_message(message)
-        measurement = reconstructor.measure(image)
+        photograph = photograph_from_message(message, self._bits)
+        measurement = reconstructor.measure(photograph)
         cloud = measurement.cloud
         # The message of a change may have come meanwhile, later than the photograph.
         if self._pattern_at(stamp_ns) != pattern:
@@ -195,7 +198,7 @@ class Reconstruction(Node):
             self._diagnostics.note(f'lit but {reason}', f'{coverage.missing.get(reason, 0):.1%}')
         if not self._checked:
             self._warn_of_no_info()
-        self._check_rig(pattern, image, cloud.points)
+        self._check_rig(pattern, photograph, cloud.points)
         self._diagnostics.note('remarks', '; '.join(coverage.remarks))
 
     def _pattern_at(self, stamp_ns: int) -> Pattern:
@@ -211,7 +214,7 @@ class Reconstruction(Node):
         self._diagnostics.note('camera_info', without)
         self.get_logger().warning(f'camera_info: {without}', once=True)
 
-    def _check_rig(self, pattern: Pattern, image: NDArray[np.uint8], points: NDArray) -> None:
+    def _check_rig(self, pattern: Pattern, photograph: Photograph, points: NDArray) -> None:
         """Now and then: whether the projector has turned, as far as a curved skin tells."""
         if self._rig is None or time.monotonic() < self._check_due:
             return
@@ -220,7 +223,8 @@ class Reconstruction(Node):
         from ftp_dent_ros.calibration.checking import check
 
         try:
-            found = check(self._rig, pattern, image, points, flatness=math.inf)
+            shown = photograph.shown()
+            found = check(self._rig, pattern, shown, points, flatness=math.inf)
         except (CalibrationError, np.linalg.LinAlgError, ValueError) as reason:
             self._diagnostics.note('rig check', f'not possible: {reason}')
             return

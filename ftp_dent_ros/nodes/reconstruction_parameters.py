@@ -15,6 +15,7 @@ class ReconstructionParameters:
     """What reconstruction was given."""
 
     rig: Rig | None
+    bits: int
     tolerance_px: float
     settling_ns: int
     choices: dict[str, Any]
@@ -27,6 +28,14 @@ def declare(parameters: Declarations) -> ReconstructionParameters:
     )
     return ReconstructionParameters(
         rig=read_rig(rig) if rig else None,
+        bits=parameters.declare(
+            'bits',
+            0,
+            'Bits of the levels in images of 16, if they are the lower ones (10, 12 or 14); 0 for '
+            'levels that fill them, as those of camera_capture do.',
+            minimum=0,
+            maximum=16,
+        ),
         tolerance_px=parameters.declare(
             'camera_info_tolerance',
             5.0,

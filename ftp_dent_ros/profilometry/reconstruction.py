@@ -7,7 +7,7 @@ from typing import Any, Protocol
 from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud import Cloud
-from ftp_dent_ros.errors import ImageError, NoStripeError, PatternError
+from ftp_dent_ros.errors import ImageError, NoStripeError, PatternError, TooDarkError
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.photograph import Photograph
 from ftp_dent_ros.profilometry.fourier_transform import FourierTransform
@@ -18,6 +18,10 @@ from ftp_dent_ros.rig import Rig
 from ftp_dent_ros.rig_geometry import moves_fringes
 
 _GREY = 'the image is grey, and the stripe that numbers the fringes is red: photograph in colour'
+
+
+# Share of white that 14 bits in 16 cannot pass.
+_FEW_BITS = 0.25
 
 
 class Method(Protocol):
@@ -94,6 +98,14 @@ class Reconstructor:
         except NoStripeError:
             if photograph.is_grey:
                 raise NoStripeError(_GREY) from None
+            raise
+        except TooDarkError as reason:
+            highest = int(photograph.pixels.max())
+            if highest < _FEW_BITS * photograph.white and photograph.bits == 16:
+                raise TooDarkError(
+                    f'{reason}; or, as no level of its 16 bits is above {highest}, tell how many '
+                    'bits the camera has (bits, --encoding)'
+                ) from None
             raise
 
     def _check(self, photograph: Photograph) -> None:

@@ -2,7 +2,8 @@
 
 A cloud or picture of the topic ``NAME`` is stored as a ``sensor_msgs/msg/CompressedImage`` of the
 topic ``NAME/coded_cloud`` or ``NAME/coded_image``, so that the bag stays one that every tool
-reads: pictures as PNG or JPEG, whichever is shorter, clouds as `coding.cloud_codec` has them.
+reads: colours of 8 bits as PNG or JPEG, whichever is shorter, grey and raw pixels as PNG, to the
+last bit, clouds as `coding.cloud_codec` has them.
 What this package reads of such a bag has its names, types and messages back: clouds to half of
 their own uncertainty, pictures as JPEG leaves them.
 """
@@ -10,7 +11,8 @@ their own uncertainty, pictures as JPEG leaves them.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+import sys
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -19,7 +21,7 @@ import numpy as np
 
 from ftp_dent_ros.coding.cloud_codec import VERSION, decode, encode
 from ftp_dent_ros.coding.view import View
-from ftp_dent_ros.decoding.images import image_from_message
+from ftp_dent_ros.decoding.images import image_from_message, photograph_from_message
 from ftp_dent_ros.decoding.messages import CLOUD_FIELDS, cloud_from_message, lens_from_message
 from ftp_dent_ros.errors import BagError, InputError
 from ftp_dent_ros.recording.definitions import find_definition, type_hash, typestore
@@ -32,7 +34,10 @@ _CLOUD, _IMAGE = 'sensor_msgs/msg/PointCloud2', 'sensor_msgs/msg/Image'
 _INFO = 'sensor_msgs/msg/CameraInfo'
 _SUFFIXES = dict(zip((_CLOUD, _IMAGE), SUFFIXES, strict=True))
 _FLOAT32 = 7  # of sensor_msgs/PointField
-_FORMAT = re.compile(r'ftp_dent_ros cloud (\d+), (\d) fields|ftp_dent_ros rgb8, (?:jpeg|png)')
+_FORMAT = re.compile(r'ftp_dent_ros cloud (\d+), (\d) fields|ftp_dent_ros (\w+), (?:jpeg|png)')
+# Of one level a pixel: JPEG would mix a mosaic's colours, and has eight bits.
+_LOSSLESS = re.compile('(?:mono|bayer_....)(?:8|16)')
+_QUICKLY = (cv2.IMWRITE_PNG_COMPRESSION, 1)
 
 
 class CompressedBagWriter(BagWriter):
@@ -109,6 +114,9 @@ class CompressedBagWriter(BagWriter):
         return f'ftp_dent_ros cloud {VERSION}, {count} fields', encode(cloud, view)
 
     def _code_picture(self, message: Any) -> tuple[str, bytes]:
+        if _LOSSLESS.fullmatch(message.encoding):
+            pixels = photograph_from_message(message).pixels
+            return f'ftp_dent_ros {message.encoding}, png', _encoded(pixels, '.png', _QUICKLY)
         if message.encoding not in ('rgb8', 'bgr8'):
             raise ValueError('a picture of another kind')
         bgr = np.ascontiguousarray(image_from_message(message)[..., ::-1])
@@ -155,7 +163,7 @@ def decoded(message: Message, name: str) -> Message:
         plain = (
             cloud_message(given.header, data, int(match[2]))
             if match[1]
-            else _image(given.header, data)
+            else _image(given.header, data, match[3])
         )
     except (InputError, ValueError, AssertionError, cv2.error) as reason:
         raise BagError(f'a message of {message.topic} is damaged ({reason})') from None
@@ -189,25 +197,28 @@ def cloud_message(header: Any, data: bytes, count: int) -> Any:
     )
 
 
-def _image(header: Any, data: bytes) -> Any:
-    bgr = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
-    if bgr is None:
+def _image(header: Any, data: bytes, encoding: str) -> Any:
+    colours = not _LOSSLESS.fullmatch(encoding)
+    size = 2 if encoding.endswith('16') else 1
+    how = cv2.IMREAD_COLOR if colours else cv2.IMREAD_UNCHANGED
+    image: Any = cv2.imdecode(np.frombuffer(data, np.uint8), how)
+    whole = image is not None and (colours or (image.ndim, image.itemsize) == (2, size))
+    if not whole:
         raise ValueError('no picture')
-    height, width, _ = bgr.shape
-    rgb = np.ascontiguousarray(bgr[..., ::-1])
+    pixels = np.ascontiguousarray(image[..., ::-1] if colours else image)
     return typestore().types[_IMAGE](
         header=header,
-        height=height,
-        width=width,
-        encoding='rgb8',
-        is_bigendian=0,
-        step=3 * width,
-        data=rgb.reshape(-1),
+        height=pixels.shape[0],
+        width=pixels.shape[1],
+        encoding=encoding,
+        is_bigendian=int(sys.byteorder == 'big' and pixels.itemsize > 1),
+        step=pixels[0].nbytes,
+        data=pixels.reshape(-1).view(np.uint8),
     )
 
 
-def _encoded(bgr: Any, form: str, options: list[int]) -> bytes:
-    done, data = cv2.imencode(form, bgr, options)
+def _encoded(bgr: Any, form: str, options: Sequence[int]) -> bytes:
+    done, data = cv2.imencode(form, bgr, list(options))
     if not done:
         raise ValueError('a picture that cannot be compressed')
     return data.tobytes()

@@ -5,6 +5,7 @@ What goes into messages is here; what comes out of them is in `decoding`.
 
 from __future__ import annotations
 
+import sys
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo, Image, NavSatFix, NavSatStatus, PointCloud2, PointField
 
 from ftp_dent_ros.cloud import Cloud
-from ftp_dent_ros.decoding.images import image_from_message
+from ftp_dent_ros.decoding.images import image_from_message, photograph_from_message
 from ftp_dent_ros.decoding.messages import (
     CLOUD_FIELDS,
     cloud_from_message,
@@ -23,6 +24,7 @@ from ftp_dent_ros.decoding.messages import (
     pose_from_message,
     stamp_to_ns,
 )
+from ftp_dent_ros.photograph import Photograph
 from ftp_dent_ros.rig import Lens
 from ftp_dent_ros.ros.fields import make_header, ns_to_stamp, to_data
 
@@ -41,6 +43,7 @@ __all__ = [
     'lens_from_message',
     'make_header',
     'ns_to_stamp',
+    'photograph_from_message',
     'pose_from_message',
     'pose_stamped_message',
     'pose_to_message',
@@ -72,17 +75,25 @@ def cloud_to_message(cloud: Cloud, stamp_ns: int, frame_id: str) -> PointCloud2:
     )
 
 
-def image_to_message(image: NDArray[np.uint8], stamp_ns: int, frame_id: str) -> Image:
-    """sensor_msgs/Image rgb8 of RGB pixels, shape (height, width, 3)."""
-    height, width, _ = image.shape
+def image_to_message(image: Photograph | NDArray[np.uint8], stamp_ns: int, frame_id: str) -> Image:
+    """sensor_msgs/Image of a photograph, or rgb8 of RGB pixels, shape (height, width, 3).
+
+    What has 10 to 14 bits is sent in the upper ones of 16, as drivers do: no encoding names them.
+    """
+    photograph = Photograph.of(image)
+    pixels = photograph.pixels
+    wide = pixels.dtype == np.uint16
+    if wide and photograph.bits < 16:
+        pixels = pixels << (16 - photograph.bits)
+    kind = photograph.encoding.removesuffix(str(photograph.bits))
     return Image(
         header=make_header(stamp_ns, frame_id),
-        height=height,
-        width=width,
-        encoding='rgb8',
-        is_bigendian=0,
-        step=3 * width,
-        data=to_data(image),
+        height=photograph.height,
+        width=photograph.width,
+        encoding=f'{kind}{16 if wide else 8}',
+        is_bigendian=sys.byteorder == 'big' and wide,
+        step=pixels[0].nbytes,
+        data=to_data(pixels),
     )
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -17,7 +19,7 @@ from ftp_dent_ros.simulation.panel import Panel
 from ftp_dent_ros.simulation.photometry import Photometry
 from ftp_dent_ros.simulation.pixel_grid import pixel_grid
 from ftp_dent_ros.simulation.printed import board_print
-from ftp_dent_ros.simulation.sensor import expose
+from ftp_dent_ros.simulation.sensor import read_out
 from ftp_dent_ros.simulation.surface import Surface
 from ftp_dent_ros.simulation.tracing import NOTHING, albedo_table, look
 from ftp_dent_ros.simulation.view import broken_pixels, see
@@ -82,7 +84,7 @@ class StillBoard:
     """
 
     def __init__(self, rig: Rig, surface: Surface, photometry: Photometry) -> None:
-        self._photometry = photometry
+        self._photometry = replace(photometry, encoding='mono8')
         self._light_of = Light(np.zeros((*_size(rig), 3), np.uint8), photometry)
         grid = pixel_grid(rig.camera)
         view = see(rig, surface, photometry)
@@ -122,7 +124,7 @@ class StillBoard:
         fine = (light.at(u, v)[0] * weight).reshape(-1, _FINE**2).mean(axis=1)
         ambient = self._ambient.ravel()[self._broken]
         signal.ravel()[self._broken] = ambient + self._fine_gain * fine
-        return expose(signal[None], self._photometry, rng)[..., 0]
+        return read_out(signal[None], self._photometry, rng).pixels
 
 
 def photographs(

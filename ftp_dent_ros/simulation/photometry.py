@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, fields
 
 from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.photograph import Encoding
 
 
 @dataclass(frozen=True)
@@ -46,8 +47,12 @@ class Photometry:
         Part of each other colour's light that a colour of the sensor sees, white balanced.
     camera_gamma : float
         Grey level is 255 times the signal to 1 / camera_gamma; 1 is a linear camera.
+    encoding : str
+        What the camera gives of its sensor, as `Encoding.named` reads it: three colours at each
+        pixel (``rgb8``), the colours of a mosaic as they are (``bayer_rggb12``), or the mean of
+        the three colours (``mono12``).
     bayer : bool
-        The sensor has an RGGB colour filter and its image is demosaiced.
+        The sensor has an RGGB colour filter and its image, of three colours, is demosaiced.
     jpeg_quality : int
         1 to 100 for an image that came through JPEG, 0 for none.
     samples : int
@@ -74,6 +79,7 @@ class Photometry:
     read_noise: float = 0.8
     crosstalk: float = 0.0
     camera_gamma: float = 1.0
+    encoding: str = 'rgb8'
     bayer: bool = False
     jpeg_quality: int = 0
     samples: int = 8
@@ -81,6 +87,9 @@ class Photometry:
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
+            if field.type == 'str':
+                Encoding.named(value)
+                continue
             if field.type == 'bool':
                 _require(isinstance(value, bool), field.name, value, 'true or false')
                 continue
@@ -101,6 +110,8 @@ class Photometry:
         _require(self.crosstalk <= 1, 'crosstalk', self.crosstalk, '0 to 1')
         _require(self.projector_black <= 1, 'projector_black', self.projector_black, '0 to 1')
         _require(self.jpeg_quality <= 100, 'jpeg_quality', self.jpeg_quality, '0 to 100')
+        plain = self.encoding in ('rgb8', 'mono8') or not self.jpeg_quality
+        _require(plain, 'jpeg_quality', self.jpeg_quality, '0 for what is neither rgb8 nor mono8')
         power = self.samples > 0 and self.samples & (self.samples - 1) == 0
         _require(power and self.samples <= 256, 'samples', self.samples, '1, 2, 4, ... 256')
 

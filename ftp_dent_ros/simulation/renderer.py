@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.errors import ImageError
+from ftp_dent_ros.photograph import Photograph
 from ftp_dent_ros.rig import Rig
 from ftp_dent_ros.simulation.drift import image_sweep, light_drift, skin_drift
 from ftp_dent_ros.simulation.integration import cubature, lattice, moved, shifted
@@ -21,7 +22,7 @@ from ftp_dent_ros.simulation.light import Light
 from ftp_dent_ros.simulation.motion import Motion
 from ftp_dent_ros.simulation.photometry import Photometry
 from ftp_dent_ros.simulation.pixel_grid import pixel_grid
-from ftp_dent_ros.simulation.sensor import expose, speckle
+from ftp_dent_ros.simulation.sensor import read_out, speckle
 from ftp_dent_ros.simulation.skin import is_even, paint_and_sun, smooth_paint
 from ftp_dent_ros.simulation.surface import Surface
 from ftp_dent_ros.simulation.tracing import View, albedo_table, look
@@ -65,13 +66,13 @@ class Renderer:
         self._light = Light(projected, self.photometry)
         self._points = lattice(self.photometry.samples)
 
-    def render(
+    def photograph(
         self,
         surface: Surface,
         rng: np.random.Generator | None = None,
         motion: Motion | None = None,
-    ) -> NDArray[np.uint8]:
-        """Photograph a surface.
+    ) -> Photograph:
+        """Photograph a surface, in the encoding of the photometry.
 
         Parameters
         ----------
@@ -81,14 +82,18 @@ class Renderer:
             Of the noise; seeded with 0 if left out.
         motion : Motion, optional
             Of the surface during the exposure.
-
-        Returns
-        -------
-        ndarray, shape (camera height, camera width, 3), uint8
-            RGB.
         """
         rng = rng or np.random.default_rng(0)
-        return expose(self.signal(surface, rng, motion), self.photometry, rng)
+        return read_out(self.signal(surface, rng, motion), self.photometry, rng)
+
+    def render(
+        self,
+        surface: Surface,
+        rng: np.random.Generator | None = None,
+        motion: Motion | None = None,
+    ) -> NDArray[np.uint8]:
+        """RGB of 8 bits, shape (camera height, camera width, 3), of such a photograph."""
+        return self.photograph(surface, rng, motion).shown()
 
     def signal(
         self,
@@ -98,7 +103,7 @@ class Renderer:
     ) -> Image:
         """Light on the sensor, before the lens's blur, noise and saturation.
 
-        Parameters are those of `render`.
+        Parameters are those of `photograph`.
 
         Returns
         -------

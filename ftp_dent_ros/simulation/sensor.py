@@ -1,4 +1,4 @@
-"""The camera's sensor: from the light on its pixels to an 8 bit image."""
+"""The camera's sensor: from the light on its pixels to a photograph."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ive, ndtri
 
+from ftp_dent_ros.photograph import Encoding, Photograph
 from ftp_dent_ros.simulation.photometry import Photometry
 
 # float32, for which OpenCV's annotations are too wide.
@@ -45,8 +46,8 @@ def speckle(shape: tuple[int, ...], photometry: Photometry, rng: np.random.Gener
     return np.exp(math.sqrt(sigma2) * grains - sigma2 / 2)
 
 
-def expose(signal: Image, photometry: Photometry, rng: np.random.Generator) -> NDArray[np.uint8]:
-    """Turn the light on the pixels into grey levels, colour by colour.
+def read_out(signal: Image, photometry: Photometry, rng: np.random.Generator) -> Photograph:
+    """Turn the light on the pixels into levels, colour by colour.
 
     Parameters
     ----------
@@ -57,17 +58,31 @@ def expose(signal: Image, photometry: Photometry, rng: np.random.Generator) -> N
 
     Returns
     -------
-    ndarray, shape (height, width, 3), uint8
-        RGB.
+    Photograph
+        Of the encoding of `photometry`.
     """
+    encoding = Encoding.named(photometry.encoding)
+    white = (1 << encoding.bits) - 1
     if photometry.crosstalk:
         signal = _mixed(signal, photometry.crosstalk)
-    image = np.stack([_digitised(channel, photometry, rng) for channel in signal], axis=-1)
+    if not encoding.coloured and not encoding.mosaic:
+        image = _digitised(signal.mean(axis=0), photometry, rng, white)
+        if photometry.jpeg_quality:
+            image = _through_jpeg(image, photometry.jpeg_quality)
+        return Photograph(image, white)
+    image = np.stack([_digitised(channel, photometry, rng, white) for channel in signal], axis=-1)
+    if encoding.mosaic:
+        return Photograph(_behind_filters(image, encoding.mosaic), white, encoding.mosaic)
     if photometry.bayer:
-        image = _through_colour_filter(image)
+        image = Photograph(_behind_filters(image, 'rggb'), white, 'rggb').rgb()
     if photometry.jpeg_quality:
         image = _through_jpeg(image, photometry.jpeg_quality)
-    return image
+    return Photograph(image, white)
+
+
+def expose(signal: Image, photometry: Photometry, rng: np.random.Generator) -> NDArray[np.uint8]:
+    """RGB of 8 bits, shape (height, width, 3), of what `read_out` gives."""
+    return read_out(signal, photometry, rng).shown()
 
 
 def _mixed(signal: Image, crosstalk: float) -> Image:
@@ -77,9 +92,9 @@ def _mixed(signal: Image, crosstalk: float) -> Image:
 
 
 def _digitised(
-    signal: Image, photometry: Photometry, rng: np.random.Generator
-) -> NDArray[np.uint8]:
-    """Grey levels of one colour, shape (height, width)."""
+    signal: Image, photometry: Photometry, rng: np.random.Generator, white: int
+) -> NDArray[Any]:
+    """Levels of one colour, shape (height, width), up to `white`."""
     level = 255 * blur(signal, photometry.psf_px)
     deviation = level * np.float32(255 / photometry.full_well)
     deviation += np.float32(photometry.read_noise**2)
@@ -89,19 +104,22 @@ def _digitised(
     np.clip(level, 0, 255, out=level)
     if photometry.camera_gamma != 1:
         level = 255 * (level / 255) ** (1 / photometry.camera_gamma)
-    return np.rint(level, out=level).astype(np.uint8)
+    if white != 255:
+        level *= np.float32(white / 255)
+    return np.rint(level, out=level).astype(np.uint8 if white == 255 else np.uint16)
 
 
-def _through_colour_filter(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    mosaic = image[..., 1].copy()
-    mosaic[::2, ::2] = image[::2, ::2, 0]
-    mosaic[1::2, 1::2] = image[1::2, 1::2, 2]
-    # OpenCV names a pattern by the second row's second and third pixel: BG is RGGB.
-    return np.asarray(cv2.cvtColor(mosaic, cv2.COLOR_BayerBG2RGB), np.uint8)
+def _behind_filters(image: NDArray[Any], mosaic: str) -> NDArray[Any]:
+    """One colour of each pixel of RGB."""
+    raw = np.empty_like(image[..., 0])
+    for index, colour in enumerate(mosaic):
+        row, column = divmod(index, 2)
+        raw[row::2, column::2] = image[row::2, column::2, 'rgb'.index(colour)]
+    return raw
 
 
 def _through_jpeg(image: NDArray, quality: int) -> NDArray[np.uint8]:
-    bgr = np.ascontiguousarray(image[..., ::-1])
+    bgr = np.ascontiguousarray(image[..., ::-1]) if image.ndim == 3 else image
     _, data = cv2.imencode('.jpg', bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
-    decoded = cv2.imdecode(data, cv2.IMREAD_COLOR)
-    return np.ascontiguousarray(np.asarray(decoded)[..., ::-1])
+    decoded = np.asarray(cv2.imdecode(data, cv2.IMREAD_UNCHANGED))
+    return np.ascontiguousarray(decoded[..., ::-1]) if image.ndim == 3 else decoded

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.errors import CameraError, ConfigurationError
 from ftp_dent_ros.files import find, read_yaml
+from ftp_dent_ros.photograph import Photograph
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig import Rig
 from ftp_dent_ros.simulation.estimate import EstimateErrors, Faults
@@ -84,9 +85,7 @@ class World:
         change = end.inverse() @ begin
         return Motion(change.rotation.as_rotvec(), change.translation)
 
-    def photograph(
-        self, rig: Rig, projected: NDArray[np.uint8], stamp_ns: int
-    ) -> NDArray[np.uint8]:
+    def photograph(self, rig: Rig, projected: NDArray[np.uint8], stamp_ns: int) -> Photograph:
         """What the camera sees when the projector shows an image.
 
         Parameters
@@ -99,8 +98,7 @@ class World:
 
         Returns
         -------
-        ndarray, shape (camera height, camera width, 3), uint8
-            RGB.
+        Photograph
 
         Raises
         ------
@@ -109,7 +107,7 @@ class World:
         """
         renderer = _renderer(rig, _Pixels(projected), self.photometry)
         rng = np.random.default_rng([self.seed, abs(stamp_ns)])
-        return renderer.render(self.seen_surface(stamp_ns), rng, self.motion(stamp_ns))
+        return renderer.photograph(self.seen_surface(stamp_ns), rng, self.motion(stamp_ns))
 
 
 class _Pixels:
@@ -201,9 +199,7 @@ class LiveWorld:
         self._version = self._stat()
         self._world = read_world(path, start_ns=start_ns)
 
-    def photograph(
-        self, rig: Rig, projected: NDArray[np.uint8], stamp_ns: int
-    ) -> NDArray[np.uint8]:
+    def photograph(self, rig: Rig, projected: NDArray[np.uint8], stamp_ns: int) -> Photograph:
         """As `World.photograph`; raises `CameraError` while the changed file cannot be used."""
         version = self._stat()
         if version != self._version:

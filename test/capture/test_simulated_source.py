@@ -7,12 +7,13 @@ import pytest
 
 from ftp_dent_ros.capture.simulated import SimulatedSource
 from ftp_dent_ros.errors import CameraError, ImageError
+from ftp_dent_ros.photograph import Photograph
 
 
 def photograph(projected, stamp_ns):
     if projected.shape != (2, 2, 3):
         raise ImageError('the projected image has the wrong size')
-    return projected + np.uint8(stamp_ns % 256)
+    return Photograph(projected + np.uint8(stamp_ns % 256))
 
 
 def source(rate=0.0):

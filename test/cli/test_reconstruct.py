@@ -139,15 +139,62 @@ GREY = np.full((240, 320, 3), 90, np.uint8)
     [
         (0 * GREY, 'no part of the image shows fringes'),
         (0 * GREY + 255, 'clipped'),
-        (GREY[..., 0], 'shape (240, 320), not 8-bit colours'),
-        (GREY.astype(np.uint16), 'uint16 in shape (240, 320, 3), not 8-bit'),
+        (GREY[..., 0], 'is grey, and the stripe that numbers the fringes is red'),
         (GREY[:100], "320x100, the rig's camera 320x240"),
     ],
-    ids=['black', 'white', 'grey', '16 bit', 'cropped'],
+    ids=['black', 'white', 'grey', 'cropped'],
 )
 def test_bad_photographs_are_refused(folder, capfd, pixels, said):
     write_image(folder / 'bad.png', pixels)
     assert said in refused(folder, capfd, image='bad.png')
+
+
+def raw(rgb):
+    mosaic = rgb[..., 1].copy()
+    mosaic[::2, ::2], mosaic[1::2, 1::2] = rgb[::2, ::2, 0], rgb[1::2, 1::2, 2]
+    return mosaic.astype(np.uint16) << 4
+
+
+@pytest.mark.parametrize(
+    ('of', 'suffix', 'options', 'said'),
+    [
+        (lambda rgb: rgb.astype(np.uint16) * 257, '.png', [], 'rgb16 (tell by --encoding'),
+        (raw, '.tif', ['--encoding', 'bayer_rggb12'], 'bayer_rggb12 (as told)'),
+        (lambda rgb: raw(rgb) << 4, '.png', ['--encoding', 'bayer_rggb16'], 'bayer_rggb16 (as'),
+        (lambda rgb: raw(rgb) >> 4, '.png', ['--encoding', 'bayer_rggb8'], 'bayer_rggb8 (as'),
+    ],
+)
+def test_other_photographs_are_taken_for_what_they_are(
+    folder, photograph, capfd, of, suffix, options, said
+):
+    pixels = of(photograph[1])
+    name = f'other{suffix}'
+    write_image(folder / name, pixels if pixels.max() > 255 else pixels.astype(np.uint8))
+    assert main([*words(folder, image=name), *options]) == 0
+    assert f'{name}: taken for {said}' in capfd.readouterr().out
+    cloud, _ = read_ply(folder / 'cloud.ply')
+    assert np.abs(SKIN.distance(cloud.points[cloud.valid])).mean() < 5e-4
+
+
+@pytest.mark.parametrize(
+    ('pixels', 'encoding', 'said'),
+    [
+        (GREY, 'bayer_rggb8', 'has three levels a pixel, which is not bayer_rggb8'),
+        (GREY[..., 0], 'rgb8', 'has one level a pixel, which is not rgb8'),
+        (GREY[..., 0], 'bayer_rggb12', 'has levels of 8 bits, not bayer_rggb12'),
+        (GREY[..., 0], 'yuv', "the encoding is 'yuv': give mono, rgb or bayer_"),
+        (GREY[..., 0].astype(np.uint16) * 50, 'bayer_rggb12', 'level 4500, more than 12 bits'),
+    ],
+)
+def test_an_encoding_that_the_file_cannot_have_is_refused(folder, capfd, pixels, encoding, said):
+    write_image(folder / 'bad.png', pixels)
+    assert said in refused(folder, capfd, '--encoding', encoding, image='bad.png')
+
+
+def test_few_bits_in_sixteen_are_thought_of(folder, photograph, capfd):
+    write_image(folder / 'dark.png', raw(photograph[1]) >> 2)
+    said = refused(folder, capfd, '--encoding', 'bayer_rggb16', image='dark.png')
+    assert 'tell how many bits the camera has' in said
 
 
 @pytest.mark.parametrize('suffix', ['.png', '.tif'])

@@ -7,7 +7,7 @@ pytest.importorskip('rosbags', reason='rosbags is not installed: no bags are com
 from skins import skin
 
 from ftp_dent_ros.coding.view import View
-from ftp_dent_ros.decoding.images import image_from_message
+from ftp_dent_ros.decoding.images import image_from_message, photograph_from_message
 from ftp_dent_ros.decoding.messages import CLOUD_FIELDS, cloud_from_message
 from ftp_dent_ros.errors import BagError
 from ftp_dent_ros.recording.compression import CompressedBagWriter, decoded
@@ -51,7 +51,8 @@ def cloud_message(cloud, frame='camera', names=CLOUD_FIELDS):
 def image_message(image, encoding='rgb8'):
     height, width = image.shape[:2]
     return made(IMAGE, header=header(), height=height, width=width, encoding=encoding,
-                is_bigendian=0, step=image[0].size, data=image.reshape(-1))  # fmt: skip
+                is_bigendian=0, step=image[0].nbytes,
+                data=image.reshape(-1).view(np.uint8))  # fmt: skip
 
 
 def info_message(lens):
@@ -89,6 +90,7 @@ def test_names_types_and_contents_come_back(tmp_path, view):
     cloud = skin(view)
     picture = np.random.default_rng(1).integers(90, 110, (90, 160, 3), np.uint8)
     pattern = np.repeat(np.arange(160, dtype=np.uint8)[None, :, None], 90, axis=0).repeat(3, 2)
+    raw = np.random.default_rng(2).integers(0, 65536, (90, 160), np.uint16)
     bag = recorded(
         tmp_path / 'bag',
         [
@@ -99,12 +101,13 @@ def test_names_types_and_contents_come_back(tmp_path, view):
             ('/camera/image_raw', IMAGE, image_message(picture)),
             ('/projector/image_raw', IMAGE, image_message(pattern)),
             ('/grey', IMAGE, image_message(picture[..., 0].copy(), 'mono8')),
+            ('/raw', IMAGE, image_message(raw, 'bayer_grbg16')),
             ('/text', TEXT, made(TEXT, data='as it is')),
         ],
     )
     types = {topic.name: topic.type for topic in bag.metadata.topics}
     assert types['/points'] == CLOUD and types['/camera/image_raw'] == IMAGE
-    assert types['/text'] == TEXT and len(types) == 8
+    assert types['/text'] == TEXT and len(types) == 9
     assert bag.metadata.message_counts == dict.fromkeys(types, 1)
     assert all(topic.offered_qos[0].depth == 2 for topic in bag.metadata.topics)
     got = {message.topic: bag.deserialise(message) for message in bag.messages()}
@@ -118,6 +121,8 @@ def test_names_types_and_contents_come_back(tmp_path, view):
     assert np.abs(shown - picture).mean() < 5
     np.testing.assert_array_equal(image_from_message(got['/projector/image_raw']), pattern)
     np.testing.assert_array_equal(got['/grey'].data, picture[..., 0].ravel())
+    np.testing.assert_array_equal(photograph_from_message(got['/raw']).pixels, raw)
+    assert got['/raw'].encoding == 'bayer_grbg16'
     assert got['/text'].data == 'as it is'
     (one,) = bag.messages(['/points'])
     assert (one.topic, one.type, one.log_time_ns, one.sequence) == ('/points', CLOUD, 11, 1)

@@ -9,6 +9,7 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2, PointField
 
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.errors import CloudError, ImageError, PoseError, RigError
+from ftp_dent_ros.photograph import Photograph
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig import Lens
 from ftp_dent_ros.ros.messages import (
@@ -20,6 +21,7 @@ from ftp_dent_ros.ros.messages import (
     image_to_message,
     lens_from_message,
     ns_to_stamp,
+    photograph_from_message,
     pose_from_message,
     pose_to_message,
     stamp_to_ns,
@@ -73,16 +75,49 @@ WIDE = RGB.astype(np.uint16) * 256 + 255 - RGB
 )
 def test_every_order_of_colours_is_read(pixels, encoding, big, padding):
     message = image_message(pixels, encoding, padding, is_bigendian=big)
-    np.testing.assert_array_equal(image_from_message(through_the_wire(message)), RGB)
+    message = through_the_wire(message)
+    read = photograph_from_message(message)
+    deep = encoding.endswith('16')
+    np.testing.assert_array_equal(read.pixels, WIDE if deep else RGB)
+    np.testing.assert_allclose(image_from_message(message), RGB, atol=int(deep))
 
 
 @pytest.mark.parametrize('encoding', ['mono8', 'mono16'])
-def test_grey_images_have_three_equal_channels(encoding):
+def test_grey_images_have_three_equal_channels_to_look_at(encoding):
     grey = RGB[..., 0].astype('<u2' if encoding == 'mono16' else np.uint8)
     if encoding == 'mono16':
-        grey = grey * 256
-    image = image_from_message(image_message(grey, encoding))
-    np.testing.assert_array_equal(image, np.repeat(RGB[..., :1], 3, axis=2))
+        grey = grey * 257
+    message = image_message(grey, encoding)
+    np.testing.assert_array_equal(photograph_from_message(message).pixels, grey)
+    np.testing.assert_array_equal(image_from_message(message), np.repeat(RGB[..., :1], 3, axis=2))
+
+
+@pytest.mark.parametrize(
+    ('bits', 'mosaic', 'encoding'),
+    [
+        (8, '', 'mono8'),
+        (12, '', 'mono16'),
+        (10, 'gbrg', 'bayer_gbrg16'),
+        (16, 'rggb', 'bayer_rggb16'),
+    ],
+)
+def test_raw_pixels_keep_every_bit_on_the_way(bits, mosaic, encoding):
+    kind = np.uint8 if bits == 8 else np.uint16
+    pixels = np.random.default_rng(0).integers(0, 1 << bits, (6, 8)).astype(kind)
+    message = through_the_wire(image_to_message(Photograph.of(pixels, mosaic, bits), 1, 'eye'))
+    assert message.encoding == encoding
+    back = photograph_from_message(message)
+    assert back.mosaic == mosaic
+    shift = 0 if bits == 8 else 16 - bits
+    np.testing.assert_array_equal(back.pixels >> shift, pixels)
+    assert back.step >= 1 << shift
+
+
+def test_lower_bits_are_told():
+    message = image_message(np.full((4, 4), 4000, '<u2'), 'mono16')
+    assert photograph_from_message(message, 12).white == 4095
+    with pytest.raises(ImageError, match='more than 10 bits'):
+        photograph_from_message(message, 10)
 
 
 @pytest.mark.parametrize('order', ['rggb', 'bggr', 'gbrg', 'grbg'])

@@ -59,7 +59,7 @@ def test_photographs_of_the_simulated_skin_become_clouds_on_it(ros, rig, rig_fil
         stamp_ns = stamp_to_ns(info.header.stamp)
         assert stamp_ns not in taken or info.header == taken[stamp_ns].header
     stamps = list(photographs)
-    expected = world.photograph(rig, projected, stamps[0])
+    expected = world.photograph(rig, projected, stamps[0]).shown()
     np.testing.assert_array_equal(photographs[stamps[0]], expected)
     assert stamps == sorted(set(stamps))
     reconstructor = Reconstructor(rig, PATTERN, Settings())

@@ -47,7 +47,7 @@ def photograph(world, rig, pattern, level=None):
     image = pattern.draw()
     if level is not None:
         image[:] = level
-    return world.photograph(rig, image, 0).astype(float)
+    return world.photograph(rig, image, 0).shown().astype(float)
 
 
 def test_a_dent_is_pushed_in_and_a_bump_stands_out(world_of):

@@ -109,7 +109,7 @@ def test_a_photograph_shows_the_skin_where_the_truth_says(world, rig, pattern):
         ),
     )
     wide.projector.camera_matrix[:2, 2] = 80, 50
-    image = closer.photograph(wide, pattern.draw(), stamp_ns).astype(float)
+    image = closer.photograph(wide, pattern.draw(), stamp_ns).shown().astype(float)
     view = see(wide, closer.seen_surface(stamp_ns), closer.photometry)
     inside = (np.abs(view.u - 80) > 8) & (view.u > 4) & (view.u < 155)
     inside &= (view.v > 4) & (view.v < 95)
@@ -124,20 +124,20 @@ def test_a_photograph_shows_the_skin_where_the_truth_says(world, rig, pattern):
 
 def test_a_photograph_is_the_same_each_time(world, rig, pattern):
     first, again, later = (
-        world.photograph(rig, pattern.draw(), START_NS + ns) for ns in (0, 0, 500_000_000)
+        world.photograph(rig, pattern.draw(), START_NS + ns).shown() for ns in (0, 0, 500_000_000)
     )
     assert (first == again).all()
     assert (first != later).any()
     other = dataclasses.replace(world, seed=world.seed + 1)
-    assert (other.photograph(rig, pattern.draw(), START_NS) != first).any()
+    assert (other.photograph(rig, pattern.draw(), START_NS).shown() != first).any()
 
 
 def test_another_projected_image_is_another_photograph(world, rig, pattern):
-    dark = world.photograph(rig, np.zeros((100, 160, 3), np.uint8), START_NS)
-    lit = world.photograph(rig, np.full((100, 160, 3), 255, np.uint8), START_NS)
+    dark = world.photograph(rig, np.zeros((100, 160, 3), np.uint8), START_NS).shown()
+    lit = world.photograph(rig, np.full((100, 160, 3), 255, np.uint8), START_NS).shown()
     assert dark.mean() < lit.mean()
     with pytest.raises(ImageError, match='projected image'):
-        world.photograph(rig, pattern.draw()[:, :-1], START_NS)
+        world.photograph(rig, pattern.draw()[:, :-1], START_NS).shown()
 
 
 NUMBER = 'a finite number'
