@@ -276,7 +276,7 @@ def test_an_impossible_rig_is_refused(folder, capfd, keys, value, said):
         ({'width': 640}, 'the pattern is 640x240, the projector 320x240'),
         ({'period_px': 1.0}, 'period_px is 1, outside 3 to 80'),
         ({'stripe_center_px': 400.0}, 'the stripe leaves the image'),
-        ({'axis': 'v'}, "axis is 'v'"),
+        ({'axis': 'v'}, 'use a pattern with the axis u'),
         ({'height': None}, 'height is None'),
         ({'colour': 'red'}, "unknown field 'colour'"),
     ],
