@@ -9,11 +9,14 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import yaml
 
 from ftp_dent_ros.errors import ConfigurationError, InputError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 #: What the name of a file of the package begins with.
 SHIPPED = 'shipped:'
@@ -173,6 +176,27 @@ def _size(node: yaml.Node, known: dict[int, float]) -> float:
             parts = [each for pair in parts for each in pair]
         size = known[id(node)] = 1 + sum(_size(each, known) for each in parts)
     return size
+
+
+def write_png(path: str | os.PathLike[str], image: NDArray[Any]) -> None:
+    """Write an image as OpenCV has it (grey, BGR or BGRA) as PNG; the file is whole or not there.
+
+    Raises
+    ------
+    InputError
+        The file cannot be written.
+    """
+    # Taken only here: most of what reads and writes files has no images.
+    import cv2
+
+    done, data = cv2.imencode('.png', image)
+    try:
+        with written_aside(path) as aside:
+            aside.write_bytes(data.tobytes() if done else b'')
+    except OSError as reason:
+        raise InputError(
+            f'{path}: cannot be written ({reason.strerror}): check the path'
+        ) from None
 
 
 @contextmanager

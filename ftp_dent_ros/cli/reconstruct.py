@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ftp_dent_ros.errors import CloudError
-from ftp_dent_ros.files import find
+from ftp_dent_ros.files import find, write_png
 from ftp_dent_ros.pattern import read_pattern
 from ftp_dent_ros.photograph_file import read_photograph
 from ftp_dent_ros.ply import write_ply
@@ -28,6 +28,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--output', required=True, metavar='CLOUD.ply', help='point cloud to write'
+    )
+    parser.add_argument(
+        '--skin', metavar='FILE.png', help='image of the skin without the fringes to write'
     )
     parser.add_argument(
         '--encoding',
@@ -69,12 +72,14 @@ def run(arguments: argparse.Namespace) -> int:
         read_rig(find(arguments.rig)), read_pattern(find(arguments.pattern)), settings
     )
     photograph = read_photograph(arguments.image, arguments.encoding)
-    measurement = reconstructor.measure(photograph)
+    measurement = reconstructor.measure(photograph, bool(arguments.skin))
     cloud = measurement.cloud
     if photograph.encoding != 'rgb8':
         told = 'as told' if arguments.encoding else 'tell by --encoding if it is not'
         print(f'{arguments.image}: taken for {photograph.encoding} ({told})')
     write_ply(output, cloud, _FRAME)
+    if measurement.skin is not None:
+        write_png(arguments.skin, measurement.skin)
     depth = cloud.points[..., 2][cloud.valid]
     print(f'{output}: {len(depth)} points, {cloud.valid.mean():.1%} of the image')
     if len(depth):

@@ -46,6 +46,7 @@ from ftp_dent_ros.ros.diagnostics import OK, WARN, Diagnostics
 from ftp_dent_ros.ros.messages import (
     cloud_to_message,
     image_from_message,
+    image_to_message,
     lens_from_message,
     photograph_from_message,
     stamp_to_ns,
@@ -81,6 +82,9 @@ class Reconstruction(Node):
         self._prepared: dict[tuple[Pattern, Settings], Reconstructor] = {}
         self._points = self.create_publisher(
             PointCloud2, 'points', CLOUDS, qos_overriding_options=OVERRIDABLE
+        )
+        self._skin = self.create_publisher(
+            Image, 'skin', CLOUDS, qos_overriding_options=OVERRIDABLE
         )
         self._diagnostics = Diagnostics(self, self._judge)
         self._diagnostics.expect_one('camera/image_raw')
@@ -177,13 +181,18 @@ class Reconstruction(Node):
         reconstructor = self._reconstructor(pattern)
         started_ns = self._now_ns()
         photograph = photograph_from_message(message, self._bits)
-        measurement = reconstructor.measure(photograph)
+        measurement = reconstructor.measure(photograph, self._skin.get_subscription_count() > 0)
         cloud = measurement.cloud
         # The message of a change may have come meanwhile, later than the photograph.
         if self._pattern_at(stamp_ns) != pattern:
             raise PatternChangeError(
                 'the pattern that was shown came to be known only after the photograph had been '
                 'reconstructed: take photographs later after a change'
+            )
+        # First, so that who has the cloud has its skin.
+        if measurement.skin is not None:
+            self._skin.publish(
+                image_to_message(measurement.skin, stamp_ns, message.header.frame_id)
             )
         self._points.publish(cloud_to_message(cloud, stamp_ns, message.header.frame_id))
         self._diagnostics.count('clouds')

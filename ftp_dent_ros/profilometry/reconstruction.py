@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, Protocol
 
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from ftp_dent_ros.profilometry.fourier_transform import FourierTransform
 from ftp_dent_ros.profilometry.least_squares import LeastSquares
 from ftp_dent_ros.profilometry.measurement import Measurement
 from ftp_dent_ros.profilometry.settings import Settings
+from ftp_dent_ros.profilometry.skin_image import SkinImager
 from ftp_dent_ros.rig import Rig
 from ftp_dent_ros.rig_geometry import moves_fringes
 
@@ -61,13 +63,14 @@ class Reconstructor:
         self._on_side = pattern.axis == 'v'
         if self._on_side:
             rig, pattern = rig.transposed, pattern.transposed
+        self._upright = rig, pattern
         self._method = method_for(rig, pattern, self.settings)
 
     def reconstruct(self, image: Photograph | NDArray[Any]) -> Cloud:
         """Cloud of a photograph: that of `measure`."""
         return self.measure(image).cloud
 
-    def measure(self, image: Photograph | NDArray[Any]) -> Measurement:
+    def measure(self, image: Photograph | NDArray[Any], skin: bool = False) -> Measurement:
         """Measure the surface in a photograph.
 
         Parameters
@@ -75,6 +78,8 @@ class Reconstructor:
         image : Photograph or ndarray
             As large as the camera's calibration says. An array is RGB, shape (height, width, 3),
             or grey, shape (height, width), of 8 or 16 bits (uint8, uint16).
+        skin : bool
+            Whether an image of the skin is made, too.
 
         Returns
         -------
@@ -93,8 +98,8 @@ class Reconstructor:
         self._check(photograph)
         try:
             if self._on_side:
-                return self._method.measure(photograph.transposed).transposed
-            return self._method.measure(photograph)
+                return self._measured(photograph.transposed, skin).transposed
+            return self._measured(photograph, skin)
         except NoStripeError:
             if photograph.is_grey:
                 raise NoStripeError(_GREY) from None
@@ -107,6 +112,14 @@ class Reconstructor:
                     'bits the camera has (bits, --encoding)'
                 ) from None
             raise
+
+    def _measured(self, photograph: Photograph, skin: bool) -> Measurement:
+        """Measurement of a photograph whose fringes are upright."""
+        measured = self._method.measure(photograph)
+        if not skin:
+            return measured
+        imager = SkinImager.of(*self._upright, self.settings.stride)
+        return replace(measured, skin=imager.image(photograph, measured.cloud))
 
     def _check(self, photograph: Photograph) -> None:
         """Raise `ImageError` unless the photograph is of the camera's kind and size."""

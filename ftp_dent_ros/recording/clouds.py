@@ -25,6 +25,7 @@ from ftp_dent_ros.recording.topic import Message
 
 POINTS, TAGGED, POSE = '/points', '/tagged/points', '/tagged/pose'
 CAMERA_POSE = '/tagged/camera_pose'
+SKIN = '/skin'
 PHOTOGRAPHS = '/camera/image_raw'
 _TYPES = {
     PHOTOGRAPHS: 'sensor_msgs/msg/Image',
@@ -32,6 +33,7 @@ _TYPES = {
     TAGGED: 'sensor_msgs/msg/PointCloud2',
     POSE: 'geometry_msgs/msg/PoseWithCovarianceStamped',
     CAMERA_POSE: 'geometry_msgs/msg/PoseWithCovarianceStamped',
+    SKIN: 'sensor_msgs/msg/Image',
 }
 # So many exposures may be under way at once: what belongs to older ones has not come.
 _LONGEST_WAIT = 30
@@ -57,6 +59,8 @@ class BagCloud:
         Of that pose.
     photograph : ndarray, shape (height, width, 3), uint8, or None
         RGB.
+    skin : ndarray, shape (rows, columns), uint8, or None
+        Image of the skin on the cloud's grid, 0 where there is no point.
     """
 
     stamp_ns: int
@@ -67,6 +71,7 @@ class BagCloud:
     vehicle: Pose | None = None
     covariance: NDArray[np.float64] | None = None
     photograph: NDArray[np.uint8] | None = None
+    skin: NDArray[np.uint8] | None = None
 
 
 @dataclass(frozen=True)
@@ -182,6 +187,8 @@ def _content(bag: Bag, message: Message) -> tuple[int, Any]:
         stamp_ns = stamp_to_ns(content.header.stamp)
         if message.topic == PHOTOGRAPHS:
             return stamp_ns, image_from_message(content)
+        if message.topic == SKIN:
+            return stamp_ns, image_from_message(content)[..., 0]
         if message.topic in (POSE, CAMERA_POSE):
             return stamp_ns, (*_located(content.pose), content.header.frame_id)
         return stamp_ns, (cloud_from_message(content), content.header.frame_id)
@@ -197,13 +204,14 @@ def _located(message: Any) -> tuple[Pose, NDArray[np.float64]]:
 
 def _bag_cloud(stamp_ns: int, parts: dict[str, Any]) -> BagCloud:
     photograph = parts.get(PHOTOGRAPHS)
+    skin = parts.get(SKIN)
     if parts.get(CAMERA_POSE) is not None and parts.get(POINTS) is not None:
         pose, covariance, frame_id = parts[CAMERA_POSE]
         cloud, _ = parts[POINTS]
-        return BagCloud(stamp_ns, cloud, frame_id, True, pose, pose, covariance, photograph)
+        return BagCloud(stamp_ns, cloud, frame_id, True, pose, pose, covariance, photograph, skin)
     if parts.get(TAGGED) is None or parts.get(POSE) is None:
         cloud, frame_id = parts[POINTS]
-        return BagCloud(stamp_ns, cloud, frame_id, True, photograph=photograph)
+        return BagCloud(stamp_ns, cloud, frame_id, True, photograph=photograph, skin=skin)
     placed, frame_id = parts[TAGGED]
     seen = None if parts.get(POINTS) is None else parts[POINTS][0]
     pose = None if seen is None else pose_between(seen, placed)
@@ -217,6 +225,7 @@ def _bag_cloud(stamp_ns: int, parts: dict[str, Any]) -> BagCloud:
         vehicle=vehicle,
         covariance=covariance,
         photograph=photograph,
+        skin=skin,
     )
 
 

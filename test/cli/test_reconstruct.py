@@ -332,3 +332,11 @@ def test_a_choice_that_does_not_exist_is_bad_usage(folder, capfd):
         main([*words(folder), '--method', 'guess'])
     assert ended.value.code == 2
     assert 'virtual-reference' in capfd.readouterr().err
+
+
+def test_the_skin_is_written_beside_the_cloud(folder, photograph):
+    rig, image = photograph
+    assert main([*words(folder), '--skin', str(folder / 'skin.png')]) == 0
+    written = cv2.imread(str(folder / 'skin.png'), cv2.IMREAD_UNCHANGED)
+    expected = Reconstructor(rig, PATTERN).measure(image, skin=True).skin
+    np.testing.assert_array_equal(written, expected)

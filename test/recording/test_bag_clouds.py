@@ -33,6 +33,7 @@ TYPES = {
     '/points': CLOUD,
     '/tagged/pose': LOCATED,
     '/tagged/points': CLOUD,
+    '/skin': IMAGE,
 }
 SECOND = 1_000_000_000
 
@@ -118,6 +119,15 @@ def test_a_tagged_cloud_comes_with_its_pose_photograph_and_the_cameras_place(rec
     assert turned < 1e-5
     np.testing.assert_allclose(item.vehicle.translation, BASE_POSE.translation)
     assert item.covariance[0, 0] == pytest.approx(1e-4) and item.photograph.shape == (240, 320, 3)
+
+
+def test_a_cloud_comes_with_the_image_of_its_skin(recorded):
+    skin = np.arange(12, dtype=np.uint8).reshape(3, 4)
+    data = serialised(IMAGE, header(7, 'eye'), 3, 4, 'mono8', 0, 4, skin.ravel())
+    (item,) = bag_clouds(recorded(('/skin', data), *parts().items()))
+    np.testing.assert_array_equal(item.skin, skin)
+    (item,) = bag_clouds(recorded(*parts().items()))
+    assert item.skin is None
 
 
 @pytest.mark.parametrize('topics', [{'/points'}, {'/tagged/points', '/tagged/pose'}])

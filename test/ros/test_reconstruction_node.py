@@ -128,6 +128,20 @@ def test_a_photograph_becomes_the_cloud_that_the_library_gives(ros, rig, rig_fil
     assert float(bench.value('computation median (ms)')) > 0
     assert float(bench.value('lit but not tied to the red stripe').rstrip('%')) < 10
 
+
+def test_the_skin_comes_before_its_cloud_to_who_subscribes(ros, rig, rig_file, photograph):
+    bench = Bench(ros, rig=rig_file, stride=2)
+    bench.project(PATTERN.draw())
+    skins = ros.collect(Image, 'skin')
+    bench.listen()
+    ros.until(lambda: bench.cloud_of(photograph, 7) is not None and skins)
+    expected = Reconstructor(rig, PATTERN, Settings(stride=2)).measure(photograph, skin=True)
+    message = skins[-1]
+    assert (message.encoding, message.header.frame_id) == ('mono8', 'eye')
+    assert stamp_to_ns(message.header.stamp) == 7
+    image = np.frombuffer(message.data, np.uint8).reshape(message.height, message.width)
+    np.testing.assert_array_equal(image, expected.skin)
+
     assert all(result.successful for result in bench.set(stride=4, method='direct'))
     changed = bench.cloud_of(photograph, 3)
     direct = Reconstructor(rig, PATTERN, Settings(method='direct', stride=4))

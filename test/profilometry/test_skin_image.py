@@ -1,0 +1,80 @@
+"""The image of the skin, against the paint that was photographed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from small_scenes import PATTERN, RIG, Scene, panel
+
+from ftp_dent_ros.photograph import Photograph
+from ftp_dent_ros.profilometry import Reconstructor, Settings
+from ftp_dent_ros.profilometry.skin_image import SkinImager
+from ftp_dent_ros.simulation import Paint
+from ftp_dent_ros.simulation.marks import Dirt, Patch
+
+MARKS = (
+    Dirt(0.15, scales=(0.03, 0.012), seed=5),
+    Patch(0.03, 0.02, 0.02, 0.006, (0.6, 0.6, 0.6), angle=0.5),
+)
+
+
+@pytest.fixture(scope='module')
+def seen():
+    """A photograph of a marked skin, its measurement, and the paint that each point shows."""
+    skin = panel(dents=(), paint=Paint(albedo=0.7, marks=MARKS))
+    scene = Scene.of(skin)
+    measured = Reconstructor(RIG, PATTERN, Settings(stride=2)).measure(scene.image, skin=True)
+    x, y, _ = np.moveaxis(skin.pose.inverse().apply(measured.cloud.points), -1, 0)
+    known = measured.cloud.valid
+    place = np.nan_to_num(x).astype(np.float32), np.nan_to_num(y).astype(np.float32)
+    paint = np.prod([mark.factor(*place) for mark in MARKS], axis=0)
+    return scene, measured, paint, known
+
+
+def test_skin_lies_on_the_cloud_and_nowhere_else(seen):
+    _, measured, _, known = seen
+    assert measured.skin.dtype == np.uint8
+    assert ((measured.skin > 0) == known).all()
+
+
+def test_skin_shows_the_paint_and_not_the_fringes(seen):
+    _, measured, paint, known = seen
+    inner = known.copy()
+    inner[:8] = inner[-8:] = inner[:, :8] = inner[:, -8:] = False
+    inner &= np.roll(known, 8, 1) & np.roll(known, -8, 1)
+    bare = Scene.of(panel(dents=(), paint=Paint(albedo=0.7)))
+    light = Reconstructor(RIG, PATTERN, Settings(stride=2)).measure(bare.image, skin=True).skin
+    inner &= light > 0
+    skin = measured.skin[inner] / light[inner]
+    true = paint[inner]
+    assert np.corrcoef(skin, true)[0, 1] > 0.95
+    # Fringes alone have a contrast of 1.
+    phase = SkinImager.of(RIG, PATTERN, 2).geometry.phase(1 / measured.cloud.points[..., 2])
+    rest = skin - true
+    left = 2 * abs(np.mean((rest - rest.mean()) * np.exp(1j * phase[inner])))
+    assert left < 0.01
+
+
+def test_the_stripe_leaves_no_mark(seen):
+    _, measured, paint, known = seen
+    phase = SkinImager.of(RIG, PATTERN, 2).geometry.phase(
+        1 / np.where(known, measured.cloud.points[..., 2], 1)
+    )
+    ratio = measured.skin / paint
+    inside = known & (np.abs(phase) < np.pi)
+    beside = known & (np.abs(phase) > 2 * np.pi) & (np.abs(phase) < 4 * np.pi)
+    assert np.median(ratio[inside]) == pytest.approx(np.median(ratio[beside]), rel=0.03)
+
+
+def test_deeper_pixels_give_the_same_skin(seen):
+    scene, measured, _, _ = seen
+    deep = Photograph(scene.image.astype(np.uint16) * 257, 65535)
+    image = SkinImager.of(RIG, PATTERN, 2).image(deep, measured.cloud)
+    assert np.abs(image.astype(int) - measured.skin).max() <= 2
+
+
+def test_nobody_pays_for_a_skin_that_nobody_asked_for(seen):
+    scene, measured, _, _ = seen
+    plain = Reconstructor(RIG, PATTERN, Settings(stride=2)).measure(scene.image)
+    assert plain.skin is None
+    assert np.array_equal(plain.cloud.points, measured.cloud.points, equal_nan=True)
