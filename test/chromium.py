@@ -72,7 +72,7 @@ class Chromium:
 
     def close(self):
         self._process.terminate()
-        self._process.wait(20)
+        self._process.wait(60)
         for end in (self._in, self._out):
             with contextlib.suppress(OSError):
                 os.close(end)

@@ -72,8 +72,8 @@ def test_stopping_ends_the_waiting():
     pace = Pace(0.001)
     assert pace.wait(0.0)
     results = []
-    waiter = threading.Thread(target=lambda: results.append(pace.wait(60.0)))
+    waiter = threading.Thread(target=lambda: results.append(pace.wait(600.0)))
     waiter.start()
     pace.stop()
-    waiter.join(timeout=10)
+    waiter.join(timeout=60)
     assert results == [False]

@@ -44,4 +44,4 @@ def test_without_ros_there_is_the_page(tmp_path):
     line = process.stdout.readline()
     process.terminate()
     assert line.startswith('what comes is shown at http://127.0.0.1:') and 'no ROS here' in line
-    assert process.wait(30) == 0
+    assert process.wait(60) == 0

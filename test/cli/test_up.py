@@ -18,7 +18,7 @@ class Run:
 
     def __init__(self, *programs, lines):
         self.lines, self.said = [], []
-        deadline = time.monotonic() + 30.0
+        deadline = time.monotonic() + 60.0
 
         def stopping():
             assert time.monotonic() < deadline, (self.lines, self.said)

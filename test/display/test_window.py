@@ -71,7 +71,7 @@ def start(name, width=320):
     )
 
 
-def wait_for(condition, seconds=30.0):
+def wait_for(condition, seconds=60.0):
     end = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end, 'not reached'

@@ -41,7 +41,7 @@ def keys(tmp_path_factory):
     return folder
 
 
-def until(condition, seconds=30.0):
+def until(condition, seconds=60.0):
     end = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end, 'not reached'

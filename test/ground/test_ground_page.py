@@ -185,7 +185,7 @@ def served():
 
 
 def ask(url, method, path, **headers):
-    connection = http.client.HTTPConnection(url.hostname, url.port, timeout=20)
+    connection = http.client.HTTPConnection(url.hostname, url.port, timeout=60)
     connection.request(method, path, headers=headers)
     response = connection.getresponse()
     data = response.read()

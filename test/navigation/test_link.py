@@ -35,7 +35,7 @@ class Subject:
         self.poses += [pose for _, pose in poses]
         self._news.set()
 
-    def until(self, condition: Callable[[], Any], timeout: float = 15.0) -> Any:
+    def until(self, condition: Callable[[], Any], timeout: float = 60.0) -> Any:
         end = time.monotonic() + timeout
         while time.monotonic() < end:
             self._news.clear()
@@ -85,7 +85,7 @@ def listener(port: int = 0) -> socket.socket:
     server.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     server.bind((LOCAL, port))
     server.listen()
-    server.settimeout(15)
+    server.settimeout(60)
     return server
 
 

@@ -20,7 +20,7 @@ class HeldWriter(BagWriter):
 
     def write(self, messages):
         self.called.set()
-        assert self.go.wait(20)
+        assert self.go.wait(60)
         super().write(messages)
 
 
@@ -60,7 +60,7 @@ def test_what_does_not_fit_is_dropped_and_counted(tmp_path, writer):
 def test_the_message_that_is_being_written_counts_as_waiting(writer):
     spool = Spool(writer, 10 * len(message(0).data))
     assert spool.put(message(0))
-    assert writer.called.wait(20)
+    assert writer.called.wait(60)
     assert [spool.put(message(number)) for number in range(1, 11)] == [True] * 9 + [False]
     writer.go.set()
     spool.close()

@@ -6,9 +6,11 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -82,6 +84,28 @@ class Bridge:
         self.points.publish(cloud_to_message(cloud, stamp, frame))
         return stamp
 
+    def tag(self, frame: str = 'camera_optical_frame') -> None:
+        """Publish until one more cloud has its pose: a busy machine's link has gaps."""
+        count = len(self.poses)
+        self._publish_until(lambda: len(self.poses) > count, frame)
+
+    def refuse(self, reason: str) -> None:
+        """Publish until one more cloud is refused for that."""
+        count = self.number(f'refused: {reason}')
+        self._publish_until(lambda: self.number(f'refused: {reason}') > count)
+
+    def _publish_until(self, condition: Callable[[], bool], *arguments: Any) -> None:
+        due = 0.0
+
+        def is_reached() -> bool:
+            nonlocal due
+            if not condition() and time.monotonic() > due:
+                due = time.monotonic() + 2.0
+                self.publish(*arguments)
+            return condition()
+
+        self.ros.until(is_reached)
+
     def value(self, key: str) -> str | None:
         status = self.status()
         return {v.key: v.value for v in status.values}.get(key) if status else None
@@ -109,12 +133,10 @@ def test_a_cloud_comes_back_in_the_map_with_the_pose_at_its_stamp(ros, port, aut
     bridge = Bridge(ros, port, earth=True)
     clouds = ros.collect(PointCloud2, 'tagged/points', CLOUDS)
     ros.until(lambda: bridge.stream)
-    stamps = []
-    for count in range(1, 4):
-        stamps.append(bridge.publish())
-        ros.until(lambda n=count: len(clouds) == len(bridge.poses) == len(bridge.cameras) == n)
-
-    assert [stamp_to_ns(cloud.header.stamp) for cloud in clouds] == stamps
+    for _ in range(3):
+        bridge.tag()
+    ros.until(lambda: stamps_of(clouds) == stamps_of(bridge.poses) == stamps_of(bridge.cameras))
+    assert len(clouds) == len(bridge.poses) == len(bridge.cameras)
     assert {cloud.header.frame_id for cloud in clouds} == {'map'}
     cloud = cloud_from_message(clouds[0])
     # The camera is 10 cm ahead of the body and looks north: right is east, down is down.
@@ -122,7 +144,6 @@ def test_a_cloud_comes_back_in_the_map_with_the_pose_at_its_stamp(ros, port, aut
     assert np.isnan(cloud.points[0, 1]).all()
     assert cloud.intensity.tolist() == [[7.0, 0.0]]
 
-    assert [stamp_to_ns(pose.header.stamp) for pose in bridge.poses] == stamps
     assert {pose.header.frame_id for pose in bridge.poses} == {'map'}
     pose = pose_from_message(bridge.poses[0].pose.pose)
     assert_allclose(pose.translation, BASE, atol=1e-6)
@@ -136,7 +157,6 @@ def test_a_cloud_comes_back_in_the_map_with_the_pose_at_its_stamp(ros, port, aut
     assert_allclose(deviations[3:], np.radians([0.5, 0.5, 1]), rtol=0.3)
     assert_allclose(covariance, np.diag(np.diag(covariance)), atol=1e-12)
     # The camera's, 10 cm ahead: a turn of the vehicle moves it sideways.
-    assert [stamp_to_ns(camera.header.stamp) for camera in bridge.cameras] == stamps
     assert {camera.header.frame_id for camera in bridge.cameras} == {'map'}
     camera = pose_from_message(bridge.cameras[0].pose.pose)
     assert_allclose(camera.translation, [BASE[0], BASE[1] + 0.1, BASE[2]], atol=1e-6)
@@ -158,7 +178,7 @@ def test_a_cloud_comes_back_in_the_map_with_the_pose_at_its_stamp(ros, port, aut
     assert origins[0].longitude == pytest.approx(8.56)
     assert np.isnan(origins[0].altitude)  # what it said is above the sea
 
-    ros.until(lambda: bridge.value('tagged') == '3')
+    ros.until(lambda: bridge.number('tagged') == len(bridge.poses))
     assert 30 <= bridge.number('camera within, across (mm)') < 40
     assert 64 <= bridge.number('camera within, up (mm)') < 75
     assert bridge.value('GPS fix') == '3d fix'
@@ -185,9 +205,9 @@ def test_poses_are_those_of_the_simulated_flight(ros, port, tmp_path) -> None:
     clouds = ros.collect(PointCloud2, 'tagged/points', CLOUDS)
     with flying(tmp_path / 'scene.yaml', start, port):
         ros.until(lambda: bridge.stream)
-        for count in range(1, 11):
-            bridge.publish()
-            ros.until(lambda n=count: len(bridge.poses) == len(clouds) == n)
+        for _ in range(10):
+            bridge.tag()
+        ros.until(lambda: stamps_of(clouds) == stamps_of(bridge.poses))
     # 3 ms of clock at up to 1.5 m/s and 30 degrees a second, and the interpolation.
     for tag, cloud in zip(bridge.poses, clouds, strict=True):
         stamp = stamp_to_ns(tag.header.stamp)
@@ -209,7 +229,7 @@ def flying(scene: Path, start: int, port: int) -> Iterator[None]:
         yield
     finally:
         process.terminate()
-        process.wait(10)
+        process.wait(60)
 
 
 def test_what_cannot_be_tagged_is_refused_with_its_reason(ros, port, autopilot) -> None:
@@ -223,8 +243,7 @@ def test_what_cannot_be_tagged_is_refused_with_its_reason(ros, port, autopilot) 
     assert bridge.value('refused: stamp in the future') == '1'
     assert 'no pose for the cloud' in bridge.process.output
     assert bridge.poses == []
-    bridge.publish()
-    ros.until(lambda: len(bridge.poses) == 1)
+    bridge.tag()
 
 
 def test_mount_and_frames_are_parameters_and_clouds_wait_in_a_queue(ros, port) -> None:
@@ -250,8 +269,8 @@ def test_mount_and_frames_are_parameters_and_clouds_wait_in_a_queue(ros, port) -
         ros.until(lambda: bridge.stream)
         # Those that waited are of a time when no autopilot was there.
         ros.until(lambda: bridge.value('refused: estimator not reported') == '2')
-        bridge.publish('lens')
-        ros.until(lambda: clouds and bridge.poses)
+        bridge.tag('lens')
+        ros.until(lambda: clouds)
     assert clouds[0].header.frame_id == bridge.poses[0].header.frame_id == 'site'
     # Mounted as the body is, half a metre below: x is north, y is west.
     assert_allclose(
@@ -286,17 +305,16 @@ def stamps_of(messages: list) -> set[int]:
 def test_without_gps_no_cloud_is_tagged_and_that_is_told(ros, port, autopilot) -> None:
     bridge = Bridge(ros, port)
     ros.until(lambda: bridge.stream)
-    bridge.publish()
-    ros.until(lambda: bridge.poses)
+    bridge.tag()
     autopilot.fix_type = 1
     ros.until(lambda: bridge.value('GPS fix') == 'no fix')
     assert 'GPS has no fix' in bridge.message()
-    bridge.publish()
-    ros.until(lambda: bridge.value('refused: GPS lost') == '1')
+    lost = Clock().now().nanoseconds
+    bridge.refuse('GPS lost')
+    assert max(stamps_of(bridge.poses)) < lost
     autopilot.fix_type = 3
     ros.until(lambda: bridge.value('GPS fix') == '3d fix')
-    bridge.publish()
-    ros.until(lambda: len(bridge.poses) == 2)
+    bridge.tag()
 
 
 def test_the_life_of_a_link(ros, port) -> None:
@@ -309,17 +327,14 @@ def test_the_life_of_a_link(ros, port) -> None:
     ros.until(lambda: bridge.value('refused: no autopilot') == '1')
     with hovering(port):
         ros.until(lambda: bridge.stream)
-        bridge.publish()
-        ros.until(lambda: bridge.poses)
+        bridge.tag()
     ros.until(lambda: 'silent' in bridge.message())
-    bridge.publish()
-    ros.until(lambda: bridge.value('refused: link lost') == '1')
+    bridge.refuse('link lost')
     bridge.stream.clear()
     bridge.poses.clear()
     with hovering(port, north=8.0):
         ros.until(lambda: bridge.stream)
-        bridge.publish()
-        ros.until(lambda: bridge.poses)
+        bridge.tag()
     assert pose_from_message(bridge.poses[0].pose.pose).translation[1] == pytest.approx(8.0)
 
 
@@ -328,9 +343,8 @@ def test_of_two_vehicles_on_one_port_no_pose_is_the_others(ros, port, autopilot)
     ros.until(lambda: bridge.stream)
     with hovering(port, system=2, north=50.0, asked=True) as other:
         ros.until(lambda: bridge.number('messages of others') > 100)
-        for count in range(1, 6):
-            bridge.publish()
-            ros.until(lambda n=count: len(bridge.poses) == n)
+        for _ in range(5):
+            bridge.tag()
         assert other.received == []
     for message in [*bridge.stream, *(tag.pose for tag in bridge.poses)]:
         assert message.pose.position.y == pytest.approx(3.0)

@@ -76,7 +76,7 @@ class Command:
     def stop(self, with_signal=signal.SIGINT):
         """Exit status after a signal."""
         self.process.send_signal(with_signal)
-        return self.process.wait(30)
+        return self.process.wait(60)
 
     def wait(self):
         return self.process.wait(60)

@@ -10,15 +10,15 @@ def test_only_the_newest_waits():
 
     def work(item):
         entered.set()
-        assert leave.wait(10)
+        assert leave.wait(60)
         done.append(item)
 
     worker = NewestWorker(work, 'test')
     assert not worker.put('first')
-    assert entered.wait(10)
+    assert entered.wait(60)
     assert [worker.put(item) for item in ('second', 'third', 'fourth')] == [False, True, True]
     entered.clear()
     leave.set()
-    assert entered.wait(10)
+    assert entered.wait(60)
     worker.stop()
     assert done == ['first', 'fourth']

@@ -19,7 +19,7 @@ def script(name, text):
     return Program(name, (*BARE, text))
 
 
-def until(condition, timeout=20.0):
+def until(condition, timeout=60.0):
     deadline = time.monotonic() + timeout
     while not condition():
         assert time.monotonic() < deadline, 'waited in vain'
