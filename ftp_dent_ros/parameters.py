@@ -11,6 +11,7 @@ import difflib
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,43 +29,98 @@ _OF_ROS = ('use_sim_time', 'start_type_description_service')
 _OF_TOPICS = 'qos_overrides.'
 
 
+@dataclass(frozen=True)
+class Declaration:
+    """What one parameter may be.
+
+    Attributes
+    ----------
+    name, default, description
+        The type is that of `default`: bool, int, float, str, or a list of floats, whose length is
+        then fixed.
+    minimum, maximum : float, optional
+        Range of a number, both inclusive; of each number of a list.
+    above : float, optional
+        In the place of `minimum`: exclusive.
+    choices : sequence of str
+        The only values that a text may have.
+    changeable : bool
+        Whether it can be set while the node runs.
+    """
+
+    name: str
+    default: Any
+    description: str
+    minimum: float | None = None
+    maximum: float | None = None
+    above: float | None = None
+    choices: Sequence[str] = ()
+    changeable: bool = False
+
+    def checked(self, value: Any) -> Any:
+        """Value in the type of `default`; raises `ConfigurationError` if it cannot be."""
+        if isinstance(self.default, list):
+            if isinstance(value, (bool, int, float, str)) or value is None:
+                value = [] if value is None else [value]
+            if len(value) != len(self.default):
+                raise ConfigurationError(
+                    f'parameter {self.name} is {list(value)}: give {len(self.default)} numbers'
+                )
+            return [replace(self, default=0.0).checked(item) for item in value]
+        kind = type(self.default)
+        if kind is float and type(value) is int:
+            value = float(value)
+        if type(value) is not kind:
+            hint = '' if kind is not str else ' in quotes'
+            raise ConfigurationError(
+                f'parameter {self.name} is {value!r}: give {_KINDS[kind]}{hint}'
+            )
+        if kind is float and not math.isfinite(value):
+            raise ConfigurationError(f'parameter {self.name} is {value}: give a finite number')
+        if not self._is_within(value):
+            raise ConfigurationError(
+                f'parameter {self.name} is {value}: give a value {self._span()}'
+            )
+        if self.choices and value not in self.choices:
+            raise ConfigurationError(
+                f'parameter {self.name} is {value!r}: give {" or ".join(self.choices)}'
+            )
+        return value
+
+    def _is_within(self, value: Any) -> bool:
+        return (
+            (self.minimum is None or value >= self.minimum)
+            and (self.above is None or value > self.above)
+            and (self.maximum is None or value <= self.maximum)
+        )
+
+    def _span(self) -> str:
+        if self.above is not None:
+            until = '' if self.maximum is None else f' and up to {self.maximum:g}'
+            return f'above {self.above:g}{until}'
+        if self.maximum is None:
+            return f'of at least {self.minimum:g}'
+        if self.minimum is None:
+            return f'of at most {self.maximum:g}'
+        return f'from {self.minimum:g} to {self.maximum:g}'
+
+
 class Declarations(ABC):
     """Takes the declarations of one node's parameters."""
 
-    @abstractmethod
-    def declare(
-        self,
-        name: str,
-        default: Any,
-        description: str,
-        *,
-        minimum: float | None = None,
-        maximum: float | None = None,
-        above: float | None = None,
-        choices: Sequence[str] = (),
-        changeable: bool = False,
-    ) -> Any:
-        """Declare a parameter and return its value.
-
-        Parameters
-        ----------
-        name, default, description
-            The type is that of `default`: bool, int, float, str, or a list of floats, whose
-            length is then fixed.
-        minimum, maximum : float, optional
-            Range of a number, both inclusive; of each number of a list.
-        above : float, optional
-            In the place of `minimum`: exclusive.
-        choices : sequence of str
-            The only values that a text may have.
-        changeable : bool
-            Whether it can be set while the node runs.
+    def declare(self, name: str, default: Any, description: str, **limits: Any) -> Any:
+        """Declare a parameter, as a `Declaration`, and return its value.
 
         Raises
         ------
         ConfigurationError
             The value that was given is of another type, out of its range, or none of the choices.
         """
+        return self.take(Declaration(name, default, description, **limits))
+
+    @abstractmethod
+    def take(self, declaration: Declaration) -> Any:
+        """Take a declaration and return the parameter's value, as `declare`."""
 
     @abstractmethod
     def path(self, name: str, default: str, description: str) -> str:
@@ -107,26 +163,15 @@ class Given(Declarations):
         #: Parameters that hold relative paths, as paths that do not depend on a folder.
         self.absolute: dict[str, str] = {}
 
-    def declare(
-        self,
-        name: str,
-        default: Any,
-        description: str,
-        *,
-        minimum: float | None = None,
-        maximum: float | None = None,
-        above: float | None = None,
-        choices: Sequence[str] = (),
-        changeable: bool = False,
-    ) -> Any:
-        """As `Declarations.declare`."""
-        self.names.append(name)
-        value = self._values.get(name, default)
-        if isinstance(default, float) and isinstance(value, str):
+    def take(self, declaration: Declaration) -> Any:
+        """As `Declarations.take`."""
+        self.names.append(declaration.name)
+        value = self._values.get(declaration.name, declaration.default)
+        if isinstance(declaration.default, float) and isinstance(value, str):
             # YAML 1.1 takes 1e-3 for a text; ROS takes it for a number.
             value = _number(value)
         try:
-            return checked(name, value, default, minimum, maximum, above, choices)
+            return declaration.checked(value)
         except ConfigurationError as error:
             raise ConfigurationError(f'{self._where}: {error}') from None
 
@@ -178,51 +223,6 @@ def flat(values: Mapping[str, Any], prefix: str = '') -> Iterable[tuple[str, Any
             yield from flat(value, f'{prefix}{name}.')
         else:
             yield f'{prefix}{name}', value
-
-
-def checked(
-    name: str,
-    value: Any,
-    default: Any,
-    minimum: float | None = None,
-    maximum: float | None = None,
-    above: float | None = None,
-    choices: Sequence[str] = (),
-) -> Any:
-    """Value in the type of `default`; raises `ConfigurationError` if it cannot be."""
-    if isinstance(default, list):
-        if isinstance(value, (bool, int, float, str)) or value is None:
-            value = [] if value is None else [value]
-        if len(value) != len(default):
-            raise ConfigurationError(
-                f'parameter {name} is {list(value)}: give {len(default)} numbers'
-            )
-        return [checked(name, item, 0.0, minimum, maximum, above) for item in value]
-    kind = type(default)
-    if kind is float and type(value) is int:
-        value = float(value)
-    if type(value) is not kind:
-        hint = '' if kind is not str else ' in quotes'
-        raise ConfigurationError(f'parameter {name} is {value!r}: give {_KINDS[kind]}{hint}')
-    if kind is float and not math.isfinite(value):
-        raise ConfigurationError(f'parameter {name} is {value}: give a finite number')
-    too_low = (minimum is not None and value < minimum) or (above is not None and value <= above)
-    if too_low or (maximum is not None and value > maximum):
-        span = _span(minimum, maximum, above)
-        raise ConfigurationError(f'parameter {name} is {value}: give a value {span}')
-    if choices and value not in choices:
-        raise ConfigurationError(f'parameter {name} is {value!r}: give {" or ".join(choices)}')
-    return value
-
-
-def _span(minimum: float | None, maximum: float | None, above: float | None) -> str:
-    if above is not None:
-        return f'above {above:g}' + ('' if maximum is None else f' and up to {maximum:g}')
-    if maximum is None:
-        return f'of at least {minimum:g}'
-    if minimum is None:
-        return f'of at most {maximum:g}'
-    return f'from {minimum:g} to {maximum:g}'
 
 
 def _number(text: str) -> float | str:

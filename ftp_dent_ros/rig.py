@@ -1,17 +1,15 @@
 """The rig: camera, projector and the pose between them, and its file ``rig.yaml``.
 
-Pixels follow OpenCV: an integer coordinate is a pixel's centre, on the projector too. A
-projector is an inverse camera: the same lens model maps an ideal ray to the pixel that lights it.
+A projector is an inverse camera: the same lens model maps an ideal ray to the pixel that lights
+it.
 """
 
 from __future__ import annotations
 
 import hashlib
-import math
 import os
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import yaml
@@ -20,94 +18,12 @@ from numpy.typing import ArrayLike, NDArray
 from ftp_dent_ros.calibration_record import CalibrationRecord, record_from_fields
 from ftp_dent_ros.errors import RigError
 from ftp_dent_ros.files import read_yaml, written_aside
+from ftp_dent_ros.lens import Lens
+from ftp_dent_ros.rig_fields import lens_fields, lens_from, matrix_of, numbers_of
 from ftp_dent_ros.rig_geometry import check_geometry
 
-# Both are far below what a calibration knows, and far above rounding in a hand-copied file.
+# Far below what a calibration knows, and far above rounding in a hand-copied file.
 _ORTHONORMAL = 1e-6
-_UNDISTORTED = 1e-12
-
-
-@dataclass(frozen=True, eq=False)
-class Lens:
-    """Pinhole model with Brown-Conrady distortion (``plumb_bob`` of sensor_msgs/CameraInfo).
-
-    Attributes
-    ----------
-    width, height : int
-        Image size, pixels.
-    camera_matrix : ndarray, shape (3, 3)
-        ``[[f_x, 0, c_x], [0, f_y, c_y], [0, 0, 1]]``, pixels.
-    distortion : ndarray, shape (5,)
-        ``k1, k2, p1, p2, k3``.
-    """
-
-    width: int
-    height: int
-    camera_matrix: NDArray[np.float64]
-    distortion: NDArray[np.float64]
-
-    @property
-    def transposed(self) -> Lens:
-        """The same lens with columns for rows, and rows for columns."""
-        matrix = self.camera_matrix[[1, 0, 2]][:, [1, 0, 2]]
-        return Lens(self.height, self.width, matrix, self.distortion[[0, 1, 3, 2, 4]])
-
-    def project(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Project points of shape (..., 3) in this lens's frame to pixels, shape (..., 2)."""
-        points = np.asarray(points, float)
-        ideal = points[..., :2] / points[..., 2:]
-        distorted, _ = self._distort(ideal)
-        focal = self.camera_matrix[[0, 1], [0, 1]]
-        return focal * distorted + self.camera_matrix[:2, 2]
-
-    def rays(self, pixels: ArrayLike) -> NDArray[np.float64]:
-        """Undistorted rays of shape (..., 3), z = 1, through pixels of shape (..., 2)."""
-        focal = self.camera_matrix[[0, 1], [0, 1]]
-        distorted = (np.asarray(pixels, float) - self.camera_matrix[:2, 2]) / focal
-        ideal = distorted.copy()
-        for _ in range(20 if self.distortion.any() else 0):
-            image, jacobian = self._distort(ideal)
-            # By hand, not LAPACK: the same bits on every machine, for those who send depths alone.
-            ((a, b), (c, d)), (x, y) = (
-                np.moveaxis(jacobian, (-2, -1), (0, 1)),
-                np.moveaxis(distorted - image, -1, 0),
-            )
-            step = np.stack([d * x - b * y, a * y - c * x], axis=-1) / (a * d - b * c)[..., None]
-            ideal += step
-            if np.abs(step).max(initial=0.0) < _UNDISTORTED:
-                break
-        return np.concatenate([ideal, np.ones((*ideal.shape[:-1], 1))], axis=-1)
-
-    def pixel_grid(self, stride: int = 1) -> NDArray[np.float64]:
-        """Centres (u, v) of every `stride`-th pixel, shape (rows, columns, 2)."""
-        u, v = np.meshgrid(np.arange(0, self.width, stride), np.arange(0, self.height, stride))
-        return np.stack([u, v], axis=-1).astype(float)
-
-    def _distort(self, ideal: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Distorted coordinates of shape (..., 2) and their Jacobian of shape (..., 2, 2)."""
-        k1, k2, p1, p2, k3 = self.distortion
-        x, y = ideal[..., 0], ideal[..., 1]
-        r2 = x * x + y * y
-        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        slope = 2 * (k1 + r2 * (2 * k2 + 3 * r2 * k3))
-        distorted = np.stack(
-            [
-                x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
-                y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
-            ],
-            axis=-1,
-        )
-        mixed = x * y * slope + 2 * p1 * x + 2 * p2 * y
-        jacobian = np.stack(
-            [
-                radial + x * x * slope + 2 * p1 * y + 6 * p2 * x,
-                mixed,
-                mixed,
-                radial + y * y * slope + 6 * p1 * y + 2 * p2 * x,
-            ],
-            axis=-1,
-        ).reshape(*ideal.shape[:-1], 2, 2)
-        return distorted, jacobian
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,7 +90,7 @@ def read_rig(path: str | os.PathLike[str]) -> Rig:
     """
     data = read_yaml(path, RigError)
     try:
-        rotation = _matrix(data, 'extrinsics', 'rotation', (3, 3))
+        rotation = matrix_of(data, 'extrinsics', 'rotation', (3, 3))
         with np.errstate(over='ignore', invalid='ignore'):
             deviation = np.abs(rotation @ rotation.T - np.eye(3)).max()
             determinant = np.linalg.det(rotation)
@@ -183,14 +99,16 @@ def read_rig(path: str | os.PathLike[str]) -> Rig:
                 f'extrinsics.rotation is not a rotation (R R^T is off by {deviation:.2g}, '
                 f'det {determinant:.3g}): calibrate again'
             )
-        translation = _numbers(data, 'extrinsics', 'translation', 3)
+        translation = numbers_of(data, 'extrinsics', 'translation', 3)
         if np.linalg.norm(translation) == 0:
             raise RigError(
                 'extrinsics.translation is zero, and without a baseline there is no depth: '
                 'give it in metres'
             )
         record = record_from_fields(data['calibration']) if 'calibration' in data else None
-        rig = Rig(_lens(data, 'camera'), _lens(data, 'projector'), rotation, translation, record)
+        rig = Rig(
+            lens_from(data, 'camera'), lens_from(data, 'projector'), rotation, translation, record
+        )
         if record is not None and record.id != rig.id:
             raise RigError(
                 f'calibration.id is {record.id}, but the numbers are those of {rig.id}: they were '
@@ -205,8 +123,8 @@ def read_rig(path: str | os.PathLike[str]) -> Rig:
 def write_rig(path: str | os.PathLike[str], rig: Rig) -> None:
     """Write ``rig.yaml``; a file under that name is whole or not there."""
     data = {
-        'camera': _lens_fields(rig.camera),
-        'projector': _lens_fields(rig.projector),
+        'camera': lens_fields(rig.camera),
+        'projector': lens_fields(rig.projector),
         'extrinsics': {
             'rotation': {'rows': 3, 'cols': 3, 'data': rig.rotation.ravel().tolist()},
             'translation': rig.translation.tolist(),
@@ -217,92 +135,3 @@ def write_rig(path: str | os.PathLike[str], rig: Rig) -> None:
     with written_aside(path) as aside:
         text = yaml.safe_dump(data, sort_keys=False, default_flow_style=None)
         aside.write_text(text, encoding='utf-8')
-
-
-def _lens_fields(lens: Lens) -> dict[str, Any]:
-    return {
-        'image_width': lens.width,
-        'image_height': lens.height,
-        'camera_matrix': {'rows': 3, 'cols': 3, 'data': lens.camera_matrix.ravel().tolist()},
-        'distortion_model': 'plumb_bob',
-        'distortion_coefficients': {'rows': 1, 'cols': 5, 'data': lens.distortion.tolist()},
-    }
-
-
-def _lens(data: dict[str, Any], block: str) -> Lens:
-    model = _field(data, block, 'distortion_model')
-    if model != 'plumb_bob':
-        raise RigError(f'{block}.distortion_model is {model!r}: only plumb_bob is known')
-    matrix = _matrix(data, block, 'camera_matrix', (3, 3))
-    if (matrix[[0, 1], [0, 1]] <= 0).any():
-        raise RigError(f'{block}.camera_matrix has no positive focal lengths: calibrate again')
-    if matrix[0, 1] != 0 or matrix[1, 0] != 0 or matrix[2].tolist() != [0, 0, 1]:
-        raise RigError(
-            f'{block}.camera_matrix is not [f_x, 0, c_x, 0, f_y, c_y, 0, 0, 1]: calibrate again'
-        )
-    lens = Lens(
-        _size(data, block, 'image_width'),
-        _size(data, block, 'image_height'),
-        matrix,
-        _matrix(data, block, 'distortion_coefficients', (1, 5))[0],
-    )
-    _refuse_folding(lens, block)
-    return lens
-
-
-def _refuse_folding(lens: Lens, block: str) -> None:
-    """Refuse a distortion that maps two rays to one pixel inside the image."""
-    edge = np.linspace(0, 1, 33)
-    u, v = np.meshgrid(edge * (lens.width - 1), edge * (lens.height - 1))
-    pixels = np.stack([u, v], axis=-1)
-    with np.errstate(all='ignore'):
-        rays = lens.rays(pixels)
-        _, jacobian = lens._distort(rays[..., :2])
-        error = np.abs(lens.project(rays) - pixels).max()
-        one_to_one = error < 1e-6 and (np.linalg.det(jacobian) > 0).all()
-    if not one_to_one:
-        raise RigError(
-            f'{block}.distortion_coefficients fold the image over itself inside its '
-            f'{lens.width}x{lens.height} pixels: calibrate again'
-        )
-
-
-def _field(data: dict[str, Any], block: str, name: str) -> Any:
-    fields = data.get(block)
-    if not isinstance(fields, dict):
-        raise RigError(f'the block {block} is missing: add it')
-    if name not in fields:
-        raise RigError(f'{block}.{name} is missing: add it')
-    return fields[name]
-
-
-def _size(data: dict[str, Any], block: str, name: str) -> int:
-    value = _field(data, block, name)
-    if not isinstance(value, int) or isinstance(value, bool) or not 0 < value <= 65536:
-        raise RigError(f'{block}.{name} is {value!r}, not a number of pixels: correct it')
-    return value
-
-
-def _numbers(
-    data: dict[str, Any], block: str, name: str, count: int, values: Any = None
-) -> NDArray[np.float64]:
-    values = _field(data, block, name) if values is None else values
-    if not isinstance(values, list) or len(values) != count:
-        raise RigError(f'{block}.{name} is not a list of {count} numbers: correct it')
-    for value in values:
-        number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        if not number or not math.isfinite(value):
-            raise RigError(f'{block}.{name} holds {value!r}, not a finite number: correct it')
-    return np.array(values, float)
-
-
-def _matrix(
-    data: dict[str, Any], block: str, name: str, shape: tuple[int, int]
-) -> NDArray[np.float64]:
-    matrix = _field(data, block, name)
-    if not isinstance(matrix, dict) or (matrix.get('rows'), matrix.get('cols')) != shape:
-        raise RigError(
-            f'{block}.{name} is not a matrix with rows: {shape[0]}, cols: {shape[1]}: correct it'
-        )
-    values = _numbers(data, block, f'{name}.data', shape[0] * shape[1], matrix.get('data', ()))
-    return values.reshape(shape)

@@ -1,26 +1,21 @@
-"""GenICam cameras (GigE Vision, USB3 Vision) through Aravis's C library.
-
-Through ctypes, not PyGObject: that is compiled for the system's own Python alone. The library is
-apt's ``libaravis-0.8-0``; who has no such camera needs none of it.
-"""
+"""GenICam cameras (GigE Vision, USB3 Vision) through Aravis."""
 
 from __future__ import annotations
 
 import ctypes
-import ctypes.util
 import time
 from collections import deque
 from typing import Any
 
 import numpy as np
 
+from ftp_dent_ros.capture.aravis_library import Error, load
 from ftp_dent_ros.capture.device import DeviceSource
 from ftp_dent_ros.capture.genicam_settings import SOFTWARE, GenicamSettings
 from ftp_dent_ros.capture.raw_formats import GENICAM
 from ftp_dent_ros.errors import CameraError
 from ftp_dent_ros.photograph import Photograph
 
-_LIBRARY = 'libaravis-0.8.so.0'
 _BUFFERS = 8
 _WAIT_US = 200_000
 # Without a trigger, silence of so long means that the camera is gone, seconds.
@@ -50,7 +45,7 @@ class GenicamCapture:
         self._host_ns = 0
         self._triggered = 0.0
         self._released = False
-        self._library = _load()
+        self._library = load()
         try:
             self._open()
         except BaseException:
@@ -169,7 +164,7 @@ class GenicamCapture:
 
     def _call(self, function: str, *arguments: Any) -> Any:
         """Call what ends with a GError; raises it."""
-        error = ctypes.POINTER(_Error)()
+        error = ctypes.POINTER(Error)()
         result = getattr(self._library, function)(*arguments, ctypes.byref(error))
         if error:
             why = error.contents.message.decode(errors='replace')
@@ -202,59 +197,3 @@ class GenicamSource(DeviceSource):
             self._dropped_before += self._capture.dropped
         self._capture = GenicamCapture(self._settings)
         return self._capture
-
-
-class _Error(ctypes.Structure):
-    """``GError``."""
-
-    _fields_ = (
-        ('domain', ctypes.c_uint32),
-        ('code', ctypes.c_int),
-        ('message', ctypes.c_char_p),
-    )
-
-
-_P, _S, _U64 = ctypes.c_void_p, ctypes.c_char_p, ctypes.c_uint64
-# Result and arguments; those of functions that may fail end with a GError**.
-_FUNCTIONS: dict[str, tuple[Any, ...]] = {
-    'arv_update_device_list': (None,),
-    'arv_camera_new': (_P, _S, _P),
-    'arv_camera_set_region': (None, _P, *[ctypes.c_int] * 4, _P),
-    'arv_camera_set_pixel_format_from_string': (None, _P, _S, _P),
-    'arv_camera_set_exposure_time': (None, _P, ctypes.c_double, _P),
-    'arv_camera_set_gain': (None, _P, ctypes.c_double, _P),
-    'arv_camera_set_frame_rate': (None, _P, ctypes.c_double, _P),
-    'arv_camera_set_trigger': (None, _P, _S, _P),
-    'arv_camera_clear_triggers': (None, _P, _P),
-    'arv_camera_software_trigger': (None, _P, _P),
-    'arv_camera_get_payload': (ctypes.c_uint, _P, _P),
-    'arv_camera_create_stream': (_P, _P, _P, _P, _P),
-    'arv_camera_start_acquisition': (None, _P, _P),
-    'arv_camera_stop_acquisition': (None, _P, _P),
-    'arv_buffer_new': (_P, ctypes.c_size_t, _P),
-    'arv_stream_push_buffer': (None, _P, _P),
-    'arv_stream_timeout_pop_buffer': (_P, _P, _U64),
-    'arv_buffer_get_status': (ctypes.c_int, _P),
-    'arv_buffer_get_timestamp': (_U64, _P),
-    'arv_buffer_get_system_timestamp': (_U64, _P),
-    'arv_buffer_get_data': (_P, _P, _P),
-    'arv_buffer_get_image_width': (ctypes.c_int, _P),
-    'arv_buffer_get_image_height': (ctypes.c_int, _P),
-    'arv_buffer_get_image_pixel_format': (ctypes.c_uint32, _P),
-    'g_object_unref': (None, _P),
-    'g_error_free': (None, _P),
-}
-
-
-def _load() -> Any:
-    """Aravis with the types of its functions; raises `CameraError` where it is missing."""
-    try:
-        library = ctypes.CDLL(_LIBRARY)
-    except OSError:
-        raise CameraError(
-            'GenICam cameras need Aravis, which is not installed: sudo apt install libaravis-0.8-0'
-        ) from None
-    for name, (result, *arguments) in _FUNCTIONS.items():
-        function = getattr(library, name)
-        function.restype, function.argtypes = result, arguments
-    return library

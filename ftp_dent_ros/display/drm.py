@@ -227,14 +227,8 @@ class DrmDisplay:
         try:
             made = CreateDumb(height=height, width=width, bpp=_BITS)
             self._ioctl(self._file, CREATE_DUMB, made)
-            frame = FrameBuffer(
-                width=width,
-                height=height,
-                pitch=made.pitch,
-                bpp=_BITS,
-                depth=_DEPTH,
-                handle=made.handle,
-            )
+            form = {'pitch': made.pitch, 'bpp': _BITS, 'depth': _DEPTH}
+            frame = FrameBuffer(width=width, height=height, handle=made.handle, **form)
             self._ioctl(self._file, ADDFB, frame)
             where = MapDumb(handle=made.handle)
             self._ioctl(self._file, MAP_DUMB, where)

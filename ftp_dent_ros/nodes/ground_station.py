@@ -11,26 +11,13 @@ import queue
 import sys
 import threading
 import traceback
-import zlib
-from collections import OrderedDict
 from typing import Any
 
-import cv2
-import numpy as np
-from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
-from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 from std_srvs.srv import Trigger
 
-from ftp_dent_ros.cloud import Cloud
-from ftp_dent_ros.coding.cloud_codec import decode
-from ftp_dent_ros.coding.compressed_depth import FORMAT, depth_image
-from ftp_dent_ros.coding.view import View
-from ftp_dent_ros.decoding.message_types import message_class
-from ftp_dent_ros.errors import CodecError, InputError, PoseError
-from ftp_dent_ros.ground import topics
+from ftp_dent_ros.errors import InputError, PoseError
 from ftp_dent_ros.ground.foxglove_server import FoxgloveServer
 from ftp_dent_ros.ground.item import Item
 from ftp_dent_ros.ground.link import Link
@@ -38,24 +25,11 @@ from ftp_dent_ros.ground.page.server import Page
 from ftp_dent_ros.ground.station import Station
 from ftp_dent_ros.nodes.declarations import names_of_all
 from ftp_dent_ros.nodes.ground_parameters import declare
-from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.nodes.ground_topics import GroundTopics
 from ftp_dent_ros.ros.diagnostics import ERROR, OK, WARN, Diagnostics
-from ftp_dent_ros.ros.fields import to_data
-from ftp_dent_ros.ros.messages import (
-    camera_info_message,
-    cloud_to_message,
-    image_to_message,
-    make_header,
-    pose_from_message,
-    stamp_to_ns,
-)
 from ftp_dent_ros.ros.node import run
 from ftp_dent_ros.ros.parameters import Parameters
-from ftp_dent_ros.ros.qos import CLOUDS, DIAGNOSTICS, IMAGES, LATCHED, POSES
 
-_LARGEST = 32 << 20  # bytes of a message that is inflated
-# Clouds that wait for their pose (coded), and poses that wait for their cloud.
-_WAITING = 200, 100_000
 # Items that wait to be decoded: the link waits for no decoding.
 _QUEUE = 64
 _DISCOVERY = 1.5  # seconds
@@ -76,27 +50,10 @@ class GroundStation(Node):
         parameters = Parameters(self)
         given = declare(parameters)
         parameters.close(names_of_all)
-        self._poses: OrderedDict[int, tuple[Pose, str]] = OrderedDict()
-        self._untagged: OrderedDict[int, bytes] = OrderedDict()
         self._drone_is_here = False
         self._ending = threading.Event()
-        self._as_they_are = {
-            topic.name: self.create_publisher(
-                message_class(topic.type), topic.name, LATCHED if topic.latest else POSES
-            )
-            for topic in topics.AS_THEY_ARE.values()
-        }
-        self._as_they_are[topics.DIAGNOSTICS] = self.create_publisher(
-            message_class('diagnostic_msgs/msg/DiagnosticArray'), topics.DIAGNOSTICS, DIAGNOSTICS
-        )
-        self._points = self.create_publisher(PointCloud2, topics.POINTS, CLOUDS)
-        self._tagged = self.create_publisher(PointCloud2, topics.TAGGED_POINTS, CLOUDS)
-        self._preview = self.create_publisher(PointCloud2, topics.PREVIEW_POINTS, CLOUDS)
-        self._preview_image = self.create_publisher(CompressedImage, topics.PREVIEW_IMAGE, IMAGES)
-        self._depth = self.create_publisher(CompressedImage, topics.DEPTH, IMAGES)
-        self._image = self.create_publisher(Image, topics.IMAGE, IMAGES)
-        self._info = self.create_publisher(CameraInfo, topics.CAMERA_INFO, IMAGES)
         self._diagnostics = Diagnostics(self, self._judge, hardware_id=given.link.address)
+        self._topics = GroundTopics(self, self._diagnostics)
         self._queue: queue.Queue[Item | None] = queue.Queue(_QUEUE)
         link = given.link
         self._station = Station(
@@ -165,90 +122,12 @@ class GroundStation(Node):
             self._diagnostics.measure(f'delay of {item.importance.name.lower()}', age)
         if self._drone_is_here:
             return
-        if item.kind == 'cloud':
-            self._publish_cloud(item)
-        elif item.kind == 'jpeg':
-            self._publish_picture(item)
-        else:
-            self._publish_as_it_is(item)
-
-    def _publish_as_it_is(self, item: Item) -> None:
-        publisher = self._as_they_are.get(item.topic)
-        if publisher is None or item.kind != f'cdr:{_type_name(publisher.msg_type)}':
-            raise CodecError(f'{item.topic} of the kind {item.kind} is no topic of a payload')
-        message = _deserialised(item.data, publisher.msg_type)
-        publisher.publish(message)
-        if item.topic == topics.CAMERA_POSE:
-            self._take_pose(message)
-
-    def _take_pose(self, message: PoseWithCovarianceStamped) -> None:
-        stamp = stamp_to_ns(message.header.stamp)
-        self._poses[stamp] = pose_from_message(message.pose.pose), message.header.frame_id
-        while len(self._poses) > _WAITING[1]:
-            self._poses.popitem(last=False)
-        waiting = self._untagged.pop(stamp, None)
-        if waiting is not None:
-            self._publish_tagged(decode(waiting), stamp)
-
-    def _publish_cloud(self, item: Item) -> None:
-        cloud = decode(item.data)
-        frame = str(item.extra.get('frame', ''))
-        if item.topic == topics.PREVIEW_POINTS:
-            self._preview.publish(cloud_to_message(cloud, item.stamp_ns, frame))
-            return
-        if item.topic != topics.POINTS:
-            raise CodecError(f'{item.topic} is no topic of clouds')
-        self._diagnostics.count('clouds')
-        self._points.publish(cloud_to_message(cloud, item.stamp_ns, frame))
-        if self._depth.get_subscription_count():
-            header = make_header(item.stamp_ns, frame)
-            data = to_data(np.frombuffer(depth_image(cloud), np.uint8))
-            self._depth.publish(CompressedImage(header=header, format=FORMAT, data=data))
-        if item.stamp_ns in self._poses:
-            self._publish_tagged(cloud, item.stamp_ns)
-        else:
-            self._untagged[item.stamp_ns] = item.data
-            while len(self._untagged) > _WAITING[0]:
-                self._untagged.popitem(last=False)
-
-    def _publish_tagged(self, cloud: Cloud, stamp_ns: int) -> None:
-        pose, frame = self._poses.pop(stamp_ns)
-        self._tagged.publish(cloud_to_message(cloud.transformed(pose), stamp_ns, frame))
-        self._diagnostics.count('tagged clouds')
-
-    def _publish_picture(self, item: Item) -> None:
-        frame = str(item.extra.get('frame', ''))
-        header = make_header(item.stamp_ns, frame)
-        if item.topic == topics.PREVIEW_IMAGE:
-            self._preview_image.publish(
-                CompressedImage(
-                    header=header,
-                    format='jpeg',
-                    data=to_data(np.frombuffer(item.data, np.uint8)),
-                )
-            )
-            return
-        if item.topic != topics.IMAGE:
-            raise CodecError(f'{item.topic} is no topic of pictures')
-        bgr = cv2.imdecode(np.frombuffer(item.data, np.uint8), cv2.IMREAD_COLOR)
-        if bgr is None:
-            raise CodecError('a picture is no JPEG')
-        self._diagnostics.count('pictures')
-        rgb = np.ascontiguousarray(bgr[..., ::-1], np.uint8)
-        self._image.publish(image_to_message(rgb, item.stamp_ns, frame))
-        lens = None
-        if 'lens' in item.extra:
-            try:
-                lens = View.from_numbers(item.extra['lens']).lens
-            except (ValueError, TypeError):
-                raise CodecError('a picture has a malformed lens') from None
-        size = rgb.shape[1], rgb.shape[0]
-        self._info.publish(camera_info_message(lens, size, item.stamp_ns, frame))
+        self._topics.publish(item)
 
     def _judge(self) -> tuple[bytes, str]:
         for name, value in self._station.state().items():
             self._diagnostics.note(name, value)
-        self._diagnostics.note('clouds waiting for their pose', len(self._untagged))
+        self._diagnostics.note('clouds waiting for their pose', self._topics.untagged)
         self._drone_is_here = 'downlink' in self.get_node_names()
         if self._drone_is_here:
             return ERROR, (
@@ -260,22 +139,6 @@ class GroundStation(Node):
 
     def _now_ns(self) -> int:
         return self.get_clock().now().nanoseconds
-
-
-def _type_name(kind: Any) -> str:
-    return f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'
-
-
-def _deserialised(data: bytes, kind: Any) -> Any:
-    """Message of deflated CDR."""
-    reader = zlib.decompressobj()
-    try:
-        raw = reader.decompress(data, _LARGEST)
-        if not reader.eof:
-            raise ValueError
-        return deserialize_message(raw, kind)
-    except Exception:
-        raise CodecError(f'an item holds no {_type_name(kind)}: it is refused') from None
 
 
 def main() -> int:

@@ -17,7 +17,7 @@ from rclpy.parameter import Parameter
 
 from ftp_dent_ros import files
 from ftp_dent_ros.errors import ConfigurationError, InputError
-from ftp_dent_ros.parameters import Declarations, checked, undeclared, unknown
+from ftp_dent_ros.parameters import Declaration, Declarations, undeclared, unknown
 
 
 class Parameters(Declarations):
@@ -33,42 +33,13 @@ class Parameters(Declarations):
         self._told: list[str] = []
         node.add_on_set_parameters_callback(self._set)
 
-    def declare(
-        self,
-        name: str,
-        default: Any,
-        description: str,
-        *,
-        minimum: float | None = None,
-        maximum: float | None = None,
-        above: float | None = None,
-        choices: Sequence[str] = (),
-        changeable: bool = False,
-    ) -> Any:
-        """As `Declarations.declare`."""
-
-        def check(value: Any) -> Any:
-            return checked(name, value, default, minimum, maximum, above, choices)
-
+    def take(self, declaration: Declaration) -> Any:
+        """As `Declarations.take`."""
+        name, check = declaration.name, declaration.checked
         flexible = ParameterDescriptor(dynamic_typing=True)
-        value = check(self._node.declare_parameter(name, default, flexible).value)
+        value = check(self._node.declare_parameter(name, declaration.default, flexible).value)
         self._node.undeclare_parameter(name)
-        descriptor = ParameterDescriptor(description=description, read_only=not changeable)
-        if choices:
-            descriptor.additional_constraints = f'One of {", ".join(choices)}.'
-        if above is not None:
-            descriptor.additional_constraints = f'Above {above:g}.'
-        lowest = above if minimum is None else minimum
-        if lowest is not None and maximum is not None:
-            if isinstance(default, float):
-                descriptor.floating_point_range = [
-                    FloatingPointRange(from_value=float(lowest), to_value=float(maximum))
-                ]
-            elif isinstance(default, int):
-                descriptor.integer_range = [
-                    IntegerRange(from_value=int(lowest), to_value=int(maximum))
-                ]
-        self._node.declare_parameter(name, value, descriptor, ignore_override=True)
+        self._node.declare_parameter(name, value, _descriptor(declaration), ignore_override=True)
         self._checks[name] = check
         return value
 
@@ -140,3 +111,26 @@ class Parameters(Declarations):
         except InputError as reason:
             return SetParametersResult(successful=False, reason=str(reason))
         return SetParametersResult(successful=True)
+
+
+def _descriptor(declaration: Declaration) -> ParameterDescriptor:
+    """What ROS tells of a parameter."""
+    descriptor = ParameterDescriptor(
+        description=declaration.description, read_only=not declaration.changeable
+    )
+    if declaration.choices:
+        descriptor.additional_constraints = f'One of {", ".join(declaration.choices)}.'
+    if declaration.above is not None:
+        descriptor.additional_constraints = f'Above {declaration.above:g}.'
+    lowest = declaration.above if declaration.minimum is None else declaration.minimum
+    if lowest is None or declaration.maximum is None:
+        return descriptor
+    if isinstance(declaration.default, float):
+        descriptor.floating_point_range = [
+            FloatingPointRange(from_value=float(lowest), to_value=float(declaration.maximum))
+        ]
+    elif isinstance(declaration.default, int):
+        descriptor.integer_range = [
+            IntegerRange(from_value=int(lowest), to_value=int(declaration.maximum))
+        ]
+    return descriptor

@@ -3,30 +3,25 @@
 from __future__ import annotations
 
 import json
-import math
 import threading
-import zlib
 from collections import OrderedDict
 from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.coding.cloud_codec import decode
 from ftp_dent_ros.coding.view import View
 from ftp_dent_ros.errors import CodecError
 from ftp_dent_ros.ground import topics
 from ftp_dent_ros.ground.item import Item
-from ftp_dent_ros.inspection.dent import KINDS
+from ftp_dent_ros.ground.page.content import dents_of, message_of, pose_of
+from ftp_dent_ros.ground.page.shapes import corners, relief, ring
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig import Lens
 
 # Places of the path, areas seen, and poses that wait for their picture.
 _MOST = 2000, 400, 400
-_LARGEST = 4 << 20  # bytes of a message that is inflated
-_ROUND = 32  # points of an outline
 
 
 class Scene:
@@ -112,16 +107,16 @@ class Scene:
                     'message': status.message,
                     'values': {each.key: each.value for each in status.values},
                 }
-                for status in _message(item).status
+                for status in message_of(item).status
             ]
         elif item.topic == 'dents/list':
-            self._dents = _dents(_message(item))
+            self._dents = dents_of(message_of(item))
         elif item.topic == topics.CAMERA_POSE:
-            self._poses[item.stamp_ns] = _pose(_message(item))
+            self._poses[item.stamp_ns] = pose_of(message_of(item))
             while len(self._poses) > _MOST[2]:
                 self._poses.popitem(last=False)
         elif item.topic == 'tagged/pose':
-            position = _pose(_message(item)).translation
+            position = pose_of(message_of(item)).translation
             self._path.append([round(float(value), 3) for value in position])
             if len(self._path) > _MOST[0]:
                 self._path = self._path[::2]
@@ -142,14 +137,14 @@ class Scene:
         cloud = decode(item.data)
         pose = self._poses.get(item.stamp_ns)
         if pose is not None:
-            corners = _corners(cloud)
-            if corners is not None:
-                area = pose.apply(corners)
+            ends = corners(cloud)
+            if ends is not None:
+                area = pose.apply(ends)
                 self._areas.append(np.round(area.astype(float), 3).tolist())
                 if len(self._areas) > _MOST[1]:
                     self._areas = self._areas[::2]
         if self._cloud is None or item.stamp_ns >= self._cloud[0]:
-            self._cloud = item.stamp_ns, _bytes_of(cloud)
+            self._cloud = item.stamp_ns, relief(cloud)
 
     def _outlines(self, stamp: int, width: int, height: int) -> list[dict[str, Any]]:
         """Where the dents lie in a picture whose camera's pose is known."""
@@ -160,7 +155,7 @@ class Scene:
         scale = width / self._lens.width
         found = []
         for dent in self._dents:
-            around = to_camera.apply(_ring(dent))
+            around = to_camera.apply(ring(dent))
             if (around[:, 2] <= 0).any():
                 continue
             pixels = self._lens.project(around) * scale
@@ -175,103 +170,6 @@ class Scene:
                     }
                 )
         return found
-
-
-def _message(item: Item) -> Any:
-    """Message of deflated CDR, without ROS."""
-    from ftp_dent_ros.recording.definitions import typestore
-
-    reader = zlib.decompressobj()
-    try:
-        raw = reader.decompress(item.data, _LARGEST)
-        if not reader.eof:
-            raise ValueError
-        return typestore().deserialize_cdr(raw, item.kind.removeprefix('cdr:'))
-    except Exception:
-        raise CodecError(f'an item of {item.topic} holds no message: it is refused') from None
-
-
-def _pose(message: Any) -> Pose:
-    position, turn = message.pose.pose.position, message.pose.pose.orientation
-    return Pose.from_quaternion(
-        [turn.x, turn.y, turn.z, turn.w], [position.x, position.y, position.z]
-    )
-
-
-def _dents(message: Any) -> list[dict[str, Any]]:
-    """Dents of a message of dents/list: lengths in millimetres, places in metres."""
-    kinds = {7: '<f4', 6: '<u4'}  # sensor_msgs/PointField
-    row = np.dtype(
-        {
-            'names': [field.name for field in message.fields],
-            'formats': [kinds[field.datatype] for field in message.fields],
-            'offsets': [field.offset for field in message.fields],
-            'itemsize': message.point_step,
-        }
-    )
-    values = np.frombuffer(bytes(message.data), row)[:1000]
-    return [_dent(value) for value in values]
-
-
-def _dent(value: Any) -> dict[str, Any]:
-    def number(name: str, factor: float = 1.0, digits: int = 4) -> float | None:
-        given = float(value[name]) * factor
-        return round(given, digits) if math.isfinite(given) else None
-
-    def vector(name: str) -> list[float | None]:
-        return [number(f'{name}{axis}') for axis in 'xyz']
-
-    lengths = ('length', 'width', 'depth')
-    return {
-        'number': int(value['number']),
-        'kind': KINDS[int(value['kind'])],
-        'place': vector(''),
-        'normal': vector('normal_'),
-        'axis': vector('axis_'),
-        'sightings': int(value['sightings']),
-        **{f'{name}_mm': number(name, 1e3, 3) for name in lengths},
-        **{f'{name}_uncertainty_mm': number(f'{name}_uncertainty', 1e3, 3) for name in lengths},
-    }
-
-
-def _ring(dent: dict[str, Any]) -> NDArray[np.float64]:
-    """Ellipse of a dent's length and width on the skin, in the map."""
-    axis, normal = np.array(dent['axis'], float), np.array(dent['normal'], float)
-    turn = np.linspace(0, 2 * np.pi, _ROUND, endpoint=False)[:, None]
-    length, width = (float(dent[name] or 0) * 0.5e-3 for name in ('length_mm', 'width_mm'))
-    along, across = length * np.cos(turn) * axis, width * np.sin(turn) * np.cross(normal, axis)
-    return np.array(dent['place'], float) + along + across
-
-
-def _corners(cloud: Cloud) -> NDArray[np.float64] | None:
-    """The four measured points nearest to the grid's corners, in order around it."""
-    rows, columns = np.nonzero(cloud.valid)
-    if len(rows) < 4:
-        return None
-    picked = [
-        int(np.argmin(sign_row * rows + sign_column * columns))
-        for sign_row, sign_column in ((1, 1), (1, -1), (-1, -1), (-1, 1))
-    ]
-    return cloud.points[rows[picked], columns[picked]].astype(float)
-
-
-def _bytes_of(cloud: Cloud) -> bytes:
-    """Points and their deviation from the smooth skin, a quadric over the grid."""
-    valid = cloud.valid
-    points = cloud.points[valid].astype(float)
-    if len(points) < 10:
-        return b''
-    centre = points.mean(axis=0)
-    x, y, z = (points - centre).T
-    basis = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
-    use = np.ones(len(z), bool)
-    for _ in range(3):  # without the dents themselves
-        coefficients, *_ = np.linalg.lstsq(basis[use], z[use], rcond=None)
-        off = z - basis @ coefficients
-        use = np.abs(off) <= 2.5 * max(1.4826 * float(np.median(np.abs(off))), 1e-7)
-    # Away from the camera is into the skin: a dent is positive.
-    values = np.column_stack([points - centre, 1e3 * off])
-    return values.astype('<f4').tobytes()
 
 
 def as_json(state: dict[str, Any]) -> bytes:
