@@ -146,10 +146,15 @@ class Pattern:
         phase = self.phase(u)
         return (1 + self.contrast(phase) * np.cos(phase)) / 2
 
+    @property
+    def tells_rows(self) -> bool:
+        """Whether the contrast along the fringes tells the rows."""
+        return self.code == 'contrast' and self.row_depth > 0
+
     def row_contrast(self, v: ArrayLike) -> NDArray[np.float64]:
         """Contrast r(v) at projector rows `v`, over that of row 0; 1 everywhere for the stripe."""
         turn = 2 * np.pi / self.row_period_px * np.asarray(v, float)
-        return 1 - (self.code == 'contrast') * self.row_depth * (1 - np.cos(turn)) / 2
+        return 1 - self.tells_rows * self.row_depth * (1 - np.cos(turn)) / 2
 
     def contrast(self, phase: ArrayLike) -> NDArray[np.float32]:
         """Contrast of the fringes at absolute phases; 1 everywhere where it is no code."""

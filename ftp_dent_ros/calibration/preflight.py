@@ -12,6 +12,7 @@ from ftp_dent_ros.calibration.checking import check
 from ftp_dent_ros.errors import CalibrationError, RefusedFrameError
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.profilometry import Reconstructor
+from ftp_dent_ros.profilometry.rig_alarm import LAST, rig_alarm
 from ftp_dent_ros.rig import Rig
 
 OK, WARN, NO = 'ok', 'warn', 'no'
@@ -97,9 +98,10 @@ def examine(
         _ambient(white, black, lit),
     ]
     try:
-        clouds = [reconstructor.measure(each).cloud for each in fringes[:2]]
+        measured = [reconstructor.measure(each) for each in fringes[:LAST]]
     except RefusedFrameError as reason:
         return [*findings, Finding('stripe', NO, str(reason))]
+    clouds = [each.cloud for each in measured[:2]]
     both = clouds[0].valid & clouds[1].valid
     share = float(both.sum() * reconstructor.settings.stride**2 / lit.sum())
     findings.append(
@@ -113,6 +115,11 @@ def examine(
         findings.append(Finding('rig', OK if found.holds else NO, found.sentence))
     except CalibrationError as reason:
         findings.append(Finding('rig', WARN, f'not checked: {reason}'))
+    checks = [each.epipolar for each in measured if each.epipolar and each.epipolar.seen]
+    if checks:
+        trouble = rig_alarm(checks)
+        text = trouble or checks[-1].sentence
+        findings.append(Finding('epipolar', NO if trouble else OK, text))
     return findings
 
 

@@ -92,6 +92,8 @@ def run(arguments: argparse.Namespace) -> int:
             sigma = 1e3 * np.nanpercentile(cloud.sigma[cloud.valid], [50, 95])
             print(f'standard uncertainty {sigma[0]:.4f} mm, below {sigma[1]:.4f} mm for 95 %')
     print(f'{measurement.coverage.share:.1%} of the lit area has points')
+    if measurement.epipolar is not None and measurement.epipolar.seen:
+        print(measurement.epipolar.sentence)
     for remark in measurement.coverage.remarks:
         print(f'  {remark}')
     return 0

@@ -14,6 +14,7 @@ import math
 import sys
 import time
 import traceback
+from collections import deque
 from typing import Any
 
 import numpy as np
@@ -40,6 +41,8 @@ from ftp_dent_ros.pattern_history import PatternHistory
 from ftp_dent_ros.photograph import Photograph
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.profilometry.coverage import REASONS
+from ftp_dent_ros.profilometry.epipolar_check import EpipolarCheck
+from ftp_dent_ros.profilometry.rig_alarm import LAST, rig_alarm
 from ftp_dent_ros.rig import Lens
 from ftp_dent_ros.ros.any_publisher import AnySubscription
 from ftp_dent_ros.ros.diagnostics import OK, WARN, Diagnostics
@@ -79,6 +82,8 @@ class Reconstruction(Node):
         self._calibration_trouble = ''
         self._check_due, self._rig_trouble = 0.0, ''
         self._checked: tuple[Any, ...] = ()
+        self._epipolar: deque[EpipolarCheck] = deque(maxlen=LAST)
+        self._epipolar_trouble = ''
         self._prepared: dict[tuple[Pattern, Settings], Reconstructor] = {}
         self._points = self.create_publisher(
             PointCloud2, 'points', CLOUDS, qos_overriding_options=OVERRIDABLE
@@ -124,6 +129,8 @@ class Reconstruction(Node):
             self.get_logger().error(f'pattern refused: {error}')
             return
         self._patterns.add(stamp_ns, pattern)
+        # What clouds of another pattern told was told of this rig, too, but not by these rows.
+        self._epipolar.clear()
         period, stripe = pattern.period_px, pattern.stripe_center_px
         self._diagnostics.note('period (px)', f'{period:g}')
         self._diagnostics.note('stripe centre (px)', f'{stripe:g}')
@@ -207,6 +214,7 @@ class Reconstruction(Node):
             self._diagnostics.note(f'lit but {reason}', f'{coverage.missing.get(reason, 0):.1%}')
         if not self._checked:
             self._warn_of_no_info()
+        self._note_epipolar(measurement.epipolar)
         self._check_rig(pattern, photograph, cloud.points)
         self._diagnostics.note('remarks', '; '.join(coverage.remarks))
 
@@ -222,6 +230,18 @@ class Reconstruction(Node):
         without = "none came: the rig's own camera is believed"
         self._diagnostics.note('camera_info', without)
         self.get_logger().warning(f'camera_info: {without}', once=True)
+
+    def _note_epipolar(self, check: EpipolarCheck | None) -> None:
+        """Say how far the light lies beside its epipolar lines, and whether the rig has moved."""
+        if check is None or not check.seen:
+            return
+        self._epipolar.append(check)
+        self._diagnostics.note('beside epipolar lines (px)', f'{check.shift:+.3f}')
+        self._diagnostics.note('its uncertainty (px)', f'{check.shift_deviation:.3f}')
+        self._diagnostics.note('epipolar lines', check.sentence)
+        self._epipolar_trouble = rig_alarm(self._epipolar)
+        if self._epipolar_trouble:
+            self.get_logger().error(self._epipolar_trouble, throttle_duration_sec=_CHECK_PERIOD)
 
     def _check_rig(self, pattern: Pattern, photograph: Photograph, points: NDArray) -> None:
         """Now and then: whether the projector has turned, as far as a curved skin tells."""
@@ -257,8 +277,9 @@ class Reconstruction(Node):
             return WARN, f'no pattern: {self._patterns.trouble}'
         if self._calibration_trouble:
             return WARN, f'wrong calibration: {self._calibration_trouble}'
-        if self._rig_trouble:
-            return WARN, self._rig_trouble
+        for trouble in (self._epipolar_trouble, self._rig_trouble):
+            if trouble:
+                return WARN, trouble
         if self._points.get_subscription_count() == 0:
             return OK, 'idle: nobody subscribes to points'
         if not self._diagnostics.recent('images'):

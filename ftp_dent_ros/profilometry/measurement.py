@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.profilometry.coverage import Coverage
+from ftp_dent_ros.profilometry.epipolar_check import EpipolarCheck
 
 
 @dataclass(frozen=True)
@@ -25,12 +26,16 @@ class Measurement:
     skin : ndarray, shape (rows, columns), uint8, optional
         The light without the fringes, on the cloud's grid, 0 where there is no point; where it
         was asked for.
+    epipolar : EpipolarCheck, optional
+        How the rig holds, as far as the rows of the projector tell; None where the pattern does
+        not tell them, or too little of it is seen.
     """
 
     cloud: Cloud
     stripe_depth: float
     coverage: Coverage
     skin: NDArray[np.uint8] | None = None
+    epipolar: EpipolarCheck | None = None
 
     @property
     def transposed(self) -> Measurement:

@@ -15,6 +15,7 @@ import numpy as np
 
 from ftp_dent_ros.errors import OtherPatternError
 from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.profilometry.epipolar_check import EpipolarCheck
 from ftp_dent_ros.profilometry.lit_area import LitArea
 
 # Fringes that a surface's end is short of the frame's rim, for the windows that it is measured
@@ -31,6 +32,9 @@ _LARGEST_RATIO = 2.0
 # Degrees by which a surface must face camera and projector the better for a period to be
 # believed, and from which on no skin is looked at.
 _FACING, _STEEPEST = 3.0, 60.0
+# Part of the rows' waves below which they are not there, and by which rows are scaled: no
+# calibration errs so. Standard uncertainties from which on that is sure.
+_FAINT, _STRETCHED, _SURE = 0.3, 0.02, 6.0
 _ADVICE = 'give the pattern that is projected (pattern.yaml) and the rig that it is projected with'
 
 
@@ -74,6 +78,35 @@ def check_pattern(area: LitArea) -> bool:
             f'fringes of {_facing(area):.1f} px would face camera and projector: {_ADVICE}'
         )
     return any(abs(away - _LACK) < _LOOSE for away in sides.values())
+
+
+def check_rows(pattern: Pattern, found: EpipolarCheck) -> None:
+    """Raise the reason if the rows of the projector cannot be those of the pattern told.
+
+    Raises
+    ------
+    OtherPatternError
+        The contrast does not change along the fringes as told; or it does, but in another
+        scale, or far beside the epipolar lines.
+    """
+    most = found.strength + _SURE * found.strength_deviation
+    if most < _FAINT:
+        raise OtherPatternError(
+            f'along the fringes the contrast does not change every {pattern.row_period_px:g} px '
+            f'as the pattern that is told has it: {_ADVICE}'
+        )
+    if not found.seen:
+        return
+    if abs(found.stretch) > max(_STRETCHED, _SURE * found.stretch_deviation):
+        raise OtherPatternError(
+            f'the rows of the projector are {1 + found.stretch:.3f} times as far apart as told: '
+            'give the projector images of its own resolution, so that it does not scale them'
+        )
+    if abs(found.shift) > max(_ASKEW, _SURE * found.shift_deviation):
+        raise OtherPatternError(
+            f'the light lies {abs(found.shift):.0f} px beside its epipolar lines: do not mirror '
+            f'or turn the photograph, and {_ADVICE}'
+        )
 
 
 def _inside(area: LitArea, sides: dict[bool, float]) -> float | None:

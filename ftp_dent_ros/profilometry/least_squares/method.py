@@ -12,6 +12,7 @@ from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.photograph import Photograph
 from ftp_dent_ros.profilometry.carrier import ReferencePlane, carrier_on
 from ftp_dent_ros.profilometry.coverage import Coverage
+from ftp_dent_ros.profilometry.epipolar_check import check_epipolar
 from ftp_dent_ros.profilometry.least_squares.cloud_builder import CloudBuilder, Published
 from ftp_dent_ros.profilometry.least_squares.exposure import check_exposure
 from ftp_dent_ros.profilometry.least_squares.first_fit import ReferenceTable, fit
@@ -24,10 +25,11 @@ from ftp_dent_ros.profilometry.least_squares.regions import (
 )
 from ftp_dent_ros.profilometry.least_squares.stripe_surfaces import StripeSurfaces
 from ftp_dent_ros.profilometry.least_squares.surface_fit import FittedSurface, SurfaceFit
-from ftp_dent_ros.profilometry.least_squares.windows import Windows
+from ftp_dent_ros.profilometry.least_squares.windows import WIDTH, Windows
 from ftp_dent_ros.profilometry.lit_area import LitArea
 from ftp_dent_ros.profilometry.measurement import Measurement
-from ftp_dent_ros.profilometry.pattern_check import check_pattern
+from ftp_dent_ros.profilometry.pattern_check import check_pattern, check_rows
+from ftp_dent_ros.profilometry.projector_rows import Rows
 from ftp_dent_ros.rig import Rig
 
 
@@ -86,7 +88,7 @@ class LeastSquares:
     def _result(self, light, lit, fitted, confirmed) -> Measurement:
         """Publish the surfaces together."""
         grid = self.grid
-        surfaces, depths = [], []
+        surfaces, depths, rows = [], [], []
         published, on_panel = np.zeros(grid.shape, bool), np.zeros(grid.shape, bool)
         for part in fitted:
             refined, region = part.refined, part.region
@@ -104,6 +106,8 @@ class LeastSquares:
                     refined.covered,
                 )
             )
+            if self.pattern.tells_rows:
+                rows.append(self._rows(part, v_p, measured))
             at_stripe = region & (np.abs(part.phase) < math.pi)
             depths.append(1 / inverse_depth[at_stripe])
             published |= self._any_bin(measured)
@@ -118,11 +122,27 @@ class LeastSquares:
         )
         stripe_depth = float(np.median(depth)) if len(depth) else math.nan
         coverage = replace(coverage, confirmed=confirmed)
-        return Measurement(self._builder.cloud(surfaces), stripe_depth, coverage)
+        epipolar = check_epipolar(self.rig, self.pattern, rows, WIDTH * self.pattern.period_px)
+        if epipolar is not None:
+            check_rows(self.pattern, epipolar)
+        return Measurement(
+            self._builder.cloud(surfaces), stripe_depth, coverage, epipolar=epipolar
+        )
+
+    def _rows(self, part: FittedSurface, v_p, measured) -> Rows:
+        """What a surface shows of the projector's rows."""
+        refined = part.refined
+        contrast = refined.modulation / np.maximum(refined.level, 1)
+        seen = eroded(self._all_bins(measured))
+        return Rows(self.pattern.column(part.phase), v_p, contrast, seen, self._nodes.rays)
 
     def _any_bin(self, bins):
         """Nodes whose outer bins are in a mask."""
         return bins[:, :: self.grid.bins] | bins[:, self.grid.bins - 1 :: self.grid.bins]
+
+    def _all_bins(self, bins):
+        """Nodes whose outer bins both are in a mask."""
+        return bins[:, :: self.grid.bins] & bins[:, self.grid.bins - 1 :: self.grid.bins]
 
     def _within_panel(self, phase, v_p) -> NDArray[np.bool_]:
         """Bins that the projector's panel reaches, but for its blurred rim."""

@@ -49,8 +49,8 @@ class Refined:
     ----------
     shift : Denoised
         Phase less the reference's, radians, and its variance.
-    modulation : ndarray, shape (rows, columns), float32
-        Amplitude of the fringes, grey levels.
+    level, modulation : ndarray, shape (rows, columns), float32
+        Mean and amplitude of the fringes, grey levels.
     measured : ndarray, shape (rows, columns), bool
         Bins that are on the surface.
     covered : ndarray, shape (rows, columns), float32
@@ -64,6 +64,7 @@ class Refined:
     """
 
     shift: Denoised
+    level: NDArray[np.float32]
     modulation: NDArray[np.float32]
     measured: NDArray[np.bool_]
     covered: NDArray[np.float32]
@@ -186,7 +187,9 @@ class Refinement:
         relief = supported.any() and median(rough[supported]) > max(
             _RELIEF, _RELIEF_NOISE * explained
         )
-        return Refined(denoised, modulation, body, covered, rough, self.wavelength, bool(relief))
+        return Refined(
+            denoised, level, modulation, body, covered, rough, self.wavelength, bool(relief)
+        )
 
     def _share_of(self, mask):
         """Share of each node's window that a mask has."""
