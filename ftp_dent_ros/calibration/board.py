@@ -127,7 +127,10 @@ class Board:
         return self.refine(photograph, corners)[0]
 
     def refine(
-        self, photograph: NDArray, corners: NDArray[np.float64]
+        self,
+        photograph: NDArray,
+        corners: NDArray[np.float64],
+        light: NDArray | None = None,
     ) -> tuple[NDArray[np.float64], float]:
         """Corners that are known to a pixel, as exactly as can be, and the median blur, pixels.
 
@@ -136,13 +139,15 @@ class Board:
         photograph : ndarray, shape (height, width)
         corners : ndarray, shape (n, 2)
             NaN where not seen.
+        light : ndarray, shape (height, width), optional
+            That falls on each pixel, relative, where it is not even.
         """
         spacing = self.spacing(corners)
         radius = int(np.clip(_WINDOW * spacing, _SMALLEST_WINDOW, _LARGEST_WINDOW))
         seen = np.flatnonzero(np.isfinite(corners[:, 0]))
         along = self._directions(corners)
         result = np.full(corners.shape, np.nan)
-        result[seen], blur = refine_corners(photograph, corners[seen], along[seen], radius)
+        result[seen], blur = refine_corners(photograph, corners[seen], along[seen], radius, light)
         return result, float(np.nanmedian(blur)) if np.isfinite(blur).any() else np.inf
 
     def _directions(self, corners: NDArray) -> NDArray[np.float64]:

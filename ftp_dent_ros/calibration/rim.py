@@ -1,4 +1,4 @@
-"""The upper and lower rim of the projector's frame in a photograph: there rows are known."""
+"""The rims of the projector's frame at which the fringes end: there rows are known."""
 
 from __future__ import annotations
 
@@ -24,17 +24,38 @@ def inverse_depth(rays: NDArray) -> NDArray[np.float64]:
 
 
 def find_rim(
-    rig: Rig, pattern: Pattern, image: NDArray[np.uint8], shape: NDArray
+    rig: Rig, pattern: Pattern, levels: NDArray, shape: NDArray
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Camera pixels, shape (n, 2), at which the frame's upper and lower rim lies, and its rows."""
-    red = image[..., 0].astype(float)
+    """Places on the two rims of the frame at which the fringes end.
+
+    Parameters
+    ----------
+    rig : Rig
+    pattern : Pattern
+    levels : ndarray, shape (height, width)
+        Of the photograph.
+    shape : ndarray, shape (6,)
+        Of the surface, as in `inverse_depth`.
+
+    Returns
+    -------
+    pixels : ndarray, shape (n, 2)
+        Of the camera.
+    rows : ndarray, shape (n,)
+        Projector rows of these rims; columns for fringes of the axis v.
+    """
+    upright = pattern.axis == 'u'
+    across_fringes, along_fringes = rig.projector.width, rig.projector.height
+    if not upright:
+        across_fringes, along_fringes = along_fringes, across_fringes
     bright = np.arange(
-        pattern.stripe_center_px % pattern.period_px, pattern.width, pattern.period_px
+        pattern.stripe_center_px % pattern.period_px, across_fringes, pattern.period_px
     )
     pixels, rows = [], []
-    for row, inward in ((-0.5, 1.0), (pattern.height - 0.5, -1.0)):
+    for row, inward in ((-0.5, 1.0), (along_fringes - 0.5, -1.0)):
         edge = np.column_stack([bright, np.full(len(bright), row)])
-        ends = [_lit(rig, edge + np.array([0, inward * step]), shape) for step in (0.0, 8.0)]
+        places = [edge + np.array([0, inward * step]) for step in (0.0, 8.0)]
+        ends = [_lit(rig, each if upright else each[:, ::-1], shape) for each in places]
         across = ends[1] - ends[0]
         across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
         offsets = np.arange(-_REACH, _REACH + 0.25, 0.25)
@@ -44,7 +65,7 @@ def find_rim(
         for place, way, where in zip(
             ends[0][inside], across[inside], profile_at[inside], strict=True
         ):
-            profile = map_coordinates(red, where[:, ::-1].T, order=1)
+            profile = map_coordinates(levels, where[:, ::-1].T, order=1)
             offset = _step(profile, offsets)
             if np.isfinite(offset):
                 pixels.append(place + offset * way)

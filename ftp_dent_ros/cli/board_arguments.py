@@ -13,7 +13,7 @@ from ftp_dent_ros.errors import ConfigurationError
 
 
 def add_board_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare them; lengths are in millimetres, as on a ruler."""
+    """Declare the board's; lengths are in millimetres, as on a ruler."""
     parser.add_argument('--board', metavar='CxR', help='inner corners along x and y, as 10x7')
     parser.add_argument('--square', type=float, metavar='MM', help='side of a square')
     parser.add_argument(
@@ -23,6 +23,10 @@ def add_board_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--legacy', action='store_true', help='ChArUco board made before OpenCV 4.6'
     )
+
+
+def add_sequence_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what is projected on the board, and the tape's measure."""
     parser.add_argument('--projector', metavar='WxH', help="the projector's pixels, as 1280x720")
     parser.add_argument(
         '--period', type=int, metavar='PX', help='of shifted fringes; 0: Gray codes alone'
@@ -47,10 +51,11 @@ def session_of(arguments: argparse.Namespace, folder: Path | None = None) -> Ses
     """
     known = read_session(folder) if folder and (folder / FILE).is_file() else None
     baseline = 1e-3 * arguments.baseline or (known.baseline if known else 0.0)
-    return Session(_board(arguments, known), _sequence(arguments, known), baseline)
+    return Session(board_of(arguments, known), _sequence(arguments, known), baseline)
 
 
-def _board(arguments: argparse.Namespace, known: Session | None) -> Board:
+def board_of(arguments: argparse.Namespace, known: Session | None = None) -> Board:
+    """The board that the arguments describe, or else the known one; raises as `session_of`."""
     if arguments.board is None and arguments.square is None and known:
         return known.board
     if arguments.board is None or arguments.square is None:

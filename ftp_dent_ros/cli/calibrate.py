@@ -7,7 +7,7 @@ import importlib
 
 # Each module has add_arguments(parser) and run(arguments) -> exit status.
 STEPS = {
-    'check': 'whether a rig still holds, from one photograph of a flat wall',
+    'check': 'whether a rig still holds, from one photograph of a wall, a board or the skin',
     'capture': 'photographs of a board in many poses, through the nodes of a running payload',
     'solve': 'photographs of a board in many poses to rig.yaml and a page',
 }

@@ -24,7 +24,11 @@ from ftp_dent_ros.calibration.observing import observe
 from ftp_dent_ros.calibration.response import projector_delay, response
 from ftp_dent_ros.calibration.sequence import Frame
 from ftp_dent_ros.calibration.session import Session, write_session
-from ftp_dent_ros.cli.board_arguments import add_board_arguments, session_of
+from ftp_dent_ros.cli.board_arguments import (
+    add_board_arguments,
+    add_sequence_arguments,
+    session_of,
+)
 from ftp_dent_ros.errors import CalibrationError, ConfigurationError
 
 if TYPE_CHECKING:
@@ -40,6 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--poses', type=int, default=15, help='default: %(default)s')
     parser.add_argument('--namespace', default='', help="of the payload's nodes, if they have one")
     add_board_arguments(parser)
+    add_sequence_arguments(parser)
     parser.set_defaults(period=16)
 
 

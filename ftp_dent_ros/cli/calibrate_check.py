@@ -8,7 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ftp_dent_ros.calibration.board_check import check_by_board
 from ftp_dent_ros.calibration.checking import adjusted, check
+from ftp_dent_ros.cli.board_arguments import add_board_arguments, board_of
 from ftp_dent_ros.errors import ConfigurationError, RefusedFrameError
 from ftp_dent_ros.files import find
 from ftp_dent_ros.pattern import read_pattern
@@ -23,7 +25,9 @@ _STRIDE = 4
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the step's arguments."""
     parser.add_argument(
-        'image', metavar='IMAGE', help='photograph of a flat wall under the flight pattern'
+        'image',
+        metavar='IMAGE',
+        help='photograph of a flat wall, a board or a skin under the flight pattern',
     )
     parser.add_argument('--rig', required=True, metavar='RIG.yaml', help='rig to check')
     parser.add_argument('--pattern', required=True, metavar='PATTERN.yaml')
@@ -35,15 +39,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=0.1,
         metavar='MM',
-        help='how flat the wall is (standard deviation at its border); default: %(default)s',
+        help='how flat wall or board are (standard deviation at the border); default: %(default)s',
     )
+    add_board_arguments(parser)
     parser.add_argument(
         '--adjust', type=Path, metavar='NEW.yaml', help='write the rig with the drift taken out'
     )
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Check and say: 0 holds, 1 does not."""
+    """Check, say, and adjust if it is asked for: 0 holds, 1 does not.
+
+    A projector's turn can be taken out, a lens that has changed cannot: then nothing is written.
+    """
     path = find(arguments.rig)
     if arguments.adjust and arguments.adjust.exists():
         raise ConfigurationError(
@@ -51,6 +59,10 @@ def run(arguments: argparse.Namespace) -> int:
         )
     if not arguments.flatness > 0:
         raise ConfigurationError(f'--flatness is {arguments.flatness:g}: give millimetres')
+    with_board = arguments.board is not None or arguments.square is not None
+    if arguments.skin and with_board:
+        raise ConfigurationError('--skin and --board are both given: the photograph shows one')
+    board = board_of(arguments) if with_board else None
     flatness = math.inf if arguments.skin else 1e-3 * arguments.flatness
     rig, pattern = read_rig(path), read_pattern(find(arguments.pattern))
     photograph = read_photograph(arguments.image)
@@ -58,8 +70,13 @@ def run(arguments: argparse.Namespace) -> int:
         cloud = Reconstructor(rig, pattern, Settings(stride=_STRIDE)).measure(photograph).cloud
     except RefusedFrameError as reason:
         raise ConfigurationError(f'{arguments.image}: {reason}') from None
-    found = check(rig, pattern, photograph.shown(), cloud.points, flatness=flatness)
-    print(f'rig {rig.id}, {found.rim_points} places on the rim of the frame')
+    if board:
+        found = check_by_board(rig, pattern, board, photograph, cloud.points, flatness)
+        seen = f"the board's corners {found.camera_px:.2f} pixels off the camera's lens model"
+    else:
+        found = check(rig, pattern, photograph, cloud.points, flatness)
+        seen = f'{found.rim_points} places on the rim of the frame'
+    print(f'rig {rig.id}, {seen}')
     for name, turn, deviation, drift in zip(
         ('pitch', 'yaw', 'roll'),
         np.degrees(found.turn),
@@ -70,7 +87,7 @@ def run(arguments: argparse.Namespace) -> int:
         known = ', not known' if name in found.unknown else ''
         print(f'  {name:6}{turn:+8.3f} +- {deviation:.3f} degrees {drift:+7.2f} pixels{known}')
     print(found.sentence)
-    if arguments.adjust:
+    if arguments.adjust and found.camera_holds:
         new = adjusted(rig, found)
         write_rig(arguments.adjust, new)
         print(f'{arguments.adjust}: rig {new.id}, without a covariance: calibrate when you can')

@@ -13,7 +13,11 @@ from ftp_dent_ros.calibration.page import depth_words, write_page
 from ftp_dent_ros.calibration.photographs import find_poses
 from ftp_dent_ros.calibration.session import see_poses
 from ftp_dent_ros.calibration.solving import STEPS, Solution, solve
-from ftp_dent_ros.cli.board_arguments import add_board_arguments, session_of
+from ftp_dent_ros.cli.board_arguments import (
+    add_board_arguments,
+    add_sequence_arguments,
+    session_of,
+)
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.rig import write_rig
 
@@ -33,6 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--page', type=Path, metavar='PAGE.html', help='page to write; default: beside the rig'
     )
     add_board_arguments(parser)
+    add_sequence_arguments(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from ftp_dent_ros.calibration.checking import _turned, adjusted, check
+from ftp_dent_ros.calibration.checking import adjusted, check, turned
 from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.files import config_folder
@@ -49,8 +49,8 @@ def test_a_good_rig_holds(rig, pattern, wall):
 
 
 @pytest.mark.parametrize('degrees', TURNS)
-def test_a_turned_projector_is_found_and_adjusted(rig, pattern, wall, degrees):
-    wrong = _turned(rig, -np.radians(degrees))
+def test_aturned_projector_is_found_and_adjusted(rig, pattern, wall, degrees):
+    wrong = turned(rig, -np.radians(degrees))
     found = seen(wrong, pattern, wall)
     assert not found.holds
     np.testing.assert_allclose(np.degrees(found.turn), degrees, atol=0.004)
@@ -72,7 +72,7 @@ def test_the_command_checks_and_adjusts_but_overwrites_nothing(
 ):
     image, bad, new = tmp_path / 'wall.png', tmp_path / 'bad.yaml', tmp_path / 'new.yaml'
     cv2.imwrite(str(image), wall[..., ::-1])
-    write_rig(bad, _turned(rig, np.radians([0.05, 0, 0])))
+    write_rig(bad, turned(rig, np.radians([0.05, 0, 0])))
     options = ['--pattern', str(config_folder() / 'pattern.yaml')]
     assert (
         main(['calibrate', 'check', str(image), '--rig', str(bad), *options, '--adjust', str(new)])

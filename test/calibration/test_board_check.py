@@ -1,0 +1,103 @@
+"""A rig checked by one photograph of a board in the flight's pattern."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from ftp_dent_ros.calibration.board import Board
+from ftp_dent_ros.calibration.board_check import check_by_board
+from ftp_dent_ros.calibration.checking import turned
+from ftp_dent_ros.cli.main import main
+from ftp_dent_ros.errors import CalibrationError
+from ftp_dent_ros.files import config_folder
+from ftp_dent_ros.pattern import read_pattern
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.profilometry import Reconstructor, Settings
+from ftp_dent_ros.rig import read_rig, write_rig
+from ftp_dent_ros.simulation import Photometry, render
+from ftp_dent_ros.simulation.boards import board_surface
+
+BOARD = Board(10, 7, 0.025)
+OPTIONS = ['--board', '10x7', '--square', '25', '--pattern', str(config_folder() / 'pattern.yaml')]
+
+
+@pytest.fixture(scope='module')
+def rig():
+    return read_rig(config_folder() / 'rig.yaml')
+
+
+@pytest.fixture(scope='module')
+def pattern():
+    return read_pattern(config_folder() / 'pattern.yaml')
+
+
+@pytest.fixture(scope='module')
+def photograph(rig, pattern):
+    pose = Pose.from_rpy((0.3, -0.2, 0.1), (-0.11, -0.09, 0.75))
+    light = Photometry(reference_distance=0.75, read_noise=1.5, defocus_px=1.2)
+    return render(rig, pattern.draw(), board_surface(BOARD, pose), light)
+
+
+def seen(rig, pattern, image, board=BOARD):
+    points = Reconstructor(rig, pattern, Settings(stride=4)).measure(image).cloud.points
+    return check_by_board(rig, pattern, board, image, points)
+
+
+def test_a_good_rig_holds_and_says_what_is_not_seen(rig, pattern, photograph):
+    found = seen(rig, pattern, photograph)
+    assert found.holds
+    assert found.camera_px < 0.12
+    assert np.abs(found.turn / found.deviation).max() < 2.5
+    assert np.abs(found.drift_px[1:]).max() < 0.3
+    # Fringes of columns tell a board's rows nothing.
+    assert found.unknown == ('pitch',)
+
+
+@pytest.mark.parametrize(('degrees', 'axis'), [((0, 0.05, 0), 1), ((0, 0, -0.05), 2)])
+def test_a_turned_projector_is_found_in_pixels_and_millimetres(
+    rig, pattern, photograph, degrees, axis
+):
+    found = seen(turned(rig, -np.radians(degrees)), pattern, photograph)
+    assert not found.holds
+    assert np.degrees(found.turn[axis]) == pytest.approx(degrees[axis], abs=0.01)
+    assert found.camera_holds
+    if axis == 1:
+        # 1.65 projector columns at 0.75 m and a baseline of 0.25 m.
+        assert 1.5e-3 < found.depth_error < 3e-3
+
+
+def test_a_projector_shifted_by_a_pixel_is_found(rig, pattern, photograph):
+    matrix = rig.projector.camera_matrix.copy()
+    matrix[0, 2] += 1.0
+    shifted = replace(rig, projector=replace(rig.projector, camera_matrix=matrix))
+    found = seen(shifted, pattern, photograph)
+    assert found.moved == ('yaw',)
+    assert abs(found.drift_px[1]) == pytest.approx(1, abs=0.3)
+
+
+def test_another_board_or_lens_is_told_from_a_turn(rig, pattern, photograph):
+    lens = replace(rig.camera, distortion=rig.camera.distortion + np.eye(5)[0] * 0.3)
+    found = seen(replace(rig, camera=lens), pattern, photograph)
+    assert not found.camera_holds
+    assert 'pixels from where' in found.sentence
+    with pytest.raises(CalibrationError, match='no chessboard of 9x6'):
+        seen(rig, pattern, photograph, Board(9, 6, 0.025))
+    with pytest.raises(CalibrationError, match='points of the board'):
+        check_by_board(rig, pattern, BOARD, photograph, np.full((4, 4, 3), np.nan))
+
+
+def test_the_command_checks_by_a_board(rig, photograph, tmp_path, capsys):
+    image, bad, new = tmp_path / 'board.png', tmp_path / 'bad.yaml', tmp_path / 'new.yaml'
+    cv2.imwrite(str(image), photograph[..., ::-1])
+    write_rig(bad, turned(rig, np.radians([0, 0.06, 0])))
+    command = ['calibrate', 'check', str(image), *OPTIONS]
+    assert main([*command, '--rig', str(bad), '--adjust', str(new)]) == 1
+    assert 'the projector has turned, yaw -0.0' in capsys.readouterr().out
+    assert main([*command, '--rig', str(new)]) == 0
+    assert "the board's corners 0.0" in capsys.readouterr().out
+    assert main([*command, '--rig', str(new), '--skin']) == 2
+    assert '--skin and --board' in capsys.readouterr().err
