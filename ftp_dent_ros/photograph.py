@@ -21,6 +21,9 @@ _TO_RGB = {
     'gbrg': cv2.COLOR_BayerGR2RGB,
     'grbg': cv2.COLOR_BayerGB2RGB,
 }
+#: Share of white from which on a level is full; demosaicing may lower 255 by one.
+FULL = 253.5 / 255
+_WHITE16 = 65535
 # Every how many rows and columns are looked at for what all pixels share.
 _EVERY = 8
 _ENCODING = re.compile(r'(mono|rgb|bayer_(?:rggb|bggr|gbrg|grbg))(8|1[0246])')
@@ -170,6 +173,22 @@ class Photograph:
     def unit(self) -> float:
         """Factor from levels to grey levels of 8 bits, in which the engine computes."""
         return 255 / self.white
+
+    def linear(self, response: NDArray[np.floating]) -> Photograph:
+        """The same in levels that grow with the light, of 16 bits.
+
+        Parameters
+        ----------
+        response : ndarray, shape (levels,)
+            Light, 0 to 1, of evenly spaced levels from black to white.
+        """
+        share = np.arange(self.white + 1) / self.white
+        light = np.interp(share, np.linspace(0, 1, len(response)), response)
+        # What is full stays so, though the curve is steep there.
+        light[share >= FULL] = 1
+        table = np.rint(_WHITE16 * light).astype(np.uint16)
+        pixels = np.asarray(np.take(table, self.pixels))
+        return Photograph(pixels, _WHITE16, self.mosaic, round(self.step * _WHITE16 / self.white))
 
     def lattices(self) -> list[tuple[str, int, int]]:
         """Colour, first row and first column of each pixel of the mosaic's tile."""

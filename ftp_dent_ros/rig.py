@@ -10,6 +10,7 @@ import hashlib
 import os
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import yaml
@@ -19,7 +20,7 @@ from ftp_dent_ros.calibration_record import CalibrationRecord, record_from_field
 from ftp_dent_ros.errors import RigError
 from ftp_dent_ros.files import read_yaml, written_aside
 from ftp_dent_ros.lens import Lens
-from ftp_dent_ros.rig_fields import lens_fields, lens_from, matrix_of, numbers_of
+from ftp_dent_ros.rig_fields import lens_fields, lens_from, matrix_of, numbers_of, response_from
 from ftp_dent_ros.rig_geometry import check_geometry
 
 # Far below what a calibration knows, and far above rounding in a hand-copied file.
@@ -39,6 +40,9 @@ class Rig:
         Metres.
     record : CalibrationRecord, optional
         Where the rig comes from, and the covariance of its numbers.
+    response : ndarray, shape (levels,), optional
+        Light, from 0 to 1, of evenly spaced levels of the camera's pixels, from black to white,
+        for a camera that is not linear; straight between them.
     """
 
     camera: Lens
@@ -46,6 +50,7 @@ class Rig:
     rotation: NDArray[np.float64]
     translation: NDArray[np.float64]
     record: CalibrationRecord | None = None
+    response: NDArray[np.float64] | None = None
 
     @cached_property
     def id(self) -> str:
@@ -107,7 +112,12 @@ def read_rig(path: str | os.PathLike[str]) -> Rig:
             )
         record = record_from_fields(data['calibration']) if 'calibration' in data else None
         rig = Rig(
-            lens_from(data, 'camera'), lens_from(data, 'projector'), rotation, translation, record
+            lens_from(data, 'camera'),
+            lens_from(data, 'projector'),
+            rotation,
+            translation,
+            record,
+            response_from(data),
         )
         if record is not None and record.id != rig.id:
             raise RigError(
@@ -122,7 +132,7 @@ def read_rig(path: str | os.PathLike[str]) -> Rig:
 
 def write_rig(path: str | os.PathLike[str], rig: Rig) -> None:
     """Write ``rig.yaml``; a file under that name is whole or not there."""
-    data = {
+    data: dict[str, Any] = {
         'camera': lens_fields(rig.camera),
         'projector': lens_fields(rig.projector),
         'extrinsics': {
@@ -130,6 +140,8 @@ def write_rig(path: str | os.PathLike[str], rig: Rig) -> None:
             'translation': rig.translation.tolist(),
         },
     }
+    if rig.response is not None:
+        data['camera']['response'] = rig.response.tolist()
     if rig.record is not None:
         data['calibration'] = rig.record.fields()
     with written_aside(path) as aside:

@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 from ftp_dent_ros.errors import RigError
 from ftp_dent_ros.lens import Lens
 
+# A level of 12 bits each.
+_MOST_RESPONSE = 4096
+
 
 def lens_fields(lens: Lens) -> dict[str, Any]:
     """A lens as fields of a block."""
@@ -43,6 +46,26 @@ def lens_from(data: dict[str, Any], block: str) -> Lens:
     )
     _refuse_folding(lens, block)
     return lens
+
+
+def response_from(data: dict[str, Any]) -> NDArray[np.float64] | None:
+    """The camera's response, or None if none is given."""
+    values = data['camera'].get('response')
+    if values is None:
+        return None
+    count = len(values) if isinstance(values, list) else 0
+    if not 2 <= count <= _MOST_RESPONSE:
+        raise RigError(
+            f'camera.response is not a list of 2 to {_MOST_RESPONSE} numbers: give the light of '
+            'evenly spaced levels, from 0 to 1, or remove it'
+        )
+    light = numbers_of(data, 'camera', 'response', count)
+    if light[0] != 0 or light[-1] != 1 or (np.diff(light) <= 0).any():
+        raise RigError(
+            'camera.response does not rise from 0 to 1 all the way: give the light of evenly '
+            'spaced levels'
+        )
+    return light
 
 
 def _refuse_folding(lens: Lens, block: str) -> None:

@@ -49,6 +49,15 @@ def test_what_is_no_photograph_is_refused(image, mosaic, bits, said):
         Photograph.of(image, mosaic, bits)
 
 
+def test_a_response_makes_levels_of_light():
+    levels = np.arange(256, dtype=np.uint8).reshape(16, 16)
+    linear = Photograph(levels, mosaic='gbrg').linear(np.linspace(0, 1, 256) ** 2)
+    assert (linear.white, linear.mosaic, linear.step) == (65535, 'gbrg', 257)
+    light = linear.pixels.ravel() / 65535
+    np.testing.assert_allclose(light[:254], (np.arange(254) / 255) ** 2, atol=1e-5)
+    assert (light[254:] == 1).all()
+
+
 @pytest.mark.parametrize('mosaic', MOSAICS)
 def test_colours_are_where_the_mosaic_has_them(mosaic):
     raw = np.zeros((32, 32), np.uint16)

@@ -151,6 +151,35 @@ def test_a_file_that_is_no_rig(tmp_path, text, said):
         read_rig(path)
 
 
+def test_the_camera_s_response_is_read_and_kept(path, tmp_path):
+    rig = read_rig(path)
+    assert rig.response is None
+    curve = np.linspace(0, 1, 17) ** 2.2
+    write_rig(tmp_path / 'again.yaml', replace(rig, response=curve))
+    again = read_rig(tmp_path / 'again.yaml')
+    np.testing.assert_array_equal(again.response, curve)
+    assert again.id == rig.id
+
+
+@pytest.mark.parametrize(
+    ('curve', 'said'),
+    [
+        (2.2, 'is not a list of 2 to 4096'),
+        ([0.0], 'is not a list of 2 to 4096'),
+        ([0.0, 'x', 1.0], "holds 'x'"),
+        ([0.0, 0.6, 0.5, 1.0], 'does not rise from 0 to 1'),
+        ([0.1, 1.0], 'does not rise from 0 to 1'),
+        ([0.0, 255.0], 'does not rise from 0 to 1'),
+    ],
+)
+def test_a_response_that_is_none_is_refused(tmp_path, curve, said):
+    fields = rig_fields()
+    fields['camera']['response'] = curve
+    (tmp_path / 'rig.yaml').write_text(yaml.safe_dump(fields))
+    with pytest.raises(RigError, match=rf'camera\.response {said}'):
+        read_rig(tmp_path / 'rig.yaml')
+
+
 def test_a_missing_file(tmp_path):
     with pytest.raises(RigError, match='cannot be read'):
         read_rig(tmp_path / 'none.yaml')

@@ -96,10 +96,13 @@ class Reconstructor:
         """
         photograph = Photograph.of(image)
         self._check(photograph)
+        light = photograph
+        if self.rig.response is not None:
+            light = photograph.linear(self.rig.response)
         try:
             if self._on_side:
-                return self._measured(photograph.transposed, skin).transposed
-            return self._measured(photograph, skin)
+                return self._measured(light.transposed, skin).transposed
+            return self._measured(light, skin)
         except NoStripeError:
             if photograph.is_grey:
                 raise NoStripeError(_GREY) from None

@@ -210,6 +210,18 @@ def test_the_number_of_bits_changes_nothing(scene):
         np.testing.assert_allclose(cloud.intensity[both], eight.intensity[both], atol=0.6)
 
 
+def test_the_camera_s_response_is_taken_off():
+    seen = Scene.of(panel(), camera_gamma=2.2, exposure=0.5)
+    rig = replace(RIG, response=np.linspace(0, 1, 64) ** 2.2)
+    bent, straight = (
+        Reconstructor(each, PATTERN, Settings('direct')).reconstruct(seen.image)
+        for each in (RIG, rig)
+    )
+    errors = [np.abs(seen.errors_mm(cloud)).mean() for cloud in (bent, straight)]
+    assert errors[1] < 0.8 * errors[0]
+    check(seen, Reconstructor(rig, PATTERN).reconstruct(seen.image), 0.03, 0.08, 0.97)
+
+
 @pytest.mark.parametrize('method', ['direct', 'virtual-reference'])
 def test_the_fourier_methods_take_raw_pixels(scene, method):
     seen = scene('flat')

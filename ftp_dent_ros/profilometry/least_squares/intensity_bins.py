@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.photograph import Photograph
+from ftp_dent_ros.photograph import FULL, Photograph
 from ftp_dent_ros.profilometry.least_squares.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.pixel_noise import PixelNoise
 from ftp_dent_ros.profilometry.least_squares.windows import blurred
@@ -19,8 +19,6 @@ from ftp_dent_ros.profilometry.least_squares.windows import blurred
 # Of red in luma (ITU-R BT.601), in which the errors of demosaicing and of JPEG cancel, and in
 # the mean of a mosaic's pixels.
 _RED_IN_LUMA, _RED_IN_MOSAIC = 0.299, 0.25
-# Level up to which a pixel of a colour is not clipped; demosaicing may lower it by one.
-_CLIPPED = 253
 # Share of a bin, in light, that may be clipped: noise clips some pixels below that level, by no
 # more than its own standard deviation.
 _FEW = 0.1
@@ -167,7 +165,7 @@ def _of_mosaic(photograph: Photograph, grid: Grid) -> tuple[Any, ...]:
 
 def _full(photograph: Photograph) -> NDArray[np.uint8] | None:
     """255 for each level that is clipped, else 0; None if none is."""
-    highest = _CLIPPED / photograph.unit
+    highest = FULL * photograph.white
     if photograph.pixels.max() <= highest:
         return None
     return (photograph.pixels > highest).view(np.uint8) * np.uint8(255)
