@@ -19,18 +19,28 @@ Points = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Estimate:
-    """A measured value.
+    """A measured value: one whose uncertainty is not known is not measured either.
 
     Attributes
     ----------
     value : float
         In SI units; NaN where it could not be measured.
     uncertainty : float
-        Standard uncertainty, in the same unit.
+        Standard uncertainty, in the same unit; NaN where there is no value.
     """
 
     value: float
     uncertainty: float
+
+    def __post_init__(self) -> None:
+        if math.isnan(self.value) or not 0 <= self.uncertainty < math.inf:
+            object.__setattr__(self, 'value', math.nan)
+            object.__setattr__(self, 'uncertainty', math.nan)
+
+    @property
+    def is_measured(self) -> bool:
+        """Whether there is a value, with its uncertainty."""
+        return not math.isnan(self.value)
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,9 +29,8 @@ _FARTHER = 25
 _PASSES = 2
 _MAD = 1.4826
 _LEAST = 1e-6
-_QUARTIC = 15
-# A higher degree has to leave less than this part of the misfit.
-_BETTER = 0.5
+# Squares that a contour is fitted to.
+_FEWEST = 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,10 +77,12 @@ def bare_skin(lattice: Lattice, panel: Panel, seams: Mask, settings: Settings) -
     noise = measured_noise(deviation, maps, bare, lattice, scales)
     off = _off(maps, noise, settings)
     bare = usable & ~off
-    contour = _fitted(contour, lattice, bare, settings)
+    contour = _fitted(contour, lattice, bare, panel.tolerance, settings)
     wider = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (_FARTHER, _FARTHER))
     farther = usable & ~(cv2.dilate(off.view(np.uint8), wider) > 0)
-    wide = _fitted(contour, lattice, farther, settings) if off.any() else contour
+    wide = contour
+    if off.any():
+        wide = _fitted(contour, lattice, farther, panel.tolerance, settings)
     before, deviation = deviation, _deviation(contour, lattice, panel.mask)
     # Contours are too smooth for the smoothing to change their difference.
     maps = [smooth + (deviation - before) for smooth in maps]
@@ -113,10 +114,15 @@ def _off(maps: list[Map], noise: Noise, settings: Settings) -> Mask:
     return strays & (cv2.dilate(deep, around) > 0)
 
 
-def _fitted(contour: Contour, lattice: Lattice, bare: Mask, settings: Settings) -> Contour:
+def _fitted(
+    contour: Contour, lattice: Lattice, bare: Mask, tolerance: float, settings: Settings
+) -> Contour:
+    """The contour through the bare skin; as it is, within its tolerance, where that is little."""
     points = _squares(lattice, bare, settings)
-    if len(points) < 30:
-        return replace(contour, covariance=np.zeros((contour.terms, contour.terms)))
+    if len(points) < _FEWEST:
+        covariance = np.zeros((contour.terms, contour.terms))
+        covariance[0, 0] = (tolerance / contour.scale) ** 2
+        return replace(contour, covariance=covariance)
     _, _, left = contour.deviation(points)
     noise = max(_MAD * float(np.median(np.abs(left))), _LEAST)
     return refined(contour, points, noise)

@@ -127,7 +127,8 @@ class Contour:
     def uncertainty(self, x: Field, y: Field) -> Field:
         """Standard uncertainty of the height at x, y, metres."""
         columns = basis(np.atleast_1d(x) / self.scale, np.atleast_1d(y) / self.scale, self.terms)
-        return self.scale * np.sqrt(np.einsum('ij,jk,ik->i', columns, self.covariance, columns))
+        square = np.einsum('ij,jk,ik->i', columns, self.covariance, columns)
+        return self.scale * np.sqrt(np.maximum(square, 0))
 
     @property
     def terms(self) -> int:

@@ -32,10 +32,13 @@ class DentModel:
     parameters : ndarray, shape (6,)
         x, y, logarithms of the half axes (metres), angle (radians), depth (metres).
     covariance : ndarray, shape (6, 6)
+    is_determined : bool
+        Whether the data have a solution: the fit came to an end, and no parameter is free.
     """
 
     parameters: NDArray[np.float64]
     covariance: NDArray[np.float64]
+    is_determined: bool
 
     def depth(self, x: Field, y: Field) -> Field:
         """Depth at positions, metres."""
@@ -85,6 +88,7 @@ def fit_dent(
     x, y, data = x[known], y[known], depth[known]
     left = data - dent_function(shape, x, y)
     cost = left @ left
+    ended = False
     for _ in range(_ROUNDS):
         jacobian = _slopes(shape, x, y).T
         normal, gradient = jacobian.T @ jacobian, jacobian.T @ left
@@ -103,24 +107,35 @@ def fit_dent(
                 break
             damping *= 8
         if damping > 1e4:
+            # No way leads down: this is the least.
+            ended = True
             break
         gain = cost - cost_then
         shape, left, cost = trial, left_then, cost_then
         damping = max(damping / 8, 1e-9)
         if abs(gain) <= _ENDED * cost:
+            ended = True
             break
     jacobian = _slopes(shape, x, y).T
     together = min(max(correlated, 1.0), _HIDDEN * _correlated_cells(left, known))
     variance = together * cost / max(len(data) - len(shape), 1)
-    return DentModel(shape, variance * _inverse(jacobian.T @ jacobian))
+    inverse, is_regular = _inverse(jacobian.T @ jacobian)
+    covariance = variance * inverse
+    finite = bool(np.isfinite(shape).all() and np.isfinite(covariance).all())
+    return DentModel(shape, covariance, ended and is_regular and finite)
 
 
-def _inverse(normal: Field) -> Field:
-    """Inverse of a normal matrix; what it does not determine is left very uncertain."""
+def _inverse(normal: Field) -> tuple[Field, bool]:
+    """Inverse of a normal matrix, and whether it has one.
+
+    What it does not determine is left very uncertain.
+    """
     scale = np.sqrt(np.maximum(np.diag(normal), 1e-30))
     values, vectors = np.linalg.eigh(normal / np.outer(scale, scale))
     inverse = (vectors / np.maximum(values, _SINGULAR)) @ vectors.T
-    return inverse / np.outer(scale, scale)
+    # The angle of what is round is free, and nothing else may be.
+    regular = bool((np.diag(normal) > 0)[[0, 1, 2, 3, 5]].all())
+    return inverse / np.outer(scale, scale), regular and int((values < _SINGULAR).sum()) < 2
 
 
 def _correlated_cells(left: Field, known: NDArray[np.bool_]) -> float:

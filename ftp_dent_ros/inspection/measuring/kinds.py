@@ -3,8 +3,9 @@
 In this order, with sizes on the contour at 10 % of the depth:
 
 - *bump*: outward.
-- *gouge*: narrower than `_NARROW`, longer than `_LONG` widths, and the light in it differs from
-  that beside it by more than `_MARK`: material or paint is gone. A scratch is a shallow gouge.
+- *gouge*: narrower than `_NARROW`, as far as the reconstruction can show how narrow it is, longer
+  than `_LONG` widths, and the light in it differs from that beside it by more than `_MARK` and
+  more than that varies: material or paint is gone. A scratch is a shallow gouge.
 - *crease*: longer than `_LONG` widths, and its radius of curvature at the bottom is smaller than
   `_SHARP` width^2 / (8 depth) (a Gaussian has 0.48 of it, a paraboloid 1.1), or it is so narrow
   that the reconstruction cannot show whether it is. Repair manuals treat a crease as a crack.
@@ -15,14 +16,20 @@ In this order, with sizes on the contour at 10 % of the depth:
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from ftp_dent_ros.inspection.settings import Settings
 
 # Metres.
 _NARROW = 0.006
+# How much of its resolution (the wavelength of which half is left) a reconstruction adds to the
+# width of what is narrow, in quadrature: measured on grooves 4 to 6 mm wide. Where that is more
+# than so many times `_NARROW`, it cannot show what is narrow.
+_WIDENED, _SHOWN = 1.1, 1.2
 _LONG = 1.8
-_MARK = 0.08
+# A crease's slopes shade it by up to 5 %.
+_MARK = 0.06
 _SHARP = 0.33
 # A crease narrower than so many wavelengths of which half is left cannot be told from a valley.
 _UNRESOLVED, _LONGER, _BLUNT = 3.0, 2.5, 1.0
@@ -48,6 +55,8 @@ class Appearance:
         Wavelength of which half is left, metres; NaN if it is not known.
     mark : float
         Change of the light within, as a part of that beside it.
+    mottled : float
+        How far the light beside it varies (1.4826 times the median absolute deviation), alike.
     is_cut : bool
     """
 
@@ -57,6 +66,7 @@ class Appearance:
     radius: float
     resolution: float
     mark: float
+    mottled: float
     is_cut: bool
 
 
@@ -76,7 +86,9 @@ def kind_of(seen: Appearance, settings: Settings) -> tuple[str, str]:
         if narrow:
             return ('other', 'a narrow ridge') if long else ('', '')
         return 'bump', ''
-    if seen.width < _NARROW and long and abs(seen.mark) > _MARK:
+    widened = _WIDENED * seen.resolution if math.isfinite(seen.resolution) else 0.0
+    thin = seen.width < math.hypot(_NARROW, widened) and widened < _SHOWN * _NARROW
+    if long and thin and abs(seen.mark) > max(_MARK, seen.mottled):
         return 'gouge', ''
     if long:
         bluntness = 8 * deep * seen.radius / seen.width**2

@@ -16,8 +16,12 @@ _MAD = 1.4826
 _ENOUGH = 5000
 # Below this no cloud is trusted, metres.
 _LEAST = 5e-7
-# Over which noise beyond the common one is correlated, metres.
-_SHORT = 1.5e-3
+# Over which noise of points is correlated: as a part of the wavelength that they show by half,
+# measured on dirty skin at 0.8 and 1.2 m; metres where that is not known.
+_PART, _SHORT = 0.29, 1.5e-3
+# Bounds of what points really stray, as a part of what their cloud tells of them. Never less: most
+# points stray less where the cloud is in doubt, a few as much as it says.
+_TOLD = 1.0, 1.5
 # Cells between the points of a second difference: more than their noise is correlated over.
 _LAG = 3
 
@@ -29,36 +33,44 @@ Mask = NDArray[np.bool_]
 class Noise:
     """Standard deviation of the deviation map after smoothing by Gaussians.
 
-    Two parts: one that is everywhere alike and correlated over long distances, measured at each
-    scale, and what some places have beyond it, which falls with the scale like noise that is
-    correlated over a fringe.
+    Two parts: what the cloud tells of each place, in the measure in which its points stray (the
+    variance of unit weight of an adjustment), which falls with the scale like noise that is
+    correlated over a fringe; and what is everywhere alike beyond that, measured at each scale.
 
     Attributes
     ----------
     common : ndarray, shape (n,)
-        First part at each of the scales, metres.
+        Second part at each of the scales, metres.
     scales : ndarray, shape (n,)
         Standard deviations of the Gaussians, metres, the first 0.
     extra : ndarray, shape (rows, columns), float32
-        Second part of the lattice's cells as they are, metres.
+        First part of the lattice's cells as they are, metres.
+    reach : float
+        Over which the first part is correlated, metres.
     """
 
     common: NDArray[np.float64]
     scales: NDArray[np.float64]
     extra: Map
+    reach: float
 
     def after(self, scale: float, extra: float | None = None) -> Map:
         """Standard deviation after a Gaussian of `scale` metres, of each cell or for one value."""
-        first = float(np.interp(scale, self.scales, self.common))
-        left = 1 / math.sqrt(1 + (scale / _SHORT) ** 2)
-        beyond = self.extra if extra is None else extra
-        return np.hypot(np.float32(first), np.float32(left) * beyond)
+        alike = float(np.interp(scale, self.scales, self.common))
+        left = _left(scale, self.reach)
+        told = self.extra if extra is None else extra
+        return np.hypot(np.float32(alike), np.float32(left) * told)
 
     @property
     def correlated_area(self) -> float:
         """Area whose mean counts as one independent value, square metres."""
         ratio = self.common / self.common[0]
-        return float(4 * math.pi * max(np.max((self.scales * ratio) ** 2), _SHORT**2))
+        return float(4 * math.pi * max(np.max((self.scales * ratio) ** 2), self.reach**2))
+
+
+def _left(scale: float, reach: float) -> float:
+    """What a Gaussian mean leaves of noise that is correlated over `reach`."""
+    return 1 / math.sqrt(1 + (scale / reach) ** 2)
 
 
 def smoothed(values: Map, valid: Mask, cells: tuple[float, float]) -> Map:
@@ -116,16 +128,29 @@ def measured_noise(
     sample = bare & known
     if sample.sum() < 100:
         sample = known
-    extra = lattice.sigma if lattice.sigma is not None else _local(deviation, sample, lattice)
-    calm = np.flatnonzero(sample & (extra <= median_of(extra[sample])))
+    told = lattice.sigma
+    extra = told if told is not None else _local(deviation, sample, lattice)
+    usual = median_of(extra[sample])
+    calm = np.flatnonzero(sample & (extra <= usual))
     calm = calm[:: 1 + len(calm) // _ENOUGH]
+    reach, explained = _SHORT, 0.0
+    if lattice.resolution is not None:
+        reach = _PART * median_of(lattice.resolution[sample])
+    if told is not None:
+        rough = np.flatnonzero(sample & (told >= usual))
+        rough = rough[:: 1 + len(rough) // _ENOUGH]
+        strayed = np.abs(deviation.ravel()[rough]) / told.ravel()[rough]
+        really = float(np.clip(_MAD * np.median(strayed), *_TOLD))
+        extra = np.float32(really) * told
+        explained = float(np.median(extra.ravel()[calm]))
     common = []
-    for values in (deviation, *maps):
+    for values, scale in zip((deviation, *maps), (0.0, *scales), strict=True):
         strayed = np.abs(values.ravel()[calm])
         strayed = strayed[np.isfinite(strayed)]
-        common.append(_MAD * float(np.median(strayed)) if len(strayed) else _LEAST)
+        spread = _MAD * float(np.median(strayed)) if len(strayed) else _LEAST
+        common.append(math.sqrt(max(spread**2 - (explained * _left(scale, reach)) ** 2, 0)))
     falling = np.minimum.accumulate(np.maximum(common, _LEAST))
-    return Noise(falling, np.array((0.0, *scales)), extra)
+    return Noise(falling, np.array((0.0, *scales)), extra, reach)
 
 
 def _local(deviation: Map, bare: Mask, lattice: Lattice) -> Map:

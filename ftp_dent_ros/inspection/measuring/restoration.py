@@ -35,11 +35,11 @@ class Restored:
 
 
 def restored(patch: Patch, resolution: float, supposed: float) -> Restored:
-    """Undo the smoothing to first order, whatever the shape.
+    """Undo the smoothing to second order, whatever the shape.
 
     The surface minus itself smoothed once more is what smoothing took of it, but for what is
-    finer; the same of that again bounds the rest (the Neumann series of the inverse; van Cittert,
-    Z. Phys. 69, 298, 1931).
+    finer; the same of that again is the next order, and bounds the rest (the Neumann series of
+    the inverse; van Cittert, Z. Phys. 69, 298, 1931).
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def restored(patch: Patch, resolution: float, supposed: float) -> Restored:
         return Restored(patch, np.abs(first))
     second = taken(first)
     doubt = np.hypot(_DOUBT * first, second)
-    return Restored(replace(patch, depth=patch.depth + first), doubt)
+    return Restored(replace(patch, depth=patch.depth + first + second), doubt)
 
 
 def _blurred(values: Field, sigma: float) -> Field:

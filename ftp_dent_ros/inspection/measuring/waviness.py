@@ -48,7 +48,8 @@ class Relief:
     amplitude : float
         Of the sine with the same root mean square, metres.
     under_hole : float
-        How far it is off in the middle of holes `hole` wide, root mean square, metres.
+        How far it is off in the middle of holes `hole` wide, root mean square, metres; infinite
+        where too little of the skin is bare to cut any.
     hole : float
         Metres.
     """
@@ -60,7 +61,7 @@ class Relief:
 
     def uncertainty(self, width: float) -> float:
         """Standard uncertainty under the middle of a dent, metres."""
-        # The error of an interpolated curve grows with the square of the gap.
+        # The error of an interpolated curve grows with the square of the gap, up to all of it.
         return min(self.under_hole * max(width / self.hole, 1.0) ** 2, self.amplitude)
 
     def at_points(self, block: int, shape: tuple[int, ...]) -> Map:
@@ -159,7 +160,7 @@ def _under_holes(
     cut = np.where(distance < hole / 2, 0.0, weight)
     middle = (distance < hole / 6) & (weight > 0.9)
     if middle.sum() < _FEWEST // 4:
-        return math.nan
+        return math.inf
     missed = (_fitted_twice(values, cut, penalty) - values)[middle]
     return _MAD * float(np.median(np.abs(missed)))
 

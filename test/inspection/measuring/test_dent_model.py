@@ -19,6 +19,7 @@ def test_the_dent_function_is_found():
 
     model = fit_dent(X, Y, height(dent), KNOWN, np.array(start), 1.0)
 
+    assert model.is_determined
     assert model.axes == pytest.approx((dent.length, dent.width), rel=1e-3)
     assert model.parameters[5] == pytest.approx(dent.depth, rel=1e-3)
 
@@ -41,6 +42,7 @@ def test_what_the_data_do_not_tell_is_very_uncertain():
 
     model = fit_dent(X, Y, noise, KNOWN, off_the_grid, 1.0)
 
+    assert not model.is_determined
     assert np.isfinite(model.axes_uncertainty).all()
     assert model.axes_uncertainty[0] > 1.0
     assert 0.5 < model.angle_uncertainty < 1.0

@@ -1,0 +1,184 @@
+"""Sizes of one dent and their uncertainties, from its patch and outline."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.inspection.dent import Estimate
+from ftp_dent_ros.inspection.measuring.bare_skin import BareSkin
+from ftp_dent_ros.inspection.measuring.dent_model import fit_dent
+from ftp_dent_ros.inspection.measuring.evidence import TENTH, chance, fitted_depth
+from ftp_dent_ros.inspection.measuring.outline import Outline, find_outline
+from ftp_dent_ros.inspection.measuring.patch import Patch, sampled
+from ftp_dent_ros.inspection.measuring.peak import bottom_of
+from ftp_dent_ros.inspection.measuring.restoration import Restored
+from ftp_dent_ros.inspection.measuring.surroundings import Surroundings
+
+#: Of the depth, where length, width and area are told.
+LEVEL = 0.1
+# Of the depth, and of the cells in which outlines are found: errors of the sampling.
+_SAMPLING = 0.0015
+_GRAIN = 0.06
+# Part of the outline's errors that does not even out along it.
+_EVENED = 0.6
+# What the uncertainties of lengths and widths were short of, over shapes of nine families, each
+# with the others, in photographs of their own: rims are smoothed more than the resolution tells.
+# `benchmarks/dent_families.py` judges them on others.
+_OF_LENGTH, _OF_WIDTH = 1.4, 2.4
+# Of what is as narrow as the resolution: uncertainty of the depth, as a part of it, and of the
+# sizes, as a part of the resolution; it falls with the square of their ratio.
+_UNRESOLVED_DEPTH, _UNRESOLVED_SIZE = 0.15, 0.4
+# The same of the depth of what is longer than so many widths: a valley may be sharp.
+_VALLEY, _LONG = 0.25, 1.8
+_MODEL_CELLS = 22
+# Eq. 18 at 10 % of its depth, as a part of its axes.
+_OF_AXES = 0.835
+
+Vector = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Sizes:
+    """What is measured of one dent.
+
+    Attributes
+    ----------
+    outline : Outline
+        At `LEVEL`.
+    angle : float
+        Of the length, from the patch's x axis, radians.
+    depth, length, width, turn, area, volume : Estimate
+        Metres, square and cubic metres, inward positive; `turn` is the angle, radians.
+    unresolved : float
+        Standard uncertainty of the depth by what the reconstruction smoothed, metres.
+    significance : float
+        Depth of the Gaussian that fits best, over that of one fitted to the noise.
+    chance : float
+        The latter, metres.
+    """
+
+    outline: Outline
+    angle: float
+    depth: Estimate
+    length: Estimate
+    width: Estimate
+    turn: Estimate
+    area: Estimate
+    volume: Estimate
+    unresolved: float
+    significance: float
+    chance: float
+
+
+def sizes_of(
+    seen: Restored,
+    at: tuple[int, int],
+    region: Mask | None,
+    around: Surroundings,
+    skin: BareSkin,
+) -> Sizes | None:
+    """Measure what lies around the deepest cell of a patch; None if it has no outline.
+
+    Parameters
+    ----------
+    seen : Restored
+    at : (int, int)
+        Row and column of the deepest cell.
+    region : ndarray, shape (rows, columns), bool, optional
+        Cells that are this dent's.
+    around : Surroundings
+    skin : BareSkin
+    """
+    patch, noise = seen.patch, skin.noise
+    local = float(noise.after(patch.scale, around.extra))
+    bottom = bottom_of(patch, at, local, noise.correlated_area / patch.step**2, region)
+    outline = find_outline(patch, at, LEVEL * bottom.depth, region)
+    if outline is None or outline.area <= 0:
+        return None
+    length, angle, length_flatness = outline.length()
+    width, width_flatness = outline.width(angle)
+    offset = skin.uncertainty(*outline.centre, width)
+    by_chance = chance(noise, width, around.extra)
+    told = around.resolution if math.isfinite(around.resolution) else 0.0
+    fine = min(told / width, 1.0) ** 2
+    # Of a Gaussian, the patch's own smoothing leaves this out (a mean, and that of the rest).
+    apart = (TENTH * patch.scale / width) ** 2
+    smeared = (apart / (1 + apart)) ** 2 * bottom.depth
+    part = _VALLEY if length > _LONG * width else _UNRESOLVED_DEPTH
+    lost = math.hypot(float(seen.doubt[at]), part * fine * bottom.depth, smeared)
+    deep = math.hypot(
+        bottom.uncertainty, min(by_chance, local), offset, lost, _SAMPLING * bottom.depth
+    )
+    # The contour and the level move all of the outline, the noise each end for itself.
+    doubt = float(np.sqrt(np.square(_along(patch, seen.doubt, outline)).mean()))
+    shift = math.hypot(offset, LEVEL * deep, doubt)
+    ends = math.hypot(math.sqrt(2) * local, 2 * shift)
+    grain, unresolved = _GRAIN * patch.step, _UNRESOLVED_SIZE * fine * told
+    u_length = math.hypot(_OF_LENGTH * math.hypot(ends * length_flatness, grain), unresolved)
+    u_width = math.hypot(_OF_WIDTH * math.hypot(ends * width_flatness, grain), unresolved)
+    perimeter = float(np.hypot(*np.diff([outline.x, outline.y], append=0)[:, :-1]).sum())
+    flatness = float(np.mean(1 / outline.slope))
+    independent = math.sqrt(max(perimeter / math.sqrt(noise.correlated_area), 1))
+    u_area = perimeter * math.hypot(
+        flatness * local / independent, _EVENED * math.hypot(flatness * shift, grain / 2)
+    )
+    u_volume = math.hypot(
+        outline.area * offset,
+        noise.after(0, around.extra) * math.sqrt(noise.correlated_area * outline.area),
+    )
+    volume = float((patch.depth * outline.inside).sum()) * patch.step**2
+    return Sizes(
+        outline,
+        angle,
+        Estimate(bottom.depth, deep),
+        Estimate(length, u_length),
+        Estimate(width, u_width),
+        Estimate(angle, _turn(length, width, u_length, u_width)),
+        Estimate(outline.area, u_area),
+        Estimate(volume, u_volume),
+        lost,
+        fitted_depth(patch, outline, length, width, angle) / max(by_chance, 1e-12),
+        by_chance,
+    )
+
+
+def model_axes(
+    sizes: Sizes, patch: Patch, region: Mask | None, correlated_area: float
+) -> tuple[Estimate, Estimate]:
+    """Full axes of the dent function (eq. 18) that lies closest to the patch, the longer first.
+
+    Neighbours are left out. Not measured where the patch does not determine the function.
+    """
+    every = math.ceil(max(patch.depth.shape) / _MODEL_CELLS)
+    thin = slice(None, None, every), slice(None, None, every)
+    known = patch.known if region is None else patch.known & region
+    x, y = np.meshgrid(patch.x[thin[1]], patch.y[thin[0]])
+    half = [math.log(each.value / 2 / _OF_AXES) for each in (sizes.length, sizes.width)]
+    start = np.array([*sizes.outline.centre, *half, sizes.angle, sizes.depth.value])
+    cells = correlated_area / (every * patch.step) ** 2
+    model = fit_dent(x, y, patch.depth[thin], known[thin], start, cells)
+    if not model.is_determined:
+        return Estimate(math.nan, math.nan), Estimate(math.nan, math.nan)
+    (length, width), (length_error, width_error) = model.axes, model.axes_uncertainty
+    return (
+        Estimate(length, math.hypot(length_error, sizes.length.uncertainty)),
+        Estimate(width, math.hypot(width_error, sizes.width.uncertainty)),
+    )
+
+
+def _turn(length: float, width: float, u_length: float, u_width: float) -> float:
+    """Standard uncertainty of the long axis' angle, radians: any, of what is round."""
+    oval = max(length**2 - width**2, 1e-12)
+    spread = math.hypot(length * u_length, width * u_width) / oval
+    return min(spread, math.pi / math.sqrt(12))
+
+
+def _along(patch: Patch, values: Vector, outline: Outline) -> Vector:
+    """Values of the patch's cells along an outline."""
+    return sampled(values, *patch.cells(outline.x, outline.y), cv2.INTER_LINEAR)
