@@ -9,6 +9,7 @@ from setuptools import find_packages, setup
 NAME = 'ftp_dent_ros'
 HERE = Path(__file__).resolve().parent
 VERSION = re.search(r"__version__ = '(.+)'", (HERE / NAME / '__init__.py').read_text()).group(1)
+CLUSTER = ('dask>=2022.12', 'distributed>=2022.12')
 REPORTS = ('jinja2>=3.1', 'matplotlib>=3.6')
 EXECUTABLES = runpy.run_path(str(HERE / NAME / 'supervision' / 'executables.py'))['EXECUTABLES']
 
@@ -78,12 +79,15 @@ setup(
         'reports': list(REPORTS),
         # The link to the ground; cryptography only to make its keys.
         'ground': ['cryptography>=38', 'eclipse-zenoh>=1.0', 'foxglove-sdk>=0.14'],
+        # Inspecting many bags on the machines of a Dask cluster; apt's python3-distributed.
+        'cluster': list(CLUSTER),
         'test': [
             'colcon-common-extensions>=0.3',
             'pytest>=7.4',
             'pytest-xdist>=3.4',
             'setuptools>=59,<80',
             'wheel',
+            *CLUSTER,
             *REPORTS,
         ],
         'lint': [

@@ -39,7 +39,7 @@ LIBRARIES = {
     'zstandard': ('mcap-ros2-support', 'mcap'),  # mcap brings it
 }
 # Extras of PyPI that rosdep has no key for.
-WITHOUT_KEY = {'foxglove': 'foxglove-sdk', 'zenoh': 'eclipse-zenoh'}
+WITHOUT_KEY = {'distributed': 'distributed', 'foxglove': 'foxglove-sdk', 'zenoh': 'eclipse-zenoh'}
 COME_WITH_RCLPY = {'rcl_interfaces', 'builtin_interfaces', 'rosidl_runtime_py', 'rpyutils'}
 
 

@@ -16,7 +16,7 @@ COMMANDS = {
     'up': "run a configuration's nodes and keep them running",
     'pattern': 'what is projected, drawn as an image, or read back from one',
     'reconstruct': 'one photograph to a point cloud',
-    'inspect': 'a cloud, a photograph or a bag to its dents and their report',
+    'inspect': 'clouds, photographs or bags to their dents and their report',
     'calibrate': 'a board under projected patterns to rig.yaml',
     'evaluate': "the paper's simulation and tables, and least squares beside them",
     'preflight': 'whether a running payload is fit to take off with',
@@ -75,6 +75,8 @@ def _advice(package: str) -> str:
         )
     if package in ('jinja2', 'matplotlib'):
         return "install it with `pip install '.[reports]'`"
+    if package in ('dask', 'distributed'):
+        return "install it with `pip install '.[cluster]'`, or apt's python3-distributed"
     return 'see "Install" in the README'
 
 

@@ -3,24 +3,20 @@
 from __future__ import annotations
 
 import base64
-import io
-from typing import Any
 
 import cv2
 import matplotlib
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from ftp_dent_ros.inspection.dent import MeasuredDent
 from ftp_dent_ros.inspection.reporting.content import View
 from ftp_dent_ros.rig import Lens
 
 COLOURS = 'RdBu_r'
-_MM = 1000.0
-_INK, _FAINT, _ACCENT = '#1b1f24', '#8a929b', '#b2182b'
 _NOTHING = (225, 227, 230)
+# Metres around what is looked for on a grid: outlines lie on the measured skin.
+_BESIDE = 0.02
 
 
 def colour_table() -> NDArray[np.uint8]:
@@ -60,11 +56,9 @@ def on_grid(points: NDArray[np.float64], view: View) -> NDArray[np.float64]:
     """Column and row of points of the report's frame on a cloud's grid, shape (n, 2)."""
     points = view.pose.inverse().apply(np.asarray(points, float))
     grid = view.points.astype(float)
-    rows, columns = np.nonzero(np.isfinite(grid).all(axis=-1))
-    if not len(rows) or not len(points):
+    if not len(points) or not np.isfinite(grid[..., 2]).any():
         return np.full((len(points), 2), np.nan)
-    _, nearest = cKDTree(grid[rows, columns]).query(points)
-    row, column = rows[nearest], columns[nearest]
+    row, column = _nearest(points, grid)
     # From the nearest point on, along the grid's own directions.
     steps = []
     for axis in (1, 0):
@@ -87,6 +81,23 @@ def on_grid(points: NDArray[np.float64], view: View) -> NDArray[np.float64]:
     return found + np.clip(shift, -2, 2)
 
 
+def _nearest(
+    points: NDArray[np.float64], grid: NDArray[np.float64]
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Rows and columns of the measured points that are nearest to some points, each shape (n,)."""
+    low, high = points.min(axis=0) - _BESIDE, points.max(axis=0) + _BESIDE
+    near, known = (grid[..., 0] >= low[0]) & (grid[..., 0] <= high[0]), np.isfinite(grid[..., 2])
+    for axis in (1, 2):
+        near &= (grid[..., axis] >= low[axis]) & (grid[..., axis] <= high[axis])
+    for some in (near, known):
+        rows, columns = np.nonzero(some)
+        if len(rows):
+            distance, nearest = cKDTree(grid[rows, columns]).query(points)
+            if distance.max() <= _BESIDE:
+                break
+    return rows[nearest], columns[nearest]
+
+
 def on_photograph(
     points: NDArray[np.float64], view: View, camera: Lens | None
 ) -> NDArray[np.float64]:
@@ -106,64 +117,3 @@ def on_photograph(
     # Every n-th pixel from the first has a point.
     stride = max(round(width / columns), round(height / rows), 1)
     return on_grid(points, view) * stride
-
-
-def profiles(dent: MeasuredDent, limit: float) -> str:
-    """Sections along length and width as an SVG's data URI; `limit` is the scale's end, mm."""
-    style: dict[Any, Any] = {
-        'font.size': 8,
-        'axes.edgecolor': _FAINT,
-        'svg.hashsalt': 'ftp_dent_ros',
-    }
-    style |= {'text.color': _INK, 'axes.labelcolor': _INK, 'xtick.color': _INK}
-    style |= {'ytick.color': _INK, 'font.family': 'sans-serif'}
-    with matplotlib.rc_context(style):
-        figure = Figure(figsize=(7.0, 1.9), layout='constrained')
-        left, right = figure.subplots(1, 2, sharey=True)
-        for axes, name, profile, size in (
-            (left, 'length', dent.length_profile, dent.length.value),
-            (right, 'width', dent.width_profile, dent.width.value),
-        ):
-            _section(axes, profile, size, dent.depth.value)
-            axes.set_xlabel(f'along the {name}, mm')
-        low = min(-0.15 * limit, _lowest(dent) * _MM)
-        left.set_ylim(limit, low)
-        left.set_ylabel('depth, mm')
-        text = io.BytesIO()
-        figure.savefig(text, format='svg', metadata={'Date': None})
-    return data_uri(text.getvalue(), 'image/svg+xml')
-
-
-def _lowest(dent: MeasuredDent) -> float:
-    both = np.concatenate([dent.length_profile, dent.width_profile])
-    return float(np.nanmin(both[:, 1])) if len(both) and np.isfinite(both[:, 1]).any() else 0.0
-
-
-def _section(axes, profile: NDArray[np.float64], size: float, depth: float) -> None:
-    axes.spines[['top', 'right']].set_visible(False)
-    axes.axhline(0, color=_FAINT, linewidth=0.8)
-    if not len(profile):
-        return
-    at, below = profile.T * _MM
-    axes.fill_between(at, 0, below, color=_ACCENT, alpha=0.12, linewidth=0)
-    axes.plot(at, below, color=_ACCENT, linewidth=1.3)
-    level = 0.1 * depth * _MM
-    inside = at[np.isfinite(below) & (np.sign(depth) * below >= abs(level))]
-    if len(inside) and np.isfinite(size):
-        # Between the ends of the part that lies within the 10 % contour.
-        axes.annotate(
-            '',
-            (inside.min(), level),
-            (inside.max(), level),
-            arrowprops={'arrowstyle': '<->', 'color': _INK, 'linewidth': 0.8, 'shrinkA': 0}
-            | {'shrinkB': 0},
-        )
-        middle = (inside.min() + inside.max()) / 2
-        axes.annotate(
-            f'{size * _MM:.1f}',
-            (middle, level),
-            (0, 2),
-            textcoords='offset points',
-            ha='center',
-            va='bottom',
-        )

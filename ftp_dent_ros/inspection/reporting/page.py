@@ -13,7 +13,6 @@ import numpy as np
 from jinja2 import Environment, StrictUndefined
 
 from ftp_dent_ros.inspection.dent import Estimate
-from ftp_dent_ros.inspection.reporting import drawing
 from ftp_dent_ros.inspection.reporting.content import Frame, Report
 from ftp_dent_ros.inspection.reporting.pictures import pictures_of, scale_of
 from ftp_dent_ros.inspection.reporting.records import iso_time
@@ -28,6 +27,7 @@ from ftp_dent_ros.inspection.reporting.rules import (
     width_to_depth,
 )
 from ftp_dent_ros.inspection.reporting.scene import scene_of
+from ftp_dent_ros.inspection.reporting.sections import sections_of
 from ftp_dent_ros.inspection.tracking.sightings import ListedDent
 
 _MM = 1000.0
@@ -228,7 +228,7 @@ def _dent(entry: ListedDent, findings: Sequence[Finding], limit: float) -> dict[
         'reason': dent.reason,
         'verdict': verdict(findings),
         'findings': [_finding(finding) for finding in findings],
-        'profiles': drawing.profiles(dent, limit * _MM),
+        'sections': sections_of(dent, limit),
     }
 
 

@@ -1,0 +1,139 @@
+"""One input of ``ftp-dent inspect`` to its report, in whatever process."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from ftp_dent_ros.errors import CloudError, ConfigurationError
+from ftp_dent_ros.files import content_id, find
+from ftp_dent_ros.inspection.measuring.inspection import inspect
+from ftp_dent_ros.inspection.observation import Observation, viewpoint_of
+from ftp_dent_ros.inspection.reporting.content import Report
+from ftp_dent_ros.inspection.reporting.rules import Rules, read_rules
+from ftp_dent_ros.inspection.reporting.survey import Survey
+from ftp_dent_ros.inspection.settings import Settings
+from ftp_dent_ros.pattern import read_pattern
+from ftp_dent_ros.photograph_file import is_photograph, read_photograph
+from ftp_dent_ros.ply import read_ply
+from ftp_dent_ros.rig import Lens, read_rig
+
+_CAMERA_FRAME = 'camera_optical_frame'
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is to be inspected, and how: plain data, that another process can be given.
+
+    Attributes
+    ----------
+    path : Path
+        A cloud, a photograph or a bag.
+    rig, pattern, rules : str, optional
+        Names of files.
+    settings : Settings
+    stride : int
+        Of a photograph.
+    """
+
+    path: Path
+    rig: str | None
+    pattern: str | None
+    rules: str | None
+    settings: Settings
+    stride: int
+
+
+def report_of(request: Request, progress: Callable[[int], object] = lambda count: None) -> Report:
+    """Inspect what is asked for.
+
+    Parameters
+    ----------
+    request : Request
+    progress : callable
+        Called after each cloud of a bag with how many there are.
+
+    Raises
+    ------
+    FtpDentError
+        It cannot be inspected; the message says why.
+    """
+    path = request.path
+    rules = read_rules(find(request.rules)) if request.rules else None
+    if not path.exists():
+        raise ConfigurationError(f'{path}: no such file: check the path')
+    if path.is_dir() or path.suffix.lower() == '.mcap':
+        return _of_bag(request, rules, progress)
+    if path.suffix.lower() == '.ply':
+        return _of_cloud(request, rules)
+    if is_photograph(path):
+        return _of_photograph(request, rules)
+    raise ConfigurationError(
+        f'{path}: neither a cloud (.ply), nor a photograph, nor a bag: give one of them'
+    )
+
+
+def _of_bag(request: Request, rules: Rules | None, progress: Callable[[int], object]) -> Report:
+    # Only this needs the libraries of bags.
+    from ftp_dent_ros.inspection.reporting.bag import survey_bag
+    from ftp_dent_ros.recording.clouds import count_clouds
+    from ftp_dent_ros.recording.reader import open_bag
+
+    named, camera = _rig(request.rig)
+    bag = open_bag(request.path)
+    count, _ = count_clouds(bag)
+    each = partial(progress, count)
+    return survey_bag(bag, inspect, named, camera, rules, request.settings, each)
+
+
+def _of_cloud(request: Request, rules: Rules | None) -> Report:
+    cloud, frame_id = read_ply(request.path)
+    in_camera = frame_id == _CAMERA_FRAME
+    viewpoint = (0.0, 0.0, 0.0) if in_camera else viewpoint_of(cloud)
+    observation = Observation(request.path.name, cloud, viewpoint=viewpoint)
+    return _of_one(request, observation, frame_id, rules)
+
+
+def _of_photograph(request: Request, rules: Rules | None) -> Report:
+    from ftp_dent_ros import profilometry
+
+    if not request.rig or not request.pattern:
+        raise ConfigurationError(
+            f'{request.path}: a photograph needs its rig and its pattern: '
+            'give --rig RIG.yaml and --pattern PATTERN.yaml'
+        )
+    rig, pattern = read_rig(find(request.rig)), read_pattern(find(request.pattern))
+    reconstructor = profilometry.Reconstructor(
+        rig, pattern, profilometry.Settings(stride=request.stride)
+    )
+    photograph = read_photograph(str(request.path))
+    measured = reconstructor.measure(photograph)
+    observation = Observation(
+        request.path.name,
+        measured.cloud,
+        coverage=measured.coverage,
+        photograph=photograph.shown(),
+    )
+    return _of_one(request, observation, _CAMERA_FRAME, rules)
+
+
+def _of_one(
+    request: Request, observation: Observation, frame_id: str, rules: Rules | None
+) -> Report:
+    named, camera = _rig(request.rig)
+    survey = Survey(inspect, settings=request.settings)
+    if survey.add(observation) is None:
+        raise CloudError(survey.refused[0])
+    in_camera = frame_id == _CAMERA_FRAME
+    camera = camera if in_camera else None
+    return survey.report(str(request.path), frame_id, named, camera, rules)
+
+
+def _rig(name: str | None) -> tuple[tuple[str, str], Lens | None]:
+    """Name and id of the calibration, and its camera."""
+    if not name:
+        return ('', ''), None
+    file = find(name)
+    return (file.name, content_id(file)), read_rig(file).camera

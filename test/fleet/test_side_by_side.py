@@ -1,0 +1,62 @@
+"""Items worked on in processes: results, failures, and a process that is killed."""
+
+import os
+import signal
+
+import pytest
+
+from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.fleet.finished import begin, finish, is_made_of, made_of
+from ftp_dent_ros.fleet.processes import LostWorkerError, side_by_side
+
+
+def square(number):
+    if number == 13:
+        raise ValueError('unlucky')
+    if number < 0:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number**2, os.environ['OPENBLAS_NUM_THREADS']
+
+
+def test_one_that_raises_and_one_whose_process_dies_are_told_and_the_rest_is_done():
+    before = dict(os.environ)
+    results = dict(side_by_side(square, [1, 13, -1, 2, 3], jobs=2))
+    assert isinstance(results.pop(13), ValueError)
+    assert isinstance(results.pop(-1), LostWorkerError)
+    assert results == {number: (number**2, '1') for number in (1, 2, 3)}
+    assert dict(os.environ) == before
+
+
+def test_a_result_is_whole_only_if_it_was_finished_of_the_same_input_and_settings(tmp_path):
+    bag = tmp_path / 'bag'
+    bag.mkdir()
+    (bag / 'bag_0.mcap').write_bytes(b'one')
+    folder = tmp_path / 'out'
+    origin = made_of(bag, {'depth': 1e-4})
+    assert not is_made_of(folder, origin)
+    finish(folder, origin)
+    assert is_made_of(folder, origin)
+    assert not is_made_of(folder, made_of(bag, {'depth': 2e-4}))
+    (bag / 'bag_0.mcap').write_bytes(b'more')
+    assert not is_made_of(folder, made_of(bag, {'depth': 1e-4}))
+    begin(folder)
+    assert not is_made_of(folder, origin)
+
+
+def test_on_a_cluster_results_are_the_same_and_a_failure_is_told(monkeypatch):
+    distributed = pytest.importorskip('distributed', reason='needs Dask')
+    from ftp_dent_ros.fleet import cluster as ours
+
+    on_cluster = ours.on_cluster
+
+    cluster = distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, host='127.0.0.1', dashboard_address=None
+    )
+    with cluster:
+        results = dict(on_cluster(square, [1, 13, 2, 3], cluster.scheduler_address))
+        address = cluster.scheduler_address
+    assert isinstance(results.pop(13), ValueError)
+    assert results == {number: (number**2, '1') for number in (1, 2, 3)}
+    monkeypatch.setattr(ours, '_PATIENCE', 0.3)
+    with pytest.raises(ConfigurationError, match='no Dask scheduler answers'):
+        list(on_cluster(square, [1], address.rpartition(':')[0] + ':1'))
