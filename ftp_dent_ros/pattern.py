@@ -96,7 +96,7 @@ class Pattern:
     levels: int = _LEVELS
     code: str = 'stripe'
     low_contrast: float = 0.75
-    row_depth: float = 0.08
+    row_depth: float = 0.05
     row_period_px: float = 46.5
 
     def __post_init__(self) -> None:

@@ -160,7 +160,7 @@ def sawtooth():
         np.zeros((360, 640), np.uint8),
         PATTERN.draw().astype(np.float32),
         PATTERN.draw()[..., [0, 0, 0]],
-        np.where(np.arange(360)[:, None, None] < 100, CODED.draw()[:360], CODED.draw()[7:367]),
+        np.where(np.arange(360)[:, None, None] < 100, CODED.draw()[:360], CODED.draw()[23:383]),
         CODED.draw()[:, ::-1],
         CODED.draw()[::-1],
         np.random.default_rng(0).integers(0, 256, (360, 640, 3), np.uint8),

@@ -10,7 +10,7 @@ from ftp_dent_ros.pattern import Pattern, read_pattern, write_pattern
     ('pattern', 'words'),
     [
         (Pattern(640, 360, 10.0, 320.0), 'the red one at 320'),
-        (Pattern(640, 360, 10.0, 320.0, code='contrast'), 'falls by 8% every 46.5 px'),
+        (Pattern(640, 360, 10.0, 320.0, code='contrast'), 'falls by 5% every 46.5 px'),
         (Pattern(360, 640, 10.0, 320.0, 'v', code='contrast', row_depth=0.0), 'level fringes'),
     ],
 )

@@ -21,7 +21,7 @@ LIT = np.moveaxis(RIG.projector.project(RIG.to_projector(0.8 * RAYS)), -1, 0)
 WINDOW = 5.0
 
 
-def rows(rng, noise=0.01, away=lambda u, v: 0.0, pattern=PATTERN, seen=None):
+def rows(rng, noise=0.005, away=lambda u, v: 0.0, pattern=PATTERN, seen=None):
     """What the nodes of an image would show: noise as wide as windows, and uneven shading."""
     (x, y), (u_p, v_p) = NODES, LIT
     light = v_p + away(u_p - 640, v_p - 360)

@@ -1,0 +1,146 @@
+"""The rig checked by every cloud: false alarms, and how soon a rig that is off is told.
+
+python benchmarks/epipolar.py [--seeds 2] [--kinds clean,dirt25] [--jobs 1] [--first 0]
+
+Scenes of all kinds under coded fringes, five photographs a seed, each of a skin of its own. A line
+a kind: clouds; standard deviation of shift and turn over the stated ones; the stated one of the
+shift; alarms of the true rig; and of rigs off by 0.02 degrees of pitch, by 0.3 pixels of pitch, by
+0.02 degrees of roll, and by 0.1 degrees of yaw, which no fringe shows.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import warnings
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+from kind_scenes import KINDS
+from tqdm import tqdm
+
+from ftp_dent_ros.calibration.checking import turned
+from ftp_dent_ros.errors import RefusedFrameError
+from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.profilometry import Reconstructor, Settings
+from ftp_dent_ros.profilometry.epipolar_check import EpipolarCheck
+from ftp_dent_ros.profilometry.rig_alarm import LAST, ONE_IN, off, rig_alarm
+from ftp_dent_ros.rig import Rig
+
+# Turns of the projector about its x, y and z, by name; pixels of pitch are those of the lens.
+_OFF = 'pitch 0.02', '0.3 px', 'roll 0.02', 'yaw 0.1'
+
+
+@lru_cache(maxsize=4)
+def rigs(true: Rig) -> dict[str, Rig]:
+    """The rig, and what is told of it if it has been knocked."""
+    focal = true.projector.camera_matrix[1, 1]
+    angles = (
+        (math.radians(0.02), 0.0, 0.0),
+        (0.3 / focal, 0.0, 0.0),
+        (0.0, 0.0, math.radians(0.02)),
+        (0.0, math.radians(0.1), 0.0),
+    )
+    told = {name: turned(true, np.array(angle)) for name, angle in zip(_OFF, angles, strict=True)}
+    return {'true': true, **told}
+
+
+@lru_cache(maxsize=10)
+def reconstructor(rig: Rig, pattern: Pattern) -> Reconstructor:
+    """Of coarse clouds: the check does not know of them."""
+    return Reconstructor(rig, pattern, Settings(stride=8))
+
+
+def checks(kind: str, seed: int) -> tuple[dict[str, list[EpipolarCheck]], int, int]:
+    """Checks of `LAST` skins of a kind by rig, and how many were refused and said nothing."""
+    found: dict[str, list[EpipolarCheck]] = {}
+    refused = silent = 0
+    for place in range(LAST):
+        number = LAST * seed + place
+        one = KINDS[kind](np.random.default_rng([number, 1366]))
+        one = replace(one, pattern=replace(one.pattern, code='contrast'))
+        photograph = one.photograph(number)
+        for name, rig in rigs(one.rig).items():
+            try:
+                measured = reconstructor(rig, one.pattern).measure(photograph)
+            except RefusedFrameError:
+                refused += name == 'true'
+                continue
+            check = measured.epipolar
+            if check is None or not check.seen:
+                silent += name == 'true'
+                continue
+            found.setdefault(name, []).append(check)
+    return found, refused, silent
+
+
+def _work(case: tuple[str, int]) -> tuple[str, dict[str, list[EpipolarCheck]], int, int]:
+    return case[0], *checks(*case)
+
+
+def _all(cases: list[tuple[str, int]], jobs: int) -> Iterator:
+    if jobs == 1:
+        yield from map(_work, cases)
+        return
+    with ProcessPoolExecutor(jobs) as pool:
+        yield from pool.map(_work, cases)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.partition('\n')[0])
+    parser.add_argument('--seeds', type=int, default=1)
+    parser.add_argument('--first', type=int, default=0)
+    parser.add_argument('--kinds', default=','.join(KINDS))
+    parser.add_argument('--jobs', type=int, default=1)
+    arguments = parser.parse_args()
+    warnings.simplefilter('ignore', RuntimeWarning)
+    seeds = range(arguments.first, arguments.first + arguments.seeds)
+    cases = [(kind, seed) for kind in arguments.kinds.split(',') for seed in seeds]
+    by_kind: dict[str, list] = {}
+    for kind, *result in tqdm(_all(cases, arguments.jobs), total=len(cases), leave=False):
+        by_kind.setdefault(kind, []).append(result)
+    header = f'{"kind":16}{"clouds":>7}{"refused":>8}{"silent":>7}{"z shift":>8}{"z turn":>7}'
+    print(header + f'{"px":>7}{"true":>6}' + ''.join(f'{name:>12}' for name in _OFF))
+    normalised, alarms, clouds, told_against = [], 0, 0, 0
+    caught = dict.fromkeys(_OFF, 0)
+    for kind, results in by_kind.items():
+        true = [check for found, *_ in results for check in found.get('true', [])]
+        z = np.array(
+            [(c.shift / c.shift_deviation, c.turn / c.turn_deviation) for c in true]
+        ).reshape(-1, 2)
+        false = sum(bool(rig_alarm(found.get('true', []))) for found, *_ in results)
+        right = {
+            name: sum(bool(rig_alarm(found.get(name, []))) for found, *_ in results)
+            for name in _OFF
+        }
+        spread = np.sqrt(np.mean(np.square(z), axis=0)) if len(z) else (math.nan, math.nan)
+        deviation = float(np.median([c.shift_deviation for c in true])) if true else math.nan
+        print(
+            f'{kind:16}{len(true):7}{sum(r[1] for r in results):8}{sum(r[2] for r in results):7}'
+            f'{spread[0]:8.2f}{spread[1]:7.2f}{deviation:7.3f}{false:6}'
+            + ''.join(f'{right[name]:>8} / {len(results)}' for name in _OFF)
+        )
+        normalised.append(z)
+        alarms += false
+        clouds += len(true)
+        told_against += sum(any(off(check)) for check in true)
+        for name in _OFF:
+            caught[name] += right[name]
+    z = np.concatenate(normalised)
+    print(
+        f'{clouds} clouds of a true rig: {alarms} alarms, {told_against} clouds against it '
+        f'(calculated for normal scatter and no tolerance: {clouds / ONE_IN:.4f}); normalised '
+        f'shift {np.sqrt(np.mean(z[:, 0] ** 2)):.2f}, turn {np.sqrt(np.mean(z[:, 1] ** 2)):.2f}, '
+        f'largest {np.abs(z).max():.1f}'
+    )
+    print(
+        f'told within {LAST} clouds: '
+        + ', '.join(f'{name} {caught[name]} of {len(cases)}' for name in _OFF)
+    )
+
+
+if __name__ == '__main__':
+    main()
