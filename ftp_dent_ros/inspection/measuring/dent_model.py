@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 _ROUNDS = 25
-_ENDED = 1e-4
+_ENDED = 1e-3
 # Sides of squares of cells whose means tell how many err alike, how many squares that takes, and
 # how much more they do than is seen: a fit follows what is alike over much of a dent.
 _SQUARES = 2, 3, 4, 6

@@ -16,7 +16,7 @@ from ftp_dent_ros.inspection.settings import Settings
 SIGNIFICANT = 6.0
 # The same of what the cloud says of its points where it is in doubt about the very shape that is
 # looked for: what lies between is listed, but as something else than a dent.
-SUSPECT = 3.5
+SUSPECT = 3.0
 _EDGE = 3.0
 # Width of a Gaussian at 10 % in standard deviations.
 _TENTH = 4.292
@@ -33,8 +33,8 @@ class Candidate:
     ----------
     sign : int
         1 inward, -1 outward.
-    mask : ndarray, shape (rows, columns), bool
-        Cells of the lattice.
+    rows, columns : ndarray, shape (cells,)
+        Of its cells in the lattice.
     height : float
         Of the smoothed deviation at its largest, metres.
     area : float
@@ -44,7 +44,8 @@ class Candidate:
     """
 
     sign: int
-    mask: Mask
+    rows: NDArray[np.intp]
+    columns: NDArray[np.intp]
     height: float
     area: float
     length: float
@@ -92,9 +93,9 @@ def find_candidates(
             window = slice(top, top + height), slice(left, left + width)
             part = labels[window] == index
             height = max(_highest(sign * smooth[window][part]) for smooth in maps)
-            mask = np.zeros_like(panel)
-            mask[window] = part
-            found.append(Candidate(sign, mask, height, *_extent(part, lattice)))
+            rows, columns = np.nonzero(part)
+            size = _extent(rows, columns, lattice)
+            found.append(Candidate(sign, rows + top, columns + left, height, *size))
     return found
 
 
@@ -116,9 +117,10 @@ def findable_depth(noise: Noise, settings: Settings) -> Map:
     return np.maximum(np.min(depths, axis=0), np.float32(settings.smallest_depth))
 
 
-def _extent(part: Mask, lattice: Lattice) -> tuple[float, float, float]:
-    """Area, length and width of a part of the lattice."""
-    rows, columns = np.nonzero(part)
+def _extent(
+    rows: NDArray[np.intp], columns: NDArray[np.intp], lattice: Lattice
+) -> tuple[float, float, float]:
+    """Area, length and width of some cells of the lattice."""
     across, down = lattice.spacing
     cell = np.diag([across**2, down**2]) / 12
     moments = np.cov(np.stack([across * columns, down * rows])) if len(rows) > 1 else 0.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -46,10 +47,10 @@ class Outline:
     inside: Vector
     is_cut: bool
 
-    @property
+    @cached_property
     def centre(self) -> tuple[float, float]:
         """Centroid of the area, metres."""
-        cross = self._cross()
+        cross = self._cross
         area = cross.sum() / 2
         next_x, next_y = np.roll(self.x, -1), np.roll(self.y, -1)
         return (
@@ -60,14 +61,14 @@ class Outline:
     @property
     def area(self) -> float:
         """Square metres."""
-        return abs(float(self._cross().sum() / 2))
+        return abs(float(self._cross.sum() / 2))
 
     def axis(self) -> float:
         """Angle of the longer principal axis of the area."""
         x, y = self.centre
         a, b = self.x - x, self.y - y
-        cross = a * np.roll(b, -1) - np.roll(a, -1) * b
         u, v = np.roll(a, -1), np.roll(b, -1)
+        cross = a * v - u * b
         xx = (cross * (a * a + a * u + u * u)).sum()
         yy = (cross * (b * b + b * v + v * v)).sum()
         xy = (cross * (a * v + 2 * a * b + 2 * u * v + u * b)).sum() / 2
@@ -90,6 +91,7 @@ class Outline:
     def _flatness(self, i, j) -> float:
         return float((1 / self.slope[i] + 1 / self.slope[j]) / 2)
 
+    @cached_property
     def _cross(self) -> Vector:
         return self.x * np.roll(self.y, -1) - np.roll(self.x, -1) * self.y
 

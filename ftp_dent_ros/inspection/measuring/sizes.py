@@ -105,6 +105,7 @@ def sizes_of(
     width, width_flatness = outline.width(angle)
     offset = skin.uncertainty(*outline.centre, width)
     by_chance = chance(noise, width, around.extra)
+    overall = chance(noise, math.sqrt(length * width), around.extra)
     told = around.resolution if math.isfinite(around.resolution) else 0.0
     fine = min(told / width, 1.0) ** 2
     # Of a Gaussian, the patch's own smoothing leaves this out (a mean, and that of the rest).
@@ -143,8 +144,8 @@ def sizes_of(
         Estimate(outline.area, u_area),
         Estimate(volume, u_volume),
         lost,
-        fitted_depth(patch, outline, length, width, angle) / max(by_chance, 1e-12),
-        by_chance,
+        fitted_depth(patch, outline, length, width, angle) / max(overall, 1e-12),
+        overall,
     )
 
 

@@ -81,7 +81,7 @@ def surroundings_of(
     seams : ndarray, shape (rows, columns), bool
         Cells at panels' borders.
     """
-    rows, columns = np.nonzero(candidate.mask)
+    rows, columns = candidate.rows, candidate.columns
     if max(np.ptp(rows), np.ptp(columns)) < 2:
         return None
     margin = int(_MARGIN * max(np.ptp(rows), np.ptp(columns))) + 5
@@ -116,7 +116,7 @@ def surroundings_of(
     x, y, depth = (axis.astype(float) for axis in contour.deviation(values))
     if relief is not None:
         depth = depth - rest[1]
-    around_x, around_y, _ = contour.local(lattice.points[candidate.mask])
+    around_x, around_y, _ = contour.local(lattice.points[rows, columns])
     pad = 0.35 * max(np.ptp(around_x), np.ptp(around_y)) + 4 * max(lattice.spacing)
     bounds = (
         float(around_x.min() - pad),
@@ -126,7 +126,7 @@ def surroundings_of(
     )
     resolution = np.nan
     if lattice.resolution is not None:
-        resolution = float(np.median(lattice.resolution[candidate.mask]))
+        resolution = float(np.median(lattice.resolution[rows, columns]))
     return Surroundings(
         x=x,
         y=y,
@@ -136,6 +136,6 @@ def surroundings_of(
         cell=max(lattice.spacing),
         spacing=every * spacing,
         bounds=bounds,
-        extra=float(np.median(skin.noise.extra[candidate.mask])),
+        extra=float(np.median(skin.noise.extra[rows, columns])),
         resolution=resolution,
     )
