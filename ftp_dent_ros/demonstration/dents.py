@@ -13,7 +13,7 @@ from sensor_msgs.msg import PointCloud2
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.demonstration.appraisal import clouds_of
 from ftp_dent_ros.inspection.reporting.content import Report
-from ftp_dent_ros.inspection.tracking.dent_list import ListedDent
+from ftp_dent_ros.inspection.tracking.sightings import ListedDent
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.recording.reader import Bag
 from ftp_dent_ros.rig import Lens

@@ -28,8 +28,9 @@ from ftp_dent_ros.errors import CloudError, PoseError
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.observation import SAME
 from ftp_dent_ros.inspection.reporting.records import dent_record, finite
-from ftp_dent_ros.inspection.tracking.dent_list import EXACT, DentList
+from ftp_dent_ros.inspection.tracking.dent_list import DentList
 from ftp_dent_ros.inspection.tracking.kept_list import KeptList
+from ftp_dent_ros.inspection.tracking.pose_errors import EXACT
 from ftp_dent_ros.inspection.tracking.sightings import ListedDent
 from ftp_dent_ros.nodes.declarations import names_of_all
 from ftp_dent_ros.nodes.inspector_parameters import declare

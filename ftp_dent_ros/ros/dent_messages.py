@@ -13,7 +13,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.inspection.dent import KINDS
-from ftp_dent_ros.inspection.tracking.dent_list import ListedDent
+from ftp_dent_ros.inspection.tracking.sightings import ListedDent
 from ftp_dent_ros.ros.fields import make_header, to_data
 
 _ESTIMATES = (

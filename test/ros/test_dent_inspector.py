@@ -18,7 +18,8 @@ from visualization_msgs.msg import MarkerArray
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.observation import SAME
-from ftp_dent_ros.inspection.tracking.dent_list import EXACT, DentList
+from ftp_dent_ros.inspection.tracking.dent_list import DentList
+from ftp_dent_ros.inspection.tracking.pose_errors import EXACT
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.ros.dent_messages import dents_from_message, dents_to_message
 from ftp_dent_ros.ros.messages import (

@@ -14,10 +14,11 @@ from jinja2 import Environment, StrictUndefined
 
 from ftp_dent_ros.inspection.dent import Estimate
 from ftp_dent_ros.inspection.reporting.content import Frame, Report
+from ftp_dent_ros.inspection.reporting.facts import facts_of
+from ftp_dent_ros.inspection.reporting.figures import interval
 from ftp_dent_ros.inspection.reporting.pictures import pictures_of, scale_of
 from ftp_dent_ros.inspection.reporting.records import iso_time
 from ftp_dent_ros.inspection.reporting.rules import (
-    COVERAGE,
     EXCEEDS,
     UNDECIDED,
     WITHIN,
@@ -50,7 +51,7 @@ def page(report: Report) -> str:
         script=texts['view.js'],
         scene=json.dumps(scene_of(report, limit)),
         headline=_headline(report, findings),
-        facts=_facts(report),
+        facts=facts_of(report),
         dents=[_dent(entry, findings[entry.number], limit) for entry in report.dents],
         others=[_dent(entry, (), limit) for entry in report.others],
         frames=[pictures_of(frame, report, limit) for frame in report.frames if frame.view],
@@ -64,19 +65,6 @@ def page(report: Report) -> str:
 
 
 _FILES = ('page.html', 'page.css', 'view.js')
-
-
-def interval(estimate: Estimate, factor: float = _MM, finest: int = 2) -> tuple[str, str]:
-    """A value and half its 95 % interval, in as many digits as that has a meaning."""
-    value, half = estimate.value * factor, COVERAGE * estimate.uncertainty * factor
-    if not math.isfinite(value):
-        return '–', ''
-    if not math.isfinite(half) or half <= 0:
-        return f'{value:.3g}', ''
-    places = -math.floor(math.log10(half))
-    # At least one digit of the interval, two where they are not finer than can be of use.
-    digits = max(min(places + 1, finest), places, 0)
-    return f'{value:.{digits}f}', f'± {half:.{digits}f}'
 
 
 def _limit(report: Report) -> float:
@@ -112,97 +100,6 @@ def _headline(report: Report, findings: dict[int, tuple[Finding, ...]]) -> dict[
         'cut': cut,
         'verdicts': [(word, verdicts[word]) for word in (EXCEEDS, UNDECIDED, WITHIN)],
     }
-
-
-def _facts(report: Report) -> list[tuple[str, str]]:
-    frames = report.frames
-    stamps = sorted(frame.stamp_ns for frame in frames if frame.stamp_ns is not None)
-    taken = 'not known'
-    if stamps:
-        taken = iso_time(stamps[0])
-        if stamps[-1] != stamps[0]:
-            taken += f' to {iso_time(stamps[-1])}'
-    noise = [frame.noise for frame in frames if math.isfinite(frame.noise)]
-    area = 1e4 * sum(frame.area for frame in frames)
-    facts = [
-        ('Inspected', report.source),
-        ('Photographed', taken),
-        (
-            'Clouds',
-            f'{len(frames)}'
-            + f', {len(report.refused)} refused' * bool(report.refused)
-            + f'; {len(report.skipped)} messages skipped' * bool(report.skipped),
-        ),
-        ('Measured area', f'{area:.0f} cm²' + (', overlaps counted twice' * (len(frames) > 1))),
-        ('Looked for', _smallest(report)),
-        ('Would have been found', _findable(frames)),
-        ('Not measured', _not_measured(report)),
-        ('Waviness', _waviness(frames)),
-        ('Noise of a point', f'{np.median(noise) * _MM:.3f} mm' if noise else 'not known'),
-        ('Rig', f'{report.rig_name}, id {report.rig_id}' if report.rig_id else 'not given'),
-        ('Positions in', report.frame_id),
-        ('Pose', _pose(frames)),
-        ('Software', f'ftp_dent_ros {report.version}'),
-        ('Report written', iso_time(report.written_ns)),
-    ]
-    if report.rules:
-        facts.append(('Limits', report.rules.title or report.rules.reference or 'given'))
-    return facts
-
-
-def _smallest(report: Report) -> str:
-    depth, width = report.settings.smallest_depth, report.settings.smallest_width
-    return f'dents of {depth * _MM:g} mm depth and {width * _MM:g} mm width, and larger'
-
-
-def _findable(frames: Sequence[Frame]) -> str:
-    known = [f.findable for f in frames if math.isfinite(f.findable[1])]
-    if not known:
-        return 'not known'
-    half, most = (max(each) * _MM for each in zip(*known, strict=True))
-    return (
-        f'dents of the smallest width from {half:.2f} mm depth on half of the measured area of '
-        f'every cloud, from {most:.2f} mm on 95 % of it'
-    )
-
-
-def _not_measured(report: Report) -> str:
-    """Of the worst cloud, and what was left out whole."""
-    shares = [f.coverage for f in report.frames if f.coverage is not None]
-    left = f'{len(report.refused)} clouds left out; ' if report.refused else ''
-    if not shares:
-        return left + 'of the lit skin not known: the cloud does not tell'
-    worst = min(shares, key=lambda coverage: coverage.share)
-    words = f'{100 * (1 - worst.share):.1f} % of the lit skin' + (
-        ' in the worst cloud' if len(shares) > 1 else ''
-    )
-    return left + '; '.join((words, *worst.remarks))
-
-
-def _waviness(frames: Sequence[Frame]) -> str:
-    waves = [wave for frame in frames for wave in frame.waviness]
-    if not waves:
-        return 'none beyond the noise'
-    largest = max(waves, key=lambda wave: wave.amplitude)
-    return (
-        f'up to {largest.amplitude * _MM:.3f} mm amplitude, '
-        f'{largest.wavelength * _MM:.0f} mm wavelength'
-    )
-
-
-def _pose(frames: Sequence[Frame]) -> str:
-    posed = [frame for frame in frames if frame.pose is not None]
-    if not posed:
-        return 'none: positions are relative to the camera'
-    known = [frame.covariance for frame in posed if frame.covariance is not None]
-    if not known:
-        return f'of {len(posed)} clouds, its uncertainty not known'
-    spread = max(math.sqrt(float(np.trace(each[:3, :3])) / 3) for each in known)
-    turn = max(math.sqrt(float(np.trace(each[3:, 3:])) / 3) for each in known)
-    return (
-        f'of {len(posed)} clouds, standard uncertainty at most {spread * _MM:.0f} mm '
-        f'and {math.degrees(turn):.2f}° an axis'
-    )
 
 
 def _dent(entry: ListedDent, findings: Sequence[Finding], limit: float) -> dict[str, Any]:

@@ -20,7 +20,8 @@ from ftp_dent_ros.inspection.reporting.drawing import jpeg
 from ftp_dent_ros.inspection.reporting.mesh import Mesh
 from ftp_dent_ros.inspection.reporting.rules import Rules
 from ftp_dent_ros.inspection.settings import Settings
-from ftp_dent_ros.inspection.tracking.dent_list import EXACT, DentList
+from ftp_dent_ros.inspection.tracking.dent_list import DentList
+from ftp_dent_ros.inspection.tracking.pose_errors import EXACT
 from ftp_dent_ros.inspection.tracking.repeatability import halves, repeats_of, study
 from ftp_dent_ros.inspection.tracking.sightings import ListedDent
 from ftp_dent_ros.rig import Lens

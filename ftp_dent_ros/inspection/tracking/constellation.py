@@ -14,16 +14,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
-from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.inspection.dent import MeasuredDent
 from ftp_dent_ros.inspection.observation import SAME
+from ftp_dent_ros.inspection.tracking.agreement import agreement
+from ftp_dent_ros.inspection.tracking.moves import about, fit_in_space
 from ftp_dent_ros.pose import Pose
 
 # Standard deviation of a dent's centre within its frame: metres, and part of its width.
 _PLACE, _OF_WIDTH = 4e-4, 0.015
-# Sizes agree within so many standard uncertainties, to which a part of the size is added.
-_AGREE, _OF_SIZE = 4.0, 0.08
 # Standard deviations that a pose may be off, and a place within a frame.
 _GATE, _NEAR = 3.75, 4.0
 # Moves that are tried, at most.
@@ -119,7 +118,7 @@ def find_match(
     if best is None or best.odds <= _BELIEVED:
         return None
     i, j = np.array(best.pairs).T
-    return replace(best, move=_fit_in_space(places[i], there[j], place[i, j], pivot, covariance))
+    return replace(best, move=fit_in_space(places[i], there[j], place[i, j], pivot, covariance))
 
 
 def _moves(a, b, rows, columns, place, turn):
@@ -192,60 +191,12 @@ def _fitted(a, b, pairs, place, shift, turn):
     return float(solution[0]), solution[1:]
 
 
-def agreement(seen: Sequence[MeasuredDent], known: Sequence[MeasuredDent]) -> Field:
-    """Chi-square of the sizes' differences; infinite where they cannot be the same."""
-    result = np.zeros((len(seen), len(known)))
-    signs = [np.array([np.sign(d.depth.value) for d in each]) for each in (seen, known)]
-    result[signs[0][:, None] != signs[1]] = np.inf
-    steps = [np.array([d.kind == 'step' for d in each]) for each in (seen, known)]
-    result[steps[0][:, None] | steps[1]] = np.inf
-    cut = np.array([d.is_cut for d in seen])[:, None] | np.array([d.is_cut for d in known])
-    for name in ('depth', 'length', 'width'):
-        one, other = ([getattr(d, name) for d in each] for each in (seen, known))
-        values = np.array([e.value for e in one])[:, None], np.array([e.value for e in other])
-        sigma = [np.nan_to_num([e.uncertainty for e in each]) for each in (one, other)]
-        spread = np.sqrt(
-            sigma[0][:, None] ** 2
-            + sigma[1] ** 2
-            + (_OF_SIZE * np.minimum(np.abs(values[0]), np.abs(values[1]))) ** 2
-        )
-        off = np.abs(values[0] - values[1]) / np.maximum(spread, 1e-9)
-        off = np.where(cut, 0.0, np.nan_to_num(off))
-        result += np.where(off < _AGREE, off**2, np.inf)
-    return result
-
-
 def _tangent(origin: Field, normal: Field) -> _Plane:
     normal = normal / np.linalg.norm(normal)
     along = np.eye(3)[int(np.argmin(np.abs(normal)))]
     along = along - normal * (along @ normal)
     along /= np.linalg.norm(along)
     return _Plane(origin, np.stack([along, np.cross(normal, along), normal]))
-
-
-def _fit_in_space(
-    ours: Field, theirs: Field, place: Field, pivot: Field, covariance: Field
-) -> Pose:
-    """Small turn and shift by least squares, with the pose's as a prior."""
-    normal = np.linalg.inv(covariance + 1e-14 * np.eye(6))
-    right = np.zeros(6)
-    for here, there, spread in zip(ours, theirs, place, strict=True):
-        jacobian = about(here - pivot) / spread
-        normal += jacobian.T @ jacobian
-        right += jacobian.T @ ((there - here) / spread)
-    return move_about(np.linalg.solve(normal, right), pivot)
-
-
-def move_about(error: Field, pivot: Field) -> Pose:
-    """Pose that shifts a pivot and turns about it by an error (shift, turn)."""
-    rotation = Rotation.from_rotvec(error[3:])
-    return Pose(rotation, pivot - rotation.apply(pivot) + error[:3])
-
-
-def about(lever: Field) -> Field:
-    """How an error of a pose (shift, turn) moves a point at a lever from it, shape (3, 6)."""
-    x, y, z = lever
-    return np.hstack([np.eye(3), np.array([[0, z, -y], [-z, 0, x], [y, -x, 0]])])
 
 
 def _turned(places: Field, angle: float) -> Field:

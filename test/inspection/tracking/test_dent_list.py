@@ -5,7 +5,8 @@ import pytest
 from dent_samples import make_dent
 
 from ftp_dent_ros.inspection.dent import Estimate
-from ftp_dent_ros.inspection.tracking.dent_list import DentList, position_covariance
+from ftp_dent_ros.inspection.tracking.dent_list import DentList
+from ftp_dent_ros.inspection.tracking.pose_errors import position_covariance
 from ftp_dent_ros.inspection.tracking.sightings import combined
 from ftp_dent_ros.pose import Pose
 
