@@ -1,4 +1,9 @@
-"""One chunk of an MCAP file: while it is being written, and what it holds when it is read."""
+"""One chunk of an MCAP file: while it is being written, and what it holds when it is read.
+
+Its promises: a recorder that is killed loses no message (the chunk lies on the disk while it is
+open), and a file that decompresses to more than any recorder writes is refused. `mcap` keeps an
+open chunk in memory, and decompresses whatever a file says.
+"""
 
 from __future__ import annotations
 

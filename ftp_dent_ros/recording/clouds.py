@@ -1,4 +1,7 @@
-"""The clouds of a bag with all that the bag knows of each."""
+"""The clouds of a bag with all that the bag knows of each.
+
+Its promise: a message that cannot be used costs its own cloud alone, named by topic and stamp.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Message types: their definitions, their hashes, and their content without ROS."""
+"""Message types: their definitions, their hashes, and their content without ROS.
+
+`rosbags` knows the common interfaces. Here is what finds the definitions of other packages, so
+that a topic of any type is recorded whole.
+"""
 
 from __future__ import annotations
 

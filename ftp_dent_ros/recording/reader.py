@@ -1,5 +1,7 @@
 """Reading bags: rosbag2 folders with MCAP files, and bare ``.mcap`` files.
 
+Its promise: compressed topics are read as what they stand for, and a hostile file is refused.
+
 >>> bag = open_bag('out/demo/bag')
 >>> for message in bag.messages(['/points']):
 ...     cloud = bag.deserialise(message)

@@ -1,4 +1,8 @@
-"""Making a whole bag of one whose recorder was killed, or whose disk filled."""
+"""Making a whole bag of one whose recorder was killed, or whose disk filled.
+
+Its promise: of a bag without footers and metadata, which `rosbags` and `mcap` refuse, every whole
+message comes back.
+"""
 
 from __future__ import annotations
 

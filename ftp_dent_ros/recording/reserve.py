@@ -1,4 +1,8 @@
-"""Room on the disk that is held back for the end."""
+"""Room on the disk that is held back for the end.
+
+Its promise: where the disk fills the bag is whole all the same. No library's writer can close a
+file on a full disk.
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """What is whole of an MCAP file whose writer was killed, or whose disk filled.
 
 MCAP is read from front to back: each record has its length before it, so that the first one that
-does not fit tells where the writer was stopped.
+does not fit tells where the writer was stopped. Its promise is that of `recovery`: no reader of
+`mcap` opens a chunk that was not closed.
 """
 
 from __future__ import annotations

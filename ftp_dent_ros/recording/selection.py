@@ -1,4 +1,4 @@
-"""Which topics of many are wanted."""
+"""Which topics of many are wanted, in the words of ``ros2 bag``: the libraries choose none."""
 
 from __future__ import annotations
 

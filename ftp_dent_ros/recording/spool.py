@@ -1,4 +1,7 @@
-"""The queue between who receives messages and who writes them, and the thread that writes."""
+"""The queue between who receives messages and who writes them, and the thread that writes.
+
+Its promise: no publisher waits for a disk, and what is lost when one is too slow is counted.
+"""
 
 from __future__ import annotations
 

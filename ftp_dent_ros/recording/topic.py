@@ -1,4 +1,8 @@
-"""What a bag holds: messages, and topics with their type and quality of service."""
+"""What a bag holds: messages, and topics with their type and quality of service.
+
+A replayed topic has the quality of service that it was recorded with, as ``ros2 bag`` does it; the
+libraries keep the text alone.
+"""
 
 from __future__ import annotations
 
