@@ -1,23 +1,30 @@
 """Time from the publication of an image to the arrival of its cloud, between two processes.
 
 python benchmarks/node_latency.py [--rate 20] [--seconds 60] [--size 1280x720] [--stride 2]
+                                  [--dead-link]
 
-Over the transport that `ftp-dent up` selects.
+Over the transport that `ftp-dent up` selects. With ``--dead-link`` every other ten seconds a
+`downlink` runs that no ground ever reaches, and both halves are told, with what it takes of the
+processor.
 """
 
 from __future__ import annotations
 
 import argparse
+import socket
 import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import rclpy
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image, PointCloud2
+from timing import processor_time
 
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.pose import Pose
@@ -30,6 +37,8 @@ from ftp_dent_ros.supervision.domain import free_domain
 
 # Stamp of the first image: long after the pattern's.
 _SETTLED_NS = 1_000_000_000
+# Seconds with, and as many without a dead link.
+_TURN = 10.0
 
 
 def make_rig(width: int, height: int) -> Rig:
@@ -49,6 +58,7 @@ def main() -> None:
     parser.add_argument('--seconds', type=float, default=60.0)
     parser.add_argument('--size', default='1280x720')
     parser.add_argument('--stride', type=int, default=2)
+    parser.add_argument('--dead-link', action='store_true')
     arguments = parser.parse_args()
     width, height = map(int, arguments.size.split('x'))
     images = round(arguments.rate * arguments.seconds)
@@ -63,7 +73,17 @@ def main() -> None:
         module = 'ftp_dent_ros.nodes.reconstruction'
         process = subprocess.Popen([sys.executable, '-m', module, '--ros-args', *words])
         try:
-            latencies = measure(image, pattern, images, arguments.rate)
+            bench = Bench(image, pattern)
+            every = round(_TURN * arguments.rate) if arguments.dead_link else images
+            latencies, beside = [], []
+            for number, begin in enumerate(range(0, images, every)):
+                count = min(every, images - begin)
+                if number % 2:
+                    with dead_link(bench, Path(folder)):
+                        beside += bench.latencies(count, arguments.rate)
+                else:
+                    latencies += bench.latencies(count, arguments.rate)
+            bench.close()
         finally:
             process.terminate()
             process.wait()
@@ -76,51 +96,86 @@ def main() -> None:
         durations.append(time.perf_counter() - start)
     print(
         f'{arguments.size}, stride {arguments.stride}, {arguments.rate:g} a second: '
-        f'{images - len(latencies)} of {images} lost'
+        f'{images - len(latencies) - len(beside)} of {images} lost'
     )
-    for name, values in (('image to cloud', latencies), ('reconstruct() alone', durations)):
+    rows = [('image to cloud', latencies), ('reconstruct() alone', durations)]
+    if beside:
+        rows.insert(1, ('beside a dead link', beside))
+    for name, values in rows:
         print(
             f'{name}: median {1e3 * np.median(values):.0f} ms, '
             f'95 % below {1e3 * np.percentile(values, 95):.0f}, most {1e3 * max(values):.0f}'
         )
 
 
-def measure(image: np.ndarray, pattern: Pattern, images: int, rate: float) -> list[float]:
-    """Seconds from the publication of each image to the arrival of its cloud."""
-    rclpy.init()
-    node = rclpy.create_node('bench')
-    arrivals: dict[int, float] = {}
-    sent: dict[int, float] = {}
+class Bench:
+    """Publishes images and waits for their clouds."""
 
-    def on_cloud(message: PointCloud2) -> None:
-        arrivals[stamp_to_ns(message.header.stamp)] = time.perf_counter()
-
-    node.create_subscription(PointCloud2, 'points', on_cloud, CLOUDS)
-    projector = node.create_publisher(Image, 'projector/image_raw', PATTERNS)
-    projector.publish(image_to_message(pattern.draw(), 1, ''))
-    camera = node.create_publisher(Image, 'camera/image_raw', IMAGES)
-    executor = rclpy.executors.SingleThreadedExecutor()
-    executor.add_node(node)
-
-    def spin(until: float) -> None:
-        while time.perf_counter() < until:
-            executor.spin_once(timeout_sec=max(0.0, until - time.perf_counter()))
-
-    while not (camera.get_subscription_count() and node.count_publishers('points')):
-        spin(time.perf_counter() + 0.1)
-    spin(time.perf_counter() + 1.0)
-    for number in range(images + 1):
-        start = time.perf_counter()
-        stamp_ns = _SETTLED_NS + number
-        camera.publish(image_to_message(image, stamp_ns, 'camera'))
-        sent[stamp_ns] = start
+    def __init__(self, image: np.ndarray, pattern: Pattern) -> None:
+        rclpy.init()
+        self.node = rclpy.create_node('bench')
+        self._image, self._number = image, 0
+        self._arrivals: dict[int, float] = {}
+        self.node.create_subscription(PointCloud2, 'points', self._on_cloud, CLOUDS)
+        projector = self.node.create_publisher(Image, 'projector/image_raw', PATTERNS)
+        projector.publish(image_to_message(pattern.draw(), 1, ''))
+        self._camera = self.node.create_publisher(Image, 'camera/image_raw', IMAGES)
+        self._executor = rclpy.executors.SingleThreadedExecutor()
+        self._executor.add_node(self.node)
+        while not (self._camera.get_subscription_count() and self.node.count_publishers('points')):
+            self.spin(0.1)
+        self.spin(1.0)
         # The first one builds the tables.
-        spin(start + (1 / rate if number else 3.0))
-    spin(time.perf_counter() + 1.0)
-    executor.shutdown()
-    node.destroy_node()
-    rclpy.shutdown()
-    return [arrivals[stamp] - sent[stamp] for stamp in arrivals if stamp > _SETTLED_NS]
+        self.latencies(1, 1 / 3)
+
+    def latencies(self, count: int, rate: float) -> list[float]:
+        """Seconds from the publication of each image to the arrival of its cloud."""
+        sent: dict[int, float] = {}
+        for _ in range(count):
+            self._number += 1
+            stamp_ns, start = _SETTLED_NS + self._number, time.perf_counter()
+            self._camera.publish(image_to_message(self._image, stamp_ns, 'camera'))
+            sent[stamp_ns] = start
+            self.spin(start + 1 / rate - time.perf_counter())
+        self.spin(1.0)
+        return [self._arrivals[stamp] - sent[stamp] for stamp in sent if stamp in self._arrivals]
+
+    def spin(self, seconds: float) -> None:
+        """Take what comes for so long."""
+        until = time.perf_counter() + seconds
+        while (left := until - time.perf_counter()) > 0:
+            self._executor.spin_once(timeout_sec=left)
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown()
+
+    def _on_cloud(self, message: PointCloud2) -> None:
+        self._arrivals[stamp_to_ns(message.header.stamp)] = time.perf_counter()
+
+
+@contextmanager
+def dead_link(bench: Bench, folder: Path) -> Iterator[None]:
+    """A downlink that keeps all on disk, for nobody ever connects to it."""
+    with socket.socket() as probe:
+        probe.bind(('127.0.0.1', 0))
+        port = probe.getsockname()[1]
+    words = ['-p', f'address:=127.0.0.1:{port}', '-p', f'spool.folder:={folder}/spool']
+    module = 'ftp_dent_ros.nodes.downlink'
+    process = subprocess.Popen([sys.executable, '-m', module, '--ros-args', *words])
+    try:
+        while bench.node.count_subscribers('points') < 2:
+            bench.spin(0.1)
+        bench.spin(1.0)
+        start, used = time.monotonic(), processor_time(process.pid)
+        yield
+        share = (processor_time(process.pid) - used) / (time.monotonic() - start)
+        print(f'downlink: {100 * share:.1f} % of a core')
+    finally:
+        process.terminate()
+        process.wait()
 
 
 if __name__ == '__main__':

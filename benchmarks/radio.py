@@ -24,6 +24,7 @@ from pathlib import Path
 
 import numpy as np
 import yaml
+from timing import processor_time
 
 from ftp_dent_ros import files
 from ftp_dent_ros.simulation.radio import Conditions
@@ -130,12 +131,6 @@ class Run:
                 )
         return found
 
-    def processor_time(self, name: str) -> float:
-        """Seconds that a process has used so far."""
-        text = Path(f'/proc/{self.processes[name].pid}/stat').read_text()
-        user, system = text.rpartition(')')[2].split()[11:13]
-        return (int(user) + int(system)) / os.sysconf('SC_CLK_TCK')
-
     def link(self) -> list[str]:
         if self.arguments.keys:
             return ['-p', f'keys:={json.dumps(str(self.folder / "keys"))}']
@@ -197,12 +192,14 @@ def measure(arguments: argparse.Namespace, radio: str, folder: Path) -> dict[str
             while len(run.arrivals('aboard').get('points', {})) < 4:
                 time.sleep(0.5)
             begin = time.time()
-            used = 0.0 if arguments.plain else run.processor_time('downlink')
+            used = 0.0 if arguments.plain else processor_time(run.processes['downlink'].pid)
             before = joined.ground.traffic()[0]
             disturb(run, radio)
             load = 0.0
             if not arguments.plain and 'downlink' in run.processes:
-                load = (run.processor_time('downlink') - used) / (time.time() - begin)
+                load = (processor_time(run.processes['downlink'].pid) - used) / (
+                    time.time() - begin
+                )
             carried = (joined.ground.traffic()[0] - before) * 8 / (time.time() - begin)
             end = time.time()
             run.stop('payload')

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -35,3 +37,10 @@ def show(taken: Mapping[str, list[float]]) -> None:
             f'  {name:30}{1e3 * median:8.1f} ms {median / yardstick:8.1f} x, '
             f'at least {1e3 * least:.1f} ms'
         )
+
+
+def processor_time(pid: int) -> float:
+    """Seconds of the processor that another process has used so far."""
+    text = Path(f'/proc/{pid}/stat').read_text()
+    user, system = text.rpartition(')')[2].split()[11:13]
+    return (int(user) + int(system)) / os.sysconf('SC_CLK_TCK')

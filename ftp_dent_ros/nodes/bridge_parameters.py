@@ -32,6 +32,7 @@ class BridgeParameters:
     publishes_tf: bool
     ground_station: int
     image_size: tuple[int, int]
+    preview_columns: int
 
 
 def declare(parameters: Declarations) -> BridgeParameters:
@@ -66,6 +67,13 @@ def declare(parameters: Declarations) -> BridgeParameters:
         ),
         ground_station=ground_station,
         image_size=image_size,
+        preview_columns=parameters.declare(
+            'preview_columns',
+            320,
+            'Largest width of the clouds of tagged/preview, points.',
+            minimum=16,
+            maximum=1920,
+        ),
     )
 
 

@@ -1,8 +1,9 @@
 """The autopilot's pose for every cloud.
 
 Keeps a MAVLink link, publishes the autopilot's poses on ``mavlink/pose``, and for each cloud on
-``points`` the same cloud in the map frame on ``tagged/points`` and the poses at exactly its stamp,
-of the vehicle on ``tagged/pose``, of the camera on ``tagged/camera_pose``. A cloud waits, without
+``points`` the same cloud in the map frame on ``tagged/points``, its every n-th point on
+``tagged/preview`` for those in the network, and the poses at exactly its stamp, of the vehicle on
+``tagged/pose``, of the camera on ``tagged/camera_pose``. A cloud waits, without
 holding anything up, until all that its pose depends on has been heard; a pose that cannot be had
 is counted and logged with its reason, and nothing is published in its place.
 """
@@ -85,6 +86,7 @@ class MavlinkBridge(Node):
             self._mount,
             self._mount_covariance,
             self._most_waiting,
+            given.preview_columns,
             self._diagnostics,
         )
         self.create_subscription(

@@ -155,10 +155,10 @@ def _confine(root: ElementTree.Element, addresses: Sequence[str]) -> None:
 
 def _leave_segments(root: ElementTree.Element) -> None:
     """Take out of a profile what it says of segments, so that Fast DDS's own values count."""
-    for descriptor in root.iter(f'{{{_SCHEMA}}}transport_descriptor'):
-        for name in ('segment_size', 'maxMessageSize', 'port_queue_capacity'):
-            for element in descriptor.findall(f'{{{_SCHEMA}}}{name}'):
-                descriptor.remove(element)
+    descriptor = _first(root, 'transport_descriptor')  # that of the shared memory
+    for name in ('segment_size', 'maxMessageSize', 'port_queue_capacity'):
+        for element in descriptor.findall(f'{{{_SCHEMA}}}{name}'):
+            descriptor.remove(element)
 
 
 def _first(root: ElementTree.Element, name: str) -> ElementTree.Element:

@@ -283,6 +283,7 @@ def test_clouds_that_get_their_poses_at_once_are_all_published_with_them(
 ) -> None:
     bridge = Bridge(ros, port, pose_timeout=10.0, queue_size=8, maximum_gap=1.0)
     clouds = ros.collect(PointCloud2, 'tagged/points', QoSProfile(depth=20))
+    previews = ros.collect(PointCloud2, 'tagged/preview', CLOUDS)
     ros.until(lambda: bridge.stream)
     points = np.random.default_rng(1).uniform(0.5, 1.0, (360, 640, 3)).astype(np.float32)
     cloud = Cloud(points, np.ones((360, 640), np.float32))
@@ -296,6 +297,13 @@ def test_clouds_that_get_their_poses_at_once_are_all_published_with_them(
         ros.until(lambda at=stamp: at in stamps_of(bridge.poses))
     assert len(bridge.poses) > 6
     ros.until(lambda: stamps_of(clouds) == stamps_of(bridge.poses) == stamps_of(bridge.cameras))
+    ros.until(lambda: stamps_of(previews) & stamps_of(clouds))
+    whole, few = (
+        cloud_from_message({stamp_to_ns(m.header.stamp): m for m in each}[stamp])
+        for stamp in [max(stamps_of(previews) & stamps_of(clouds))]
+        for each in (clouds, previews)
+    )
+    np.testing.assert_array_equal(few.points, whole.points[::2, ::2])
 
 
 def stamps_of(messages: list) -> set[int]:
