@@ -1,12 +1,12 @@
 """What of the payload's topics reaches the ground over radios, and how late.
 
-python benchmarks/radio.py [--radios 100M 10M 2M 256k 57.6k] [--plain] [--seconds 40]
+python benchmarks/radio.py [--radios 100M 10M 2M 256k 57.6k] [--plain [TOPIC]] [--seconds 40]
                            [--outage 60] [--restart payload|ground] [--grounds 1] [--keys]
 
 The payload (real nodes in simulation) and the ground are two network namespaces, joined by a
 simulated radio: it takes root. With `--plain` there is neither downlink nor ground station, but a
-subscriber of tagged/points on the ground. A delay is from a message's arrival at a subscriber
-aboard to that at one on the ground.
+subscriber of tagged/preview, or another topic, on the ground. A delay is from a message's arrival
+at a subscriber aboard to that at one on the ground.
 """
 
 from __future__ import annotations
@@ -42,6 +42,7 @@ CLOUD, POSE = 'sensor_msgs/msg/PointCloud2', 'geometry_msgs/msg/PoseWithCovarian
 TOPICS = {
     'points': CLOUD,
     'tagged/points': CLOUD,
+    'tagged/preview': CLOUD,
     'preview/points': CLOUD,
     'camera/image_raw': 'sensor_msgs/msg/Image',
     'tagged/pose': POSE,
@@ -49,7 +50,7 @@ TOPICS = {
     'dents/list': CLOUD,
     '/diagnostics': 'diagnostic_msgs/msg/DiagnosticArray',
 }
-PREVIEW_OF = {'preview/points': 'points'}
+PREVIEW_OF = {'preview/points': 'points', 'tagged/preview': 'tagged/points'}
 
 
 def listen(output: Path, names: list[str]) -> None:
@@ -174,10 +175,10 @@ def measure(arguments: argparse.Namespace, radio: str, folder: Path) -> dict[str
 
             make_keys(folder / 'keys')
         try:
-            ground = [name for name in TOPICS if name != 'tagged/points']
+            ground = [name for name in TOPICS if name not in ('tagged/points', 'tagged/preview')]
             if arguments.plain:
                 aboard = ['points', 'tagged/points', 'dents']
-                ground = ['tagged/points']
+                ground = [arguments.plain]
                 run.listen('ground0', joined.ground, 1, ground)
             else:
                 for number in range(arguments.grounds):
@@ -258,7 +259,7 @@ def report(
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--radios', nargs='+', choices=RADIOS, default=list(RADIOS))
-    parser.add_argument('--plain', action='store_true')
+    parser.add_argument('--plain', nargs='?', const='tagged/preview', choices=TOPICS)
     parser.add_argument('--seconds', type=float, default=40.0)
     parser.add_argument('--drain', type=float, default=10.0)
     parser.add_argument('--outage', type=float, default=0.0)
