@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from ftp_dent_ros.calibration.sequence import Frame, Sequence
 from ftp_dent_ros.errors import CalibrationError
 
+_GREY = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH
 _SUFFIXES = ('.png', '.jpg', '.jpeg', '.tif', '.tiff', '.bmp')
 
 
@@ -74,17 +76,29 @@ def read_pose(pose: PoseFolder, sequence: Sequence) -> dict[Frame, NDArray[np.ui
             f'{sequence.width}x{sequence.height} projector only {len(frames)}: check the '
             "projector's size and the sequence"
         )
-    taken: dict[Frame, NDArray[np.uint8]] = {}
+    levels: dict[Frame, NDArray[Any]] = {}
     for number, path in pose.files.items():
         data = np.fromfile(path, np.uint8)
-        image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if len(data) else None
+        image = cv2.imdecode(data, _GREY) if len(data) else None
         if image is None:
             raise CalibrationError(f'{path}: empty, damaged or not an image: take the pose again')
-        taken[frames[number]] = np.asarray(image, np.uint8)
+        levels[frames[number]] = np.asarray(image)
+    taken = _of_eight_bits(levels)
     sizes = {image.shape for image in taken.values()}
     if len(sizes) > 1:
         raise CalibrationError(f'{pose.name}: the photographs have {len(sizes)} different sizes')
     return in_order(taken)
+
+
+def _of_eight_bits(levels: dict[Frame, NDArray[Any]]) -> dict[Frame, NDArray[np.uint8]]:
+    """The same in 8 bits; of 16, all are divided by what the brightest photograph needs."""
+    deep = [image for image in levels.values() if image.dtype == np.uint16]
+    highest = max((int(image.max(initial=0)) for image in deep), default=0)
+    shift = max(highest.bit_length() - 8, 0)
+    return {
+        frame: (image >> (shift if image.dtype == np.uint16 else 0)).astype(np.uint8)
+        for frame, image in levels.items()
+    }
 
 
 def in_order(taken: dict[Frame, NDArray[np.uint8]]) -> dict[Frame, NDArray[np.uint8]]:

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from ftp_dent_ros.calibration.board import Board
 from ftp_dent_ros.calibration.model import Model
 from ftp_dent_ros.calibration.observing import observe
+from ftp_dent_ros.calibration.photographs import PoseFolder, read_pose
 from ftp_dent_ros.calibration.sequence import Frame, Sequence
 from ftp_dent_ros.calibration.session import Session, read_session, see_poses, write_session
 from ftp_dent_ros.calibration.solving import solve
@@ -204,3 +205,16 @@ def test_real_photographs(shared):
     mistaken = [replace(o, projector=o.projector[:, ::-1]) for o in observations]
     with pytest.raises(CalibrationError, match='rows and columns are exchanged'):
         solve(mistaken, board, size, (1024, 768))
+
+
+@pytest.mark.parametrize('shift', [2, 4, 8])
+def test_photographs_of_more_bits_keep_their_brightness_to_each_other(tmp_path, shift):
+    levels = np.random.default_rng(0).integers(0, 200, (3, 20, 30), np.uint8)
+    levels[0, 0, 0], levels[2] = 255, levels[2] // 40
+    for number, image in enumerate(levels):
+        deep = image.astype(np.uint16) << shift
+        assert cv2.imwrite(str(tmp_path / f'{number}.png'), deep)
+    pose = PoseFolder('pose', {number: tmp_path / f'{number}.png' for number in range(3)})
+    read = read_pose(pose, SEQUENCE)
+    for frame, image in zip(SEQUENCE.frames, levels, strict=False):
+        np.testing.assert_array_equal(read[frame], image)

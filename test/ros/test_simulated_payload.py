@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import yaml
 from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_srvs.srv import Trigger
 
+from ftp_dent_ros.files import find
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.profilometry import Reconstructor, Settings
-from ftp_dent_ros.ros.messages import cloud_from_message, image_from_message, stamp_to_ns
+from ftp_dent_ros.ros.messages import cloud_from_message, photograph_from_message, stamp_to_ns
 from ftp_dent_ros.ros.qos import PATTERNS
 from ftp_dent_ros.simulation.world import read_world
 
@@ -25,6 +27,15 @@ def world():
     return read_world('shipped:scene.yaml', START_NS)
 
 
+@pytest.fixture(params=['rgb8', 'bayer_gbrg12'])
+def scene_file(request, tmp_path):
+    """The shipped scene by a camera that gives colours, and by one that gives raw pixels."""
+    scene = yaml.safe_load(find('shipped:scene.yaml').read_text())
+    scene['photometry']['encoding'] = request.param
+    (tmp_path / 'scene.yaml').write_text(yaml.safe_dump(scene))
+    return tmp_path / 'scene.yaml'
+
+
 def start_camera(ros, rig_file, **parameters):
     return ros.start(
         'camera_capture',
@@ -35,7 +46,8 @@ def start_camera(ros, rig_file, **parameters):
     )
 
 
-def test_photographs_of_the_simulated_skin_become_clouds_on_it(ros, rig, rig_file, world):
+def test_photographs_of_the_simulated_skin_become_clouds_on_it(ros, rig, rig_file, scene_file):
+    world = read_world(scene_file, START_NS)
     images = ros.collect(Image, 'camera/image_raw')
     infos = ros.collect(CameraInfo, 'camera/camera_info')
     clouds = ros.collect(PointCloud2, 'points')
@@ -44,7 +56,8 @@ def test_photographs_of_the_simulated_skin_become_clouds_on_it(ros, rig, rig_fil
         ros.start('pattern_publisher', rig=rig_file, period_px=8),
     ]
     ros.until(lambda: ros.node.count_subscribers('camera/image_raw') == 2)
-    processes.append(start_camera(ros, rig_file, rate=2))
+    scene = str(scene_file)
+    processes.append(start_camera(ros, rig_file, rate=2, simulation__scene=scene))
     taken = {}
 
     def pictured(message):
@@ -54,13 +67,15 @@ def test_photographs_of_the_simulated_skin_become_clouds_on_it(ros, rig, rig_fil
     # Who subscribes a moment late misses a message or two.
     ros.until(lambda: infos and len(list(filter(pictured, clouds))) >= 3)
     projected = PATTERN.draw()
-    photographs = {stamp_ns: image_from_message(image) for stamp_ns, image in taken.items()}
+    photographs = {at: photograph_from_message(image) for at, image in taken.items()}
     for info in infos:
         stamp_ns = stamp_to_ns(info.header.stamp)
         assert stamp_ns not in taken or info.header == taken[stamp_ns].header
     stamps = list(photographs)
-    expected = world.photograph(rig, projected, stamps[0]).shown()
-    np.testing.assert_array_equal(photographs[stamps[0]], expected)
+    expected, seen = world.photograph(rig, projected, stamps[0]), photographs[stamps[0]]
+    assert seen.mosaic == expected.mosaic
+    filling = 16 if seen.white > 255 else 8
+    np.testing.assert_array_equal(seen.pixels >> (filling - expected.bits), expected.pixels)
     assert stamps == sorted(set(stamps))
     reconstructor = Reconstructor(rig, PATTERN, Settings())
     for message in list(filter(pictured, clouds))[:3]:
