@@ -50,15 +50,17 @@ _ORDERS = {'ascii': '', 'binary_little_endian': '<', 'binary_big_endian': '>'}
 _END = re.compile(rb'^end_header\r?\n', re.MULTILINE)
 _NO_GRID = 'not an organised cloud (it lacks the grid that ftp-dent writes): give one that is'
 _FRAME = 'comment ftp_dent_ros, metres, frame '
+_RIG = 'comment rig '
 _LONGEST_HEADER = 1 << 16  # bytes
 _MOST_POINTS = 1 << 26  # of a grid: four times the camera of 16 megapixels
 
 
-def write_ply(path: str | os.PathLike[str], cloud: Cloud, frame_id: str) -> None:
+def write_ply(path: str | os.PathLike[str], cloud: Cloud, frame_id: str, rig_id: str = '') -> None:
     """Write the valid points as binary PLY; a file under that name is whole or not there.
 
     The grid's size stands in the header as ``obj_info num_cols`` and ``num_rows``, each
-    vertex has its ``row`` and ``column``: readers that know only x, y, z ignore both.
+    vertex has its ``row`` and ``column``: readers that know only x, y, z ignore both. A comment
+    names the rig (`Rig.id`) that measured the cloud.
 
     Raises
     ------
@@ -77,6 +79,7 @@ def write_ply(path: str | os.PathLike[str], cloud: Cloud, frame_id: str) -> None
         'ply',
         'format binary_little_endian 1.0',
         _FRAME + printable(frame_id),
+        *([_RIG + printable(rig_id)] if rig_id else []),
         f'obj_info num_cols {columns}',
         f'obj_info num_rows {rows}',
         f'element vertex {len(vertex)}',
@@ -113,17 +116,40 @@ def read_ply(path: str | os.PathLike[str]) -> tuple[Cloud, str]:
     """
     try:
         with Path(path).open('rb') as file:
-            start = file.read(_LONGEST_HEADER)
-            end = _END.search(start)
-            if not end or not start.startswith(b'ply'):
-                raise CloudError('not a PLY file: give a cloud written by ftp-dent')
-            header = _header(start[: end.start()].decode('ascii', 'replace').splitlines())
-            file.seek(end.end())
+            header = _header(_lines(file))
             return _cloud(header, _vertices(header, file)), header.frame_id
     except OSError as reason:
         raise CloudError(f'{path}: cannot be read ({reason.strerror}): check the path') from None
     except CloudError as reason:
         raise CloudError(f'{path}: {reason}') from None
+
+
+def rig_id_of(path: str | os.PathLike[str]) -> str:
+    """Id of the rig that measured a cloud, as its file says; empty if it does not.
+
+    Raises
+    ------
+    CloudError
+        The file cannot be read, or is no PLY.
+    """
+    try:
+        with Path(path).open('rb') as file:
+            told = [line for line in _lines(file) if line.startswith(_RIG)]
+    except OSError as reason:
+        raise CloudError(f'{path}: cannot be read ({reason.strerror}): check the path') from None
+    except CloudError as reason:
+        raise CloudError(f'{path}: {reason}') from None
+    return told[0].removeprefix(_RIG).strip() if told else ''
+
+
+def _lines(file: BinaryIO) -> list[str]:
+    """Lines of the header; the file then stands behind it."""
+    start = file.read(_LONGEST_HEADER)
+    end = _END.search(start)
+    if not end or not start.startswith(b'ply'):
+        raise CloudError('not a PLY file: give a cloud written by ftp-dent')
+    file.seek(end.end())
+    return start[: end.start()].decode('ascii', 'replace').splitlines()
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from numpy.lib.recfunctions import structured_to_unstructured
 
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.errors import CloudError
-from ftp_dent_ros.ply import read_ply, write_ply
+from ftp_dent_ros.ply import read_ply, rig_id_of, write_ply
 
 
 @pytest.fixture
@@ -34,6 +34,18 @@ def test_ply_keeps_the_grid_and_the_bits(cloud, tmp_path):
     for name in ('intensity', 'sigma', 'resolution'):
         np.testing.assert_array_equal(getattr(read, name), getattr(cloud, name))
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_cloud_says_which_rig_measured_it(cloud, tmp_path):
+    path = tmp_path / 'cloud.ply'
+    write_ply(path, cloud, 'map')
+    assert rig_id_of(path) == ''
+    write_ply(path, cloud, 'map', '0123456789ab')
+    assert rig_id_of(path) == '0123456789ab'
+    assert read_ply(path)[1] == 'map'
+    path.write_bytes(b'nothing')
+    with pytest.raises(CloudError, match='not a PLY'):
+        rig_id_of(path)
 
 
 def test_an_empty_cloud_is_written_and_read(tmp_path):

@@ -20,7 +20,7 @@ from ftp_dent_ros.demonstration.dents import DentAppraisal, appraise_dents
 from ftp_dent_ros.demonstration.flight import FlightError, fly, simulation_parameters
 from ftp_dent_ros.demonstration.results import write_results
 from ftp_dent_ros.errors import ConfigurationError
-from ftp_dent_ros.files import content_id, find
+from ftp_dent_ros.files import find
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.reporting.bag import survey_bag
 from ftp_dent_ros.inspection.reporting.files import write_report
@@ -137,8 +137,8 @@ def _demonstrate(arguments: argparse.Namespace, folder: Path) -> tuple[dict[str,
 def _inspect(bag: Bag, world: World, rig: str, folder: Path) -> DentAppraisal:
     """Write the report on the flight's dents, and hold them against the true ones."""
     file = find(rig)
-    camera = read_rig(file).camera
-    named = (file.name, content_id(file))
+    calibrated = read_rig(file)
+    named, camera = (file.name, calibrated.id), calibrated.camera
     count = bag.metadata.message_counts['/tagged/points']
     with _bar('inspecting', count, 'cloud') as bar:
         report = survey_bag(bag, inspect, named, camera, progress=bar.update)

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from ftp_dent_ros.errors import CloudError, ConfigurationError
-from ftp_dent_ros.files import content_id, find
+from ftp_dent_ros.files import find
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.observation import Observation, viewpoint_of
 from ftp_dent_ros.inspection.reporting.content import Report
@@ -17,7 +17,7 @@ from ftp_dent_ros.inspection.reporting.survey import Survey
 from ftp_dent_ros.inspection.settings import Settings
 from ftp_dent_ros.pattern import read_pattern
 from ftp_dent_ros.photograph_file import is_photograph, read_photograph
-from ftp_dent_ros.ply import read_ply
+from ftp_dent_ros.ply import read_ply, rig_id_of
 from ftp_dent_ros.rig import Lens, read_rig
 
 _CAMERA_FRAME = 'camera_optical_frame'
@@ -78,11 +78,12 @@ def report_of(request: Request, progress: Callable[[int], object] = lambda count
 def _of_bag(request: Request, rules: Rules | None, progress: Callable[[int], object]) -> Report:
     # Only this needs the libraries of bags.
     from ftp_dent_ros.inspection.reporting.bag import survey_bag
+    from ftp_dent_ros.recording import provenance
     from ftp_dent_ros.recording.clouds import count_clouds
     from ftp_dent_ros.recording.reader import open_bag
 
-    named, camera = _rig(request.rig)
     bag = open_bag(request.path)
+    named, camera = _rig(request, provenance.rig_id_of(bag))
     count, _ = count_clouds(bag)
     each = partial(progress, count)
     return survey_bag(bag, inspect, named, camera, rules, request.settings, each)
@@ -93,7 +94,7 @@ def _of_cloud(request: Request, rules: Rules | None) -> Report:
     in_camera = frame_id == _CAMERA_FRAME
     viewpoint = (0.0, 0.0, 0.0) if in_camera else viewpoint_of(cloud)
     observation = Observation(request.path.name, cloud, viewpoint=viewpoint)
-    return _of_one(request, observation, frame_id, rules)
+    return _of_one(request, observation, frame_id, rules, rig_id_of(request.path))
 
 
 def _of_photograph(request: Request, rules: Rules | None) -> Report:
@@ -120,9 +121,13 @@ def _of_photograph(request: Request, rules: Rules | None) -> Report:
 
 
 def _of_one(
-    request: Request, observation: Observation, frame_id: str, rules: Rules | None
+    request: Request,
+    observation: Observation,
+    frame_id: str,
+    rules: Rules | None,
+    measured_by: str = '',
 ) -> Report:
-    named, camera = _rig(request.rig)
+    named, camera = _rig(request, measured_by)
     survey = Survey(inspect, settings=request.settings)
     if survey.add(observation) is None:
         raise CloudError(survey.refused[0])
@@ -131,9 +136,15 @@ def _of_one(
     return survey.report(str(request.path), frame_id, named, camera, rules)
 
 
-def _rig(name: str | None) -> tuple[tuple[str, str], Lens | None]:
-    """Name and id of the calibration, and its camera."""
-    if not name:
-        return ('', ''), None
-    file = find(name)
-    return (file.name, content_id(file)), read_rig(file).camera
+def _rig(request: Request, measured_by: str) -> tuple[tuple[str, str], Lens | None]:
+    """Name and id of the calibration, and its camera; the input may say which id it is."""
+    if not request.rig:
+        return ('', measured_by), None
+    file = find(request.rig)
+    rig = read_rig(file)
+    if measured_by and measured_by != rig.id:
+        raise ConfigurationError(
+            f'{file}: is the rig {rig.id}, and {request.path} was measured by the rig '
+            f'{measured_by}: give that one, or none'
+        )
+    return (file.name, rig.id), rig.camera

@@ -68,16 +68,15 @@ def run(arguments: argparse.Namespace) -> int:
     output = Path(arguments.output)
     if output.suffix.lower() != '.ply':
         raise CloudError(f'{output}: clouds are written as PLY: give a name that ends in .ply')
-    reconstructor = Reconstructor(
-        read_rig(find(arguments.rig)), read_pattern(find(arguments.pattern)), settings
-    )
+    rig = read_rig(find(arguments.rig))
+    reconstructor = Reconstructor(rig, read_pattern(find(arguments.pattern)), settings)
     photograph = read_photograph(arguments.image, arguments.encoding)
     measurement = reconstructor.measure(photograph, bool(arguments.skin))
     cloud = measurement.cloud
     if photograph.encoding != 'rgb8':
         told = 'as told' if arguments.encoding else 'tell by --encoding if it is not'
         print(f'{arguments.image}: taken for {photograph.encoding} ({told})')
-    write_ply(output, cloud, _FRAME)
+    write_ply(output, cloud, _FRAME, rig.id)
     if measurement.skin is not None:
         write_png(arguments.skin, measurement.skin)
     depth = cloud.points[..., 2][cloud.valid]

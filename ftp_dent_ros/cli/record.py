@@ -14,14 +14,17 @@ import threading
 import time
 from pathlib import Path
 
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from ftp_dent_ros.errors import BagError, ConfigurationError
+from ftp_dent_ros.recording.provenance import RIG, rig_id_in
 from ftp_dent_ros.recording.ros.recorder import DISCOVERY_PERIOD_S, Recorder
 from ftp_dent_ros.recording.selection import Selection
 from ftp_dent_ros.recording.spool import Spool
 from ftp_dent_ros.recording.writer import BagWriter
+from ftp_dent_ros.ros.qos import DIAGNOSTICS
 from ftp_dent_ros.ros.session import session
 
 _MEGABYTE = 10**6
@@ -78,6 +81,7 @@ def run(arguments: argparse.Namespace) -> int:
         writer = _writer(arguments, output)
         spool = Spool(writer, arguments.max_cache_size)
         recorder = Recorder(node, writer.add_topic, spool.put, selection)
+        _note_rig(node, writer)
         progress = _Progress(writer)
         try:
             _receive(node, recorder, spool, stop, progress)
@@ -113,6 +117,17 @@ def _writer(arguments: argparse.Namespace, output: Path) -> BagWriter:
     from ftp_dent_ros.recording.compression import CompressedBagWriter
 
     return CompressedBagWriter(output, max_file_size=arguments.max_bag_size)
+
+
+def _note_rig(node: Node, writer: BagWriter) -> None:
+    """Have the bag say which rig measures, as the diagnostics tell it: the latest."""
+
+    def on_array(array: DiagnosticArray) -> None:
+        rig_id = rig_id_in(array)
+        if rig_id:
+            writer.custom_data[RIG] = rig_id
+
+    node.create_subscription(DiagnosticArray, '/diagnostics', on_array, DIAGNOSTICS)
 
 
 def _receive(

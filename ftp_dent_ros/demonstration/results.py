@@ -21,6 +21,7 @@ from ftp_dent_ros.demonstration.appraisal import (
 )
 from ftp_dent_ros.files import written_aside
 from ftp_dent_ros.ply import write_ply
+from ftp_dent_ros.recording.provenance import rig_id_of
 from ftp_dent_ros.recording.reader import Bag
 from ftp_dent_ros.simulation.surface import Surface
 from ftp_dent_ros.simulation.world import World
@@ -42,12 +43,14 @@ def write_results(bag: Bag, world: World, folder: Path, progress: Callable[[], A
         return
     kept = {stamps[round(i * (len(stamps) - 1) / (_KEPT - 1))] for i in range(_KEPT)}
     middle = stamps[len(stamps) // 2]
+    rig_id = rig_id_of(bag)
     for topic, frame in (('/points', 'camera'), ('/tagged/points', 'map')):
         frame_id = 'camera_optical_frame' if frame == 'camera' else 'map'
         for stamp, cloud in clouds_of(bag, topic):
             if stamp in kept:
                 number = stamps.index(stamp)
-                write_ply(folder / 'clouds' / f'cloud_{number:03}_{frame}.ply', cloud, frame_id)
+                path = folder / 'clouds' / f'cloud_{number:03}_{frame}.ply'
+                write_ply(path, cloud, frame_id, rig_id)
                 progress()
     _pictures_of_one(bag, world, middle, folder, progress)
     _picture_of_all(bag, world, stamps, folder)

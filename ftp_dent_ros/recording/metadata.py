@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +46,7 @@ class BagMetadata:
     topics: tuple[Topic, ...]
     message_counts: Mapping[str, int]
     ros_distro: str = ''
+    custom_data: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def message_count(self) -> int:
@@ -102,7 +103,7 @@ def metadata_to_mapping(metadata: BagMetadata) -> dict[str, Any]:
             }
             for file in metadata.files
         ],
-        'custom_data': None,
+        'custom_data': dict(metadata.custom_data) or None,
         'ros_distro': metadata.ros_distro,
     }
 
@@ -147,12 +148,17 @@ def read_metadata(folder: Path) -> BagMetadata:
                 for topic, entry in zip(topics, entries, strict=True)
             },
             ros_distro=str(information.get('ros_distro') or ''),
+            custom_data=_texts(information.get('custom_data') or {}),
         )
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, yaml.YAMLError) as reason:
         raise BagError(
             f'{path}: not a rosbag2 metadata file ({type(reason).__name__}: {reason}): '
             f'make a whole bag of {folder} with `ftp-dent recover`'
         ) from None
+
+
+def _texts(entry: Mapping[Any, Any]) -> dict[str, str]:
+    return {str(name): str(value) for name, value in entry.items()}
 
 
 def _topic(entry: Mapping[str, Any]) -> Topic:

@@ -122,7 +122,8 @@ def open_bag(path: str | os.PathLike[str]) -> Bag:
     # Before version 4 the names included the bag's own folder.
     files = [path / Path(file.path).name for file in written.files]
     topics = {(topic.name, topic.type): topic for topic in written.topics}
-    return _bag(path, files, _metadata(files, topics, written.ros_distro))
+    found = _metadata(files, topics, written.ros_distro)
+    return _bag(path, files, replace(found, custom_data=written.custom_data))
 
 
 def read_messages(

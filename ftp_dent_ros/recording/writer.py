@@ -46,6 +46,11 @@ class BagWriter:
     max_file_size : int, optional
         Bytes after which the next file is begun; 0 for one file.
 
+    Attributes
+    ----------
+    custom_data : dict of str to str
+        What the metadata say beside; may grow until the bag is closed.
+
     Raises
     ------
     BagError
@@ -57,6 +62,7 @@ class BagWriter:
         self.size = 0  # of all files, in bytes
         self.message_count = 0
         self.message_counts: dict[str, int] = defaultdict(int)
+        self.custom_data: dict[str, str] = {}
         self._name = name or folder.resolve().name
         self._max_file_size = max_file_size
         self._topics: dict[str, Topic] = {}
@@ -210,6 +216,7 @@ class BagWriter:
             topics=self.topics,
             message_counts=dict(self.message_counts),
             ros_distro=distribution(),
+            custom_data=self.custom_data,
         )
 
     def _failure(self, reason: OSError) -> BagError:

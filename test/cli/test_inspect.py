@@ -59,6 +59,20 @@ def test_a_cloud_gives_its_dents_and_their_verdicts(tmp_path, capsys, cloud):
     assert lines[1].endswith(f'width {deepest["width_mm"]:.1f} mm: exceeds')
 
 
+def test_the_report_repeats_the_rig_that_measured_the_cloud(tmp_path, capsys, cloud):
+    rig = read_rig(find('shipped:rig.yaml'))
+    path = tmp_path / 'cloud.ply'
+    write_ply(path, cloud, 'camera_optical_frame', rig.id)
+    assert inspected(tmp_path / 'out', path)['rig'] == {'file': None, 'id': rig.id}
+    assert f'id {rig.id}' in (tmp_path / 'out/report.html').read_text()
+    with_file = inspected(tmp_path / 'other', path, '--rig', 'shipped:rig.yaml')
+    assert with_file['rig'] == {'file': 'rig.yaml', 'id': rig.id}
+    capsys.readouterr()
+    write_ply(path, cloud, 'camera_optical_frame', '0123456789ab')
+    out = ('--output', tmp_path / 'no', '--rig', 'shipped:rig.yaml')
+    assert 'was measured by the rig 0123456789ab' in refusal(capsys, path, *out)
+
+
 def test_dents_smaller_than_asked_for_are_left_out(tmp_path, cloud):
     write_ply(tmp_path / 'cloud.ply', cloud, 'camera_optical_frame')
     data = inspected(tmp_path / 'out', tmp_path / 'cloud.ply', '--smallest-depth', '1.5')

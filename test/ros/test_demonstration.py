@@ -14,8 +14,10 @@ from sensor_msgs.msg import PointCloud2
 
 from ftp_dent_ros.cli.demo import BOUNDS
 from ftp_dent_ros.cli.main import main
-from ftp_dent_ros.ply import read_ply
+from ftp_dent_ros.files import find
+from ftp_dent_ros.ply import read_ply, rig_id_of
 from ftp_dent_ros.recording.reader import open_bag, read_messages
+from ftp_dent_ros.rig import read_rig
 from ftp_dent_ros.ros.messages import stamp_to_ns
 
 INPUTS = ('/projector/image_raw', '/camera/camera_info', '/camera/image_raw')
@@ -56,6 +58,10 @@ def test_it_ends_with_the_report_on_the_dents_that_are_there(flight):
     # 0.039 on a quiet machine, 0.053 once on a busy machine.
     assert figures['depth_error_mm'] < 0.08
     assert (data['frame_id'], data['rig']['file']) == ('map', 'rig.yaml')
+    rig_id = read_rig(find('shipped:rig.yaml')).id
+    told = {rig_id_of(path) for path in (flight / 'clouds').glob('*.ply')}
+    custom = open_bag(flight / 'bag').metadata.custom_data
+    assert told == {data['rig']['id']} == {custom['rig']} == {rig_id}
     assert len(data['frames']) == figures['clouds'] and data['refused'] == []
     assert max(dent['sightings'] for dent in data['dents']) > 1
     page = (flight / 'report/report.html').read_text()

@@ -39,7 +39,7 @@ def facts_of(report: Report) -> list[tuple[str, str]]:
         ('Not measured', _not_measured(report)),
         ('Waviness', _waviness(frames)),
         ('Noise of a point', f'{np.median(noise) * _MM:.3f} mm' if noise else 'not known'),
-        ('Rig', f'{report.rig_name}, id {report.rig_id}' if report.rig_id else 'not given'),
+        ('Rig', _rig(report)),
         ('Positions in', report.frame_id),
         ('Pose', _pose(frames)),
         ('Software', f'ftp_dent_ros {report.version}'),
@@ -48,6 +48,13 @@ def facts_of(report: Report) -> list[tuple[str, str]]:
     if report.rules:
         facts.append(('Limits', report.rules.title or report.rules.reference or 'given'))
     return facts
+
+
+def _rig(report: Report) -> str:
+    """File and id of the rig, as far as they are known."""
+    if not report.rig_id:
+        return 'not told'
+    return f'{report.rig_name}, id {report.rig_id}' if report.rig_name else f'id {report.rig_id}'
 
 
 def _smallest(report: Report) -> str:

@@ -29,7 +29,7 @@ def report_record(report: Report) -> dict[str, Any]:
         'others': [dent_record(entry) for entry in report.others],
         'frame_id': report.frame_id,
         'source': report.source,
-        'rig': {'file': report.rig_name, 'id': report.rig_id} if report.rig_id else None,
+        'rig': {'file': report.rig_name or None, 'id': report.rig_id} if report.rig_id else None,
         'rules': {'title': rules.title, 'reference': rules.reference} if rules else None,
         'smallest_depth_mm': report.settings.smallest_depth * _MM,
         'smallest_width_mm': report.settings.smallest_width * _MM,

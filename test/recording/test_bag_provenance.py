@@ -1,0 +1,48 @@
+"""A bag says which rig measured its clouds."""
+
+from __future__ import annotations
+
+from bag_samples import START_NS, sample_messages, topic, write_sample
+
+from ftp_dent_ros.recording.definitions import typestore
+from ftp_dent_ros.recording.provenance import rig_id_of
+from ftp_dent_ros.recording.reader import open_bag
+from ftp_dent_ros.recording.topic import Message
+from ftp_dent_ros.recording.writer import BagWriter
+
+ARRAY = 'diagnostic_msgs/msg/DiagnosticArray'
+DIAGNOSTICS = topic('/diagnostics', ARRAY)
+
+
+def diagnostics(seconds: int, rig: str) -> Message:
+    store = typestore()
+    types = store.types
+    stamp = types['builtin_interfaces/msg/Time'](seconds, 0)
+    value = types['diagnostic_msgs/msg/KeyValue']('rig', rig)
+    status = types['diagnostic_msgs/msg/DiagnosticStatus'](0, 'reconstruction', '', '', [value])
+    array = types[ARRAY](types['std_msgs/msg/Header'](stamp, ''), [status])
+    time_ns = START_NS + seconds
+    data = bytes(store.serialize_cdr(array, ARRAY))
+    return Message('/diagnostics', ARRAY, time_ns, time_ns, data, seconds)
+
+
+def test_the_metadata_tell_it_first(tmp_path):
+    with BagWriter(tmp_path / 'bag') as writer:
+        writer.add_topic(DIAGNOSTICS)
+        writer.write([diagnostics(0, 'of-diagnostics')])
+        writer.custom_data['rig'] = '0123456789ab'
+    bag = open_bag(tmp_path / 'bag')
+    assert bag.metadata.custom_data == {'rig': '0123456789ab'}
+    assert rig_id_of(bag) == '0123456789ab'
+
+
+def test_the_diagnostics_tell_it_where_the_recorder_was_killed(tmp_path):
+    with BagWriter(tmp_path / 'bag') as writer:
+        writer.add_topic(DIAGNOSTICS)
+        writer.write([diagnostics(0, 'none'), diagnostics(1, 'ba9876543210')])
+    assert rig_id_of(open_bag(tmp_path / 'bag')) == 'ba9876543210'
+
+
+def test_a_bag_without_either_says_nothing(tmp_path):
+    write_sample(tmp_path / 'bag', sample_messages(4))
+    assert rig_id_of(open_bag(tmp_path / 'bag')) == ''
