@@ -12,6 +12,7 @@ from ftp_dent_ros.calibration.checking import check
 from ftp_dent_ros.errors import CalibrationError, RefusedFrameError
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.profilometry import Reconstructor
+from ftp_dent_ros.profilometry.flicker import MUCH, SOME, flicker
 from ftp_dent_ros.profilometry.rig_alarm import LAST, rig_alarm
 from ftp_dent_ros.rig import Rig
 
@@ -24,8 +25,6 @@ _MOST_CLIPPED, _SOME_CLIPPED = 0.05, 0.005
 _SHARP, _SOFT = 0.6, 0.3
 # Part of the light from elsewhere.
 _SOME_AMBIENT, _MUCH_AMBIENT = 0.5, 1.5
-# Strength and colour from photograph to photograph, standard deviations.
-_SOME_FLICKER, _MUCH_FLICKER = 0.01, 0.04
 # A dent is seen if it is so many times deeper than the noise of a point.
 _SEEN = 5.0
 
@@ -79,7 +78,7 @@ def examine(
     white, black : ndarray, shape (height, width, 3), uint8
         RGB, under an even projected image.
     fringes : list of ndarray
-        Two or more under the pattern.
+        Two or more under the pattern; three or more tell the flicker.
     reconstructor : Reconstructor
         Of `rig` and `pattern`.
     exposure : float
@@ -154,17 +153,14 @@ def _focus(white: NDArray, black: NDArray, fringes: NDArray) -> Finding:
 
 
 def _flicker(fringes: list[NDArray], lit: NDArray, exposure: float) -> Finding:
-    levels = np.array([each[lit].astype(float).mean(axis=0) for each in fringes])
-    strength = float(np.std(levels.mean(axis=1)) / max(levels.mean(), 1e-9))
-    colour = levels / np.maximum(levels.sum(axis=1, keepdims=True), 1e-9)
-    tint = float(np.std(colour, axis=0).max() / colour.mean())
-    worst = max(strength, tint)
-    text = f'strength {100 * strength:.1f} %, colour {100 * tint:.1f} %'
-    if worst <= _SOME_FLICKER:
-        return Finding('flicker', OK, text)
+    found = flicker([each[lit].astype(float).mean(axis=0) for each in fringes])
+    if found is None:
+        return Finding('flicker', WARN, 'not known: it takes three photographs that show light')
+    if found.worst <= SOME:
+        return Finding('flicker', OK, found.text)
     frames = max(1, round(exposure * 60)) if exposure else 1
     advice = f'expose for a whole number of projector frames ({1e3 * frames / 60:.1f} ms at 60 Hz)'
-    return Finding('flicker', WARN if worst <= _MUCH_FLICKER else NO, f'{text}: {advice}')
+    return Finding('flicker', WARN if found.worst <= MUCH else NO, f'{found.text}: {advice}')
 
 
 def _ambient(white: NDArray, black: NDArray, lit: NDArray) -> Finding:

@@ -42,6 +42,8 @@ from ftp_dent_ros.photograph import Photograph
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.profilometry.coverage import REASONS
 from ftp_dent_ros.profilometry.epipolar_check import EpipolarCheck
+from ftp_dent_ros.profilometry.flicker import LAST as FLICKER_LAST
+from ftp_dent_ros.profilometry.flicker import MUCH, flicker, light_of
 from ftp_dent_ros.profilometry.rig_alarm import LAST, rig_alarm
 from ftp_dent_ros.rig import Lens
 from ftp_dent_ros.ros.any_publisher import AnySubscription
@@ -84,6 +86,7 @@ class Reconstruction(Node):
         self._checked: tuple[Any, ...] = ()
         self._epipolar: deque[EpipolarCheck] = deque(maxlen=LAST)
         self._epipolar_trouble = ''
+        self._lights: deque[NDArray] = deque(maxlen=FLICKER_LAST)
         self._prepared: dict[tuple[Pattern, Settings], Reconstructor] = {}
         self._points = self.create_publisher(
             PointCloud2, 'points', CLOUDS, qos_overriding_options=OVERRIDABLE
@@ -214,6 +217,7 @@ class Reconstruction(Node):
             self._diagnostics.note(f'lit but {reason}', f'{coverage.missing.get(reason, 0):.1%}')
         if not self._checked:
             self._warn_of_no_info()
+        self._note_flicker(photograph)
         self._note_epipolar(measurement.epipolar)
         self._check_rig(pattern, photograph, cloud.points)
         self._diagnostics.note('remarks', '; '.join(coverage.remarks))
@@ -230,6 +234,14 @@ class Reconstruction(Node):
         without = "none came: the rig's own camera is believed"
         self._diagnostics.note('camera_info', without)
         self.get_logger().warning(f'camera_info: {without}', once=True)
+
+    def _note_flicker(self, photograph: Photograph) -> None:
+        """Say how the light changes from photograph to photograph, and what to do if it does."""
+        self._lights.append(light_of(photograph))
+        found = flicker(self._lights)
+        if found is not None:
+            advice = ': expose for a whole number of projector frames, if the skin is plain'
+            self._diagnostics.note('flicker', found.text + advice * (found.worst > MUCH))
 
     def _note_epipolar(self, check: EpipolarCheck | None) -> None:
         """Say how far the light lies beside its epipolar lines, and whether the rig has moved."""

@@ -1,0 +1,102 @@
+"""How the projector's light changes in strength and colour from photograph to photograph.
+
+A DLP projector shows its colours one after the other, a laser scanner a line at a time: an
+exposure that is no whole number of their frames catches more of one than of the other, each time
+another part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.photograph import Photograph
+
+#: Photographs that are looked back on; fewer than three tell nothing.
+LAST = 12
+#: Parts of the light: more than the first should not be, more than the second spoils clouds.
+SOME, MUCH = 0.01, 0.04
+# Pixels that are looked at: the mean over a fringe's crests is right to a thousandth.
+_SAMPLES = 40_000
+# Fringes' crests: levels above this part of the brightest, and below those that may be clipped.
+_CREST, _BRIGHTEST, _CLIPPED = 0.5, 98, 250
+
+
+@dataclass(frozen=True)
+class Flicker:
+    """Standard deviations from photograph to photograph, as parts of the light.
+
+    Attributes
+    ----------
+    strength : float
+        Of all light.
+    colour : float
+        Of the share of the colour that changes most; 0 of grey photographs.
+    """
+
+    strength: float
+    colour: float
+
+    @property
+    def worst(self) -> float:
+        """The larger of the two."""
+        return max(self.strength, self.colour)
+
+    @property
+    def text(self) -> str:
+        """The two in per cent."""
+        return f'strength {100 * self.strength:.1f} %, colour {100 * self.colour:.1f} %'
+
+
+def light_of(photograph: Photograph) -> NDArray[np.float64]:
+    """Mean level of the fringes' crests in each colour, shape (3,); grey ones have three alike."""
+    pixels = photograph.pixels
+    if photograph.mosaic:
+        rows, columns = photograph.height // 2, photograph.width // 2
+        tiles = {
+            colour: pixels[row::2, column::2][:rows, :columns]
+            for colour, row, column in photograph.lattices()
+        }
+        some = np.stack([_some(tiles[colour]) for colour in 'rgb'], axis=-1)
+    else:
+        some = _some(pixels)
+    levels = photograph.unit * some.reshape(len(some), -1)
+    level = levels.max(axis=1)
+    crest = (level > _CREST * np.percentile(level, _BRIGHTEST)) & (level < _CLIPPED)
+    if not crest.any():
+        return np.full(3, np.nan)
+    return np.broadcast_to(levels[crest].mean(axis=0), 3).astype(float)
+
+
+def _some(pixels: NDArray) -> NDArray:
+    """Some pixels at random, the same of each photograph: fringes beat with any grid."""
+    return pixels.reshape(-1, *pixels.shape[2:])[_places(pixels.shape[0] * pixels.shape[1])]
+
+
+@lru_cache(maxsize=4)
+def _places(count: int) -> NDArray[np.intp]:
+    return np.sort(np.random.default_rng(0).integers(0, count, _SAMPLES))
+
+
+def flicker(lights: Sequence[NDArray]) -> Flicker | None:
+    """Flicker of a series of photographs; None of fewer than three that show light.
+
+    What changes evenly is another view, not the projector: second differences are judged, which of
+    independent values have six times their variance.
+
+    Parameters
+    ----------
+    lights : sequence of ndarray, shape (3,)
+        As `light_of` gives them, in the order of the photographs.
+    """
+    known = np.array([light for light in lights if np.isfinite(light).all() and light.min() > 0])
+    if len(known) < 3:
+        return None
+    share = known / known.sum(axis=1, keepdims=True)
+    series = np.column_stack([np.log(known.sum(axis=1)), np.log(share)])
+    spread = np.sqrt(np.mean(np.square(np.diff(series, 2, axis=0)), axis=0) / 6)
+    return Flicker(float(spread[0]), float(spread[1:].max()))
