@@ -7,6 +7,7 @@ import ctypes
 import fcntl
 import shutil
 import subprocess
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -18,6 +19,12 @@ from ftp_dent_ros.capture.aravis import GenicamCapture, GenicamSource
 from ftp_dent_ros.capture.genicam_settings import SOFTWARE, GenicamSettings
 from ftp_dent_ros.capture.stamps import ExposureClock
 from ftp_dent_ros.errors import CameraError
+from ftp_dent_ros.files import config_folder
+from ftp_dent_ros.pattern import read_pattern
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.profilometry import Reconstructor, Settings
+from ftp_dent_ros.rig import read_rig
+from ftp_dent_ros.simulation import Panel, Photometry, Surface, render
 
 PROGRAM = 'arv-fake-gv-camera-0.8'
 
@@ -119,6 +126,31 @@ def test_frames_with_lost_packets_are_dropped_and_told_and_a_lost_camera_comes_b
         until(lambda: (frame := shot()) is not None and np.ptp(frame.image) > 0)
     finally:
         source.close()
+
+
+def test_fringes_come_through_bit_for_bit_and_give_the_same_cloud(tmp_path):
+    rig = read_rig(config_folder() / 'rig.yaml')
+    pattern = read_pattern(config_folder() / 'pattern.yaml')
+    wall = Surface((Panel(Pose.from_rpy((0.05, -0.1, 0), (0, 0, 0.8)), (-1, 1, -1, 1)),))
+    pixels = render(rig, pattern.draw(), wall, Photometry(reference_distance=0.8))
+    np.save(tmp_path / 'photograph.npy', pixels)
+    program = Path(__file__).with_name('fake_genicam.py')
+    command = [sys.executable, str(program), 'FTP1', str(tmp_path / 'photograph.npy')]
+    with subprocess.Popen(command) as process:
+        try:
+            camera = rig.camera
+            capture = open_camera(
+                width=camera.width, height=camera.height, rate=10.0, pixel_format='RGB8'
+            )
+            good, image = capture.retrieve()
+            capture.release()
+        finally:
+            process.kill()
+    assert good and image.encoding == 'rgb8'
+    np.testing.assert_array_equal(image.pixels, pixels)
+    cloud = Reconstructor(rig, pattern, Settings(stride=8)).measure(image).cloud
+    assert cloud.valid.mean() > 0.5
+    assert np.abs(wall.distance(cloud.points[cloud.valid].astype(float))).mean() < 1e-4
 
 
 def test_a_camera_that_is_not_there_is_told():
