@@ -20,8 +20,8 @@ from ftp_dent_ros.photograph import Photograph
 LAST = 12
 #: Parts of the light: more than the first should not be, more than the second spoils clouds.
 SOME, MUCH = 0.01, 0.04
-# Pixels that are looked at: the mean over a fringe's crests is right to a thousandth.
-_SAMPLES = 40_000
+# Pixels that are looked at: the mean over the crests is right to two thousandths.
+_SAMPLES = 20_000
 # Fringes' crests: levels above this part of the brightest, and below those that may be clipped.
 _CREST, _BRIGHTEST, _CLIPPED = 0.5, 98, 250
 
