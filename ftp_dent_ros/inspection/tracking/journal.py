@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.errors import ConfigurationError
-from ftp_dent_ros.inspection.dent import Estimate, MeasuredDent
+from ftp_dent_ros.inspection.dent import MeasuredDent
+from ftp_dent_ros.inspection.plain import dent_from_plain, dent_to_plain
 from ftp_dent_ros.pose import Pose
-
-# Decimals of outlines and profiles, metres: they are for drawing.
-_DRAWN = 7
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,42 +112,15 @@ def _record(entry: Entry) -> dict[str, Any]:
         'position': entry.pose.translation.tolist(),
         'orientation_xyzw': entry.pose.quaternion.tolist(),
         'covariance': np.ravel(entry.covariance).tolist(),
-        'dents': [_dent_record(dent) for dent in entry.dents],
+        'dents': [dent_to_plain(dent) for dent in entry.dents],
     }
-
-
-def _dent_record(dent: MeasuredDent) -> dict[str, Any]:
-    record: dict[str, Any] = {}
-    for field in fields(dent):
-        value = getattr(dent, field.name)
-        if isinstance(value, Estimate):
-            value = [value.value, value.uncertainty]
-        elif isinstance(value, np.ndarray):
-            value = (np.round(value, _DRAWN) if value.ndim == 2 else value).tolist()
-        elif isinstance(value, np.generic):
-            value = value.item()
-        record[field.name] = value
-    return record
 
 
 def _entry(record: dict[str, Any]) -> Entry:
     return Entry(
         frame_id=str(record['frame_id']),
         stamp_ns=int(record['stamp_ns']),
-        dents=tuple(_dent(each) for each in record['dents']),
+        dents=tuple(dent_from_plain(each) for each in record['dents']),
         pose=Pose.from_quaternion(record['orientation_xyzw'], record['position']),
         covariance=np.array(record['covariance'], float).reshape(6, 6),
     )
-
-
-def _dent(record: dict[str, Any]) -> MeasuredDent:
-    values = dict(record)
-    for field in fields(MeasuredDent):
-        value = values[field.name]
-        if field.type == 'Estimate':
-            values[field.name] = Estimate(*value)
-        elif field.type in ('Vector', 'Points'):
-            shape = (-1, 2) if field.name.endswith('profile') else (-1, 3)
-            array = np.array(value, float)
-            values[field.name] = array if field.type == 'Vector' else array.reshape(shape)
-    return MeasuredDent(**values)

@@ -1,0 +1,161 @@
+"""Whether dents have grown between two surveys, told so that noise is never a growth.
+
+Every length, width and depth of every dent is a test, so that by chance alone some of hundreds lie
+beyond any single test's limit: limits are those of Holm's step-down procedure (Scand. J. Statist.
+6, 65, 1979) for all dents of a comparison together. What two surveys have in common (what the
+reconstruction smooths, how an outline is drawn) drops out of their difference, which is therefore
+less uncertain than both figures are stated to be: by how much is learnt from the dents themselves,
+most of which have not grown.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import t as student
+
+from ftp_dent_ros.inspection.dent import Estimate, MeasuredDent
+
+QUANTITIES = ('depth', 'length', 'width')
+# Chance that a comparison tells any change where there is none, and how it is shared out: depth is
+# what grows first, and what manuals limit.
+FALSE_ALARM = 5e-3
+_SHARE = {'depth': 0.9, 'length': 0.05, 'width': 0.05}
+# What is known of the factor on stated uncertainties before there are dents, in degrees of freedom
+# (it is 1, within a factor of two), and as how many at most all dents count: errors are not
+# quite Gaussian far out.
+_TRUST, _MOST = 4.0, 40.0
+# The median deviation's ratio to a standard deviation; beyond so many of them a dent has changed.
+_TO_SIGMA, _FAR = 1.4826, 3.0
+# Two calibrations' common factor on sizes, before there are dents: within 1 %.
+_SCALE = 0.01
+_ROUNDS = 20
+
+
+@dataclass(frozen=True)
+class Change:
+    """A quantity of a dent, later less earlier.
+
+    Attributes
+    ----------
+    quantity : str
+        One of `QUANTITIES`.
+    estimate : Estimate
+        Metres; the two surveys' common factor is taken out.
+    half : float
+        Half the 95 % interval, metres.
+    verdict : int
+        1 grown, -1 shrunk, 0 neither can be told.
+    """
+
+    quantity: str
+    estimate: Estimate
+    half: float
+    verdict: int
+
+
+@dataclass(frozen=True)
+class Scale:
+    """What two surveys have in common in one quantity: the factor of the later one's values."""
+
+    quantity: str
+    factor: float
+    uncertainty: float
+    noise: float  # on the stated uncertainties
+
+
+def changes_of(
+    earlier: Sequence[MeasuredDent], later: Sequence[MeasuredDent]
+) -> tuple[list[tuple[Change, ...]], tuple[Scale, ...]]:
+    """Changes of dents that are the same, in their order, and the surveys' common factors.
+
+    Parameters
+    ----------
+    earlier, later : sequence of MeasuredDent
+        The same dents. One that is cut in either has no changes: its sizes are bounds.
+    """
+    scales, values, freedoms = [], {}, {}
+    usable = np.array([not (a.is_cut or b.is_cut) for a, b in zip(earlier, later, strict=True)])
+    for quantity in QUANTITIES:
+        one, two = (
+            [_magnitude(getattr(dent, quantity)) for dent in dents] for dents in (earlier, later)
+        )
+        scale, freedom = _scale(quantity, one, two, usable)
+        scales.append(scale)
+        freedoms[quantity] = freedom
+        values[quantity] = [_difference(a, b, scale) for a, b in zip(one, two, strict=True)]
+    told = set()
+    for quantity in QUANTITIES:
+        indices = np.flatnonzero(usable)
+        chances = [_chance(values[quantity][index], freedoms[quantity]) for index in indices]
+        significant = _holm(chances, FALSE_ALARM * _SHARE[quantity])
+        told |= {(index, quantity) for index in indices[significant]}
+    result = []
+    for index in range(len(earlier)):
+        found = []
+        for quantity in QUANTITIES if usable[index] else ():
+            estimate = values[quantity][index]
+            sign = int(np.sign(estimate.value)) if (index, quantity) in told else 0
+            half = float(student.ppf(0.975, freedoms[quantity]) * estimate.uncertainty)
+            found.append(Change(quantity, estimate, half, sign))
+        result.append(tuple(found))
+    return result, tuple(scales)
+
+
+def _magnitude(estimate: Estimate) -> Estimate:
+    """A bump grows outward."""
+    return Estimate(abs(estimate.value), estimate.uncertainty)
+
+
+def _scale(
+    quantity: str,
+    earlier: Sequence[Estimate],
+    later: Sequence[Estimate],
+    usable: NDArray[np.bool_],
+) -> tuple[Scale, float]:
+    """Factor of later over earlier values, the factor on their noise, and its freedom."""
+    a, b = (np.array([[e.value, e.uncertainty] for e in each]) for each in (earlier, later))
+    known = usable & np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
+    known &= (a[:, 1] > 0) & (b[:, 1] > 0)
+    a, b = a[known], b[known]
+    factor, spread, noise, freedom = 1.0, _SCALE, 1.0, _TRUST
+    stated = np.hypot(a[:, 1], b[:, 1])
+    for _ in range(_ROUNDS if len(a) else 0):
+        off = (b[:, 0] - factor * a[:, 0]) / stated
+        unchanged = np.abs(off) < _FAR * max(_TO_SIGMA * float(np.median(np.abs(off))), 0.1)
+        count = int(unchanged.sum())
+        noise = float(np.sqrt((_TRUST + (off[unchanged] ** 2).sum()) / (_TRUST + count)))
+        freedom = min(_TRUST + count, _MOST)
+        # Those that have grown are far off, and weigh little.
+        weight = 1 / ((noise * stated) ** 2 * (1 + (off / noise) ** 2 / 4))
+        information = float((weight * a[:, 0] ** 2).sum()) + _SCALE**-2
+        factor = (float((weight * a[:, 0] * b[:, 0]).sum()) + _SCALE**-2) / information
+        spread = information**-0.5
+    return Scale(quantity, factor, spread, noise), freedom
+
+
+def _difference(earlier: Estimate, later: Estimate, scale: Scale) -> Estimate:
+    noise = scale.noise * float(np.hypot(earlier.uncertainty, later.uncertainty))
+    value = later.value / scale.factor - earlier.value
+    return Estimate(value, float(np.hypot(noise, earlier.value * scale.uncertainty)))
+
+
+def _chance(change: Estimate, freedom: float) -> float:
+    """That noise alone is as far from nothing, to either side; 1 where it is not known."""
+    if not (np.isfinite(change.value) and change.uncertainty > 0):
+        return 1.0
+    return float(2 * student.sf(abs(change.value) / change.uncertainty, freedom))
+
+
+def _holm(chances: Sequence[float], together: float) -> NDArray[np.bool_]:
+    """Which tests are significant, all together to a chance."""
+    order = np.argsort(chances)
+    significant = np.zeros(len(chances), bool)
+    for rank, index in enumerate(order):
+        if chances[index] > together / (len(chances) - rank):
+            break
+        significant[index] = True
+    return significant

@@ -1,0 +1,242 @@
+"""Which dents of two surveys are the same, by where they lie to each other and by their sizes.
+
+The aircraft stands elsewhere and otherwise from one survey to the next, and each map errs by
+itself. So pairs of neighbouring dents that are as far apart in both surveys each propose a motion;
+the one that brings the most dents together begins a deformation, which is followed outward.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from ftp_dent_ros.errors import InputError
+from ftp_dent_ros.inspection.dent import MeasuredDent
+from ftp_dent_ros.inspection.tracking.agreement import agreement
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.survey.deformation import Deformation, fit
+
+Array = NDArray[np.float64]
+
+# Standard deviation of a dent's centre in its survey: metres, and part of its width.
+_PLACE, _OF_WIDTH = 4e-4, 0.015
+# Of the distance of two neighbours, per metre, beside: what maps stretch.
+_STRETCH = 4e-3
+_GATE = 4.0
+# Neighbours that a dent makes pairs with; motions that are tried.
+_NEIGHBOURS, _TRIED = 8, 400
+# Part of the way to the next dent within which a dent is looked for.
+_FREE = 0.4
+# Dents that a motion brings together, at least, so that chance is no explanation; fewer do where
+# they are all there are.
+_ENOUGH = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Matching:
+    """The dents of a later survey among those of an earlier one.
+
+    Attributes
+    ----------
+    pairs : tuple of (int, int)
+        Index in the earlier survey, and in the later one.
+    motion : Pose
+        Of the later survey's frame in the earlier one's, roughly.
+    forward, backward : Deformation
+        From the later survey, moved, to the earlier one, and back.
+    """
+
+    pairs: tuple[tuple[int, int], ...]
+    motion: Pose
+    forward: Deformation
+    backward: Deformation
+
+    def in_earlier(self, places: Array) -> tuple[Array, Array]:
+        """Places of the later survey in the earlier one, and their standard deviation."""
+        moved = self.motion.apply(places)
+        shift, spread = self.forward.shift(moved)
+        return moved + shift, spread
+
+    def in_later(self, places: Array) -> tuple[Array, Array]:
+        """Places of the earlier survey in the later one, and their standard deviation."""
+        shift, spread = self.backward.shift(places)
+        return self.motion.inverse().apply(places + shift), spread
+
+
+class NoMatchError(InputError):
+    """Two surveys cannot be laid on each other."""
+
+
+def match(earlier: Sequence[MeasuredDent], later: Sequence[MeasuredDent]) -> Matching:
+    """Find the same dents.
+
+    Parameters
+    ----------
+    earlier, later : sequence of MeasuredDent
+        Each in its survey's frame.
+
+    Raises
+    ------
+    NoMatchError
+        No motion brings enough of them together.
+    """
+    needed = min(_ENOUGH, len(earlier), len(later))
+    if needed < 2:
+        raise NoMatchError(
+            f'the surveys have {len(earlier)} and {len(later)} dents, too few to lay them on each '
+            'other: survey a larger part of the skin'
+        )
+    there = np.stack([dent.position for dent in earlier])
+    here = np.stack([dent.position for dent in later])
+    place = _place(earlier, later)
+    agree = agreement(earlier, later)
+    best: tuple[float, Pose, list[tuple[int, int]]] | None = None
+    for motion in _motions(earlier, later, agree):
+        moved = motion.apply(here)
+        pairs = _together(there, moved, place, np.isfinite(agree))
+        score = len(pairs) - float(
+            sum(((there[i] - moved[j]) ** 2).sum() / place[i, j] ** 2 for i, j in pairs)
+        ) / (2 * _GATE**2 * max(len(pairs), 1))
+        if best is None or score > best[0]:
+            best = score, motion, pairs
+    if best is None or len(best[2]) < needed:
+        raise NoMatchError(
+            'no motion lays enough dents of the one survey on those of the other: '
+            'check that they are of the same aircraft and overlap'
+        )
+    _, motion, pairs = best
+    return _followed(earlier, later, motion, pairs, place)
+
+
+def _followed(
+    earlier: Sequence[MeasuredDent],
+    later: Sequence[MeasuredDent],
+    motion: Pose,
+    pairs: list[tuple[int, int]],
+    place: Array,
+) -> Matching:
+    """From some pairs outward, until nothing is added."""
+    there = np.stack([dent.position for dent in earlier])
+    moved = motion.apply(np.stack([dent.position for dent in later]))
+    signs = [np.array([np.sign(d.depth.value) for d in each]) for each in (earlier, later)]
+    alike = signs[0][:, None] == signs[1]
+    free = np.minimum(_free(there)[:, None], _free(moved)) * _FREE
+    # A cut dent has its centre anywhere in it.
+    half = np.array([[_half(a, b) for b in later] for a in earlier])
+    while True:
+        i, j = np.array(pairs).T
+        forward = fit(moved[j], there[i] - moved[j], place[i, j] * math.sqrt(2))
+        shift, spread = forward.shift(moved)
+        off = np.linalg.norm(there[:, None] - (moved + shift), axis=2)
+        sigma = np.hypot(spread, math.sqrt(2) * place)
+        reach = np.minimum(_GATE * sigma + half, np.maximum(free, _GATE * place))
+        cost = np.where(alike & (off < reach), off / sigma, 1e6)
+        rows, columns = linear_sum_assignment(cost)
+        found = [(int(a), int(b)) for a, b in zip(rows, columns, strict=True) if cost[a, b] < 1e6]
+        if len(found) <= len(pairs):
+            break
+        pairs = found
+    i, j = np.array(pairs).T
+    shifts, spreads = there[i] - moved[j], place[i, j] * math.sqrt(2)
+    return Matching(
+        tuple(pairs), motion, fit(moved[j], shifts, spreads), fit(there[i], -shifts, spreads)
+    )
+
+
+def _motions(
+    earlier: Sequence[MeasuredDent], later: Sequence[MeasuredDent], agree: Array
+) -> list[Pose]:
+    """Motions that lay two neighbours of the later survey on two of the earlier one."""
+    a, b = _neighbours(earlier), _neighbours(later)
+    if not len(a) or not len(b):
+        return []
+    lengths = [_lengths(each, pairs) for each, pairs in ((earlier, a), (later, b))]
+    tolerance = _GATE * np.hypot(2 * _PLACE, _STRETCH * lengths[0])
+    good = np.abs(lengths[0][:, None] - lengths[1]) < tolerance[:, None]
+    sizes = agree[a[:, 0]][:, b[:, 0]] + agree[a[:, 1]][:, b[:, 1]]
+    good &= np.isfinite(sizes)
+    rows, columns = np.nonzero(good)
+    # Long ones of like sizes say the most.
+    order = np.argsort(sizes[rows, columns] - np.log(lengths[0][rows]), kind='stable')[:_TRIED]
+    motions = (_motion(earlier, later, a[rows[k]], b[columns[k]]) for k in order)
+    return [motion for motion in motions if motion is not None]
+
+
+def _motion(
+    earlier: Sequence[MeasuredDent],
+    later: Sequence[MeasuredDent],
+    there: NDArray[np.intp],
+    here: NDArray[np.intp],
+) -> Pose | None:
+    """Motion by two places and the skin's normals at them."""
+    frames = []
+    for dents, (first, second) in ((earlier, there), (later, here)):
+        along = dents[second].position - dents[first].position
+        normal = dents[first].normal + dents[second].normal
+        across = np.cross(normal, along)
+        if np.linalg.norm(across) < 1e-9:
+            return None
+        along, across = along / np.linalg.norm(along), across / np.linalg.norm(across)
+        middle = (dents[first].position + dents[second].position) / 2
+        frames.append((np.stack([along, across, np.cross(along, across)], axis=1), middle))
+    (one, origin), (other, start) = frames
+    turn = Rotation.from_matrix(one @ other.T)
+    return Pose(turn, origin - turn.apply(start))
+
+
+def _together(
+    there: Array, moved: Array, place: Array, possible: NDArray[np.bool_]
+) -> list[tuple[int, int]]:
+    """Dents that a motion brings together, each to one other at most; near its middle first."""
+    tree = cKDTree(there)
+    distance, index = tree.query(moved)
+    pairs: dict[int, tuple[float, int]] = {}
+    for j, (off, i) in enumerate(zip(distance, index, strict=True)):
+        # What the motion's own turn and the maps' stretch leave, over the first metre.
+        if (
+            possible[i, j]
+            and off < _GATE * place[i, j] + 2e-3
+            and (i not in pairs or off < pairs[i][0])
+        ):
+            pairs[int(i)] = float(off), j
+    return [(i, j) for i, (_, j) in pairs.items()]
+
+
+def _neighbours(dents: Sequence[MeasuredDent]) -> NDArray[np.intp]:
+    """Ordered pairs of each whole dent and its neighbours, shape (n, 2)."""
+    whole = np.array([k for k, dent in enumerate(dents) if not dent.is_cut], np.intp)
+    if len(whole) < 2:
+        return np.zeros((0, 2), np.intp)
+    places = np.stack([dents[k].position for k in whole])
+    _, index = cKDTree(places).query(places, k=min(_NEIGHBOURS + 1, len(whole)))
+    first = np.repeat(np.arange(len(whole)), index.shape[1] - 1)
+    return np.stack([whole[first], whole[index[:, 1:].ravel()]], axis=1)
+
+
+def _lengths(dents: Sequence[MeasuredDent], pairs: NDArray[np.intp]) -> Array:
+    places = np.stack([dent.position for dent in dents])
+    return np.linalg.norm(places[pairs[:, 1]] - places[pairs[:, 0]], axis=1)
+
+
+def _place(earlier: Sequence[MeasuredDent], later: Sequence[MeasuredDent]) -> Array:
+    widths = [np.nan_to_num([dent.width.value for dent in each]) for each in (earlier, later)]
+    return np.hypot(_PLACE, _OF_WIDTH * np.minimum(widths[0][:, None], widths[1]))
+
+
+def _half(a: MeasuredDent, b: MeasuredDent) -> float:
+    if not (a.is_cut or b.is_cut):
+        return 0.0
+    return max(np.nan_to_num(a.length.value), np.nan_to_num(b.length.value)) / 2
+
+
+def _free(places: Array) -> Array:
+    """Distance of each place to the next one, metres."""
+    distance, _ = cKDTree(places).query(places, k=2)
+    return distance[:, 1]

@@ -1,0 +1,151 @@
+"""What a survey of an aircraft's skin has found."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from ftp_dent_ros.inspection.dent import MeasuredDent
+from ftp_dent_ros.inspection.settings import Settings
+from ftp_dent_ros.pose import Pose
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class SurveyedDent:
+    """One dent of a survey.
+
+    Attributes
+    ----------
+    number : int
+        In its survey.
+    dent : MeasuredDent
+        In the survey's frame; its profiles may be empty.
+    position_covariance : ndarray, shape (3, 3)
+        Square metres: with what all dents of the survey have in common.
+    sightings : int
+    """
+
+    number: int
+    dent: MeasuredDent
+    position_covariance: Array
+    sightings: int
+
+
+@dataclass(frozen=True, eq=False)
+class CoverageCells:
+    """What of the skin was measured, and how well, as a list of cells on it.
+
+    Attributes
+    ----------
+    size : float
+        Side of a cell, metres.
+    positions : ndarray, shape (n, 3), float32
+        Their middles in the survey's frame, metres.
+    findable : ndarray, shape (n,), float32
+        Smallest depth of a dent that would have been found there by the best cloud, metres; NaN
+        where it is not known.
+    noise : ndarray, shape (n,), float32
+        Standard deviation of a point across the skin, metres.
+    views : ndarray, shape (n,), int
+        How many clouds measured it.
+    best : ndarray, shape (n,), int
+        Index of the cloud that measured it best.
+    """
+
+    size: float
+    positions: NDArray[np.float32]
+    findable: NDArray[np.float32]
+    noise: NDArray[np.float32]
+    views: NDArray[np.int64]
+    best: NDArray[np.int64]
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        return cKDTree(self.positions)
+
+    def found_around(self, place: Array, normal: Array, radius: float) -> float:
+        """Depth from which a dent would have been found wherever it lies about a place.
+
+        Parameters
+        ----------
+        place, normal : ndarray, shape (3,)
+            On the skin.
+        radius : float
+            How far it may be off along the skin, metres.
+
+        Returns
+        -------
+        float
+            Infinite where a part was not measured, metres.
+        """
+        if not len(self.positions):
+            return float('inf')
+        # To the height of the skin there: two maps may differ by more than a cell.
+        _, nearest = self._tree.query(place)
+        place = place + normal * float((self.positions[nearest] - place) @ normal)
+        side = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
+        side /= np.linalg.norm(side)
+        steps = np.arange(-np.ceil(radius / self.size), np.ceil(radius / self.size) + 1)
+        a, b = np.meshgrid(steps * self.size, steps * self.size)
+        disc = np.hypot(a, b) <= max(radius, 0.5 * self.size)
+        places = place + np.outer(a[disc], side) + np.outer(b[disc], np.cross(normal, side))
+        # Half a cell's diagonal is 0.7 of its side; the rest is for the skin's curve.
+        distance, index = self._tree.query(places, distance_upper_bound=self.size)
+        if not np.isfinite(distance).all():
+            return float('inf')
+        depths = self.findable[index]
+        return float(depths.max()) if np.isfinite(depths).all() else float('inf')
+
+
+@dataclass(frozen=True, eq=False)
+class SurveyResult:
+    """All dents of a survey, where its clouds were taken from, and what was looked at.
+
+    Attributes
+    ----------
+    name : str
+    sources : tuple of str
+        The bags.
+    taken_ns : int
+        Time of the first exposure, nanoseconds since 1970.
+    frame_id : str
+        Frame of all positions.
+    dents : tuple of SurveyedDent
+    stamps_ns : tuple of int
+        Of the clouds.
+    poses : tuple of Pose
+        Of the camera at each of them.
+    covariances : ndarray, shape (n, 6, 6)
+        Of these, as in geometry_msgs/PoseWithCovariance.
+    coverage : CoverageCells, optional
+    settings : Settings
+        The smallest dents that were looked for.
+    rig_id : str
+        Id of the calibration; empty if it is not known.
+    software : str
+    """
+
+    name: str
+    sources: tuple[str, ...]
+    taken_ns: int
+    frame_id: str
+    dents: tuple[SurveyedDent, ...]
+    stamps_ns: tuple[int, ...] = ()
+    poses: tuple[Pose, ...] = ()
+    covariances: Array = field(default_factory=lambda: np.zeros((0, 6, 6)))
+    coverage: CoverageCells | None = None
+    settings: Settings = field(default_factory=Settings)
+    rig_id: str = ''
+    software: str = ''
+
+
+def positions_of(dents: Iterable[SurveyedDent]) -> Array:
+    """Places of dents, shape (n, 3), metres."""
+    return np.array([each.dent.position for each in dents], float).reshape(-1, 3)

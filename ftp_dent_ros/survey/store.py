@@ -1,0 +1,235 @@
+"""Surveys of an aircraft in one SQLite file: each is added whole, and none is ever changed."""
+
+from __future__ import annotations
+
+import json
+import os
+import sqlite3
+import time
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.inspection.plain import dent_from_plain, dent_to_plain
+from ftp_dent_ros.inspection.settings import Settings
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.survey.result import CoverageCells, SurveyedDent, SurveyResult
+
+# "FtpD", in the file's header; and of the tables below.
+_APPLICATION, VERSION = 0x46747044, 1
+_TABLES = {
+    'surveys': """number INTEGER PRIMARY KEY, name TEXT NOT NULL UNIQUE, taken_ns INTEGER NOT NULL,
+        added_ns INTEGER NOT NULL, frame_id TEXT NOT NULL, sources TEXT NOT NULL,
+        settings TEXT NOT NULL, rig_id TEXT NOT NULL, software TEXT NOT NULL""",
+    'poses': """survey INTEGER NOT NULL REFERENCES surveys, stamp_ns INTEGER NOT NULL,
+        x REAL, y REAL, z REAL, qx REAL, qy REAL, qz REAL, qw REAL, covariance BLOB""",
+    'dents': """survey INTEGER NOT NULL REFERENCES surveys, number INTEGER NOT NULL,
+        kind TEXT NOT NULL, x REAL, y REAL, z REAL, length REAL, width REAL, depth REAL,
+        sightings INTEGER, position_covariance BLOB, record TEXT NOT NULL,
+        PRIMARY KEY (survey, number)""",
+    'coverage': """survey INTEGER PRIMARY KEY REFERENCES surveys, size REAL, positions BLOB,
+        findable BLOB, noise BLOB, views BLOB, best BLOB""",
+}
+_CELLS = {'positions': '<f4', 'findable': '<f4', 'noise': '<f4', 'views': '<i8', 'best': '<i8'}
+
+
+class Store:
+    """The file of an aircraft's surveys.
+
+    Parameters
+    ----------
+    path : path
+        Made with the first survey.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = Path(path)
+
+    def add(self, result: SurveyResult) -> None:
+        """Add a survey in one transaction: all of it is there afterwards, or nothing.
+
+        Raises
+        ------
+        ConfigurationError
+            There is one of that name, or the file cannot be written, or is something else.
+        """
+        if result.name in self.names():
+            raise ConfigurationError(
+                f'{self.path}: has a survey {result.name!r} already, and none is ever changed: '
+                'give this one another name'
+            )
+        with self._opened() as file:
+            settings = json.dumps(asdict(result.settings))
+            row = (
+                *(result.name, result.taken_ns, time.time_ns(), result.frame_id),
+                *(json.dumps(result.sources), settings, result.rig_id, result.software),
+            )
+            marks = ', '.join('?' * len(row))
+            added = file.execute(f'INSERT INTO surveys VALUES (NULL, {marks})', row)
+            survey = added.lastrowid
+            poses = zip(result.stamps_ns, result.poses, result.covariances, strict=True)
+            file.executemany(
+                f'INSERT INTO poses VALUES ({", ".join("?" * 10)})',
+                [
+                    (survey, stamp, *p.translation.tolist(), *p.quaternion.tolist(), _bytes(c))
+                    for stamp, p, c in poses
+                ],
+            )
+            file.executemany(
+                f'INSERT INTO dents VALUES ({", ".join("?" * 12)})',
+                [(survey, *_dent_row(each)) for each in result.dents],
+            )
+            cells = result.coverage
+            if cells is not None:
+                packed = [
+                    zlib.compress(np.asarray(getattr(cells, name), kind).tobytes())
+                    for name, kind in _CELLS.items()
+                ]
+                marks = ', '.join('?' * (2 + len(packed)))
+                file.execute(
+                    f'INSERT INTO coverage VALUES ({marks})', (survey, cells.size, *packed)
+                )
+
+    def names(self) -> tuple[str, ...]:
+        """Names of the surveys, in the order of their flights.
+
+        Raises
+        ------
+        ConfigurationError
+            The file is something else.
+        """
+        if not self.path.exists():
+            return ()
+        with self._opened() as file:
+            rows = file.execute('SELECT name FROM surveys ORDER BY taken_ns, number').fetchall()
+        return tuple(name for (name,) in rows)
+
+    def read(self, name: str) -> SurveyResult:
+        """A survey.
+
+        Raises
+        ------
+        ConfigurationError
+            There is none of that name, or it is damaged.
+        """
+        names = self.names()
+        if name not in names:
+            known = ', '.join(map(repr, names)) or 'none yet'
+            raise ConfigurationError(f'{self.path}: has no survey {name!r}: it has {known}')
+        with self._opened() as file:
+            file.row_factory = sqlite3.Row
+            survey = file.execute('SELECT * FROM surveys WHERE name = ?', (name,)).fetchone()
+            found = {
+                table: file.execute(
+                    f'SELECT * FROM {table} WHERE survey = ? ORDER BY rowid', (survey['number'],)
+                ).fetchall()
+                for table in ('poses', 'dents', 'coverage')
+            }
+        try:
+            return _result(survey, **found)
+        except (ValueError, KeyError, TypeError, zlib.error) as reason:
+            raise ConfigurationError(
+                f'{self.path}: the survey {name!r} is damaged ({reason}): take a copy of the file'
+            ) from None
+
+    @contextmanager
+    def _opened(self) -> Iterator[sqlite3.Connection]:
+        """One transaction, taken back if it does not come to its end."""
+        file: sqlite3.Connection | None = None
+        try:
+            file = sqlite3.connect(self.path)
+            with file:
+                file.execute('PRAGMA foreign_keys = ON')
+                file.execute('BEGIN IMMEDIATE')
+                self._prepare(file)
+                yield file
+        except sqlite3.Error as reason:
+            raise ConfigurationError(
+                f'{self.path}: cannot be used as a file of surveys ({reason}): name another file'
+            ) from None
+        finally:
+            if file is not None:
+                file.close()
+
+    def _prepare(self, file: sqlite3.Connection) -> None:
+        """Make the tables of a new file; refuse one of others or of a later version."""
+        (application,) = file.execute('PRAGMA application_id').fetchone()
+        (version,) = file.execute('PRAGMA user_version').fetchone()
+        (tables,) = file.execute('SELECT count(*) FROM sqlite_master').fetchone()
+        if not (application or version or tables):
+            file.execute(f'PRAGMA application_id = {_APPLICATION}')
+            file.execute(f'PRAGMA user_version = {VERSION}')
+            for table, columns in _TABLES.items():
+                file.execute(f'CREATE TABLE {table} ({columns})')
+                for change in ('UPDATE', 'DELETE'):
+                    file.execute(
+                        f'CREATE TRIGGER no_{change}_of_{table} BEFORE {change} ON {table} '
+                        "BEGIN SELECT RAISE(ABORT, 'surveys are never changed'); END"
+                    )
+        elif application != _APPLICATION:
+            raise ConfigurationError(
+                f'{self.path}: is a database of something else: name another file'
+            )
+        elif version != VERSION:
+            raise ConfigurationError(
+                f'{self.path}: has the version {version} of its tables, and this software reads '
+                f'{VERSION}: use the software that wrote it'
+            )
+
+
+def _dent_row(each: SurveyedDent) -> tuple[Any, ...]:
+    dent = each.dent
+    sizes = (dent.length.value, dent.width.value, dent.depth.value)
+    place = (float(value) for value in dent.position)
+    spread = _bytes(each.position_covariance)
+    record = json.dumps(dent_to_plain(dent))
+    return (each.number, dent.kind, *place, *map(float, sizes), each.sightings, spread, record)
+
+
+def _result(survey: Any, poses: list[Any], dents: list[Any], coverage: list[Any]) -> SurveyResult:
+    return SurveyResult(
+        name=survey['name'],
+        sources=tuple(json.loads(survey['sources'])),
+        taken_ns=survey['taken_ns'],
+        frame_id=survey['frame_id'],
+        dents=tuple(
+            SurveyedDent(
+                row['number'],
+                dent_from_plain(json.loads(row['record'])),
+                _floats(row['position_covariance']).reshape(3, 3),
+                row['sightings'],
+            )
+            for row in dents
+        ),
+        stamps_ns=tuple(row['stamp_ns'] for row in poses),
+        poses=tuple(
+            Pose.from_quaternion([row[f'q{axis}'] for axis in 'xyzw'], [row[a] for a in 'xyz'])
+            for row in poses
+        ),
+        covariances=np.array([_floats(row['covariance']) for row in poses]).reshape(-1, 6, 6),
+        coverage=_cells(coverage[0]) if coverage else None,
+        settings=Settings(**json.loads(survey['settings'])),
+        rig_id=survey['rig_id'],
+        software=survey['software'],
+    )
+
+
+def _cells(row: Any) -> CoverageCells:
+    values = {name: np.frombuffer(zlib.decompress(row[name]), k) for name, k in _CELLS.items()}
+    values['positions'] = values['positions'].reshape(-1, 3)
+    return CoverageCells(row['size'], **values)
+
+
+def _bytes(values: NDArray[np.float64]) -> bytes:
+    return np.asarray(values, '<f8').tobytes()
+
+
+def _floats(data: bytes) -> NDArray[np.float64]:
+    return np.frombuffer(data, '<f8').copy()

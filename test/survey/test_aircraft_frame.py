@@ -1,0 +1,73 @@
+"""The aircraft's frame from points: as exact as it says, and refused where it cannot be."""
+
+import numpy as np
+import pytest
+
+from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.survey.aircraft_frame import ReferencePoint, aircraft_frame
+
+TRUE = Pose.from_rpy((0.02, -0.01, 2.2), (12.0, -1.5, 2.5))
+PLACES = np.array([[0.0, 0, 0], [1.5, 0.1, 0], [0.6, 0.1, 0.9], [1.4, 0.2, 1.0], [0.2, 0.1, 0.7]])
+
+
+def points(rng, count=3, noise=1e-3, places=PLACES):
+    return [
+        ReferencePoint(
+            f'rivet {k}',
+            place + rng.normal(0, 3e-4, 3),
+            np.eye(3) * 3e-4**2,
+            TRUE.apply(place) + rng.normal(0, noise, 3),
+            noise,
+        )
+        for k, place in enumerate(places[:count])
+    ]
+
+
+def test_three_points_of_a_millimetre_give_places_near_them_to_what_is_stated():
+    rng = np.random.default_rng(3)
+    errors, stated = [], []
+    for _ in range(300):
+        frame = aircraft_frame(points(rng))
+        place = PLACES[:3].mean(axis=0) + rng.uniform(-0.3, 0.3, 3)
+        there, covariance = frame.place(place)
+        off = there - TRUE.apply(place)
+        errors.append(np.linalg.solve(np.linalg.cholesky(covariance), off))
+        stated.append(np.sqrt(np.linalg.eigvalsh(covariance)[-1]))
+    assert max(stated) < 1.5e-3
+    np.testing.assert_allclose(np.std(errors), 1.0, atol=0.1)
+
+
+def test_points_on_a_line_or_too_few_are_no_frame():
+    rng = np.random.default_rng(1)
+    line = np.linspace(0, 1, 4)[:, None] * np.array([1.0, 0.3, 0.1])
+    with pytest.raises(ConfigurationError, match='lie on a line'):
+        aircraft_frame(points(rng, 4, places=line))
+    with pytest.raises(ConfigurationError, match='2 reference points'):
+        aircraft_frame(points(rng, 2))
+
+
+@pytest.mark.parametrize('count', [3, 4, 5])
+def test_a_wrong_point_is_told_and_named_where_the_others_tell(count):
+    rng = np.random.default_rng(2)
+    given = points(rng, count)
+    wrong = given[1]
+    given[1] = ReferencePoint(
+        wrong.name, wrong.in_map, wrong.map_covariance, wrong.on_aircraft + 0.05, 1e-3
+    )
+    named = 'without rivet 1, which is .* mm off' if count > 4 else 'contradict each other'
+    with pytest.raises(ConfigurationError, match=named):
+        aircraft_frame(given)
+
+
+def test_right_points_are_refused_hardly_ever():
+    rng = np.random.default_rng(4)
+    assert sum(is_refused(points(rng, 4)) for _ in range(400)) <= 3
+
+
+def is_refused(given):
+    try:
+        aircraft_frame(given)
+    except ConfigurationError:
+        return True
+    return False
