@@ -148,6 +148,11 @@ class Photograph:
         return self.white.bit_length()
 
     @property
+    def brightest(self) -> float:
+        """Highest level as a share of white."""
+        return float(self.pixels.max(initial=0)) / self.white
+
+    @property
     def encoding(self) -> str:
         """Its name after sensor_msgs, with the bits that it has: ``mono12``, ``bayer_rggb8``."""
         kind = f'bayer_{self.mosaic}' if self.mosaic else 'mono' if self.is_flat else 'rgb'

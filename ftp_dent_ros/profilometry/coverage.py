@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 # Share of the lit area that may be left out without a remark.
 _REMARKABLE = 0.02
+#: Share of white that 14 bits in 16 do not pass.
+DIM = 0.25
 
 CLIPPED = 'clipped'
 UNTIED = 'not tied to the red stripe'
@@ -43,10 +45,13 @@ class Coverage:
         points for it, 0 to 1.
     confirmed : bool
         Whether the photograph itself shows that the pattern is the one told.
+    brightest : float
+        The photograph's highest level as a share of white.
     """
 
     missing: Mapping[str, float] = field(default_factory=dict)
     confirmed: bool = True
+    brightest: float = 1.0
 
     @classmethod
     def of(
@@ -82,4 +87,13 @@ class Coverage:
             for reason, share in sorted(self.missing.items(), key=lambda item: -item[1])
             if share > _REMARKABLE
         )
+        if self.brightest < DIM:
+            shares = *shares, _dim(self.brightest)
         return shares if self.confirmed else (*shares, _UNCONFIRMED)
+
+
+def _dim(brightest: float) -> str:
+    return (
+        f'no level is above {brightest:.1%} of white, so that what is dimly lit has no points: '
+        'expose longer, or, if the camera has fewer bits, tell how many (bits, --encoding)'
+    )

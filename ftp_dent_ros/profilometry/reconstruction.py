@@ -11,6 +11,7 @@ from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.errors import ImageError, NoStripeError, PatternError, TooDarkError
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.photograph import Photograph
+from ftp_dent_ros.profilometry.coverage import DIM
 from ftp_dent_ros.profilometry.fourier_transform import FourierTransform
 from ftp_dent_ros.profilometry.least_squares import LeastSquares
 from ftp_dent_ros.profilometry.measurement import Measurement
@@ -19,11 +20,10 @@ from ftp_dent_ros.profilometry.skin_image import SkinImager
 from ftp_dent_ros.rig import Rig
 from ftp_dent_ros.rig_geometry import moves_fringes
 
-_GREY = 'the image is grey, and the stripe that numbers the fringes is red: photograph in colour'
-
-
-# Share of white that 14 bits in 16 cannot pass.
-_FEW_BITS = 0.25
+_GREY = (
+    'the image is grey, and the stripe that numbers the fringes is red: photograph in colour, or '
+    'tell the mosaic if these are raw pixels (--encoding, files.encoding, bayer_...)'
+)
 
 
 class Method(Protocol):
@@ -101,18 +101,20 @@ class Reconstructor:
             light = photograph.linear(self.rig.response)
         try:
             if self._on_side:
-                return self._measured(light.transposed, skin).transposed
-            return self._measured(light, skin)
+                measured = self._measured(light.transposed, skin).transposed
+            else:
+                measured = self._measured(light, skin)
+            coverage = replace(measured.coverage, brightest=photograph.brightest)
+            return replace(measured, coverage=coverage)
         except NoStripeError:
             if photograph.is_grey:
                 raise NoStripeError(_GREY) from None
             raise
         except TooDarkError as reason:
-            highest = int(photograph.pixels.max())
-            if highest < _FEW_BITS * photograph.white and photograph.bits == 16:
+            if photograph.bits == 16 and photograph.brightest < DIM:
                 raise TooDarkError(
-                    f'{reason}; or, as no level of its 16 bits is above {highest}, tell how many '
-                    'bits the camera has (bits, --encoding)'
+                    f'{reason}; or, as no level is above {photograph.brightest:.1%} of 16 bits, '
+                    'tell how many bits the camera has (bits, --encoding)'
                 ) from None
             raise
 

@@ -195,6 +195,11 @@ def test_few_bits_in_sixteen_are_thought_of(folder, photograph, capfd):
     write_image(folder / 'dark.png', raw(photograph[1]) >> 2)
     said = refused(folder, capfd, '--encoding', 'bayer_rggb16', image='dark.png')
     assert 'tell how many bits the camera has' in said
+    # What is bright enough has points; that the rest has none is told.
+    write_image(folder / 'dim.png', raw(photograph[1]) << 1)
+    words_of_it = [*words(folder, image='dim.png'), '--encoding', 'bayer_rggb16']
+    assert main(words_of_it) == 0
+    assert 'tell how many (bits, --encoding)' in capfd.readouterr().out
 
 
 @pytest.mark.parametrize('suffix', ['.png', '.tif'])
