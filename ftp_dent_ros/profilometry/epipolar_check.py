@@ -29,6 +29,8 @@ from ftp_dent_ros.rig import Rig
 _MOST_TURN, _MOST_STRETCH = 0.06, 0.12
 # Standard deviation of the blocks' places along u and v from which on turn and stretch are known.
 _LEAST_REACH = 60.0
+# Fits, each without the blocks that the last one found off by so many standard deviations.
+_FITS, _MOST_OFF = 6, 4.0
 # Signal over scatter below which the rows are not seen, and an amplitude to divide by then.
 _SEEN, _FAINTEST = 6.0, 1e-4
 
@@ -124,12 +126,17 @@ def check_epipolar(
     if reach < _LEAST_REACH or height < _LEAST_REACH:
         return None
     found = _nearest(terms, blocks, turn)
-    for _ in range(3):
+    trusted = np.ones_like(blocks.u)
+    for _ in range(_FITS):
+        weight = blocks.weight * trusted
         away = blocks.wave * np.exp(-1j * turn * (terms @ found))
-        amplitude = max(float(np.average(away.real, weights=blocks.weight)), _FAINTEST)
-        step, covariance = _weighted_fit(terms, away.imag / (amplitude * turn), blocks.weight)
+        amplitude = max(float(np.average(away.real, weights=weight)), _FAINTEST)
+        beside = away.imag / (amplitude * turn)
+        step, covariance = _weighted_fit(terms, beside, weight, blocks.place)
         found = found + step
-    noise = np.average(np.square(away.imag), weights=blocks.weight) / len(away)
+        rest = np.abs(beside - terms @ step)
+        trusted = (rest <= _MOST_OFF * 1.4826 * np.median(rest)).astype(float)
+    noise = np.average(np.square(away.imag), weights=weight) / np.count_nonzero(weight)
     told = _told_amplitude(pattern, window)
     deviation = np.sqrt(np.diag(covariance))
     at_axis = found[0] - found[1] * (middle[0] - rig.projector.camera_matrix[0, 2])
@@ -144,7 +151,7 @@ def check_epipolar(
         stretch=stretch,
         stretch_deviation=deviations[2],
         reach=reach,
-        places=len(blocks.u),
+        places=int(np.count_nonzero(weight)),
         strength=amplitude / told,
         strength_deviation=math.sqrt(noise) / told,
         depth_error=depth_error,
@@ -177,18 +184,25 @@ def _nearest(terms: NDArray, blocks: Blocks, turn: float) -> NDArray[np.float64]
 
 
 def _weighted_fit(
-    terms: NDArray, values: NDArray, weight: NDArray
+    terms: NDArray, values: NDArray, weight: NDArray, place: NDArray
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Least squares, and the covariance by how the values scatter, whatever each one's own is.
 
-    MacKinnon and White's HC3: residuals over one less their leverage.
+    MacKinnon and White's HC3: residuals over one less their leverage. What is on one edge of
+    the skin errs alike: where the sums over rows or over columns of blocks scatter more than
+    independent blocks would, it is they that count.
     """
     inverse = np.linalg.inv(terms.T @ (weight[:, None] * terms))
     found = inverse @ (terms.T @ (weight * values))
     leverage = weight * np.einsum('ij,jk,ik->i', terms, inverse, terms)
     rest = (values - terms @ found) / np.maximum(1 - leverage, 0.1)
     scores = terms * (weight * rest)[:, None]
-    return found, inverse @ (scores.T @ scores) @ inverse
+    covariances = [inverse @ (scores.T @ scores) @ inverse]
+    for line in place.T:
+        sums = np.zeros((int(line.max()) + 1, terms.shape[1]))
+        np.add.at(sums, line, scores)
+        covariances.append(inverse @ (sums.T @ sums) @ inverse)
+    return found, max(covariances, key=lambda each: float(each[0, 0]))
 
 
 def _depth_errors(rig: Rig, blocks: Blocks, shift: float, turn: float) -> tuple[float, float]:

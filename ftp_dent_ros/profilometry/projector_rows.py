@@ -62,6 +62,8 @@ class Blocks:
         Nodes.
     rays : ndarray, shape (n, 2)
         x and y of the camera's rays through the middles, z = 1.
+    place : ndarray, shape (n, 2), integer
+        Row and column of blocks.
     """
 
     u: NDArray[np.float64]
@@ -69,6 +71,7 @@ class Blocks:
     wave: NDArray[np.complex128]
     weight: NDArray[np.float64]
     rays: NDArray[np.float64]
+    place: NDArray[np.intp]
 
 
 def blocks_of(pattern: Pattern, surfaces: Sequence[Rows]) -> Blocks | None:
@@ -91,15 +94,17 @@ def blocks_of(pattern: Pattern, surfaces: Sequence[Rows]) -> Blocks | None:
     if np.count_nonzero(held) < _FEWEST:
         return None
     u, v, contrast, weight = (each[held] for each in tiles)
-    wave = _waves(pattern, size, v, contrast, weight)
+    level = np.log(np.where(weight > 0, contrast, 1))
+    wave = _waves(pattern, size, v, level, weight)
     count = count[held].astype(float)
     middle_u, middle_v = ((weight * each).sum(axis=1) / count for each in (u, v))
     middle = (weight[..., None] * rays[held]).sum(axis=1) / count[:, None]
-    return Blocks(middle_u, middle_v, wave, count, middle)
+    place = np.stack(np.divmod(np.flatnonzero(held), -(-shape[1] // _EVERY // size[1])), axis=-1)
+    return Blocks(middle_u, middle_v, wave, count, middle, place)
 
 
 def _waves(
-    pattern: Pattern, size: Sequence[int], v: NDArray, contrast: NDArray, weight: NDArray
+    pattern: Pattern, size: Sequence[int], v: NDArray, level: NDArray, weight: NDArray
 ) -> NDArray[np.complex128]:
     """Least squares of ``quadric + a cos(2 pi v / P) - b sin(2 pi v / P)``: a + i b by block."""
     angle = np.float32(2 * math.pi / pattern.row_period_px) * v
@@ -114,7 +119,6 @@ def _waves(
         ],
         axis=-1,
     )
-    level = np.log(np.where(weight > 0, contrast, 1))
     weighted = (terms * weight[..., None]).transpose(0, 2, 1)
     normal = (weighted @ terms).astype(float)
     found = np.linalg.solve(normal, (weighted @ level[..., None]).astype(float))[..., 0]

@@ -72,6 +72,15 @@ def test_says_what_it_does_to_the_cloud():
     assert 'cannot show' in found.sentence
 
 
+def test_an_edge_through_a_row_of_blocks_does_not_speak_for_all():
+    _, y = NODES
+    plain = rows(np.random.default_rng(3))
+    edge = (y > 380) & (y < 440)
+    found = check(replace(plain, contrast=plain.contrast * np.where(edge, 1.06, 1.0)))
+    assert abs(found.shift) < 4 * found.shift_deviation
+    assert found.shift_deviation < 0.1
+
+
 def test_surfaces_are_taken_together():
     x, _ = NODES
     parts = [
@@ -97,7 +106,7 @@ def test_says_nothing_where_too_little_is_seen_or_told():
     [
         (lambda u, v: 0.067 * v + 0.5, r'1\.067 times as far apart'),
         (lambda u, v: -0.063 * v, r'0\.93[78] times as far apart'),
-        (lambda u, v: 719 - 2 * (v + 360), '21 px beside'),
+        (lambda u, v: 719 - 2 * (v + 360), r'2[12] px beside'),
         (lambda u, v: 12.0, '12 px beside'),
     ],
     ids=['larger', 'smaller', 'upside down', 'beside'],
@@ -123,13 +132,13 @@ def test_a_true_rig_raises_no_alarm_and_one_that_is_off_does_by_the_third_cloud(
         assert not rig_alarm([true] * 5)
     for sign in (-1, 1):
         off_by = [
-            check(rows(np.random.default_rng(seed), 0.005, lambda u, v, s=sign: s * 0.3))
+            check(rows(np.random.default_rng(seed), 0.003, lambda u, v, s=sign: s * 0.3))
             for seed in range(3)
         ]
         assert not rig_alarm(off_by[:2])
         assert 'the rig does not hold' in rig_alarm(off_by)
         turned = [
-            check(rows(np.random.default_rng(seed), 0.005, lambda u, v, s=sign: s * 9e-4 * u))
+            check(rows(np.random.default_rng(seed), 0.002, lambda u, v, s=sign: s * 9e-4 * u))
             for seed in range(3)
         ]
         assert 'the rig does not hold' in rig_alarm(turned)
