@@ -17,7 +17,7 @@ from ftp_dent_ros.errors import CodecError
 # Differences along the rows alone, or along both axes (left + above - left above).
 ROWS, BOTH = 0, 1
 # The residuals are noise without repetitions: runs and Huffman's code are what is to be had.
-_LEVEL, _MEMORY = 1, 9
+_LEVEL, _MEMORY = 1, 8
 # Of the rows, to choose the prediction by.
 _EVERY = 4
 

@@ -33,7 +33,8 @@ def is_on_rays(
     with np.errstate(invalid='ignore', over='ignore'):
         bound = depth * np.float32(_OFF_THE_RAY)
         for axis, ray in enumerate(view.rays()):
-            off = points[..., axis] - ray * depth
+            off = points[..., axis].copy()
+            off -= ray * depth
             np.abs(off, out=off)
             if np.count_nonzero((off <= bound) & valid) != count:
                 return False
