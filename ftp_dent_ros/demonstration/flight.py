@@ -32,8 +32,8 @@ from ftp_dent_ros.supervision.process_log import ProcessLog
 from ftp_dent_ros.supervision.processes import Processes, Program
 
 # Until everything is discovered and the clocks are matched, on a slow and busy machine.
-_READY_S = 60.0
-_DRAIN_S = 20.0
+_READY_S = 120.0
+_DRAIN_S = 60.0
 _SETTLED_S = 1.0
 _CAMERA = 'camera_capture'
 _RECONSTRUCTION = 'reconstruction'

@@ -75,7 +75,8 @@ class Bag:
         known = {topic.name for topic in self.metadata.topics}
         unknown = sorted(set(topics or ()) - known)
         if unknown:
-            raise BagError(f'{self.path}: has no topic {unknown[0]}: it has {_listed(known)}')
+            there = ', '.join(sorted(known)) or 'none'
+            raise BagError(f'{self.path}: has no topic {unknown[0]}: it has {there}')
         return self._messages(topics, start_ns)
 
     def deserialise(self, message: Message) -> Any:
@@ -247,7 +248,3 @@ def _damaged(path: Path, reason: object) -> BagError:
         f'{path}: not a whole MCAP file ({reason}): '
         f'make a whole bag of it with `ftp-dent recover {bag} --output NEW`'
     )
-
-
-def _listed(names: Iterable[str]) -> str:
-    return ', '.join(sorted(names)) or 'none'

@@ -66,14 +66,14 @@ class Process:
     def pid(self) -> int:
         return self._popen.pid
 
-    def wait(self, timeout: float = 60.0) -> int:
+    def wait(self, timeout: float = 120.0) -> int:
         """Exit status."""
         return self._popen.wait(timeout)
 
     def send(self, with_signal: int) -> None:
         self._popen.send_signal(with_signal)
 
-    def stop(self, with_signal: int = signal.SIGINT, timeout: float = 30.0) -> int:
+    def stop(self, with_signal: int = signal.SIGINT, timeout: float = 60.0) -> int:
         """Exit status after a signal."""
         if self.alive:
             self._popen.send_signal(with_signal)
@@ -110,7 +110,7 @@ class Ros:
         self.node = rclpy.create_node('tester', namespace=self.namespace, context=self.context)
         self.executor.add_node(self.node)
 
-    def until(self, condition: Callable[[], Any], timeout: float = 60.0) -> Any:
+    def until(self, condition: Callable[[], Any], timeout: float = 120.0) -> Any:
         """Spin until `condition` gives something true, which is returned."""
         end = time.monotonic() + timeout
         while True:
