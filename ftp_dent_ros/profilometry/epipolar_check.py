@@ -4,7 +4,8 @@ The fringes say which projector column a pixel sees; the epipolar line says in w
 coded fringes the contrast rises and falls with the row (`Pattern.row_contrast`), so that the
 photograph says it too. Their difference is what is wrong with the rig, as far as it leads off
 the epipolar lines: what moves the light along them (yaw, the baseline's length) looks like
-another depth, and is not seen.
+another depth, and is seen only by what of it leads off them: a shift and a stretch of a tenth or
+less.
 
 A shift, a turn and a stretch are fitted to what blocks of the photograph show. How the blocks
 scatter, with all that they see, is the uncertainty.
@@ -47,8 +48,8 @@ class EpipolarCheck:
         Its slope along u, radians: a roll of the projector.
     stretch, stretch_deviation : float
         Its slope along v.
-    reach : float
-        Standard deviation along u of the places that it was seen at, projector pixels.
+    reach, height : float
+        Standard deviations along u and v of the places that it was seen at, projector pixels.
     places : int
         Blocks of the panel.
     strength, strength_deviation : float
@@ -56,7 +57,7 @@ class EpipolarCheck:
     depth_error : float
         What a pitch and roll as they seem do to the cloud, root mean square, metres.
     blind_depth_error : float
-        What a yaw as large would do beside it, which is not seen, metres.
+        What a yaw as large would do beside it, which is hardly seen, metres.
     """
 
     shift: float
@@ -66,6 +67,7 @@ class EpipolarCheck:
     stretch: float
     stretch_deviation: float
     reach: float
+    height: float
     places: int
     strength: float
     strength_deviation: float
@@ -83,7 +85,8 @@ class EpipolarCheck:
         degrees = math.degrees(self.turn), math.degrees(self.turn_deviation)
         return (
             f'light {self.shift:+.2f} px ({self.shift_deviation:.2f}) beside its epipolar lines, '
-            f'turned by {degrees[0]:+.4f} degrees ({degrees[1]:.4f}): {self.effect}'
+            f'turned by {degrees[0]:+.4f} degrees ({degrees[1]:.4f}), stretched by '
+            f'{100 * self.stretch:+.3f} % ({100 * self.stretch_deviation:.3f}): {self.effect}'
         )
 
     @property
@@ -92,7 +95,7 @@ class EpipolarCheck:
         return (
             f'the cloud is off by {1e3 * self.depth_error:.2f} mm for it, and by '
             f'{1e3 * self.blind_depth_error:.2f} mm more if the projector has turned as much '
-            'along these lines, which they cannot show'
+            'along these lines, which they hardly show'
         )
 
 
@@ -151,6 +154,7 @@ def check_epipolar(
         stretch=stretch,
         stretch_deviation=deviations[2],
         reach=reach,
+        height=height,
         places=int(np.count_nonzero(weight)),
         strength=amplitude / told,
         strength_deviation=math.sqrt(noise) / told,

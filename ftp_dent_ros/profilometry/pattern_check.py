@@ -32,9 +32,9 @@ _LARGEST_RATIO = 2.0
 # Degrees by which a surface must face camera and projector the better for a period to be
 # believed, and from which on no skin is looked at.
 _FACING, _STEEPEST = 3.0, 60.0
-# Part of the rows' waves below which they are not there, and by which rows are scaled: no
-# calibration errs so. Standard uncertainties from which on that is sure.
-_FAINT, _STRETCHED, _SURE = 0.3, 0.02, 6.0
+# Part of the rows' waves below which they are not there, and by which rows are scaled: a period
+# told 4 % off, or half a degree of yaw. Standard uncertainties from which on that is sure.
+_FAINT, _STRETCHED, _SURE = 0.3, 0.004, 6.0
 _ADVICE = 'give the pattern that is projected (pattern.yaml) and the rig that it is projected with'
 
 
@@ -99,8 +99,9 @@ def check_rows(pattern: Pattern, found: EpipolarCheck) -> None:
         return
     if abs(found.stretch) > max(_STRETCHED, _SURE * found.stretch_deviation):
         raise OtherPatternError(
-            f'the rows of the projector are {1 + found.stretch:.3f} times as far apart as told: '
-            'give the projector images of its own resolution, so that it does not scale them'
+            f'the rows of the projector are {1 + found.stretch:.3f} times as far apart as rig and '
+            'pattern have them: let the projector show images of its own resolution, and '
+            f'{_ADVICE}'
         )
     if abs(found.shift) > max(_ASKEW, _SURE * found.shift_deviation):
         raise OtherPatternError(

@@ -20,19 +20,19 @@ LAST, AGREEING = 5, 3
 #: Scenes of a true rig in one of which a cloud tells against it, if blocks scatter normally.
 ONE_IN = 200_000
 #: What a good calibration leaves between light and epipolar lines, projector pixels, in the middle
-#: and at the places that a turn is seen by.
+#: and at the places that turn and stretch are seen by.
 TOLERANCE = 0.05
 # Unknowns of the fit.
 _FITTED = 3
 
 
-def off(check: EpipolarCheck) -> tuple[int, int]:
-    """Whether a cloud tells of a shift and of a turn: their signs, 0 where it does not."""
+def off(check: EpipolarCheck) -> tuple[int, int, int]:
+    """Whether a cloud tells of a shift, a turn, a stretch: their signs, 0 where it does not."""
     if not check.seen:
-        return 0, 0
+        return 0, 0, 0
     freedom = check.places - _FITTED
-    # Two sides of two figures.
-    sure = float(stdtrit(freedom, 1 - 1 / ONE_IN / 4))
+    # Two sides of three figures.
+    sure = float(stdtrit(freedom, 1 - 1 / ONE_IN / 6))
 
     def sign(value: float, deviation: float) -> int:
         return int(math.copysign(abs(value) > TOLERANCE + sure * deviation, value))
@@ -40,6 +40,7 @@ def off(check: EpipolarCheck) -> tuple[int, int]:
     return (
         sign(check.shift, check.shift_deviation),
         sign(check.reach * check.turn, check.reach * check.turn_deviation),
+        sign(check.height * check.stretch, check.height * check.stretch_deviation),
     )
 
 
@@ -53,14 +54,14 @@ def rig_alarm(checks: Sequence[EpipolarCheck]) -> str:
     """
     last = list(checks)[-LAST:]
     signs = [off(check) for check in last]
-    for figure in range(2):
+    for figure in range(3):
         for sign in (1, -1):
             agreeing = [
                 check for check, each in zip(last, signs, strict=True) if each[figure] == sign
             ]
             if len(agreeing) >= AGREEING:
                 return (
-                    f'the rig does not hold: {agreeing[-1].sentence}: check what holds camera and '
-                    'projector, and calibrate again'
+                    f'the rig does not hold: {agreeing[-1].sentence}: check the pattern, and what '
+                    'holds camera and projector, and calibrate again'
                 )
     return ''
