@@ -24,7 +24,7 @@ from ftp_dent_ros.files import find
 from ftp_dent_ros.pattern import Pattern, read_pattern
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
-from ftp_dent_ros.recording.clouds import CAMERA_POSE, PHOTOGRAPHS, POINTS
+from ftp_dent_ros.recording.clouds import CAMERA_POSE, PHOTOGRAPHS, POINTS, SKIN
 from ftp_dent_ros.recording.definitions import find_definition, type_hash
 from ftp_dent_ros.recording.topic import Message, Qos, Topic
 from ftp_dent_ros.recording.writer import BagWriter
@@ -48,6 +48,7 @@ ERRING = EstimateErrors(wander=(0.055, 0.055, 0.055), lag=0.02, yaw=0.01, yaw_wa
 STATED = np.diag([0.03**2] * 3 + [0.015**2] * 3)
 _TYPES = {
     PHOTOGRAPHS: 'sensor_msgs/msg/Image',
+    SKIN: 'sensor_msgs/msg/Image',
     POINTS: 'sensor_msgs/msg/PointCloud2',
     CAMERA_POSE: 'geometry_msgs/msg/PoseWithCovarianceStamped',
 }
@@ -72,14 +73,15 @@ def record_flight(
         for stamp in stamps_ns:
             image = world.photograph(rig, projected, stamp)
             try:
-                cloud = reconstructor.reconstruct(image)
+                measured = reconstructor.measure(image, skin=True)
             except RefusedFrameError:
                 continue
             seconds = world.flight_time(stamp)
             pose = world.errors.estimated(world.flight, seconds) @ world.mount
             contents = {
                 PHOTOGRAPHS: image_to_message(image, stamp, 'camera_optical_frame'),
-                POINTS: cloud_to_message(cloud, stamp, 'camera_optical_frame'),
+                SKIN: image_to_message(measured.skin, stamp, 'camera_optical_frame'),
+                POINTS: cloud_to_message(measured.cloud, stamp, 'camera_optical_frame'),
                 CAMERA_POSE: located(pose, covariance, stamp),
             }
             writer.write(

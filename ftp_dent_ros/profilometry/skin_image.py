@@ -22,10 +22,11 @@ from ftp_dent_ros.profilometry.least_squares.phase_geometry import PhaseGeometry
 from ftp_dent_ros.rig import Rig
 
 # Gaussian windows, standard deviations in fringes: of level and modulation; and of the skin, along
-# u, where a dark fringe hides it and the bright ones beside it must show it.
-_WIDE, _NARROW = 0.7, 0.22
+# u, where a dark fringe hides it and the bright ones beside it must show it: in narrower ones the
+# skin would move with the fringes.
+_WIDE, _NARROW = 0.7, 0.5
 # Of the skin along v, grid points: what nearest points of a grid hold.
-_ALONG = 0.6
+_ALONG = 1.0
 # Phase up to which green and blue are missing, and a little of their blur, radians.
 _STRIPE = np.pi + 0.9
 # Of the stripe's surroundings, fringes.

@@ -1,0 +1,92 @@
+"""``ftp-dent survey``: bags of one aircraft to one skin, its dents and what was looked at."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from tqdm import tqdm
+
+from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.files import content_id, find
+from ftp_dent_ros.inspection.settings import Settings
+
+_MM = 1e3
+_REMARKS, _GAPS = 12, 6
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument(
+        'bags', nargs='+', metavar='BAG', help='bags of flights along one aircraft'
+    )
+    parser.add_argument(
+        '--output',
+        required=True,
+        metavar='DIR',
+        help='takes survey.json, mosaic.ply and pictures of the unrolled skin',
+    )
+    parser.add_argument('--name', default='', help="the survey's; by default the first bag's")
+    parser.add_argument('--rig', metavar='RIG.yaml', help='calibrated rig, to name it')
+    default = Settings()
+    parser.add_argument(
+        '--smallest-depth',
+        type=float,
+        default=default.smallest_depth * _MM,
+        metavar='MM',
+        help='shallower dents are not reported; default: %(default)g',
+    )
+    parser.add_argument(
+        '--smallest-width',
+        type=float,
+        default=default.smallest_width * _MM,
+        metavar='MM',
+        help='narrower ones are rivets, scratches and gaps; default: %(default)g',
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Survey, write the files and print what was found."""
+    # Only this needs the libraries of bags.
+    from ftp_dent_ros.recording.clouds import count_clouds
+    from ftp_dent_ros.recording.reader import open_bag
+    from ftp_dent_ros.survey.surveying import survey_bags
+    from ftp_dent_ros.survey.writing import write_survey
+
+    output = Path(arguments.output)
+    if output.exists() and not output.is_dir():
+        raise ConfigurationError(f'--output {output} is a file: name a folder')
+    rig_id = content_id(find(arguments.rig)) if arguments.rig else ''
+    settings = Settings(arguments.smallest_depth / _MM, arguments.smallest_width / _MM)
+    bags = [open_bag(path) for path in arguments.bags]
+    count = sum(count_clouds(bag)[0] for bag in bags)
+    with tqdm(desc='surveying', total=2 * count, unit='cloud', dynamic_ncols=True) as bar:
+        survey = survey_bags(bags, arguments.name, settings, rig_id, bar.update)
+    files = write_survey(output, survey)
+    result = survey.result
+    used = survey.pairs - survey.left_out
+    print(f'{len(result.stamps_ns)} clouds, joined by {used} pairs; {survey.left_out} left out')
+    for text in survey.remarks[:_REMARKS]:
+        print(f'  {text}')
+    if len(survey.remarks) > _REMARKS:
+        print(f'  and {len(survey.remarks) - _REMARKS} more remarks in survey.json')
+    dents = [each for each in result.dents if each.dent.kind == 'dent']
+    print(f'{len(dents)} dents, {len(result.dents) - len(dents)} others')
+    for each in dents:
+        x, y = survey.mosaic.skin.place(each.dent.position)[:2]
+        dent = each.dent
+        print(
+            f'{each.number:4}  x {x:7.3f} m, y {y:7.3f} m, depth {dent.depth.value * _MM:.3f} mm, '
+            f'length {dent.length.value * _MM:.1f} mm, width {dent.width.value * _MM:.1f} mm, '
+            f'seen {each.sightings} times'
+        )
+    if result.coverage is not None:
+        area = len(result.coverage.views) * result.coverage.size**2
+        print(f'{area:.3f} m2 of the skin were measured')
+    for gap in survey.mosaic.gaps()[:_GAPS]:
+        x, y = gap.place
+        width, height = gap.size * _MM
+        print(f'  not measured: {width:.0f} mm by {height:.0f} mm at x {x:.3f} m, y {y:.3f} m')
+    for path in files.values():
+        print(path)
+    return 0

@@ -1,0 +1,86 @@
+"""What two patches tell of their relative pose, and in which directions they tell nothing.
+
+The covariance is that of a jackknife over blocks of the skin: how much the pose would move if a
+block were left out. Errors that are alike within a block, and weights that are wrong, are in it.
+Source: A. C. Cameron, D. L. Miller, Journal of Human Resources 50, 317 (2015).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.survey.alignment import Equations
+
+# Side of a block, metres: errors of clouds are alike over some windows of their fringes.
+_BLOCK = 0.04
+# Blocks that a direction takes at least to be told.
+_LEAST_BLOCKS = 12
+# Standard deviations of what noise would tell by chance, from which on a direction is believed.
+_SURE = 5.0
+# What no pair is better than, along the skin and the normal, metres: a twentieth of a grid point,
+# for light and fringes that stay with the camera, and what a rig's calibration leaves.
+_FLOOR = np.array([5e-5, 5e-5, 1e-6])
+
+
+@dataclass(frozen=True, eq=False)
+class Told:
+    """What is told.
+
+    Attributes
+    ----------
+    step : ndarray, shape (6,)
+        To the pose that the patches alone tell: shift of the centre, and turn.
+    information : ndarray, shape (6, 6)
+        Inverse covariance; zero in directions that are not told.
+    count : int
+        Directions told.
+    """
+
+    step: NDArray[np.float64]
+    information: NDArray[np.float64]
+    count: int
+
+
+def told_by(found: Equations, centre: NDArray[np.float64]) -> Told:
+    """What equations at their solution tell."""
+    # Turns are compared with shifts at the overlap's own size.
+    arm = float(np.sqrt(np.mean(np.square(found.place - centre).sum(axis=1))))
+    scale = np.array([1, 1, 1, 1 / arm, 1 / arm, 1 / arm])
+    shared = found.shared * np.outer(scale, scale)
+    score = found.score * scale
+    total = shared.sum(axis=0)
+    values, directions = np.linalg.eigh(total)
+    own, other = found.own * scale @ directions, found.other * scale @ directions
+    chance = np.sqrt(np.square(found.weight[:, None] * own * other).sum(axis=0))
+    sure = (values > 0) & (values > _SURE * chance)
+    kept = directions[:, sure]
+    blocks, count = _blocks(found.place)
+    if not sure.any() or count < _LEAST_BLOCKS:
+        return Told(np.zeros(6), np.zeros((6, 6)), 0)
+    inner = kept.T @ total @ kept
+    gradient = kept.T @ score.sum(axis=0)
+    step = -np.linalg.solve(inner, gradient)
+    part = _summed((kept.T @ shared @ kept).reshape(len(score), -1), blocks, count)
+    scores = _summed(score @ kept + (kept.T @ shared @ kept) @ step, blocks, count)
+    left = inner - part.reshape(count, *inner.shape)
+    moves = np.linalg.solve(left, scores[..., None])[..., 0]
+    covariance = (count - 1) / count * moves.T @ moves
+    # What is alike all over both clouds does not show in differences between blocks.
+    floor = np.square(np.concatenate([_FLOOR, _FLOOR[[2, 2, 0]]]))
+    covariance = covariance + kept.T @ np.diag(floor) @ kept
+    information = kept @ np.linalg.inv(covariance) @ kept.T
+    return Told(kept @ step * scale, information / np.outer(scale, scale), int(sure.sum()))
+
+
+def _blocks(place: NDArray[np.float64]) -> tuple[NDArray[np.intp], int]:
+    """Number of each point's block, and how many there are."""
+    cell = np.floor((place[:, :2] - place[:, :2].min(axis=0)) / _BLOCK).astype(int)
+    _, blocks = np.unique(cell, axis=0, return_inverse=True)
+    return blocks.ravel(), int(blocks.max()) + 1
+
+
+def _summed(values: NDArray, blocks: NDArray, count: int) -> NDArray[np.float64]:
+    return np.stack([np.bincount(blocks, each, count) for each in values.T], axis=-1)

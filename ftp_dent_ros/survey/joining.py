@@ -1,0 +1,216 @@
+"""Clouds as they come, each laid on those that it overlaps, and all their poses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.survey.alignment import samples_of
+from ftp_dent_ros.survey.patch import Patch, patch_of
+from ftp_dent_ros.survey.pose_graph import Node, PoseGraph
+from ftp_dent_ros.survey.registration import register
+from ftp_dent_ros.survey.relative_pose import UnlikePairError
+
+# Earlier clouds that each is laid on: the one before, and one some clouds back.
+_BACK = (1, 3)
+# Of other passes: so many, no nearer in number, no farther apart than this part of a patch.
+_CLOSURES, _APART, _NEAR = 2, 8, 0.6
+# A cloud is kept for later passes where the last that was kept is this part of a patch away.
+_KEPT = 0.3
+# Poses that move as clouds come; all move at once every so many clouds.
+_WINDOW, _EVERY = 20, 100
+# Of a cloud's place seen from the one before, where no autopilot tells it: metres, radians.
+_BLIND = np.diag([0.08**2] * 3 + [0.03**2] * 3)
+
+
+@dataclass(frozen=True, eq=False)
+class _Kept:
+    patch: Patch
+    size: float
+
+
+class Joining:
+    """Joins clouds to one skin.
+
+    Attributes
+    ----------
+    graph : PoseGraph
+    stamps_ns : list of int
+    remarks : list of str
+        What could not be used, and why.
+    without_skin : int
+        Clouds without an image of the skin.
+    outlines : list of ndarray, shape (n, 3)
+        Some points of each cloud, its rim's among them, in its camera's frame, metres.
+    normals : list of ndarray, shape (3,)
+        Of each cloud's plane, outward, in its camera's frame.
+    """
+
+    def __init__(self, remark: Callable[[str], Any] = lambda text: None) -> None:
+        self.graph = PoseGraph()
+        self.stamps_ns: list[int] = []
+        self.remarks: list[str] = []
+        self.without_skin = 0
+        self._remark = remark
+        self._kept: dict[int, _Kept] = {}
+        self._last_key = -1
+        self.outlines: list[NDArray[np.float64]] = []
+        self.normals: list[NDArray[np.float64]] = []
+
+    def add(
+        self,
+        stamp_ns: int,
+        cloud: Cloud,
+        skin: NDArray[np.uint8] | None = None,
+        pose: Pose | None = None,
+        covariance: NDArray[np.float64] | None = None,
+        flight: int = 0,
+    ) -> Pose:
+        """Where another cloud's camera was.
+
+        Parameters
+        ----------
+        stamp_ns : int
+        cloud : Cloud
+            In its camera's frame.
+        skin : ndarray, shape (rows, columns), uint8, optional
+        pose : Pose, optional
+            Of the camera, as the autopilot says.
+        covariance : ndarray, shape (6, 6), optional
+            Of that pose.
+        flight : int
+            Number of the flight: the autopilot's errors of two are not alike.
+
+        Raises
+        ------
+        CloudError
+            The cloud has too few points.
+        """
+        patch = patch_of(cloud, skin)
+        self.without_skin += not patch.has_paint
+        number = len(self.stamps_ns)
+        node = Node(pose, covariance if pose is not None else None, stamp_ns / 1e9, flight)
+        self.graph.add(node, self._guess(node))
+        self.stamps_ns.append(stamp_ns)
+        samples = samples_of(patch)
+        size = float(np.ptp(samples.heights[:, :2], axis=0).min())
+        self.outlines.append(patch.frame.apply(_outline(samples.heights)))
+        self.normals.append(patch.frame.rotation.apply([0.0, 0.0, 1.0]))
+        self._kept[number] = _Kept(patch, size)
+        joined = False
+        for other in self._neighbours(number):
+            joined |= self._join(other, number, samples)
+            if joined and other == number - 1:
+                # A guess for the others that is nearly right.
+                self.graph.solve(fixed=number)
+        closures = [each for each in self._closures(number) if self._join(each, number, samples)]
+        self.graph.solve(fixed=0 if closures or number % _EVERY == 0 else max(0, number - _WINDOW))
+        self._forget(number)
+        return self.graph.poses[number]
+
+    def finish(self) -> None:
+        """Move all poses to where they agree best, and tell what was left out."""
+        self.graph.solve()
+        for index in sorted(self.graph.left_out):
+            link = self.graph.links[index]
+            self._tell(link.first, link.second, 'contradicts the others, and is left out')
+
+    def _guess(self, node: Node) -> Pose:
+        graph = self.graph
+        if not graph.nodes:
+            return node.stated or Pose(Rotation.identity(), np.zeros(3))
+        last, there = graph.nodes[-1], graph.poses[-1]
+        if node.stated is None:
+            if len(graph.poses) < 2:
+                return there
+            return there @ (graph.poses[-2].inverse() @ there)
+        if last.stated is None or last.flight != node.flight:
+            return node.stated
+        return there @ last.stated.inverse() @ node.stated
+
+    def _neighbours(self, number: int) -> list[int]:
+        same = self.graph.nodes[number].flight
+        numbers = (number - back for back in _BACK)
+        return [n for n in numbers if n >= 0 and self.graph.nodes[n].flight == same]
+
+    def _closures(self, number: int) -> list[int]:
+        """Clouds of other passes that show the same skin, the nearest first."""
+        here = self._middle(number)
+        near = []
+        for other, kept in self._kept.items():
+            if number - other >= _APART or self._flight(other) != self._flight(number):
+                apart = float(np.linalg.norm(self._middle(other) - here))
+                if apart < _NEAR * (kept.size + self._kept[number].size):
+                    near.append((apart, other))
+        return [other for _, other in sorted(near)[:_CLOSURES]]
+
+    def _flight(self, number: int) -> int:
+        return self.graph.nodes[number].flight
+
+    def _middle(self, number: int) -> NDArray[np.float64]:
+        return self.graph.poses[number].apply(self._kept[number].patch.frame.translation)
+
+    def _join(self, first: int, second: int, samples: Any) -> bool:
+        """Lay a cloud on an earlier one; False if it does not fit."""
+        if first not in self._kept:
+            return False
+        guess = self.graph.poses[first].inverse() @ self.graph.poses[second]
+        try:
+            relative = register(
+                self._kept[first].patch,
+                self._kept[second].patch,
+                guess,
+                self._doubt(first, second),
+                samples,
+            )
+        except UnlikePairError as reason:
+            if second - first == 1:
+                self._tell(first, second, str(reason))
+            return False
+        self.graph.link(first, second, relative)
+        if relative.remark and second - first == 1 and self._kept[second].patch.has_paint:
+            self._tell(first, second, relative.remark)
+        return relative.told > 0
+
+    def _doubt(self, first: int, second: int) -> NDArray[np.float64]:
+        a, b = self.graph.nodes[first], self.graph.nodes[second]
+        if a.covariance is None or b.covariance is None:
+            return _BLIND * max(1, min(second - first, 3))
+        return self.graph.relative_doubt(first, second)
+
+    def _forget(self, number: int) -> None:
+        """Keep the last patches, and of the others as many as later passes need."""
+        old = number - max(_BACK)
+        if old < 0 or old not in self._kept:
+            return
+        kept = self._kept[old]
+        last = self._last_key
+        if last >= 0 and last in self._kept:
+            apart = np.linalg.norm(self._middle(last) - self._middle(old))
+            if apart < _KEPT * kept.size and self._flight(last) == self._flight(old):
+                del self._kept[old]
+                return
+        self._last_key = old
+        self._kept[old] = _Kept(kept.patch.lightened(), kept.size)
+
+    def _tell(self, first: int, second: int, what: str) -> None:
+        a, b = (self.stamps_ns[number] / 1e9 for number in (first, second))
+        text = f'clouds {first + 1} and {second + 1} ({a:.3f} s and {b:.3f} s): {what}'
+        self.remarks.append(text)
+        self._remark(text)
+
+
+def _outline(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The outermost points each way, and some between."""
+    angles = np.linspace(0, np.pi, 8, endpoint=False)
+    along = points[:, :2] @ np.stack([np.cos(angles), np.sin(angles)])
+    outer = np.concatenate([along.argmin(axis=0), along.argmax(axis=0)])
+    inner = np.linspace(0, len(points) - 1, 40).astype(int)
+    return points[np.unique(np.concatenate([outer, inner]))]

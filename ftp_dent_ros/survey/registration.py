@@ -1,0 +1,204 @@
+"""Two overlapping clouds to their relative pose, one line a step."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.survey.alignment import Equations, Samples, equations, moved, samples_of
+from ftp_dent_ros.survey.coarse_search import candidates
+from ftp_dent_ros.survey.information import told_by
+from ftp_dent_ros.survey.patch import Patch
+from ftp_dent_ros.survey.relative_pose import RelativePose, UnlikePairError
+
+# Share of the second cloud that has to lie on the first, and points.
+LEAST_OVERLAP, _LEAST_POINTS = 0.15, 200
+# Steps of least squares, and the step that is none: metres at the overlap's rim.
+_STEPS, _COARSE_STEPS, _DONE = 12, 4, 2e-7
+# Heights' misfit by what the clouds state, above which they do not show one surface.
+_MOST_MISFIT = 25.0
+# Share of the points within three standard deviations, that both must have in common.
+_LEAST_ALIKE = 0.5
+# Standard deviations of a guess within which the truth lies.
+_GATE = 5.0
+# Of the costs' difference between two places of the paint, beyond which one is the right one.
+_CLEARLY = 5.0
+
+
+def register(
+    first: Patch,
+    second: Patch,
+    guess: Pose,
+    doubt: NDArray[np.float64],
+    samples: Samples | None = None,
+) -> RelativePose:
+    """Pose of the second cloud's camera in the first one's frame.
+
+    Parameters
+    ----------
+    first, second : Patch
+    guess : Pose
+        Of the second camera in the first one's frame.
+    doubt : ndarray, shape (6, 6)
+        Covariance of the guess: shift of the second camera along the first one's axes, metres, and
+        turn about them, radians.
+    samples : Samples, optional
+        Of the second patch, if they are known already.
+
+    Raises
+    ------
+    UnlikePairError
+        They do not overlap, or do not lie on each other; the message says in what.
+    """
+    samples = samples or samples_of(second)
+    start = first.frame.inverse() @ guess @ second.frame
+    centre = _centre(first, samples, start)
+    spread = _doubt_at(first, guess, doubt, centre)
+    prior = np.linalg.inv(spread)
+    by_shape = _solved(first, samples, start, centre, prior, with_paint=False)
+    centre = _centre(first, samples, by_shape)
+    remark = ''
+    best, found = by_shape, None
+    if first.has_paint and second.has_paint:
+        best, found, remark = _by_paint(first, second, samples, by_shape, centre, spread, prior)
+    else:
+        remark = 'without a skin image: laid on each other by their shape alone'
+    if found is None:
+        found = equations(first, samples, best, centre, with_paint=False)
+    _check(found, samples, remark)
+    told = told_by(found, centre)
+    # What is told is told without the guess.
+    best = moved(best, told.step, centre)
+    heights = ~found.is_paint
+    misfit = _misfit(first, samples, best)
+    pose = first.frame @ best @ second.frame.inverse()
+    turn = np.kron(np.eye(2), first.frame.rotation.as_matrix())
+    return RelativePose(
+        pose,
+        first.frame.apply(centre),
+        turn @ told.information @ turn.T,
+        told.count,
+        heights.sum() / len(samples.heights),
+        misfit,
+        remark,
+    )
+
+
+def _by_paint(first, second, samples, by_shape, centre, spread, prior):
+    """The pose at which the paints lie on each other, unless there is none, or more than one."""
+    tried: list[tuple[float, Pose, Equations]] = []
+    for pose in candidates(first, second, by_shape, centre, spread):
+        pose = _solved(
+            first, samples, pose, centre, prior * 1e-3, coarse=True, steps=_COARSE_STEPS
+        )
+        pose = _solved(first, samples, pose, centre, prior * 1e-3)
+        off = _off(pose, by_shape, centre)
+        if off @ prior @ off > _GATE**2 + 6:
+            continue
+        found = equations(first, samples, pose, centre)
+        paint = found.is_paint
+        if paint.sum() < _LEAST_POINTS:
+            continue
+        tried.append((_alike(found), pose, found))
+    if not tried:
+        return by_shape, None, 'its paint is found nowhere on the other: by their shape alone'
+    tried.sort(key=lambda each: -each[0])
+    chosen = tried[0]
+    for other in tried[1:]:
+        if np.linalg.norm(_off(other[1], chosen[1], centre)[:3]) < 1e-3:
+            continue
+        if _difference(first, samples, chosen[1], other[1], centre) < _CLEARLY:
+            return by_shape, None, 'its marks fit in more places than one: by their shape alone'
+    return chosen[1], chosen[2], ''
+
+
+def _solved(
+    first: Patch,
+    samples: Samples,
+    pose: Pose,
+    centre: NDArray[np.float64],
+    prior: NDArray[np.float64],
+    with_paint: bool = True,
+    coarse: bool = False,
+    steps: int = _STEPS,
+) -> Pose:
+    """Pose of least squares, held by the guess where the patches do not tell."""
+    guess = pose
+    for _ in range(steps):
+        found = equations(first, samples, pose, centre, with_paint, coarse)
+        if (~found.is_paint).sum() < _LEAST_POINTS:
+            raise UnlikePairError('they do not overlap')
+        both = (found.own + found.other) / 2
+        normal = both.T @ (both * found.weight[:, None]) + prior
+        gradient = found.score.sum(axis=0) + prior @ _off(pose, guess, centre)
+        step = -np.linalg.solve(normal, gradient)
+        pose = moved(pose, step, centre)
+        if np.abs(step[:3]).max() < _DONE and np.abs(step[3:]).max() < _DONE:
+            break
+    return pose
+
+
+def _centre(first: Patch, samples: Samples, pose: Pose) -> NDArray[np.float64]:
+    place = pose.apply(samples.heights)
+    met = np.isfinite(first.looked_up(first.surface, place)[:, 0])
+    if met.sum() < max(_LEAST_POINTS, LEAST_OVERLAP * len(place)):
+        raise UnlikePairError('they do not overlap')
+    return place[met].mean(axis=0)
+
+
+def _doubt_at(first, guess, doubt, centre):
+    """Covariance of a guess, as of the shift of the centre and the turn, first patch's axes."""
+    arm = first.frame.apply(centre) - guess.translation
+    carried = np.eye(6)
+    carried[:3, 3:] = [[0, arm[2], -arm[1]], [-arm[2], 0, arm[0]], [arm[1], -arm[0], 0]]
+    turn = np.kron(np.eye(2), first.frame.rotation.as_matrix())
+    return turn.T @ carried @ doubt @ carried.T @ turn
+
+
+def _off(pose: Pose, other: Pose, centre: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Shift of the centre, and turn, from another pose to a pose."""
+    move = pose @ other.inverse()
+    return np.concatenate([move.apply(centre) - centre, move.rotation.as_rotvec()])
+
+
+def _alike(found: Equations) -> float:
+    """Correlation of the slopes of the paints."""
+    paint = found.is_paint
+    own, other = found.own[paint, :2], found.other[paint, :2]
+    return float((own * other).sum() / np.sqrt((own**2).sum() * (other**2).sum()))
+
+
+def _difference(first, samples, pose, other, centre) -> float:
+    """How much better the paint fits at one pose than at another, in standard deviations."""
+    costs = []
+    for each in (pose, other):
+        place = each.apply(samples.paint)
+        here = first.looked_up(first.paint, place)
+        met = here[:, 3] > 0.99
+        costs.append(np.where(met, np.abs(here[:, 0] - samples.paint_values[:, 0]), np.nan))
+    gain = costs[1] - costs[0]
+    gain = gain[np.isfinite(gain)]
+    if not len(gain):
+        return 0.0
+    return float(gain.sum() / np.sqrt(np.square(gain).sum()))
+
+
+def _check(found: Equations, samples: Samples, remark: str) -> None:
+    heights = ~found.is_paint
+    if heights.sum() < max(_LEAST_POINTS, LEAST_OVERLAP * len(samples.heights)):
+        raise UnlikePairError('they do not overlap')
+    if found.spread[0] > _MOST_MISFIT:
+        raise UnlikePairError(
+            f'their heights differ {found.spread[0]:.0f} times as much as they state'
+        )
+    if np.mean(np.abs(found.residual[heights]) < 3) < _LEAST_ALIKE:
+        raise UnlikePairError('most of their heights differ')
+
+
+def _misfit(first: Patch, samples: Samples, pose: Pose) -> float:
+    place = pose.apply(samples.heights)
+    here = first.looked_up(first.surface, place)
+    off = place[:, 2] - here[:, 0]
+    off = off[np.isfinite(off)]
+    return float(1.4826 * np.median(np.abs(off)))

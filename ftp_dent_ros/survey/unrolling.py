@@ -1,0 +1,70 @@
+"""A skin that is curved one way, unrolled: along the axis, and around it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+# A larger radius is a plane, metres.
+_FLATTEST = 100.0
+
+
+@dataclass(frozen=True, eq=False)
+class Unrolled:
+    """A cylinder, or a plane, near a skin.
+
+    Attributes
+    ----------
+    origin : ndarray, shape (3,)
+        On the skin, metres; where x and y are 0.
+    axis, around, normal : ndarray, shape (3,)
+        Unit vectors there: of x, of y, and outward.
+    radius : float
+        Metres, positive if the skin bends away from who looks at it; infinite for a plane.
+    """
+
+    origin: NDArray[np.float64]
+    axis: NDArray[np.float64]
+    around: NDArray[np.float64]
+    normal: NDArray[np.float64]
+    radius: float
+
+    @classmethod
+    def through(cls, points: NDArray[np.float64], normals: NDArray[np.float64]) -> Unrolled:
+        """Cylinder of points of shape (n, 3) and their outward normals."""
+        origin, normal = points.mean(axis=0), normals.mean(axis=0)
+        normal /= np.linalg.norm(normal)
+        # The axis is across all normals; of a plane, along the longer side.
+        spread = np.cov((normals - np.outer(normals @ normal, normal)).T)
+        along = points - origin
+        along = along - np.outer(along @ normal, normal)
+        _, _, sides = np.linalg.svd(along, full_matrices=False)
+        bends = np.array([side @ spread @ side for side in sides[:2]])
+        axis = sides[int(np.argmin(bends))] if bends.max() > 4 * bends.min() else sides[0]
+        around = np.cross(normal, axis)
+        radius = _radius(along @ around, (points - origin) @ normal, normals @ around)
+        # Towards growing y the outward normal turns that way where the skin bends away.
+        return cls(origin, axis, around, normal, radius)
+
+    def place(self, points: NDArray) -> NDArray[np.float64]:
+        """Place along the axis (x), around it (y), and height above it, metres, shape (..., 3)."""
+        off = np.asarray(points, float) - self.origin
+        x, y, z = off @ self.axis, off @ self.around, off @ self.normal
+        if math.isinf(self.radius):
+            return np.stack([x, y, z], axis=-1)
+        sign = math.copysign(1.0, self.radius)
+        from_axis = z + self.radius
+        y_out = self.radius * np.arctan2(sign * y, sign * from_axis)
+        height = sign * np.hypot(y, from_axis) - self.radius
+        return np.stack([x, y_out, height], axis=-1)
+
+
+def _radius(y: NDArray, z: NDArray, tilt: NDArray) -> float:
+    """Radius by how normals tilt with y."""
+    slope = float(y @ tilt / max(y @ y, 1e-12))
+    if abs(slope) < 1 / _FLATTEST:
+        return math.inf
+    return 1 / slope
