@@ -17,7 +17,6 @@ COMMANDS = {
     'pattern': 'what is projected, drawn as an image, or read back from one',
     'reconstruct': 'one photograph to a point cloud',
     'inspect': 'clouds, photographs or bags to their dents and their report',
-    'inspect': 'a cloud, a photograph or a bag to its dents and their report',
     'survey': 'bags of one aircraft to one skin: mosaic, coverage, dents',
     'calibrate': 'a board under projected patterns to rig.yaml',
     'evaluate': "the paper's simulation and tables, and least squares beside them",

@@ -27,6 +27,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='takes survey.json, mosaic.ply and pictures of the unrolled skin',
     )
     parser.add_argument('--name', default='', help="the survey's; by default the first bag's")
+    parser.add_argument(
+        '--store',
+        metavar='FILE',
+        help="file of the aircraft's surveys, for `compare`",
+    )
     parser.add_argument('--rig', metavar='RIG.yaml', help='calibrated rig, to name it')
     default = Settings()
     parser.add_argument(
@@ -50,6 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
     # Only this needs the libraries of bags.
     from ftp_dent_ros.recording.clouds import count_clouds
     from ftp_dent_ros.recording.reader import open_bag
+    from ftp_dent_ros.survey.store import Store
     from ftp_dent_ros.survey.surveying import survey_bags
     from ftp_dent_ros.survey.writing import write_survey
 
@@ -64,6 +70,8 @@ def run(arguments: argparse.Namespace) -> int:
         survey = survey_bags(bags, arguments.name, settings, rig_id, bar.update)
     files = write_survey(output, survey)
     result = survey.result
+    if arguments.store:
+        Store(arguments.store).add(result)
     used = survey.pairs - survey.left_out
     print(f'{len(result.stamps_ns)} clouds, joined by {used} pairs; {survey.left_out} left out')
     for text in survey.remarks[:_REMARKS]:

@@ -20,7 +20,7 @@ from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.pose import Pose
 
 # Points that the plane and the way back to the cloud's grid are fitted to, about.
-_FITTED = 4000
+_FITTED = 1000
 _LEAST_POINTS = 500
 # Of the grid, by the cloud's own spacing.
 _COARSER = 1.5

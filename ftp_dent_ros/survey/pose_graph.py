@@ -28,6 +28,8 @@ FORGOTTEN = 5.0
 _JITTER = np.diag([3e-3**2] * 3 + [1e-3**2] * 3)
 # Where nothing says where the survey lies: metres, radians.
 _ANCHOR = np.eye(6) * 1e-12
+# About its guess, of a pose that nothing may tell: metres, radians.
+_UNTOLD = np.diag([0.5**2] * 3 + [0.3**2] * 3)
 # Of squared errors by directions told: where a pair counts half, and from where on not at all.
 _HALF, _WRONG = 16.0, 36.0
 _STEPS, _DONE, _COARSE = 30, 1e-8, 1e-4
@@ -62,6 +64,7 @@ class PoseGraph:
     def __init__(self) -> None:
         self.nodes: list[Node] = []
         self.poses: list[Pose] = []
+        self.guesses: list[Pose] = []
         self.links: list[Link] = []
         self.left_out: set[int] = set()
 
@@ -69,6 +72,7 @@ class PoseGraph:
         """Another pose, about where it is guessed to be."""
         self.nodes.append(node)
         self.poses.append(guess)
+        self.guesses.append(guess)
 
     def link(self, first: int, second: int, relative: RelativePose) -> None:
         """Another relative pose."""
@@ -212,20 +216,28 @@ class PoseGraph:
         before: int | None = None
         for index, node in enumerate(self.nodes):
             if node.stated is None or node.covariance is None:
-                if index == 0 and not steps_only:
-                    sums.add([0], [np.eye(6)], np.zeros(6), np.linalg.inv(_ANCHOR))
+                if index >= fixed:
+                    first = index == 0 and not steps_only
+                    spread = _ANCHOR if first else _UNTOLD
+                    error = self._off(index, self.guesses[index])
+                    sums.add([index], [np.eye(6)], error, np.linalg.inv(spread))
                 continue
             if index >= fixed:
-                error = self._off(index)
+                error = self._off(index, node.stated)
                 earlier = None if before is None else self.nodes[before]
-                if before is None or earlier is None or earlier.flight != node.flight:
+                if (
+                    before is None
+                    or earlier is None
+                    or earlier.stated is None
+                    or earlier.flight != node.flight
+                ):
                     if not steps_only:
                         sums.add([index], [np.eye(6)], error, np.linalg.inv(node.covariance))
                 else:
                     keep = _kept(earlier, node)
                     # Relative to an anchor, only what is shared of the error matters.
                     spread = (1 - keep**2) * node.covariance + 2 * _JITTER
-                    difference = error - keep * self._off(before)
+                    difference = error - keep * self._off(before, earlier.stated)
                     sums.add(
                         [before, index],
                         [-keep * np.eye(6), np.eye(6)],
@@ -234,9 +246,8 @@ class PoseGraph:
                     )
             before = index
 
-    def _off(self, index: int) -> NDArray[np.float64]:
-        pose, stated = self.poses[index], self.nodes[index].stated
-        assert stated is not None
+    def _off(self, index: int, stated: Pose) -> NDArray[np.float64]:
+        pose = self.poses[index]
         turn = (pose.rotation * stated.rotation.inv()).as_rotvec()
         return np.concatenate([pose.translation - stated.translation, turn])
 

@@ -14,8 +14,8 @@ from ftp_dent_ros.survey.relative_pose import RelativePose, UnlikePairError
 
 # Share of the second cloud that has to lie on the first, and points.
 LEAST_OVERLAP, _LEAST_POINTS = 0.15, 200
-# Steps of least squares, and the step that is none: metres at the overlap's rim.
-_STEPS, _COARSE_STEPS, _DONE = 12, 4, 2e-7
+# Steps of least squares, and the step that is small enough: the last one comes with what is told.
+_STEPS, _COARSE_STEPS, _DONE = 8, 3, 5e-6
 # Heights' misfit by what the clouds state, above which they do not show one surface.
 _MOST_MISFIT = 25.0
 # Share of the points within three standard deviations, that both must have in common.
@@ -56,7 +56,7 @@ def register(
     centre = _centre(first, samples, start)
     spread = _doubt_at(first, guess, doubt, centre)
     prior = np.linalg.inv(spread)
-    by_shape = _solved(first, samples, start, centre, prior, with_paint=False)
+    by_shape = _solved(first, samples, start, centre, prior, with_paint=False, steps=_COARSE_STEPS)
     centre = _centre(first, samples, by_shape)
     remark = ''
     best, found = by_shape, None

@@ -85,28 +85,19 @@ class CoverageCells:
         float
             Infinite where a part was not measured, metres.
         """
-<<<<<<< HEAD
         if not len(self.positions):
             return float('inf')
         # To the height of the skin there: two maps may differ by more than a cell.
         _, nearest = self._tree.query(place)
         place = place + normal * float((self.positions[nearest] - place) @ normal)
-=======
->>>>>>> d117c05 (ftp-dent survey: bags of one aircraft to one skin)
         side = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
         side /= np.linalg.norm(side)
         steps = np.arange(-np.ceil(radius / self.size), np.ceil(radius / self.size) + 1)
         a, b = np.meshgrid(steps * self.size, steps * self.size)
         disc = np.hypot(a, b) <= max(radius, 0.5 * self.size)
         places = place + np.outer(a[disc], side) + np.outer(b[disc], np.cross(normal, side))
-<<<<<<< HEAD
         # Half a cell's diagonal is 0.7 of its side; the rest is for the skin's curve.
         distance, index = self._tree.query(places, distance_upper_bound=self.size)
-=======
-        # A cell's own half diagonal, and the skin's curve and the place's height beside.
-        reach = 1.5 * self.size + 0.5 * radius
-        distance, index = self._tree.query(places, distance_upper_bound=reach)
->>>>>>> d117c05 (ftp-dent survey: bags of one aircraft to one skin)
         if not np.isfinite(distance).all():
             return float('inf')
         depths = self.findable[index]

@@ -1,0 +1,120 @@
+"""Flights joined to one skin under an erring autopilot."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from flown_skin import STATED, FlownSkin, erring
+from scipy.spatial.transform import Rotation
+
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.survey.joining import Joining
+
+HALF_S = 500_000_000
+
+
+def joined(skin, poses, stated, image=True):
+    joining = Joining()
+    for index, (pose, said) in enumerate(zip(poses, stated, strict=True)):
+        cloud, seen = skin.seen(pose, index)
+        covariance = None if said is None else STATED
+        joining.add(index * HALF_S, cloud, seen if image else None, said, covariance)
+    joining.finish()
+    return joining
+
+
+def farthest(poses, others):
+    pairs = zip(poses, others, strict=True)
+    return max(np.linalg.norm(a.translation - b.translation) for a, b in pairs)
+
+
+def relative_errors(graph, poses):
+    """Of each pose seen from the first: millimetres."""
+    first, true = graph.poses[0].inverse(), poses[0].inverse()
+    return np.array(
+        [
+            1e3 * np.linalg.norm((first @ a).translation - (true @ b).translation)
+            for a, b in zip(graph.poses, poses, strict=True)
+        ]
+    )
+
+
+@pytest.fixture(scope='module')
+def strip():
+    skin = FlownSkin(11)
+    poses = list(skin.flight(6))
+    return skin, poses, joined(skin, poses, erring(poses, 11))
+
+
+def test_clouds_agree_with_each_other_though_the_autopilot_does_not(strip):
+    _, poses, joining = strip
+    stated = [node.stated for node in joining.graph.nodes]
+    assert farthest(stated, poses) > 0.02
+    assert relative_errors(joining.graph, poses).max() < 0.6
+    assert not joining.graph.left_out and len(set(joining.graph.groups())) == 1
+
+
+def test_what_is_stated_of_poses_holds(strip):
+    _, poses, joining = strip
+    errors = []
+    for found, true in zip(joining.graph.poses, poses, strict=True):
+        turn = (found.rotation * true.rotation.inv()).as_rotvec()
+        errors.append(np.concatenate([found.translation - true.translation, turn]))
+    covariances = joining.graph.covariances()
+    misfits = [e @ np.linalg.solve(c, e) / 6 for e, c in zip(errors, covariances, strict=True)]
+    assert np.mean(misfits) < 4
+    # The map is known no better than by the autopilot.
+    assert np.sqrt(covariances[0, 0, 0]) > 0.005
+
+
+def test_a_pair_that_contradicts_the_others_is_left_out_and_told(strip):
+    _, _, joining = strip
+    before = list(joining.graph.poses)
+    graph = joining.graph
+    forced = next(link for link in graph.links if (link.first, link.second) == (3, 4))
+    wrong = Pose(Rotation.identity(), np.array([0.025, 0, 0])) @ forced.relative.pose
+    kept = list(graph.links)
+    graph.links[graph.links.index(forced)] = replace(
+        forced, relative=replace(forced.relative, pose=wrong)
+    )
+    joining.finish()
+    assert len(graph.left_out) == 1
+    assert any('contradicts the others' in text for text in joining.remarks)
+    assert farthest(graph.poses, before) < 5e-4, 'the map is not bent'
+    graph.links[:] = kept
+    joining.finish()
+    assert not graph.left_out
+
+
+def test_a_second_pass_is_joined_to_the_first():
+    skin = FlownSkin(12)
+    there = list(skin.flight(4))
+    back = list(skin.flight(3, start=0.15, step=-0.05, y=0.1))
+    # As far apart in number as passes are.
+    middle = list(skin.flight(4, start=0.17, step=0.002, y=0.05))
+    poses = [*there, *middle, *back]
+    joining = joined(skin, poses, erring(poses, 12))
+    assert any(link.second - link.first >= 8 for link in joining.graph.links)
+    assert relative_errors(joining.graph, poses).max() < 1.0
+
+
+def test_a_bare_part_is_held_by_the_autopilot_and_says_so():
+    skin = FlownSkin(13, marked=(-9.0, 0.1))
+    poses = list(skin.flight(6, start=-0.1, step=0.1))
+    joining = joined(skin, poses, erring(poses, 13))
+    near = joining.graph.covariances(anchor=0)
+    first = np.sqrt(near[1, 0, 0])
+    assert first < 5e-4
+    # Along the axis of a bare cylinder nothing but the autopilot tells.
+    assert np.sqrt(near[-1, 0, 0]) > 5e-3
+    off = relative_errors(joining.graph, poses)[-1] * 1e-3
+    assert off < 4 * np.sqrt(np.trace(near[-1, :3, :3]))
+
+
+def test_without_poses_the_clouds_join_by_themselves():
+    skin = FlownSkin(14)
+    poses = list(skin.flight(4))
+    joining = joined(skin, poses, [None] * 4)
+    assert relative_errors(joining.graph, poses).max() < 0.6

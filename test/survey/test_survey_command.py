@@ -1,0 +1,157 @@
+"""``ftp-dent survey`` on bags of flown skins."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from flown_skin import COLUMNS, ROWS, SPACING, STATED, FlownSkin, erring
+from scipy.spatial.transform import Rotation
+
+from ftp_dent_ros.cli.main import main
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.recording.definitions import typestore
+from ftp_dent_ros.recording.topic import Message
+from ftp_dent_ros.recording.writer import BagWriter
+from ftp_dent_ros.survey.mosaic import Mosaic
+from ftp_dent_ros.survey.store import Store
+from ftp_dent_ros.survey.unrolling import Unrolled
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / 'recording'))
+from bag_samples import topic
+
+IMAGE, CLOUD = 'sensor_msgs/msg/Image', 'sensor_msgs/msg/PointCloud2'
+LOCATED = 'geometry_msgs/msg/PoseWithCovarianceStamped'
+TYPES = {'/skin': IMAGE, '/points': CLOUD, '/tagged/camera_pose': LOCATED}
+HALF_S, SECOND = 500_000_000, 1_000_000_000
+START_NS = 1_760_000_000 * SECOND
+
+
+def header(stamp_ns, frame_id):
+    types = typestore().types
+    stamp = types['builtin_interfaces/msg/Time'](stamp_ns // SECOND, stamp_ns % SECOND)
+    return types['std_msgs/msg/Header'](stamp, frame_id)
+
+
+def serialised(type_name, *fields):
+    store = typestore()
+    return bytes(store.serialize_cdr(store.types[type_name](*fields), type_name))
+
+
+def contents(cloud, skin, pose, stamp_ns):
+    types = typestore().types
+    names = ('x', 'y', 'z', 'intensity', 'sigma', 'resolution')
+    values = np.dstack([cloud.points, cloud.intensity, cloud.sigma, cloud.resolution])
+    rows, columns = skin.shape
+    fields = [types['sensor_msgs/msg/PointField'](n, 4 * k, 7, 1) for k, n in enumerate(names)]
+    data = values.astype('<f4').reshape(-1).view(np.uint8)
+    eye = header(stamp_ns, 'camera_optical_frame')
+    yield '/skin', serialised(IMAGE, eye, rows, columns, 'mono8', 0, columns, skin.ravel())
+    size = (False, 24, 24 * columns)
+    yield '/points', serialised(CLOUD, eye, rows, columns, fields, *size, data, False)
+    if pose is not None:
+        place = types['geometry_msgs/msg/Pose'](
+            types['geometry_msgs/msg/Point'](*map(float, pose.translation)),
+            types['geometry_msgs/msg/Quaternion'](*map(float, pose.quaternion)),
+        )
+        located = types['geometry_msgs/msg/PoseWithCovariance'](place, STATED.ravel())
+        yield '/tagged/camera_pose', serialised(LOCATED, header(stamp_ns, 'map'), located)
+
+
+def record(folder, skin, poses, stated, without=(), start_ns=START_NS):
+    with BagWriter(folder) as writer:
+        for index, (pose, said) in enumerate(zip(poses, stated, strict=True)):
+            stamp = start_ns + index * HALF_S
+            for name, data in contents(*skin.seen(pose, index), said, stamp):
+                if name not in without:
+                    writer.add_topic(topic(name, TYPES[name]))
+                    writer.write([Message(name, TYPES[name], stamp, stamp, data)])
+    return folder
+
+
+@pytest.fixture(scope='module')
+def skin():
+    return FlownSkin(21, dents=((0.05, 0.02, 0.03, 5e-4), (0.15, -0.04, 0.025, 3e-4)))
+
+
+def test_a_flight_becomes_one_skin_with_each_dent_once(tmp_path, skin, capsys):
+    poses = list(skin.flight(5))
+    bag = record(tmp_path / 'flight', skin, poses, erring(poses, 21))
+    store = tmp_path / 'aircraft.sqlite'
+    words = ['survey', str(bag), '--output', str(tmp_path / 'out'), '--store', str(store)]
+    assert main([*words, '--name', 'first']) == 0
+    said = capsys.readouterr().out
+    assert '5 clouds, joined by' in said and '2 dents' in said
+    found = json.loads((tmp_path / 'out' / 'survey.json').read_text())
+    assert found['frame_id'] == 'map' and len(found['poses']) == 5
+    dents = sorted((d for d in found['dents'] if d['kind'] == 'dent'), key=lambda d: d['depth_mm'])
+    assert [d['depth_mm'] for d in dents] == pytest.approx([0.3, 0.5], rel=0.1)
+    apart = np.subtract(dents[0]['position'], dents[1]['position'])
+    # Between their centres on the undented cylinder.
+    true = np.hypot(0.1, 0.06)
+    assert np.linalg.norm(apart) == pytest.approx(true, abs=5e-4)
+    picture = cv2.imread(str(tmp_path / 'out' / 'skin.png'), cv2.IMREAD_UNCHANGED)
+    assert (picture > 0).sum() * 4e-6 == pytest.approx(found['coverage']['area_m2'], rel=0.03)
+    assert found['coverage']['gaps'] == []
+    assert Store(store).read('first').stamps_ns[0] == START_NS
+
+
+def test_what_a_bag_lacks_is_told(tmp_path, skin):
+    poses = list(skin.flight(3))
+    bag = record(tmp_path / 'bare', skin, poses, [None] * 3, without=('/skin',))
+    assert main(['survey', str(bag), '--output', str(tmp_path / 'out')]) == 0
+    remarks = json.loads((tmp_path / 'out' / 'survey.json').read_text())['remarks']
+    assert any('3 of 3 clouds have no pose' in text for text in remarks)
+    assert any('3 of 3 clouds have no image of the skin' in text for text in remarks)
+
+
+def test_flights_that_share_no_skin_are_told(tmp_path, skin):
+    bags = []
+    for number, start in enumerate((0.0, 0.9)):
+        poses = list(skin.flight(2, start=start))
+        folder = tmp_path / f'flight{number}'
+        start_ns = START_NS + number * 1000 * SECOND
+        bags.append(str(record(folder, skin, poses, erring(poses, number), (), start_ns)))
+    assert main(['survey', *bags, '--output', str(tmp_path / 'out')]) == 0
+    remarks = json.loads((tmp_path / 'out' / 'survey.json').read_text())['remarks']
+    assert any('not one skin but 2 parts' in text for text in remarks)
+
+
+def test_a_gap_between_passes_is_found_and_no_cell_too_many(skin):
+    down = Rotation.from_euler('x', np.pi)
+    poses = [Pose(down, np.array([0.0, y, 0.8])) for y in (-0.12, 0.12)]
+    flat = FlownSkin(3)
+    mosaic = Mosaic(
+        Unrolled(np.zeros(3), *np.eye(3)[[0, 1, 2]], float('inf')),
+        np.array([-0.3, -0.4]),
+        np.array([0.3, 0.4]),
+    )
+    for number, pose in enumerate(poses):
+        cloud, image = flat.seen(pose, number)
+        mosaic.add(number, cloud, pose, image, None)
+    (gap,) = mosaic.gaps()
+    assert gap.size[1] == pytest.approx(0.02, abs=0.0101)
+    assert abs(gap.place[1]) < 0.01
+    area = mosaic.measured().sum() * 1e-4
+    assert area == pytest.approx(2 * COLUMNS * ROWS * SPACING**2, rel=0.03)
+
+
+@pytest.mark.parametrize('radius', [1.0, -1.5, np.inf])
+def test_unrolled_lengths_are_those_on_the_skin(radius):
+    angles = np.linspace(-0.2, 0.2, 21)
+    x, along = np.meshgrid(np.linspace(0, 2, 11), angles)
+    if np.isinf(radius):
+        points = np.stack([x, along, 0 * x], axis=-1).reshape(-1, 3)
+        normals = np.tile([0.0, 0, 1], (len(points), 1))
+    else:
+        normals = np.stack([0 * x, np.sin(along), np.cos(along)], axis=-1).reshape(-1, 3)
+        points = radius * normals + np.stack([x, 0 * x, 0 * x], axis=-1).reshape(-1, 3)
+    skin = Unrolled.through(points, normals)
+    place = skin.place(points).reshape(21, 11, 3)
+    length = 0.4 * (1.0 if np.isinf(radius) else abs(radius))
+    assert abs(place[-1, 0, 1] - place[0, 0, 1]) == pytest.approx(length, rel=0.02)
+    assert np.ptp(place[..., 2]) < 5e-3
