@@ -49,6 +49,7 @@ setup(
         f'{NAME}.evaluation': ['templates/*.j2'],
         f'{NAME}.ground.page': ['*.html', '*.css', '*.js'],
         f'{NAME}.inspection.reporting': ['*.html', '*.css', '*.js'],
+        f'{NAME}.survey': ['*.html'],
     },
     install_requires=[
         'numpy>=1.26',

@@ -18,6 +18,8 @@ COMMANDS = {
     'reconstruct': 'one photograph to a point cloud',
     'inspect': 'clouds, photographs or bags to their dents and their report',
     'survey': 'bags of one aircraft to one skin: mosaic, coverage, dents',
+    'surveys': 'the surveys of an aircraft that are kept in a file',
+    'compare': 'what has become of the dents between two surveys',
     'calibrate': 'a board under projected patterns to rig.yaml',
     'evaluate': "the paper's simulation and tables, and least squares beside them",
     'preflight': 'whether a running payload is fit to take off with',

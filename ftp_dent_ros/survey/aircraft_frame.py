@@ -9,6 +9,7 @@ that of W. Kabsch, Acta Cryst. A32, 922, 1976).
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -159,7 +160,10 @@ def _fitted(points: Sequence[ReferencePoint]) -> tuple[AircraftFrame, float]:
     here = np.stack([point.in_map for point in points]).astype(float)
     there = np.stack([point.on_aircraft for point in points]).astype(float)
     middle = there.mean(axis=0)
-    rotation, _ = Rotation.align_vectors(there - middle, here - here.mean(axis=0))
+    with warnings.catch_warnings():
+        # Of points on a line, which the covariance tells.
+        warnings.simplefilter('ignore', UserWarning)
+        rotation, _ = Rotation.align_vectors(there - middle, here - here.mean(axis=0))
     pose = Pose(rotation, middle - rotation.apply(here.mean(axis=0)))
     spreads = np.stack([point.map_covariance for point in points])
     own = np.stack([np.eye(3) * point.uncertainty**2 for point in points])

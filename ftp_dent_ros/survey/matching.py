@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
+from scipy.stats import poisson
 
 from ftp_dent_ros.errors import InputError
 from ftp_dent_ros.inspection.dent import MeasuredDent
@@ -34,9 +35,11 @@ _GATE = 4.0
 _NEIGHBOURS, _TRIED = 8, 400
 # Part of the way to the next dent within which a dent is looked for.
 _FREE = 0.4
-# Dents that a motion brings together, at least, so that chance is no explanation; fewer do where
-# they are all there are.
-_ENOUGH = 3
+# What a motion may leave of two dents that are the same, beside their places, metres: by its own
+# turn, and as the maps stretch.
+_LEFT = 2e-3
+# Chance that dents of two aircraft are laid on each other.
+_CHANCE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,8 +90,7 @@ def match(earlier: Sequence[MeasuredDent], later: Sequence[MeasuredDent]) -> Mat
     NoMatchError
         No motion brings enough of them together.
     """
-    needed = min(_ENOUGH, len(earlier), len(later))
-    if needed < 2:
+    if min(len(earlier), len(later)) < 3:
         raise NoMatchError(
             f'the surveys have {len(earlier)} and {len(later)} dents, too few to lay them on each '
             'other: survey a larger part of the skin'
@@ -98,7 +100,8 @@ def match(earlier: Sequence[MeasuredDent], later: Sequence[MeasuredDent]) -> Mat
     place = _place(earlier, later)
     agree = agreement(earlier, later)
     best: tuple[float, Pose, list[tuple[int, int]]] | None = None
-    for motion in _motions(earlier, later, agree):
+    motions = _motions(earlier, later, agree)
+    for motion in motions:
         moved = motion.apply(here)
         pairs = _together(there, moved, place, np.isfinite(agree))
         score = len(pairs) - float(
@@ -106,13 +109,27 @@ def match(earlier: Sequence[MeasuredDent], later: Sequence[MeasuredDent]) -> Mat
         ) / (2 * _GATE**2 * max(len(pairs), 1))
         if best is None or score > best[0]:
             best = score, motion, pairs
-    if best is None or len(best[2]) < needed:
+    if best is None or _by_chance(len(best[2]), len(motions), there, here, place, agree) > _CHANCE:
         raise NoMatchError(
             'no motion lays enough dents of the one survey on those of the other: '
             'check that they are of the same aircraft and overlap'
         )
     _, motion, pairs = best
     return _followed(earlier, later, motion, pairs, place)
+
+
+def _by_chance(
+    count: int, tried: int, there: Array, here: Array, place: Array, agree: Array
+) -> float:
+    """How many motions of those tried bring so many strangers together."""
+    axes = np.linalg.svd(there - there.mean(axis=0), full_matrices=False)[2]
+    sides = np.ptp((there - there.mean(axis=0)) @ axes[:2].T, axis=0)
+    reach = _GATE * float(np.median(place)) + _LEFT
+    area = float(np.prod(np.maximum(sides, 2 * reach)))
+    alike = float(np.isfinite(agree).mean())
+    expected = len(here) * min(1.0, len(there) * math.pi * reach**2 / area) * alike
+    # Two are brought together by making.
+    return tried * float(poisson.sf(count - 3, expected))
 
 
 def _followed(
@@ -199,10 +216,9 @@ def _together(
     distance, index = tree.query(moved)
     pairs: dict[int, tuple[float, int]] = {}
     for j, (off, i) in enumerate(zip(distance, index, strict=True)):
-        # What the motion's own turn and the maps' stretch leave, over the first metre.
         if (
             possible[i, j]
-            and off < _GATE * place[i, j] + 2e-3
+            and off < _GATE * place[i, j] + _LEFT
             and (i not in pairs or off < pairs[i][0])
         ):
             pairs[int(i)] = float(off), j

@@ -87,6 +87,8 @@ class CoverageCells:
         """
         if not len(self.positions):
             return float('inf')
+        # A cell at the rim may be measured only half.
+        radius = radius + self.size / 2
         # To the height of the skin there: two maps may differ by more than a cell.
         _, nearest = self._tree.query(place)
         place = place + normal * float((self.positions[nearest] - place) @ normal)
@@ -95,7 +97,10 @@ class CoverageCells:
         steps = np.arange(-np.ceil(radius / self.size), np.ceil(radius / self.size) + 1)
         a, b = np.meshgrid(steps * self.size, steps * self.size)
         disc = np.hypot(a, b) <= max(radius, 0.5 * self.size)
-        places = place + np.outer(a[disc], side) + np.outer(b[disc], np.cross(normal, side))
+        angles = np.linspace(0, 2 * np.pi, 32, endpoint=False)
+        a = np.concatenate([a[disc], radius * np.cos(angles)])
+        b = np.concatenate([b[disc], radius * np.sin(angles)])
+        places = place + np.outer(a, side) + np.outer(b, np.cross(normal, side))
         # Half a cell's diagonal is 0.7 of its side; the rest is for the skin's curve.
         distance, index = self._tree.query(places, distance_upper_bound=self.size)
         if not np.isfinite(distance).all():

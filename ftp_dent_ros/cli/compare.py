@@ -1,0 +1,103 @@
+"""``ftp-dent compare``: what has become of the dents between two surveys of one aircraft."""
+
+from __future__ import annotations
+
+import argparse
+from collections import Counter
+from pathlib import Path
+
+from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.files import find, written_aside
+from ftp_dent_ros.inspection.reporting.rules import read_rules
+from ftp_dent_ros.survey.aircraft_frame import aircraft_frame
+from ftp_dent_ros.survey.chart import Row, chart, chart_csv, growth_of
+from ftp_dent_ros.survey.comparison import STATUSES, compare
+from ftp_dent_ros.survey.comparison_page import comparison_page
+from ftp_dent_ros.survey.from_report import survey_from_report
+from ftp_dent_ros.survey.reference_points import read_reference_points
+from ftp_dent_ros.survey.result import SurveyResult
+from ftp_dent_ros.survey.store import Store
+
+PAGE, TABLE = 'comparison.html', 'chart.csv'
+_SQLITE = b'SQLite format 3\x00'
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    what = 'FILE.sqlite:NAME, or what `ftp-dent inspect` has written of a bag (its folder)'
+    parser.add_argument('earlier', metavar='SURVEY_A', help=f'the earlier survey: {what}')
+    parser.add_argument('later', metavar='SURVEY_B', help='the later one')
+    parser.add_argument('--output', required=True, metavar='DIR', help=f'takes {PAGE} and {TABLE}')
+    parser.add_argument(
+        '--points',
+        metavar='POINTS.yaml',
+        help='three or more points of the later survey whose coordinates on the aircraft are '
+        'known: all locations are given in these',
+    )
+    parser.add_argument('--rules', metavar='RULES.yaml', help='limits to judge the dents by')
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Compare, print what has changed, and write page and chart."""
+    output = Path(arguments.output)
+    if output.exists() and not output.is_dir():
+        raise ConfigurationError(f'--output {output} is a file: name a folder')
+    rules = read_rules(find(arguments.rules)) if arguments.rules else None
+    earlier, later = _survey(arguments.earlier), _survey(arguments.later)
+    frame = None
+    if arguments.points:
+        frame = aircraft_frame(read_reference_points(find(arguments.points), later))
+    comparison = compare(earlier, later)
+    rows = chart(comparison, frame, rules)
+    texts = {
+        PAGE: comparison_page(comparison, rows, frame, rules),
+        TABLE: chart_csv(rows, frame is not None),
+    }
+    try:
+        for name, text in texts.items():
+            with written_aside(output / name) as aside:
+                aside.write_text(text, encoding='utf-8')
+    except OSError as reason:
+        raise ConfigurationError(
+            f'--output {output}: cannot be written ({reason.strerror}): name another folder'
+        ) from None
+    print(summary(rows))
+    print(output / PAGE)
+    return 0
+
+
+def summary(rows: list[Row]) -> str:
+    """How many of each status, and a line for each that is not as before."""
+    counts = Counter(row.compared.status for row in rows)
+    lines = [', '.join(f'{counts[each]} {each}' for each in STATUSES if counts[each])]
+    for row in rows:
+        if row.compared.status == 'known':
+            continue
+        line = f'{row.number:>6}  {row.compared.status}, depth {row.dent.depth.value * 1e3:.3f} mm'
+        growth = growth_of(row)
+        if growth is not None:
+            line += f', growth {growth[0].value * 1e3:+.3f} ± {growth[1] * 1e3:.3f} mm'
+        lines.append(line + (f': {row.compared.reason}' if row.compared.reason else ''))
+    return '\n'.join(lines)
+
+
+def _survey(name: str) -> SurveyResult:
+    path, _, survey = name.rpartition(':')
+    if not Path(name).exists() and path and Path(path).exists():
+        return Store(path).read(survey)
+    if not Path(name).exists():
+        raise ConfigurationError(f'{name}: no such file: give FILE.sqlite:NAME, or a report')
+    if not _is_store(Path(name)):
+        return survey_from_report(name)
+    names = Store(name).names()
+    if len(names) != 1:
+        known = ', '.join(f'{name}:{each}' for each in names) or 'none yet'
+        raise ConfigurationError(f'{name}: name one of its surveys: it has {known}')
+    return Store(name).read(names[0])
+
+
+def _is_store(path: Path) -> bool:
+    if path.is_dir():
+        return False
+    with path.open('rb') as file:
+        return file.read(len(_SQLITE)) == _SQLITE

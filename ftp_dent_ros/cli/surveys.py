@@ -1,0 +1,34 @@
+"""``ftp-dent surveys``: the surveys of an aircraft that are kept in a file."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from ftp_dent_ros.survey.chart import date_of
+from ftp_dent_ros.survey.from_report import survey_from_report
+from ftp_dent_ros.survey.store import Store
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument('file', metavar='FILE.sqlite', help='of one aircraft; made if need be')
+    parser.add_argument(
+        '--add',
+        metavar='REPORT',
+        help='add what `ftp-dent inspect` has written: its folder, or dents.json',
+    )
+    parser.add_argument('--name', default='', help="of the survey added; default: its folder's")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Add one if asked to, and list them."""
+    store = Store(Path(arguments.file))
+    if arguments.add:
+        store.add(survey_from_report(arguments.add, arguments.name))
+    for name in store.names():
+        survey = store.read(name)
+        dents = sum(each.dent.kind == 'dent' for each in survey.dents)
+        coverage = 'no coverage' if survey.coverage is None else 'with coverage'
+        print(f'{date_of(survey.taken_ns)}  {name}: {dents} dents, {coverage}')
+    return 0

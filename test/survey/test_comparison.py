@@ -1,0 +1,60 @@
+"""What has become of dents between two surveys, each in a frame of its own."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from survey_samples import COUNT, ELSEWHERE, GROWN, NEW, REPAIRED, UNSEEN, pair
+
+from ftp_dent_ros.survey.comparison import compare
+from ftp_dent_ros.survey.matching import NoMatchError, match
+
+EXPECTED = {GROWN: 'grown', REPAIRED: 'repaired', NEW: 'new', UNSEEN: 'not seen'}
+
+
+def told(comparison):
+    assert all(
+        each.earlier is None or each.later is None or each.earlier.number == each.later.number
+        for each in comparison.dents
+    )
+    return {each.shown.number: each.status for each in comparison.dents}
+
+
+def test_each_dent_is_told_right_wherever_the_aircraft_stands():
+    comparison = compare(*pair())
+    assert told(comparison) == {
+        number: EXPECTED.get(number, 'known') for number in range(1, COUNT + 1)
+    }
+    grown = comparison.dents[0]
+    assert grown.status == 'grown'
+    depth = grown.changes[0]
+    assert abs(depth.estimate.value - 5e-5) < 2 * depth.half
+    places, spread = comparison.matching.in_earlier(ELSEWHERE.apply(np.array([[0.6, 0.3, 0.0]])))
+    np.testing.assert_allclose(places[0], [0.6, 0.3, 0.0], atol=4 * spread[0])
+    assert spread[0] < 1e-3
+
+
+def test_without_coverage_nothing_is_new_and_nothing_repaired():
+    earlier, later = (replace(each, coverage=None) for each in pair())
+    comparison = compare(earlier, later)
+    assert told(comparison)[NEW] == 'first seen' and told(comparison)[REPAIRED] == 'not seen'
+    assert {each.reason for each in comparison.dents if each.status == 'first seen'} == {
+        'the survey before keeps no coverage'
+    }
+
+
+def test_a_dent_that_would_hardly_have_been_found_is_not_new():
+    earlier, later = pair()
+    blunt = replace(earlier.coverage, findable=np.full_like(earlier.coverage.findable, 5e-3))
+    comparison = compare(replace(earlier, coverage=blunt), later)
+    assert told(comparison)[NEW] == 'first seen'
+
+
+def test_surveys_of_two_aircraft_are_refused():
+    for seed in range(3):
+        (one, _), (_, other) = pair(seed), pair(seed + 10)
+        with pytest.raises(NoMatchError, match='same aircraft'):
+            match([each.dent for each in one.dents], [each.dent for each in other.dents])
+    few = [each.dent for each in pair()[0].dents[:2]]
+    with pytest.raises(NoMatchError, match='too few'):
+        match(few, few)
