@@ -134,12 +134,12 @@ def _taken_before(path: Path, head: str) -> dict[int, Trial]:
 
 
 def _taken(index: int, smallest_depth: float) -> Trial:
-    distance, skin, light, scene = _scene(index)
+    distance, skin, light, scene = scene_of(index)
     truth = list(true_dents(scene.surface))
     words = index, distance, skin, light
     try:
         photograph = scene.photograph(abs(index))
-        measured = _reconstructor(distance).measure(photograph)
+        measured = reconstructor_at(distance).measure(photograph)
         found = inspect(measured.cloud, Settings(smallest_depth=smallest_depth))
     except FtpDentError as error:
         missed = [[true.depth, true.width, 0, math.nan] for true in truth]
@@ -162,7 +162,7 @@ def _compared(truth, found: Inspection) -> tuple[list[list[float]], int, int]:
     return results, len(left), len(others)
 
 
-def _scene(index: int) -> tuple[float, str, str, Scene]:
+def scene_of(index: int) -> tuple[float, str, str, Scene]:
     """What the trial of a number photographs; a blank skin below 0."""
     rng = np.random.default_rng([2026, abs(index), int(index < 0)])
     skins = DENTED if index >= 0 else SKINS
@@ -229,7 +229,8 @@ def _rig(distance: float):
 
 
 @lru_cache(maxsize=4)
-def _reconstructor(distance: float) -> Reconstructor:
+def reconstructor_at(distance: float) -> Reconstructor:
+    """Of photographs that are taken so many metres away."""
     return Reconstructor(_rig(distance), PATTERN, ReconstructionSettings(stride=_STRIDE))
 
 

@@ -68,6 +68,12 @@ class Noise:
         return float(4 * math.pi * max(np.max((self.scales * ratio) ** 2), self.reach**2))
 
 
+def reach_of(resolution: NDArray) -> float:
+    """Over which the noise of points of a resolution is correlated, metres."""
+    known = resolution[np.isfinite(resolution)]
+    return _PART * median_of(known) if len(known) else _SHORT
+
+
 def _left(scale: float, reach: float) -> float:
     """What a Gaussian mean leaves of noise that is correlated over `reach`."""
     return 1 / math.sqrt(1 + (scale / reach) ** 2)
@@ -133,9 +139,8 @@ def measured_noise(
     usual = median_of(extra[sample])
     calm = np.flatnonzero(sample & (extra <= usual))
     calm = calm[:: 1 + len(calm) // _ENOUGH]
-    reach, explained = _SHORT, 0.0
-    if lattice.resolution is not None:
-        reach = _PART * median_of(lattice.resolution[sample])
+    explained = 0.0
+    reach = _SHORT if lattice.resolution is None else reach_of(lattice.resolution[sample])
     if told is not None:
         rough = np.flatnonzero(sample & (told >= usual))
         rough = rough[:: 1 + len(rough) // _ENOUGH]
