@@ -11,6 +11,7 @@ import pytest
 from dent_samples import DENTED, noisy_cloud
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovariance, PoseWithCovarianceStamped
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
@@ -18,9 +19,15 @@ from visualization_msgs.msg import MarkerArray
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.observation import SAME
+from ftp_dent_ros.inspection.reporting.bag import survey_bag
+from ftp_dent_ros.inspection.reporting.records import dent_record, finite
 from ftp_dent_ros.inspection.tracking.dent_list import DentList
 from ftp_dent_ros.inspection.tracking.pose_errors import EXACT
 from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.recording.definitions import find_definition, type_hash
+from ftp_dent_ros.recording.reader import open_bag
+from ftp_dent_ros.recording.topic import Message, Qos, Topic
+from ftp_dent_ros.recording.writer import BagWriter
 from ftp_dent_ros.ros.dent_messages import dents_from_message, dents_to_message
 from ftp_dent_ros.ros.messages import (
     cloud_to_message,
@@ -108,17 +115,40 @@ def test_a_cloud_becomes_its_dents_and_nothing_is_computed_unasked(ros, cloud):
     assert bench.process.stop() == 0
 
 
-def test_tagged_clouds_become_one_list_that_the_service_takes(ros, cloud):
+def recorded(folder, messages):
+    """A bag of (topic, message), in the order of their arrival."""
+    types = {
+        '/points': 'sensor_msgs/msg/PointCloud2',
+        '/tagged/camera_pose': 'geometry_msgs/msg/PoseWithCovarianceStamped',
+    }
+    with BagWriter(folder) as writer:
+        for name, type_name in types.items():
+            hashed = type_hash(type_name)
+            definition = find_definition(type_name, hashed)
+            writer.add_topic(Topic(name, type_name, hashed, (Qos(),), definition))
+        for number, (name, message) in enumerate(messages):
+            data = serialize_message(message)
+            writer.write([Message(name, types[name], number, number, data)])
+    return open_bag(folder)
+
+
+def test_tagged_clouds_become_one_list_that_the_service_takes(ros, cloud, tmp_path):
+    messages = []
     bench = Bench(ros, source='tagged', always=True, rules='shipped:example_rules.yaml')
     covariance = np.diag([1e-6] * 3 + [1e-8] * 3).ravel()
     for number, pose in enumerate(CAMERA_POSES, start=1):
         seen = noisy_cloud(DENTED.transformed(pose.inverse() @ CAMERA_POSES[0]), number)
         header = make_header(number * 10**9, 'map')
         tag = PoseWithCovariance(pose=pose_to_message(pose), covariance=covariance)
+        stamped = PoseWithCovarianceStamped(header=header, pose=tag)
+        messages += [
+            ('/points', cloud_to_message(seen, number * 10**9, CAMERA)),
+            ('/tagged/camera_pose', stamped),
+        ]
         # Cloud and pose may come in either order.
         parts = [
             lambda: bench.show(seen, number * 10**9),  # noqa: B023
-            lambda: bench.poses.publish(PoseWithCovarianceStamped(header=header, pose=tag)),  # noqa: B023
+            lambda: bench.poses.publish(stamped),  # noqa: B023
         ]
         for publish in parts if number % 2 else reversed(parts):
             publish()
@@ -135,6 +165,14 @@ def test_tagged_clouds_become_one_list_that_the_service_takes(ros, cloud):
     assert [dent['sightings'] for dent in taken['dents']] == [3, 3]
     assert [dent['depth_mm'] for dent in taken['dents']] == pytest.approx([2, 1], abs=0.02)
     assert all(dent['verdict'] for dent in taken['dents'])
+    # A bag of the same messages has the same dents, to the last bit.
+    report = survey_bag(recorded(tmp_path / 'bag', messages), inspect)
+    same = [finite(dent_record(entry)) for entry in report.dents]
+    judged = ('verdict', 'limits')
+    for node, bag in zip(taken['dents'], same, strict=True):
+        assert {k: v for k, v in node.items() if k not in judged} == {
+            k: v for k, v in bag.items() if k not in judged
+        }
     ros.until(lambda: dents_from_message(listed[-1]).size == 0)
     assert bench.take()['dents'] == []
     assert bench.process.stop() == 0
