@@ -33,12 +33,12 @@ Ratios = dict[str, NDArray[np.float64]]
 def ratios_of(rows: Sequence[dict], name: str) -> Ratios:
     """Normalised errors of a size by family, of whole dents that are told without a doubt.
 
-    What is told to be several that overlap, or of another kind than those that are known, has
-    sizes of its own.
+    Not of double dents: one that is told for two has sizes of neither (`dent_shapes.py` counts
+    them).
     """
     found: dict[str, list[float]] = {}
     for row in rows:
-        if row['found'] in ('', 'other') or row['is_cut'] or 'overlap' in row['reason']:
+        if row['found'] in ('', 'other') or row['is_cut'] or row['family'] == 'double':
             continue
         ratio = row[f'{name}_error'] / row[f'{name}_u']
         if math.isfinite(ratio):
@@ -47,12 +47,12 @@ def ratios_of(rows: Sequence[dict], name: str) -> Ratios:
 
 
 def factor_of(families: Sequence[NDArray[np.float64]]) -> float:
-    """Smallest factor with which 95 % of the intervals hold, each family counting alike."""
+    """Smallest factor of at least 1 with which 95 % hold, each family counting alike."""
     values = np.concatenate([np.abs(each) for each in families])
     weights = np.concatenate([np.full(len(each), 1 / len(each)) for each in families])
     order = np.argsort(values)
     share = np.cumsum(weights[order]) / weights.sum()
-    return float(values[order][np.searchsorted(share, _HELD)] / _COVERAGE)
+    return max(float(values[order][np.searchsorted(share, _HELD)] / _COVERAGE), 1.0)
 
 
 def held(values: NDArray[np.float64], factor: float) -> float:

@@ -16,7 +16,9 @@ from ftp_dent_ros.inspection.measuring.peak import part_above
 _RAYS = 96
 _SAMPLES = 80
 _FURTHEST = 2.2
-_HARMONICS = 8
+# Of the outline about its ellipse: at most, and at least; all of them where the level is so many
+# standard deviations of the noise.
+_HARMONICS, _FEWEST, _CLEAR = 8, 2, 10.0
 _POINTS = 120
 # Parts of a cell's side, for areas.
 _FINE = 4
@@ -97,11 +99,26 @@ class Outline:
 
 
 def find_outline(
-    patch: Patch, peak: tuple[int, int], level: float, region: Mask | None = None
+    patch: Patch,
+    peak: tuple[int, int],
+    level: float,
+    region: Mask | None = None,
+    noise: float = 0.0,
 ) -> Outline | None:
     """Outline of the part of a patch that holds a cell and is deeper than `level`, if any.
 
-    Within a region, if one is given.
+    Parameters
+    ----------
+    patch : Patch
+    peak : (int, int)
+        Row and column of the cell.
+    level : float
+        Metres.
+    region : ndarray, shape (rows, columns), bool, optional
+        Cells that it lies within.
+    noise : float
+        Standard deviation of the depths, metres: the nearer it comes to the level, the smoother
+        a curve is drawn, for the longest distance of a ragged one is too long.
     """
     filled = _filled(part_above(patch, peak, level, region))
     rows, columns = np.nonzero(filled)
@@ -126,8 +143,7 @@ def find_outline(
     high, low = depth[each, last], depth[each, last + 1]
     fall = np.maximum(high - low, 1e-12)
     crossing = along[last] + (along[1] - along[0]) * np.clip((high - level) / fall, 0, 1)
-    crossing = _harmonic(crossing, _RAYS)
-    dense = _harmonic(crossing, _POINTS)
+    dense = _harmonic(crossing, _POINTS, _kept(level, noise))
     angles = np.arange(_POINTS) * 2 * math.pi / _POINTS
     ray = vectors @ (radius[:, None] * np.stack([np.cos(angles), np.sin(angles)]))
     out_x, out_y = column + dense * ray[0], row + dense * ray[1]
@@ -159,9 +175,15 @@ def _filled(part: Mask) -> Mask:
     return filled > 0
 
 
-def _harmonic(values: Vector, count: int) -> Vector:
+def _kept(level: float, noise: float) -> int:
+    """Number of harmonics whose noise stays well below what the level can tell."""
+    clear = level / max(noise, 1e-12) / _CLEAR
+    return int(np.clip(_HARMONICS * clear, _FEWEST, _HARMONICS))
+
+
+def _harmonic(values: Vector, count: int, harmonics: int) -> Vector:
     """The lowest harmonics of a periodic sequence, at `count` places."""
-    spectrum = np.fft.rfft(values)[: _HARMONICS + 1]
+    spectrum = np.fft.rfft(values)[: harmonics + 1]
     padded = np.zeros(count // 2 + 1, complex)
     padded[: len(spectrum)] = spectrum
     return np.fft.irfft(padded, count) * (count / len(values))

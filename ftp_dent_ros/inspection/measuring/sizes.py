@@ -98,7 +98,7 @@ def sizes_of(
     patch, noise = seen.patch, skin.noise
     local = float(noise.after(patch.scale, around.extra))
     bottom = bottom_of(patch, at, local, noise.correlated_area / patch.step**2, region)
-    outline = find_outline(patch, at, LEVEL * bottom.depth, region)
+    outline = find_outline(patch, at, LEVEL * bottom.depth, region, local)
     if outline is None or outline.area <= 0:
         return None
     length, angle, length_flatness = outline.length()
