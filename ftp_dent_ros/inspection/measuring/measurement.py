@@ -31,7 +31,7 @@ _CELLS = 64
 _ACROSS = 14
 # Standard uncertainties that a depth has at least for the kind to be told: fittings that are not
 # resolved come out round, and of what is long the smoothing hides the depth but not the kind.
-_CERTAIN, _CERTAIN_LONG = 5.0, 3.0
+_CERTAIN, _CERTAIN_LONG = 4.5, 2.7
 _MM = 1e3
 # Of the smoothing: part of the dent's width at least, at most, and at most where it would drown in
 # the noise; and the part of its depth that noise may be.
