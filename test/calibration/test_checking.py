@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -56,6 +58,33 @@ def test_aturned_projector_is_found_and_adjusted(rig, pattern, wall, degrees):
     np.testing.assert_allclose(np.degrees(found.turn), degrees, atol=0.004)
     mended = adjusted(wrong, found)
     np.testing.assert_allclose(mended.rotation, rig.rotation, atol=1e-4)
+
+
+def shifted(rig, axis):
+    """The rig with its projector's image a pixel further."""
+    matrix = rig.projector.camera_matrix.copy()
+    matrix[axis, 2] += 1.0
+    return replace(rig, projector=replace(rig.projector, camera_matrix=matrix))
+
+
+def test_a_shift_of_rows_is_found_and_one_of_columns_is_said_to_need_a_board(rig, pattern, wall):
+    assert seen(shifted(rig, 1), pattern, wall).moved == ('pitch',)
+    blind = seen(shifted(rig, 0), pattern, wall)
+    assert blind.holds
+    assert 'a shift across the fringes, which a board shows' in blind.sentence
+
+
+@pytest.mark.parametrize('axis', [0, 1, 2])
+def test_a_rig_with_the_projector_above_is_checked_too(rig, pattern, axis):
+    upright, rows = rig.transposed, pattern.transposed
+    panel = Panel(Pose.from_rpy((0.06, 0.03, 0.01), (0, 0, 0.75)), (-1, 1, -1, 1))
+    light = Photometry(reference_distance=0.75, read_noise=1.5, defocus_px=1.0)
+    image = render(upright, rows.draw(), Surface((panel,)), light)
+    assert seen(upright, rows, image).holds
+    turn = np.radians(0.05) * np.eye(3)[axis]
+    found = seen(turned(upright, -turn), rows, image)
+    np.testing.assert_allclose(found.turn, turn, atol=np.radians(0.006))
+    assert found.moved == (('pitch', 'yaw', 'roll')[axis],)
 
 
 def test_a_skin_tells_less_and_says_so(rig, pattern, wall):
