@@ -32,8 +32,8 @@ ALIKE = np.sqrt(10)
 MOST_POINTS = 1500
 # A turn counts as drift beyond so many deviations, and this many projector pixels.
 _SURE, _DRIFT_PX = 4.0, 0.4
-# Corners of a board fit a lens that holds to a tenth of a pixel; root mean square, pixels.
-_CAMERA_PX = 0.4
+# Corners of a board fit a lens that holds to a tenth of a pixel, root mean square, through fringes.
+_CAMERA_PX = 0.25
 # Worse known than this it is not known, projector pixels.
 _UNKNOWN_PX = 1.2
 AXES = ('pitch', 'yaw', 'roll')
@@ -60,8 +60,8 @@ class Check:
     moved : tuple of str
         Axes about which the projector has moved, surely.
     camera_px : float
-        Root mean square distance of a board's corners from where the camera's lens model has
-        them; None if no board was seen.
+        Distance of a board's corners from where the camera's lens model has them, root mean
+        square, told by the nearest four fifths of them; None if no board was seen.
     """
 
     turn: NDArray[np.float64]
