@@ -32,7 +32,7 @@ ALIKE = np.sqrt(10)
 MOST_POINTS = 1500
 # A turn counts as drift beyond so many deviations, and this many projector pixels.
 _SURE, _DRIFT_PX = 4.0, 0.4
-# Corners of a board fit a lens that holds to a tenth of a pixel, root mean square, through fringes.
+# Corners of a board, through fringes, fit a lens that holds to a tenth of a pixel; RMS, pixels.
 _CAMERA_PX = 0.25
 # Worse known than this it is not known, projector pixels.
 _UNKNOWN_PX = 1.2
