@@ -8,6 +8,7 @@ from typing import TypeVar
 from distributed import Client, as_completed
 
 from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.fleet.processes import one_thread
 
 Item = TypeVar('Item')
 Result = TypeVar('Result')
@@ -47,8 +48,13 @@ def on_cluster(
                 f'--scheduler {address}: the scheduler has no workers: '
                 f'start some with `dask worker {address}`'
             )
-        running = {client.submit(work, item, pure=False): item for item in items}
+        running = {client.submit(_alone, work, item, pure=False): item for item in items}
         for future in as_completed(running):
             failure = future.exception()
             yield running[future], failure if failure is not None else future.result()
             future.release()
+
+
+def _alone(work: Callable[[Item], Result], item: Item) -> Result:
+    one_thread()
+    return work(item)

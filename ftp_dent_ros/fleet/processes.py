@@ -94,7 +94,7 @@ def _pool(jobs: int) -> Iterator[ProcessPoolExecutor]:
     """Fresh interpreters, started with one thread each; what has not begun ends with the block."""
     before = {name: os.environ.get(name) for name in _THREADS}
     os.environ.update(dict.fromkeys(_THREADS, '1'))
-    pool = ProcessPoolExecutor(jobs, get_context('spawn'), _one_thread)
+    pool = ProcessPoolExecutor(jobs, get_context('spawn'), one_thread)
     try:
         yield pool
     finally:
@@ -105,7 +105,8 @@ def _pool(jobs: int) -> Iterator[ProcessPoolExecutor]:
                 os.environ[name] = value
 
 
-def _one_thread() -> None:
+def one_thread() -> None:
+    """Have OpenCV compute with one thread in this process, as what runs beside it does."""
     import cv2
 
     cv2.setNumThreads(1)
