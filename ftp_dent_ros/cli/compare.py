@@ -44,6 +44,10 @@ def run(arguments: argparse.Namespace) -> int:
         raise ConfigurationError(f'--output {output} is a file: name a folder')
     rules = read_rules(find(arguments.rules)) if arguments.rules else None
     earlier, later = _survey(arguments.earlier), _survey(arguments.later)
+    if earlier.taken_ns > later.taken_ns:
+        raise ConfigurationError(
+            f'{arguments.earlier} was taken after {arguments.later}: give the earlier survey first'
+        )
     frame = None
     if arguments.points:
         frame = aircraft_frame(read_reference_points(find(arguments.points), later))

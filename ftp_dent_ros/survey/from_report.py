@@ -41,9 +41,10 @@ def survey_from_report(path: str | os.PathLike[str], name: str = '') -> SurveyRe
         record = json.loads(file.read_text('utf-8'))
         stamps = [f['stamp_ns'] for f in record['frames'] if f['stamp_ns'] is not None]
         written = datetime.fromisoformat(record['written'].replace('Z', '+00:00'))
+        posed = [each['pose'] is not None for each in record['frames']]
         dents = tuple(map(_dent, [*record['dents'], *record['others']]))
         settings = Settings(record['smallest_depth_mm'] * _MM, record['smallest_width_mm'] * _MM)
-        return SurveyResult(
+        result = SurveyResult(
             name or file.resolve().parent.name,
             (record['source'],),
             min(stamps, default=int(written.timestamp()) * 10**9),
@@ -61,6 +62,12 @@ def survey_from_report(path: str | os.PathLike[str], name: str = '') -> SurveyRe
         raise ConfigurationError(
             f'{file}: is no dents.json of `ftp-dent inspect`: give one'
         ) from None
+    if len(posed) > 1 and not all(posed):
+        raise ConfigurationError(
+            f'{file}: is of clouds without poses, each in a frame of its own: '
+            'make a survey of the bag with `ftp-dent survey`'
+        )
+    return result
 
 
 def _dent(record: Mapping[str, Any]) -> SurveyedDent:

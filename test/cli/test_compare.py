@@ -85,6 +85,7 @@ def test_each_wrong_input_is_one_sentence(tmp_path, capsys, kept):
     (tmp_path / 'text').write_text('text')
     text = refusal(capsys, 'compare', tmp_path / 'text', both[1], *out)
     assert 'is no dents.json' in text
+    assert 'give the earlier survey first' in refusal(capsys, 'compare', *both[::-1], *out)
     _, later = pair()
     file = tmp_path / 'points.yaml'
 
