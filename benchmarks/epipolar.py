@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import sys
 import warnings
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
@@ -98,15 +99,12 @@ def main() -> None:
     arguments = parser.parse_args()
     warnings.simplefilter('ignore', RuntimeWarning)
     seeds = range(arguments.first, arguments.first + arguments.seeds)
-    cases = [(kind, seed) for kind in arguments.kinds.split(',') for seed in seeds]
-    by_kind: dict[str, list] = {}
-    for kind, *result in tqdm(_all(cases, arguments.jobs), total=len(cases), leave=False):
-        by_kind.setdefault(kind, []).append(result)
     header = f'{"kind":16}{"clouds":>7}{"refused":>8}{"silent":>7}{"z shift":>8}{"z turn":>7}'
     print(header + f'{"px":>7}{"true":>6}' + ''.join(f'{name:>12}' for name in _OFF))
-    normalised, alarms, clouds, told_against = [], 0, 0, 0
+    normalised, alarms, clouds, told_against, runs = [], 0, 0, 0, 0
     caught = dict.fromkeys(_OFF, 0)
-    for kind, results in by_kind.items():
+    for kind in tqdm(arguments.kinds.split(','), leave=False):
+        results = [result[1:] for result in _all([(kind, seed) for seed in seeds], arguments.jobs)]
         true = [check for found, *_ in results for check in found.get('true', [])]
         z = np.array(
             [(c.shift / c.shift_deviation, c.turn / c.turn_deviation) for c in true]
@@ -118,14 +116,16 @@ def main() -> None:
         }
         spread = np.sqrt(np.mean(np.square(z), axis=0)) if len(z) else (math.nan, math.nan)
         deviation = float(np.median([c.shift_deviation for c in true])) if true else math.nan
-        print(
+        tqdm.write(
             f'{kind:16}{len(true):7}{sum(r[1] for r in results):8}{sum(r[2] for r in results):7}'
             f'{spread[0]:8.2f}{spread[1]:7.2f}{deviation:7.3f}{false:6}'
             + ''.join(f'{right[name]:>8} / {len(results)}' for name in _OFF)
         )
+        sys.stdout.flush()
         normalised.append(z)
         alarms += false
         clouds += len(true)
+        runs += len(results)
         told_against += sum(any(off(check)) for check in true)
         for name in _OFF:
             caught[name] += right[name]
@@ -138,7 +138,7 @@ def main() -> None:
     )
     print(
         f'told within {LAST} clouds: '
-        + ', '.join(f'{name} {caught[name]} of {len(cases)}' for name in _OFF)
+        + ', '.join(f'{name} {caught[name]} of {runs}' for name in _OFF)
     )
 
 
