@@ -32,6 +32,8 @@ _MOST_TURN, _MOST_STRETCH = 0.06, 0.12
 _LEAST_REACH = 60.0
 # Fits, each without the blocks that the last one found off by so many standard deviations.
 _FITS, _MOST_OFF = 6, 4.0
+# Projector pixels by which the last fit may change the shift.
+_SETTLED = 1e-4
 # Signal over scatter below which the rows are not seen, and an amplitude to divide by then.
 _SEEN, _FAINTEST = 6.0, 1e-4
 
@@ -135,13 +137,17 @@ def check_epipolar(
         away = blocks.wave * np.exp(-1j * turn * (terms @ found))
         amplitude = max(float(np.average(away.real, weights=weight)), _FAINTEST)
         beside = away.imag / (amplitude * turn)
-        step, covariance = _weighted_fit(terms, beside, weight, blocks.place)
+        inverse = np.linalg.inv(terms.T @ (weight[:, None] * terms))
+        step = inverse @ (terms.T @ (weight * beside))
         found = found + step
-        rest = np.abs(beside - terms @ step)
-        trusted = (rest <= _MOST_OFF * 1.4826 * np.median(rest)).astype(float)
+        rest = beside - terms @ step
+        held = np.abs(rest) <= _MOST_OFF * 1.4826 * np.median(np.abs(rest))
+        if (held == trusted).all() and np.abs(step[0]) < _SETTLED:
+            break
+        trusted = held.astype(float)
     noise = np.average(np.square(away.imag), weights=weight) / np.count_nonzero(weight)
     told = _told_amplitude(pattern, window)
-    deviation = np.sqrt(np.diag(covariance))
+    deviation = np.sqrt(np.diag(_covariance(terms, rest, weight, inverse, blocks.place)))
     at_axis = found[0] - found[1] * (middle[0] - rig.projector.camera_matrix[0, 2])
     shift, turned, stretch = (float(each) for each in found)
     deviations = [float(each) for each in deviation]
@@ -187,26 +193,23 @@ def _nearest(terms: NDArray, blocks: Blocks, turn: float) -> NDArray[np.float64]
     return np.array([shift, *tried[best, 1:]], float)
 
 
-def _weighted_fit(
-    terms: NDArray, values: NDArray, weight: NDArray, place: NDArray
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Least squares, and the covariance by how the values scatter, whatever each one's own is.
+def _covariance(
+    terms: NDArray, rest: NDArray, weight: NDArray, inverse: NDArray, place: NDArray
+) -> NDArray[np.float64]:
+    """Covariance of weighted least squares by how the values scatter, whatever each one's own is.
 
     MacKinnon and White's HC3: residuals over one less their leverage. What is on one edge of
     the skin errs alike: where the sums over rows or over columns of blocks scatter more than
     independent blocks would, it is they that count.
     """
-    inverse = np.linalg.inv(terms.T @ (weight[:, None] * terms))
-    found = inverse @ (terms.T @ (weight * values))
-    leverage = weight * np.einsum('ij,jk,ik->i', terms, inverse, terms)
-    rest = (values - terms @ found) / np.maximum(1 - leverage, 0.1)
-    scores = terms * (weight * rest)[:, None]
+    leverage = weight * ((terms @ inverse) * terms).sum(axis=1)
+    scores = terms * (weight * rest / np.maximum(1 - leverage, 0.1))[:, None]
     covariances = [inverse @ (scores.T @ scores) @ inverse]
     for line in place.T:
         sums = np.zeros((int(line.max()) + 1, terms.shape[1]))
         np.add.at(sums, line, scores)
         covariances.append(inverse @ (sums.T @ sums) @ inverse)
-    return found, max(covariances, key=lambda each: float(each[0, 0]))
+    return max(covariances, key=lambda each: float(each[0, 0]))
 
 
 def _depth_errors(rig: Rig, blocks: Blocks, shift: float, turn: float) -> tuple[float, float]:
