@@ -15,6 +15,7 @@ DIM = 0.25
 
 CLIPPED = 'clipped'
 UNTIED = 'not tied to the red stripe'
+UNNUMBERED = 'not numbered by the code'
 UNEXPLAINED = 'not explained by the fringes'
 OFF_PANEL = "beyond the projector's frame"
 
@@ -23,6 +24,10 @@ _SENTENCES = {
     UNTIED: (
         'is not tied to the red stripe (a step or a gap lies between): bring the stripe onto it '
         'to measure it'
+    ),
+    UNNUMBERED: (
+        'shows too few whole fringes side by side to tell which they are: come closer, or bring '
+        'more of that surface into view'
     ),
     UNEXPLAINED: 'does not look like the fringes (edges, dirt, reflections, other light)',
     OFF_PANEL: "would lie beyond the projector's frame: check rig and pattern",

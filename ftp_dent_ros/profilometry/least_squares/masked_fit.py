@@ -2,6 +2,7 @@
 
 The normal equations of ``I = a + b cos Phi + d sin Phi``, Phi a phase near the true one, are sums
 over the bins that are there; where a window has too few of them, its neighbours speak for it.
+Cosine and sine of coded fringes are those that their envelope makes of them.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.profilometry.least_squares.contrast_model import Envelope
 from ftp_dent_ros.profilometry.least_squares.extrapolation import Extrapolation
 from ftp_dent_ros.profilometry.least_squares.first_fit import magnitude
 from ftp_dent_ros.profilometry.least_squares.grid import Grid
@@ -48,9 +50,9 @@ class MaskedFit:
     def __init__(self, grid: Grid, windows: Windows) -> None:
         self.grid, self.windows = grid, windows
         strip, columns = grid.strips()[0].stop, grid.bin_shape[1]
-        self._products = np.empty((_SUMS, strip, columns), np.float32)
+        self._products = np.empty((_SUMS + 1, strip, columns), np.float32)
         self._turns = np.empty((2, strip, columns), np.float32)
-        self._sums = np.empty((_SUMS, *grid.shape), np.float32)
+        self._sums = np.empty((_SUMS + 1, *grid.shape), np.float32)
 
     def fit(
         self,
@@ -58,6 +60,7 @@ class MaskedFit:
         phase: NDArray[np.float32],
         mask: NDArray[np.bool_],
         clipped: NDArray[np.float32] | None,
+        envelope: Envelope | None = None,
     ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
         """Level, modulation and step of the phase at the nodes, continued to where none is.
 
@@ -67,28 +70,39 @@ class MaskedFit:
             Grey levels, phase about which is fitted, radians, and the bins that count.
         clipped : ndarray, shape (rows, columns), optional
             Share of each node's window that is clipped.
+        envelope : Envelope, optional
+            Of coded fringes.
         """
-        nodes = self._sums
+        count = _SUMS + (envelope is not None)
+        nodes = self._sums[:count]
         for rows in self.grid.strips():
-            products = self._products[:, : rows.stop - rows.start]
+            products = self._products[:count, : rows.stop - rows.start]
             weight, seen, in_phase, across, *rest = products
             cosine, sine = self._turns[:, : rows.stop - rows.start]
             np.cos(phase[rows], out=cosine)
             np.sin(phase[rows], out=sine)
+            if envelope is not None:
+                envelope.turn(phase[rows], cosine, sine, rows)
             np.copyto(weight, mask[rows])
             np.multiply(weight, levels[rows], out=seen)
             np.multiply(weight, cosine, out=in_phase)
             np.multiply(weight, sine, out=across)
-            for out, one, other in zip(
-                rest, (in_phase, in_phase, seen, seen), (cosine, sine, cosine, sine), strict=True
-            ):
-                np.multiply(one, other, out=out)
+            factors = (
+                (in_phase, cosine),
+                (in_phase, sine),
+                (seen, cosine),
+                (seen, sine),
+                (across, sine),
+            )
+            for out, factor in zip(rest, factors, strict=False):
+                np.multiply(*factor, out=out)
             nodes[:, rows] = self.grid.at_nodes(products)
         share, *sums = (self.windows.gaussian(total) for total in nodes)
         known = enough(share, clipped)
         scale = 1 / np.maximum(share, np.float32(_LEAST_SHARE if clipped is None else LEAST_SEEN))
-        mean, c, s, cc, cs, p, q = (total * scale for total in sums)
-        ss = 1 - cc - s * s
+        mean, c, s, cc, cs, p, q, *square = (total * scale for total in sums)
+        # Of sines without a code, the mean square is what that of the cosines leaves.
+        ss = (square[0] if square else 1 - cc) - s * s
         cs -= c * s
         cc -= c * c
         p -= mean * c

@@ -14,6 +14,7 @@ from ftp_dent_ros.profilometry.carrier import ReferencePlane, carrier_on
 from ftp_dent_ros.profilometry.coverage import Coverage
 from ftp_dent_ros.profilometry.epipolar_check import check_epipolar
 from ftp_dent_ros.profilometry.least_squares.cloud_builder import CloudBuilder, Published
+from ftp_dent_ros.profilometry.least_squares.coded_surfaces import CodedSurfaces
 from ftp_dent_ros.profilometry.least_squares.exposure import check_exposure
 from ftp_dent_ros.profilometry.least_squares.first_fit import ReferenceTable, fit
 from ftp_dent_ros.profilometry.least_squares.grid import Grid
@@ -62,7 +63,9 @@ class LeastSquares:
         fit = SurfaceFit(
             pattern, self.period, self.grid, self.windows, self._nodes, self._table, fast
         )
-        self._surfaces = StripeSurfaces(fit)
+        self._surfaces: CodedSurfaces | StripeSurfaces = (
+            CodedSurfaces(fit) if pattern.code == 'contrast' else StripeSurfaces(fit)
+        )
         self._builder = CloudBuilder(rig, self.grid, stride)
 
     def measure(self, photograph: Photograph) -> Measurement:
@@ -72,7 +75,7 @@ class LeastSquares:
         ------
         TooDarkError, SaturatedError, NoStripeError, OtherPatternError
         """
-        light = IntensityBins.of(photograph, self.grid)
+        light = IntensityBins.of(photograph, self.grid, self.pattern.code == 'stripe')
         table = self._table
         fringes = fit(self.grid, self.windows, table, light.red)
         lit, seams = fringe_region(fringes, self.windows, self.grid, self.period)
@@ -113,11 +116,12 @@ class LeastSquares:
             published |= self._any_bin(measured)
             on_panel |= region & self._any_bin(within)
         depth = np.concatenate(depths)
+        reason = 'unnumbered' if self.pattern.code == 'contrast' else 'untied'
         coverage = Coverage.of(
             eroded(lit),
             published,
             clipped=self._any_bin(light.clipped),
-            untied=~np.any([part.region for part in fitted], axis=0),
+            **{reason: ~np.any([part.region for part in fitted], axis=0)},
             off_panel=~on_panel,
         )
         stripe_depth = float(np.median(depth)) if len(depth) else math.nan

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.profilometry.least_squares.camera_effects import lag_of_bins, take_harmonics
+from ftp_dent_ros.profilometry.least_squares.contrast_model import Envelope
 from ftp_dent_ros.profilometry.least_squares.denoising import Denoised, denoise, noise_through
 from ftp_dent_ros.profilometry.least_squares.extrapolation import Extrapolation
 from ftp_dent_ros.profilometry.least_squares.grid import Grid
@@ -38,7 +39,9 @@ _ROUNDS, _EXPLAINED = 2, 0.9
 _LEAST_TOLD = 0.75
 # Variance of noise over what a fit's residual shows of it.
 _FITTED = 1.45
-_SUMS = 5
+# Mean square of the lowest contrast, seen through noise.
+_LEAST_POWER = 0.1
+_SUMS = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,6 +113,7 @@ class Refinement:
         reference: NDArray[np.float32],
         shift: NDArray[np.float32],
         region: NDArray[np.bool_],
+        envelope: Envelope | None = None,
     ) -> Refined:
         """Refine the phase shift of one surface.
 
@@ -124,6 +128,8 @@ class Refinement:
             Phase less the reference's at the nodes, continued beyond the region.
         region : ndarray, shape (rows, columns), bool
             Nodes of the surface, to a node or so.
+        envelope : Envelope, optional
+            Of coded fringes.
         """
         inside = self.grid.to_bins(region).view(np.uint8)
         phase = base + self.grid.at_bins(reference + shift)
@@ -135,10 +141,13 @@ class Refinement:
         allowed = (cv2.dilate(inside, np.ones((3, 5))) > 0) & ~clipped
         lost = self._share_of(clipped & (core > 0)) if clipped.any() else None
         for _ in range(_ROUNDS):
-            level, modulation, step = self._masked.fit(levels, phase, mask, lost)
+            level, modulation, step = self._masked.fit(levels, phase, mask, lost, envelope)
             shift = shift + step
             phase = np.add(base, self.grid.at_bins(reference + shift), out=phase)
             cosine, sine = (np.cos(phase, out=self._work[0]), np.sin(phase, out=self._work[1]))
+            if envelope is not None:
+                for rows in self.grid.strips():
+                    envelope.turn(phase[rows], cosine[rows], sine[rows], rows)
             amplitude = self.grid.at_bins(modulation)
             rest = np.subtract(levels, self.grid.at_bins(level), out=self._work[2])
             misfit = self._work[3]
@@ -155,8 +164,8 @@ class Refinement:
             filled = clipped & body
             rest[filled] = misfit[clipped] = 0
             mask = mask | filled
-        step, texture, variance, support = self._correction(
-            rest, cosine, sine, modulation, mask, second
+        step, texture, variance, support, power = self._correction(
+            rest, cosine, sine, modulation, mask, second, envelope is not None
         )
         if lost is not None:
             # Less is seen, and flanks alone tell phase from level less well.
@@ -166,7 +175,7 @@ class Refinement:
         if not self.fast:
             shift = shift + step
         noise = light.noise.of_fringes(level, modulation) * np.float32(self._pixel * self._density)
-        pixels = noise / np.square(np.maximum(modulation, 1))
+        pixels = noise / (np.square(np.maximum(modulation, 1)) * power)
         beyond = Extrapolation(supported, self.windows)
         denoised = denoise(
             beyond.by_slope(shift),
@@ -195,13 +204,17 @@ class Refinement:
         """Share of each node's window that a mask has."""
         return self.windows.gaussian(self.grid.at_nodes(mask.astype(np.float32)))
 
-    def _correction(self, rest, cosine, sine, modulation, mask, second):
-        """Phase step by what is left of the photograph, and its predicted variance."""
+    def _correction(self, rest, cosine, sine, modulation, mask, second, coded):
+        """Phase step by what is left of the photograph, and its predicted variance.
+
+        Beside them: texture, the share of each window that is seen, and the mean square of the
+        contrast there.
+        """
         grid, windows = self.grid, self.windows
         count = 3 + 2 * (not self.fast)
-        nodes = self._sums[:count]
+        nodes = self._sums[: count + coded]
         for rows in grid.strips():
-            products = self._products[:count, : rows.stop - rows.start]
+            products = self._products[: count + coded, : rows.stop - rows.start]
             seen, weight = self._turns[:, : rows.stop - rows.start]
             np.copyto(weight, mask[rows])
             np.multiply(rest[rows], weight, out=seen)
@@ -214,18 +227,24 @@ class Refinement:
             if not self.fast:
                 np.multiply(seen, cosine[rows], out=products[3])
                 np.copyto(products[4], weight)
+            if coded:
+                np.copyto(products[count], mask[rows])
             nodes[:, rows] = grid.at_nodes(products)
-        support, spread, double, *both = nodes
-        support = windows.flat_top(support)
-        whole = np.maximum(support, np.float32(_LEAST_SUPPORT))
+        support, spread, double, *both = nodes[:count]
+        support, power = windows.flat_top(support), np.float32(1)
+        if coded:
+            share = windows.flat_top(nodes[count])
+            whole = np.maximum(share, np.float32(_LEAST_SUPPORT))
+            power, support = np.maximum(support / whole, np.float32(_LEAST_POWER)), share
+        whole = np.maximum(support, np.float32(_LEAST_SUPPORT)) * power
         size = np.maximum(modulation, 1)
         step = np.float32(0)
         texture = 4 * windows.flat_top(double) / (whole * size)
         if not self.fast:
             in_phase, across = (windows.flat_top(nodes) for nodes in both)
-            step = np.arctan2(-2 * across / whole, modulation + 2 * in_phase)
+            step = np.arctan2(-2 * across / whole, modulation + 2 * in_phase / power)
             texture += np.float32(2 * second) * step
         spread = windows.gaussian(spread, 2) / whole
         variance = spread / np.square(size)
         variance *= np.float32(_FITTED * self._density)
-        return step, texture, variance, support
+        return step, texture, variance, support, power

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.errors import NoStripeError
 from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.profilometry.least_squares.contrast_model import ContrastModel, Envelope
 from ftp_dent_ros.profilometry.least_squares.exposure import check_fringes
 from ftp_dent_ros.profilometry.least_squares.extrapolation import Extrapolation
-from ftp_dent_ros.profilometry.least_squares.first_fit import ReferenceTable
+from ftp_dent_ros.profilometry.least_squares.first_fit import ReferenceTable, fit
 from ftp_dent_ros.profilometry.least_squares.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.intensity_bins import IntensityBins
 from ftp_dent_ros.profilometry.least_squares.median import median
@@ -22,6 +23,7 @@ from ftp_dent_ros.profilometry.least_squares.quadric import evaluate, robust_qua
 from ftp_dent_ros.profilometry.least_squares.refinement import Refined, Refinement
 from ftp_dent_ros.profilometry.least_squares.regions import eroded, sighted
 from ftp_dent_ros.profilometry.least_squares.windows import Windows
+from ftp_dent_ros.profilometry.unwrapping import wrap
 
 _TURN = 2 * math.pi
 # Fringes' periods go in steps, so that one table of windows serves many surfaces.
@@ -29,6 +31,10 @@ _PERIOD_STEP, _LONGEST = 1.08, 1.6
 # Such steps by which windows are narrower where a surface is no skin: to 0.4 fringes, chosen on
 # photographs of one relief.
 _FINER = 3
+# Standard deviation of a usual lens's blur, pixels of projector or camera.
+_LENS = 0.6
+# Fits by which the code is taken off the first one: each leaves a quarter of what it finds.
+_DECODINGS = 3
 # Nodes that the quadric is fitted to, about.
 _POINTS = 600
 
@@ -78,6 +84,7 @@ class SurfaceFit:
     ) -> None:
         self.pattern, self.period, self.grid, self.windows = pattern, period, grid, windows
         self.nodes, self.table, self._fast = nodes, table, fast
+        self._contrast = ContrastModel(pattern) if pattern.code == 'contrast' else None
         self._refinement = lru_cache(maxsize=4)(self._refinement_at)
 
     def refined(
@@ -109,14 +116,17 @@ class SurfaceFit:
         NoFringesError
         """
         refinement = self._refinement(step - _FINER * relief)
+        envelope = None
+        if self._contrast is not None:
+            phase, envelope = self._decoded(light, region, phase, reference)
         sure = region if relief else sighted(region, self.windows)
         shift = Extrapolation(sure, self.windows).by_slope((phase - reference) * region)
         if refinement.windows.sigma_u > self.windows.sigma_u:
             # Narrow windows have let ripples through, which wide ones do not see.
             shift = refinement.windows.flat_top(shift)
-        refined = refinement.refine(
-            light, self.table.phase, reference - self.table.node_phase, shift, region | strips
-        )
+        table = self.table
+        start = reference - table.node_phase
+        refined = refinement.refine(light, table.phase, start, shift, region | strips, envelope)
         check_fringes(refined.roughness[region])
         return refined
 
@@ -142,6 +152,32 @@ class SurfaceFit:
             )
         quadric = robust_quadric(points.rays[met], inverse_depth[met])
         return self.nodes.phase(evaluate(quadric, self.nodes.rays))
+
+    def _decoded(self, light, region, phase, reference) -> tuple[NDArray[np.float32], Envelope]:
+        """Phase of the first fit without what the code did to it, and the code's envelope."""
+        table, grid, contrast = self.table, self.grid, self._contrast
+        assert contrast is not None
+        slope = np.gradient(reference, axis=1) / grid.pitch[0]
+        of_camera = np.square(slope) * np.float32(grid.bin_variance + _LENS**2)
+        of_projector = (_TURN * _LENS / self.pattern.period_px) ** 2
+        variance = grid.to_bins(of_camera + np.float32(of_projector))
+        inside = grid.to_bins(region) & ~light.clipped
+        levels = light.grey
+        for turn in range(_DECODINGS):
+            fringes = fit(grid, self.windows, table, levels)
+            phase = phase + wrap(table.node_phase + fringes.shift - phase)
+            at_bins = table.phase + grid.at_bins((phase - table.node_phase) * region)
+            if turn:
+                variance = variance + np.float32(
+                    contrast.blur(light.grey, at_bins, inside, variance)
+                )
+            envelope = contrast.envelope(variance)
+            cosine, sine = np.cos(at_bins), np.sin(at_bins)
+            plain = cosine.copy()
+            envelope.turn(at_bins, cosine, sine, slice(None))
+            levels = light.grey - inside * grid.at_bins(fringes.modulation) * (cosine - plain)
+        fringes = fit(grid, self.windows, table, levels)
+        return phase + wrap(table.node_phase + fringes.shift - phase), envelope
 
     def period_step(self, phase, region) -> int:
         """Power of `_PERIOD_STEP` by which a surface's fringes are longer than the table's."""
