@@ -82,10 +82,11 @@ def run(arguments: argparse.Namespace) -> int:
     depth = cloud.points[..., 2][cloud.valid]
     print(f'{output}: {len(depth)} points, {cloud.valid.mean():.1%} of the image')
     if len(depth):
+        stripe = reconstructor.pattern.code == 'stripe'
         low, middle, high = np.percentile(depth, [1, 50, 99])
         print(
-            f'depth {middle:.3f} m ({low:.3f} to {high:.3f} m but for 1 % at each end), '
-            f'red stripe at {measurement.stripe_depth:.3f} m'
+            f'depth {middle:.3f} m ({low:.3f} to {high:.3f} m but for 1 % at each end)'
+            + (f', red stripe at {measurement.stripe_depth:.3f} m' if stripe else '')
         )
         if np.isfinite(cloud.sigma).any():
             sigma = 1e3 * np.nanpercentile(cloud.sigma[cloud.valid], [50, 95])

@@ -37,6 +37,11 @@ def method_for(rig: Rig, pattern: Pattern, settings: Settings) -> Method:
     """Method of the settings, with its tables."""
     if settings.method == 'least-squares':
         return LeastSquares(rig, pattern, settings.stride, bool(settings.fast))
+    if pattern.code != 'stripe':
+        raise PatternError(
+            f'the method {settings.method} numbers fringes by a red stripe, and the pattern has '
+            f'the code {pattern.code}: choose least-squares, or project a pattern with a stripe'
+        )
     return FourierTransform(rig, pattern, settings)
 
 
@@ -52,7 +57,8 @@ class Reconstructor:
     Raises
     ------
     PatternError
-        The pattern does not fit the projector, or its fringes run along the baseline.
+        The pattern does not fit the projector, its fringes run along the baseline, or the method
+        cannot number them.
     """
 
     def __init__(self, rig: Rig, pattern: Pattern, settings: Settings | None = None) -> None:
@@ -107,7 +113,7 @@ class Reconstructor:
             coverage = replace(measured.coverage, brightest=photograph.brightest)
             return replace(measured, coverage=coverage)
         except NoStripeError:
-            if photograph.is_grey:
+            if self.pattern.code == 'stripe' and photograph.is_grey:
                 raise NoStripeError(_GREY) from None
             raise
         except TooDarkError as reason:
@@ -135,7 +141,8 @@ class Reconstructor:
                 f'{camera.width}x{camera.height}: use the camera that was calibrated, at that '
                 'resolution'
             )
-        if photograph.is_flat and not photograph.mosaic:
+        stripe = self.pattern.code == 'stripe'
+        if stripe and photograph.is_flat and not photograph.mosaic:
             raise ImageError(_GREY)
 
 

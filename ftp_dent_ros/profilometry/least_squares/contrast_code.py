@@ -113,9 +113,7 @@ class ContrastSteps:
         top, bottom = rows[0], rows[-1] + 1
         columns = np.flatnonzero(inside.any(axis=0))
         part = slice(top, bottom), slice(columns[0], columns[-1] + 1)
-        phase, inside, grey = (
-            np.ascontiguousarray(each[part]) for each in (phase, inside, light.grey)
-        )
+        phase, inside, grey = phase[part], inside[part], light.grey[part]
         turns = np.floor(phase * np.float32(1 / _TURN) + np.float32(0.25)).astype(np.int32)
         seen = inside & ~light.clipped[part]
         begins = np.ones(phase.shape, bool)

@@ -151,7 +151,7 @@ class ContrastModel:
             Expected, radians^2.
         """
         rows = slice(None, None, max(1, len(phase) // _ROWS))
-        phase, mask, levels, variance = (each[rows] for each in (phase, mask, levels, variance))
+        phase, mask, levels, variance = phase[rows], mask[rows], levels[rows], variance[rows]
         basis = []
         for side in (-_CHANGE / 2, _CHANGE / 2):
             cosine, sine = np.cos(phase), np.sin(phase)

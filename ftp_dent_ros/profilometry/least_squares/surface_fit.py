@@ -146,8 +146,10 @@ class SurfaceFit:
         inverse_depth, _ = points.meet(phase[row, column][None])
         met = np.isfinite(inverse_depth)
         if met.sum() < 6:
+            striped = self.pattern.code == 'stripe'
+            seen = 'the red stripe is seen' if striped else 'the code tells fringes'
             raise NoStripeError(
-                'the red stripe is seen where the projector cannot light it: check that rig.yaml '
+                f'{seen} where the projector cannot light it: check that rig.yaml '
                 'and the pattern belong to this camera and projector'
             )
         quadric = robust_quadric(points.rays[met], inverse_depth[met])

@@ -1,0 +1,126 @@
+"""Fringes that their contrast numbers, on surfaces that nothing ties to each other."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from small_scenes import DEPTH, PATTERN, RIG, Scene, panel
+
+from ftp_dent_ros.errors import PatternError
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.profilometry import Reconstructor, Settings
+from ftp_dent_ros.profilometry.coverage import UNNUMBERED
+from ftp_dent_ros.profilometry.least_squares.contrast_model import ContrastModel
+from ftp_dent_ros.simulation import Panel
+
+CODED = replace(PATTERN, code='contrast')
+# Depth between neighbouring fringes at `DEPTH`, metres.
+FRINGE = DEPTH**2 * 8 / (940 * 0.2)
+
+
+def measure(scene, pattern=CODED, image=None):
+    return Reconstructor(scene.rig, pattern).measure(scene.image if image is None else image)
+
+
+def photographed(*panels, **light):
+    return Scene.of(*panels, projected=CODED.draw(), **light)
+
+
+def wrong(scene, cloud):
+    """Number of points that lie another fringe off."""
+    return int(np.count_nonzero(scene.errors_mm(cloud) > 0.35e3 * FRINGE))
+
+
+def sheet(extent, depth=DEPTH):
+    return Panel(Pose.from_rpy((0.02, -0.03, 0.0), (0, 0, depth)), extent)
+
+
+def test_a_skin_is_measured_as_with_the_stripe():
+    scene = photographed(panel())
+    measured = measure(scene)
+    errors = scene.errors_mm(measured.cloud)
+    striped = Scene.of(panel())
+    of_stripe = striped.errors_mm(measure(striped, PATTERN).cloud)
+    assert measured.coverage.share > 0.97
+    assert errors.mean() < 1.5 * of_stripe.mean()
+    assert np.percentile(errors, 99) < 1.5 * np.percentile(of_stripe, 99)
+
+
+@pytest.mark.parametrize('fringes', [-5, 0.3, 1])
+def test_panels_that_do_not_touch_each_have_their_own_order(fringes):
+    scene = photographed(
+        sheet((-0.15, -0.01, -0.12, 0.12)),
+        sheet((0.01, 0.15, -0.12, 0.12), DEPTH + fringes * FRINGE),
+    )
+    cloud = measure(scene).cloud
+    lit = scene.lit()
+    assert wrong(scene, cloud) == 0
+    left = np.zeros_like(lit)
+    left[:, : lit.shape[1] // 2] = True
+    for half in (lit & left, lit & ~left):
+        assert (cloud.valid & half).sum() > 0.85 * half.sum()
+
+
+@pytest.mark.parametrize('across', [False, True])
+@pytest.mark.parametrize('fringes', [0.15, 2.0])
+def test_on_both_sides_of_a_lap_there_are_points(fringes, across):
+    first, second = (-0.15, 0.0, -0.15, 0.15), (0.0, 0.15, -0.15, 0.15)
+    if across:
+        first, second = first[2:] + first[:2], second[2:] + second[:2]
+    scene = photographed(sheet(first), sheet(second, DEPTH + fringes * FRINGE))
+    measured = measure(scene)
+    assert wrong(scene, measured.cloud) == 0
+    lit = scene.lit()
+    assert (measured.cloud.valid & lit).sum() > 0.8 * lit.sum()
+
+
+def test_a_grey_photograph_will_do():
+    scene = photographed(panel())
+    grey = np.ascontiguousarray(scene.image[..., 1])
+    cloud = measure(scene, image=grey).cloud
+    assert wrong(scene, cloud) == 0
+    assert cloud.valid.sum() > 0.97 * measure(scene).cloud.valid.sum()
+
+
+def test_a_surface_too_narrow_for_a_word_is_left_out_and_told():
+    scene = photographed(
+        sheet((-0.15, -0.02, -0.12, 0.12)), sheet((-0.005, 0.015, -0.12, 0.12), DEPTH - 0.02)
+    )
+    measured = measure(scene)
+    assert wrong(scene, measured.cloud) == 0
+    assert measured.coverage.missing[UNNUMBERED] > 0.02
+
+
+def test_the_zero_of_the_code_may_be_told_a_fringe_elsewhere():
+    scene = photographed(panel())
+    other = replace(CODED, stripe_center_px=CODED.stripe_center_px + CODED.period_px)
+    first, second = measure(scene).cloud, measure(scene, other).cloud
+    both = first.valid & second.valid
+    assert both.sum() > 0.99 * first.valid.sum()
+    # Rounding decides which bins of the rim are taken.
+    apart = np.abs(first.points - second.points)[both]
+    assert np.percentile(apart, 99) < 2e-5
+
+
+def test_the_fourier_transform_has_no_order_without_a_stripe():
+    with pytest.raises(PatternError, match='choose least-squares'):
+        Reconstructor(RIG, CODED, Settings('direct'))
+
+
+def test_the_envelope_is_that_of_blurred_fringes():
+    variance = 0.5
+    phase = np.linspace(-120, 120, 4001, dtype=np.float32)[None]
+    fine = np.arange(-140, 140, 0.01)
+    pixels = np.rint(CODED.column(fine))
+    light = 2 * CODED.intensity(pixels) - 1
+    kernel = np.exp(-np.square(np.arange(-400, 401) * 0.01) / (2 * variance))
+    blurred = np.convolve(light, kernel / kernel.sum(), 'same')
+    expected = np.interp(phase[0], fine, blurred)
+    cosine, sine = np.cos(phase), np.sin(phase)
+    envelope = ContrastModel(CODED).envelope(np.full(phase.shape, variance))
+    envelope.turn(phase, cosine, sine, slice(None))
+    scale = (cosine[0] @ expected) / (cosine[0] @ cosine[0])
+    assert scale == pytest.approx(np.exp(-variance / 2) * np.sinc(1 / 8), rel=2e-3)
+    assert np.abs(scale * cosine[0] - expected).max() < 0.006
+    slope = np.gradient(expected, phase[0])
+    assert np.abs(scale * sine[0] + slope)[50:-50].max() < 0.012
