@@ -27,11 +27,11 @@ _STEP, _LEAST, _MOST = 0.03, 0.06, 1.8
 # Of the golden section in two dimensions: evenly spread over neighbours.
 _DITHER = 0.7548776662, 0.5698402910
 # Between those over which the change of the envelope is taken, and rows that it is measured in.
-_CHANGE, _ROWS = 0.2, 60
+_CHANGE, _ROWS = 0.2, 40
 # Fringes that are fitted together, and bins of theirs with which a fit of four unknowns is none.
-_TOGETHER, _FEWEST = 3, 9
-# Changes of the blur, over the one that is looked for, that a place may tell of.
-_EDGE = 8
+_TOGETHER, _FEWEST = 3, 12
+# Standard deviation of what blurs of lenses differ by from the one expected, radians^2.
+_SPREAD = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,31 +159,54 @@ class ContrastModel:
             basis.append((cosine, sine))
         (fringes, shift), (wider, _) = basis
         change = wider - fringes
-        turns = np.floor(phase * np.float32(1 / (_TOGETHER * _TURN))).astype(np.int32)
-        begins = np.ones(phase.shape, bool)
-        begins[:, 1:] = (turns[:, 1:] != turns[:, :-1]) | (mask[:, 1:] != mask[:, :-1])
-        start = np.flatnonzero(begins)
-        bins = np.diff(start, append=phase.size)
-        used = mask.ravel()[start] & (bins >= _FEWEST)
-        if not used.any():
+        places = [
+            _told(levels, phase, mask, fringes, shift, change, first) for first in range(_TOGETHER)
+        ]
+        told, power = np.concatenate(places, axis=1)
+        if not power.sum() > 0:
             return 0.0
-        terms = [np.ones_like(levels), fringes, shift, change, levels]
-        moments = np.empty((5, 5, int(used.sum())))
-        for i, one in enumerate(terms):
-            for j in range(i, 5):
-                moments[i, j] = moments[j, i] = np.add.reduceat((one * terms[j]).ravel(), start)[
-                    used
-                ]
-        normal = moments[:3, :3].transpose(2, 0, 1)
-        others = np.linalg.solve(
-            normal + 1e-6 * np.eye(3), moments[:3, 3:].transpose(2, 0, 1)
-        )  # what level, fringes and shift make of the change, and of the light
-        left = moments[3:, 3:].transpose(2, 0, 1) - np.einsum(
-            'nki,nkj->nij', moments[:3, 3:].transpose(2, 0, 1), others
-        )
-        size = np.maximum(others[:, 1, 1], 1.0)
-        along, power = left[:, 0, 1] / size, left[:, 0, 0]
-        # Edges and paint leave more than blur can.
-        most = _EDGE * power
-        change_seen = np.clip(along, -most, most).sum() / max(power.sum(), 1e-6)
-        return float(_CHANGE * change_seen - _CHANGE / 2)
+        order = np.argsort(told)
+        told, power = told[order], power[order]
+        share = np.cumsum(power) / power.sum()
+        low, middle, high = (told[np.searchsorted(share, each)] for each in (0.25, 0.5, 0.75))
+        # Paint and edges lean words of the code: what they scatter by is what is not known.
+        error = _CHANGE * (high - low) / math.sqrt(len(told) / _TOGETHER)
+        return float(_CHANGE * (middle - 0.5) * _SPREAD**2 / (_SPREAD**2 + error**2))
+
+
+def _told(levels, phase, mask, fringes, shift, change, first) -> NDArray[np.float64]:
+    """Change of the blur that each few fringes tell of, and how well, by their place in the code.
+
+    They begin with the fringe `first` or a multiple of their number after it.
+    """
+    along_u = phase / np.float32(_TOGETHER * _TURN) - np.float32(first / _TOGETHER)
+    turns = np.floor(along_u).astype(np.int32)
+    along_u -= turns + np.float32(0.5)
+    begins = np.ones(phase.shape, bool)
+    begins[:, 1:] = (turns[:, 1:] != turns[:, :-1]) | (mask[:, 1:] != mask[:, :-1])
+    start = np.flatnonzero(begins)
+    bins = np.diff(start, append=phase.size)
+    used = mask.ravel()[start] & (bins >= _FEWEST)
+    if not used.any():
+        return np.zeros((2, 0))
+    # All three may change along the fringes, or the same words of the code would lean.
+    plain = [np.ones_like(levels), fringes, shift]
+    terms = [*plain, *(each * along_u for each in plain), change, levels]
+    count, others = len(terms), len(terms) - 2
+    moments = np.empty((count, count, int(used.sum())))
+    for i, one in enumerate(terms):
+        for j in range(i, count):
+            sums = np.add.reduceat((one * terms[j]).ravel(), start)[used]
+            moments[i, j] = moments[j, i] = sums
+    moments = moments.transpose(2, 0, 1)
+    right = moments[:, :others, others:]
+    # What the others make of the change, and of the light.
+    made = np.linalg.solve(moments[:, :others, :others] + 1e-6 * np.eye(others), right)
+    left = moments[:, others:, others:] - right.transpose(0, 2, 1) @ made
+    size = np.maximum(made[:, 1, 1], 1.0)
+    place = turns.ravel()[start][used]
+    place -= place.min()
+    power = np.bincount(place, left[:, 0, 0])
+    along = np.bincount(place, left[:, 0, 1] / size)
+    known = power > 1e-3 * power.max()
+    return np.stack([along[known] / power[known], power[known]])

@@ -34,7 +34,7 @@ _FINER = 3
 # Standard deviation of a usual lens's blur, pixels of projector or camera.
 _LENS = 0.6
 # Fits by which the code is taken off the first one: each leaves a quarter of what it finds.
-_DECODINGS = 3
+_DECODINGS = 2
 # Nodes that the quadric is fitted to, about.
 _POINTS = 600
 
@@ -164,22 +164,26 @@ class SurfaceFit:
         of_projector = (_TURN * _LENS / self.pattern.period_px) ** 2
         variance = grid.to_bins(of_camera + np.float32(of_projector))
         inside = grid.to_bins(region) & ~light.clipped
-        levels = light.grey
-        for turn in range(_DECODINGS):
-            fringes = fit(grid, self.windows, table, levels)
-            phase = phase + wrap(table.node_phase + fringes.shift - phase)
-            at_bins = table.phase + grid.at_bins((phase - table.node_phase) * region)
-            if turn:
-                variance = variance + np.float32(
-                    contrast.blur(light.grey, at_bins, inside, variance)
-                )
-            envelope = contrast.envelope(variance)
+        beyond = Extrapolation(region, self.windows)
+        envelope = contrast.envelope(variance)
+        amplitude = inside * grid.at_bins(fit(grid, self.windows, table, light.grey).modulation)
+        for _ in range(_DECODINGS):
+            # The first fit again, of the light less what the code does to it.
+            at_bins = self._at_bins(beyond, phase, reference)
             cosine, sine = np.cos(at_bins), np.sin(at_bins)
-            plain = cosine.copy()
+            code = -cosine
             envelope.turn(at_bins, cosine, sine, slice(None))
-            levels = light.grey - inside * grid.at_bins(fringes.modulation) * (cosine - plain)
-        fringes = fit(grid, self.windows, table, levels)
-        return phase + wrap(table.node_phase + fringes.shift - phase), envelope
+            code += cosine
+            fringes = fit(grid, self.windows, table, light.grey - amplitude * code)
+            phase = phase + wrap(table.node_phase + fringes.shift - phase)
+        at_bins = self._at_bins(beyond, phase, reference)
+        more = np.float32(contrast.blur(light.grey, at_bins, inside, variance))
+        return phase, contrast.envelope(variance + more)
+
+    def _at_bins(self, beyond, phase, reference) -> NDArray[np.float32]:
+        """Phase at the bins, continued beyond the region."""
+        shift = beyond.by_slope(phase - reference)
+        return self.table.phase + self.grid.at_bins(reference - self.table.node_phase + shift)
 
     def period_step(self, phase, region) -> int:
         """Power of `_PERIOD_STEP` by which a surface's fringes are longer than the table's."""
