@@ -192,7 +192,7 @@ class PoseGraph:
             self._add_stated(sums, fixed)
         else:
             sums.add([anchor], [np.eye(6)], np.zeros(6), np.linalg.inv(_ANCHOR))
-            self._add_stated(sums, fixed, steps_only=True)
+            self._add_stated(sums, fixed, anchor)
         return sums.matrix(), sums.gradient
 
     def _add_link(self, sums: _Sums, link: Link, weight: float) -> None:
@@ -211,13 +211,13 @@ class PoseGraph:
             weight * link.relative.information,
         )
 
-    def _add_stated(self, sums: _Sums, fixed: int, steps_only: bool = False) -> None:
+    def _add_stated(self, sums: _Sums, fixed: int, anchor: int | None = None) -> None:
         """What the autopilot says: of the first, and of each how it differs from the last."""
         before: int | None = None
         for index, node in enumerate(self.nodes):
             if node.stated is None or node.covariance is None:
                 if index >= fixed:
-                    first = index == 0 and not steps_only
+                    first = index == 0 and anchor is None
                     spread = _ANCHOR if first else _UNTOLD
                     error = self._off(index, self.guesses[index])
                     sums.add([index], [np.eye(6)], error, np.linalg.inv(spread))
@@ -231,12 +231,20 @@ class PoseGraph:
                     or earlier.stated is None
                     or earlier.flight != node.flight
                 ):
-                    if not steps_only:
-                        sums.add([index], [np.eye(6)], error, np.linalg.inv(node.covariance))
+                    spread = node.covariance
+                    if anchor is not None:
+                        if self.nodes[anchor].flight == node.flight:
+                            before = index
+                            continue
+                        # Of two flights' errors, neither is known.
+                        spread = 2 * spread
+                    sums.add([index], [np.eye(6)], error, np.linalg.inv(spread))
                 else:
                     keep = _kept(earlier, node)
-                    # Relative to an anchor, only what is shared of the error matters.
                     spread = (1 - keep**2) * node.covariance + 2 * _JITTER
+                    if anchor is not None:
+                        # Seen from a pose that errs itself, errors differ ever more.
+                        spread, keep = 2 * (1 - keep) * node.covariance + 2 * _JITTER, 1.0
                     difference = error - keep * self._off(before, earlier.stated)
                     sums.add(
                         [before, index],

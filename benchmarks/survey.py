@@ -1,0 +1,306 @@
+"""Clouds of simulated flights joined to one skin, against where they truly were.
+
+python benchmarks/survey.py [--only pairs strip bare bad coverage]
+                            [--seed 100] [--skins 3] [--clouds 40]
+
+Photographs are rendered and reconstructed at stride 2 of 720p; the autopilot errs by 3 cm and 0.9
+degrees, and forgets its error in 10 s. Nothing was chosen on seeds from 100 on.
+
+pairs     neighbouring clouds on skins with rivets, dirt, scratches and letters
+strip     a strip of 2 m: places seen from its middle, what is stated of them, processor time
+bare      1 m of smooth, unmarked skin between marked ends: errors by what is stated
+bad       one pair forced 25 mm off in a strip: left out, and the others not bent
+coverage  two passes with a gap of 20 mm: area against the truth, and the gap
+"""
+
+from __future__ import annotations
+
+import argparse
+import resource
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.files import find
+from ftp_dent_ros.pattern import read_pattern
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.profilometry import Reconstructor, Settings
+from ftp_dent_ros.rig import read_rig
+from ftp_dent_ros.simulation import Dent, Paint, Panel, Photometry, Renderer, Rivet, Surface
+from ftp_dent_ros.simulation.marks import Dirt, Lettering, scratches
+from ftp_dent_ros.survey.joining import Joining
+from ftp_dent_ros.survey.mosaic import Mosaic
+from ftp_dent_ros.survey.patch import patch_of
+from ftp_dent_ros.survey.registration import register
+from ftp_dent_ros.survey.unrolling import Unrolled
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / 'test'))
+from flown_skin import STATED, erring
+
+DISTANCE, STEP = 0.8, 0.045
+WIDTH = 1.2
+HALF_S = 500_000_000
+MM = 1e3
+
+
+def skin(seed: int, length: float, bare: tuple[float, float] | None = None) -> list[Panel]:
+    """Panels of a fuselage along y; between two places it is bare."""
+    rng = np.random.default_rng(seed)
+    low, high = -0.6, length + 0.6
+    parts = [(low, high)] if bare is None else [(low, bare[0]), (bare[1], high)]
+    radius = float(rng.uniform(1.5, 3.0))
+    marks, rivets = [], []
+    for begin, end in parts:
+        extent = (-0.2, 0.2, begin, end)
+        marks += [*scratches(int(25 * (end - begin)), extent, seed)]
+        y = float(rng.uniform(begin, end))
+        marks.append(Lettering(0.03, y, 'NO STEP', 0.02, (0.4, 0.4, 0.4), 1.57))
+        for x in rng.uniform(-0.13, 0.13, 2):
+            rivets += [Rivet(float(x), y) for y in np.arange(begin, end, 0.025)]
+    if bare is None:
+        marks.append(Dirt(float(rng.uniform(0.03, 0.12)), seed=seed))
+    dents = [] if bare else _dents(rng, length)
+    paint = Paint(albedo=float(rng.uniform(0.4, 0.8)), roughness=0.3, marks=tuple(marks))
+    extent = (-WIDTH / 2, WIDTH / 2, low, high)
+    frame = Pose(Rotation.identity(), np.zeros(3))
+    return [Panel(frame, extent, radius, paint, tuple(dents), tuple(rivets))]
+
+
+def _dents(rng: np.random.Generator, length: float) -> list[Dent]:
+    return [
+        Dent(
+            float(rng.uniform(-0.12, 0.12)),
+            float(rng.uniform(0, length)),
+            float(rng.uniform(0.015, 0.06)),
+            float(rng.uniform(0.015, 0.05)),
+            float(rng.uniform(2e-4, 1e-3)),
+            float(rng.uniform(0, 3)),
+        )
+        for _ in range(int(6 * length) + 1)
+    ]
+
+
+def flight(seed: int, count: int, step: float = STEP, x: float = 0.0) -> list[Pose]:
+    """True poses of the camera along y, with sway and wobble."""
+    rng = np.random.default_rng([seed, 5])
+    along = Rotation.from_euler('z', np.pi / 2)
+    poses = []
+    for index in range(count):
+        sway, wobble = rng.normal(0, 0.006, 3), rng.normal(0, 0.008, 3)
+        place = np.array([x, step * index, -DISTANCE]) + sway
+        poses.append(Pose(along * Rotation.from_rotvec(wobble), place))
+    return poses
+
+
+@cache
+def _devices() -> tuple[Renderer, Reconstructor]:
+    rig, pattern = read_rig(find('shipped:rig.yaml')), read_pattern(find('shipped:pattern.yaml'))
+    light = Photometry(reference_distance=DISTANCE)
+    return Renderer(rig, pattern.draw(), light), Reconstructor(rig, pattern, Settings(stride=2))
+
+
+def clouds(
+    panels: list[Panel], poses: list[Pose], seed: int
+) -> Iterator[tuple[Cloud, NDArray[np.uint8]]]:
+    """Cloud and skin image of each pose."""
+    renderer, reconstructor = _devices()
+    for index, pose in enumerate(poses):
+        seen = Surface(tuple(panels)).transformed(pose.inverse())
+        image = renderer.render(seen, np.random.default_rng([seed, index]))
+        measured = reconstructor.measure(image, skin=True)
+        assert measured.skin is not None
+        yield measured.cloud, measured.skin
+
+
+def joined(panels: list[Panel], poses: list[Pose], seed: int) -> tuple[Joining, float]:
+    """A flight joined, and the processor time that each cloud took."""
+    joining, spent = Joining(), 0.0
+    stated = erring(poses, seed)
+    for index, (cloud, image) in enumerate(clouds(panels, poses, seed)):
+        started = time.process_time()
+        joining.add(index * HALF_S, cloud, image, stated[index], STATED)
+        spent += time.process_time() - started
+    joining.finish()
+    return joining, spent / len(poses)
+
+
+def pairs(arguments: argparse.Namespace) -> None:
+    errors, normalised = [], []
+    for seed in range(arguments.seed, arguments.seed + arguments.skins):
+        poses = flight(seed, 4)
+        patches = [patch_of(*each) for each in clouds(skin(seed, 0.3), poses, seed)]
+        rng = np.random.default_rng([seed, 9])
+        for first, second in ((0, 1), (1, 2), (2, 3), (0, 2), (1, 3)):
+            true = poses[first].inverse() @ poses[second]
+            doubt = STATED / 4
+            off = rng.multivariate_normal(np.zeros(6), doubt)
+            guess = Pose(Rotation.from_rotvec(off[3:]) * true.rotation, true.translation + off[:3])
+            found = register(patches[first], patches[second], guess, doubt)
+            error = found.error(true)
+            if found.told < 6:
+                print(f'  skin {seed}, {first}-{second}: {found.told} told; {found.remark}')
+                continue
+            errors.append(np.abs(error))
+            normalised.append(error @ found.information @ error / 6)
+    along, normal, turn = np.array(errors)[:, :2], np.array(errors)[:, 2], np.array(errors)[:, 3:]
+    print(
+        f'pairs: {len(errors)}; medians {MM * np.median(normal):.4f} mm along the normal, '
+        f'{MM * np.median(along):.3f} mm along the skin, {np.degrees(np.median(turn)):.4f} '
+        f'degrees; largest {MM * normal.max():.4f} mm, {MM * along.max():.3f} mm; normalised '
+        f'error {np.sqrt(np.mean(normalised)):.2f}'
+    )
+
+
+def strip(arguments: argparse.Namespace) -> None:
+    seed, count = arguments.seed + 20, arguments.clouds
+    poses = flight(seed, count)
+    joining, spent = joined(skin(seed, STEP * count), poses, seed)
+    errors, normalised, distances = seen_from_the_middle(joining, poses)
+    across = np.linalg.norm(errors[:, :3], axis=1)
+    for reach in (0.5, 1.0, 3.0):
+        near = distances < reach
+        print(
+            f'strip: seen from the middle, up to {min(reach, distances.max()):.2f} m away: places '
+            f'off by {MM * across[near].max():.3f} mm at most'
+        )
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    misfit = np.median([link.relative.misfit for link in joining.graph.links])
+    print(
+        f'strip: {count} clouds, {len(joining.graph.links)} pairs, {len(joining.graph.left_out)} '
+        f'left out; normalised error {np.sqrt(np.mean(normalised)):.2f}; overlaps agree to '
+        f'{MM * misfit:.4f} mm along the normal; {MM * spent:.0f} ms of processor time a cloud; '
+        f'{memory:.0f} MB in all'
+    )
+
+
+def bare(arguments: argparse.Namespace) -> None:
+    seed = arguments.seed + 40
+    poses = flight(seed, 18, step=0.1)
+    panels = skin(seed, 1.7, bare=(0.35, 1.35))
+    joining, _ = joined(panels, poses, seed)
+    errors, normalised, _ = seen_from_the_middle(joining, poses, anchor=0)
+    spread = np.sqrt(np.trace(joining.graph.covariances(anchor=0)[-1, :3, :3]))
+    off = np.linalg.norm(errors[-1, :3])
+    told = [link.relative.told for link in joining.graph.links]
+    print(
+        f'bare: the far end, seen from the first, is off by {MM * off:.1f} mm, stated '
+        f'{MM * spread:.1f} mm; normalised error {np.sqrt(np.mean(normalised)):.2f}; '
+        f'{sum(each < 6 for each in told)} of {len(told)} pairs do not tell all'
+    )
+
+
+def bad(arguments: argparse.Namespace) -> None:
+    seed = arguments.seed + 60
+    poses = flight(seed, 8)
+    joining, _ = joined(skin(seed, 0.4), poses, seed)
+    graph = joining.graph
+    before = list(graph.poses)
+    index = next(i for i, link in enumerate(graph.links) if (link.first, link.second) == (3, 4))
+    link = graph.links[index]
+    wrong = Pose(Rotation.identity(), np.array([0.025, 0.0, 0.0])) @ link.relative.pose
+    graph.links[index] = replace(link, relative=replace(link.relative, pose=wrong))
+    joining.finish()
+    moved = max(
+        np.linalg.norm(a.translation - b.translation)
+        for a, b in zip(graph.poses, before, strict=True)
+    )
+    print(
+        f'bad: left out {sorted(graph.left_out)}, forced {index}; the others moved by '
+        f'{MM * moved:.3f} mm at most; told: {joining.remarks[-1:]}'
+    )
+
+
+def coverage(arguments: argparse.Namespace) -> None:
+    seed = arguments.seed + 80
+    panels = skin(seed, 0.3)
+    flat = [replace(panels[0], cylinder_radius=0.0)]
+    along = Rotation.from_euler('z', np.pi / 2)
+    height = _height(flat, along, seed)
+    poses = [
+        Pose(along, np.array([x, STEP * index, -DISTANCE]))
+        for x in (0.0, height + 0.02)
+        for index in range(3)
+    ]
+    mosaic = Mosaic(
+        Unrolled(
+            np.zeros(3),
+            np.array([0, 1.0, 0]),
+            np.array([1.0, 0, 0]),
+            np.array([0, 0, -1.0]),
+            np.inf,
+        ),
+        np.array([-0.6, -0.5]),
+        np.array([0.8, 1.0]),
+    )
+    fine = np.zeros((1500, 1400), bool)
+    for number, (cloud, image) in enumerate(clouds(flat, poses, seed)):
+        mosaic.add(number, cloud, poses[number], image, None)
+        place = poses[number].apply(cloud.points[cloud.valid].astype(float))
+        fine[
+            ((place[:, 0] + 0.5) / 0.001).astype(int), ((place[:, 1] + 0.6) / 0.001).astype(int)
+        ] = 1
+    true = float(fine.sum()) * 1e-6
+    area = float(mosaic.measured().sum()) * 1e-4
+    gaps = [
+        (np.round(MM * gap.size).astype(int).tolist(), round(gap.area, 4)) for gap in mosaic.gaps()
+    ]
+    print(
+        f'coverage: {area:.4f} m2 of 10 mm cells, points on {true:.4f} m2 of 1 mm cells '
+        f'({100 * (area / true - 1):+.2f} %); gaps (mm, m2): {gaps[:3]}'
+    )
+
+
+def _height(panels: list[Panel], along: Rotation, seed: int) -> float:
+    """Of what one cloud covers, across the flight, where it is least."""
+    pose = Pose(along, np.array([0.0, 0.0, -DISTANCE]))
+    ((cloud, _),) = clouds(panels, [pose], seed)
+    place = pose.apply(cloud.points[cloud.valid].astype(float))
+    low = [np.ptp(place[np.abs(place[:, 1] - y) < 0.005, 0]) for y in (-0.2, 0.0, 0.2)]
+    return float(max(low))
+
+
+def seen_from_the_middle(
+    joining: Joining, poses: list[Pose], anchor: int | None = None
+) -> tuple[NDArray, NDArray, NDArray]:
+    """Errors (n, 6) seen from one pose, squared and normalised, and distances from it."""
+    middle = len(poses) // 2 if anchor is None else anchor
+    graph = joining.graph
+    covariances = graph.covariances(anchor=middle)
+    errors, normalised, distances = [], [], []
+    start, true = graph.poses[middle], poses[middle]
+    for index, (found, where) in enumerate(zip(graph.poses, poses, strict=True)):
+        if index == middle:
+            continue
+        seen, there = start.inverse() @ found, true.inverse() @ where
+        shift = start.rotation.apply(seen.translation - there.translation)
+        turn = start.rotation.apply((seen.rotation * there.rotation.inv()).as_rotvec())
+        errors.append(np.concatenate([shift, turn]))
+        normalised.append(errors[-1] @ np.linalg.solve(covariances[index], errors[-1]) / 6)
+        distances.append(np.linalg.norm(there.translation))
+    return np.array(errors), np.array(normalised), np.array(distances)
+
+
+ROWS = {'pairs': pairs, 'strip': strip, 'bare': bare, 'bad': bad, 'coverage': coverage}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.partition('\n')[0])
+    parser.add_argument('--only', nargs='+', choices=tuple(ROWS), default=tuple(ROWS))
+    parser.add_argument('--seed', type=int, default=100)
+    parser.add_argument('--skins', type=int, default=3)
+    parser.add_argument('--clouds', type=int, default=40, help='of the strip')
+    arguments = parser.parse_args()
+    for name in arguments.only:
+        ROWS[name](arguments)
+
+
+if __name__ == '__main__':
+    main()
