@@ -21,8 +21,9 @@ from ftp_dent_ros.rig import Rig
 from ftp_dent_ros.rig_geometry import moves_fringes
 
 _GREY = (
-    'the image is grey, and the stripe that numbers the fringes is red: photograph in colour, or '
-    'tell the mosaic if these are raw pixels (--encoding, files.encoding, bayer_...)'
+    'the image is grey, and the stripe that numbers the fringes is red: project a pattern '
+    'of code contrast, photograph in colour, or, if these are raw pixels, tell their mosaic '
+    '(--encoding, files.encoding, bayer_...)'
 )
 
 
