@@ -47,6 +47,11 @@ class Encoding:
     coloured: bool
     bits: int
 
+    @staticmethod
+    def is_name(name: str) -> bool:
+        """Whether an encoding has that name."""
+        return _ENCODING.fullmatch(name) is not None
+
     @classmethod
     def named(cls, name: str) -> Encoding:
         """Encoding of a name; raises `ConfigurationError` if it is none."""

@@ -13,11 +13,12 @@ import sys
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
+from ftp_dent_ros.decoding.message_types import message_class
 from ftp_dent_ros.errors import BagError, ConfigurationError
 from ftp_dent_ros.recording.provenance import RIG, rig_id_in
 from ftp_dent_ros.recording.ros.recorder import DISCOVERY_PERIOD_S, Recorder
@@ -122,12 +123,13 @@ def _writer(arguments: argparse.Namespace, output: Path) -> BagWriter:
 def _note_rig(node: Node, writer: BagWriter) -> None:
     """Have the bag say which rig measures, as the diagnostics tell it: the latest."""
 
-    def on_array(array: DiagnosticArray) -> None:
+    def on_array(array: Any) -> None:
         rig_id = rig_id_in(array)
         if rig_id:
             writer.custom_data[RIG] = rig_id
 
-    node.create_subscription(DiagnosticArray, '/diagnostics', on_array, DIAGNOSTICS)
+    array_type = message_class('diagnostic_msgs/msg/DiagnosticArray')
+    node.create_subscription(array_type, '/diagnostics', on_array, DIAGNOSTICS)
 
 
 def _receive(

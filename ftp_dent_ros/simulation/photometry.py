@@ -88,7 +88,8 @@ class Photometry:
         for field in fields(self):
             value = getattr(self, field.name)
             if field.type == 'str':
-                Encoding.named(value)
+                named = isinstance(value, str) and Encoding.is_name(value)
+                _require(named, field.name, value, 'such as rgb8, mono12 or bayer_rggb12')
                 continue
             if field.type == 'bool':
                 _require(isinstance(value, bool), field.name, value, 'true or false')

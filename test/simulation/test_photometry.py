@@ -24,6 +24,7 @@ WRONG = {
     'read_noise': (-0.8, [0.8]),
     'crosstalk': (1.1, -0.1),
     'camera_gamma': (0,),
+    'encoding': ('yuv422', 'mono', 8),
     'bayer': (0, 'RGGB'),
     'jpeg_quality': (101, 90.5, -1, True),
     'samples': (0, 3, 512, 2.0),
