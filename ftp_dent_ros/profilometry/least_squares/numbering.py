@@ -21,6 +21,8 @@ from ftp_dent_ros.profilometry.least_squares.regions import SMALLEST
 # Pixel rows that are judged together; of mean square misfit, in steps of the code, that is
 # another order's: a wrong one leaves a half on average.
 _ROWS, _WRONG = 20.0, 0.3
+# Times what the better quarter of the places leaves, that is another order's.
+_NOISE = 2.0
 # Fringes and rows by which the blocks that are asked overlap, over their length.
 _BLOCK, _OVERLAP = 16, 2
 # Orders of one part.
@@ -122,10 +124,12 @@ class Numbering:
     def _wrong(self, steps: ContrastSteps, scales: dict[int, float]) -> NDArray[np.bool_]:
         """Steps around which none of the orders fits, over a word's width."""
         known = steps.weight > 0
-        if not scales:
+        if not scales or not known.any():
             return known
         local = np.min([self._local(steps, *each) for each in scales.items()], axis=0)
-        wrong: Any = (known & (local > _WRONG)).view(np.uint8)
+        # What noise leaves of a right order, the better quarter shows.
+        least = max(_WRONG, _NOISE * float(np.quantile(local[known], 0.25)))
+        wrong: Any = (known & (local > least)).view(np.uint8)
         return cv2.morphologyEx(wrong, cv2.MORPH_OPEN, np.ones((self._rows, WORD // 2 + 1))) > 0
 
     def _asked(self, steps: ContrastSteps) -> dict[int, float]:
