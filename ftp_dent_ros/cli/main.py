@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import os
 import sys
 from collections.abc import Sequence
 
@@ -50,12 +51,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     chosen = next((word for word in words if not word.startswith('-')), None)
     try:
         parsed = build_parser(chosen).parse_args(words)
-        return _module(parsed.command).run(parsed)
+        status = _module(parsed.command).run(parsed)
+        sys.stdout.flush()
+        return status
     except FtpDentError as error:
         print(f'ftp-dent {chosen}: {error}', file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         return 130
+    except BrokenPipeError:
+        # Whoever read the output, such as `head`, has seen enough; nothing is left to flush to.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 141
 
 
 def _module(command: str):

@@ -1,0 +1,21 @@
+"""What all commands share."""
+
+import subprocess
+import sys
+
+from ftp_dent_ros.pattern import Pattern, write_pattern
+
+
+def test_a_reader_that_has_seen_enough_ends_a_command_without_a_word(tmp_path):
+    write_pattern(tmp_path / 'pattern.yaml', Pattern(640, 480, 10.0, 320.0))
+    words = ['pattern', str(tmp_path / 'pattern.yaml'), '--output', str(tmp_path / 'pattern.png')]
+    with subprocess.Popen(
+        [sys.executable, '-m', 'ftp_dent_ros.cli.main', *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as command:
+        command.stdout.close()
+        said = command.stderr.read()
+    assert (command.returncode, said) == (141, '')
+    assert (tmp_path / 'pattern.png').exists()
