@@ -9,9 +9,12 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
+from ftp_dent_ros.calibration.checking import turned
+from ftp_dent_ros.files import config_folder
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
+from ftp_dent_ros.rig import read_rig, write_rig
 from ftp_dent_ros.ros.messages import (
     camera_info_message,
     cloud_from_message,
@@ -310,3 +313,22 @@ def test_a_photograph_goes_with_the_pattern_shown_when_it_was_taken(ros, rig_fil
     assert is_right(bench.cloud_of(of_first, -3 * SECOND))
     assert len(bench.clouds) == 4
     assert bench.process.stop() == 0
+
+
+def test_a_rig_that_has_moved_is_told_by_three_clouds_of_coded_fringes(ros, tmp_path):
+    true = read_rig(config_folder() / 'rig.yaml')
+    size = true.projector.width, true.projector.height
+    pattern = Pattern(*size, 10.0, 640.0, code='contrast')
+    skin = Surface((Panel(Pose.from_rpy([0, 0.1, 0], [0, 0, 0.8]), (-1, 1, -1, 1), 2.0),))
+    image = Renderer(true, pattern.draw(), Photometry(samples=4)).render(skin)
+    write_rig(tmp_path / 'rig.yaml', turned(true, np.radians([0.05, 0.0, 0.0])))
+    bench = Bench(ros, rig=str(tmp_path / 'rig.yaml'), stride=8)
+    bench.project(pattern.draw())
+    bench.listen()
+    for stamp_ns in (1, 2, 3):
+        assert not bench.message.startswith('the rig does not hold: light')
+        bench.cloud_of(image, stamp_ns * SECOND)
+    bench.says('the rig does not hold: light')
+    assert 'the cloud is off by' in bench.value('epipolar lines')
+    assert float(bench.value('beside epipolar lines (px)')) == pytest.approx(1.66, abs=0.1)
+    assert float(bench.value('its uncertainty (px)')) < 0.05
