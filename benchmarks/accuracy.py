@@ -1,11 +1,12 @@
 """Accuracy of a method on simulated photographs, scene by scene.
 
-python benchmarks/accuracy.py [--method least-squares] [--fast] [--only fuselage]
+python benchmarks/accuracy.py [--method least-squares] [--code contrast] [--fast] [--only fuselage]
 """
 
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 
 import numpy as np
 from scenes import PATTERN, SCENES, Scene
@@ -13,6 +14,7 @@ from tqdm import tqdm
 
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.errors import RefusedFrameError
+from ftp_dent_ros.pattern import CODES, Pattern
 from ftp_dent_ros.profilometry import METHODS, UNWRAPPINGS, Reconstructor, Settings
 
 COLUMNS = (
@@ -21,10 +23,11 @@ COLUMNS = (
 )
 
 
-def figures(scene: Scene, settings: Settings) -> list[str]:
+def figures(scene: Scene, settings: Settings, pattern: Pattern) -> list[str]:
     """A row of the table; distances to the true surface in millimetres."""
     try:
-        measured = Reconstructor(scene.rig, PATTERN, settings).measure(scene.photograph())
+        photograph = scene.photograph(pattern=pattern)
+        measured = Reconstructor(scene.rig, pattern, settings).measure(photograph)
     except RefusedFrameError as reason:
         return [f'refused: {reason.reason}']
     cloud = measured.cloud
@@ -66,6 +69,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--method', choices=tuple(METHODS), default=Settings().method)
     parser.add_argument('--unwrapping', choices=UNWRAPPINGS, default='itoh')
+    parser.add_argument('--code', choices=CODES, default=PATTERN.code)
     parser.add_argument('--fast', action='store_true')
     parser.add_argument('--stride', type=int, default=1)
     parser.add_argument('--only', default='', help='part of the names of the scenes wanted')
@@ -76,9 +80,12 @@ def main() -> None:
         unwrapping=arguments.unwrapping,
         fast=arguments.fast,
     )
+    pattern = replace(PATTERN, code=arguments.code)
     wanted = [scene for scene in SCENES if arguments.only in scene.name]
-    rows = [(scene.name, *figures(scene, settings)) for scene in tqdm(wanted, unit='scene')]
-    print(f'{settings.method}, stride {settings.stride}; millimetres')
+    rows = [
+        (scene.name, *figures(scene, settings, pattern)) for scene in tqdm(wanted, unit='scene')
+    ]
+    print(f'{settings.method}, code {pattern.code}, stride {settings.stride}; millimetres')
     for name, *values in [('', *COLUMNS), *rows]:
         print(f'{name:32}' + ''.join(f'{value:>12}' for value in values))
 

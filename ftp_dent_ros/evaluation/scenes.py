@@ -61,9 +61,9 @@ class Scene:
         """The first panel's first dent."""
         return self.panel.dents[0]
 
-    def photograph(self, seed: int = 0) -> NDArray[np.uint8]:
+    def photograph(self, seed: int = 0, pattern: Pattern = PATTERN) -> NDArray[np.uint8]:
         """Render it with the noise of a seed."""
-        renderer = Renderer(self.rig, PATTERN.draw(), self.photometry)
+        renderer = Renderer(self.rig, pattern.draw(), self.photometry)
         return renderer.render(self.surface, np.random.default_rng(seed), self.motion)
 
     def lit(self) -> NDArray[np.bool_]:
