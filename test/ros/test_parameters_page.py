@@ -1,4 +1,4 @@
-"""README's tables of parameters are what the nodes declare."""
+"""The tables of docs/parameters.md are what the nodes declare."""
 
 import importlib
 import re
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-README = Path(__file__).resolve().parents[2] / 'README.md'
+PAGE = Path(__file__).resolve().parents[2] / 'docs/parameters.md'
 # What a node cannot start without, or would disturb another test with.
 GIVEN = {
     'pattern_publisher': {'rig': 'shipped:rig.yaml', 'pattern': 'shipped:pattern.yaml'},
@@ -37,7 +37,7 @@ def table(node, given):
 
 
 @pytest.mark.parametrize('name', GIVEN)
-def test_every_parameter_stands_in_the_readme(ros, name):
+def test_every_parameter_stands_on_the_page(ros, name):
     from rclpy.parameter import Parameter
 
     module = importlib.import_module(f'ftp_dent_ros.nodes.{name}')
@@ -50,12 +50,12 @@ def test_every_parameter_stands_in_the_readme(ros, name):
         lines = table(node, GIVEN[name])
     finally:
         node.destroy_node()
-    text = README.read_text(encoding='utf-8').partition(f'**`{name}`**')[2]
+    text = PAGE.read_text(encoding='utf-8').partition(f'**`{name}`**')[2]
     section = re.split(r'\n(?:\*\*`|## )', text)[0]
     written = [line for line in section.splitlines() if line.startswith('|')]
     expected = '\n'.join(lines)
-    assert len(written) == len(lines), f'README should have:\n{expected}'
+    assert len(written) == len(lines), f'the page should have:\n{expected}'
     for line, row in zip(written, lines, strict=True):
         start, _, end = row.partition(' ? ')
-        assert line.startswith(start), f'README should have:\n{expected}'
-        assert line.endswith(end), f'README should have:\n{expected}'
+        assert line.startswith(start), f'the page should have:\n{expected}'
+        assert line.endswith(end), f'the page should have:\n{expected}'
