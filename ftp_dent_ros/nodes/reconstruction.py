@@ -10,49 +10,36 @@ is refused with its reason, in the log and on ``/diagnostics``.
 from __future__ import annotations
 
 import contextlib
-import math
 import sys
-import time
 import traceback
-from collections import deque
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 from ftp_dent_ros.drawn_pattern import pattern_from_image
 from ftp_dent_ros.errors import (
-    CalibrationError,
     ImageError,
     InputError,
     NoCalibrationError,
     PatternChangeError,
     PatternError,
     RefusedFrameError,
-    RigError,
     WrongCalibrationError,
 )
 from ftp_dent_ros.nodes.declarations import names_of_all
 from ftp_dent_ros.nodes.reconstruction_parameters import declare
+from ftp_dent_ros.nodes.rig_watch import RigWatch
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.pattern_history import PatternHistory
-from ftp_dent_ros.photograph import Photograph
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.profilometry.coverage import REASONS
-from ftp_dent_ros.profilometry.epipolar_check import EpipolarCheck
-from ftp_dent_ros.profilometry.flicker import LAST as FLICKER_LAST
-from ftp_dent_ros.profilometry.flicker import MUCH, flicker, light_of
-from ftp_dent_ros.profilometry.rig_alarm import LAST, rig_alarm
-from ftp_dent_ros.rig import Lens
 from ftp_dent_ros.ros.any_publisher import AnySubscription
 from ftp_dent_ros.ros.diagnostics import OK, WARN, Diagnostics
 from ftp_dent_ros.ros.messages import (
     cloud_to_message,
     image_from_message,
     image_to_message,
-    lens_from_message,
     photograph_from_message,
     stamp_to_ns,
 )
@@ -63,8 +50,6 @@ from ftp_dent_ros.ros.worker import NewestWorker
 
 # A longer time since the exposure is no latency: the images come from a recording.
 _LONGEST_LATENCY = 60.0
-# Seconds between checks of the rig: each takes some 0.1 s.
-_CHECK_PERIOD = 30.0
 # Reconstructors that are kept with their tables: of the patterns before and after a change.
 _PREPARED = 2
 
@@ -78,15 +63,8 @@ class Reconstruction(Node):
         given = declare(parameters)
         parameters.close(names_of_all)
         parameters.on_change(self._change)
-        self._tolerance_px, self._choices = given.tolerance_px, given.choices
-        self._bits = given.bits
+        self._choices, self._bits = given.choices, given.bits
         self._rig, self._patterns = given.rig, PatternHistory(given.settling_ns)
-        self._calibration_trouble = ''
-        self._check_due, self._rig_trouble = 0.0, ''
-        self._checked: tuple[Any, ...] = ()
-        self._epipolar: deque[EpipolarCheck] = deque(maxlen=LAST)
-        self._epipolar_trouble = ''
-        self._lights: deque[NDArray] = deque(maxlen=FLICKER_LAST)
         self._prepared: dict[tuple[Pattern, Settings], Reconstructor] = {}
         self._points = self.create_publisher(
             PointCloud2, 'points', CLOUDS, qos_overriding_options=OVERRIDABLE
@@ -96,10 +74,12 @@ class Reconstruction(Node):
         )
         self._diagnostics = Diagnostics(self, self._judge)
         self._diagnostics.expect_one('camera/image_raw')
-        self._diagnostics.note('rig', self._rig.id if self._rig else 'none')
+        self._watch = RigWatch(self._rig, given.tolerance_px, self._diagnostics, self.get_logger())
         self._worker = NewestWorker(self._work, 'reconstruction')
         self.create_subscription(Image, 'projector/image_raw', self._on_pattern, PATTERNS)
-        AnySubscription(self, CameraInfo, 'camera/camera_info', self._on_info, IMAGES, OVERRIDABLE)
+        AnySubscription(
+            self, CameraInfo, 'camera/camera_info', self._watch.on_info, IMAGES, OVERRIDABLE
+        )
         AnySubscription(self, Image, 'camera/image_raw', self._on_image, IMAGES, OVERRIDABLE)
 
     def destroy_node(self) -> None:
@@ -132,8 +112,7 @@ class Reconstruction(Node):
             self.get_logger().error(f'pattern refused: {error}')
             return
         self._patterns.add(stamp_ns, pattern)
-        # What clouds of another pattern told was told of this rig, too, but not by these rows.
-        self._epipolar.clear()
+        self._watch.pattern_changed()
         period, stripe = pattern.period_px, pattern.stripe_center_px
         self._diagnostics.note('period (px)', f'{period:g}')
         self._diagnostics.note('stripe centre (px)', f'{stripe:g}')
@@ -144,20 +123,6 @@ class Reconstruction(Node):
         # The tables are made now, so that the first image does not wait for them.
         with contextlib.suppress(RefusedFrameError, PatternError):
             self._reconstructor(pattern)
-
-    def _on_info(self, message: CameraInfo) -> None:
-        values = (message.width, message.height, tuple(message.k), tuple(message.d))
-        if self._rig is None or values == self._checked:
-            return
-        self._checked = values
-        self._diagnostics.note('camera_info', 'comes')
-        try:
-            lens = lens_from_message(message)
-            self._calibration_trouble = ''
-            if lens is not None:
-                _compare(lens, self._rig.camera, self._tolerance_px)
-        except RigError as error:
-            self._calibration_trouble = str(error)
 
     def _on_image(self, message: Image) -> None:
         self._diagnostics.count('images')
@@ -215,62 +180,16 @@ class Reconstruction(Node):
         self._diagnostics.note('lit area with points', f'{coverage.share:.1%}')
         for reason in REASONS:
             self._diagnostics.note(f'lit but {reason}', f'{coverage.missing.get(reason, 0):.1%}')
-        if not self._checked:
-            self._warn_of_no_info()
-        self._note_flicker(photograph)
-        self._note_epipolar(measurement.epipolar)
-        self._check_rig(pattern, photograph, cloud.points)
+        self._watch.look(pattern, photograph, measurement)
         self._diagnostics.note('remarks', '; '.join(coverage.remarks))
 
     def _pattern_at(self, stamp_ns: int) -> Pattern:
         """Pattern that a photograph of the time shows; raises the refusal if it is not known."""
         if self._rig is None:
             raise NoCalibrationError('no rig is set: set the parameter rig to its rig.yaml')
-        if self._calibration_trouble:
-            raise WrongCalibrationError(self._calibration_trouble)
+        if self._watch.wrong_calibration:
+            raise WrongCalibrationError(self._watch.wrong_calibration)
         return self._patterns.at(stamp_ns)
-
-    def _warn_of_no_info(self) -> None:
-        without = "none came: the rig's own camera is believed"
-        self._diagnostics.note('camera_info', without)
-        self.get_logger().warning(f'camera_info: {without}', once=True)
-
-    def _note_flicker(self, photograph: Photograph) -> None:
-        """Say how the light changes from photograph to photograph, and what to do if it does."""
-        self._lights.append(light_of(photograph))
-        found = flicker(self._lights)
-        if found is not None:
-            advice = ': expose for a whole number of projector frames, if the skin is plain'
-            self._diagnostics.note('flicker', found.text + advice * (found.worst > MUCH))
-
-    def _note_epipolar(self, check: EpipolarCheck | None) -> None:
-        """Say how far the light lies beside its epipolar lines, and whether the rig has moved."""
-        if check is None or not check.seen:
-            return
-        self._epipolar.append(check)
-        self._diagnostics.note('beside epipolar lines (px)', f'{check.shift:+.3f}')
-        self._diagnostics.note('its uncertainty (px)', f'{check.shift_deviation:.3f}')
-        self._diagnostics.note('epipolar lines', check.sentence)
-        self._epipolar_trouble = rig_alarm(self._epipolar)
-        if self._epipolar_trouble:
-            self.get_logger().error(self._epipolar_trouble, throttle_duration_sec=_CHECK_PERIOD)
-
-    def _check_rig(self, pattern: Pattern, photograph: Photograph, points: NDArray) -> None:
-        """Now and then: whether the projector has turned, as far as a curved skin tells."""
-        if self._rig is None or time.monotonic() < self._check_due:
-            return
-        self._check_due = time.monotonic() + _CHECK_PERIOD
-        # Imported only here: it takes SciPy's optimisers.
-        from ftp_dent_ros.calibration.checking import check
-
-        try:
-            shown = photograph.shown()
-            found = check(self._rig, pattern, shown, points, flatness=math.inf)
-        except (CalibrationError, np.linalg.LinAlgError, ValueError) as reason:
-            self._diagnostics.note('rig check', f'not possible: {reason}')
-            return
-        self._diagnostics.note('rig check', found.sentence)
-        self._rig_trouble = '' if found.holds else found.sentence
 
     def _reconstructor(self, pattern: Pattern) -> Reconstructor:
         """Reconstructor for a pattern and the settings of the moment; made when they change."""
@@ -287,11 +206,10 @@ class Reconstruction(Node):
             return WARN, 'no calibration: set the parameter rig to its rig.yaml'
         if self._patterns.latest is None:
             return WARN, f'no pattern: {self._patterns.trouble}'
-        if self._calibration_trouble:
-            return WARN, f'wrong calibration: {self._calibration_trouble}'
-        for trouble in (self._epipolar_trouble, self._rig_trouble):
-            if trouble:
-                return WARN, trouble
+        if self._watch.wrong_calibration:
+            return WARN, f'wrong calibration: {self._watch.wrong_calibration}'
+        if self._watch.trouble:
+            return WARN, self._watch.trouble
         if self._points.get_subscription_count() == 0:
             return OK, 'idle: nobody subscribes to points'
         if not self._diagnostics.recent('images'):
@@ -300,24 +218,6 @@ class Reconstruction(Node):
 
     def _now_ns(self) -> int:
         return self.get_clock().now().nanoseconds
-
-
-def _compare(given: Lens, camera: Lens, tolerance_px: float) -> None:
-    """Raise `RigError` where camera_info's lens is another than the rig's."""
-    if (given.width, given.height) != (camera.width, camera.height):
-        raise RigError(
-            f'camera_info says {given.width}x{given.height} pixels, the rig '
-            f'{camera.width}x{camera.height}: use the rig of this camera'
-        )
-    u, v = np.meshgrid(np.linspace(0, camera.width - 1, 9), np.linspace(0, camera.height - 1, 9))
-    pixels = np.stack([u, v], axis=-1)
-    with np.errstate(all='ignore'):
-        shift = np.abs(given.project(camera.rays(pixels)) - pixels).max()
-    if not shift <= tolerance_px:
-        raise RigError(
-            f"camera_info differs from the rig's camera by up to {shift:.1f} pixels "
-            f'(camera_info_tolerance is {tolerance_px:g}): use the rig of this camera'
-        )
 
 
 def main() -> int:

@@ -1,0 +1,150 @@
+"""Whether the rig still holds, by what the camera says and what photographs and clouds show."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sensor_msgs.msg import CameraInfo
+
+from ftp_dent_ros.errors import CalibrationError, RigError
+from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.photograph import Photograph
+from ftp_dent_ros.profilometry.epipolar_check import EpipolarCheck
+from ftp_dent_ros.profilometry.flicker import LAST as FLICKER_LAST
+from ftp_dent_ros.profilometry.flicker import MUCH, flicker, light_of
+from ftp_dent_ros.profilometry.measurement import Measurement
+from ftp_dent_ros.profilometry.rig_alarm import LAST, rig_alarm
+from ftp_dent_ros.rig import Lens, Rig
+from ftp_dent_ros.ros.diagnostics import Diagnostics
+from ftp_dent_ros.ros.messages import lens_from_message
+
+# Seconds between checks of the rig: each takes some 0.1 s.
+_CHECK_PERIOD = 30.0
+
+
+class RigWatch:
+    """Watches over a rig while it is used, and tells of it in the diagnostics and the log.
+
+    Parameters
+    ----------
+    rig : Rig, optional
+        Without one there is nothing to watch.
+    tolerance_px : float
+        Pixels by which a ray may differ between camera_info and the rig's camera.
+    diagnostics : Diagnostics
+    logger : rclpy logger
+
+    Attributes
+    ----------
+    wrong_calibration : str
+        How camera_info contradicts the rig; empty if it does not.
+    """
+
+    def __init__(
+        self, rig: Rig | None, tolerance_px: float, diagnostics: Diagnostics, logger: Any
+    ) -> None:
+        self._rig, self._tolerance_px = rig, tolerance_px
+        self._diagnostics, self._logger = diagnostics, logger
+        self.wrong_calibration = ''
+        self._camera_info: tuple[Any, ...] = ()
+        self._epipolar: deque[EpipolarCheck] = deque(maxlen=LAST)
+        self._lights: deque[NDArray] = deque(maxlen=FLICKER_LAST)
+        self._epipolar_trouble, self._turned = '', ''
+        self._check_due = 0.0
+        diagnostics.note('rig', rig.id if rig else 'none')
+
+    @property
+    def trouble(self) -> str:
+        """Why the rig does not hold, by the last clouds; empty if nothing is sure."""
+        return self._epipolar_trouble or self._turned
+
+    def on_info(self, message: CameraInfo) -> None:
+        """Compare the lens that the camera says with the rig's."""
+        values = (message.width, message.height, tuple(message.k), tuple(message.d))
+        if self._rig is None or values == self._camera_info:
+            return
+        self._camera_info = values
+        self._diagnostics.note('camera_info', 'comes')
+        try:
+            lens = lens_from_message(message)
+            self.wrong_calibration = ''
+            if lens is not None:
+                _compare(lens, self._rig.camera, self._tolerance_px)
+        except RigError as error:
+            self.wrong_calibration = str(error)
+
+    def pattern_changed(self) -> None:
+        """Forget what clouds of another pattern told: of this rig, but not by these rows."""
+        self._epipolar.clear()
+
+    def look(self, pattern: Pattern, photograph: Photograph, measurement: Measurement) -> None:
+        """Look at another photograph and its cloud."""
+        if not self._camera_info:
+            self._warn_of_no_info()
+        self._note_flicker(photograph)
+        self._note_epipolar(measurement.epipolar)
+        self._check_turn(pattern, photograph, measurement.cloud.points)
+
+    def _warn_of_no_info(self) -> None:
+        without = "none came: the rig's own camera is believed"
+        self._diagnostics.note('camera_info', without)
+        self._logger.warning(f'camera_info: {without}', once=True)
+
+    def _note_flicker(self, photograph: Photograph) -> None:
+        """Say how the light changes from photograph to photograph, and what to do if it does."""
+        self._lights.append(light_of(photograph))
+        found = flicker(self._lights)
+        if found is not None:
+            advice = ': expose for a whole number of projector frames, if the skin is plain'
+            self._diagnostics.note('flicker', found.text + advice * (found.worst > MUCH))
+
+    def _note_epipolar(self, check: EpipolarCheck | None) -> None:
+        """Say how far the light lies beside its epipolar lines, and whether the rig has moved."""
+        if check is None or not check.seen:
+            return
+        self._epipolar.append(check)
+        self._diagnostics.note('beside epipolar lines (px)', f'{check.shift:+.3f}')
+        self._diagnostics.note('its uncertainty (px)', f'{check.shift_deviation:.3f}')
+        self._diagnostics.note('epipolar lines', check.sentence)
+        self._epipolar_trouble = rig_alarm(self._epipolar)
+        if self._epipolar_trouble:
+            self._logger.error(self._epipolar_trouble, throttle_duration_sec=_CHECK_PERIOD)
+
+    def _check_turn(self, pattern: Pattern, photograph: Photograph, points: NDArray) -> None:
+        """Now and then: whether the projector has turned, as far as a curved skin tells."""
+        if self._rig is None or time.monotonic() < self._check_due:
+            return
+        self._check_due = time.monotonic() + _CHECK_PERIOD
+        # Imported only here: it takes SciPy's optimisers.
+        from ftp_dent_ros.calibration.checking import check
+
+        try:
+            found = check(self._rig, pattern, photograph.shown(), points, flatness=math.inf)
+        except (CalibrationError, np.linalg.LinAlgError, ValueError) as reason:
+            self._diagnostics.note('rig check', f'not possible: {reason}')
+            return
+        self._diagnostics.note('rig check', found.sentence)
+        self._turned = '' if found.holds else found.sentence
+
+
+def _compare(given: Lens, camera: Lens, tolerance_px: float) -> None:
+    """Raise `RigError` where camera_info's lens is another than the rig's."""
+    if (given.width, given.height) != (camera.width, camera.height):
+        raise RigError(
+            f'camera_info says {given.width}x{given.height} pixels, the rig '
+            f'{camera.width}x{camera.height}: use the rig of this camera'
+        )
+    u, v = np.meshgrid(np.linspace(0, camera.width - 1, 9), np.linspace(0, camera.height - 1, 9))
+    pixels = np.stack([u, v], axis=-1)
+    with np.errstate(all='ignore'):
+        shift = np.abs(given.project(camera.rays(pixels)) - pixels).max()
+    if not shift <= tolerance_px:
+        raise RigError(
+            f"camera_info differs from the rig's camera by up to {shift:.1f} pixels "
+            f'(camera_info_tolerance is {tolerance_px:g}): use the rig of this camera'
+        )
