@@ -14,9 +14,10 @@ from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.survey.alignment import samples_of
 from ftp_dent_ros.survey.patch import Patch, patch_of
-from ftp_dent_ros.survey.pose_graph import Node, PoseGraph
+from ftp_dent_ros.survey.pose_graph import PoseGraph
 from ftp_dent_ros.survey.registration import register
 from ftp_dent_ros.survey.relative_pose import UnlikePairError
+from ftp_dent_ros.survey.stated_poses import Node
 
 # Earlier clouds that each is laid on: the one before, and one some clouds back.
 _BACK = (1, 3)
