@@ -8,9 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -18,25 +16,18 @@ from scipy.spatial.transform import Rotation
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.survey.paint import paint_of, slopes
+from ftp_dent_ros.survey.resampling import Grid, cells, remap, way_back
 
 # Points that the plane and the way back to the cloud's grid are fitted to, about.
 _FITTED = 1000
 _LEAST_POINTS = 500
 # Of the grid, by the cloud's own spacing.
 _COARSER = 1.5
-# Of the way back, a polynomial, and of the corrections that make it exact.
-_DEGREE, _CORRECTIONS = 3, 2
-# Light changes slowly along the skin, paint does not: standard deviation of what is taken off,
-# and of what the coarse paint is smoothed by, metres.
-_LIGHT, _SMOOTH = 0.006, 0.002
-# Logarithm of a paint that is this far from its surroundings tells no more by being farther.
-_MOST = 0.7
-# Of the window, that must be known.
-_LEAST_SHARE = 0.2
+# What the coarse paint is smoothed by: standard deviation, metres.
+_SMOOTH = 0.002
 # Of a point, where a cloud does not tell its uncertainty, metres.
 _UNKNOWN_SIGMA = 5e-5
-
-Grid = NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +61,7 @@ class Patch:
     def surface(self) -> Grid:
         """Height, its slopes along x and y, and its uncertainty, shape (rows, columns, 4)."""
         sigma = self.sigma.astype(np.float32) * np.float32(1e-3)
-        surface = np.dstack([self.height, *_slopes(self.height, self.pitch), sigma])
+        surface = np.dstack([self.height, *slopes(self.height, self.pitch), sigma])
         surface[~np.isfinite(surface).all(axis=-1)] = np.nan
         return surface
 
@@ -90,7 +81,7 @@ class Patch:
     def _paint(self, smooth: float) -> Grid:
         if self.light is None:
             return np.zeros((*self.height.shape, 4), np.float32)
-        return _paint(self.light.astype(np.float32), self.pitch, smooth)
+        return paint_of(self.light.astype(np.float32), self.pitch, smooth)
 
     def lightened(self) -> Patch:
         """The same in a tenth of the memory, to be worked out again when it is needed."""
@@ -151,15 +142,15 @@ def patch_of(
     size = pitch or _COARSER * _spacing(local)
     low, high = place.min(axis=0), place.max(axis=0)
     count = np.ceil((high - low) / size).astype(int) + 1
-    back = _way_back(place, np.stack([column[some], row[some]], axis=-1).astype(float))
-    u, v = _cells(local, low, size, count, back)
+    back = way_back(place, np.stack([column[some], row[some]], axis=-1).astype(float))
+    u, v = cells(local, low, size, count, back)
     sigma = np.where(np.isfinite(cloud.sigma), cloud.sigma, np.float32(_UNKNOWN_SIGMA))
     fields = np.dstack([local[..., 2], sigma.astype(np.float32)])
-    height, deviation = np.moveaxis(_remap(fields, u, v), -1, 0)
+    height, deviation = np.moveaxis(remap(fields, u, v), -1, 0)
     light = None
     if skin is not None and skin.any():
         seen = np.where(skin > 0, np.log(np.maximum(skin, 1).astype(np.float32)), np.nan)
-        light = _remap(seen, u, v)
+        light = remap(seen, u, v)
     return Patch(frame, size, low, height, deviation * np.float32(1e3), light)
 
 
@@ -180,56 +171,6 @@ def _spacing(local: Grid) -> float:
     return float(np.nanmedian(steps))
 
 
-def _powers(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Powers up to the degree, shape (n, degree + 1)."""
-    return values[:, None] ** np.arange(_DEGREE + 1)
-
-
-def _way_back(place: NDArray[np.float64], pixel: NDArray[np.float64]) -> Any:
-    """From x and y to the cloud's column and row, nearly: a function of a grid's x and y."""
-    scale = np.abs(place).max()
-    powers = [_powers(place[:, axis] / scale) for axis in (0, 1)]
-    terms = np.einsum('ni,nj->nij', *powers).reshape(len(place), -1)
-    weights, *_ = np.linalg.lstsq(terms, pixel, rcond=None)
-    weights = weights.reshape(_DEGREE + 1, _DEGREE + 1, 2)
-
-    def back(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
-        along_x, along_y = _powers(x / scale), _powers(y / scale)
-        return np.stack([along_y @ weights[..., axis].T @ along_x.T for axis in (0, 1)], axis=-1)
-
-    return back
-
-
-def _cells(local: Grid, low: NDArray, size: float, count: NDArray, back: Any) -> tuple[Grid, Grid]:
-    """Columns and rows of the cloud's grid at which the cells' x and y are."""
-    x, y = (low[axis] + size * np.arange(count[axis]) for axis in (0, 1))
-    pixel = back(x, y)
-    # How the cloud's column and row change with x and y: that of the polynomial is near enough.
-    along_y, along_x = np.gradient(pixel, size, axis=(0, 1))
-    u, v = pixel[..., 0].astype(np.float32), pixel[..., 1].astype(np.float32)
-    wanted_x, wanted_y = (each.astype(np.float32) for each in np.meshgrid(x, y))
-    places = np.ascontiguousarray(local[..., :2])
-    slopes = [each.astype(np.float32) for each in (along_x, along_y)]
-    for _ in range(_CORRECTIONS):
-        here = _remap(places, u, v)
-        off_x, off_y = wanted_x - here[..., 0], wanted_y - here[..., 1]
-        u = u + slopes[0][..., 0] * off_x + slopes[1][..., 0] * off_y
-        v = v + slopes[0][..., 1] * off_x + slopes[1][..., 1] * off_y
-    return u, v
-
-
-def _remap(field: Grid, u: Grid, v: Grid) -> Grid:
-    result: Any = cv2.remap(
-        field.astype(np.float32, copy=False),
-        np.nan_to_num(u, nan=-9.0),
-        np.nan_to_num(v, nan=-9.0),
-        cv2.INTER_LINEAR,
-        borderMode=cv2.BORDER_CONSTANT,
-        borderValue=(np.nan,) * 4,
-    )
-    return result
-
-
 def _sampled(layer: Grid, u: Grid, v: Grid) -> Grid:
     """Linear interpolation at positions of shape (n,), NaN beyond the layer; exact, not to 1/32.
 
@@ -247,44 +188,3 @@ def _sampled(layer: Grid, u: Grid, v: Grid) -> Grid:
     values = top * (1 - b) + bottom * b
     values[~inside] = np.nan
     return values
-
-
-def _slopes(field: Grid, pitch: float) -> Any:
-    """Changes along x and y, central differences."""
-    along_y, along_x = np.gradient(field, np.float32(pitch))
-    return along_x, along_y
-
-
-def _paint(logarithm: Grid, pitch: float, smooth: float) -> Grid:
-    """Paint, its slopes and where it is known, of a logarithm of the skin image."""
-    known = np.isfinite(logarithm)
-    share = known.astype(np.float32)
-    values = np.where(known, logarithm, np.float32(0))
-    light = _LIGHT / pitch
-    around = _mean(values, light) / np.maximum(_mean(share, light), np.float32(1e-3))
-    rest = np.clip((values - around) * share, -_MOST, _MOST)
-    inner = share
-    if smooth:
-        inner = _blurred(share, smooth)
-        rest = _blurred(rest, smooth) / np.maximum(inner, np.float32(1e-3))
-    along_x, along_y = _slopes(rest, pitch)
-    # Beside what is not known, slopes are those of the mask.
-    reach = 3 + 2 * int(np.ceil(smooth))
-    whole = cv2.erode(share, np.ones((reach, reach), np.uint8), borderValue=0)
-    mask = (whole > 0) & (inner > _LEAST_SHARE)
-    layer = np.dstack([rest, along_x, along_y, mask.astype(np.float32)])
-    layer[~mask] = 0
-    return layer
-
-
-def _blurred(field: Grid, sigma: float) -> Grid:
-    result: Any = cv2.GaussianBlur(field, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
-    return result
-
-
-def _mean(field: Any, sigma: float) -> Grid:
-    """Mean over a wide window, nearly Gaussian: two boxes, which cost the same at any width."""
-    side = 2 * round(sigma * np.sqrt(6) / 2) + 1
-    for _ in range(2):
-        field = cv2.blur(field, (side, side), borderType=cv2.BORDER_CONSTANT)
-    return field
