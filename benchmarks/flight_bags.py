@@ -21,7 +21,8 @@ from tqdm import tqdm
 
 from ftp_dent_ros.errors import RefusedFrameError
 from ftp_dent_ros.files import find
-from ftp_dent_ros.pattern import Pattern, read_pattern
+from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.pattern_file import read_pattern
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.recording.clouds import CAMERA_POSE, PHOTOGRAPHS, POINTS, SKIN

@@ -25,7 +25,7 @@ from tqdm import tqdm
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.errors import FtpDentError
 from ftp_dent_ros.inspection.measuring.inspection import inspect
-from ftp_dent_ros.pattern import read_pattern
+from ftp_dent_ros.pattern_file import read_pattern
 from ftp_dent_ros.photograph_file import read_photograph
 from ftp_dent_ros.rig import Rig, read_rig
 

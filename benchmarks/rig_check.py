@@ -22,7 +22,7 @@ from ftp_dent_ros.calibration.board_check import check_by_board
 from ftp_dent_ros.calibration.checking import Check, check, turned
 from ftp_dent_ros.errors import CalibrationError, RefusedFrameError
 from ftp_dent_ros.files import config_folder
-from ftp_dent_ros.pattern import read_pattern
+from ftp_dent_ros.pattern_file import read_pattern
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.rig import Lens, Rig, read_rig

@@ -30,7 +30,7 @@ from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.files import find
-from ftp_dent_ros.pattern import read_pattern
+from ftp_dent_ros.pattern_file import read_pattern
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.rig import read_rig

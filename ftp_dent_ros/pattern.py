@@ -16,16 +16,12 @@ Fringes of the axis v are the same, turned: read u for v, and width for height.
 
 from __future__ import annotations
 
-import os
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
-import yaml
 from numpy.typing import ArrayLike, NDArray
 
 from ftp_dent_ros.errors import PatternError
-from ftp_dent_ros.files import read_yaml, written_aside
 from ftp_dent_ros.rig import Lens
 
 # An even number, so that the mean level is a whole grey level and the rounding of the two
@@ -34,8 +30,8 @@ _LEVELS = 254
 CODES = 'stripe', 'contrast'
 AXES = 'u', 'v'
 # What the contrast's code needs, and the stripe does not.
-_OF_CODE = 'low_contrast', 'row_depth', 'row_period_px'
-_NUMBERS = 'period_px', 'stripe_center_px', *_OF_CODE
+OF_CODE = 'low_contrast', 'row_depth', 'row_period_px'
+_NUMBERS = 'period_px', 'stripe_center_px', *OF_CODE
 
 
 def _de_bruijn_sequence() -> NDArray[np.bool_]:
@@ -236,31 +232,3 @@ def fringe_order(phase: ArrayLike) -> NDArray[np.int32]:
     """Whole orders k of the fringes at absolute phases: ``floor((Phi + pi / 2) / 2 pi)``."""
     turns = np.asarray(phase) / (2 * np.pi) + 0.25
     return np.floor(turns).astype(np.int32)
-
-
-def read_pattern(path: str | os.PathLike[str]) -> Pattern:
-    """Read ``pattern.yaml``; raises `PatternError` with the field that is wrong."""
-    return pattern_from_fields(read_yaml(path, PatternError), str(path))
-
-
-def pattern_from_fields(data: dict[str, Any], where: str) -> Pattern:
-    """Pattern of the fields of ``pattern.yaml``; errors name `where` they came from."""
-    for name in ('width', 'height', 'period_px', 'stripe_center_px'):
-        if name not in data:
-            raise PatternError(f'{where}: {name} is missing: add it')
-    unknown = data.keys() - Pattern.__dataclass_fields__.keys()
-    if unknown:
-        raise PatternError(f'{where}: unknown field {sorted(unknown)[0]!r}: remove it')
-    try:
-        # Whoever draws a pattern without a word about it takes white for 255.
-        return Pattern(**{'levels': 255, **data})
-    except PatternError as reason:
-        raise PatternError(f'{where}: {reason}') from None
-
-
-def write_pattern(path: str | os.PathLike[str], pattern: Pattern) -> None:
-    """Write ``pattern.yaml``; a file under that name is whole or not there."""
-    with written_aside(path) as aside:
-        left_out = _OF_CODE if pattern.code != 'contrast' else ()
-        fields = {name: value for name, value in asdict(pattern).items() if name not in left_out}
-        aside.write_text(yaml.safe_dump(fields, sort_keys=False), encoding='utf-8')

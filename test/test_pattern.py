@@ -7,7 +7,8 @@ import yaml
 
 from ftp_dent_ros.drawn_pattern import pattern_from_image
 from ftp_dent_ros.errors import PatternError
-from ftp_dent_ros.pattern import SEQUENCE, Pattern, fringe_order, read_pattern, write_pattern
+from ftp_dent_ros.pattern import SEQUENCE, Pattern, fringe_order
+from ftp_dent_ros.pattern_file import read_pattern, write_pattern
 from ftp_dent_ros.rig import Lens
 
 PATTERN = Pattern(640, 360, 8.0, 320.0)

@@ -13,7 +13,7 @@ from ftp_dent_ros.calibration.checking import adjusted, check
 from ftp_dent_ros.cli.board_arguments import add_board_arguments, board_of
 from ftp_dent_ros.errors import ConfigurationError, RefusedFrameError
 from ftp_dent_ros.files import find
-from ftp_dent_ros.pattern import read_pattern
+from ftp_dent_ros.pattern_file import read_pattern
 from ftp_dent_ros.photograph_file import read_photograph
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.rig import read_rig, write_rig

@@ -15,7 +15,7 @@ from ftp_dent_ros.inspection.reporting.content import Report
 from ftp_dent_ros.inspection.reporting.rules import Rules, read_rules
 from ftp_dent_ros.inspection.reporting.survey import Survey
 from ftp_dent_ros.inspection.settings import Settings
-from ftp_dent_ros.pattern import read_pattern
+from ftp_dent_ros.pattern_file import read_pattern
 from ftp_dent_ros.photograph_file import is_photograph, read_photograph
 from ftp_dent_ros.ply import read_ply, rig_id_of
 from ftp_dent_ros.rig import Lens, read_rig

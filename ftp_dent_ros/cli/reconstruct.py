@@ -9,7 +9,7 @@ import numpy as np
 
 from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.files import find, write_png
-from ftp_dent_ros.pattern import read_pattern
+from ftp_dent_ros.pattern_file import read_pattern
 from ftp_dent_ros.photograph_file import read_photograph
 from ftp_dent_ros.ply import write_ply
 from ftp_dent_ros.profilometry import METHODS, UNWRAPPINGS, Reconstructor, Settings

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 from ftp_dent_ros.display.opening import DISPLAYS, DisplaySettings
 from ftp_dent_ros.parameters import Declarations
-from ftp_dent_ros.pattern import CODES, Pattern, read_pattern
+from ftp_dent_ros.pattern import CODES, Pattern
+from ftp_dent_ros.pattern_file import read_pattern
 from ftp_dent_ros.rig import Rig, read_rig
 
 

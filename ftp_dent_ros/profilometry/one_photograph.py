@@ -8,7 +8,8 @@ from typing import Any
 from numpy.typing import NDArray
 
 from ftp_dent_ros.files import find
-from ftp_dent_ros.pattern import Pattern, read_pattern
+from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.pattern_file import read_pattern
 from ftp_dent_ros.photograph import Photograph
 from ftp_dent_ros.profilometry.reconstruction import Measurement, Reconstructor
 from ftp_dent_ros.profilometry.settings import Settings

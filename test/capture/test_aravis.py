@@ -20,7 +20,7 @@ from ftp_dent_ros.capture.genicam_settings import SOFTWARE, GenicamSettings
 from ftp_dent_ros.capture.stamps import ExposureClock
 from ftp_dent_ros.errors import CameraError
 from ftp_dent_ros.files import config_folder
-from ftp_dent_ros.pattern import read_pattern
+from ftp_dent_ros.pattern_file import read_pattern
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.rig import read_rig

@@ -13,7 +13,7 @@ from dent_samples import DENTED, noisy_cloud
 from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.files import find
-from ftp_dent_ros.pattern import read_pattern
+from ftp_dent_ros.pattern_file import read_pattern
 from ftp_dent_ros.ply import write_ply
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig import read_rig

@@ -3,7 +3,8 @@
 import subprocess
 import sys
 
-from ftp_dent_ros.pattern import Pattern, write_pattern
+from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.pattern_file import write_pattern
 
 
 def test_a_reader_that_has_seen_enough_ends_a_command_without_a_word(tmp_path):

@@ -10,7 +10,8 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.cli.main import main
-from ftp_dent_ros.pattern import Pattern, read_pattern, write_pattern
+from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.pattern_file import read_pattern, write_pattern
 from ftp_dent_ros.ply import read_ply
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings

@@ -12,7 +12,7 @@ from ftp_dent_ros.errors import (
     SaturatedError,
     TooDarkError,
 )
-from ftp_dent_ros.pattern import read_pattern
+from ftp_dent_ros.pattern_file import read_pattern
 from ftp_dent_ros.photograph import MOSAICS, Photograph
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.rig import read_rig

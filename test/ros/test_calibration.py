@@ -15,7 +15,8 @@ from std_srvs.srv import Trigger
 from ftp_dent_ros.calibration.board import Board
 from ftp_dent_ros.calibration.session import read_session
 from ftp_dent_ros.cli.main import main
-from ftp_dent_ros.pattern import Pattern, write_pattern
+from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.pattern_file import write_pattern
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig import read_rig
 from ftp_dent_ros.ros.messages import cloud_from_message

@@ -5,7 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-from ftp_dent_ros.pattern import Pattern, write_pattern
+from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.pattern_file import write_pattern
 
 STRANGER = """
 import rclpy, sys, time

@@ -14,7 +14,8 @@ from test_calibration import write_scene
 
 from ftp_dent_ros.calibration.preflight import NO, OK, WARN, examine, sharpness
 from ftp_dent_ros.cli.preflight import bar
-from ftp_dent_ros.pattern import Pattern, write_pattern
+from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.pattern_file import write_pattern
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.rig import write_rig

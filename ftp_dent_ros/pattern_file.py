@@ -1,0 +1,41 @@
+"""A pattern as a file: ``pattern.yaml``."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import asdict
+from typing import Any
+
+import yaml
+
+from ftp_dent_ros.errors import PatternError
+from ftp_dent_ros.files import read_yaml, written_aside
+from ftp_dent_ros.pattern import OF_CODE, Pattern
+
+
+def read_pattern(path: str | os.PathLike[str]) -> Pattern:
+    """Read ``pattern.yaml``; raises `PatternError` with the field that is wrong."""
+    return pattern_from_fields(read_yaml(path, PatternError), str(path))
+
+
+def pattern_from_fields(data: dict[str, Any], where: str) -> Pattern:
+    """Pattern of the fields of ``pattern.yaml``; errors name `where` they came from."""
+    for name in ('width', 'height', 'period_px', 'stripe_center_px'):
+        if name not in data:
+            raise PatternError(f'{where}: {name} is missing: add it')
+    unknown = data.keys() - Pattern.__dataclass_fields__.keys()
+    if unknown:
+        raise PatternError(f'{where}: unknown field {sorted(unknown)[0]!r}: remove it')
+    try:
+        # Whoever draws a pattern without a word about it takes white for 255.
+        return Pattern(**{'levels': 255, **data})
+    except PatternError as reason:
+        raise PatternError(f'{where}: {reason}') from None
+
+
+def write_pattern(path: str | os.PathLike[str], pattern: Pattern) -> None:
+    """Write ``pattern.yaml``; a file under that name is whole or not there."""
+    with written_aside(path) as aside:
+        left_out = OF_CODE if pattern.code != 'contrast' else ()
+        fields = {name: value for name, value in asdict(pattern).items() if name not in left_out}
+        aside.write_text(yaml.safe_dump(fields, sort_keys=False), encoding='utf-8')
