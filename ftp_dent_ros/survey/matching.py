@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
-from scipy.spatial.transform import Rotation
 from scipy.stats import poisson
 
 from ftp_dent_ros.errors import InputError
@@ -23,16 +22,12 @@ from ftp_dent_ros.inspection.dent import MeasuredDent
 from ftp_dent_ros.inspection.tracking.agreement import agreement
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.survey.deformation import Deformation, fit
+from ftp_dent_ros.survey.motions import GATE, PLACE, motions_between
 
 Array = NDArray[np.float64]
 
-# Standard deviation of a dent's centre in its survey: metres, and part of its width.
-_PLACE, _OF_WIDTH = 4e-4, 0.015
-# Of the distance of two neighbours, per metre, beside: what maps stretch.
-_STRETCH = 4e-3
-_GATE = 4.0
-# Neighbours that a dent makes pairs with; motions that are tried.
-_NEIGHBOURS, _TRIED = 8, 400
+# Standard deviation of a dent's centre in its survey, as part of its width.
+_OF_WIDTH = 0.015
 # Part of the way to the next dent within which a dent is looked for.
 _FREE = 0.4
 # What a motion may leave of two dents that are the same, beside their places, metres: by its own
@@ -100,13 +95,13 @@ def match(earlier: Sequence[MeasuredDent], later: Sequence[MeasuredDent]) -> Mat
     place = _place(earlier, later)
     agree = agreement(earlier, later)
     best: tuple[float, Pose, list[tuple[int, int]]] | None = None
-    motions = _motions(earlier, later, agree)
+    motions = motions_between(earlier, later, agree)
     for motion in motions:
         moved = motion.apply(here)
         pairs = _together(there, moved, place, np.isfinite(agree))
         score = len(pairs) - float(
             sum(((there[i] - moved[j]) ** 2).sum() / place[i, j] ** 2 for i, j in pairs)
-        ) / (2 * _GATE**2 * max(len(pairs), 1))
+        ) / (2 * GATE**2 * max(len(pairs), 1))
         if best is None or score > best[0]:
             best = score, motion, pairs
     if best is None or _by_chance(len(best[2]), len(motions), there, here, place, agree) > _CHANCE:
@@ -124,7 +119,7 @@ def _by_chance(
     """How many motions of those tried bring so many strangers together."""
     axes = np.linalg.svd(there - there.mean(axis=0), full_matrices=False)[2]
     sides = np.ptp((there - there.mean(axis=0)) @ axes[:2].T, axis=0)
-    reach = _GATE * float(np.median(place)) + _LEFT
+    reach = GATE * float(np.median(place)) + _LEFT
     area = float(np.prod(np.maximum(sides, 2 * reach)))
     alike = float(np.isfinite(agree).mean())
     expected = len(here) * min(1.0, len(there) * math.pi * reach**2 / area) * alike
@@ -153,7 +148,7 @@ def _followed(
         shift, spread = forward.shift(moved)
         off = np.linalg.norm(there[:, None] - (moved + shift), axis=2)
         sigma = np.hypot(spread, math.sqrt(2) * place)
-        reach = np.minimum(_GATE * sigma + half, np.maximum(free, _GATE * place))
+        reach = np.minimum(GATE * sigma + half, np.maximum(free, GATE * place))
         cost = np.where(alike & (off < reach), off / sigma, 1e6)
         rows, columns = linear_sum_assignment(cost)
         found = [(int(a), int(b)) for a, b in zip(rows, columns, strict=True) if cost[a, b] < 1e6]
@@ -167,47 +162,6 @@ def _followed(
     )
 
 
-def _motions(
-    earlier: Sequence[MeasuredDent], later: Sequence[MeasuredDent], agree: Array
-) -> list[Pose]:
-    """Motions that lay two neighbours of the later survey on two of the earlier one."""
-    a, b = _neighbours(earlier), _neighbours(later)
-    if not len(a) or not len(b):
-        return []
-    lengths = [_lengths(each, pairs) for each, pairs in ((earlier, a), (later, b))]
-    tolerance = _GATE * np.hypot(2 * _PLACE, _STRETCH * lengths[0])
-    good = np.abs(lengths[0][:, None] - lengths[1]) < tolerance[:, None]
-    sizes = agree[a[:, 0]][:, b[:, 0]] + agree[a[:, 1]][:, b[:, 1]]
-    good &= np.isfinite(sizes)
-    rows, columns = np.nonzero(good)
-    # Long ones of like sizes say the most.
-    order = np.argsort(sizes[rows, columns] - np.log(lengths[0][rows]), kind='stable')[:_TRIED]
-    motions = (_motion(earlier, later, a[rows[k]], b[columns[k]]) for k in order)
-    return [motion for motion in motions if motion is not None]
-
-
-def _motion(
-    earlier: Sequence[MeasuredDent],
-    later: Sequence[MeasuredDent],
-    there: NDArray[np.intp],
-    here: NDArray[np.intp],
-) -> Pose | None:
-    """Motion by two places and the skin's normals at them."""
-    frames = []
-    for dents, (first, second) in ((earlier, there), (later, here)):
-        along = dents[second].position - dents[first].position
-        normal = dents[first].normal + dents[second].normal
-        across = np.cross(normal, along)
-        if np.linalg.norm(across) < 1e-9:
-            return None
-        along, across = along / np.linalg.norm(along), across / np.linalg.norm(across)
-        middle = (dents[first].position + dents[second].position) / 2
-        frames.append((np.stack([along, across, np.cross(along, across)], axis=1), middle))
-    (one, origin), (other, start) = frames
-    turn = Rotation.from_matrix(one @ other.T)
-    return Pose(turn, origin - turn.apply(start))
-
-
 def _together(
     there: Array, moved: Array, place: Array, possible: NDArray[np.bool_]
 ) -> list[tuple[int, int]]:
@@ -218,32 +172,16 @@ def _together(
     for j, (off, i) in enumerate(zip(distance, index, strict=True)):
         if (
             possible[i, j]
-            and off < _GATE * place[i, j] + _LEFT
+            and off < GATE * place[i, j] + _LEFT
             and (i not in pairs or off < pairs[i][0])
         ):
             pairs[int(i)] = float(off), j
     return [(i, j) for i, (_, j) in pairs.items()]
 
 
-def _neighbours(dents: Sequence[MeasuredDent]) -> NDArray[np.intp]:
-    """Ordered pairs of each whole dent and its neighbours, shape (n, 2)."""
-    whole = np.array([k for k, dent in enumerate(dents) if not dent.is_cut], np.intp)
-    if len(whole) < 2:
-        return np.zeros((0, 2), np.intp)
-    places = np.stack([dents[k].position for k in whole])
-    _, index = cKDTree(places).query(places, k=min(_NEIGHBOURS + 1, len(whole)))
-    first = np.repeat(np.arange(len(whole)), index.shape[1] - 1)
-    return np.stack([whole[first], whole[index[:, 1:].ravel()]], axis=1)
-
-
-def _lengths(dents: Sequence[MeasuredDent], pairs: NDArray[np.intp]) -> Array:
-    places = np.stack([dent.position for dent in dents])
-    return np.linalg.norm(places[pairs[:, 1]] - places[pairs[:, 0]], axis=1)
-
-
 def _place(earlier: Sequence[MeasuredDent], later: Sequence[MeasuredDent]) -> Array:
     widths = [np.nan_to_num([dent.width.value for dent in each]) for each in (earlier, later)]
-    return np.hypot(_PLACE, _OF_WIDTH * np.minimum(widths[0][:, None], widths[1]))
+    return np.hypot(PLACE, _OF_WIDTH * np.minimum(widths[0][:, None], widths[1]))
 
 
 def _half(a: MeasuredDent, b: MeasuredDent) -> float:
