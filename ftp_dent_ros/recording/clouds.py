@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.decoding.images import image_from_message
@@ -23,6 +22,7 @@ from ftp_dent_ros.decoding.messages import (
 )
 from ftp_dent_ros.errors import BagError, FtpDentError
 from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.recording.moved_cloud import pose_between
 from ftp_dent_ros.recording.reader import Bag
 from ftp_dent_ros.recording.topic import Message
 
@@ -230,23 +230,3 @@ def _bag_cloud(stamp_ns: int, parts: dict[str, Any]) -> BagCloud:
         photograph=photograph,
         skin=skin,
     )
-
-
-def pose_between(seen: Cloud, placed: Cloud) -> Pose | None:
-    """Pose that moved one cloud onto the other, or None if none did.
-
-    Source: W. Kabsch, Acta Cryst. A32, 922 (1976).
-    """
-    if seen.points.shape != placed.points.shape:
-        return None
-    both = seen.valid & placed.valid
-    if both.sum() < 3:
-        return None
-    a, b = seen.points[both].astype(float), placed.points[both].astype(float)
-    middle_a, middle_b = a.mean(axis=0), b.mean(axis=0)
-    u, _, vt = np.linalg.svd((b - middle_b).T @ (a - middle_a))
-    turn = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
-    pose = Pose(Rotation.from_matrix(turn), middle_b - turn @ middle_a)
-    # Single precision at kilometres from the map's origin is not better.
-    tolerance = 1e-5 + 1e-6 * float(np.abs(middle_b).max())
-    return pose if np.abs(pose.apply(a) - b).mean() < tolerance else None

@@ -17,8 +17,9 @@ from ftp_dent_ros.errors import BagError, CloudError
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.reporting.bag import survey_bag
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.recording.clouds import bag_clouds, count_clouds, pose_between
+from ftp_dent_ros.recording.clouds import bag_clouds, count_clouds
 from ftp_dent_ros.recording.definitions import typestore
+from ftp_dent_ros.recording.moved_cloud import pose_between
 from ftp_dent_ros.recording.reader import open_bag
 from ftp_dent_ros.recording.topic import Message
 from ftp_dent_ros.recording.writer import BagWriter
