@@ -6,7 +6,7 @@ import argparse
 import shutil
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +34,8 @@ _RETAKES, _FRINGES = 5, 0.3
 _STRIDE = 4
 # A flight's bag takes some 15 MB a second: half an hour, ten minutes.
 _ROOM, _LITTLE_ROOM = 27e9, 9e9
+# Every node tells its state once a second; within so many seconds of its start it has (s).
+_HEARD = 10.0
 # A stamp is that old at most when its photograph arrives, seconds.
 _LATEST = 2.0
 _LEVEL = {OK: '  ok ', WARN: 'WARN ', NO: 'NO GO'}
@@ -63,6 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
         states = _listen(node)
         photographer = Photographer(node, stop)
         try:
+            photographer.waited_for(lambda: all(_heard(states, entries)), _HEARD)
             size = photographer.projector_size()
             if arguments.watch:
                 return _watch(photographer, size, stop.is_set)
@@ -165,6 +168,11 @@ def _listen(node: Node) -> dict[str, DiagnosticStatus]:
 
     node.create_subscription(DiagnosticArray, '/diagnostics', on_array, DIAGNOSTICS)
     return states
+
+
+def _heard(states: Mapping[str, DiagnosticStatus], entries: Mapping[str, Entry]) -> Iterable[bool]:
+    """Of every node that tells its state, whether it has."""
+    return (e.name in states for e in entries.values() if e.executable != 'simulated_autopilot')
 
 
 def _nodes(states: Mapping[str, DiagnosticStatus], entries: Mapping[str, Entry]) -> list[Finding]:

@@ -20,8 +20,9 @@ from ftp_dent_ros.ros.qos import IMAGES, LATCHED_INPUT, PATTERNS
 
 # Nodes find each other within seconds; a photograph takes at most as long as its service.
 _DISCOVERY, _ANSWER = 15.0, 12.0
-# A camera that runs by itself may deliver photographs from before the call.
-_MOST_TRIES = 10
+# A camera that runs by itself may deliver photographs from before the call, and one that has just
+# started may not be ready yet: tries, and seconds between those that failed.
+_MOST_TRIES, _PAUSE = 10, 0.5
 _FRAME = 'projector_optical_frame'
 
 
@@ -88,6 +89,7 @@ class Photographer:
 
     def photograph(self, after_ns: int, colour: bool = False) -> tuple[NDArray[np.uint8], int]:
         """Photograph exposed after a time, grey or RGB, and the middle of its exposure, ns."""
+        trouble = 'the photographs are older than what is projected: check the stamps'
         for _ in range(_MOST_TRIES):
             self._taken.clear()
             answer = self._capture.call_async(Trigger.Request())
@@ -95,7 +97,9 @@ class Photographer:
             result = answer.result()
             if result is None or not result.success:
                 why = result.message if result else 'no answer'
-                raise CameraError(f'camera_capture took no photograph: {why}')
+                trouble = f'camera_capture took no photograph: {why}'
+                self.waited_for(lambda: False, _PAUSE)
+                continue
             self._until(lambda: bool(self._taken), _ANSWER, 'no photograph arrives')
             stamp_ns = stamp_to_ns(self._taken[-1].header.stamp)
             if stamp_ns >= after_ns:
@@ -105,11 +109,22 @@ class Photographer:
                     raise CameraError(f'the camera sends no photographs: {reason}') from None
                 return (image if colour else image[..., 1].copy()), stamp_ns
             time.sleep(min(0.2, (after_ns - stamp_ns) / 1e9))
-        raise CameraError('the photographs are older than what is projected: check the stamps')
+        raise CameraError(trouble)
 
     def take(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Show RGB pixels and photograph them once they are seen."""
         return self.photograph(self.show(image) + self.delay_ns)[0]
+
+    def waited_for(self, condition: Callable[[], object], timeout: float) -> bool:
+        """Listen until a condition is met, or for so many seconds: whether it was."""
+        end = time.monotonic() + timeout
+        while not condition():
+            if self._stop.is_set():
+                raise KeyboardInterrupt
+            if time.monotonic() > end:
+                return False
+            self._executor.spin_once(timeout_sec=0.1)
+        return True
 
     def close(self) -> None:
         """Let the projector show its pattern again."""
@@ -125,10 +140,5 @@ class Photographer:
         self._taken.append(message)
 
     def _until(self, condition: Callable[[], object], timeout: float, trouble: str) -> None:
-        end = time.monotonic() + timeout
-        while not condition():
-            if self._stop.is_set():
-                raise KeyboardInterrupt
-            if time.monotonic() > end:
-                raise CameraError(trouble)
-            self._executor.spin_once(timeout_sec=0.1)
+        if not self.waited_for(condition, timeout):
+            raise CameraError(trouble)
