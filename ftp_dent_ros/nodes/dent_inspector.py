@@ -27,7 +27,7 @@ from visualization_msgs.msg import MarkerArray
 from ftp_dent_ros.errors import CloudError, PoseError
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.observation import SAME
-from ftp_dent_ros.inspection.reporting.records import dent_record, finite
+from ftp_dent_ros.inspection.reporting.records import finite, list_record
 from ftp_dent_ros.inspection.tracking.dent_list import DentList
 from ftp_dent_ros.inspection.tracking.kept_list import KeptList
 from ftp_dent_ros.inspection.tracking.pose_errors import EXACT
@@ -192,10 +192,8 @@ class DentInspector(Node):
 
     def _take_list(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         with self._lock:
-            entries = self._list.entries
             record = {
-                'dents': self._records(entries),
-                'others': [dent_record(e) for e in entries if e.dent.kind != 'dent'],
+                **list_record(self._list.entries, self._rules),
                 'frame_id': self._list.frame_id,
                 'clouds': self._list.clouds,
                 'stamp_ns': self._list.stamp_ns,
@@ -206,13 +204,6 @@ class DentInspector(Node):
         response.success = True
         response.message = json.dumps(finite(record), allow_nan=False)
         return response
-
-    def _records(self, entries: tuple[ListedDent, ...]) -> list[dict[str, Any]]:
-        dents = [entry for entry in entries if entry.dent.kind == 'dent']
-        if self._rules is None:
-            return [dent_record(entry) for entry in dents]
-        judged = self._rules.judge([entry.dent for entry in dents])
-        return [dent_record(e, found) for e, found in zip(dents, judged, strict=True)]
 
     def _judge(self) -> tuple[bytes, str]:
         if not self._wanted:

@@ -12,7 +12,13 @@ from typing import Any
 import numpy as np
 
 from ftp_dent_ros.inspection.reporting.content import Frame, Report
-from ftp_dent_ros.inspection.reporting.rules import Finding, clearance, verdict, width_to_depth
+from ftp_dent_ros.inspection.reporting.rules import (
+    Finding,
+    Rules,
+    clearance,
+    verdict,
+    width_to_depth,
+)
 from ftp_dent_ros.inspection.tracking.sightings import ListedDent
 
 _MM = 1000.0
@@ -51,6 +57,16 @@ def report_record(report: Report) -> dict[str, Any]:
         'written': iso_time(report.written_ns),
     }
     return finite(record)
+
+
+def list_record(entries: Sequence[ListedDent], rules: Rules | None = None) -> dict[str, Any]:
+    """Dents of a list, judged among each other if there are rules, and what else it holds."""
+    dents = [entry for entry in entries if entry.dent.kind == 'dent']
+    findings = rules.judge([entry.dent for entry in dents]) if rules else [()] * len(dents)
+    return {
+        'dents': [dent_record(e, found) for e, found in zip(dents, findings, strict=True)],
+        'others': [dent_record(entry) for entry in entries if entry.dent.kind != 'dent'],
+    }
 
 
 def dent_record(entry: ListedDent, findings: Sequence[Finding] = ()) -> dict[str, Any]:
