@@ -6,7 +6,6 @@ queries. Nothing is discovered: neither multicast nor gossip leaves the machine.
 
 from __future__ import annotations
 
-import ipaddress
 import json
 import re
 from collections.abc import Callable
@@ -15,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.ground.hosts import is_here
 from ftp_dent_ros.ground.keys import AUTHORITY
 
 PORT = 7447
@@ -63,7 +63,7 @@ def endpoint(address: str, security: Security, role: str) -> str:
                     f'{security.keys}: {name} is not there: make keys with '
                     '`ftp-dent ground --make-keys DIR` and copy them to both ends'
                 )
-    elif not security.open and not _is_here(match['host']):
+    elif not security.open and not is_here(match['host']):
         raise ConfigurationError(
             f'{address}: without keys anybody on that network could command the drone: make '
             'keys with `ftp-dent ground --make-keys DIR`, or say plainly that it is to be open'
@@ -192,12 +192,3 @@ def _configuration(zenoh: Any, role: str, where: str, security: Security) -> Any
     for key, value in settings.items():
         configuration.insert_json5(key, json.dumps(value))
     return configuration
-
-
-def _is_here(host: str) -> bool:
-    if host == 'localhost':
-        return True
-    try:
-        return ipaddress.ip_address(host.strip('[]')).is_loopback
-    except ValueError:
-        return False

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hmac
-import ipaddress
 import json
 import secrets
 import threading
@@ -16,6 +15,7 @@ from urllib.parse import parse_qs, urlsplit
 
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.ground.commands import COMMANDS, Answer
+from ftp_dent_ros.ground.hosts import is_here
 from ftp_dent_ros.ground.item import Item
 from ftp_dent_ros.ground.page.scene import Scene, as_json
 from ftp_dent_ros.ground.station import Station
@@ -69,7 +69,7 @@ class PageServer:
             ) from None
         server = self._server
         server.scene, server.link, server.command = scene, link, command
-        server.key = '' if _is_here(host or '127.0.0.1') else secrets.token_urlsafe(12)
+        server.key = '' if is_here(host or '127.0.0.1') else secrets.token_urlsafe(12)
         server.viewers = threading.Semaphore(_MOST_VIEWERS)
         server.stopped = threading.Event()
         shown = f'{host or "127.0.0.1"}:{server.server_address[1]}'
@@ -169,7 +169,7 @@ class _Handler(BaseHTTPRequestHandler):
         key = self.server.key
         host = urlsplit(f'//{self.headers.get("Host", "")}').hostname or ''
         if not key:
-            return _is_here(host)
+            return is_here(host)
         given = parse_qs(urlsplit(self.path).query).get('key', [''])[0]
         for part in self.headers.get('Cookie', '').split(';'):
             name, _, value = part.strip().partition('=')
@@ -217,12 +217,3 @@ class _Handler(BaseHTTPRequestHandler):
         finally:
             self.server.viewers.release()
             self.close_connection = True
-
-
-def _is_here(host: str) -> bool:
-    if host == 'localhost':
-        return True
-    try:
-        return ipaddress.ip_address(host.strip('[]')).is_loopback
-    except ValueError:
-        return False
