@@ -19,6 +19,7 @@ from ftp_dent_ros import __version__
 from ftp_dent_ros.evaluation.detection.results import WIDTH, Blank, Row, sentence
 from ftp_dent_ros.evaluation.detection.trials import DISTANCES, Trial
 from ftp_dent_ros.files import written_aside
+from ftp_dent_ros.inspection.reporting.records import finite
 
 _MM = 1e3
 _COLOURS = {'clean': '#1b6ca8', 'dirty': '#b5651d', 'wavy': '#2e8b57'}
@@ -58,7 +59,7 @@ def write_page(
         'blanks': [{**asdict(blank), 'at_most_per_m2': blank.most} for blank in blanks],
     }
     with written_aside(folder / 'detection.json') as aside:
-        aside.write_text(json.dumps(_finite(record), indent=1, allow_nan=False) + '\n')
+        aside.write_text(json.dumps(finite(record), indent=1, allow_nan=False) + '\n')
     page = folder / 'detection.html'
     with written_aside(page) as aside:
         aside.write_text(text, encoding='utf-8')
@@ -121,11 +122,3 @@ def _curves(trials: Sequence[Trial], rows: Sequence[Row]) -> str:
     png = io.BytesIO()
     figure.savefig(png, format='png', dpi=130)
     return 'data:image/png;base64,' + base64.b64encode(png.getvalue()).decode()
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

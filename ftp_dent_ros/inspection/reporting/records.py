@@ -194,7 +194,7 @@ def finite(value: Any) -> Any:
     """The same data with None for numbers that JSON cannot hold."""
     if isinstance(value, dict):
         return {key: finite(item) for key, item in value.items()}
-    if isinstance(value, list):
+    if isinstance(value, (list, tuple)):
         return [finite(item) for item in value]
     if isinstance(value, float) and not math.isfinite(value):
         return None
