@@ -6,6 +6,7 @@ import argparse
 from collections import Counter
 from pathlib import Path
 
+from ftp_dent_ros.cli.inspection_arguments import output_folder
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.files import find, written_aside
 from ftp_dent_ros.inspection.reporting.rules import read_rules
@@ -39,9 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Compare, print what has changed, and write page and chart."""
-    output = Path(arguments.output)
-    if output.exists() and not output.is_dir():
-        raise ConfigurationError(f'--output {output} is a file: name a folder')
+    output = output_folder(arguments)
     rules = read_rules(find(arguments.rules)) if arguments.rules else None
     earlier, later = _survey(arguments.earlier), _survey(arguments.later)
     if earlier.taken_ns > later.taken_ns:

@@ -8,15 +8,17 @@ from pathlib import Path
 from tqdm import tqdm
 
 from ftp_dent_ros.cli.inspect_several import inspect_several
+from ftp_dent_ros.cli.inspection_arguments import (
+    add_settings_arguments,
+    output_folder,
+    settings_of,
+)
 from ftp_dent_ros.cli.inspection_request import Request, report_of
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.inspection.dent import MeasuredDent
 from ftp_dent_ros.inspection.reporting.content import Report
 from ftp_dent_ros.inspection.reporting.files import write_report
 from ftp_dent_ros.inspection.reporting.rules import verdict
-from ftp_dent_ros.inspection.settings import Settings
-
-_MM = 1e3
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -40,21 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--pattern', metavar='PATTERN.yaml', help='projected pattern; needed for a photograph'
     )
     parser.add_argument('--rules', metavar='RULES.yaml', help='limits to judge the dents by')
-    default = Settings()
-    parser.add_argument(
-        '--smallest-depth',
-        type=float,
-        default=default.smallest_depth * _MM,
-        metavar='MM',
-        help='shallower dents are not reported; default: %(default)g',
-    )
-    parser.add_argument(
-        '--smallest-width',
-        type=float,
-        default=default.smallest_width * _MM,
-        metavar='MM',
-        help='narrower ones are rivets, scratches and gaps; default: %(default)g',
-    )
+    add_settings_arguments(parser)
     parser.add_argument(
         '--stride', type=int, default=2, metavar='N', help="a photograph's every N-th pixel only"
     )
@@ -70,12 +58,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Inspect, print a line a dent, and write the report."""
-    output = Path(arguments.output)
-    if output.exists() and not output.is_dir():
-        raise ConfigurationError(f'--output {output} is a file: name a folder')
+    output = output_folder(arguments)
     if arguments.jobs is not None and arguments.jobs < 1:
         raise ConfigurationError(f'--jobs is {arguments.jobs}: give at least 1')
-    settings = Settings(arguments.smallest_depth / _MM, arguments.smallest_width / _MM)
+    settings = settings_of(arguments)
     files = arguments.rig, arguments.pattern, arguments.rules
     requests = [
         Request(Path(name), *files, settings, arguments.stride) for name in arguments.inputs

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from tqdm import tqdm
 
-from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.cli.inspection_arguments import (
+    add_settings_arguments,
+    output_folder,
+    settings_of,
+)
 from ftp_dent_ros.files import content_id, find
-from ftp_dent_ros.inspection.settings import Settings
 
 _MM = 1e3
 _REMARKS, _GAPS = 12, 6
@@ -33,21 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="file of the aircraft's surveys, for `compare`",
     )
     parser.add_argument('--rig', metavar='RIG.yaml', help='calibrated rig, to name it')
-    default = Settings()
-    parser.add_argument(
-        '--smallest-depth',
-        type=float,
-        default=default.smallest_depth * _MM,
-        metavar='MM',
-        help='shallower dents are not reported; default: %(default)g',
-    )
-    parser.add_argument(
-        '--smallest-width',
-        type=float,
-        default=default.smallest_width * _MM,
-        metavar='MM',
-        help='narrower ones are rivets, scratches and gaps; default: %(default)g',
-    )
+    add_settings_arguments(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -59,11 +47,9 @@ def run(arguments: argparse.Namespace) -> int:
     from ftp_dent_ros.survey.surveying import survey_bags
     from ftp_dent_ros.survey.writing import write_survey
 
-    output = Path(arguments.output)
-    if output.exists() and not output.is_dir():
-        raise ConfigurationError(f'--output {output} is a file: name a folder')
+    output = output_folder(arguments)
     rig_id = content_id(find(arguments.rig)) if arguments.rig else ''
-    settings = Settings(arguments.smallest_depth / _MM, arguments.smallest_width / _MM)
+    settings = settings_of(arguments)
     bags = [open_bag(path) for path in arguments.bags]
     count = sum(count_clouds(bag)[0] for bag in bags)
     with tqdm(desc='surveying', total=2 * count, unit='cloud', dynamic_ncols=True) as bar:

@@ -1,0 +1,43 @@
+"""The arguments of what inspects: the smallest dents, and the folder that takes the results."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.inspection.settings import Settings
+
+_MM = 1e3
+
+
+def add_settings_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the smallest dents; lengths are in millimetres."""
+    default = Settings()
+    parser.add_argument(
+        '--smallest-depth',
+        type=float,
+        default=default.smallest_depth * _MM,
+        metavar='MM',
+        help='shallower dents are not reported; default: %(default)g',
+    )
+    parser.add_argument(
+        '--smallest-width',
+        type=float,
+        default=default.smallest_width * _MM,
+        metavar='MM',
+        help='narrower ones are rivets, scratches and gaps; default: %(default)g',
+    )
+
+
+def settings_of(arguments: argparse.Namespace) -> Settings:
+    """Settings of an inspection that the arguments ask for."""
+    return Settings(arguments.smallest_depth / _MM, arguments.smallest_width / _MM)
+
+
+def output_folder(arguments: argparse.Namespace) -> Path:
+    """Folder of ``--output``, which need not be there; raises `ConfigurationError` for a file."""
+    output = Path(arguments.output)
+    if output.exists() and not output.is_dir():
+        raise ConfigurationError(f'--output {output} is a file: name a folder')
+    return output
