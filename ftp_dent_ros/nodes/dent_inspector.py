@@ -48,8 +48,6 @@ from ftp_dent_ros.ros.parameters import Parameters
 from ftp_dent_ros.ros.qos import CLOUDS, DENTS, LATCHED, OVERRIDABLE, POSES
 from ftp_dent_ros.ros.worker import NewestWorker
 
-# A longer time since the exposure is no latency: the clouds come from a recording.
-_LONGEST_LATENCY = 60.0
 # Clouds and poses that may wait for each other.
 _WAITING = 10
 
@@ -179,9 +177,7 @@ class DentInspector(Node):
             depth = f'{1e3 * np.percentile(findable, 95):.2f}'
             self._diagnostics.note('findable on 95 % of the area from (mm)', depth)
         self._diagnostics.measure('computation', (self._now_ns() - started_ns) / 1e9)
-        latency = (self._now_ns() - stamp_ns) / 1e9
-        if 0 <= latency < _LONGEST_LATENCY:
-            self._diagnostics.measure('latency', latency)
+        self._diagnostics.measure_latency(stamp_ns)
 
     def _publish_list(self) -> tuple[ListedDent, ...]:
         entries = self._list.entries

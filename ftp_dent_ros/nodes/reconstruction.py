@@ -48,8 +48,6 @@ from ftp_dent_ros.ros.parameters import Parameters
 from ftp_dent_ros.ros.qos import CLOUDS, IMAGES, OVERRIDABLE, PATTERNS
 from ftp_dent_ros.ros.worker import NewestWorker
 
-# A longer time since the exposure is no latency: the images come from a recording.
-_LONGEST_LATENCY = 60.0
 # Reconstructors that are kept with their tables: of the patterns before and after a change.
 _PREPARED = 2
 
@@ -172,9 +170,7 @@ class Reconstruction(Node):
         self._points.publish(cloud_to_message(cloud, stamp_ns, message.header.frame_id))
         self._diagnostics.count('clouds')
         self._diagnostics.measure('computation', (self._now_ns() - started_ns) / 1e9)
-        latency = (self._now_ns() - stamp_ns) / 1e9
-        if 0 <= latency < _LONGEST_LATENCY:
-            self._diagnostics.measure('latency', latency)
+        self._diagnostics.measure_latency(stamp_ns)
         self._diagnostics.note('valid points', f'{100 * cloud.valid.mean():.1f} %')
         coverage = measurement.coverage
         self._diagnostics.note('lit area with points', f'{coverage.share:.1%}')

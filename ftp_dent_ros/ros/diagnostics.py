@@ -17,6 +17,8 @@ from ftp_dent_ros.ros.qos import DIAGNOSTICS
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
 _WINDOW = 10.0
+# A longer time since the exposure is no latency, seconds: what came is of a recording.
+_LONGEST_LATENCY = 60.0
 
 
 class Statistics:
@@ -105,6 +107,12 @@ class Diagnostics:
         """Add a duration ('latency', say): its median and maximum are shown."""
         self._measured.setdefault(name)
         self._statistics.add(name, seconds)
+
+    def measure_latency(self, stamp_ns: int) -> None:
+        """Add the time since an exposure, by the node's clock, unless it is of a recording."""
+        latency = (self._node.get_clock().now().nanoseconds - stamp_ns) / 1e9
+        if 0 <= latency < _LONGEST_LATENCY:
+            self.measure('latency', latency)
 
     def note(self, name: str, value: object) -> None:
         """Show a value from now on."""
