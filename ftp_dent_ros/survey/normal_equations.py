@@ -66,9 +66,3 @@ class NormalEquations:
         columns = np.broadcast_to(6 * places[:, 1, None, None] + inside, values.shape)
         entries = (values.ravel(), (rows.ravel(), columns.ravel()))
         return coo_matrix(entries, shape=(size, size)).tocsc()
-
-
-def crossed(arm: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Matrix of the cross product of an arm with a vector, shape (3, 3)."""
-    x, y, z = arm
-    return np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])

@@ -13,8 +13,9 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 from scipy.spatial.transform import Rotation
 
+from ftp_dent_ros.inspection.tracking.moves import about
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.survey.normal_equations import NormalEquations, crossed
+from ftp_dent_ros.survey.normal_equations import NormalEquations
 from ftp_dent_ros.survey.relative_pose import RelativePose
 from ftp_dent_ros.survey.stated_poses import ANCHOR, Node, add_stated, relative_doubt
 
@@ -161,7 +162,7 @@ class PoseGraph:
         moves = []
         for pose in (a, b):
             move = np.eye(6)
-            move[:3, 3:] = -crossed(place - pose.translation)
+            move[:3] = about(place - pose.translation)
             moves.append(back @ move)
         equations.add(
             [link.first, link.second],

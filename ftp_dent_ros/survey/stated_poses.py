@@ -15,8 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.inspection.tracking.moves import about
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.survey.normal_equations import NormalEquations, crossed
+from ftp_dent_ros.survey.normal_equations import NormalEquations
 
 # After which an autopilot's error is another one, seconds: the shortest that hovering ones were
 # seen to have; a longer one would believe more of it.
@@ -112,7 +113,7 @@ def relative_doubt(a: Node, b: Node, first: Pose, second: Pose) -> NDArray[np.fl
     spread = (a.covariance + b.covariance) * (1 - keep) + 2 * _JITTER
     # The first one's turn moves what lies at the end of the arm.
     carried = np.zeros((6, 6))
-    carried[:3, 3:] = crossed(second.translation - first.translation)
+    carried[:3, 3:] = about(second.translation - first.translation)[:, 3:]
     spread = spread + carried @ (a.covariance * (1 - keep) + _JITTER) @ carried.T
     turn = np.kron(np.eye(2), first.rotation.as_matrix())
     return turn.T @ spread @ turn

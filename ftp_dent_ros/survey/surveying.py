@@ -15,6 +15,7 @@ from ftp_dent_ros.inspection.dent import Inspection
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.settings import Settings
 from ftp_dent_ros.inspection.tracking.dent_list import DentList
+from ftp_dent_ros.inspection.tracking.moves import about
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.recording.clouds import BagCloud, bag_clouds
 from ftp_dent_ros.recording.reader import Bag
@@ -242,6 +243,5 @@ def _widen(covariances: NDArray[np.float64], poses: Sequence[Pose], middle: int)
 def _place_covariance(
     place: NDArray[np.float64], pose: Pose, covariance: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    x, y, z = place - pose.translation
-    carried = np.hstack([np.eye(3), [[0, z, -y], [-z, 0, x], [y, -x, 0]]])
+    carried = about(place - pose.translation)
     return carried @ covariance @ carried.T
