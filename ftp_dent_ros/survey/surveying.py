@@ -15,7 +15,7 @@ from ftp_dent_ros.inspection.dent import Inspection
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.settings import Settings
 from ftp_dent_ros.inspection.tracking.dent_list import DentList
-from ftp_dent_ros.inspection.tracking.moves import about
+from ftp_dent_ros.inspection.tracking.pose_errors import position_covariance
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.recording.clouds import BagCloud, bag_clouds
 from ftp_dent_ros.recording.reader import Bag
@@ -110,7 +110,7 @@ def survey_bags(
         SurveyedDent(
             each.number,
             each.dent,
-            _place_covariance(each.dent.position, poses[each.best], covariances[each.best]),
+            position_covariance(each.dent.position, poses[each.best], covariances[each.best]),
             len(each.sightings),
         )
         for each in dents.entries
@@ -238,10 +238,3 @@ def _widen(covariances: NDArray[np.float64], poses: Sequence[Pose], middle: int)
     for covariance, pose in zip(covariances, poses, strict=True):
         off = _SCALE * (pose.translation - poses[middle].translation)
         covariance[:3, :3] += np.outer(off, off)
-
-
-def _place_covariance(
-    place: NDArray[np.float64], pose: Pose, covariance: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    carried = about(place - pose.translation)
-    return carried @ covariance @ carried.T
