@@ -62,7 +62,7 @@ setup(
     ],
     extras_require={
         # ROS 2 Jazzy as wheels (x86-64 Linux, Python 3.10 to 3.13): unpinned is another ROS.
-        # Never beside a ROS that is sourced. The nav messages are for recording what others send.
+        # Never beside a ROS that is sourced.
         'ros': [
             'ros-rclpy[fastrtps]==7.1.6',
             'ros-diagnostic-msgs==5.3.6',

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from ftp_dent_ros import __version__, files
-from ftp_dent_ros.supervision.executables import EXECUTABLES, LINK, NODES
+from ftp_dent_ros.supervision.executables import EXECUTABLES, NODES, OPTIONAL
 
 ROOT = Path(__file__).resolve().parents[1]
 TOPICS = {
@@ -20,6 +20,7 @@ TOPICS = {
     *('/tagged/points', '/tagged/pose', '/tagged/camera_pose'),
     *('/mavlink/pose', '/diagnostics'),
     *('/dents', '/dents/list', '/dents/markers'),
+    *('/skin', '/survey/pose', '/survey/path'),
 }
 # What is imported, rosdep's key for it and PyPI's name. rclpy and the messages: ROS's own.
 LIBRARIES = {
@@ -125,7 +126,7 @@ def test_qos_overrides_are_those_of_the_bag_tools():
     for topic, policies in overrides.items():
         assert set(policies) == {'history', 'depth', 'reliability', 'durability'}
         assert policies['reliability'] == 'reliable'
-        latched = topic.startswith(('/projector/', '/dents/'))
+        latched = topic.startswith(('/projector/', '/dents/', '/survey/path'))
         assert policies['durability'] == ('transient_local' if latched else 'volatile')
 
 
@@ -163,6 +164,6 @@ def test_the_launch_file_starts_what_up_starts():
     context.launch_configurations['interface'] = 'lo'
     actions = module['payload'](context)
     nodes = [each for each in actions if isinstance(each, launch_ros.Node)]
-    assert {each.node_executable for each in nodes} == set(NODES) - LINK
+    assert {each.node_executable for each in nodes} == set(NODES) - OPTIONAL
     (description,) = (module['generate_launch_description'](),)
     assert len(description.entities) == 3

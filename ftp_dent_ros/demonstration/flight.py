@@ -27,7 +27,7 @@ from ftp_dent_ros.ros.messages import stamp_to_ns
 from ftp_dent_ros.ros.qos import DIAGNOSTICS, IMAGES, POSES
 from ftp_dent_ros.supervision.configuration import read_configuration
 from ftp_dent_ros.supervision.domain import free_domain
-from ftp_dent_ros.supervision.executables import EXECUTABLES, LINK
+from ftp_dent_ros.supervision.executables import EXECUTABLES, OPTIONAL
 from ftp_dent_ros.supervision.process_log import ProcessLog
 from ftp_dent_ros.supervision.processes import Processes, Program
 
@@ -47,7 +47,7 @@ class FlightError(FtpDentError):
 def simulation_parameters(configuration: str, start_ns: int) -> dict[str, Any]:
     """Blocks of a configuration, with a free port and the start of the flight filled in."""
     entries = read_configuration(configuration)
-    missing = set(EXECUTABLES) - LINK - {entry.name for entry in entries}
+    missing = set(EXECUTABLES) - OPTIONAL - {entry.name for entry in entries}
     if missing:
         raise ConfigurationError(
             f'{configuration}: has no {" and no ".join(sorted(missing))}: name the '

@@ -13,12 +13,10 @@ import json
 import sys
 import threading
 import traceback
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from numpy.typing import NDArray
 from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
@@ -34,28 +32,14 @@ from ftp_dent_ros.inspection.tracking.pose_errors import EXACT
 from ftp_dent_ros.inspection.tracking.sightings import ListedDent
 from ftp_dent_ros.nodes.declarations import names_of_all
 from ftp_dent_ros.nodes.inspector_parameters import declare
-from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.nodes.matching import Matched, Matching, located
 from ftp_dent_ros.ros.dent_messages import dents_to_markers, dents_to_message
 from ftp_dent_ros.ros.diagnostics import OK, Diagnostics
-from ftp_dent_ros.ros.messages import (
-    cloud_from_message,
-    covariance_from_message,
-    pose_from_message,
-    stamp_to_ns,
-)
+from ftp_dent_ros.ros.messages import cloud_from_message, stamp_to_ns
 from ftp_dent_ros.ros.node import run
 from ftp_dent_ros.ros.parameters import Parameters
 from ftp_dent_ros.ros.qos import CLOUDS, DENTS, LATCHED, OVERRIDABLE, POSES
 from ftp_dent_ros.ros.worker import NewestWorker
-
-# Clouds and poses that may wait for each other.
-_WAITING = 10
-
-
-@dataclass(frozen=True)
-class _Cloud:
-    message: PointCloud2
-    pose: PoseWithCovarianceStamped | None = None
 
 
 class DentInspector(Node):
@@ -72,11 +56,11 @@ class DentInspector(Node):
         self._rules = given.rules
         self._lock = threading.Lock()
         self._list = KeptList(given.list_file if self._tagged else None)
-        self._waiting: dict[int, dict[str, Any]] = {}
         self._dents = self.create_publisher(PointCloud2, 'dents', DENTS)
         self._latched = self.create_publisher(PointCloud2, 'dents/list', LATCHED)
         self._markers = self.create_publisher(MarkerArray, 'dents/markers', LATCHED)
         self._diagnostics = Diagnostics(self, self._judge)
+        self._matching = Matching(self._hand_over, self._diagnostics.refuse)
         self._worker = NewestWorker(self._work, 'dent_inspector')
         self.create_service(Trigger, '~/take_list', self._take_list)
         self.create_subscription(
@@ -104,32 +88,19 @@ class DentInspector(Node):
         if not self._wanted:
             return
         if self._tagged:
-            self._match(message, 'cloud')
+            self._matching.add(cloud=message)
         else:
-            self._hand_over(_Cloud(message))
+            self._hand_over(Matched(message))
 
     def _on_pose(self, message: PoseWithCovarianceStamped) -> None:
         if self._wanted:
-            self._match(message, 'pose')
+            self._matching.add(pose=message)
 
-    def _match(self, message: Any, part: str) -> None:
-        """Hand over a cloud when its pose of the same stamp is there too."""
-        stamp_ns = stamp_to_ns(message.header.stamp)
-        parts = self._waiting.setdefault(stamp_ns, {})
-        parts[part] = message
-        if len(parts) == 2:
-            del self._waiting[stamp_ns]
-            self._hand_over(_Cloud(parts['cloud'], parts['pose']))
-        while len(self._waiting) > _WAITING:
-            lost = self._waiting.pop(next(iter(self._waiting)))
-            had, missing = ('cloud', 'pose') if 'cloud' in lost else ('pose', 'cloud')
-            self._diagnostics.refuse(f'no {missing}', f'a tagged {had} came without its {missing}')
-
-    def _hand_over(self, cloud: _Cloud) -> None:
+    def _hand_over(self, cloud: Matched) -> None:
         if self._worker.put(cloud):
             self._diagnostics.drop()
 
-    def _work(self, cloud: _Cloud) -> None:
+    def _work(self, cloud: Matched) -> None:
         """Inspect one cloud, in the worker's thread; nothing that it holds ends the node."""
         try:
             self._inspect(cloud)
@@ -144,15 +115,15 @@ class DentInspector(Node):
             )
             self.get_logger().debug(traceback.format_exc())
 
-    def _inspect(self, item: _Cloud) -> None:
+    def _inspect(self, item: Matched) -> None:
         started_ns = self._now_ns()
-        header = item.message.header
+        header = item.cloud.header
         stamp_ns = stamp_to_ns(header.stamp)
         pose, covariance, frame_id = SAME, EXACT, header.frame_id
         if item.pose is not None:
-            pose, covariance = _located(item.pose, header.frame_id, self._map)
+            pose, covariance = located(item.pose, header.frame_id, self._map)
             frame_id = item.pose.header.frame_id
-        found = inspect(cloud_from_message(item.message), settings=self._settings)
+        found = inspect(cloud_from_message(item.cloud), settings=self._settings)
         dents = [dent.transformed(pose) for dent in (*found.dents, *found.others)]
         alone = DentList()
         alone.add(1, dents, pose, covariance)
@@ -210,25 +181,6 @@ class DentInspector(Node):
 
     def _now_ns(self) -> int:
         return self.get_clock().now().nanoseconds
-
-
-def _located(
-    message: PoseWithCovarianceStamped, camera: str, frame: str
-) -> tuple[Pose, NDArray[np.float64]]:
-    """Pose and covariance of the camera that saw a cloud; raises `PoseError` if it cannot be."""
-    if message.header.frame_id == camera:
-        raise PoseError(
-            f'the pose is in the frame {camera!r} of its cloud: publish the cloud in the '
-            "camera's frame, and its pose in the map",
-            'wrong frame',
-        )
-    if message.header.frame_id != frame:
-        raise PoseError(
-            f'the pose is in the frame {message.header.frame_id!r}, the map is {frame!r}: '
-            'set map_frame',
-            'wrong frame',
-        )
-    return pose_from_message(message.pose.pose), covariance_from_message(message.pose.covariance)
 
 
 def _count(entries: tuple[ListedDent, ...]) -> int:

@@ -1,8 +1,9 @@
-"""A thread that works on the newest item, so that the executor stays free."""
+"""A thread that works on the newest items, so that the executor stays free."""
 
 from __future__ import annotations
 
 import threading
+from collections import deque
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
@@ -10,7 +11,7 @@ Item = TypeVar('Item')
 
 
 class NewestWorker(Generic[Item]):
-    """Calls a function with the newest item; items that came in between are dropped.
+    """Calls a function with one item after the other; of too many the oldest are dropped.
 
     Parameters
     ----------
@@ -18,21 +19,23 @@ class NewestWorker(Generic[Item]):
         It has to catch its own errors.
     name : str
         Name of the thread.
+    room : int
+        How many may wait.
     """
 
-    def __init__(self, work: Callable[[Item], None], name: str) -> None:
+    def __init__(self, work: Callable[[Item], None], name: str, room: int = 1) -> None:
         self._work = work
         self._changed = threading.Condition()
-        self._waiting: list[Item] = []
+        self._waiting: deque[Item] = deque(maxlen=room)
         self._stopped = False
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
 
     def put(self, item: Item) -> bool:
-        """Hand over an item; whether one that nobody had taken yet was dropped for it."""
+        """Hand over an item; whether the oldest that nobody had taken was dropped for it."""
         with self._changed:
-            dropped = bool(self._waiting)
-            self._waiting = [item]
+            dropped = len(self._waiting) == self._waiting.maxlen
+            self._waiting.append(item)
             self._changed.notify()
             return dropped
 
@@ -49,5 +52,5 @@ class NewestWorker(Generic[Item]):
                 self._changed.wait_for(lambda: self._waiting or self._stopped)
                 if self._stopped:
                     return
-                item = self._waiting.pop()
+                item = self._waiting.popleft()
             self._work(item)

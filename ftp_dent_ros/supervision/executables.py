@@ -10,6 +10,7 @@ _NODES = {
     'reconstruction': 'reconstruction_parameters',
     'mavlink_bridge': 'bridge_parameters',
     'dent_inspector': 'inspector_parameters',
+    'survey': 'survey_parameters',
     'downlink': 'downlink_parameters',
     'ground_station': 'ground_parameters',
 }
@@ -18,5 +19,5 @@ PARAMETERS = {name: f'ftp_dent_ros.nodes.{module}' for name, module in _NODES.it
 #: Not a ROS node: its parameters become its options.
 SIMULATED_AUTOPILOT = 'simulated_autopilot'
 EXECUTABLES = {**NODES, SIMULATED_AUTOPILOT: 'ftp_dent_ros.simulation.autopilot'}
-# The two ends of the link to the ground: a payload flies without them.
-LINK = frozenset({'downlink', 'ground_station'})
+# A payload flies without them: the survey, and the two ends of the link to the ground.
+OPTIONAL = frozenset({'survey', 'downlink', 'ground_station'})

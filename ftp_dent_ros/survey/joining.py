@@ -119,9 +119,26 @@ class Joining:
     def finish(self) -> None:
         """Move all poses to where they agree best, and tell what was left out."""
         self.graph.solve()
-        for index in sorted(self.graph.left_out):
-            link = self.graph.links[index]
-            self._tell(link.first, link.second, 'contradicts the others, and is left out')
+        for text in self.contradicting().values():
+            self._remark_on(text)
+
+    def contradicting(self) -> dict[int, str]:
+        """Which pairs are left out at the moment, by their number."""
+        links = self.graph.links
+        return {
+            index: self._about(
+                links[index].first, links[index].second, 'contradicts the others, and is left out'
+            )
+            for index in sorted(self.graph.left_out)
+        }
+
+    def newest_covariance(self) -> NDArray[np.float64]:
+        """Covariance of the newest pose in the map, shape (6, 6), by the last clouds alone.
+
+        That is no less than it is: what is known from before is not counted, as poses before the
+        last ones are only moved now and then.
+        """
+        return self.graph.tail(_WINDOW).covariances()[-1]
 
     def _guess(self, node: Node) -> Pose:
         graph = self.graph
@@ -202,8 +219,13 @@ class Joining:
         self._kept[old] = _Kept(kept.patch.lightened(), kept.size)
 
     def _tell(self, first: int, second: int, what: str) -> None:
+        self._remark_on(self._about(first, second, what))
+
+    def _about(self, first: int, second: int, what: str) -> str:
         a, b = (self.stamps_ns[number] / 1e9 for number in (first, second))
-        text = f'clouds {first + 1} and {second + 1} ({a:.3f} s and {b:.3f} s): {what}'
+        return f'clouds {first + 1} and {second + 1} ({a:.3f} s and {b:.3f} s): {what}'
+
+    def _remark_on(self, text: str) -> None:
         self.remarks.append(text)
         self._remark(text)
 

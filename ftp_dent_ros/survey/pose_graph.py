@@ -57,6 +57,19 @@ class PoseGraph:
         """Another relative pose."""
         self.links.append(Link(first, second, relative))
 
+    def tail(self, count: int) -> PoseGraph:
+        """The last poses and what joins them, without what was before."""
+        start = max(0, len(self.nodes) - count)
+        last = PoseGraph()
+        for node, pose in zip(self.nodes[start:], self.poses[start:], strict=True):
+            last.add(node, pose)
+        for link in reversed(self.links):
+            if link.second < start:
+                break
+            if link.first >= start:
+                last.link(link.first - start, link.second - start, link.relative)
+        return last
+
     def solve(self, fixed: int = 0) -> None:
         """Move the poses from number `fixed` on to where they agree best."""
         weights: dict[int, float] = {}

@@ -14,6 +14,7 @@ GIVEN = {
     'reconstruction': {},
     'mavlink_bridge': {'address': 'udpout:127.0.0.1:9'},
     'dent_inspector': {},
+    'survey': {},
     'downlink': {'address': '127.0.0.1:17999'},
     'ground_station': {'address': '127.0.0.1:17998'},
 }

@@ -2,23 +2,31 @@ from __future__ import annotations
 
 import threading
 
+import pytest
+
 from ftp_dent_ros.ros.worker import NewestWorker
 
 
-def test_only_the_newest_waits():
-    entered, leave, done = threading.Event(), threading.Event(), []
+@pytest.mark.parametrize(
+    ('room', 'dropped', 'left'),
+    [(1, [False, True, True], ['fourth']), (2, [False, False, True], ['third', 'fourth'])],
+)
+def test_only_the_newest_wait(room, dropped, left):
+    entered, leave, ended = (threading.Event() for _ in range(3))
+    done = []
 
     def work(item):
         entered.set()
         assert leave.wait(60)
         done.append(item)
+        if len(done) > len(left):
+            ended.set()
 
-    worker = NewestWorker(work, 'test')
+    worker = NewestWorker(work, 'test', room)
     assert not worker.put('first')
     assert entered.wait(60)
-    assert [worker.put(item) for item in ('second', 'third', 'fourth')] == [False, True, True]
-    entered.clear()
+    assert [worker.put(item) for item in ('second', 'third', 'fourth')] == dropped
     leave.set()
-    assert entered.wait(60)
+    assert ended.wait(60)
     worker.stop()
-    assert done == ['first', 'fourth']
+    assert done == ['first', *left]

@@ -1,0 +1,108 @@
+"""Messages of one stamp, put together: a cloud, its camera's pose and the image of its skin."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from numpy.typing import NDArray
+from sensor_msgs.msg import Image, PointCloud2
+
+from ftp_dent_ros.errors import PoseError
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.ros.messages import covariance_from_message, pose_from_message, stamp_to_ns
+
+# Stamps that may wait for the rest of their messages.
+_WAITING = 10
+
+
+@dataclass(frozen=True)
+class Matched:
+    """A cloud with what there is of the same stamp."""
+
+    cloud: PointCloud2
+    pose: PoseWithCovarianceStamped | None = None
+    skin: Image | None = None
+
+
+class Matching:
+    """Hands over a cloud when its pose is there, and its skin where there will be one.
+
+    Parameters
+    ----------
+    hand_over : callable
+        Called with each `Matched`, oldest first.
+    refuse : callable
+        Called with a reason and a sentence for what stayed alone.
+    expects_skin : callable
+        Whether clouds come with a skin at the moment; one that is lost holds up its cloud until
+        the next one is whole.
+    """
+
+    def __init__(
+        self,
+        hand_over: Callable[[Matched], Any],
+        refuse: Callable[[str, str], Any],
+        expects_skin: Callable[[], bool] = lambda: False,
+    ) -> None:
+        self._hand_over, self._refuse, self._expects_skin = hand_over, refuse, expects_skin
+        self._waiting: dict[int, dict[str, Any]] = {}
+
+    def add(self, **messages: Any) -> None:
+        """Take a message, named `cloud`, `pose` or `skin`."""
+        for part, message in messages.items():
+            stamp_ns = stamp_to_ns(message.header.stamp)
+            parts = self._waiting.setdefault(stamp_ns, {})
+            parts[part] = message
+            if _has_pose(parts) and ('skin' in parts or not self._expects_skin()):
+                # Each topic keeps its order: what is still missing before has been lost.
+                for earlier in sorted(each for each in self._waiting if each <= stamp_ns):
+                    if _has_pose(self._waiting[earlier]):
+                        self._hand_over(Matched(**self._waiting.pop(earlier)))
+        while len(self._waiting) > _WAITING:
+            self._give_up(self._waiting.pop(next(iter(self._waiting))))
+
+    def _give_up(self, parts: dict[str, Any]) -> None:
+        if _has_pose(parts):
+            self._hand_over(Matched(**parts))
+            return
+        missing = 'pose' if 'cloud' in parts else 'cloud'
+        had = 'cloud' if 'cloud' in parts else ' and '.join(sorted(parts))
+        self._refuse(f'no {missing}', f'a {had} came without its {missing}')
+
+
+def _has_pose(parts: dict[str, Any]) -> bool:
+    return parts.keys() >= {'cloud', 'pose'}
+
+
+def located(
+    message: PoseWithCovarianceStamped, camera: str, frame: str
+) -> tuple[Pose, NDArray[Any]]:
+    """Pose and covariance of the camera that saw a cloud.
+
+    Parameters
+    ----------
+    message : geometry_msgs/PoseWithCovarianceStamped
+    camera, frame : str
+        Frames that the cloud is in, and that poses have to be in.
+
+    Raises
+    ------
+    PoseError
+        It is in another frame, or holds no pose.
+    """
+    if message.header.frame_id == camera:
+        raise PoseError(
+            f'the pose is in the frame {camera!r} of its cloud: publish the cloud in the '
+            "camera's frame, and its pose in the map",
+            'wrong frame',
+        )
+    if message.header.frame_id != frame:
+        raise PoseError(
+            f'the pose is in the frame {message.header.frame_id!r}, the map is {frame!r}: '
+            'set map_frame',
+            'wrong frame',
+        )
+    return pose_from_message(message.pose.pose), covariance_from_message(message.pose.covariance)

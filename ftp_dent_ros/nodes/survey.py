@@ -1,0 +1,208 @@
+"""Clouds in, one skin out: where each cloud's camera was, by the skin that the clouds share.
+
+Lays each cloud of ``points`` on those that it overlaps, by its shape and by the image of its
+``skin``, starting from the autopilot's ``tagged/camera_pose``. ``survey/pose`` is the camera at
+each cloud's stamp as it is known then; ``survey/path`` all of them as they are known now, made
+while somebody subscribes. Clouds have to come in the camera's frame.
+"""
+
+from __future__ import annotations
+
+import sys
+import traceback
+from typing import Any
+
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import Path
+from numpy.typing import NDArray
+from rclpy.node import Node
+from sensor_msgs.msg import Image, PointCloud2
+
+from ftp_dent_ros.errors import CloudError, ImageError, PoseError
+from ftp_dent_ros.nodes.declarations import names_of_all
+from ftp_dent_ros.nodes.matching import Matched, Matching, located
+from ftp_dent_ros.nodes.survey_parameters import declare
+from ftp_dent_ros.ros.diagnostics import OK, WARN, Diagnostics
+from ftp_dent_ros.ros.messages import (
+    cloud_from_message,
+    image_from_message,
+    make_header,
+    pose_stamped_message,
+    pose_to_message,
+    stamp_to_ns,
+)
+from ftp_dent_ros.ros.node import run
+from ftp_dent_ros.ros.parameters import Parameters
+from ftp_dent_ros.ros.qos import CLOUDS, LATCHED, OVERRIDABLE, POSES
+from ftp_dent_ros.ros.worker import NewestWorker
+from ftp_dent_ros.survey.joining import Joining
+
+
+class Survey(Node):
+    """Node that joins a flight's clouds to one skin."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__('survey', **options)
+        parameters = Parameters(self)
+        given = declare(parameters)
+        parameters.close(names_of_all)
+        self._map, self._unstated = given.map_frame, given.unstated
+        self._diagnostics = Diagnostics(self, self._judge)
+        self._begin()
+        self._pose = self.create_publisher(PoseWithCovarianceStamped, 'survey/pose', POSES)
+        self._path = self.create_publisher(Path, 'survey/path', LATCHED)
+        self._worker = NewestWorker(self._work, 'survey', given.queue_size)
+        self._matching = Matching(
+            self._hand_over, self._diagnostics.refuse, lambda: self._has_skin
+        )
+        self.create_subscription(
+            Image, 'skin', self._on_skin, CLOUDS, qos_overriding_options=OVERRIDABLE
+        )
+        self.create_subscription(
+            PointCloud2, 'points', self._on_cloud, CLOUDS, qos_overriding_options=OVERRIDABLE
+        )
+        self.create_subscription(
+            PoseWithCovarianceStamped, 'tagged/camera_pose', self._on_pose, POSES
+        )
+
+    def destroy_node(self) -> None:
+        """Finish the cloud in work first."""
+        self._worker.stop()
+        super().destroy_node()
+
+    def _begin(self) -> None:
+        """Begin a skin, of which nothing is known yet."""
+        self._joining = Joining(self._on_remark)
+        self._known: set[int] = set()
+        self._left_out: set[int] = set()
+        self._without_ties = 0
+
+    @property
+    def _has_skin(self) -> bool:
+        return self.count_publishers('skin') > 0
+
+    def _on_cloud(self, message: PointCloud2) -> None:
+        self._diagnostics.count('clouds')
+        self._matching.add(cloud=message)
+
+    def _on_pose(self, message: PoseWithCovarianceStamped) -> None:
+        self._matching.add(pose=message)
+
+    def _on_skin(self, message: Image) -> None:
+        self._matching.add(skin=message)
+
+    def _hand_over(self, item: Matched) -> None:
+        if self._worker.put(item):
+            self._diagnostics.drop()
+
+    def _work(self, item: Matched) -> None:
+        """Join one cloud, in the worker's thread; nothing that it holds ends the node."""
+        try:
+            self._join(item)
+        except CloudError as error:
+            self._diagnostics.refuse('wrong cloud', str(error))
+        except PoseError as error:
+            self._diagnostics.refuse(error.reason, str(error))
+        except Exception as error:
+            self._begin()
+            self._diagnostics.fail(
+                f'a cloud could not be joined, by a defect of the software '
+                f'({type(error).__name__}: {error}), and the survey begins anew: report it with '
+                'the log'
+            )
+            self.get_logger().debug(traceback.format_exc())
+
+    def _join(self, item: Matched) -> None:
+        started_ns = self._now_ns()
+        header = item.cloud.header
+        stamp_ns = stamp_to_ns(header.stamp)
+        if stamp_ns in self._known:
+            raise PoseError(
+                f'the cloud at {stamp_ns / 1e9:.3f} s is joined already', 'already seen'
+            )
+        stated, covariance = located(item.pose, header.frame_id, self._map)
+        if not covariance.any():
+            covariance = self._unstated
+        cloud = cloud_from_message(item.cloud)
+        skin = self._skin_of(item, cloud.valid.shape)
+        joining = self._joining
+        links = len(joining.graph.links)
+        pose = joining.add(stamp_ns, cloud, skin, stated, covariance)
+        self._known.add(stamp_ns)
+        message = PoseWithCovarianceStamped(header=make_header(stamp_ns, self._map))
+        message.pose.pose = pose_to_message(pose)
+        message.pose.covariance = joining.newest_covariance().ravel()
+        self._pose.publish(message)
+        if self._path.get_subscription_count():
+            self._path.publish(self._path_message(stamp_ns))
+        self._tell_pairs(links)
+        self._diagnostics.count('joined')
+        self._diagnostics.measure('computation', (self._now_ns() - started_ns) / 1e9)
+        self._diagnostics.measure_latency(stamp_ns)
+
+    def _skin_of(self, item: Matched, shape: tuple[int, ...]) -> NDArray[Any] | None:
+        """Image of a cloud's skin, if there is one that fits the cloud."""
+        if item.skin is None:
+            if self._has_skin:
+                self._diagnostics.refuse('no skin', 'a cloud came without the image of its skin')
+            return None
+        try:
+            skin = image_from_message(item.skin)[..., 0]
+        except ImageError as error:
+            self._diagnostics.refuse('wrong skin', str(error))
+            return None
+        if skin.shape != shape:
+            self._diagnostics.refuse(
+                'wrong skin',
+                f'the image of the skin has {skin.shape} pixels where its cloud has {shape} '
+                'points: take both from one reconstruction',
+            )
+            return None
+        return skin
+
+    def _path_message(self, stamp_ns: int) -> Path:
+        joining = self._joining
+        return Path(
+            header=make_header(stamp_ns, self._map),
+            poses=[
+                pose_stamped_message(pose, each, self._map)
+                for each, pose in zip(joining.stamps_ns, joining.graph.poses, strict=True)
+            ],
+        )
+
+    def _tell_pairs(self, links: int) -> None:
+        """Tell what became of the pairs: those that were there already, and those from `links`."""
+        graph = self._joining.graph
+        self._without_ties += sum(link.relative.told == 0 for link in graph.links[links:])
+        contradicting = self._joining.contradicting()
+        for index in contradicting.keys() - self._left_out:
+            self._diagnostics.refuse('contradicting pair', contradicting[index])
+        self._left_out = set(contradicting)
+        self._diagnostics.note('clouds in the survey', len(graph.poses))
+        self._diagnostics.note('clouds without skin', self._joining.without_skin)
+        self._diagnostics.note('pairs', len(graph.links))
+        self._diagnostics.note('pairs left out', len(contradicting))
+        self._diagnostics.note('pairs without ties', self._without_ties)
+
+    def _on_remark(self, text: str) -> None:
+        self._diagnostics.refuse('pair not used in full', text)
+
+    def _judge(self) -> tuple[bytes, str]:
+        has_skin = self._has_skin
+        if not self._diagnostics.recent('clouds'):
+            return OK, 'waiting for clouds' if has_skin else 'waiting for clouds and their skin'
+        if not has_skin:
+            return WARN, 'nobody publishes skin: along it the clouds lie as the autopilot says'
+        return OK, 'working'
+
+    def _now_ns(self) -> int:
+        return self.get_clock().now().nanoseconds
+
+
+def main() -> int:
+    """Run the node as a process."""
+    return run(Survey, 'survey')
+
+
+if __name__ == '__main__':
+    sys.exit(main())

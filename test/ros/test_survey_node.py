@@ -1,0 +1,159 @@
+"""The node as a process: clouds with skin and erring poses in, a path that fits the skin out."""
+
+from __future__ import annotations
+
+from itertools import count, pairwise
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from flown_skin import STATED, FlownSkin, erring
+from geometry_msgs.msg import PoseWithCovariance, PoseWithCovarianceStamped
+from nav_msgs.msg import Path
+from sensor_msgs.msg import Image, PointCloud2
+
+from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.ros.messages import (
+    cloud_to_message,
+    covariance_from_message,
+    image_to_message,
+    make_header,
+    pose_from_message,
+    pose_to_message,
+    stamp_to_ns,
+)
+from ftp_dent_ros.ros.qos import CLOUDS, LATCHED, POSES
+
+CAMERA = 'camera_optical_frame'
+HALF_S = 500_000_000
+WARN = DiagnosticStatus.WARN
+
+
+class Bench:
+    """A surveying process, what goes into it and what comes out."""
+
+    def __init__(self, ros, has_skin=True, **parameters):
+        self.ros = ros
+        self.process = ros.start('survey', **parameters)
+        self.state = ros.diagnostics('survey')
+        self.found = ros.collect(PoseWithCovarianceStamped, 'survey/pose', POSES)
+        self.skins = ros.publisher(Image, 'skin', CLOUDS) if has_skin else None
+        self.points = ros.publisher(PointCloud2, 'points', CLOUDS)
+        self.poses = ros.publisher(PoseWithCovarianceStamped, 'tagged/camera_pose', POSES)
+        waiting = 'waiting for clouds' if has_skin else 'waiting for clouds and their skin'
+        ros.until(lambda: self.state() and self.state().message == waiting)
+        ros.until(lambda: ros.node.count_publishers('survey/pose'))
+
+    def value(self, key):
+        values = self.state().values if self.state() else ()
+        return next((item.value for item in values if item.key == key), None)
+
+    def waits(self, key, value):
+        self.ros.until(lambda: self.value(key) == str(value))
+
+    def show(self, number, cloud, skin, pose, covariance=STATED, frame_id='map'):
+        """Send what there is of one stamp; `pose` is one or a message of one."""
+        stamp_ns = (number + 1) * HALF_S
+        if skin is not None:
+            self.skins.publish(image_to_message(skin, stamp_ns, CAMERA))
+        self.points.publish(cloud_to_message(cloud, stamp_ns, CAMERA))
+        if pose is not None:
+            content = pose_to_message(pose) if hasattr(pose, 'translation') else pose
+            tag = PoseWithCovariance(pose=content, covariance=covariance.ravel())
+            header = make_header(stamp_ns, frame_id)
+            self.poses.publish(PoseWithCovarianceStamped(header=header, pose=tag))
+
+
+@pytest.fixture(scope='module')
+def flight():
+    skin = FlownSkin(31)
+    poses = list(skin.flight(6))
+    seen = [skin.seen(pose, index) for index, pose in enumerate(poses)]
+    return poses, erring(poses, 31), seen
+
+
+def steps(poses):
+    """From each pose to the next, metres, along the first."""
+    return np.array([(a.inverse() @ b).translation for a, b in pairwise(poses)])
+
+
+def test_clouds_of_a_flight_get_poses_that_agree_with_each_other(ros, flight):
+    poses, stated, seen = flight
+    bench = Bench(ros)
+    paths = ros.collect(Path, 'survey/path', LATCHED)
+    ros.until(lambda: ros.node.count_publishers('survey/path'))
+    for number, ((cloud, skin), pose) in enumerate(zip(seen, stated, strict=True)):
+        bench.show(number, cloud, skin, pose)
+        ros.until(lambda: len(bench.found) > number)  # noqa: B023
+    ros.until(lambda: paths and len(paths[-1].poses) == len(poses))
+    bench.waits('joined', len(poses))
+
+    stamps = [(number + 1) * HALF_S for number in range(len(poses))]
+    assert [stamp_to_ns(each.header.stamp) for each in bench.found] == stamps
+    assert {each.header.frame_id for each in bench.found} == {'map'}
+    assert [stamp_to_ns(each.header.stamp) for each in paths[-1].poses] == stamps
+    path = [pose_from_message(each.pose) for each in paths[-1].poses]
+    assert np.abs(steps(stated) - steps(poses)).max() > 0.005
+    assert np.abs(steps(path) - steps(poses)).max() < 3e-4
+    # In the map all of them err as the autopilot does, and say so.
+    newest = bench.found[-1].pose
+    covariance = covariance_from_message(newest.covariance)
+    off = pose_from_message(newest.pose).translation - poses[-1].translation
+    assert off @ np.linalg.solve(covariance[:3, :3], off) / 3 < 4
+    assert 0.005 < np.sqrt(covariance[0, 0]) <= np.sqrt(STATED[0, 0]) * 1.001
+    assert int(bench.value('pairs')) >= len(poses) - 1
+    assert bench.value('pairs left out') == bench.value('pairs without ties') == '0'
+    assert float(bench.value('computation median (ms)')) > 0
+    assert bench.value('refused') == bench.value('failed') == '0'
+    assert bench.process.stop() == 0
+
+
+def test_what_cannot_be_joined_is_told_with_its_reason_and_ends_nothing(ros, flight):
+    _, stated, seen = flight
+    bench = Bench(ros)
+    (cloud, skin), pose = seen[0], stated[0]
+    few = np.full_like(cloud.points, np.nan)
+    few[:5, :5] = cloud.points[:5, :5]
+    nothing = pose_to_message(pose)
+    nothing.position.x = float('nan')
+    rough = cloud.points * (1 + 0.01 * np.sin(200 * cloud.points[..., :1]))
+    hostile = {
+        'already seen': (0, cloud, skin, pose),
+        'wrong cloud': (11, Cloud(few, cloud.intensity), skin, pose),
+        'wrong pose': (12, cloud, skin, nothing),
+        'wrong frame': (13, cloud, skin, pose, STATED, 'odom'),
+        # These are joined, as far as they can be.
+        'pair not used in full': (14, Cloud(rough, cloud.intensity), skin, pose, np.zeros((6, 6))),
+        'wrong skin': (15, cloud, skin[:7], pose),
+    }
+    bench.show(0, cloud, skin, pose)
+    ros.until(lambda: bench.found)
+    for number, words in enumerate(hostile.values(), start=1):
+        bench.show(*words)
+        # A good cloud after it tells when it is done with.
+        bench.show(20 + number, *seen[number % 6], stated[number % 6])
+        stamp_ns = (21 + number) * HALF_S
+        ros.until(lambda: stamp_to_ns(bench.found[-1].header.stamp) == stamp_ns)  # noqa: B023
+    bench.waits('joined', 9)
+    for reason in hostile:
+        assert int(bench.value(f'refused: {reason}')) >= 1, reason
+    assert bench.value('clouds without skin') == '1'
+    assert bench.value('failed') == '0' and bench.state().level == WARN
+    assert bench.process.stop() == 0
+    assert 'their heights differ' in bench.process.output
+
+
+def test_what_there_is_no_time_for_is_dropped_and_told(ros, flight):
+    _, stated, seen = flight
+    bench = Bench(ros, has_skin=False, queue_size=1)
+    numbers = count()
+
+    def flood():
+        for _ in range(3):
+            bench.show(next(numbers), seen[0][0], None, stated[0])
+        return int(bench.value('dropped') or 0) > 0 and int(bench.value('joined') or 0) > 0
+
+    ros.until(flood)
+    assert bench.state().level == WARN and 'skin' in bench.state().message
+    assert int(bench.value('clouds without skin')) > 0
+    assert bench.process.stop() == 0
