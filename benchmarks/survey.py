@@ -1,6 +1,6 @@
 """Clouds of simulated flights joined to one skin, against where they truly were.
 
-python benchmarks/survey.py [--only pairs strip bare bad coverage]
+python benchmarks/survey.py [--only pairs strip flying bare bad coverage]
                             [--seed 100] [--skins 3] [--clouds 40]
 
 Photographs are rendered and reconstructed at stride 2 of 720p; the autopilot errs by 3 cm and 0.9
@@ -8,6 +8,7 @@ degrees, and forgets its error in 10 s. Nothing was chosen on seeds from 100 on.
 
 pairs     neighbouring clouds on skins with rivets, dirt, scratches and letters
 strip     a strip of 2 m: places seen from its middle, what is stated of them, processor time
+flying    each pose in the map as the node survey publishes it, by what it states; processor time
 bare      1 m of smooth, unmarked skin between marked ends: errors by what is stated
 bad       one pair forced 25 mm off in a strip: left out, and the others not bent
 coverage  two passes with a gap of 20 mm: area against the truth, and the gap
@@ -181,6 +182,27 @@ def strip(arguments: argparse.Namespace) -> None:
     )
 
 
+def flying(arguments: argparse.Namespace) -> None:
+    misfits, spent = [], []
+    for seed in range(arguments.seed + 120, arguments.seed + 120 + arguments.skins):
+        poses = flight(seed, arguments.clouds)
+        stated, joining = erring(poses, seed), Joining()
+        panels = skin(seed, STEP * len(poses))
+        for index, (cloud, image) in enumerate(clouds(panels, poses, seed)):
+            started = time.process_time()
+            pose = joining.add(index * HALF_S, cloud, image, stated[index], STATED)
+            covariance = joining.newest_covariance()
+            spent.append(time.process_time() - started)
+            turn = (pose.rotation * poses[index].rotation.inv()).as_rotvec()
+            error = np.concatenate([pose.translation - poses[index].translation, turn])
+            misfits.append(error @ np.linalg.solve(covariance, error) / 6)
+    print(
+        f'flying: {len(misfits)} clouds of {arguments.skins} flights; normalised error of each '
+        f'pose as it was published {np.sqrt(np.mean(misfits)):.2f}; processor time a cloud '
+        f'{MM * np.median(spent):.0f} ms, at most {MM * max(spent):.0f} ms'
+    )
+
+
 def bare(arguments: argparse.Namespace) -> None:
     seed = arguments.seed + 40
     poses = flight(seed, 18, step=0.1)
@@ -288,7 +310,14 @@ def seen_from_the_middle(
     return np.array(errors), np.array(normalised), np.array(distances)
 
 
-ROWS = {'pairs': pairs, 'strip': strip, 'bare': bare, 'bad': bad, 'coverage': coverage}
+ROWS = {
+    'pairs': pairs,
+    'strip': strip,
+    'flying': flying,
+    'bare': bare,
+    'bad': bad,
+    'coverage': coverage,
+}
 
 
 def main() -> None:
