@@ -26,7 +26,7 @@ from ftp_dent_ros.survey.unrolling import Unrolled
 
 # A scale that light, which stays with the camera, gives to what is seen on the way: a share.
 _SCALE = 7e-4
-# Of a pose that says nothing of its accuracy, as in the dent list: metres, radians.
+# Of a pose that says nothing of its accuracy: metres, radians; more than the dent list takes.
 _UNKNOWN = np.diag([0.03**2] * 3 + [0.015**2] * 3)
 # Frame of a survey that no autopilot has placed.
 _OWN_FRAME = 'survey'
