@@ -115,14 +115,20 @@ class Contour:
     def point(self, x: Field, y: Field, depth: Field | float = 0.0) -> NDArray[np.float64]:
         """Points, shape (..., 3), that lie `depth` below the contour's x, y."""
         x, y = np.asarray(x, float), np.asarray(y, float)
-        local = np.stack([x, y, self.height(x, y)], axis=-1)
-        return self.origin + local @ self.axes - np.asarray(depth)[..., None] * self.normal(x, y)
+        height, along_x, along_y = self.surface(x, y)
+        local = np.stack([x, y, height], axis=-1)
+        outward = self._outward(along_x, along_y)
+        return self.origin + local @ self.axes - np.asarray(depth)[..., None] * outward
 
     def normal(self, x: Field, y: Field) -> NDArray[np.float64]:
         """Unit normals outward, shape (..., 3)."""
-        _, along_x, along_y = self.surface(np.asarray(x, float), np.asarray(y, float))
+        return self._outward(*self.surface(np.asarray(x, float), np.asarray(y, float))[1:])
+
+    def _outward(self, along_x: Field, along_y: Field) -> NDArray[np.float64]:
+        """Unit normals, shape (..., 3), of a surface with these slopes."""
+        length = np.sqrt(1 + along_x * along_x + along_y * along_y)
         outward = np.stack([along_x, along_y, np.full_like(along_x, -1.0)], axis=-1)
-        return (outward / np.linalg.norm(outward, axis=-1, keepdims=True)) @ self.axes
+        return (outward / length[..., None]) @ self.axes
 
     def uncertainty(self, x: Field, y: Field) -> Field:
         """Standard uncertainty of the height at x, y, metres."""

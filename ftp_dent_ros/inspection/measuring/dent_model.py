@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 _ROUNDS = 25
+# Of one round at most, in the order of the parameters: logarithms of the half axes, radians.
+_STRIDES = np.array([math.inf, math.inf, 0.3, 0.3, 0.5, math.inf])
 _ENDED = 1e-3
 # Sides of squares of cells whose means tell how many err alike, how many squares that takes, and
 # how much more they do than is seen: a fit follows what is alike over much of a dent.
@@ -65,9 +67,7 @@ class DentModel:
 
 def dent_function(parameters: NDArray, x: Field, y: Field) -> Field:
     """Eq. 18 at x, y, for the parameters of `DentModel`."""
-    u, v, _, _ = _normalised(parameters, x, y)
-    q = 1 - u * u - v * v
-    return np.where(q > _RIM, parameters[5] * np.exp(1 - 1 / np.maximum(q, _RIM)), 0.0)
+    return _Function(parameters, x, y).depth
 
 
 def fit_dent(
@@ -86,22 +86,22 @@ def fit_dent(
     """
     shape, damping = np.asarray(start, float).copy(), 1e-3
     x, y, data = x[known], y[known], depth[known]
-    left = data - dent_function(shape, x, y)
+    function = _Function(shape, x, y)
+    left = data - function.depth
     cost = left @ left
     ended = False
     for _ in range(_ROUNDS):
-        jacobian = _slopes(shape, x, y).T
-        normal, gradient = jacobian.T @ jacobian, jacobian.T @ left
+        slopes = function.slopes()
+        normal, gradient = slopes @ slopes.T, slopes @ left
         # A dent that has left the grid has no slopes, and stays where it is.
-        diagonal = np.where(np.diag(normal) > 0, np.diag(normal), 1.0)
+        diagonal = np.where(normal.diagonal() > 0, normal.diagonal(), 1.0)
         while True:
-            change = np.linalg.solve(
-                normal + np.diag(damping * diagonal + 1e-12 * diagonal), gradient
-            )
-            change[2:4] = np.clip(change[2:4], -0.3, 0.3)
-            change[4] = np.clip(change[4], -0.5, 0.5)
-            trial = shape + change
-            left_then = data - dent_function(trial, x, y)
+            damped = normal.copy()
+            damped.flat[:: len(damped) + 1] += (damping + 1e-12) * diagonal
+            change = np.linalg.solve(damped, gradient)
+            trial = shape + np.minimum(np.maximum(change, -_STRIDES), _STRIDES)
+            function = _Function(trial, x, y)
+            left_then = data - function.depth
             cost_then = left_then @ left_then
             if cost_then <= cost or damping > 1e4:
                 break
@@ -116,10 +116,10 @@ def fit_dent(
         if abs(gain) <= _ENDED * cost:
             ended = True
             break
-    jacobian = _slopes(shape, x, y).T
+    slopes = _Function(shape, x, y).slopes()
     together = min(max(correlated, 1.0), _HIDDEN * _correlated_cells(left, known))
     variance = together * cost / max(len(data) - len(shape), 1)
-    inverse, is_regular = _inverse(jacobian.T @ jacobian)
+    inverse, is_regular = _inverse(slopes @ slopes.T)
     covariance = variance * inverse
     finite = bool(np.isfinite(shape).all() and np.isfinite(covariance).all())
     return DentModel(shape, covariance, ended and is_regular and finite)
@@ -153,27 +153,39 @@ def _correlated_cells(left: Field, known: NDArray[np.bool_]) -> float:
     return largest
 
 
-def _normalised(parameters, x, y):
-    c, s = math.cos(parameters[4]), math.sin(parameters[4])
-    a, b = np.exp(np.clip(parameters[2:4], -12, 3))
-    dx, dy = x - parameters[0], y - parameters[1]
-    return (c * dx + s * dy) / a, (c * dy - s * dx) / b, a, b
+class _Function:
+    """Eq. 18 at some places, and what its slopes along the parameters share with it."""
 
+    def __init__(self, parameters: Field, x: Field, y: Field) -> None:
+        self._c, self._s = math.cos(parameters[4]), math.sin(parameters[4])
+        self._a, self._b = (math.exp(min(max(half, -12), 3)) for half in parameters[2:4])
+        dx, dy = x - parameters[0], y - parameters[1]
+        self._u = (self._c * dx + self._s * dy) / self._a
+        self._v = (self._c * dy - self._s * dx) / self._b
+        inside = 1 - self._u * self._u - self._v * self._v
+        self._q = np.maximum(inside, _RIM)
+        self._shape = np.exp(1 - 1 / self._q)
+        self._shape[inside <= _RIM] = 0
+        self._depth = parameters[5]
 
-def _slopes(parameters, x, y):
-    u, v, a, b = _normalised(parameters, x, y)
-    q = np.maximum(1 - u * u - v * v, _RIM)
-    shape = np.where(q > _RIM, np.exp(1 - 1 / q), 0.0)
-    # Of the height with the square radius, twice.
-    slope = -2 * parameters[5] * shape / (q * q)
-    c, s = math.cos(parameters[4]), math.sin(parameters[4])
-    return np.stack(
-        [
-            slope * (-u * c / a + v * s / b),
-            slope * (-u * s / a - v * c / b),
-            -slope * u * u,
-            -slope * v * v,
-            slope * u * v * (b / a - a / b),
-            shape,
-        ],
-    )
+    @property
+    def depth(self) -> Field:
+        """Depths, metres."""
+        return self._depth * self._shape
+
+    def slopes(self) -> Field:
+        """Derivatives of the depths along the parameters, shape (6, places)."""
+        c, s, a, b, u, v = self._c, self._s, self._a, self._b, self._u, self._v
+        # Of the height with the square radius, twice.
+        slope = -2 * self._depth * self._shape / (self._q * self._q)
+        along, across = slope * u, slope * v
+        return np.stack(
+            [
+                across * (s / b) - along * (c / a),
+                -along * (s / a) - across * (c / b),
+                -along * u,
+                -across * v,
+                along * v * (b / a - a / b),
+                self._shape,
+            ]
+        )

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.inspection.measuring.lattice import Lattice
+from ftp_dent_ros.inspection.measuring.moments import ellipse_axes, second_moments
 from ftp_dent_ros.inspection.measuring.noise import Noise, median_of
 from ftp_dent_ros.inspection.settings import Settings
 
@@ -122,7 +123,5 @@ def _extent(
 ) -> tuple[float, float, float]:
     """Area, length and width of some cells of the lattice."""
     across, down = lattice.spacing
-    cell = np.diag([across**2, down**2]) / 12
-    moments = np.cov(np.stack([across * columns, down * rows])) if len(rows) > 1 else 0.0
-    width, length = 4 * np.sqrt(np.linalg.eigvalsh(moments + cell))
-    return len(rows) * across * down, float(length), float(width)
+    axes = ellipse_axes(*second_moments(columns, rows, across, down))
+    return len(rows) * across * down, *axes

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.inspection.measuring.moments import second_moments
 from ftp_dent_ros.inspection.measuring.patch import Patch, sampled
 from ftp_dent_ros.inspection.measuring.peak import part_above
 
@@ -125,17 +126,17 @@ def find_outline(
     if len(rows) < 9:
         return None
     row, column = rows.mean(), columns.mean()
-    spread = np.cov(np.stack([columns, rows]).astype(float)) + np.eye(2) / 12
-    values, vectors = np.linalg.eigh(spread)
+    xx, yy, xy = second_moments(columns, rows)
+    values, vectors = np.linalg.eigh([[xx, xy], [xy, yy]])
     radius = 2 * np.sqrt(values)
     angles = np.arange(_RAYS) * 2 * math.pi / _RAYS
     ray = vectors @ (radius[:, None] * np.stack([np.cos(angles), np.sin(angles)]))
     along = np.linspace(0, _FURTHEST, _SAMPLES)
     at_x = column + ray[0][:, None] * along
     at_y = row + ray[1][:, None] * along
-    depth = sampled(patch.depth, at_x, at_y, cv2.INTER_CUBIC)
+    depth = sampled(patch.single, at_x, at_y, cv2.INTER_CUBIC)
     # One cell more, so that the crossing behind the last cell is seen.
-    wider = cv2.dilate(filled.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(float)
+    wider = cv2.dilate(filled.view(np.uint8), np.ones((3, 3), np.uint8))
     held = (sampled(wider, at_x, at_y, cv2.INTER_NEAREST) > 0.5) & (depth > level)
     held[:, 0] = True
     last = np.minimum(_SAMPLES - 1 - np.argmax(held[:, ::-1], axis=1), _SAMPLES - 2)
@@ -169,7 +170,7 @@ def _covered(shape: tuple[int, ...], columns: Vector, rows: Vector) -> Vector:
 
 
 def _filled(part: Mask) -> Mask:
-    contours, _ = cv2.findContours(part.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    contours, _ = cv2.findContours(part.view(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     filled = np.zeros(part.shape, np.uint8)
     cv2.drawContours(filled, contours, -1, 1, cv2.FILLED)
     return filled > 0
@@ -193,7 +194,7 @@ def _slope(patch: Patch, at_x: Vector, at_y: Vector, level: float) -> Vector:
     # Right, left, below and above.
     columns = np.stack([at_x + 1, at_x - 1, at_x, at_x])
     rows = np.stack([at_y, at_y, at_y + 1, at_y - 1])
-    right, left, below, above = sampled(patch.depth, columns, rows, cv2.INTER_LINEAR)
+    right, left, below, above = sampled(patch.single, columns, rows, cv2.INTER_LINEAR)
     steep = np.hypot(right - left, below - above) / (2 * patch.step)
     return np.maximum(steep, level / (50 * patch.step))
 
@@ -202,10 +203,10 @@ def _cut(patch: Patch, at_x: Vector, at_y: Vector) -> bool:
     """Whether more than a twentieth of the outline is not measured around."""
     size = 2 * math.ceil(patch.scale / patch.step) + 1
     inner = cv2.erode(
-        patch.known.astype(np.uint8),
+        patch.known.view(np.uint8),
         np.ones((size, size), np.uint8),
         borderType=cv2.BORDER_CONSTANT,
         borderValue=0,
     )
-    known = sampled(inner.astype(float), at_x, at_y, cv2.INTER_NEAREST) > 0.5
+    known = sampled(inner, at_x, at_y, cv2.INTER_NEAREST) > 0.5
     return bool((~known).mean() > 0.05)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -80,12 +81,17 @@ class Patch:
             scale,
         )
 
-    @property
+    @cached_property
+    def single(self) -> NDArray[np.float32]:
+        """The depths in the precision that they are sampled in."""
+        return self.depth.astype(np.float32)
+
+    @cached_property
     def x(self) -> Map:
         """Positions of the columns, metres."""
         return self.corner[0] + self.step * np.arange(self.depth.shape[1], dtype=float)
 
-    @property
+    @cached_property
     def y(self) -> Map:
         """Positions of the rows, metres."""
         return self.corner[1] + self.step * np.arange(self.depth.shape[0], dtype=float)
@@ -96,26 +102,19 @@ class Patch:
 
     def at(self, x: Map, y: Map) -> Map:
         """Depth at positions, bicubic."""
-        return sampled(self.depth, *self.cells(x, y), cv2.INTER_CUBIC)
+        return sampled(self.single, *self.cells(x, y), cv2.INTER_CUBIC)
 
     def is_known(self, x: Map, y: Map) -> Mask:
         """Whether positions are measured."""
-        known = self.known.astype(np.float64)
-        return sampled(known, *self.cells(x, y), cv2.INTER_NEAREST) > 0.5
+        return sampled(self.known, *self.cells(x, y), cv2.INTER_NEAREST) > 0.5
 
 
-def sampled(values: Map, columns: Map, rows: Map, interpolation: int) -> Map:
+def sampled(values: NDArray, columns: Map, rows: Map, interpolation: int) -> Map:
     """Values at fractions of cells, 0 beyond the frame; any shape of up to 2 dimensions."""
-    shape = np.shape(columns)
-    columns = np.atleast_2d(columns).astype(np.float32)
-    rows = np.atleast_2d(rows).astype(np.float32)
-    return (
-        cv2.remap(
-            values.astype(np.float32), columns, rows, interpolation, borderMode=cv2.BORDER_CONSTANT
-        )
-        .astype(float)
-        .reshape(shape)
-    )
+    x, y = (np.atleast_2d(each).astype(np.float32) for each in (columns, rows))
+    values = values.astype(np.float32, copy=False)
+    found = cv2.remap(values, x, y, interpolation, borderMode=cv2.BORDER_CONSTANT)
+    return found.astype(float).reshape(np.shape(columns))
 
 
 class _Splat:

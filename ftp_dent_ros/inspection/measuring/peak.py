@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.inspection.measuring.moments import ellipse_axes, second_moments
 from ftp_dent_ros.inspection.measuring.patch import Patch
 
 # Parts of the depth above which a quadric is fitted, the first that has cells enough.
@@ -51,11 +52,10 @@ def extent(
     rows, columns = np.nonzero(part)
     if len(rows) < 2:
         return patch.step, patch.step, False
-    moments = np.cov(np.stack([columns, rows]).astype(float)) + np.eye(2) / 12
-    across, along = 4 * patch.step * np.sqrt(np.linalg.eigvalsh(moments))
+    along, across = ellipse_axes(*second_moments(columns, rows, patch.step, patch.step))
     grown = cv2.dilate(part.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     around = grown & ~part
-    return float(along), float(across), bool((~patch.known[around]).mean() > _OPEN)
+    return along, across, bool((~patch.known[around]).mean() > _OPEN)
 
 
 def part_above(
@@ -65,8 +65,11 @@ def part_above(
     deep = (patch.depth > level) & patch.known
     if region is not None:
         deep &= region
-    _, labels = cv2.connectedComponents(deep.astype(np.uint8), connectivity=4)
-    return labels == labels[at] if labels[at] else np.zeros_like(deep)
+    if not deep[at]:
+        return np.zeros_like(deep)
+    filled = deep.view(np.uint8)
+    cv2.floodFill(filled, None, (at[1], at[0]), 2, flags=4)
+    return filled == 2
 
 
 def bottom_of(
@@ -109,14 +112,14 @@ def _quadric(patch, rows, columns, at, noise, correlated) -> tuple[float, float]
     u, v = patch.step * (columns - at[1]), patch.step * (rows - at[0])
     scale = math.sqrt(float(np.square(u).mean() + np.square(v).mean()))
     u, v = u / scale, v / scale
-    basis = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=1)
-    normal = basis.T @ basis
+    basis = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v])
+    normal = basis @ basis.T
     normal.flat[:: len(normal) + 1] += 1e-9 * np.trace(normal)
     inverse = np.linalg.inv(normal)
-    solution = inverse @ (basis.T @ patch.depth[rows, columns])
-    top = basis @ solution
+    solution = inverse @ (basis @ patch.depth[rows, columns])
+    top = solution @ basis
     best = int(np.argmax(top))
-    gain = float(basis[best] @ inverse @ basis[best])
+    gain = float(basis[:, best] @ inverse @ basis[:, best])
     spread = noise * math.sqrt(min(gain * max(correlated, 1.0), 1.0))
     return float(top[best]), spread
 
@@ -140,9 +143,9 @@ def radius_across(
     """
     along = np.linspace(0, 0.75 * width, _ALONG)
     x, y = patch.x[at[1]], patch.y[at[0]]
+    both = np.stack([along, -along])
     reach = 0.0
-    for sign in (1, -1):
-        depths = patch.at(x + sign * along * math.cos(angle), y + sign * along * math.sin(angle))
+    for depths in patch.at(x + both * math.cos(angle), y + both * math.sin(angle)):
         below = np.flatnonzero(depths < _LEVEL * depth)
         if not len(below) or not below[0]:
             reach += along[-1] if not len(below) else 0.0

@@ -14,7 +14,7 @@ def test_the_study_gives_back_the_deviations_that_were_put_in():
     rng = np.random.default_rng(5)
     within, between = 5e-6, 12e-6
     dents = DentList()
-    places = [(0.2 * i, 0, 0.6) for i in range(20)]
+    places = [(0.2 * i + rng.uniform(0, 0.1), 0, 0.6) for i in range(20)]
     for frame in range(1, 41):
         seen, repeats = [], []
         for place in places:
