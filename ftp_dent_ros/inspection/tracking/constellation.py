@@ -108,13 +108,11 @@ def find_match(
     place = np.hypot(_PLACE, _OF_WIDTH * np.nan_to_num(np.minimum(sizes[0][:, None], sizes[1])))
     rows, columns = np.nonzero(possible & whole)
     best: Match | None = None
+    tried: set[tuple[tuple[int, int], ...]] = set()
     for angle, move in _moves(a, b, rows, columns, place, turn):
-        found = _judged(a, b, agree, possible, place, angle, move, shift, turn)
-        if found is None:
-            continue
-        odds, pairs, angle, move = found
-        if best is None or odds > best.odds:
-            best = Match(SAME, tuple(pairs), odds)
+        found = _judged(a, b, agree, possible, place, angle, move, shift, turn, tried)
+        if found is not None and (best is None or found[0] > best.odds):
+            best = Match(SAME, found[1], found[0])
     if best is None or best.odds <= _BELIEVED:
         return None
     i, j = np.array(best.pairs).T
@@ -146,47 +144,46 @@ def _moves(a, b, rows, columns, place, turn):
     return pairs
 
 
-def _judged(a, b, agree, possible, place, angle, move, shift, turn):
-    """Odds and pairs of a move, fitted to all that it brings together."""
-    pairs: list[tuple[int, int]] = []
-    for _ in range(2):
+def _judged(a, b, agree, possible, place, angle, move, shift, turn, tried):
+    """Odds and pairs of a move, fitted to all that it brings together; None if `tried` has them."""
+    for attempt in range(2):
         off = b[None, :, :2] - (_turned(a[:, :2], angle) + move)[:, None]
         square = (off**2).sum(axis=-1) / place**2
         cost = np.where(possible & (square < 2 * _NEAR**2), square + agree, 1e6)
-        chosen = linear_sum_assignment(cost)
-        pairs = [(int(i), int(j)) for i, j in zip(*chosen, strict=True) if cost[i, j] < 1e6]
-        if not pairs:
+        i, j = linear_sum_assignment(cost)
+        held = cost[i, j] < 1e6
+        i, j = i[held], j[held]
+        if not len(i):
             return None
-        angle, move = _fitted(a, b, pairs, place, shift, turn)
-    off = b[None, :, :2] - (_turned(a[:, :2], angle) + move)[:, None]
+        pairs = tuple(zip(i.tolist(), j.tolist(), strict=True))
+        if not attempt:
+            # All that follows depends on the pairs alone.
+            if pairs in tried:
+                return None
+            tried.add(pairs)
+        weight = place[i, j] ** -2.0
+        angle, move = _fitted(a[i, :2], b[j, :2], weight, shift, turn)
+    off = b[j, :2] - (_turned(a[i, :2], angle) + move)
     density = len(a) / max(_area(a), _LEAST_AREA)
-    odds = 0.0
-    for i, j in pairs:
-        variance = place[i, j] ** 2
-        square = float((off[i, j] ** 2).sum()) / variance
-        odds -= square / 2 + agree[i, j] / 2
-        odds -= math.log(2 * math.pi * variance * density)
+    odds = -float((weight * (off**2).sum(axis=1) + agree[i, j]).sum()) / 2
+    odds -= float(np.log(2 * math.pi * density / weight).sum())
     # What the pose says of the move, and what the fit takes of the places' freedom.
     odds -= float(move @ np.linalg.solve(shift, move)) / 2 + (angle / turn) ** 2 / 2
-    variances = [place[i, j] ** 2 for i, j in pairs]
-    information = sum(1 / v for v in variances)
-    odds -= 0.5 * math.log(np.linalg.det(np.eye(2) + shift * information))
-    lever = sum((a[i, :2] ** 2).sum() / place[i, j] ** 2 for i, j in pairs)
+    odds -= 0.5 * math.log(np.linalg.det(np.eye(2) + shift * weight.sum()))
+    lever = float((weight * (a[i, :2] ** 2).sum(axis=1)).sum())
     odds -= 0.5 * math.log(1 + turn**2 * lever)
-    return odds, pairs, angle, move
+    return odds, pairs
 
 
-def _fitted(a, b, pairs, place, shift, turn):
+def _fitted(ours, theirs, weight, shift, turn):
     """Small turn and shift by least squares, with the pose's as a prior."""
-    normal, right = np.zeros((3, 3)), np.zeros(3)
-    normal[0, 0] = turn**-2
-    normal[1:, 1:] = np.linalg.inv(shift)
-    for i, j in pairs:
-        weight = place[i, j] ** -2
-        x, y = a[i, :2]
-        jacobian = np.array([[-y, 1, 0], [x, 0, 1]])
-        normal += weight * jacobian.T @ jacobian
-        right += weight * jacobian.T @ (b[j, :2] - a[i, :2])
+    x, y = ours.T
+    along_x, along_y = (theirs - ours).T
+    normal = np.zeros((3, 3))
+    normal[0, 0] = turn**-2 + weight @ (x * x + y * y)
+    normal[1:, 1:] = np.linalg.inv(shift) + weight.sum() * np.eye(2)
+    normal[0, 1:] = normal[1:, 0] = -(weight @ y), weight @ x
+    right = np.array([weight @ (x * along_y - y * along_x), weight @ along_x, weight @ along_y])
     solution = np.linalg.solve(normal, right)
     return float(solution[0]), solution[1:]
 
