@@ -145,7 +145,7 @@ def _moves(a, b, rows, columns, place, turn):
 
 
 def _judged(a, b, agree, possible, place, angle, move, shift, turn, tried):
-    """Odds and pairs of a move, fitted to all that it brings together; None if `tried` has them."""
+    """Odds and pairs of a move, fitted to all that it brings together; none that is `tried`."""
     for attempt in range(2):
         off = b[None, :, :2] - (_turned(a[:, :2], angle) + move)[:, None]
         square = (off**2).sum(axis=-1) / place**2
