@@ -138,7 +138,9 @@ class Joining:
         That is no less than it is: what is known from before is not counted, as poses before the
         last ones are only moved now and then.
         """
-        return self.graph.tail(_WINDOW).covariances()[-1]
+        count = len(self.graph.nodes)
+        last = self.graph.part(range(max(0, count - _WINDOW), count))
+        return last.covariances(only=[len(last.nodes) - 1])[0]
 
     def _guess(self, node: Node) -> Pose:
         graph = self.graph

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix, csc_matrix
 
+Array = NDArray[np.float64]
+
 
 class NormalEquations:
-    """Normal equations, block by block; poses before the first are fixed.
+    """Normal equations, gathered from terms; poses before the first are fixed.
 
     Parameters
     ----------
@@ -23,46 +27,49 @@ class NormalEquations:
     """
 
     def __init__(self, fixed: int, count: int) -> None:
-        self.fixed, self._count = fixed, count
+        self._fixed, self._count = fixed, count
         self.gradient = np.zeros(6 * count)
-        self._blocks: dict[tuple[int, int], NDArray[np.float64]] = {}
+        self._rows: list[NDArray[np.intp]] = []
+        self._columns: list[NDArray[np.intp]] = []
+        self._blocks: list[Array] = []
 
     def add(
         self,
-        poses: list[int],
-        moves: list[NDArray[np.float64]],
-        error: NDArray[np.float64],
-        information: NDArray[np.floating],
+        poses: Sequence[NDArray[np.intp]],
+        moves: Sequence[Array],
+        errors: Array,
+        information: Array,
     ) -> None:
-        """Add an error of some poses, how it changes with each of them, and what it weighs.
+        """Add errors of some poses, how they change with each of them, and what they weigh.
 
         Parameters
         ----------
-        poses : list of int
-        moves : list of ndarray, shape (6, 6)
-            Change of the error with a small shift and turn of each.
-        error : ndarray, shape (6,)
-        information : ndarray, shape (6, 6)
-            Inverse of the error's covariance.
+        poses : sequence of ndarray, shape (n,)
+            Numbers of the first pose, of the second, and so on, of each of n errors.
+        moves : sequence of ndarray, shape (n, 6, 6)
+            Change of the errors with a small shift and turn of each.
+        errors : ndarray, shape (n, 6)
+        information : ndarray, shape (n, 6, 6)
+            Inverses of the errors' covariances.
         """
-        free = [(p - self.fixed, m) for p, m in zip(poses, moves, strict=True) if p >= self.fixed]
-        for i, move in free:
-            held = move.T @ information
-            self.gradient[6 * i : 6 * i + 6] += held @ error
-            for j, other in free:
-                block = held @ other
-                known = self._blocks.get((i, j))
-                self._blocks[i, j] = block if known is None else known + block
+        gradient = self.gradient.reshape(-1, 6)
+        for pose, move in zip(poses, moves, strict=True):
+            free = pose >= self._fixed
+            held = np.swapaxes(move, 1, 2) @ information
+            np.add.at(gradient, pose[free] - self._fixed, (held @ errors[..., None])[free][..., 0])
+            for other, change in zip(poses, moves, strict=True):
+                both = free & (other >= self._fixed)
+                self._rows.append(pose[both] - self._fixed)
+                self._columns.append(other[both] - self._fixed)
+                self._blocks.append(held[both] @ change[both])
 
     def matrix(self) -> csc_matrix:
         """Matrix of the equations, shape (6 count, 6 count)."""
         size = 6 * self._count
-        if not self._blocks:
-            return csc_matrix((size, size))
-        places = np.array(list(self._blocks))
-        values = np.stack(list(self._blocks.values()))
+        rows, columns = np.concatenate(self._rows), np.concatenate(self._columns)
+        blocks = np.concatenate(self._blocks)
         inside = np.arange(6)
-        rows = np.broadcast_to(6 * places[:, 0, None, None] + inside[:, None], values.shape)
-        columns = np.broadcast_to(6 * places[:, 1, None, None] + inside, values.shape)
-        entries = (values.ravel(), (rows.ravel(), columns.ravel()))
+        at = np.broadcast_to(6 * rows[:, None, None] + inside[:, None], blocks.shape)
+        beside = np.broadcast_to(6 * columns[:, None, None] + inside, blocks.shape)
+        entries = (blocks.ravel(), (at.ravel(), beside.ravel()))
         return coo_matrix(entries, shape=(size, size)).tocsc()

@@ -6,6 +6,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from ftp_dent_ros.survey.resampling import Grid
 
@@ -14,8 +15,11 @@ from ftp_dent_ros.survey.resampling import Grid
 _LIGHT = 0.006
 # Logarithm of a paint that is this far from its surroundings tells no more by being farther.
 _MOST = 0.7
-# Of the window, that must be known.
-_LEAST_SHARE = 0.2
+# Of the window, that must be known: at a rim, to one side of which the skin and its image's own
+# windows end, light would be taken for paint.
+_LEAST_SHARE = 0.93
+# What is taken off first: degree in x and y of the light, and about how many cells tell it.
+_DEGREE, _FITTED = 3, 1500
 
 
 def slopes(field: Grid, pitch: float) -> Any:
@@ -44,21 +48,35 @@ def paint_of(logarithm: Grid, pitch: float, smooth: float) -> Grid:
     known = np.isfinite(logarithm)
     share = known.astype(np.float32)
     values = np.where(known, logarithm, np.float32(0))
+    # What is left of the light is level, so that windows may be one-sided at the rim.
+    values = (values - _light(logarithm, known)) * share
     light = _LIGHT / pitch
-    around = _mean(values, light) / np.maximum(_mean(share, light), np.float32(1e-3))
+    window = _mean(share, light)
+    around = _mean(values, light) / np.maximum(window, np.float32(1e-3))
     rest = np.clip((values - around) * share, -_MOST, _MOST)
-    inner = share
     if smooth:
-        inner = _blurred(share, smooth)
-        rest = _blurred(rest, smooth) / np.maximum(inner, np.float32(1e-3))
+        rest = _blurred(rest, smooth) / np.maximum(_blurred(share, smooth), np.float32(1e-3))
     along_x, along_y = slopes(rest, pitch)
     # Beside what is not known, slopes are those of the mask.
     reach = 3 + 2 * int(np.ceil(smooth))
     whole = cv2.erode(share, np.ones((reach, reach), np.uint8), borderValue=0)
-    mask = (whole > 0) & (inner > _LEAST_SHARE)
+    mask = (whole > 0) & (window > _LEAST_SHARE)
     layer = np.dstack([rest, along_x, along_y, mask.astype(np.float32)])
     layer[~mask] = 0
     return layer
+
+
+def _light(logarithm: Grid, known: NDArray[np.bool_]) -> Grid:
+    """Polynomial through a logarithm of light, by some of its cells."""
+    rows, columns = (np.linspace(-1, 1, size) for size in logarithm.shape)
+    row, column = np.nonzero(known)
+    some = slice(None, None, max(1, len(row) // _FITTED))
+    row, column = row[some], column[some]
+    along_y, along_x = (np.vander(each, _DEGREE + 1) for each in (rows, columns))
+    terms = np.einsum('ni,nj->nij', along_y[row], along_x[column]).reshape(len(row), -1)
+    weights, *_ = np.linalg.lstsq(terms, logarithm[row, column], rcond=None)
+    weights = weights.reshape(_DEGREE + 1, _DEGREE + 1)
+    return (along_y @ weights @ along_x.T).astype(np.float32)
 
 
 def _blurred(field: Grid, sigma: float) -> Grid:

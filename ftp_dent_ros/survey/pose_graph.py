@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass
+from bisect import bisect_left
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,11 +14,12 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 from scipy.spatial.transform import Rotation
 
-from ftp_dent_ros.inspection.tracking.moves import about
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.survey.normal_equations import NormalEquations
+from ftp_dent_ros.survey.link_terms import Link, LinkTerms
+from ftp_dent_ros.survey.normal_equations import Array, NormalEquations
 from ftp_dent_ros.survey.relative_pose import RelativePose
-from ftp_dent_ros.survey.stated_poses import ANCHOR, Node, add_stated, relative_doubt
+from ftp_dent_ros.survey.stated_poses import ANCHOR, Node, StatedTerms, relative_doubt
+from ftp_dent_ros.survey.twists import spread_of_shift
 
 # Of squared errors by directions told: where a pair counts half, and from where on not at all.
 _HALF, _WRONG = 16.0, 36.0
@@ -29,16 +31,39 @@ _AT_ONCE = 600
 
 
 @dataclass(frozen=True, eq=False)
-class Link:
-    """A relative pose between two clouds, the second's seen from the first."""
+class _Terms:
+    """All that is told of the poses from number `fixed` on, gathered for a solution."""
 
-    first: int
-    second: int
-    relative: RelativePose
+    fixed: int
+    count: int
+    links: LinkTerms
+    stated: StatedTerms
+
+    def equations(
+        self, turns: Array, places: Array, weights: Array, anchor: int | None = None
+    ) -> NormalEquations:
+        equations = NormalEquations(self.fixed, self.count)
+        self.links.add_to(equations, turns, places, weights)
+        self.stated.add_to(equations, turns, places)
+        if anchor is not None:
+            held = np.linalg.inv(ANCHOR)[None].astype(float)
+            equations.add([np.array([anchor])], [np.eye(6)[None]], np.zeros((1, 6)), held)
+        return equations
 
 
 class PoseGraph:
-    """Poses of cameras, and what joins them; all that is told is relative or the autopilot's."""
+    """Poses of cameras, and what joins them; all that is told is relative or the autopilot's.
+
+    Attributes
+    ----------
+    nodes : list of Node
+    poses, guesses : list of Pose
+        As they are found, and as they were guessed.
+    links : list of Link
+        Each second cloud's number is no less than the last one's.
+    left_out : set of int
+        Numbers of the links that contradict the others.
+    """
 
     def __init__(self) -> None:
         self.nodes: list[Node] = []
@@ -46,86 +71,113 @@ class PoseGraph:
         self.guesses: list[Pose] = []
         self.links: list[Link] = []
         self.left_out: set[int] = set()
+        # The poses once more, in arrays that grow by doubling.
+        self._turns, self._places = np.zeros((16, 3, 3)), np.zeros((16, 3))
 
     def add(self, node: Node, guess: Pose) -> None:
         """Another pose, about where it is guessed to be."""
+        number = len(self.nodes)
+        if number == len(self._places):
+            self._turns = np.concatenate([self._turns, np.zeros_like(self._turns)])
+            self._places = np.concatenate([self._places, np.zeros_like(self._places)])
+        self._turns[number] = guess.rotation.as_matrix()
+        self._places[number] = guess.translation
         self.nodes.append(node)
         self.poses.append(guess)
         self.guesses.append(guess)
 
     def link(self, first: int, second: int, relative: RelativePose) -> None:
-        """Another relative pose."""
+        """Another relative pose; the second cloud is the newer one."""
         self.links.append(Link(first, second, relative))
 
-    def tail(self, count: int) -> PoseGraph:
-        """The last poses and what joins them, without what was before."""
-        start = max(0, len(self.nodes) - count)
-        last = PoseGraph()
-        for node, pose in zip(self.nodes[start:], self.poses[start:], strict=True):
-            last.add(node, pose)
-        for link in reversed(self.links):
-            if link.second < start:
-                break
-            if link.first >= start:
-                last.link(link.first - start, link.second - start, link.relative)
-        return last
+    def part(self, numbers: Sequence[int]) -> PoseGraph:
+        """Some of the poses, in rising order, and what joins them, without all others.
+
+        What the autopilot says of two says the same of them whether poses lie between or not.
+        """
+        place = {number: index for index, number in enumerate(numbers)}
+        some = PoseGraph()
+        for number in numbers:
+            some.add(self.nodes[number], self.poses[number])
+        for index in range(self._first_link(numbers[0]), len(self.links)):
+            link = self.links[index]
+            if link.first in place and link.second in place and index not in self.left_out:
+                some.links.append(
+                    replace(link, first=place[link.first], second=place[link.second])
+                )
+        return some
 
     def solve(self, fixed: int = 0) -> None:
         """Move the poses from number `fixed` on to where they agree best."""
-        weights: dict[int, float] = {}
+        count = len(self.nodes) - fixed
+        if count <= 0:
+            return
+        terms = self._gathered(fixed)
+        size = len(self.nodes)
+        turns, places = self._turns[:size], self._places[:size]
+        weights = np.ones(len(terms.links))
         tolerance = math.inf
         for _ in range(_STEPS):
-            matrix, gradient = self._normal(fixed, weights)
-            if not len(gradient):
-                return
-            step = -splu(matrix).solve(gradient).reshape(-1, 6)
-            for index, each in enumerate(step, start=fixed):
-                pose = self.poses[index]
-                self.poses[index] = Pose(
-                    Rotation.from_rotvec(each[3:]) * pose.rotation, pose.translation + each[:3]
-                )
-            misfits = [self._misfit(link) for _, link in self._links(fixed)]
-            settled = tolerance == 1 and np.abs(step).max() < _DONE
-            if settled:
+            equations = terms.equations(turns, places, weights)
+            step = -splu(equations.matrix()).solve(equations.gradient).reshape(-1, 6)
+            turns[fixed:] = Rotation.from_rotvec(step[:, 3:]).as_matrix() @ turns[fixed:]
+            places[fixed:] += step[:, :3]
+            if tolerance == 1 and np.abs(step).max() < _DONE:
                 break
+            misfits = terms.links.misfits(turns, places)
             # Graduated: first the whole falls into place, then who contradicts is heard less.
             if math.isinf(tolerance):
                 if np.abs(step).max() > _COARSE:
                     continue
-                tolerance = max(misfits, default=0.0) / _HALF
+                tolerance = misfits.max(initial=0.0) / _HALF
             tolerance = max(1.0, tolerance / _GRADUAL)
-            weights = self._weights(fixed, tolerance)
-        judged = {index: self._misfit(link) for index, link in self._links(fixed)}
-        wrong = {index for index, misfit in judged.items() if misfit > _WRONG}
-        self.left_out = (self.left_out - judged.keys()) | wrong
+            weights = _weights(misfits / tolerance)
+        rotations = Rotation.from_matrix(turns[fixed:])
+        self.poses[fixed:] = [Pose(rotations[k], places[fixed + k].copy()) for k in range(count)]
+        misfits = terms.links.misfits(turns, places)
+        judged = terms.links.number
+        self.left_out -= set(judged.tolist())
+        self.left_out |= set(judged[misfits > _WRONG].tolist())
 
-    def covariances(self, anchor: int | None = None) -> NDArray[np.float64]:
+    def strained(self, numbers: Sequence[int]) -> bool:
+        """Whether some links, by their numbers, do not fit where the poses are."""
+        terms = LinkTerms.of([self.links[k] for k in numbers], numbers)
+        return bool((terms.misfits(self._turns, self._places) > _HALF).any())
+
+    def covariances(
+        self, anchor: int | None = None, only: Sequence[int] | None = None
+    ) -> NDArray[np.float64]:
         """Covariance of every pose, shape (n, 6, 6), as in geometry_msgs/PoseWithCovariance.
 
         Parameters
         ----------
         anchor : int, optional
             The pose that is taken for exact; that of the map by default.
+        only : sequence of int, optional
+            Numbers of the poses that are asked for; all by default.
         """
-        matrix, _ = self._normal(0, self._weights(0), anchor)
-        solver, size = splu(matrix), matrix.shape[0]
-        blocks = np.empty((size // 6, 6, 6))
-        for start in range(0, size, _AT_ONCE):
-            stop = min(start + _AT_ONCE, size)
-            unit = np.zeros((size, stop - start))
-            unit[np.arange(start, stop), np.arange(stop - start)] = 1
-            columns = solver.solve(unit)
-            for index in range(start // 6, stop // 6):
-                rows = slice(6 * index, 6 * index + 6)
-                block = columns[rows, 6 * index - start : 6 * index + 6 - start]
-                blocks[index] = (block + block.T) / 2
-        return blocks
+        terms = self._gathered(0, anchor)
+        weights = _weights(terms.links.misfits(self._turns, self._places))
+        equations = terms.equations(self._turns, self._places, weights, anchor)
+        matrix: csc_matrix = equations.matrix()
+        solver = splu(matrix)
+        wanted = np.arange(terms.count) if only is None else np.asarray(only)
+        blocks = np.empty((len(wanted), 6, 6))
+        for start in range(0, len(wanted), _AT_ONCE // 6):
+            some = wanted[start : start + _AT_ONCE // 6]
+            rows = (6 * some[:, None] + np.arange(6)).ravel()
+            unit = np.zeros((matrix.shape[0], len(rows)))
+            unit[rows, np.arange(len(rows))] = 1
+            columns = solver.solve(unit)[rows].reshape(len(some), 6, len(some), 6)
+            own = columns[np.arange(len(some)), :, np.arange(len(some))]
+            blocks[start : start + len(some)] = (own + np.swapaxes(own, 1, 2)) / 2
+        return spread_of_shift(blocks)
 
     def groups(self) -> list[int]:
         """Number of the group that each pose belongs to: those that links join."""
         joins = [
             (link.first, link.second)
-            for index, link in self._links(0)
+            for index, link in enumerate(self.links)
             if index not in self.left_out and link.relative.told == 6
         ]
         first, second = np.array(joins, int).reshape(-1, 2).T
@@ -138,53 +190,21 @@ class PoseGraph:
         nodes, poses = self.nodes, self.poses
         return relative_doubt(nodes[first], nodes[second], poses[first], poses[second])
 
-    def _links(self, fixed: int) -> Iterable[tuple[int, Link]]:
-        for index, link in enumerate(self.links):
-            if link.relative.told and max(link.first, link.second) >= fixed:
-                yield index, link
+    def _first_link(self, number: int) -> int:
+        """Number of the first link to a pose or a newer one."""
+        return bisect_left(self.links, number, key=lambda link: link.second)
 
-    def _error(self, link: Link) -> NDArray[np.float64]:
-        seen = self.poses[link.first].inverse() @ self.poses[link.second]
-        return link.relative.error(seen)
-
-    def _misfit(self, link: Link) -> float:
-        error = self._error(link)
-        return float(error @ link.relative.information @ error) / link.relative.told
-
-    def _weights(self, fixed: int, tolerance: float = 1.0) -> dict[int, float]:
-        return {
-            index: _weight(self._misfit(link) / tolerance) for index, link in self._links(fixed)
-        }
-
-    def _normal(
-        self, fixed: int, weights: dict[int, float], anchor: int | None = None
-    ) -> tuple[csc_matrix, NDArray[np.float64]]:
-        """Normal equations of the poses from `fixed` on: matrix and gradient."""
-        equations = NormalEquations(fixed, len(self.nodes) - fixed)
-        for index, link in self._links(fixed):
-            self._add_link(equations, link, weights.get(index, 1.0))
-        if anchor is not None:
-            equations.add([anchor], [np.eye(6)], np.zeros(6), np.linalg.inv(ANCHOR))
-        add_stated(equations, self.nodes, self.poses, self.guesses, anchor)
-        return equations.matrix(), equations.gradient
-
-    def _add_link(self, equations: NormalEquations, link: Link, weight: float) -> None:
-        a, b = self.poses[link.first], self.poses[link.second]
-        place = a.apply(link.relative.centre)
-        back = np.kron(np.eye(2), a.rotation.as_matrix().T)
-        moves = []
-        for pose in (a, b):
-            move = np.eye(6)
-            move[:3] = about(place - pose.translation)
-            moves.append(back @ move)
-        equations.add(
-            [link.first, link.second],
-            [-moves[0], moves[1]],
-            self._error(link),
-            weight * link.relative.information,
-        )
+    def _gathered(self, fixed: int, anchor: int | None = None) -> _Terms:
+        told = [
+            number
+            for number in range(self._first_link(fixed), len(self.links))
+            if self.links[number].relative.told
+        ]
+        links = LinkTerms.of([self.links[number] for number in told], told)
+        stated = StatedTerms.of(self.nodes, self.guesses, fixed, anchor)
+        return _Terms(fixed, len(self.nodes) - fixed, links, stated)
 
 
-def _weight(misfit: float) -> float:
-    """Of a pair by its squared error a direction: of Geman and McClure's robust least squares."""
-    return 1 / (1 + misfit / _HALF) ** 2
+def _weights(misfits: Array) -> Array:
+    """Of pairs by squared errors a direction: of Geman and McClure's robust least squares."""
+    return 1 / np.square(1 + misfits / _HALF)

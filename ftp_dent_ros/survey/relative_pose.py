@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.survey.twists import twists
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +22,7 @@ class RelativePose:
     centre : ndarray, shape (3,)
         About which `information` turns: the middle of what both saw, first camera's frame, metres.
     information : ndarray, shape (6, 6)
-        Inverse of the covariance of the shift of `centre` (metres) and the turn about it
+        Inverse of the covariance of the twist about `centre`, of shift (metres) and turn
         (radians), along the first camera's axes; zero in directions that the skin does not tell.
     told : int
         Directions that it does tell, up to 6.
@@ -42,9 +43,9 @@ class RelativePose:
     remark: str = ''
 
     def error(self, pose: Pose) -> NDArray[np.float64]:
-        """Shift of the centre and turn, shape (6,), from this pose to another."""
+        """Twist about the centre, shape (6,), that takes this pose to another."""
         off = pose @ self.pose.inverse()
-        return np.concatenate([off.apply(self.centre) - self.centre, off.rotation.as_rotvec()])
+        return twists(off.rotation.as_matrix(), off.apply(self.centre) - self.centre)
 
 
 class UnlikePairError(Exception):
