@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.inspection.measuring.gaps import GAP, beside_gaps, between, gaps_of
 from ftp_dent_ros.inspection.measuring.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.moments import ellipse_axes, second_moments
 from ftp_dent_ros.inspection.measuring.noise import Noise, median_of
@@ -42,6 +43,8 @@ class Candidate:
         Square metres.
     length, width : float
         Axes of the ellipse with its second moments, metres.
+    gap : ndarray, shape (2, cells)
+        Rows and columns of cells without points that it surrounds or borders on.
     """
 
     sign: int
@@ -51,10 +54,15 @@ class Candidate:
     area: float
     length: float
     width: float
+    gap: NDArray[np.intp]
 
 
 def find_candidates(
-    maps: list[Map], noise: Noise, panel: Mask, lattice: Lattice, settings: Settings
+    maps: list[Map],
+    noise: Noise,
+    panel: Mask,
+    lattice: Lattice,
+    settings: Settings,
 ) -> list[Candidate]:
     """Places of one panel where a smoothed deviation exceeds its noise.
 
@@ -69,6 +77,8 @@ def find_candidates(
     settings : Settings
     """
     found = []
+    gaps = gaps_of(panel, round(GAP * settings.smallest_width / max(lattice.spacing)))
+    gaps &= ~lattice.valid
     floor = 0.25 * settings.smallest_depth
     spreads = [noise.after(scale) for scale in noise.scales[1:]]
     typical = [median_of(spread[panel]) if panel.any() else 0.0 for spread in spreads]
@@ -87,16 +97,24 @@ def find_candidates(
         for smooth, least in zip(maps, sure, strict=True):
             with np.errstate(invalid='ignore'):
                 seeds |= sign * smooth > least
+        if gaps.any():
+            told = sign * maps[0], noise, noise.scales[1]
+            beside = beside_gaps(*told, SUSPECT, floor, panel, gaps, lattice)
+            seeds, above = seeds | beside, above | beside
+            above |= between(above, gaps)
         _, labels, stats, _ = cv2.connectedComponentsWithStats(above.astype(np.uint8))
         seeded = np.unique(labels[seeds & above])
         for index in seeded[seeded > 0]:
             left, top, width, height, _ = stats[index]
             window = slice(top, top + height), slice(left, left + width)
             part = labels[window] == index
-            height = max(_highest(sign * smooth[window][part]) for smooth in maps)
+            known = part & ~gaps[window]
+            height = max(_highest(sign * smooth[window][known]) for smooth in maps)
+            corner = np.array([[top], [left]])
             rows, columns = np.nonzero(part)
             size = _extent(rows, columns, lattice)
-            found.append(Candidate(sign, rows + top, columns + left, height, *size))
+            cells, gap = (np.stack(np.nonzero(of)) + corner for of in (known, part & ~known))
+            found.append(Candidate(sign, cells[0], cells[1], height, *size, gap))
     return found
 
 

@@ -13,6 +13,7 @@ from ftp_dent_ros.inspection.clearance import with_clearances
 from ftp_dent_ros.inspection.dent import Inspection, MeasuredDent, Waviness
 from ftp_dent_ros.inspection.measuring.bare_skin import bare_skin
 from ftp_dent_ros.inspection.measuring.detection import find_candidates, findable_depth
+from ftp_dent_ros.inspection.measuring.hidden import hidden_dent
 from ftp_dent_ros.inspection.measuring.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.measurement import measure
 from ftp_dent_ros.inspection.measuring.panels import find_panels, seam
@@ -75,8 +76,8 @@ def inspect(
         inner = panel.mask & ~seams
         for candidate in find_candidates(skin.maps, skin.noise, inner, lattice, settings):
             around = surroundings_of(candidate, at, lattice, skin, relief, seams)
-            if around is not None:
-                found += measure(candidate, around, skin, settings)
+            whole = [] if around is None else measure(candidate, around, skin, settings)
+            found += whole or hidden_dent(candidate, lattice, skin, settings)
     found = [dent for dent in found if not _is_part(dent, found)]
     placed = with_clearances([_moved(dent, lattice.origin) for dent in found])
     dents = sorted((d for d in placed if d.kind == 'dent'), key=lambda d: -d.depth.value)

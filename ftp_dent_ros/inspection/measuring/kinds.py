@@ -8,7 +8,8 @@ In this order, with sizes on the contour at 10 % of the depth:
   more than that varies: material or paint is gone. A scratch is a shallow gouge.
 - *crease*: longer than `_LONG` widths, and its radius of curvature at the bottom is smaller than
   `_SHARP` width^2 / (8 depth) (a Gaussian has 0.48 of it, a paraboloid 1.1), or it is so narrow
-  that the reconstruction cannot show whether it is. Repair manuals treat a crease as a crack.
+  that the reconstruction cannot show whether it is; but not where it is not measured all across
+  its bottom, for what an edge cuts is long and sharp. Repair manuals treat a crease as a crack.
 - *dent*: all else that is inward, whole, and as wide as the smallest dent.
 - *other*: significant and deep enough, but the rim of the measured area cuts it, or it lies
   along that rim; with the reason.
@@ -50,7 +51,7 @@ class Appearance:
     length, width : float
         On the contour at 10 % of the depth, metres.
     radius : float
-        Of curvature at the bottom across the length, metres.
+        Of curvature at the bottom across the length, metres; NaN if it is not measured there.
     resolution : float
         Wavelength of which half is left, metres; NaN if it is not known.
     mark : float

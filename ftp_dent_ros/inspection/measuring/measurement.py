@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -10,8 +11,11 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.inspection.dent import Estimate, MeasuredDent, orientation_of
 from ftp_dent_ros.inspection.measuring.bare_skin import BareSkin
+from ftp_dent_ros.inspection.measuring.bridging import Bridged, bridged
 from ftp_dent_ros.inspection.measuring.detection import SIGNIFICANT, SUSPECT, Candidate
 from ftp_dent_ros.inspection.measuring.division import LEVELS, divided, looks_compound
+from ftp_dent_ros.inspection.measuring.gaps import GAP
+from ftp_dent_ros.inspection.measuring.hidden import not_at_bottom
 from ftp_dent_ros.inspection.measuring.kinds import Appearance, kind_of
 from ftp_dent_ros.inspection.measuring.marks import mark_in
 from ftp_dent_ros.inspection.measuring.maxima import DROP, maxima_of
@@ -19,7 +23,7 @@ from ftp_dent_ros.inspection.measuring.noise import Noise
 from ftp_dent_ros.inspection.measuring.patch import Patch
 from ftp_dent_ros.inspection.measuring.peak import extent, part_above, radius_across
 from ftp_dent_ros.inspection.measuring.placement import axis_along, on_skin, profile_of
-from ftp_dent_ros.inspection.measuring.restoration import Restored, restored
+from ftp_dent_ros.inspection.measuring.restoration import restored
 from ftp_dent_ros.inspection.measuring.sizes import LEVEL, Sizes, model_axes, sizes_of
 from ftp_dent_ros.inspection.measuring.surroundings import Surroundings
 from ftp_dent_ros.inspection.settings import Settings
@@ -33,6 +37,8 @@ _ACROSS = 14
 # resolved come out round, and of what is long the smoothing hides the depth but not the kind.
 _CERTAIN, _CERTAIN_LONG = 4.5, 2.7
 _MM = 1e3
+# Part of a dent that has no points, from which on it is cut.
+_HIDDEN = 0.05
 # Of the smoothing: part of the dent's width at least, at most, and at most where it would drown in
 # the noise; and the part of its depth that noise may be.
 _SMALLEST, _WIDEST, _DROWNED = 0.02, 0.04, 0.15
@@ -65,12 +71,18 @@ def measure(
     """
     raw = _patch(candidate, around, skin.noise)
     local = float(skin.noise.after(raw.scale, around.extra))
-    seen = restored(raw, around.resolution, _SUPPOSED * around.spacing)
+    seen = bridged(
+        restored(raw, around.resolution, _SUPPOSED * around.spacing), GAP * settings.smallest_width
+    )
     own = _own(seen.patch, around)
     # Along a ridge the depth varies as the fringes do.
     drop = _RIDGE_DROP if candidate.length > _RIDGE * candidate.width else DROP
     least = _NEARLY * settings.smallest_depth
-    peaks = maxima_of(seen.patch, local, least, drop) or _deepest(seen.patch, own, least)
+    # Saddles between what was not measured are no surer than that.
+    unsure = float(seen.doubt[seen.bridged].mean()) if seen.bridged.any() else 0.0
+    peaks = maxima_of(seen.patch, math.hypot(local, unsure), least, drop) or _deepest(
+        seen.patch, own, least
+    )
     peaks = [at for at in peaks if own[at] and not _is_spike(seen.patch, at, settings)]
     dents = []
     for peak, region in zip(peaks, divided(seen.patch, peaks, LEVEL), strict=True):
@@ -124,7 +136,7 @@ def _is_spike(patch: Patch, at: tuple[int, int], settings: Settings) -> bool:
 
 def _one(
     sign: int,
-    seen: Restored,
+    seen: Bridged,
     at: tuple[int, int],
     region: Mask | None,
     around: Surroundings,
@@ -137,7 +149,8 @@ def _one(
         return None
     across = sizes.angle + math.pi / 2
     length, width, outline = sizes.length.value, sizes.width.value, sizes.outline
-    radius = radius_across(patch, at, sizes.depth.value, across, width)
+    whole = _is_measured_across(seen, at, across, width)
+    radius = radius_across(patch, at, sizes.depth.value, across, width) if whole else math.nan
     kind, reason = kind_of(
         Appearance(
             sign * sizes.depth.value,
@@ -152,12 +165,18 @@ def _one(
     )
     if not kind:
         return None
+    hidden = float((outline.inside * seen.bridged).sum() / outline.inside.sum())
     if _is_unsure(sizes, kind):
         if outline.is_cut:
             # At the rim the cloud is rarely sure.
             return None
         unsure = _MM * math.hypot(sizes.chance, sizes.depth.uncertainty)
         kind, reason = 'other', f'the cloud is not sure of the surface here ({unsure:.2f} mm)'
+        if seen.bridged[at]:
+            beside = (outline.inside > 0.5) & ~seen.bridged
+            reason = not_at_bottom(float(patch.depth[beside].max(initial=0)), sizes.chance)
+    if hidden > _HIDDEN:
+        reason = reason or f'cut by what was not measured ({100 * hidden:.0f} % of it)'
     if not reason and kind == 'dent':
         reason = _overlap(sizes, patch, at, region, around, skin.noise)
     contour, (x, y) = skin.contour, outline.centre
@@ -180,11 +199,20 @@ def _one(
         volume=_signed(sign, sizes.volume),
         bottom_radius=radius,
         significance=sizes.significance,
-        is_cut=outline.is_cut,
+        is_cut=outline.is_cut or hidden > _HIDDEN,
         outline=on_skin(contour, outline, sign * LEVEL * sizes.depth.value),
         length_profile=profile_of(patch, sign, x, y, sizes.angle, length),
         width_profile=profile_of(patch, sign, x, y, across, width),
     )
+
+
+def _is_measured_across(seen: Bridged, at: tuple[int, int], angle: float, width: float) -> bool:
+    """Whether a dent is measured all across its deepest place."""
+    patch = seen.patch
+    along = np.arange(-width / 2, width / 2, patch.step / 2)
+    x, y = patch.x[at[1]] + along * math.cos(angle), patch.y[at[0]] + along * math.sin(angle)
+    measured = replace(patch, known=patch.known & ~seen.bridged)
+    return bool(measured.is_known(x, y).all())
 
 
 def _is_unsure(sizes: Sizes, kind: str) -> bool:

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.inspection.measuring.continuation import depths_of, islands, joined
 from ftp_dent_ros.inspection.measuring.contour import Contour, first_contour, richer_contour
 from ftp_dent_ros.inspection.measuring.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.noise import rough_noise, smoothed
@@ -55,7 +56,10 @@ class Panel:
 def find_panels(
     lattice: Lattice, viewpoint: NDArray[np.float64], settings: Settings
 ) -> tuple[list[Panel], NDArray[np.int32]]:
-    """Split the lattice at gaps, jumps and steps, and fit a contour to each part.
+    """Split the lattice at jumps and steps, and fit a contour to each part.
+
+    What is not measured, as a strip under a shadow's edge, parts no panel if one contour explains
+    both sides of it.
 
     Parameters
     ----------
@@ -76,7 +80,8 @@ def find_panels(
     second = (_SMALLEST_SECOND * settings.smallest_width) ** 2 / area
     seeds: list[Panel] = []
     labels = np.full(lattice.valid.shape, -1, np.int32)
-    for region in _parts(lattice.valid & ~_jumps(lattice), least):
+    whole = lattice.valid & ~_jumps(lattice)
+    for region in joined(_parts(whole, least), lattice, viewpoint, settings, rng):
         found = _split(lattice, region, viewpoint, settings, second, rng)
         marks = np.full(region.shape, -1, np.int32)
         for index, panel in enumerate(found, len(seeds)):
@@ -85,6 +90,11 @@ def find_panels(
         seeds += found
         if len(seeds) >= _MOST:
             break
+    for index, seed in enumerate(seeds):
+        left = whole & (labels < 0)
+        labels[islands(lattice, left, labels == index, seed.contour, seed.tolerance, settings)] = (
+            index
+        )
     panels = [
         Panel(labels == index, seed.contour, seed.tolerance) for index, seed in enumerate(seeds)
     ]
@@ -110,11 +120,11 @@ def _split(lattice, region, viewpoint, settings, second, rng) -> list[Panel]:
         cells = np.flatnonzero(part)
         points = lattice.points.reshape(-1, 3)[cells[:: 1 + len(cells) // _FITTED]]
         contour = first_contour(points, viewpoint, settings.smallest_depth / 10, rng)
-        deviation = _map(contour, lattice, part)
+        deviation = depths_of(contour, lattice, part)
         noise = max(rough_noise(deviation, part), settings.smallest_depth / 20)
         if noise > settings.smallest_depth / 8:
             contour = first_contour(points, viewpoint, noise, rng)
-            deviation = _map(contour, lattice, part)
+            deviation = depths_of(contour, lattice, part)
         tolerance = max(5 * noise, settings.smallest_depth / 2)
         smooth = smoothed(deviation, part, (1.0, 1.0))
         with np.errstate(invalid='ignore'):
@@ -140,7 +150,7 @@ def _demanded(contour, lattice, deviation, part, tolerance, points, rng) -> Cont
     if before < _RIM_OFF:
         return contour
     richer = richer_contour(contour, points, tolerance / 5, rng)
-    after = _rim_off(_map(richer, lattice, part), part, tolerance)
+    after = _rim_off(depths_of(richer, lattice, part), part, tolerance)
     return richer if after < before / 2 else contour
 
 
@@ -193,10 +203,6 @@ def _is_stepped(deviation: Map, rest: Mask, core: Mask, part: Mask) -> bool:
     if not border.any():
         return True
     return bool(np.median(steepest[border]) > _STEPPED * np.median(np.abs(deviation[core])))
-
-
-def _map(contour: Contour, lattice: Lattice, part: Mask) -> Map:
-    return np.where(part, contour.deviation(lattice.points)[2], np.float32(0))
 
 
 def _at_frame(mask: Mask) -> bool:

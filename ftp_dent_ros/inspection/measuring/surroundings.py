@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.inspection.measuring.bare_skin import BareSkin
+from ftp_dent_ros.inspection.measuring.contour import Contour
 from ftp_dent_ros.inspection.measuring.detection import Candidate
 from ftp_dent_ros.inspection.measuring.lattice import Lattice
 
@@ -19,6 +20,8 @@ _WINDOW = 110
 # And across it, at least.
 _ACROSS = 14
 _FEWEST = 30
+# Cells beside a gap that tell how the grid goes on.
+_NEAR = 3
 
 Vector = NDArray[np.float64]
 
@@ -81,7 +84,7 @@ def surroundings_of(
     seams : ndarray, shape (rows, columns), bool
         Cells at panels' borders.
     """
-    rows, columns = candidate.rows, candidate.columns
+    rows, columns = np.concatenate([[candidate.rows, candidate.columns], candidate.gap], axis=1)
     if max(np.ptp(rows), np.ptp(columns)) < 2:
         return None
     margin = int(_MARGIN * max(np.ptp(rows), np.ptp(columns))) + 5
@@ -116,7 +119,7 @@ def surroundings_of(
     x, y, depth = (axis.astype(float) for axis in contour.deviation(values))
     if relief is not None:
         depth = depth - rest[1]
-    around_x, around_y, _ = contour.local(lattice.points[rows, columns])
+    around_x, around_y = places(candidate, lattice, contour)
     pad = 0.35 * max(np.ptp(around_x), np.ptp(around_y)) + 4 * max(lattice.spacing)
     bounds = (
         float(around_x.min() - pad),
@@ -126,7 +129,7 @@ def surroundings_of(
     )
     resolution = np.nan
     if lattice.resolution is not None:
-        resolution = float(np.median(lattice.resolution[rows, columns]))
+        resolution = float(np.median(lattice.resolution[candidate.rows, candidate.columns]))
     return Surroundings(
         x=x,
         y=y,
@@ -136,6 +139,24 @@ def surroundings_of(
         cell=max(lattice.spacing),
         spacing=every * spacing,
         bounds=bounds,
-        extra=float(np.median(skin.noise.extra[rows, columns])),
+        extra=float(np.median(skin.noise.extra[candidate.rows, candidate.columns])),
         resolution=resolution,
     )
+
+
+def places(candidate: Candidate, lattice: Lattice, contour: Contour) -> tuple[Vector, Vector]:
+    """Feet of a candidate's cells; those without points where the grid goes on."""
+    points = lattice.points[candidate.rows, candidate.columns].astype(float)
+    x, y, _ = (axis.astype(float) for axis in contour.local(points))
+    if not candidate.gap.size:
+        return x, y
+    rows, columns = candidate.gap
+    near = tuple(
+        slice(max(each.min() - _NEAR, 0), each.max() + _NEAR + 1) for each in (rows, columns)
+    )
+    row, column = np.nonzero(lattice.valid[near])
+    grid = np.stack([np.ones(len(row)), row + near[0].start, column + near[1].start], axis=1)
+    local = np.stack(contour.local(lattice.points[near][row, column].astype(float))[:2], axis=1)
+    solution = np.linalg.lstsq(grid, local, rcond=None)[0]
+    more = np.stack([np.ones(len(rows)), rows, columns], axis=1) @ solution
+    return np.concatenate([x, more[:, 0]]), np.concatenate([y, more[:, 1]])

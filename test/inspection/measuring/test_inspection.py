@@ -203,12 +203,6 @@ def test_a_dent_that_the_frame_cuts_is_flagged():
     assert dent.is_cut
 
 
-def test_a_dent_that_a_hole_cuts_is_flagged():
-    cloud = cloud_of(panel(Dent(0.0, 0.0, 0.06, 0.05, 0.002)))
-    cloud.points[:, 105:120] = np.nan
-    assert all(dent.is_cut for dent in inspect(cloud).dents)
-
-
 def test_any_frame_will_do():
     pose = Pose.from_rpy((1.2, -0.4, 2.0), (30.0, -20.0, 10.0))
     cloud = cloud_of(panel(DENT))

@@ -1,0 +1,55 @@
+"""What lies over places without points, as far as those around them tell."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.inspection.measuring.filling import around, membrane, plate
+from ftp_dent_ros.inspection.measuring.gaps import gaps_of
+from ftp_dent_ros.inspection.measuring.restoration import Restored
+
+# Two cells beside a gap.
+_BESIDE = np.ones((5, 5), np.uint8)
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Bridged(Restored):
+    """A restored patch whose gaps are filled.
+
+    Attributes
+    ----------
+    bridged : ndarray, shape (rows, columns), bool
+        Cells without points, whose depths the ones around them suggest.
+    """
+
+    bridged: Mask
+
+
+def bridged(seen: Restored, reach: float) -> Bridged:
+    """Fill a patch where it is not known between known places no more than `reach` metres apart.
+
+    A plate carries the slopes on into the gap, a membrane does not, and a plate through points
+    farther off carries on those that no edge of light or paint beside the gap has bent: how the
+    three differ is the doubt.
+    """
+    patch = seen.patch
+    over = gaps_of(patch.known, round(reach / patch.step))
+    if not over.any():
+        return Bridged(patch, seen.doubt, over)
+    window = around(over)
+    part, free = over[window], ~patch.known[window]
+    depth, doubt = patch.depth.copy(), seen.doubt.copy()
+    stiff = plate(depth[window], free)
+    slack = membrane(depth[window], free)
+    farther = plate(depth[window], cv2.dilate(free.view(np.uint8), _BESIDE) > 0)
+    filled = np.where(part, stiff, depth[window])
+    apart = np.hypot(filled - farther, np.where(part, stiff - slack, 0.0))
+    depth[window] = filled
+    doubt[window] = np.hypot(membrane(doubt[window], free), apart)
+    return Bridged(replace(patch, depth=depth, known=patch.known | over), doubt, over)
