@@ -18,19 +18,21 @@ def with_clearances(dents: Sequence[MeasuredDent]) -> tuple[MeasuredDent, ...]:
     centres = np.array([outline.mean(axis=0) for outline in outlines]).reshape(-1, 3)
     reach = np.array(
         [
-            np.linalg.norm(outline - centre, axis=1).max()
+            math.sqrt(np.square(outline - centre).sum(axis=1).max())
             for outline, centre in zip(outlines, centres, strict=True)
         ]
     )
+    # No two outlines come closer than this.
+    bounds = cdist(centres, centres) - reach - reach[:, None]
+    limits = np.array([dent.kind == 'dent' for dent in dents], bool)
+    bounds[:, ~limits] = math.inf
+    np.fill_diagonal(bounds, math.inf)
     result = []
-    for index, dent in enumerate(dents):
-        # No outline comes closer than this.
-        bounds = np.linalg.norm(centres - centres[index], axis=1) - reach - reach[index]
+    for dent, outline, bound in zip(dents, outlines, bounds, strict=True):
         nearest = math.inf
-        for other in np.argsort(bounds):
-            if bounds[other] >= nearest:
+        for other in np.argsort(bound):
+            if bound[other] >= nearest:
                 break
-            if other != index and dents[other].kind == 'dent':
-                nearest = min(nearest, float(cdist(outlines[index], outlines[other]).min()))
+            nearest = min(nearest, float(cdist(outline, outlines[other]).min()))
         result.append(replace(dent, clearance=nearest))
     return tuple(result)

@@ -144,6 +144,6 @@ def _squares(lattice: Lattice, bare: Mask, settings: Settings) -> NDArray[np.flo
 
 
 def _deviation(contour: Contour, lattice: Lattice, part: Mask) -> Map:
-    deviation = contour.deviation(lattice.points)[2]
+    deviation = contour.depth(lattice.points)
     deviation[~(part & lattice.valid)] = np.nan
     return deviation

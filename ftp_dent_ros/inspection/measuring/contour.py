@@ -97,11 +97,8 @@ class Contour:
         above = w - height
         square = 1 + along_x * along_x + along_y * along_y
         # One Newton step towards the foot; the rest is of the order of the curvature.
-        return (
-            x + above * along_x / square,
-            y + above * along_y / square,
-            above / np.sqrt(square),
-        )
+        step = above / square
+        return x + step * along_x, y + step * along_y, above / np.sqrt(square)
 
     def depth(self, image: NDArray[np.float32]) -> NDArray[np.float32]:
         """Depth below the contour of an image of points, shape (rows, columns, 3), metres."""
@@ -109,7 +106,10 @@ class Contour:
         # In strips whose temporary arrays stay in the cache.
         rows = max(1, _STRIP // max(image.shape[1], 1))
         for top in range(0, len(image), rows):
-            depth[top : top + rows] = self.deviation(image[top : top + rows])[2]
+            x, y, w = self.local(image[top : top + rows])
+            height, along_x, along_y = self.surface(x, y)
+            square = 1 + along_x * along_x + along_y * along_y
+            depth[top : top + rows] = (w - height) / np.sqrt(square)
         return depth
 
     def point(self, x: Field, y: Field, depth: Field | float = 0.0) -> NDArray[np.float64]:

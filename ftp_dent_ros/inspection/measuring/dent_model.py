@@ -100,8 +100,8 @@ def fit_dent(
             damped.flat[:: len(damped) + 1] += (damping + 1e-12) * diagonal
             change = np.linalg.solve(damped, gradient)
             trial = shape + np.minimum(np.maximum(change, -_STRIDES), _STRIDES)
-            function = _Function(trial, x, y)
-            left_then = data - function.depth
+            function_then = _Function(trial, x, y)
+            left_then = data - function_then.depth
             cost_then = left_then @ left_then
             if cost_then <= cost or damping > 1e4:
                 break
@@ -111,12 +111,12 @@ def fit_dent(
             ended = True
             break
         gain = cost - cost_then
-        shape, left, cost = trial, left_then, cost_then
+        shape, function, left, cost = trial, function_then, left_then, cost_then
         damping = max(damping / 8, 1e-9)
         if abs(gain) <= _ENDED * cost:
             ended = True
             break
-    slopes = _Function(shape, x, y).slopes()
+    slopes = function.slopes()
     together = min(max(correlated, 1.0), _HIDDEN * _correlated_cells(left, known))
     variance = together * cost / max(len(data) - len(shape), 1)
     inverse, is_regular = _inverse(slopes @ slopes.T)
@@ -140,16 +140,17 @@ def _inverse(normal: Field) -> tuple[Field, bool]:
 
 def _correlated_cells(left: Field, known: NDArray[np.bool_]) -> float:
     """Number of cells that err alike, from the means of squares of cells."""
-    errors = np.zeros(known.shape)
-    errors[known] = left
+    both = np.zeros((*known.shape, 2))
+    both[known, 0], both[..., 1] = left, known
+    single = left @ left / max(len(left), 1)
     largest = 1.0
     for side in _SQUARES:
         size = known.shape[1] // side, known.shape[0] // side
-        whole = slice(0, size[1] * side), slice(0, size[0] * side)
-        share = cv2.resize(known[whole].astype(float), size, interpolation=cv2.INTER_AREA)
-        means = cv2.resize(errors[whole], size, interpolation=cv2.INTER_AREA)[share > 0.99]
+        whole = both[: size[1] * side, : size[0] * side]
+        errors, share = cv2.split(cv2.resize(whole, size, interpolation=cv2.INTER_AREA))
+        means = errors[share > 0.99]
         if len(means) >= _FEWEST:
-            largest = max(largest, side**2 * float(np.mean(means**2) / np.mean(left**2)))
+            largest = max(largest, side**2 * float(means @ means / len(means) / single))
     return largest
 
 

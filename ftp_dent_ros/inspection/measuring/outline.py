@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import cv2
 import numpy as np
@@ -53,12 +53,11 @@ class Outline:
     @cached_property
     def centre(self) -> tuple[float, float]:
         """Centroid of the area, metres."""
-        cross = self._cross
-        area = cross.sum() / 2
-        next_x, next_y = np.roll(self.x, -1), np.roll(self.y, -1)
+        (next_x, next_y), cross = self._next, self._cross
+        six = 3 * cross.sum()
         return (
-            float(((self.x + next_x) * cross).sum() / (6 * area)),
-            float(((self.y + next_y) * cross).sum() / (6 * area)),
+            float((self.x + next_x) @ cross / six),
+            float((self.y + next_y) @ cross / six),
         )
 
     @property
@@ -70,11 +69,11 @@ class Outline:
         """Angle of the longer principal axis of the area."""
         x, y = self.centre
         a, b = self.x - x, self.y - y
-        u, v = np.roll(a, -1), np.roll(b, -1)
+        u, v = self._next[0] - x, self._next[1] - y
         cross = a * v - u * b
-        xx = (cross * (a * a + a * u + u * u)).sum()
-        yy = (cross * (b * b + b * v + v * v)).sum()
-        xy = (cross * (a * v + 2 * a * b + 2 * u * v + u * b)).sum() / 2
+        xx = cross @ (a * a + a * u + u * u)
+        yy = cross @ (b * b + b * v + v * v)
+        xy = cross @ (a * v + 2 * a * b + 2 * u * v + u * b) / 2
         sign = math.copysign(1, cross.sum())
         return math.atan2(2 * sign * xy, sign * (xx - yy)) / 2
 
@@ -95,8 +94,14 @@ class Outline:
         return float((1 / self.slope[i] + 1 / self.slope[j]) / 2)
 
     @cached_property
+    def _next(self) -> tuple[Vector, Vector]:
+        """For each point, the next one along the curve."""
+        return np.append(self.x[1:], self.x[0]), np.append(self.y[1:], self.y[0])
+
+    @cached_property
     def _cross(self) -> Vector:
-        return self.x * np.roll(self.y, -1) - np.roll(self.x, -1) * self.y
+        next_x, next_y = self._next
+        return self.x * next_y - next_x * self.y
 
 
 def find_outline(
@@ -129,8 +134,7 @@ def find_outline(
     xx, yy, xy = second_moments(columns, rows)
     values, vectors = np.linalg.eigh([[xx, xy], [xy, yy]])
     radius = 2 * np.sqrt(values)
-    angles = np.arange(_RAYS) * 2 * math.pi / _RAYS
-    ray = vectors @ (radius[:, None] * np.stack([np.cos(angles), np.sin(angles)]))
+    ray = vectors @ (radius[:, None] * _circle(_RAYS))
     along = np.linspace(0, _FURTHEST, _SAMPLES)
     at_x = column + ray[0][:, None] * along
     at_y = row + ray[1][:, None] * along
@@ -145,8 +149,7 @@ def find_outline(
     fall = np.maximum(high - low, 1e-12)
     crossing = along[last] + (along[1] - along[0]) * np.clip((high - level) / fall, 0, 1)
     dense = _harmonic(crossing, _POINTS, _kept(level, noise))
-    angles = np.arange(_POINTS) * 2 * math.pi / _POINTS
-    ray = vectors @ (radius[:, None] * np.stack([np.cos(angles), np.sin(angles)]))
+    ray = vectors @ (radius[:, None] * _circle(_POINTS))
     out_x, out_y = column + dense * ray[0], row + dense * ray[1]
     cut = _cut(patch, out_x, out_y)
     slope = _slope(patch, out_x, out_y, level)
@@ -157,6 +160,13 @@ def find_outline(
         _covered(patch.depth.shape, out_x, out_y),
         cut,
     )
+
+
+@cache
+def _circle(count: int) -> NDArray[np.float64]:
+    """Points of the unit circle, evenly spread, shape (2, count)."""
+    angles = np.arange(count) * 2 * math.pi / count
+    return np.stack([np.cos(angles), np.sin(angles)])
 
 
 def _covered(shape: tuple[int, ...], columns: Vector, rows: Vector) -> Vector:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,17 +34,17 @@ def redescended(x, y, w, scale, start, noise) -> tuple[float, NDArray[np.float64
     """Cost and coefficients of a fit that starts from some points and narrows down."""
     x, y, w = x / scale, y / scale, w / scale
     columns = basis(x, y, 6)
-    coefficients = solved(columns, w, start.astype(float), np.zeros(6), x, y)
-    left = np.abs(w - model(columns, coefficients, x, y))
+    coefficients = solved(columns, w, start.astype(float), np.zeros(6))
+    left = w - model(columns, coefficients, x, y)
     floor = noise / scale
     if start.all():
-        width = max(1.5 * float(np.median(left)), floor)
+        width = max(1.5 * float(np.median(np.abs(left))), floor)
         # Least absolute deviations first: the biweight would drop points for good.
         for _ in range(3):
-            weight = 1 / np.maximum(left, 0.3 * width)
-            coefficients = solved(columns, w, weight, coefficients, x, y)
-            left = np.abs(w - model(columns, coefficients, x, y))
-    width = max(1.5 * float(np.median(left[start])), floor)
+            weight = 1 / np.maximum(np.abs(left), 0.3 * width)
+            coefficients = solved(columns, left, weight, coefficients)
+            left = w - model(columns, coefficients, x, y)
+    width = max(1.5 * float(np.median(np.abs(left[start]))), floor)
     coefficients = narrowed(columns, w, coefficients, x, y, width, floor)
     left = np.abs(w - model(columns, coefficients, x, y))
     return float(np.minimum(left / (_TUKEY * floor), 1).mean()), coefficients
@@ -55,7 +56,7 @@ def narrowed(columns, w, coefficients, x, y, width, floor) -> NDArray[np.float64
         for _ in range(2):
             left = w - model(columns, coefficients, x, y)
             weight = biweight(left / (_TUKEY * width))
-            coefficients = solved(columns, w, weight, coefficients, x, y)
+            coefficients = solved(columns, left, weight, coefficients)
         if width == floor:
             return coefficients
         width = max(_SHRINK * width, floor)
@@ -68,31 +69,32 @@ def polished(x, y, w, scale, coefficients, noise) -> NDArray[np.float64]:
     for width in (2.0, 1.4, 1.0, 1.0, 1.0):
         left = w - model(columns, coefficients, x, y)
         weight = biweight(left * scale / (_TUKEY * noise * width))
-        coefficients = solved(columns, w, weight, coefficients, x, y)
+        coefficients = solved(columns, left, weight, coefficients)
     return coefficients
 
 
-def solved(columns, w, weight, coefficients, x, y) -> NDArray[np.float64]:
-    """Weighted least squares, the sagitta's excess over the parabola taken from before."""
-    excess = model(columns, coefficients, x, y) - columns @ coefficients
+def solved(columns, left, weight, coefficients) -> NDArray[np.float64]:
+    """Weighted least squares from what coefficients leave, the sagitta's excess as with them."""
     weighted = columns * weight[:, None]
     normal = weighted.T @ columns
+    right = weighted.T @ left + normal @ coefficients
     normal.flat[:: len(normal) + 1] += 1e-9 * np.trace(normal)
-    return np.linalg.solve(normal, weighted.T @ (w - excess))
+    return np.linalg.solve(normal, right)
 
 
 def model(columns, coefficients, x, y):
     """Heights: the polynomial with the sagitta in place of its second degree."""
-    linear = columns @ coefficients
-    c = coefficients
-    return linear + sagitta(c, x, y) - (c[3] * x * x + c[4] * x * y + c[5] * y * y)
+    others = coefficients.copy()
+    others[3:6] = 0
+    return columns @ others + sagitta(coefficients, x, y)
 
 
 def sagitta(c, x: Field, y: Field) -> Field:
     """Height of a surface whose curvatures are those of the quadratic form c3, c4, c5."""
-    square = (2 * c[3] * x + c[4] * y) ** 2 + (c[4] * x + 2 * c[5] * y) ** 2
+    along_x, along_y = 2 * c[3] * x + c[4] * y, c[4] * x + 2 * c[5] * y
+    square = along_x * along_x + along_y * along_y
     flat = np.sqrt(1 - np.minimum(square, x.dtype.type(_STEEPEST)))
-    return 2 * (c[3] * x * x + c[4] * x * y + c[5] * y * y) / (1 + flat)
+    return (along_x * x + along_y * y) / (1 + flat)
 
 
 def biweight(ratio: Field) -> Field:
@@ -100,10 +102,11 @@ def biweight(ratio: Field) -> Field:
     return np.square(1 - np.minimum(ratio * ratio, 1))
 
 
-def powers(terms: int) -> list[tuple[int, int]]:
+@cache
+def powers(terms: int) -> tuple[tuple[int, int], ...]:
     """Exponents of x and y: all of degree 0, 1, 2 and so on."""
     degree = int((math.isqrt(8 * terms + 1) - 3) // 2)
-    return [(n - j, j) for n in range(degree + 1) for j in range(n + 1)]
+    return tuple((n - j, j) for n in range(degree + 1) for j in range(n + 1))
 
 
 def basis(x: Field, y: Field, terms: int) -> NDArray[np.float64]:
