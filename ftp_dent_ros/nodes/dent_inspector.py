@@ -2,44 +2,50 @@
 
 Inspects the clouds of ``points`` in the camera's frame, each by itself, or each with the camera's
 pose on ``tagged/camera_pose``; then its dents are moved to the map, and a dent that is seen again
-is one dent of the list. The dents of each cloud go to ``dents``, the list to ``dents/list`` and
-``dents/markers``, both latched. The service ``~/take_list`` returns the list as JSON and clears
-it. Nothing is computed while nobody subscribes, unless the parameter `always` asks for the list.
+is one dent of the list. While somebody publishes ``survey/pose``, that is taken for the camera's
+pose, and the list is corrected where ``survey/path`` corrects the poses of earlier clouds. The
+dents of each cloud go to ``dents``, the list to ``dents/list`` and ``dents/markers``, both
+latched. The service ``~/take_list`` returns the list as JSON and clears it. Nothing is computed
+while nobody subscribes, unless the parameter `always` asks for the list.
 """
 
 from __future__ import annotations
 
 import json
 import sys
-import threading
 import traceback
+from functools import partial
 from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import Path
 from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
-from visualization_msgs.msg import MarkerArray
 
 from ftp_dent_ros.errors import CloudError, PoseError
+from ftp_dent_ros.inspection.dent import Inspection
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.observation import SAME
-from ftp_dent_ros.inspection.reporting.records import finite, list_record
+from ftp_dent_ros.inspection.reporting.records import finite
 from ftp_dent_ros.inspection.tracking.dent_list import DentList
 from ftp_dent_ros.inspection.tracking.kept_list import KeptList
 from ftp_dent_ros.inspection.tracking.pose_errors import EXACT
-from ftp_dent_ros.inspection.tracking.sightings import ListedDent
 from ftp_dent_ros.nodes.declarations import names_of_all
+from ftp_dent_ros.nodes.dent_listing import DentListing, Shown
 from ftp_dent_ros.nodes.inspector_parameters import declare
 from ftp_dent_ros.nodes.matching import Matched, Matching, located
-from ftp_dent_ros.ros.dent_messages import dents_to_markers, dents_to_message
+from ftp_dent_ros.ros.dent_messages import dents_to_message
 from ftp_dent_ros.ros.diagnostics import OK, Diagnostics
 from ftp_dent_ros.ros.messages import cloud_from_message, stamp_to_ns
 from ftp_dent_ros.ros.node import run
 from ftp_dent_ros.ros.parameters import Parameters
 from ftp_dent_ros.ros.qos import CLOUDS, DENTS, LATCHED, OVERRIDABLE, POSES
 from ftp_dent_ros.ros.worker import NewestWorker
+
+# Clouds that may wait: one whose surveyed pose was lost comes together with the next.
+_WAITING = 2
 
 
 class DentInspector(Node):
@@ -54,14 +60,16 @@ class DentInspector(Node):
         self._tagged, self._always = given.is_tagged, given.always
         self._settings = given.settings
         self._rules = given.rules
-        self._lock = threading.Lock()
-        self._list = KeptList(given.list_file if self._tagged else None)
+        kept = KeptList(given.list_file if self._tagged else None)
         self._dents = self.create_publisher(PointCloud2, 'dents', DENTS)
-        self._latched = self.create_publisher(PointCloud2, 'dents/list', LATCHED)
-        self._markers = self.create_publisher(MarkerArray, 'dents/markers', LATCHED)
         self._diagnostics = Diagnostics(self, self._judge)
-        self._matching = Matching(self._hand_over, self._diagnostics.refuse)
-        self._worker = NewestWorker(self._work, 'dent_inspector')
+        self._listing = DentListing(self, self._diagnostics, kept, self._tagged)
+        self._matching = Matching(
+            self._hand_over,
+            self._diagnostics.refuse,
+            lambda: ('surveyed',) if self.count_publishers('survey/pose') else (),
+        )
+        self._worker = NewestWorker(self._work, 'dent_inspector', _WAITING)
         self.create_service(Trigger, '~/take_list', self._take_list)
         self.create_subscription(
             PointCloud2, 'points', self._on_cloud, CLOUDS, qos_overriding_options=OVERRIDABLE
@@ -70,18 +78,21 @@ class DentInspector(Node):
             self.create_subscription(
                 PoseWithCovarianceStamped, 'tagged/camera_pose', self._on_pose, POSES
             )
-        if self._list.clouds:
-            self._publish_list()
+            self.create_subscription(
+                PoseWithCovarianceStamped, 'survey/pose', self._on_surveyed, POSES
+            )
+            self.create_subscription(Path, 'survey/path', self._listing.correct, LATCHED)
 
     def destroy_node(self) -> None:
         """Finish the cloud in work first."""
         self._worker.stop()
+        self._listing.close()
         super().destroy_node()
 
     @property
     def _wanted(self) -> bool:
-        publishers = (self._dents, self._latched, self._markers)
-        return self._always or any(each.get_subscription_count() for each in publishers)
+        listens = self._dents.get_subscription_count() or self._listing.subscribers
+        return self._always or bool(listens)
 
     def _on_cloud(self, message: PointCloud2) -> None:
         self._diagnostics.count('clouds')
@@ -95,6 +106,10 @@ class DentInspector(Node):
     def _on_pose(self, message: PoseWithCovarianceStamped) -> None:
         if self._wanted:
             self._matching.add(pose=message)
+
+    def _on_surveyed(self, message: PoseWithCovarianceStamped) -> None:
+        if self._wanted:
+            self._matching.add(surveyed=message)
 
     def _hand_over(self, cloud: Matched) -> None:
         if self._worker.put(cloud):
@@ -120,54 +135,35 @@ class DentInspector(Node):
         header = item.cloud.header
         stamp_ns = stamp_to_ns(header.stamp)
         pose, covariance, frame_id = SAME, EXACT, header.frame_id
-        if item.pose is not None:
-            pose, covariance = located(item.pose, header.frame_id, self._map)
-            frame_id = item.pose.header.frame_id
+        stated = item.best_pose
+        if stated is not None:
+            pose, covariance = located(stated, header.frame_id, self._map)
+            frame_id = stated.header.frame_id
+        if item.surveyed is not None:
+            self._diagnostics.count('placed by the survey')
         found = inspect(cloud_from_message(item.cloud), settings=self._settings)
         dents = [dent.transformed(pose) for dent in (*found.dents, *found.others)]
         alone = DentList()
         alone.add(1, dents, pose, covariance)
-        with self._lock:
-            if not self._tagged:
-                # Places in another cloud's frame are not comparable.
-                self._list.clear()
-            try:
-                self._list.add(frame_id, stamp_ns, dents, pose, covariance)
-            except OSError as error:
-                self._diagnostics.fail(
-                    f'the list is not kept on disk ({error.strerror}): make room there'
-                )
-            listed = self._publish_list()
-        self._dents.publish(dents_to_message(alone.entries, stamp_ns, frame_id))
+        message = dents_to_message(alone.entries, stamp_ns, frame_id)
+        shown = Shown(frame_id, stamp_ns, dents, pose, covariance)
+        self._listing.add(shown, partial(self._tell, found, message))
+        self._diagnostics.measure('computation', (self._now_ns() - started_ns) / 1e9)
+
+    def _tell(self, found: Inspection, dents: PointCloud2) -> None:
+        """Publish and tell what a cloud shows, whose dents are in the list."""
+        self._dents.publish(dents)
         self._diagnostics.count('inspected')
         self._diagnostics.note('dents', len(found.dents))
         self._diagnostics.note('others', len(found.others))
-        self._diagnostics.note('dents in the list', _count(listed))
         findable = found.findable[np.isfinite(found.findable)]
         if len(findable):
             depth = f'{1e3 * np.percentile(findable, 95):.2f}'
             self._diagnostics.note('findable on 95 % of the area from (mm)', depth)
-        self._diagnostics.measure('computation', (self._now_ns() - started_ns) / 1e9)
-        self._diagnostics.measure_latency(stamp_ns)
-
-    def _publish_list(self) -> tuple[ListedDent, ...]:
-        entries = self._list.entries
-        header = self._list.stamp_ns, self._list.frame_id
-        self._latched.publish(dents_to_message(entries, *header))
-        self._markers.publish(dents_to_markers(entries, *header))
-        return entries
+        self._diagnostics.measure_latency(stamp_to_ns(dents.header.stamp))
 
     def _take_list(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        with self._lock:
-            record = {
-                **list_record(self._list.entries, self._rules),
-                'frame_id': self._list.frame_id,
-                'clouds': self._list.clouds,
-                'stamp_ns': self._list.stamp_ns,
-            }
-            self._list.clear()
-            self._publish_list()
-        self._diagnostics.note('dents in the list', 0)
+        record = self._listing.take(self._rules)
         response.success = True
         response.message = json.dumps(finite(record), allow_nan=False)
         return response
@@ -181,10 +177,6 @@ class DentInspector(Node):
 
     def _now_ns(self) -> int:
         return self.get_clock().now().nanoseconds
-
-
-def _count(entries: tuple[ListedDent, ...]) -> int:
-    return sum(entry.dent.kind == 'dent' for entry in entries)
 
 
 def main() -> int:

@@ -1,8 +1,8 @@
-"""Messages of one stamp, put together: a cloud, its camera's pose and the image of its skin."""
+"""Messages of one stamp, put together: a cloud, its camera's poses and the image of its skin."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +16,7 @@ from ftp_dent_ros.ros.messages import covariance_from_message, pose_from_message
 
 # Stamps that may wait for the rest of their messages.
 _WAITING = 10
+_POSES = ('pose', 'surveyed')
 
 
 @dataclass(frozen=True)
@@ -24,11 +25,17 @@ class Matched:
 
     cloud: PointCloud2
     pose: PoseWithCovarianceStamped | None = None
+    surveyed: PoseWithCovarianceStamped | None = None
     skin: Image | None = None
+
+    @property
+    def best_pose(self) -> PoseWithCovarianceStamped | None:
+        """By the skin, else by the autopilot."""
+        return self.surveyed or self.pose
 
 
 class Matching:
-    """Hands over a cloud when its pose is there, and its skin where there will be one.
+    """Hands over a cloud when a pose of it is there, and what else there will be.
 
     Parameters
     ----------
@@ -36,27 +43,27 @@ class Matching:
         Called with each `Matched`, oldest first.
     refuse : callable
         Called with a reason and a sentence for what stayed alone.
-    expects_skin : callable
-        Whether clouds come with a skin at the moment; one that is lost holds up its cloud until
-        the next one is whole.
+    expects : callable
+        What clouds come with at the moment beside their pose, of ``skin`` and ``surveyed``; one
+        that is lost holds up its cloud until the next one is whole.
     """
 
     def __init__(
         self,
         hand_over: Callable[[Matched], Any],
         refuse: Callable[[str, str], Any],
-        expects_skin: Callable[[], bool] = lambda: False,
+        expects: Callable[[], Collection[str]] = tuple,
     ) -> None:
-        self._hand_over, self._refuse, self._expects_skin = hand_over, refuse, expects_skin
+        self._hand_over, self._refuse, self._expects = hand_over, refuse, expects
         self._waiting: dict[int, dict[str, Any]] = {}
 
     def add(self, **messages: Any) -> None:
-        """Take a message, named `cloud`, `pose` or `skin`."""
+        """Take a message, named as the fields of `Matched` are."""
         for part, message in messages.items():
             stamp_ns = stamp_to_ns(message.header.stamp)
             parts = self._waiting.setdefault(stamp_ns, {})
             parts[part] = message
-            if _has_pose(parts) and ('skin' in parts or not self._expects_skin()):
+            if _has_pose(parts) and parts.keys() >= set(self._expects()):
                 # Each topic keeps its order: what is still missing before has been lost.
                 for earlier in sorted(each for each in self._waiting if each <= stamp_ns):
                     if _has_pose(self._waiting[earlier]):
@@ -74,7 +81,7 @@ class Matching:
 
 
 def _has_pose(parts: dict[str, Any]) -> bool:
-    return parts.keys() >= {'cloud', 'pose'}
+    return 'cloud' in parts and not parts.keys().isdisjoint(_POSES)
 
 
 def located(

@@ -2,8 +2,9 @@
 
 Lays each cloud of ``points`` on those that it overlaps, by its shape and by the image of its
 ``skin``, starting from the autopilot's ``tagged/camera_pose``. ``survey/pose`` is the camera at
-each cloud's stamp as it is known then; ``survey/path`` all of them as they are known now, made
-while somebody subscribes. Clouds have to come in the camera's frame.
+each cloud's stamp as it is known then; ``survey/path`` all of them as they are known now, and
+``survey/coverage`` the skin that was measured, with the gaps in it: these are made while somebody
+subscribes, once a second at most. Clouds have to come in the camera's frame.
 """
 
 from __future__ import annotations
@@ -13,7 +14,6 @@ import traceback
 from typing import Any
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from nav_msgs.msg import Path
 from numpy.typing import NDArray
 from rclpy.node import Node
 from sensor_msgs.msg import Image, PointCloud2
@@ -21,20 +21,21 @@ from sensor_msgs.msg import Image, PointCloud2
 from ftp_dent_ros.errors import CloudError, ImageError, PoseError
 from ftp_dent_ros.nodes.declarations import names_of_all
 from ftp_dent_ros.nodes.matching import Matched, Matching, located
+from ftp_dent_ros.nodes.survey_drawing import State, SurveyDrawing
 from ftp_dent_ros.nodes.survey_parameters import declare
 from ftp_dent_ros.ros.diagnostics import OK, WARN, Diagnostics
 from ftp_dent_ros.ros.messages import (
     cloud_from_message,
     image_from_message,
     make_header,
-    pose_stamped_message,
     pose_to_message,
     stamp_to_ns,
 )
 from ftp_dent_ros.ros.node import run
 from ftp_dent_ros.ros.parameters import Parameters
-from ftp_dent_ros.ros.qos import CLOUDS, LATCHED, OVERRIDABLE, POSES
+from ftp_dent_ros.ros.qos import CLOUDS, OVERRIDABLE, POSES
 from ftp_dent_ros.ros.worker import NewestWorker
+from ftp_dent_ros.survey.footprint import Footprint
 from ftp_dent_ros.survey.joining import Joining
 
 
@@ -50,10 +51,12 @@ class Survey(Node):
         self._diagnostics = Diagnostics(self, self._judge)
         self._begin()
         self._pose = self.create_publisher(PoseWithCovarianceStamped, 'survey/pose', POSES)
-        self._path = self.create_publisher(Path, 'survey/path', LATCHED)
+        self._drawing = SurveyDrawing(self, self._diagnostics, self._map)
         self._worker = NewestWorker(self._work, 'survey', given.queue_size)
         self._matching = Matching(
-            self._hand_over, self._diagnostics.refuse, lambda: self._has_skin
+            self._hand_over,
+            self._diagnostics.refuse,
+            lambda: ('skin',) if self._has_skin else (),
         )
         self.create_subscription(
             Image, 'skin', self._on_skin, CLOUDS, qos_overriding_options=OVERRIDABLE
@@ -68,11 +71,13 @@ class Survey(Node):
     def destroy_node(self) -> None:
         """Finish the cloud in work first."""
         self._worker.stop()
+        self._drawing.close()
         super().destroy_node()
 
     def _begin(self) -> None:
         """Begin a skin, of which nothing is known yet."""
         self._joining = Joining(self._on_remark)
+        self._footprints: list[Footprint] = []
         self._known: set[int] = set()
         self._left_out: set[int] = set()
         self._without_ties = 0
@@ -120,7 +125,7 @@ class Survey(Node):
             raise PoseError(
                 f'the cloud at {stamp_ns / 1e9:.3f} s is joined already', 'already seen'
             )
-        stated, covariance = located(item.pose, header.frame_id, self._map)
+        stated, covariance = located(item.best_pose, header.frame_id, self._map)
         if not covariance.any():
             covariance = self._unstated
         cloud = cloud_from_message(item.cloud)
@@ -133,8 +138,9 @@ class Survey(Node):
         message.pose.pose = pose_to_message(pose)
         message.pose.covariance = joining.newest_covariance().ravel()
         self._pose.publish(message)
-        if self._path.get_subscription_count():
-            self._path.publish(self._path_message(stamp_ns))
+        self._footprints.append(Footprint.of(cloud))
+        stamps, poses = tuple(joining.stamps_ns), tuple(joining.graph.poses)
+        self._drawing.show(State(stamps, poses, tuple(self._footprints)))
         self._tell_pairs(links)
         self._diagnostics.count('joined')
         self._diagnostics.measure('computation', (self._now_ns() - started_ns) / 1e9)
@@ -159,16 +165,6 @@ class Survey(Node):
             )
             return None
         return skin
-
-    def _path_message(self, stamp_ns: int) -> Path:
-        joining = self._joining
-        return Path(
-            header=make_header(stamp_ns, self._map),
-            poses=[
-                pose_stamped_message(pose, each, self._map)
-                for each, pose in zip(joining.stamps_ns, joining.graph.poses, strict=True)
-            ],
-        )
 
     def _tell_pairs(self, links: int) -> None:
         """Tell what became of the pairs: those that were there already, and those from `links`."""

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,6 +9,7 @@ from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.inspection.dent import Inspection
 from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.survey.gaps import Gap, find_gaps
 from ftp_dent_ros.survey.result import CoverageCells
 from ftp_dent_ros.survey.unrolling import Unrolled
 
@@ -19,28 +17,7 @@ from ftp_dent_ros.survey.unrolling import Unrolled
 PIXEL, PIXELS_A_CELL = 0.002, 5
 # Of a cell's pixels, that were measured if the cell was.
 _MEASURED = 0.5
-# A gap is no wider than this; a wider one is the rim of what was flown over; metres.
-_WIDEST_GAP = 0.1
 _LARGEST = 1 << 28  # pixels
-
-
-@dataclass(frozen=True, eq=False)
-class Gap:
-    """Skin that was not measured between skin that was.
-
-    Attributes
-    ----------
-    place : ndarray, shape (2,)
-        Its middle, unrolled, metres.
-    size : ndarray, shape (2,)
-        Along x and y, metres.
-    area : float
-        Square metres.
-    """
-
-    place: NDArray[np.float64]
-    size: NDArray[np.float64]
-    area: float
 
 
 class Mosaic:
@@ -175,45 +152,12 @@ class Mosaic:
 
     def gaps(self) -> list[Gap]:
         """What was not measured between what was, the largest first."""
-        measured = self.measured().astype(np.uint8)
-        side = PIXEL * PIXELS_A_CELL
-        reach = int(np.ceil(_WIDEST_GAP / side / 2))
-        wide = np.pad(measured, reach)
-        square = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
-        closed = cv2.morphologyEx(wide, cv2.MORPH_CLOSE, square)[reach:-reach, reach:-reach] > 0
-        count, labels, boxes, middles = cv2.connectedComponentsWithStats(
-            (closed & (measured == 0)).astype(np.uint8), connectivity=4
-        )
-        gaps = []
-        for label in range(1, count):
-            _, _, width, height, cells = boxes[label]
-            # A corner that closing rounds off is no gap: nothing lies beyond it.
-            if not _between(measured, labels == label):
-                continue
-            place = self.low + side * (middles[label] + 0.5)
-            gaps.append(Gap(place, side * np.array([width, height]), float(cells * side**2)))
-        return sorted(gaps, key=lambda gap: -gap.area)
+        return find_gaps(self.measured(), self.low, PIXEL * PIXELS_A_CELL)
 
     def _by_cell(self, values: NDArray, how) -> NDArray:
         rows, columns = (size // PIXELS_A_CELL for size in self.shape)
         cells = values.reshape(rows, PIXELS_A_CELL, columns, PIXELS_A_CELL)
         return how(cells.transpose(0, 2, 1, 3).reshape(rows, columns, -1), axis=-1)
-
-
-def _between(measured: NDArray[np.uint8], gap: NDArray[np.bool_]) -> bool:
-    """Whether a gap has measured cells on two opposite sides."""
-    row, column = np.nonzero(gap)
-    for axis, at in ((0, column), (1, row)):
-        lines = np.unique(at)
-        hits = 0
-        for line in lines:
-            cells = row[at == line] if axis == 0 else column[at == line]
-            strip = measured[:, line] if axis == 0 else measured[line]
-            low, high = cells.min() - 1, cells.max() + 1
-            hits += low >= 0 and high < len(strip) and strip[low] and strip[high]
-        if hits >= max(1, len(lines) // 2):
-            return True
-    return False
 
 
 def _middle(values: NDArray, axis: int) -> NDArray:

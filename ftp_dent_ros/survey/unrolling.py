@@ -61,6 +61,21 @@ class Unrolled:
         height = sign * np.hypot(y, from_axis) - self.radius
         return np.stack([x, y_out, height], axis=-1)
 
+    def points(self, place: NDArray, height: NDArray | float = 0.0) -> NDArray[np.float64]:
+        """Points of places x, y of shape (..., 2) at a height above them, metres, (..., 3)."""
+        x, y = np.asarray(place, float)[..., 0], np.asarray(place, float)[..., 1]
+        if math.isinf(self.radius):
+            along, up = y, np.broadcast_to(height, y.shape)
+        else:
+            angle, from_axis = y / self.radius, self.radius + height
+            along, up = from_axis * np.sin(angle), from_axis * np.cos(angle) - self.radius
+        return (
+            self.origin
+            + x[..., None] * self.axis
+            + along[..., None] * self.around
+            + up[..., None] * self.normal
+        )
+
 
 def _radius(y: NDArray, z: NDArray, tilt: NDArray) -> float:
     """Radius by how normals tilt with y."""

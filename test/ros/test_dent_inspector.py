@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from dent_samples import DENTED, noisy_cloud
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import PoseWithCovariance, PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovariance, PoseWithCovarianceStamped
+from nav_msgs.msg import Path
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
@@ -175,6 +176,56 @@ def test_tagged_clouds_become_one_list_that_the_service_takes(ros, cloud, tmp_pa
         }
     ros.until(lambda: dents_from_message(listed[-1]).size == 0)
     assert bench.take()['dents'] == []
+    assert bench.process.stop() == 0
+
+
+def test_the_survey_places_the_dents_and_corrects_their_list(ros, cloud):
+    bench = Bench(ros, source='tagged', always=True)
+    surveyed = ros.publisher(PoseWithCovarianceStamped, 'survey/pose', POSES)
+    paths = ros.publisher(Path, 'survey/path', LATCHED)
+    listed = ros.collect(PointCloud2, 'dents/list', LATCHED)
+    covariance = np.diag([1e-4] * 3 + [1e-6] * 3).ravel()
+
+    def pose_message(stamp_ns, pose):
+        tag = PoseWithCovariance(pose=pose_to_message(pose), covariance=covariance)
+        return PoseWithCovarianceStamped(header=make_header(stamp_ns, 'map'), pose=tag)
+
+    def off(pose, *shift):
+        return Pose(pose.rotation, pose.translation + shift)
+
+    def places():
+        found = dents_from_message(listed[-1])
+        return np.stack([found[axis] for axis in 'xyz'], axis=-1)
+
+    truth = [CAMERA_POSES[0].apply(true.position) for true in true_dents(DENTED)]
+    for number, pose in enumerate(CAMERA_POSES, start=1):
+        seen = noisy_cloud(DENTED.transformed(pose.inverse() @ CAMERA_POSES[0]), number)
+        bench.poses.publish(pose_message(number, off(pose, 0.3, 0, 0)))
+        bench.show(seen, number)
+        # The second one is lost, and waits for nothing longer than until the next.
+        if number != 2:
+            surveyed.publish(pose_message(number, off(pose, 0, 0.03, 0)))
+            ros.until(lambda: bench.value('inspected') == str(number))  # noqa: B023
+    bench.says('working')
+    assert bench.value('placed by the survey') == '2'
+    ros.until(lambda: len(dents_from_message(listed[-1])) == 4)
+    np.testing.assert_allclose(places()[:2], np.add(truth, [0, 0.03, 0]), atol=2e-3)
+
+    def path(shift, frame_id='map'):
+        poses = [
+            PoseStamped(header=make_header(number, 'map'), pose=pose_to_message(off(pose, *shift)))
+            for number, pose in enumerate(CAMERA_POSES, start=1)
+        ]
+        return Path(header=make_header(3, frame_id), poses=poses)
+
+    paths.publish(path((0, 0, 0), 'odom'))
+    ros.until(lambda: bench.value('refused: wrong frame') == '1')
+    paths.publish(path((0, 0, 0)))
+    # The dents of the lost pose are the others, after all.
+    ros.until(lambda: dents_from_message(listed[-1])['sightings'].tolist() == [3, 3])
+    np.testing.assert_allclose(places(), truth, atol=1e-3)
+    assert dents_from_message(listed[-1])['number'].tolist() == [1, 2]
+    assert bench.value('failed') == '0'
     assert bench.process.stop() == 0
 
 

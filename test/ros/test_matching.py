@@ -17,26 +17,26 @@ TYPES = {
 
 
 @pytest.mark.parametrize(
-    ('expects_skin', 'sent', 'given'),
+    ('expects', 'sent', 'given'),
     [
-        (False, 'c1 p1 p2 c2', '1 2'),
-        (True, 's1 c1 p1 c2 p2 s2', '1s 2s'),
+        ((), 'c1 p1 p2 c2', '1 2'),
+        (('skin',), 's1 c1 p1 c2 p2 s2', '1s 2s'),
         # A skin that is lost costs that alone, and order.
-        (True, 'c1 p1 s2 c2 p2', '1 2s'),
+        (('skin',), 'c1 p1 s2 c2 p2', '1 2s'),
         # A cloud whose pose may still come holds up nothing.
-        (True, 's1 c1 s2 c2 p2 p1', '2s 1s'),
+        (('skin',), 's1 c1 s2 c2 p2 p1', '2s 1s'),
         # A skin that nobody is known to send yet is taken when it is there.
-        (False, 's1 c1 p1', '1s'),
+        ((), 's1 c1 p1', '1s'),
     ],
 )
-def test_what_belongs_together_comes_together(expects_skin, sent, given):
+def test_what_belongs_together_comes_together(expects, sent, given):
     found = []
     matching = Matching(
         lambda item: found.append(
             f'{stamp_to_ns(item.cloud.header.stamp)}{"s" * bool(item.skin)}'
         ),
         lambda reason, _: pytest.fail(reason),
-        lambda: expects_skin,
+        lambda: expects,
     )
     for word in sent.split():
         part, message_type = TYPES[word[0]]
@@ -46,7 +46,7 @@ def test_what_belongs_together_comes_together(expects_skin, sent, given):
 
 def test_what_stays_alone_is_given_up_with_its_reason():
     found, refused = [], []
-    matching = Matching(found.append, lambda reason, _: refused.append(reason), lambda: True)
+    matching = Matching(found.append, lambda reason, _: refused.append(reason), lambda: ('skin',))
     for stamp in range(1, 31):
         for part in ('cp', 'c', 'p', 's')[stamp % 4]:
             name, message_type = TYPES[part]

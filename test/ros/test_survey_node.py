@@ -7,12 +7,14 @@ from itertools import count, pairwise
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from flown_skin import STATED, FlownSkin, erring
+from flown_skin import COLUMNS, ROWS, SPACING, STATED, FlownSkin, erring
 from geometry_msgs.msg import PoseWithCovariance, PoseWithCovarianceStamped
 from nav_msgs.msg import Path
 from sensor_msgs.msg import Image, PointCloud2
+from visualization_msgs.msg import MarkerArray
 
 from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.ros.dent_messages import dents_from_message
 from ftp_dent_ros.ros.messages import (
     cloud_to_message,
     covariance_from_message,
@@ -77,16 +79,29 @@ def steps(poses):
     return np.array([(a.inverse() @ b).translation for a, b in pairwise(poses)])
 
 
+def _area(message):
+    """Of the measured skin, square metres."""
+    corners = [[each.x, each.y, each.z] for each in message.markers[1].points]
+    a, b, c = np.array(corners).reshape(-1, 3, 3).swapaxes(0, 1)
+    return np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
+
+
 def test_clouds_of_a_flight_get_poses_that_agree_with_each_other(ros, flight):
     poses, stated, seen = flight
     bench = Bench(ros)
     paths = ros.collect(Path, 'survey/path', LATCHED)
+    drawn = ros.collect(MarkerArray, 'survey/coverage', LATCHED)
     ros.until(lambda: ros.node.count_publishers('survey/path'))
     for number, ((cloud, skin), pose) in enumerate(zip(seen, stated, strict=True)):
         bench.show(number, cloud, skin, pose)
         ros.until(lambda: len(bench.found) > number)  # noqa: B023
     ros.until(lambda: paths and len(paths[-1].poses) == len(poses))
     bench.waits('joined', len(poses))
+    # As much as the clouds cover of the skin, whose true poses differ by millimetres.
+    area = (5 * 0.05 + COLUMNS * SPACING) * ROWS * SPACING
+    ros.until(lambda: drawn and _area(drawn[-1]) == pytest.approx(area, rel=0.06))
+    assert {marker.ns for marker in drawn[-1].markers} == {'', 'measured'}, 'no gaps'
+    assert drawn[-1].markers[1].header.frame_id == 'map'
 
     stamps = [(number + 1) * HALF_S for number in range(len(poses))]
     assert [stamp_to_ns(each.header.stamp) for each in bench.found] == stamps
@@ -106,6 +121,38 @@ def test_clouds_of_a_flight_get_poses_that_agree_with_each_other(ros, flight):
     assert float(bench.value('computation median (ms)')) > 0
     assert bench.value('refused') == bench.value('failed') == '0'
     assert bench.process.stop() == 0
+
+
+def test_the_dents_of_a_flight_lie_to_each_other_as_on_the_skin(ros):
+    skin = FlownSkin(32, dents=((0.05, 0.02, 0.03, 5e-4), (0.2, -0.03, 0.025, 4e-4)))
+    poses = list(skin.flight(6))
+    stated = erring(poses, 32)
+    bench = Bench(ros)
+    inspector = ros.start('dent_inspector', source='tagged', always=True)
+    told = ros.diagnostics('dent_inspector')
+    listed = ros.collect(PointCloud2, 'dents/list', LATCHED)
+
+    def value(key):
+        values = told().values if told() else ()
+        return next((item.value for item in values if item.key == key), None)
+
+    ros.until(lambda: told() and ros.node.count_subscribers('survey/path'))
+    ros.until(lambda: ros.node.count_subscribers('points') == 2)
+    for number, (pose, said) in enumerate(zip(poses, stated, strict=True)):
+        bench.show(number, *skin.seen(pose, number), said)
+        ros.until(lambda: value('inspected') == str(number + 1))  # noqa: B023
+    # The first may have come before the nodes had found each other.
+    assert int(value('placed by the survey')) >= 3
+
+    def apart():
+        dents = dents_from_message(listed[-1])
+        places = np.stack([dents[axis] for axis in 'xyz'], axis=-1)
+        return len(dents) == 2 and np.linalg.norm(places[1] - places[0])
+
+    # Between their centres on the undented cylinder, however late a correction comes.
+    true = np.hypot(0.15, 0.05)
+    ros.until(lambda: abs(apart() - true) < 1e-3)
+    assert inspector.stop() == 0 and bench.process.stop() == 0
 
 
 def test_what_cannot_be_joined_is_told_with_its_reason_and_ends_nothing(ros, flight):

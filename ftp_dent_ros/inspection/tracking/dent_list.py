@@ -52,6 +52,7 @@ class DentList:
         self._entries: list[Entry] = []
         self._frames: set[tuple[str, int]] = set()
         self._numbers, self._groups = first - 1, 0
+        self._begun: dict[tuple[int, int], int] = {}
         self._error: NDArray[np.float64] | None = None
         self._placed: list[_Placed] = []
 
@@ -70,9 +71,32 @@ class DentList:
         off = [each.stated - each.found for each in self._placed if each.group == group]
         return np.mean(off, axis=0) if off else np.zeros(3)
 
-    def clear(self) -> None:
-        """Forget all."""
-        self.__init__()  # type: ignore[misc]
+    def copy(self) -> DentList:
+        """The same list, to go on from another time."""
+        other = DentList()
+        other.__dict__.update({name: copy(value) for name, value in self.__dict__.items()})
+        return other
+
+    def moved(self, move: Pose) -> DentList:
+        """The same list, moved as one."""
+        other = self.copy()
+        if move is SAME:
+            return other
+        other._entries = [each.moved(move, each.group) for each in self._entries]
+        other._placed = [
+            _Placed(each.group, move.apply(each.stated), move.apply(each.found))
+            for each in self._placed
+        ]
+        if self._error is not None:
+            turned = move.rotation.apply(self._error.reshape(2, 3))
+            other._error = turned.ravel()
+        return other
+
+    def numbered_as(self, other: DentList) -> DentList:
+        """The same list, in which what begins a dent as in another list gets that one's number."""
+        same = self.copy()
+        same._numbers, same._begun = max(self._numbers, other._numbers), dict(other._begun)
+        return same
 
     def add(
         self,
@@ -146,8 +170,14 @@ class DentList:
         for index, at in pairs:
             self._entries[at] = self._entries[at].with_sightings(seen[index])
         for index in sorted(set(range(len(seen))) - {index for index, _ in pairs}):
+            self._entries.append(Entry(group, listed(self._number(frame, index), (seen[index],))))
+
+    def _number(self, frame: int, index: int) -> int:
+        """Number of the dent that a frame's dent begins."""
+        if (frame, index) not in self._begun:
             self._numbers += 1
-            self._entries.append(Entry(group, listed(self._numbers, (seen[index],))))
+            self._begun[frame, index] = self._numbers
+        return self._begun[frame, index]
 
     def _expected(self, pivot: NDArray[np.float64]) -> Pose:
         """Where a frame lies if its pose errs as the one before did."""

@@ -1,10 +1,13 @@
-"""A list of dents on disk: what each frame added, a line of JSON each, for a restart to read."""
+"""A list of dents on disk: what each frame added, and where cameras were found to have been.
+
+A line of JSON each, for a restart to read.
+"""
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -41,6 +44,19 @@ class Entry:
     covariance: NDArray[np.float64]
 
 
+@dataclass(frozen=True, eq=False)
+class Correction:
+    """Where cameras are found to have been, after all.
+
+    Attributes
+    ----------
+    poses : mapping of int to Pose
+        By the stamps of their frames, in the list's frame.
+    """
+
+    poses: Mapping[int, Pose]
+
+
 class Journal:
     """The entries of a list, in a file.
 
@@ -73,8 +89,8 @@ class Journal:
             # Cut short: the next entry must not be joined to it.
             os.truncate(self.path, sum(len(line) + 1 for line in self._whole))
 
-    def entries(self) -> Iterator[Entry]:
-        """What the file held when it was opened.
+    def entries(self) -> Iterator[Entry | Correction]:
+        """What the file held when it was opened, in its order.
 
         Raises
         ------
@@ -83,18 +99,19 @@ class Journal:
         """
         return (self._read(number, line) for number, line in enumerate(self._whole, start=1))
 
-    def _read(self, number: int, line: bytes) -> Entry:
+    def _read(self, number: int, line: bytes) -> Entry | Correction:
         try:
-            return _entry(json.loads(line))
+            record = json.loads(line)
+            return _correction(record) if 'corrected' in record else _entry(record)
         except (ValueError, KeyError, TypeError):
             raise ConfigurationError(
                 f'{self.path}: line {number} is no entry of a list of dents: '
                 'name another file, or remove this one'
             ) from None
 
-    def append(self, entry: Entry) -> None:
-        """Write an entry; raises OSError if it cannot be."""
-        line = json.dumps(_record(entry)).encode() + b'\n'
+    def append(self, item: Entry | Correction) -> None:
+        """Write what is new; raises OSError if it cannot be."""
+        line = json.dumps(_record(item)).encode() + b'\n'
         with self.path.open('ab') as file:
             file.write(line)
             file.flush()
@@ -105,15 +122,32 @@ class Journal:
         os.truncate(self.path, 0)
 
 
-def _record(entry: Entry) -> dict[str, Any]:
+def _record(item: Entry | Correction) -> dict[str, Any]:
+    if isinstance(item, Correction):
+        corrected = [{'stamp_ns': stamp, **_plain(pose)} for stamp, pose in item.poses.items()]
+        return {'corrected': corrected}
     return {
-        'frame_id': entry.frame_id,
-        'stamp_ns': entry.stamp_ns,
-        'position': entry.pose.translation.tolist(),
-        'orientation_xyzw': entry.pose.quaternion.tolist(),
-        'covariance': np.ravel(entry.covariance).tolist(),
-        'dents': [dent_to_plain(dent) for dent in entry.dents],
+        'frame_id': item.frame_id,
+        'stamp_ns': item.stamp_ns,
+        **_plain(item.pose),
+        'covariance': np.ravel(item.covariance).tolist(),
+        'dents': [dent_to_plain(dent) for dent in item.dents],
     }
+
+
+def _plain(pose: Pose) -> dict[str, Any]:
+    return {
+        'position': pose.translation.tolist(),
+        'orientation_xyzw': pose.quaternion.tolist(),
+    }
+
+
+def _pose(record: dict[str, Any]) -> Pose:
+    return Pose.from_quaternion(record['orientation_xyzw'], record['position'])
+
+
+def _correction(record: dict[str, Any]) -> Correction:
+    return Correction({int(each['stamp_ns']): _pose(each) for each in record['corrected']})
 
 
 def _entry(record: dict[str, Any]) -> Entry:
@@ -121,6 +155,6 @@ def _entry(record: dict[str, Any]) -> Entry:
         frame_id=str(record['frame_id']),
         stamp_ns=int(record['stamp_ns']),
         dents=tuple(dent_from_plain(each) for each in record['dents']),
-        pose=Pose.from_quaternion(record['orientation_xyzw'], record['position']),
+        pose=_pose(record),
         covariance=np.array(record['covariance'], float).reshape(6, 6),
     )

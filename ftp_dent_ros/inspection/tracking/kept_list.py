@@ -1,19 +1,27 @@
-"""The list of dents of a flight, kept on disk if it is told where."""
+"""The list of dents of a flight: corrected with its poses, kept on disk if it is told where."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.errors import ConfigurationError, PoseError
 from ftp_dent_ros.inspection.dent import MeasuredDent
+from ftp_dent_ros.inspection.observation import SAME
 from ftp_dent_ros.inspection.tracking.dent_list import DentList
-from ftp_dent_ros.inspection.tracking.journal import Entry, Journal
+from ftp_dent_ros.inspection.tracking.journal import Correction, Entry, Journal
 from ftp_dent_ros.inspection.tracking.sightings import ListedDent
 from ftp_dent_ros.pose import Pose
+
+# What a dent has to be off by for its frame to be placed anew: no pose is better, metres.
+_OFF = 1e-3
+# A state of the list is kept before every so many frames: to begin a correction there.
+_EVERY = 8
 
 
 class KeptList:
@@ -28,8 +36,6 @@ class KeptList:
     ----------
     frame_id : str
         Of the list; empty while it is.
-    clouds : int
-        How many it is made of.
     stamp_ns : int
         Of the last one.
 
@@ -43,8 +49,13 @@ class KeptList:
         self._journal = Journal(path) if path else None
         self._forget()
         try:
-            for entry in self._journal.entries() if self._journal else ():
-                self._take(entry)
+            poses: dict[int, Pose] = {}
+            for item in self._journal.entries() if self._journal else ():
+                if isinstance(item, Correction):
+                    poses |= item.poses
+                else:
+                    self._take(item)
+            self._replace(poses)
         except PoseError as error:
             raise ConfigurationError(f'{path}: {error}') from None
 
@@ -81,6 +92,34 @@ class KeptList:
         if self._journal:
             self._journal.append(entry)
 
+    def correct(self, frame_id: str, poses: Mapping[int, Pose]) -> bool:
+        """Put clouds where their cameras are found to have been; whether that changes anything.
+
+        What moves as one is moved, and the list made again from the first cloud on that lies
+        elsewhere among those before it. What begins a dent keeps its number, and the number of
+        what turns out to be another dent is gone.
+
+        Parameters
+        ----------
+        frame_id : str
+            Frame of the poses.
+        poses : mapping of int to Pose
+            Of the cameras, by the clouds' stamps; others are left alone.
+
+        Raises
+        ------
+        PoseError
+            The frame is another one than the list's.
+        OSError
+            It cannot be kept on disk; the list is corrected all the same.
+        """
+        if self.frame_id and frame_id != self.frame_id:
+            raise _other_frame('the path is', frame_id, self.frame_id)
+        corrected = self._replace(poses)
+        if corrected and self._journal:
+            self._journal.append(Correction(corrected))
+        return bool(corrected)
+
     def clear(self) -> None:
         """Forget all, on disk too; raises OSError if that cannot be."""
         self._forget()
@@ -94,27 +133,115 @@ class KeptList:
 
     def _forget(self) -> None:
         self._list = DentList()
-        self.frame_id, self.stamp_ns, self.clouds = '', 0, 0
+        self._taken: list[Entry] = []
+        # Its states before some clouds, and how all has been moved since.
+        self._before: list[tuple[DentList, Pose]] = []
+        self.frame_id, self.stamp_ns = '', 0
+
+    @property
+    def clouds(self) -> int:
+        """How many clouds the list is made of."""
+        return len(self._taken)
+
+    def _replace(self, poses: Mapping[int, Pose]) -> dict[int, Pose]:
+        """Place clouds anew; the poses that are used of those given."""
+        used = {
+            entry.stamp_ns: poses[entry.stamp_ns]
+            for entry in self._taken
+            if entry.stamp_ns in poses and _is_off(entry, poses[entry.stamp_ns])
+        }
+        if not used:
+            return used
+        placed = [_placed(entry, used.get(entry.stamp_ns, entry.pose)) for entry in self._taken]
+        # Either the first ones stay where they are, or all move as one.
+        move, same = max(
+            (
+                (move, _alike(self._taken, placed, move))
+                for move in (SAME, _common(self._taken, placed))
+            ),
+            key=lambda each: each[1],
+        )
+        if same == len(placed):
+            self._list = self._list.moved(move)
+            self._before = [(each, move @ moved) for each, moved in self._before]
+            self._taken = placed
+            return used
+        first = same // _EVERY
+        start, moved = self._before[first]
+        self._list = start.moved(move @ moved).numbered_as(self._list)
+        self._before = [(each, move @ moved) for each, moved in self._before[:first]]
+        self._taken = placed[: first * _EVERY]
+        for entry in placed[first * _EVERY :]:
+            self._add(entry)
+        return used
+
+    def _add(self, entry: Entry) -> bool:
+        before = None if len(self._taken) % _EVERY else self._list.copy()
+        number = len(self._taken) + 1
+        words = entry.dents, entry.pose, entry.covariance
+        if not self._list.add(number, *words, stamp_ns=entry.stamp_ns):
+            return False
+        if before is not None:
+            self._before.append((before, SAME))
+        self._taken.append(entry)
+        return True
 
     def _take(self, entry: Entry) -> None:
         if self.frame_id and entry.frame_id != self.frame_id:
-            raise PoseError(
-                f'the cloud is put into the frame {entry.frame_id!r}, the list is in '
-                f'{self.frame_id!r}: publish all in one, or take the list first',
-                'wrong frame',
-            )
-        added = self._list.add(
-            self.clouds + 1,
-            entry.dents,
-            entry.pose,
-            entry.covariance,
-            stamp_ns=entry.stamp_ns,
-        )
-        if not added:
+            raise _other_frame('the cloud is put', entry.frame_id, self.frame_id)
+        if not self._add(entry):
             raise PoseError(
                 f'the cloud of {entry.stamp_ns / 1e9:.3f} s is in the list already: publish each '
                 'once, with the time of its exposure',
                 'already seen',
             )
         self.frame_id, self.stamp_ns = entry.frame_id, entry.stamp_ns
-        self.clouds += 1
+
+
+def _is_off(entry: Entry, pose: Pose) -> bool:
+    """Whether another pose puts a cloud's dents elsewhere."""
+    move = pose @ entry.pose.inverse()
+    places = _places([entry])
+    return bool((np.linalg.norm(move.apply(places) - places, axis=1) > _OFF).any())
+
+
+def _placed(entry: Entry, pose: Pose) -> Entry:
+    if pose is entry.pose:
+        return entry
+    move = pose @ entry.pose.inverse()
+    dents = tuple(dent.transformed(move) for dent in entry.dents)
+    return replace(entry, dents=dents, pose=pose)
+
+
+def _places(entries: Sequence[Entry]) -> NDArray[np.float64]:
+    """Of all dents, shape (n, 3)."""
+    return np.array([dent.position for each in entries for dent in each.dents]).reshape(-1, 3)
+
+
+def _common(before: Sequence[Entry], after: Sequence[Entry]) -> Pose:
+    """The move that carries all dents as one, in the mean."""
+    old, new = _places(before), _places(after)
+    middle, there = old.mean(axis=0), new.mean(axis=0)
+    # A turn that nothing tells is none.
+    held = 1e-3 * np.eye(3)
+    turn, _ = Rotation.align_vectors(
+        np.concatenate([new - there, held]), np.concatenate([old - middle, held])
+    )
+    return Pose(turn, there - turn.apply(middle))
+
+
+def _alike(before: Sequence[Entry], after: Sequence[Entry], move: Pose) -> int:
+    """How many of the first clouds a move of all puts where they are to be."""
+    for index, (old, new) in enumerate(zip(before, after, strict=True)):
+        off = move.apply(_places([old])) - _places([new])
+        if (np.linalg.norm(off, axis=1) > _OFF).any():
+            return index
+    return len(before)
+
+
+def _other_frame(what: str, frame_id: str, own: str) -> PoseError:
+    return PoseError(
+        f'{what} in the frame {frame_id!r}, the list is in {own!r}: publish all in one, or take '
+        'the list first',
+        'wrong frame',
+    )

@@ -22,6 +22,8 @@ _PLACE, _OF_WIDTH = 2e-3, 0.06
 # Or farther, where its sizes agree, but no farther than this part of the way to the next dent:
 # frames that were put to each other over many others have drifted, metres.
 _FREE, _FARTHEST = 0.4, 20e-3
+# Farther from each other than this no pose puts one dent, and its length; metres.
+_ELSEWHERE = 1.0
 
 Indices = list[tuple[int, int]]
 
@@ -65,8 +67,10 @@ def paired(
     free = _free(dents)[:, None], _free(known)
     reach = np.minimum(_FARTHEST, _FREE * np.minimum(*free))
     reach = np.where(np.isfinite(agreement(dents, known)), reach, 0.0)
+    thinkable = _thinkable(dents, known)
     for row, (dent, sighting) in enumerate(zip(dents, sightings, strict=True)):
-        for column, entry in enumerate(entries):
+        for column in np.flatnonzero(thinkable[row]).tolist():
+            entry = entries[column]
             near = reach[row, column] if entry.group == group else None
             cost[row, column] = _misfit(dent, sighting, entry, near)
     rows, columns = linear_sum_assignment(np.minimum(cost, 1.0))
@@ -79,6 +83,15 @@ def _free(dents: Sequence[MeasuredDent]) -> NDArray[np.float64]:
     apart = cdist(places, places)
     np.fill_diagonal(apart, np.inf)
     return apart.min(axis=1)
+
+
+def _thinkable(dents: Sequence[MeasuredDent], known: Sequence[MeasuredDent]) -> NDArray[np.bool_]:
+    """Mask of the pairs that are no farther apart than any pose errs and any dent is long."""
+    places, there = (np.stack([dent.position for dent in each]) for each in (dents, known))
+    sizes, others = (
+        np.nan_to_num([dent.length.value for dent in each]) for each in (dents, known)
+    )
+    return cdist(places, there) < _ELSEWHERE + np.maximum(sizes[:, None], others)
 
 
 def _misfit(dent: MeasuredDent, sighting: Sighting, entry: Entry, reach: float | None) -> float:

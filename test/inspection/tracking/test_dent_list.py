@@ -112,12 +112,3 @@ def test_orientations_on_both_sides_of_the_half_turn_agree():
     ]
     (entry,) = listed(*([dent] for dent in dents)).entries
     assert abs(entry.dent.orientation.value) == pytest.approx(np.pi / 2, abs=1e-9)
-
-
-def test_numbers_start_again_when_the_list_is_cleared():
-    dents = listed([make_dent()], [make_dent((0.3, 0, 0.6))])
-    assert [entry.number for entry in dents.entries] == [1, 2]
-    dents.clear()
-    assert dents.entries == ()
-    dents.add(1, [make_dent()])
-    assert [entry.number for entry in dents.entries] == [1]

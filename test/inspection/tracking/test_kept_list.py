@@ -79,6 +79,55 @@ def test_a_list_is_there_again_after_a_restart(tmp_path):
     assert KeptList(path).entries == ()
 
 
+def a_loop(frames=20):
+    """Stamps, true and drifted poses, and dents in the cameras' frames: there and back."""
+    rng = np.random.default_rng(5)
+    places = np.column_stack([rng.uniform(0, 3, 30), rng.uniform(-0.1, 0.1, 30), np.zeros(30)])
+    way = np.concatenate([np.linspace(0, 2.8, frames // 2), np.linspace(2.8, 0, frames // 2)])
+    for frame, x in enumerate(way):
+        true = Pose.from_rpy((0, 0, 0), (x, 0, 0.8))
+        # Ever farther off, beyond what is stated at the end.
+        said = Pose.from_rpy((0, 0, 0), (x, 0.012 * frame, 0.8))
+        near = np.abs(places[:, 0] - x) < 0.12
+        dents = [make_dent(at, 1e-3 + 1e-4 * i) for i, at in enumerate(places) if near[i]]
+        yield frame + 1, true, said, [dent.transformed(true.inverse()) for dent in dents]
+
+
+def test_a_corrected_list_is_the_one_that_right_poses_make_and_keeps_its_numbers(tmp_path):
+    tight = np.diag([2e-3**2] * 3 + [1e-3**2] * 3)
+    path = tmp_path / 'dents.jsonl'
+    drifted, right = KeptList(path), KeptList()
+    poses = {}
+    for stamp, true, said, dents in a_loop():
+        drifted.add('map', stamp, [each.transformed(said) for each in dents], said, tight)
+        right.add('map', stamp, [each.transformed(true) for each in dents], true, tight)
+        poses[stamp] = true
+    before = {entry.number for entry in drifted.entries}
+    assert len(before) > len(right.entries)
+    with pytest.raises(PoseError, match='odom'):
+        drifted.correct('odom', poses)
+
+    assert drifted.correct('map', poses | {99: SAME})
+
+    for kept in (drifted, KeptList(path)):
+        for one, other in zip(kept.entries, right.entries, strict=True):
+            np.testing.assert_allclose(one.dent.position, other.dent.position, atol=1e-9)
+            assert len(one.sightings) == len(other.sightings)
+    # Those that are one after all have the number of the first.
+    assert [entry.number for entry in drifted.entries] == sorted(
+        {entry.number for entry in drifted.entries}
+    )
+    assert {entry.number for entry in drifted.entries} < before
+    assert not drifted.correct('map', poses)
+    # A last cloud that is moved a little costs no others their place.
+    last = {20: Pose.from_rpy((0, 0, 0), (0, 0.002, 0.8))}
+    assert drifted.correct('map', last) and not drifted.correct('map', last)
+    drifted.clear()
+    assert drifted.entries == () == KeptList(path).entries
+    drifted.add('map', 1, [make_dent()], SAME, COVARIANCE)
+    assert [entry.number for entry in drifted.entries] == [1]
+
+
 def test_what_a_crash_cut_short_is_left_out(tmp_path):
     path = tmp_path / 'dents.jsonl'
     KeptList(path).add('map', 1, [make_dent()], SAME, COVARIANCE)

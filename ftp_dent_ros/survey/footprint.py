@@ -1,0 +1,135 @@
+"""What of the skin clouds have measured, light enough to be drawn anew while flying.
+
+Each cloud keeps a sample every few millimetres, and the coverage is made of all of them where
+their cameras are known to have been now: it moves with the survey's corrections.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
+
+from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.survey.gaps import Gap, find_gaps
+from ftp_dent_ros.survey.unrolling import Unrolled
+
+# Side of a cell, and of the squares that a cloud has a sample of, metres.
+CELL, _SAMPLE = 0.01, 0.005
+# Of a cell, that was measured if the cell was.
+_NEEDED = 0.5
+# Cells that are drawn at most: poses may put clouds anywhere.
+_LARGEST = 1 << 26
+
+
+@dataclass(frozen=True, eq=False)
+class Footprint:
+    """Where a cloud has points: shape (n, 3), float32, metres, in its camera's frame."""
+
+    points: NDArray[np.float32]
+    normal: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, cloud: Cloud) -> Footprint:
+        """A mean point of each square of the plane through a cloud that it has measured."""
+        points = cloud.points[cloud.valid].astype(float)
+        middle = points.mean(axis=0)
+        some = points[:: max(1, len(points) // 1000)] - middle
+        _, _, axes = np.linalg.svd(some, full_matrices=False)
+        square = np.floor((points - middle) @ axes[:2].T / _SAMPLE).astype(np.int64)
+        square -= square.min(axis=0)
+        at = square[:, 0] * (square[:, 1].max() + 1) + square[:, 1]
+        count = np.bincount(at)
+        # Less than half a square at the rim is none.
+        full = np.flatnonzero(count >= np.median(count[count > 0]) / 2)
+        mean = np.stack([np.bincount(at, each)[full] for each in points.T], axis=-1)
+        # Towards the camera.
+        normal = axes[2] * (-1 if axes[2] @ middle > 0 else 1)
+        return cls((mean / count[full, None]).astype(np.float32), normal)
+
+
+@dataclass(frozen=True, eq=False)
+class SeenSkin:
+    """The cells that were measured, and the gaps between them.
+
+    Attributes
+    ----------
+    skin : Unrolled
+    low : ndarray, shape (2,)
+        x and y of the first cell's corner, metres.
+    measured : ndarray, shape (rows, columns), bool
+    height : ndarray, shape (rows, columns)
+        Of the cells above the unrolled skin, metres; the nearest one's where none was measured.
+    gaps : list of Gap
+    """
+
+    skin: Unrolled
+    low: NDArray[np.float64]
+    measured: NDArray[np.bool_]
+    height: NDArray[np.float64]
+    gaps: list[Gap]
+
+    @property
+    def area(self) -> float:
+        """That was measured, square metres."""
+        return float(self.measured.sum()) * CELL**2
+
+    def strips(self, mask: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """Corners of the cells of a mask, those side by side along the axis as one, (n, 4, 3)."""
+        padded = np.pad(mask.astype(np.int8), ((0, 0), (1, 1)))
+        change = np.diff(padded, axis=1)
+        row, first = np.nonzero(change == 1)
+        _, last = np.nonzero(change == -1)
+        sums = np.pad(self.height.cumsum(axis=1), ((0, 0), (1, 0)))
+        height = (sums[row, last] - sums[row, first]) / np.maximum(last - first, 1)
+        corners = [(first, row), (last, row), (last, row + 1), (first, row + 1)]
+        flat = np.stack([np.stack(each, axis=-1) for each in corners], axis=1) * CELL + self.low
+        return self.skin.points(flat, np.repeat(height[:, None], 4, axis=1))
+
+    def gap_mask(self) -> NDArray[np.bool_]:
+        """Mask of the cells of all gaps."""
+        mask = np.zeros_like(self.measured)
+        for gap in self.gaps:
+            mask[tuple(gap.cells.T)] = True
+        return mask
+
+
+def seen_skin(footprints: Sequence[Footprint], poses: Sequence[Pose]) -> SeenSkin | None:
+    """Coverage of clouds where their cameras were; None where that is too far apart to draw."""
+    points = np.concatenate(
+        [pose.apply(each.points) for pose, each in zip(poses, footprints, strict=True)]
+    )
+    normals = np.stack(
+        [pose.rotation.apply(each.normal) for pose, each in zip(poses, footprints, strict=True)]
+    )
+    some = [slice(None, None, max(1, len(each.points) // 50)) for each in footprints]
+    ends = np.cumsum([0, *(len(each.points) for each in footprints)])
+    few = [points[a:b][s] for a, b, s in zip(ends, ends[1:], some, strict=False)]
+    repeated = np.repeat(normals, [len(each) for each in few], axis=0)
+    skin = Unrolled.through(np.concatenate(few), repeated)
+    place = skin.place(points)
+    flat = place[:, :2]
+    low = (np.floor(flat.min(axis=0) / CELL) - 1) * CELL
+    columns, rows = np.floor((flat.max(axis=0) - low) / CELL).astype(int) + 2
+    if columns * rows > _LARGEST:
+        return None
+    covered, height = (np.zeros(rows * columns) for _ in range(2))
+    # A square lies on up to four cells: their shares of it, along each axis.
+    corner = (flat - low - _SAMPLE / 2) / CELL
+    first = np.floor(corner).astype(np.int64)
+    beyond = np.maximum(corner - first + _SAMPLE / CELL - 1, 0)
+    within = _SAMPLE / CELL - beyond
+    for right, up in ((0, 0), (1, 0), (0, 1), (1, 1)):
+        share = (beyond if right else within)[:, 0] * (beyond if up else within)[:, 1]
+        at = (first[:, 1] + up) * columns + first[:, 0] + right
+        covered += np.bincount(at, share, rows * columns)
+        height += np.bincount(at, share * place[:, 2], rows * columns)
+    measured = (covered >= _NEEDED).reshape(rows, columns)
+    height = (height / np.maximum(covered, 1e-9)).reshape(rows, columns)
+    # Of what was not measured, that of the nearest that was.
+    nearest = distance_transform_edt(~measured, return_distances=False, return_indices=True)
+    return SeenSkin(skin, low, measured, height[tuple(nearest)], find_gaps(measured, low, CELL))
