@@ -20,7 +20,7 @@ TOPICS = {
     *('/tagged/points', '/tagged/pose', '/tagged/camera_pose'),
     *('/mavlink/pose', '/diagnostics'),
     *('/dents', '/dents/list', '/dents/markers'),
-    *('/skin', '/survey/pose', '/survey/path'),
+    *('/skin', '/survey/pose', '/survey/path', '/survey/coverage'),
 }
 # What is imported, rosdep's key for it and PyPI's name. rclpy and the messages: ROS's own.
 LIBRARIES = {
@@ -126,7 +126,7 @@ def test_qos_overrides_are_those_of_the_bag_tools():
     for topic, policies in overrides.items():
         assert set(policies) == {'history', 'depth', 'reliability', 'durability'}
         assert policies['reliability'] == 'reliable'
-        latched = topic.startswith(('/projector/', '/dents/', '/survey/path'))
+        latched = topic.startswith(('/projector/', '/dents/', '/survey/path', '/survey/coverage'))
         assert policies['durability'] == ('transient_local' if latched else 'volatile')
 
 

@@ -15,6 +15,7 @@ IMAGE, CAMERA_INFO = 'camera/image_raw', 'camera/camera_info'
 PREVIEW_POINTS, PREVIEW_IMAGE = 'preview/points', 'preview/image/compressed'
 # For tools that know depth images but not these clouds.
 DEPTH = 'depth/image_raw/compressedDepth'
+SURVEY_PATH, SURVEY_COVERAGE = 'survey/path', 'survey/coverage'
 DIAGNOSTICS = '/diagnostics'
 
 
@@ -32,6 +33,9 @@ class Topic:
         Seconds between two that are sent; what comes in between is not.
     stamped : bool
         Whether the message begins with a header.
+    share : float
+        Of the link's rate, what these take up at most: one that comes too early waits, and gives
+        way to the next; 0 for no bound.
     """
 
     name: str
@@ -40,6 +44,7 @@ class Topic:
     latest: bool = False
     period: float = 0.0
     stamped: bool = True
+    share: float = 0.0
 
 
 AS_THEY_ARE = {
@@ -57,6 +62,17 @@ AS_THEY_ARE = {
         Topic('earth', 'sensor_msgs/msg/NavSatFix', Importance.POSES, latest=True),
         Topic('tagged/pose', _POSE, Importance.POSES),
         Topic(CAMERA_POSE, _POSE, Importance.POSES),
+        Topic('survey/pose', _POSE, Importance.POSES),
+        # Both hold the whole flight, again and again.
+        Topic(SURVEY_PATH, 'nav_msgs/msg/Path', Importance.PREVIEWS, latest=True, share=0.1),
+        Topic(
+            SURVEY_COVERAGE,
+            'visualization_msgs/msg/MarkerArray',
+            Importance.PREVIEWS,
+            latest=True,
+            stamped=False,
+            share=0.1,
+        ),
         # Fifty a second fly the drone; five show where it is.
         Topic('mavlink/pose', 'geometry_msgs/msg/PoseStamped', Importance.PREVIEWS, period=0.2),
     )

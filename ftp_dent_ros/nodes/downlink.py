@@ -35,7 +35,7 @@ from ftp_dent_ros.ground.item import Importance, Item
 from ftp_dent_ros.ground.link import Link
 from ftp_dent_ros.ground.recordings import Recordings
 from ftp_dent_ros.nodes.declarations import names_of_all
-from ftp_dent_ros.nodes.downlink_coder import Coder, pause_after
+from ftp_dent_ros.nodes.downlink_coder import Coder, Thrift, pause_after
 from ftp_dent_ros.nodes.downlink_parameters import declare
 from ftp_dent_ros.ros.diagnostics import OK, WARN, Diagnostics
 from ftp_dent_ros.ros.node import run
@@ -100,8 +100,10 @@ class Downlink(Node):
         self._queue = queue.Queue(_WAITING)
         self._worker = threading.Thread(target=self._run, name='coding', daemon=True)
         self._worker.start()
+        self._thrift = Thrift(self._put, self._drone.rate)
         for topic in topics.AS_THEY_ARE.values():
             self._forward(topic)
+        self.create_timer(1.0, self._thrift.flush, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.create_subscription(
             DiagnosticArray, topics.DIAGNOSTICS, self._on_diagnostics, DIAGNOSTICS
         )
@@ -136,7 +138,11 @@ class Downlink(Node):
         def forward(data: bytes) -> None:
             stamp = _stamp_of(data) if topic.stamped else self._now_ns()
             coded = zlib.compress(data)
-            self._put(Item(topic.importance, topic.name, kind, stamp, coded, topic.latest))
+            item = Item(topic.importance, topic.name, kind, stamp, coded, topic.latest)
+            if topic.share:
+                self._thrift.put(item, topic.share)
+            else:
+                self._put(item)
 
         if not topic.period:
             qos = LATCHED if topic.latest else POSES

@@ -112,6 +112,37 @@ class Coder:
         return pause_after(size, self._rate(), _PREVIEW_SHARE, _PREVIEW_PERIOD)
 
 
+class Thrift:
+    """Items that each take the place of the one before, as often as a share of the link allows.
+
+    Parameters
+    ----------
+    put : callable
+        Takes each item.
+    rate : callable
+        byte/s that the link carries; 0 if that is not known.
+    """
+
+    def __init__(self, put: Callable[[Item], None], rate: Callable[[], float]) -> None:
+        self._put, self._rate = put, rate
+        self._due: dict[str, float] = {}
+        self._waiting: dict[str, tuple[Item, float]] = {}
+
+    def put(self, item: Item, share: float) -> None:
+        """Send an item, or keep it until its topic's next is due."""
+        self._waiting[item.topic] = item, share
+        self.flush()
+
+    def flush(self) -> None:
+        """Send what is due."""
+        now = time.monotonic()
+        for topic, (item, share) in list(self._waiting.items()):
+            if now >= self._due.get(topic, 0.0):
+                del self._waiting[topic]
+                self._due[topic] = now + pause_after(len(item.data), self._rate(), share, 0.0)
+                self._put(item)
+
+
 def pause_after(size: int, rate: float, share: float, least: float) -> float:
     """Seconds until the next one of such a size, so that they take that share of the link."""
     return max(least, size / (share * rate)) if rate else least

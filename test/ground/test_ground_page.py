@@ -104,6 +104,56 @@ def dents_item():
     )
 
 
+def path_item(*places):
+    types = typestore().types
+    turn = types['geometry_msgs/msg/Quaternion'](x=0.0, y=0.0, z=0.0, w=1.0)
+    poses = [
+        types['geometry_msgs/msg/PoseStamped'](
+            header=header(),
+            pose=types['geometry_msgs/msg/Pose'](
+                position=types['geometry_msgs/msg/Point'](*map(float, place)), orientation=turn
+            ),
+        )
+        for place in places
+    ]
+    return coded('survey/path', 'nav_msgs/msg/Path', header=header(), poses=poses)
+
+
+def coverage_item():
+    """A measured strip of 1 x 0.2 m, and a gap of 0.02 m beside it."""
+    types = typestore().types
+
+    def marker(ns, low, high):
+        a, b, c, d = ((x, y, 3.8) for x, y in ((0, low), (1, low), (1, high), (0, high)))
+        points = [types['geometry_msgs/msg/Point'](*map(float, p)) for p in (a, b, c, a, c, d)]
+        zero = types['geometry_msgs/msg/Vector3'](0.0, 0.0, 0.0)
+        pose = types['geometry_msgs/msg/Pose'](
+            position=types['geometry_msgs/msg/Point'](0.0, 0.0, 0.0),
+            orientation=types['geometry_msgs/msg/Quaternion'](0.0, 0.0, 0.0, 1.0),
+        )
+        names = types['visualization_msgs/msg/Marker'].__dataclass_fields__
+        given = {
+            'header': header(), 'ns': ns, 'id': 0, 'type': 11, 'action': 0, 'pose': pose,
+            'scale': zero, 'points': points, 'colors': [], 'frame_locked': False, 'text': '',
+            'color': types['std_msgs/msg/ColorRGBA'](0.0, 0.0, 0.0, 0.0),
+            'lifetime': types['builtin_interfaces/msg/Duration'](0, 0),
+            'texture_resource': '', 'uv_coordinates': [], 'mesh_resource': '',
+            'texture': types['sensor_msgs/msg/CompressedImage'](
+                header=header(), format='', data=np.zeros(0, np.uint8)
+            ),
+            'mesh_file': types['visualization_msgs/msg/MeshFile'](
+                filename='', data=np.zeros(0, np.uint8)
+            ),
+            'mesh_use_embedded_materials': False,
+        }  # fmt: skip
+        return types['visualization_msgs/msg/Marker'](
+            **{name: given[name] for name in names if name in given}
+        )
+
+    markers = [marker('measured', 2.0, 2.2), marker('gaps', 2.2, 2.22)]
+    return coded('survey/coverage', 'visualization_msgs/msg/MarkerArray', markers=markers)
+
+
 def state_item(text='works'):
     types = typestore().types
     value = types['diagnostic_msgs/msg/KeyValue'](key='recording', value='not recording')
@@ -160,6 +210,25 @@ def test_the_scene_places_the_dent_in_the_picture(items, view):
     values = np.frombuffer(scene.cloud, '<f4').reshape(-1, 4)
     # The dent of the skin is the deepest deviation away from its smooth form.
     assert len(values) > 10_000 and np.abs(np.median(values[:, 3])) < 1.0
+
+
+def test_where_the_survey_runs_the_map_shows_its_path_and_its_coverage(items):
+    scene = Scene()
+    for item in [*items, path_item((0, 2, 3), (1, 2, 3)), coverage_item()]:
+        scene.take(item)
+    state = scene.state()
+    assert state['path'] == [[0, 2, 3], [1, 2, 3]]
+    strip = [[0, 2.0, 3.8], [1, 2.0, 3.8], [1, 2.2, 3.8], [0, 2.2, 3.8]]
+    assert state['areas'] == [strip]
+    assert state['gaps'] == [[[0, 2.2, 3.8], [1, 2.2, 3.8], [1, 2.22, 3.8], [0, 2.22, 3.8]]]
+    for bad in (path_item((float('nan'), 0, 0)), coded_empty()):
+        with pytest.raises(CodecError):
+            scene.take(bad)
+    assert scene.state() == state
+
+
+def coded_empty():
+    return coded('survey/coverage', 'visualization_msgs/msg/MarkerArray', markers=[])
 
 
 def test_the_scene_refuses_what_is_no_item(items):
@@ -255,6 +324,8 @@ def test_the_page_shows_what_comes_and_its_buttons_command(items, tmp_path):
         browser.until('cloudView.values.length > 1000')
         browser.until("document.getElementById('recording').textContent === 'not recording'")
         assert browser.until("document.getElementById('link').className") == 'chip good'
+        drone.put(coverage_item())
+        browser.until('mapView.state.gaps.length === 1')
         for canvas in ('cloud', 'map'):
             shades = browser.value(
                 f"new Set(document.getElementById('{canvas}').getContext('2d')"

@@ -48,8 +48,10 @@ def test_topics_and_commands_cross_the_link(
 ):
     from diagnostic_msgs.msg import DiagnosticArray
     from geometry_msgs.msg import PoseWithCovarianceStamped
+    from nav_msgs.msg import Path
     from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
     from std_srvs.srv import Trigger
+    from visualization_msgs.msg import Marker, MarkerArray
 
     from ftp_dent_ros.ros.messages import (
         camera_info_message,
@@ -78,6 +80,9 @@ def test_topics_and_commands_cross_the_link(
     info = ros.publisher(CameraInfo, 'camera/camera_info', IMAGES)
     image = ros.publisher(Image, 'camera/image_raw', IMAGES)
     dents = ros.publisher(PointCloud2, 'dents/list', LATCHED)
+    surveyed = ros.publisher(PoseWithCovarianceStamped, 'survey/pose', POSES)
+    paths = ros.publisher(Path, 'survey/path', LATCHED)
+    coverage = ros.publisher(MarkerArray, 'survey/coverage', LATCHED)
     got = {
         name: ground.collect(kind, name, qos)
         for name, kind, qos in (
@@ -89,6 +94,9 @@ def test_topics_and_commands_cross_the_link(
             ('camera/camera_info', CameraInfo, IMAGES),
             ('depth/image_raw/compressedDepth', CompressedImage, IMAGES),
             ('dents/list', PointCloud2, LATCHED),
+            ('survey/pose', PoseWithCovarianceStamped, POSES),
+            ('survey/path', Path, LATCHED),
+            ('survey/coverage', MarkerArray, LATCHED),
             ('/diagnostics', DiagnosticArray, 10),
         )
     }
@@ -116,6 +124,12 @@ def test_topics_and_commands_cross_the_link(
     points.publish(cloud_to_message(cloud, stamp, 'camera_optical_frame'))
     image.publish(image_to_message(np.full((260, 400, 3), 90, np.uint8), stamp, 'camera'))
     dents.publish(listed)
+    surveyed.publish(tagged)
+    # All of them at once: the newest comes, however little of the link they may take.
+    for number in range(1, 4):
+        path = Path(header=make_header(number, 'map'))
+        paths.publish(path)
+    coverage.publish(MarkerArray(markers=[Marker(ns='measured', header=path.header)]))
     both(lambda: all(got[name] for name in got))
 
     arrived = got['points'][0]
@@ -129,6 +143,9 @@ def test_topics_and_commands_cross_the_link(
         cloud_from_message(in_map).points, cloud.transformed(where).points, atol=2e-6
     )
     assert got['tagged/camera_pose'][0] == tagged and got['dents/list'][0] == listed
+    assert got['survey/pose'][0] == tagged
+    both(lambda: got['survey/path'][-1] == path)
+    assert got['survey/coverage'][0].markers[0].ns == 'measured'
     assert abs(int(got['camera/image_raw'][0].data[0]) - 90) < 3
     np.testing.assert_allclose(got['camera/camera_info'][0].k, rig.camera.camera_matrix.ravel())
     assert len(got['points']) == len(got['tagged/points']) == 1

@@ -38,6 +38,35 @@ def pose_of(message: Any) -> Pose:
     )
 
 
+def path_of(message: Any) -> tuple[int, list[list[float]]]:
+    """Stamp of a Path (ns), and its places, metres."""
+    places = [each.pose.position for each in message.poses]
+    return _stamp(message.header), [_rounded([at.x, at.y, at.z]) for at in places]
+
+
+def coverage_of(message: Any) -> tuple[int, dict[str, list[list[list[float]]]]]:
+    """Stamp of a coverage (ns), and its strips: ``measured`` and ``gaps``, four corners each."""
+    strips: dict[str, list[list[list[float]]]] = {'measured': [], 'gaps': []}
+    for marker in message.markers:
+        if marker.ns in strips:
+            corners = [_rounded([at.x, at.y, at.z]) for at in marker.points]
+            # Two triangles each: of the second only the last corner is another.
+            strips[marker.ns] = [
+                [*corners[i : i + 3], corners[i + 5]] for i in range(0, len(corners) - 5, 6)
+            ]
+    return _stamp(message.markers[0].header), strips
+
+
+def _stamp(header: Any) -> int:
+    return int(header.stamp.sec) * 10**9 + int(header.stamp.nanosec)
+
+
+def _rounded(place: list[float]) -> list[float]:
+    if not all(map(math.isfinite, place)):
+        raise ValueError
+    return [round(value, 3) for value in place]
+
+
 def dents_of(message: Any) -> list[dict[str, Any]]:
     """Dents of a message of dents/list: lengths in millimetres, places in metres."""
     kinds = {7: '<f4', 6: '<u4'}  # sensor_msgs/PointField

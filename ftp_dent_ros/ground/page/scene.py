@@ -15,7 +15,7 @@ from ftp_dent_ros.coding.view import View
 from ftp_dent_ros.errors import CodecError
 from ftp_dent_ros.ground import topics
 from ftp_dent_ros.ground.item import Item
-from ftp_dent_ros.ground.page.content import dents_of, message_of, pose_of
+from ftp_dent_ros.ground.page.content import coverage_of, dents_of, message_of, path_of, pose_of
 from ftp_dent_ros.ground.page.shapes import corners, relief, ring
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig import Lens
@@ -38,7 +38,10 @@ class Scene:
         self.changed = threading.Condition()
         self._dents: list[dict[str, Any]] = []
         self._path: list[list[float]] = []
-        self._areas: list[list[list[float]]] = []
+        self._areas: list[tuple[int, list[list[float]]]] = []
+        # By the survey, where it runs: with the stamp up to which it goes.
+        self._surveyed: tuple[int, list[list[float]]] = 0, []
+        self._coverage: tuple[int, dict[str, list[list[list[float]]]]] = 0, {}
         self._statuses: list[dict[str, Any]] = []
         self._poses: OrderedDict[int, Pose] = OrderedDict()
         self._lens: Lens | None = None
@@ -77,8 +80,9 @@ class Scene:
             return {
                 'version': self.version,
                 'dents': self._dents,
-                'path': self._path,
-                'areas': self._areas,
+                'path': self._whole_path(),
+                'areas': self._seen_areas(),
+                'gaps': self._coverage[1].get('gaps', []),
                 'statuses': self._statuses,
                 'picture': picture,
                 'cloud': None if self._cloud is None else str(self._cloud[0]),
@@ -111,6 +115,10 @@ class Scene:
             ]
         elif item.topic == 'dents/list':
             self._dents = dents_of(message_of(item))
+        elif item.topic == topics.SURVEY_PATH:
+            self._surveyed = path_of(message_of(item))
+        elif item.topic == topics.SURVEY_COVERAGE:
+            self._coverage = coverage_of(message_of(item))
         elif item.topic == topics.CAMERA_POSE:
             self._poses[item.stamp_ns] = pose_of(message_of(item))
             while len(self._poses) > _MOST[2]:
@@ -120,6 +128,21 @@ class Scene:
             self._path.append([round(float(value), 3) for value in position])
             if len(self._path) > _MOST[0]:
                 self._path = self._path[::2]
+
+    def _whole_path(self) -> list[list[float]]:
+        """As the survey has it, and the autopilot's from there on."""
+        stamp, places = self._surveyed
+        if not places:
+            return self._path
+        newer = [pose.translation for each, pose in self._poses.items() if each > stamp]
+        every = len(places) // _MOST[0] + 1
+        return places[::-every][::-1] + [np.round(each, 3).tolist() for each in newer]
+
+    def _seen_areas(self) -> list[list[list[float]]]:
+        """What the survey says was measured, and the outlines of clouds from there on."""
+        stamp, strips = self._coverage
+        newer = [area for each, area in self._areas if each > stamp]
+        return strips.get('measured', []) + newer
 
     def _take_picture(self, item: Item) -> None:
         if self._picture is not None and item.stamp_ns < self._picture[0]:
@@ -140,7 +163,7 @@ class Scene:
             ends = corners(cloud)
             if ends is not None:
                 area = pose.apply(ends)
-                self._areas.append(np.round(area.astype(float), 3).tolist())
+                self._areas.append((item.stamp_ns, np.round(area.astype(float), 3).tolist()))
                 if len(self._areas) > _MOST[1]:
                     self._areas = self._areas[::2]
         if self._cloud is None or item.stamp_ns >= self._cloud[0]:

@@ -77,12 +77,12 @@ class CloudView {
 }
 
 class MapView {
-  constructor(canvas) { this.canvas = canvas; this.axes = [0, 1]; this.state = { path: [], areas: [], dents: [] }; }
+  constructor(canvas) { this.canvas = canvas; this.axes = [0, 1]; this.state = { path: [], areas: [], gaps: [], dents: [] }; }
 
   show(state) { this.state = state; this.draw(); }
 
   draw() {
-    const { width, height } = this.canvas, { path, areas, dents } = this.state;
+    const { width, height } = this.canvas, { path, areas, gaps, dents } = this.state;
     const context = this.canvas.getContext('2d');
     context.clearRect(0, 0, width, height);
     const [a, b] = this.axes;
@@ -98,6 +98,8 @@ class MapView {
     const at = (p) => [width / 2 + scale * (p[a] - middle[0]), height / 2 - scale * (p[b] - middle[1])];
     context.fillStyle = 'rgba(0, 110, 60, .16)';
     for (const area of areas) { this.line(context, area.map(at)); context.closePath(); context.fill(); }
+    context.fillStyle = '#d8232a';
+    for (const gap of gaps) { this.line(context, gap.map(at)); context.closePath(); context.fill(); }
     context.strokeStyle = '#003d7a'; context.lineWidth = 4;
     this.line(context, path.map(at)); context.stroke();
     if (path.length) {
