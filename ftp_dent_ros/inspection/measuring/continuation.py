@@ -99,4 +99,4 @@ def islands(
 
 def depths_of(contour: Contour, lattice: Lattice, part: Mask) -> Map:
     """Depths of cells below a contour, metres; 0 beside the part."""
-    return np.where(part, contour.deviation(lattice.points)[2], np.float32(0))
+    return np.where(part, contour.depth(lattice.points), np.float32(0))

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.inspection.measuring.moments import ellipse_axes, second_moments
 from ftp_dent_ros.inspection.measuring.patch import Patch
 from ftp_dent_ros.inspection.measuring.peak import part_above
 
@@ -67,9 +68,8 @@ def looks_compound(parts: list[Mask], noise: float) -> bool:
         rows, columns = np.nonzero(part)
         if len(rows) < _FEWEST:
             return False
-        moments = np.cov(np.stack([columns, rows]).astype(float)) + np.eye(2) / 12
-        across, along = np.sqrt(np.linalg.eigvalsh(moments))
-        shapes.append((columns.mean(), rows.mean(), 4 * across, along / across))
+        along, across = ellipse_axes(*second_moments(columns, rows))
+        shapes.append((columns.mean(), rows.mean(), across, along / across))
     x, y, width, ratio = np.array(shapes).T
     moved = np.hypot(np.ptp(x), np.ptp(y)) / width[0]
     changed = np.ptp(ratio) / ratio.mean()

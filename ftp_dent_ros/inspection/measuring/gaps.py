@@ -7,7 +7,6 @@ import math
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_fill_holes
 
 from ftp_dent_ros.inspection.measuring.filling import around, membrane
 from ftp_dent_ros.inspection.measuring.lattice import Lattice
@@ -23,11 +22,13 @@ Map = NDArray[np.floating]
 
 def gaps_of(known: Mask, reach: int) -> Mask:
     """Cells that are not known, between known ones: holes, and strips up to `reach` cells wide."""
-    size = 2 * ((reach + 1) // 2) + 1
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
-    padded = np.pad(known.astype(np.uint8), size)
-    closed = cv2.morphologyEx(padded, cv2.MORPH_CLOSE, disc)[size:-size, size:-size] > 0
-    return binary_fill_holes(known | closed) & ~known
+    radius = (reach + 1) // 2
+    rim = radius + 1
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
+    closed = cv2.morphologyEx(np.pad(known.view(np.uint8), rim), cv2.MORPH_CLOSE, disc)
+    outside = 2
+    cv2.floodFill(closed, None, (0, 0), outside, flags=4)
+    return (closed[rim:-rim, rim:-rim] != outside) & ~known
 
 
 def beside_gaps(
