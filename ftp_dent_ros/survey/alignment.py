@@ -10,6 +10,7 @@ show remains.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,8 @@ from ftp_dent_ros.survey.patch import Patch
 # are compared, metres: at about this distance errors are independent.
 _HEIGHTS, _PAINT = 0.006, 0.004
 _MOST_HEIGHTS, _MOST_PAINT = 3000, 4000
+# Of these, every so many-th finds the way; the last steps are by all.
+_FEW = 4
 # Cauchy's weight: residuals, in standard deviations, that count half.
 _CAUCHY = 2.385
 # Standard deviation by the median of absolute values.
@@ -49,6 +52,18 @@ class Samples:
     paint_values: NDArray[np.float32]
     coarse_values: NDArray[np.float32]
 
+    @cached_property
+    def few(self) -> Samples:
+        """Every fourth of them: enough to find the way."""
+        some = slice(None, None, _FEW)
+        return Samples(
+            self.heights[some],
+            self.height_values[some],
+            self.paint[some],
+            self.paint_values[some],
+            self.coarse_values[some],
+        )
+
 
 def samples_of(patch: Patch) -> Samples:
     """Heights on a regular grid; of the paint, in every square, the cell that changes most."""
@@ -70,12 +85,12 @@ def _strongest(patch: Patch) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Rows and columns of the cells, one a square, whose paint changes most."""
     side = max(1, round(_PAINT / patch.pitch))
     rows, columns = (size // side for size in patch.paint.shape[:2])
-    usable = (patch.paint[..., 3] > 0) & patch.known
-    change = np.where(usable, np.square(patch.paint[..., 1:3]).sum(axis=-1), 0)
+    along_x, along_y = patch.paint[..., 1], patch.paint[..., 2]
+    change = (along_x * along_x + along_y * along_y) * patch.known
     squares = change[: rows * side, : columns * side].reshape(rows, side, columns, side)
     squares = squares.transpose(0, 2, 1, 3).reshape(rows * columns, side * side)
     inside = squares.argmax(axis=1)
-    best = squares[np.arange(len(squares)), inside]
+    best = np.take_along_axis(squares, inside[:, None], axis=1)[:, 0]
     chosen = np.flatnonzero(best > 0)
     if len(chosen) > _MOST_PAINT:
         chosen = chosen[np.argpartition(best[chosen], -_MOST_PAINT)[-_MOST_PAINT:]]
@@ -117,12 +132,6 @@ class Equations:
     def score(self) -> NDArray[np.float64]:
         """Each point's share of the gradient, shape (n, 6)."""
         return (self.own + self.other) / 2 * (self.weight * self.residual)[:, None]
-
-    @property
-    def shared(self) -> NDArray[np.float64]:
-        """Each point's share of the information that both patches carry, shape (n, 6, 6)."""
-        product = np.einsum('n,ni,nj->nij', self.weight, self.own, self.other)
-        return (product + product.transpose(0, 2, 1)) / 2
 
 
 def equations(
@@ -196,7 +205,9 @@ def _normals(values):
 
 def _moved(direction, arm):
     """Change along directions with a shift and a turn of what lies at the end of arms."""
-    return np.hstack([direction, np.cross(arm, direction)])
+    x, y, z = arm.T
+    a, b, c = direction.T
+    return np.stack([a, b, c, y * c - z * b, z * a - x * c, x * b - y * a], axis=-1)
 
 
 def _deviation(residual):

@@ -6,8 +6,9 @@ Processing 21, 2706 (2012).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
 from functools import lru_cache
+from typing import Any
 
 import cv2
 import numpy as np
@@ -17,6 +18,7 @@ from scipy import fft
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.survey.alignment import moved
 from ftp_dent_ros.survey.patch import Patch
+from ftp_dent_ros.survey.resampling import Grid
 
 # Of the cells that are correlated, metres: marks are a few millimetres wide.
 _CELL = 0.003
@@ -24,6 +26,11 @@ _CELL = 0.003
 _WITHIN, _LEAST_REACH, _MOST_REACH = 4.0, 0.006, 0.2
 # About the normal: what moves no mark farther than it is wide, radians.
 _TURN = 0.008
+# Of a guess that is right to less than this, metres, nothing is looked for: half of what the
+# coarse paint is smoothed by.
+_RIGHT = 0.001
+# Share of a cell that is known if it is.
+_KNOWN = 0.99
 # Of the smaller image, that has to overlap.
 _LEAST_OVERLAP = 0.1
 # Correlation that leaves no doubt that the turn is nearly right.
@@ -32,11 +39,9 @@ _PLAIN = 0.6
 _RIVAL, _MOST_PEAKS = 0.75, 3
 
 
-@dataclass(frozen=True, eq=False)
-class _Image:
-    values: NDArray[np.float32]
-    known: NDArray[np.float32]
-    spectra: tuple[NDArray[np.complex64], ...] = ()
+def is_right(doubt: NDArray[np.float64]) -> bool:
+    """Whether a guess with a covariance of the shift and the turn needs no search."""
+    return bool(_WITHIN * np.sqrt(np.diag(doubt)[:2].max()) < _RIGHT)
 
 
 def candidates(
@@ -83,80 +88,80 @@ def candidates(
 
 def _peaks(first: Patch, second: Patch, pose: Pose, reach: NDArray) -> list[tuple[float, NDArray]]:
     """Correlations and shifts of the best maxima within reach."""
-    # Both on a grid along the first patch's axes, the second one's as its tilt shows it.
     size = max(1, round(_CELL / first.pitch)) * first.pitch
-    there = _on_grid(second, size, pose)
-    if there is None:
-        return []
-    (image, corner), (still, still_corner) = there, _whole(first, size)
-    shape = tuple(a + b - 1 for a, b in zip(still.values.shape, image.values.shape, strict=True))
-    fast = tuple(fft.next_fast_len(n, real=True) for n in shape)
-    ones = [fft.rfft2(each, fast) for each in (still.values, still.values**2, still.known)]
-    others = [fft.rfft2(each, fast) for each in (image.values, image.values**2, image.known)]
+    steps = np.ceil(reach / size).astype(int)
+    cells = [-(-n // round(size / first.pitch)) for n in first.height.shape]
+    # As far beyond the first patch as the second may lie off: nothing comes round the other side.
+    rows, columns = (
+        fft.next_fast_len(int(n + 2 * s), real=True)
+        for n, s in zip(cells, steps[::-1], strict=True)
+    )
+    still = _spectra_of_first(first, size, (rows, columns))
+    image = _seen_by_first(first, second, pose, size, steps, (rows, columns))
+    others = _spectra(image[..., 0], image[..., 1])
 
     def correlated(a: int, b: int) -> NDArray[np.float32]:
-        return np.asarray(fft.irfft2(ones[a] * np.conj(others[b]), fast))
+        whole = np.asarray(fft.irfft2(still[a] * np.conj(others[b]), (rows, columns)))
+        # The second image begins so many steps earlier.
+        down, across = (np.arange(-2 * s, 1) for s in steps[::-1])
+        return whole[np.ix_(down % rows, across % columns)]
 
     count = correlated(2, 2)
-    least = _LEAST_OVERLAP * min(still.known.sum(), image.known.sum())
+    least = _LEAST_OVERLAP * min(float(still[2][0, 0].real), float(others[2][0, 0].real))
     power = np.sqrt(np.maximum(correlated(1, 2) * correlated(2, 1), 1e-12))
     # Of two that are as alike, the one with more in common.
     value = np.where(count > max(least, 1), correlated(0, 0) / power, 0) * np.sqrt(
-        np.clip(count / count.max(), 0, 1)
+        np.clip(count / max(float(count.max()), 1.0), 0, 1)
     )
-    # At index k the second image's corner lies on the first one's cell k.
-    nominal = (corner - still_corner) / size
-    peaks = []
-    steps = np.ceil(reach / size).astype(int)
-    base = np.rint(nominal).astype(int)
-    window = np.array(
-        [
-            [
-                value[r % fast[0], c % fast[1]]
-                for c in range(base[0] - steps[0], base[0] + steps[0] + 1)
-            ]
-            for r in range(base[1] - steps[1], base[1] + steps[1] + 1)
-        ]
-    )
-    highest = cv2.dilate(window.astype(np.float32), np.ones((5, 5), np.uint8))
-    at = np.argwhere((window >= highest) & (window > 0))
-    for row, column in at:
-        cell = np.array([column - steps[0] + base[0], row - steps[1] + base[1]])
-        peaks.append((float(window[row, column]), (cell - nominal) * size))
+    value = value.astype(np.float32)
+    highest = cv2.dilate(value, np.ones((5, 5), np.uint8))
+    peaks = [
+        (float(value[row, column]), (np.array([column, row]) - steps) * size)
+        for row, column in np.argwhere((value >= highest) & (value > 0))
+    ]
     peaks.sort(key=lambda each: -each[0])
     return peaks[:_MOST_PEAKS]
 
 
-@lru_cache(maxsize=8)
-def _whole(patch: Patch, size: float) -> tuple[_Image, NDArray[np.float64]]:
-    """Coarse paint of a patch on a coarser grid of its own, and that grid's corner."""
+def _spectra(values: Grid, known: Grid) -> tuple[NDArray[np.complex64], ...]:
+    return tuple(fft.rfft2(each) for each in (values, values * values, known))
+
+
+@lru_cache(maxsize=4)
+def _spectra_of_first(
+    patch: Patch, size: float, shape: tuple[int, int]
+) -> tuple[NDArray[np.complex64], ...]:
+    """Spectra of the coarse paint of a patch, of its squares and of where it is known."""
     step = round(size / patch.pitch)
     layer = patch.coarse[::step, ::step]
-    return _Image(layer[..., 0], layer[..., 3]), patch.corner
+    wide = np.zeros((*shape, 2), np.float32)
+    wide[: layer.shape[0], : layer.shape[1]] = layer[..., [0, 3]]
+    return _spectra(wide[..., 0], wide[..., 1])
 
 
-def _on_grid(patch: Patch, size: float, pose: Pose) -> tuple[_Image, NDArray[np.float64]] | None:
-    """Coarse paint of a patch on a grid along another's axes, seen along that one's normal."""
-    points, paint = _cells(patch, size)
-    if not len(points):
-        return None
-    place = pose.apply(points)[:, :2]
-    corner = np.floor(place.min(axis=0) / size) * size
-    cell = np.rint((place - corner) / size).astype(int)
-    columns, rows = cell.max(axis=0) + 1
-    flat = cell[:, 1] * columns + cell[:, 0]
-    count = np.bincount(flat, minlength=rows * columns).reshape(rows, columns)
-    total = np.bincount(flat, paint, rows * columns).reshape(rows, columns)
-    known = count > 0
-    values = np.where(known, total / np.maximum(count, 1), 0).astype(np.float32)
-    return _Image(values, known.astype(np.float32)), corner
+def _seen_by_first(
+    first: Patch, second: Patch, pose: Pose, size: float, steps: NDArray, shape: tuple[int, int]
+) -> Grid:
+    """Coarse paint of the second patch, and where it is known, on the grid of the first one.
 
-
-@lru_cache(maxsize=8)
-def _cells(patch: Patch, size: float) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
-    """Points of every few cells with coarse paint, shape (n, 3), and the paint."""
-    step = max(1, int(size / patch.pitch))
-    usable = (patch.coarse[::step, ::step, 3] > 0) & patch.known[::step, ::step]
-    row, column = np.nonzero(usable)
-    row, column = row * step, column * step
-    return patch.points(row, column), patch.coarse[row, column, 0]
+    The grid begins so many steps before the first patch. Both are taken for flat: what their
+    heights shift by their difference in tilt is less than a cell.
+    """
+    step = max(1, round(size / second.pitch))
+    layer = np.ascontiguousarray(second.coarse[::step, ::step][..., [0, 3]])
+    back = np.linalg.inv(pose.rotation.as_matrix()[:2, :2])
+    start = first.corner - steps * size - pose.translation[:2]
+    pitch = second.pitch * step
+    offset = (back @ start - second.corner) / pitch
+    matrix = np.column_stack([back * (size / pitch), offset])
+    rows, columns = shape
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    seen: Any = cv2.warpAffine(layer, matrix, (columns, rows), flags=flags)
+    # What lies beyond is not known; a cell beside it is not, either.
+    seen[..., 1] = seen[..., 1] > _KNOWN
+    seen[..., 0] *= seen[..., 1]
+    beyond = np.array([math.ceil(n / round(size / first.pitch)) for n in first.height.shape])
+    last = beyond + 2 * steps[::-1]
+    seen[last[0] :] = 0
+    seen[:, last[1] :] = 0
+    return seen

@@ -14,15 +14,17 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.survey.alignment import Equations
 
+Array = NDArray[np.float64]
+
 # Side of a block, metres: errors of clouds are alike over some windows of their fringes.
 _BLOCK = 0.04
 # Blocks that a direction takes at least to be told.
 _LEAST_BLOCKS = 12
 # Standard deviations of what noise would tell by chance, from which on a direction is believed.
 _SURE = 5.0
-# What no pair is better than, along the skin and the normal, metres: a twentieth of a grid point,
+# What no pair is better than, along the skin and the normal, metres: a thirtieth of a grid point,
 # for light and fringes that stay with the camera, and what a rig's calibration leaves.
-_FLOOR = np.array([5e-5, 5e-5, 1e-6])
+_FLOOR = np.array([3e-5, 3e-5, 1e-6])
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,23 +51,24 @@ def told_by(found: Equations, centre: NDArray[np.float64]) -> Told:
     # Turns are compared with shifts at the overlap's own size.
     arm = float(np.sqrt(np.mean(np.square(found.place - centre).sum(axis=1))))
     scale = np.array([1, 1, 1, 1 / arm, 1 / arm, 1 / arm])
-    shared = found.shared * np.outer(scale, scale)
-    score = found.score * scale
-    total = shared.sum(axis=0)
-    values, directions = np.linalg.eigh(total)
-    own, other = found.own * scale @ directions, found.other * scale @ directions
+    own, other = found.own * scale, found.other * scale
+    product = (found.weight[:, None] * own).T @ other
+    values, directions = np.linalg.eigh((product + product.T) / 2)
+    own, other = own @ directions, other @ directions
     chance = np.sqrt(np.square(found.weight[:, None] * own * other).sum(axis=0))
     sure = (values > 0) & (values > _SURE * chance)
     kept = directions[:, sure]
     blocks, count = _blocks(found.place)
     if not sure.any() or count < _LEAST_BLOCKS:
         return Told(np.zeros(6), np.zeros((6, 6)), 0)
-    inner = kept.T @ total @ kept
-    gradient = kept.T @ score.sum(axis=0)
-    step = -np.linalg.solve(inner, gradient)
-    part = _summed((kept.T @ shared @ kept).reshape(len(score), -1), blocks, count)
-    scores = _summed(score @ kept + (kept.T @ shared @ kept) @ step, blocks, count)
-    left = inner - part.reshape(count, *inner.shape)
+    own, other = own[:, sure], other[:, sure]
+    pull = (found.weight * found.residual)[:, None]
+    part = _products(found.weight[:, None] * own, other, blocks, count)
+    gradients = _summed((own + other) / 2 * pull, blocks, count)
+    inner = part.sum(axis=0)
+    step = -np.linalg.solve(inner, gradients.sum(axis=0))
+    scores = gradients + part @ step
+    left = inner - part
     moves = np.linalg.solve(left, scores[..., None])[..., 0]
     covariance = (count - 1) / count * moves.T @ moves
     # What is alike all over both clouds does not show in differences between blocks.
@@ -78,8 +81,20 @@ def told_by(found: Equations, centre: NDArray[np.float64]) -> Told:
 def _blocks(place: NDArray[np.float64]) -> tuple[NDArray[np.intp], int]:
     """Number of each point's block, and how many there are."""
     cell = np.floor((place[:, :2] - place[:, :2].min(axis=0)) / _BLOCK).astype(int)
-    _, blocks = np.unique(cell, axis=0, return_inverse=True)
-    return blocks.ravel(), int(blocks.max()) + 1
+    flat = cell[:, 0] * (cell[:, 1].max() + 1) + cell[:, 1]
+    used = np.bincount(flat) > 0
+    return (np.cumsum(used) - 1)[flat], int(used.sum())
+
+
+def _products(own: Array, other: Array, blocks: NDArray, count: int) -> Array:
+    """Symmetric sums of products of slopes in each block, shape (blocks, n, n)."""
+    size = own.shape[1]
+    sums = np.empty((count, size, size))
+    for row in range(size):
+        for column in range(row + 1):
+            both = own[:, row] * other[:, column] + own[:, column] * other[:, row]
+            sums[:, row, column] = sums[:, column, row] = np.bincount(blocks, both, count) / 2
+    return sums
 
 
 def _summed(values: NDArray, blocks: NDArray, count: int) -> NDArray[np.float64]:

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.survey.alignment import samples_of
+from ftp_dent_ros.survey.alignment import Samples, samples_of
 from ftp_dent_ros.survey.patch import Patch, patch_of
 from ftp_dent_ros.survey.pose_graph import PoseGraph
 from ftp_dent_ros.survey.registration import register
@@ -27,6 +27,8 @@ _CLOSURES, _APART, _NEAR = 2, 8, 0.6
 _KEPT = 0.3
 # Poses that move as clouds come; all move at once every so many clouds.
 _WINDOW, _EVERY = 20, 100
+# Clouds before the newest, and about another, by which the doubt of these two is known.
+_NEARBY = 4
 # Of a cloud's place seen from the one before, where no autopilot tells it: metres, radians.
 _BLIND = np.diag([0.08**2] * 3 + [0.03**2] * 3)
 
@@ -105,14 +107,18 @@ class Joining:
         self.outlines.append(patch.frame.apply(_outline(samples.heights)))
         self.normals.append(patch.frame.rotation.apply([0.0, 0.0, 1.0]))
         self._kept[number] = _Kept(patch, size)
-        joined = False
         for other in self._neighbours(number):
-            joined |= self._join(other, number, samples)
-            if joined and other == number - 1:
+            if self._join(other, number, samples) and other == number - 1:
                 # A guess for the others that is nearly right.
-                self.graph.solve(fixed=number)
-        closures = [each for each in self._closures(number) if self._join(each, number, samples)]
-        self.graph.solve(fixed=0 if closures or number % _EVERY == 0 else max(0, number - _WINDOW))
+                self.graph.follow(number)
+        before = len(self.graph.links)
+        for other in self._closures(number):
+            self._join(other, number, samples)
+        closures = range(before, len(self.graph.links))
+        self.graph.solve(fixed=max(0, number - _WINDOW))
+        # What the last poses cannot take up moves all.
+        if number % _EVERY == 0 or self.graph.strained(closures):
+            self.graph.solve()
         self._forget(number)
         return self.graph.poses[number]
 
@@ -177,29 +183,43 @@ class Joining:
     def _middle(self, number: int) -> NDArray[np.float64]:
         return self.graph.poses[number].apply(self._kept[number].patch.frame.translation)
 
-    def _join(self, first: int, second: int, samples: Any) -> bool:
+    def _join(self, first: int, second: int, samples: Samples) -> bool:
         """Lay a cloud on an earlier one; False if it does not fit."""
         if first not in self._kept:
             return False
+        patches = self._kept[first].patch, self._kept[second].patch
         guess = self.graph.poses[first].inverse() @ self.graph.poses[second]
+        is_known = bool(self.graph.links) and self.graph.links[-1].second == second
+        doubt = (self._known_doubt if is_known else self._doubt)(first, second)
         try:
-            relative = register(
-                self._kept[first].patch,
-                self._kept[second].patch,
-                guess,
-                self._doubt(first, second),
-                samples,
-            )
+            relative = register(*patches, guess, doubt, samples)
+            if is_known and relative.remark and patches[1].has_paint:
+                # What was known may be wrong.
+                relative = register(*patches, guess, self._doubt(first, second), samples)
         except UnlikePairError as reason:
             if second - first == 1:
                 self._tell(first, second, str(reason))
             return False
         self.graph.link(first, second, relative)
-        if relative.remark and second - first == 1 and self._kept[second].patch.has_paint:
+        if relative.remark and second - first == 1 and patches[1].has_paint:
             self._tell(first, second, relative.remark)
         return relative.told > 0
 
+    def _known_doubt(self, first: int, second: int) -> NDArray[np.float64]:
+        """Covariance of a camera's place seen from another, by all that joins them nearby."""
+        links = self.graph.links
+        near = {first, *range(max(0, second - _NEARBY), second + 1)}
+        start = self.graph.first_link(max(0, second - _NEARBY))
+        near |= {link.first for link in links[start:] if abs(link.first - first) <= _NEARBY}
+        numbers = sorted(near)
+        part = self.graph.part(numbers)
+        at = numbers.index(first)
+        covariance = part.covariances(anchor=at, only=[numbers.index(second)])[0]
+        turn = np.kron(np.eye(2), self.graph.poses[first].rotation.as_matrix())
+        return turn.T @ covariance @ turn
+
     def _doubt(self, first: int, second: int) -> NDArray[np.float64]:
+        """The same by the autopilot alone."""
         a, b = self.graph.nodes[first], self.graph.nodes[second]
         if a.covariance is None or b.covariance is None:
             return _BLIND * max(1, min(second - first, 3))

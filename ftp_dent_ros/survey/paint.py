@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.survey.resampling import Grid
+from ftp_dent_ros.survey.resampling import Grid, polynomial
 
 # Light changes slowly along the skin, paint does not: standard deviation of what is taken off,
 # metres.
@@ -18,17 +19,19 @@ _MOST = 0.7
 # Of the window, that must be known: at a rim, to one side of which the skin and its image's own
 # windows end, light would be taken for paint.
 _LEAST_SHARE = 0.93
-# What is taken off first: degree in x and y of the light, and about how many cells tell it.
-_DEGREE, _FITTED = 3, 1500
+# About so many cells tell the light that is taken off first.
+_FITTED = 1500
 
 
-def slopes(field: Grid, pitch: float) -> Any:
-    """Changes along x and y, central differences."""
-    along_y, along_x = np.gradient(field, np.float32(pitch))
+def slopes(field: Grid, pitch: float) -> tuple[Any, Any]:
+    """Changes along x and y, central differences; 0 on the outermost cells."""
+    scale = 1 / (2 * pitch)
+    along_x = cv2.Sobel(field, cv2.CV_32F, 1, 0, ksize=1, scale=scale)
+    along_y = cv2.Sobel(field, cv2.CV_32F, 0, 1, ksize=1, scale=scale)
     return along_x, along_y
 
 
-def paint_of(logarithm: Grid, pitch: float, smooth: float) -> Grid:
+def paint_of(logarithm: Grid, pitch: float, smooth: float) -> tuple[Grid, Grid]:
     """Paint, its slopes and where it is known, of a logarithm of the skin image.
 
     Parameters
@@ -38,45 +41,46 @@ def paint_of(logarithm: Grid, pitch: float, smooth: float) -> Grid:
     pitch : float
         Of the grid, metres.
     smooth : float
-        Standard deviation that the paint is smoothed by, cells.
+        Standard deviation that the second paint is smoothed by, cells.
 
     Returns
     -------
-    ndarray, shape (rows, columns, 4), float32
-        Paint, its slopes along x and y (1/m), and 1 where it is known, else 0.
+    paint, coarse : ndarray, shape (rows, columns, 4), float32
+        Paint, its slopes along x and y (1/m), and 1 where it is known, else 0; the second
+        smoothed.
     """
     known = np.isfinite(logarithm)
     share = known.astype(np.float32)
-    values = np.where(known, logarithm, np.float32(0))
     # What is left of the light is level, so that windows may be one-sided at the rim.
-    values = (values - _light(logarithm, known)) * share
+    values = np.where(known, logarithm - _light(logarithm, known), np.float32(0))
     light = _LIGHT / pitch
     window = _mean(share, light)
     around = _mean(values, light) / np.maximum(window, np.float32(1e-3))
     rest = np.clip((values - around) * share, -_MOST, _MOST)
-    if smooth:
-        rest = _blurred(rest, smooth) / np.maximum(_blurred(share, smooth), np.float32(1e-3))
-    along_x, along_y = slopes(rest, pitch)
-    # Beside what is not known, slopes are those of the mask.
-    reach = 3 + 2 * int(np.ceil(smooth))
-    whole = cv2.erode(share, np.ones((reach, reach), np.uint8), borderValue=0)
-    mask = (whole > 0) & (window > _LEAST_SHARE)
-    layer = np.dstack([rest, along_x, along_y, mask.astype(np.float32)])
-    layer[~mask] = 0
-    return layer
+    inside = (share * (window > _LEAST_SHARE)).astype(np.uint8)
+    layers = []
+    for width in (0.0, smooth):
+        if width:
+            rest = _blurred(rest, width) / np.maximum(_blurred(share, width), np.float32(1e-3))
+        # Beside what is not known, slopes are those of the mask.
+        reach = 3 + 2 * math.ceil(width)
+        around_it = np.ones((reach, reach), np.uint8)
+        mask = cv2.erode(inside, around_it, borderType=cv2.BORDER_CONSTANT, borderValue=0)
+        layer = cv2.merge([rest, *slopes(rest, pitch), mask.astype(np.float32)])
+        layers.append(layer * layer[..., 3:])
+    return layers[0], layers[1]
 
 
 def _light(logarithm: Grid, known: NDArray[np.bool_]) -> Grid:
     """Polynomial through a logarithm of light, by some of its cells."""
-    rows, columns = (np.linspace(-1, 1, size) for size in logarithm.shape)
-    row, column = np.nonzero(known)
-    some = slice(None, None, max(1, len(row) // _FITTED))
-    row, column = row[some], column[some]
-    along_y, along_x = (np.vander(each, _DEGREE + 1) for each in (rows, columns))
-    terms = np.einsum('ni,nj->nij', along_y[row], along_x[column]).reshape(len(row), -1)
-    weights, *_ = np.linalg.lstsq(terms, logarithm[row, column], rcond=None)
-    weights = weights.reshape(_DEGREE + 1, _DEGREE + 1)
-    return (along_y @ weights @ along_x.T).astype(np.float32)
+    step = max(1, math.isqrt(np.count_nonzero(known) // _FITTED))
+    row, column = np.nonzero(known[::step, ::step])
+    if not len(row):
+        return np.zeros_like(logarithm)
+    place = np.stack([column, row], axis=-1) * float(step)
+    through = polynomial(place, logarithm[::step, ::step][row, column][:, None].astype(float))
+    rows, columns = (np.arange(float(size)) for size in logarithm.shape)
+    return through(columns, rows)[0].astype(np.float32)
 
 
 def _blurred(field: Grid, sigma: float) -> Grid:

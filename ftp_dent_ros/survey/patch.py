@@ -6,9 +6,12 @@ points are looked up. The plane's z axis points at the camera.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -17,15 +20,17 @@ from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.survey.paint import paint_of, slopes
-from ftp_dent_ros.survey.resampling import Grid, cells, remap, way_back
+from ftp_dent_ros.survey.resampling import Grid, cells, polynomial, remap
 
-# Points that the plane and the way back to the cloud's grid are fitted to, about.
+# Points that the plane and the way back to the cloud's grid are fitted to, at least.
 _FITTED = 1000
 _LEAST_POINTS = 500
 # Of the grid, by the cloud's own spacing.
 _COARSER = 1.5
 # What the coarse paint is smoothed by: standard deviation, metres.
 _SMOOTH = 0.002
+# Of grey levels; 0 is no skin.
+_LOGARITHMS = np.log(np.array([np.nan, *range(1, 256)], np.float32))
 # Of a point, where a cloud does not tell its uncertainty, metres.
 _UNKNOWN_SIGMA = 5e-5
 
@@ -61,27 +66,32 @@ class Patch:
     def surface(self) -> Grid:
         """Height, its slopes along x and y, and its uncertainty, shape (rows, columns, 4)."""
         sigma = self.sigma.astype(np.float32) * np.float32(1e-3)
-        surface = np.dstack([self.height, *slopes(self.height, self.pitch), sigma])
-        surface[~np.isfinite(surface).all(axis=-1)] = np.nan
+        along_x, along_y = slopes(self.height, self.pitch)
+        surface: Any = cv2.merge([self.height, along_x, along_y, sigma])
+        unknown = np.isnan(along_x + along_y + sigma)
+        unknown[[0, -1]] = unknown[:, [0, -1]] = True
+        surface[unknown] = np.nan
         return surface
 
-    @cached_property
+    @property
     def paint(self) -> Grid:
         """Paint, its slopes along x and y (1/m), and 1 where it is known, else 0.
 
         The logarithm of the skin image without the light's slow changes; shape (rows, columns, 4).
         """
-        return self._paint(0.0)
+        return self._paints[0]
 
-    @cached_property
+    @property
     def coarse(self) -> Grid:
         """The same, smoothed."""
-        return self._paint(_SMOOTH / self.pitch)
+        return self._paints[1]
 
-    def _paint(self, smooth: float) -> Grid:
+    @cached_property
+    def _paints(self) -> tuple[Grid, Grid]:
         if self.light is None:
-            return np.zeros((*self.height.shape, 4), np.float32)
-        return paint_of(self.light.astype(np.float32), self.pitch, smooth)
+            nothing = np.zeros((*self.height.shape, 4), np.float32)
+            return nothing, nothing
+        return paint_of(self.light.astype(np.float32), self.pitch, _SMOOTH / self.pitch)
 
     def lightened(self) -> Patch:
         """The same in a tenth of the memory, to be worked out again when it is needed."""
@@ -93,7 +103,7 @@ class Patch:
         """Whether there is a skin image."""
         return self.light is not None
 
-    @property
+    @cached_property
     def known(self) -> NDArray[np.bool_]:
         """Mask of the cells with a height."""
         return np.isfinite(self.surface[..., 0])
@@ -128,30 +138,34 @@ def patch_of(
     CloudError
         It has too few points.
     """
-    row, column = np.nonzero(cloud.valid)
-    if len(row) < _LEAST_POINTS:
+    valid = cloud.valid
+    points = np.count_nonzero(valid)
+    if points < _LEAST_POINTS:
         raise CloudError(
-            f'the cloud has only {len(row)} points, too few to lay it on another: '
+            f'the cloud has only {points} points, too few to lay it on another: '
             'come closer, or light more'
         )
-    some = slice(None, None, max(1, len(row) // _FITTED))
-    frame = _tangent(cloud.points[row[some], column[some]].astype(float))
-    turn = frame.rotation.as_matrix().astype(np.float32)
-    local = (cloud.points - frame.translation.astype(np.float32)) @ turn
-    place = local[row[some], column[some], :2].astype(float)
-    size = pitch or _COARSER * _spacing(local)
+    step = max(1, math.isqrt(points // _FITTED))
+    row, column = step * np.array(np.nonzero(valid[::step, ::step]))
+    frame = _tangent(cloud.points[row, column].astype(float))
+    back = frame.inverse()
+    matrix = np.column_stack([back.rotation.as_matrix(), back.translation])
+    everywhere = cloud.points.astype(np.float32, copy=False)
+    places: Any = cv2.transform(everywhere, matrix[:2])
+    heights: Any = cv2.transform(everywhere, matrix[2:])
+    place = places[row, column].astype(float)
+    size = pitch or _COARSER * _spacing(everywhere)
     low, high = place.min(axis=0), place.max(axis=0)
     count = np.ceil((high - low) / size).astype(int) + 1
-    back = way_back(place, np.stack([column[some], row[some]], axis=-1).astype(float))
-    u, v = cells(local, low, size, count, back)
+    pixel = polynomial(place, np.stack([column, row], axis=-1).astype(float))
+    u, v = cells(places, low, size, count, pixel)
     sigma = np.where(np.isfinite(cloud.sigma), cloud.sigma, np.float32(_UNKNOWN_SIGMA))
-    fields = np.dstack([local[..., 2], sigma.astype(np.float32)])
-    height, deviation = np.moveaxis(remap(fields, u, v), -1, 0)
+    height = remap(heights, u, v)
+    deviation = remap(sigma.astype(np.float32, copy=False) * np.float32(1e3), u, v)
     light = None
     if skin is not None and skin.any():
-        seen = np.where(skin > 0, np.log(np.maximum(skin, 1).astype(np.float32)), np.nan)
-        light = remap(seen, u, v)
-    return Patch(frame, size, low, height, deviation * np.float32(1e3), light)
+        light = remap(_LOGARITHMS[skin], u, v)
+    return Patch(frame, size, low, height, deviation, light)
 
 
 def _tangent(points: NDArray[np.float64]) -> Pose:
@@ -165,9 +179,9 @@ def _tangent(points: NDArray[np.float64]) -> Pose:
     return Pose(Rotation.from_matrix(turn), middle)
 
 
-def _spacing(local: Grid) -> float:
+def _spacing(points: Grid) -> float:
     """Median distance between neighbouring points of a cloud."""
-    steps = np.linalg.norm(np.diff(local[::4], axis=1), axis=-1)
+    steps = np.linalg.norm(np.diff(points[:: max(1, len(points) // 24)], axis=1), axis=-1)
     return float(np.nanmedian(steps))
 
 

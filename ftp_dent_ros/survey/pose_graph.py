@@ -23,7 +23,7 @@ from ftp_dent_ros.survey.twists import spread_of_shift
 
 # Of squared errors by directions told: where a pair counts half, and from where on not at all.
 _HALF, _WRONG = 16.0, 36.0
-_STEPS, _DONE, _COARSE = 30, 1e-8, 1e-4
+_STEPS, _DONE, _COARSE = 30, 1e-7, 1e-4
 # By which the tolerance falls from step to step: H. Yang et al., IEEE RA-L 5, 1127 (2020).
 _GRADUAL = 4.0
 # Columns of the inverse that are solved for at once.
@@ -90,6 +90,10 @@ class PoseGraph:
         """Another relative pose; the second cloud is the newer one."""
         self.links.append(Link(first, second, relative))
 
+    def first_link(self, number: int) -> int:
+        """Number of the first link to a pose or a newer one."""
+        return bisect_left(self.links, number, key=lambda link: link.second)
+
     def part(self, numbers: Sequence[int]) -> PoseGraph:
         """Some of the poses, in rising order, and what joins them, without all others.
 
@@ -99,7 +103,7 @@ class PoseGraph:
         some = PoseGraph()
         for number in numbers:
             some.add(self.nodes[number], self.poses[number])
-        for index in range(self._first_link(numbers[0]), len(self.links)):
+        for index in range(self.first_link(numbers[0]), len(self.links)):
             link = self.links[index]
             if link.first in place and link.second in place and index not in self.left_out:
                 some.links.append(
@@ -138,6 +142,17 @@ class PoseGraph:
         judged = terms.links.number
         self.left_out -= set(judged.tolist())
         self.left_out |= set(judged[misfits > _WRONG].tolist())
+
+    def follow(self, number: int) -> None:
+        """Put the newest pose where its last link says, as far as that says anything."""
+        link = self.links[-1]
+        if link.relative.told == 6:
+            pose = self.poses[link.first] @ link.relative.pose
+            self.poses[number] = pose
+            self._turns[number] = pose.rotation.as_matrix()
+            self._places[number] = pose.translation
+        else:
+            self.solve(fixed=number)
 
     def strained(self, numbers: Sequence[int]) -> bool:
         """Whether some links, by their numbers, do not fit where the poses are."""
@@ -190,14 +205,10 @@ class PoseGraph:
         nodes, poses = self.nodes, self.poses
         return relative_doubt(nodes[first], nodes[second], poses[first], poses[second])
 
-    def _first_link(self, number: int) -> int:
-        """Number of the first link to a pose or a newer one."""
-        return bisect_left(self.links, number, key=lambda link: link.second)
-
     def _gathered(self, fixed: int, anchor: int | None = None) -> _Terms:
         told = [
             number
-            for number in range(self._first_link(fixed), len(self.links))
+            for number in range(self.first_link(fixed), len(self.links))
             if self.links[number].relative.told
         ]
         links = LinkTerms.of([self.links[number] for number in told], told)

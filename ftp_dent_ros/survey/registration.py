@@ -7,15 +7,16 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.survey.alignment import Equations, Samples, equations, moved, samples_of
-from ftp_dent_ros.survey.coarse_search import candidates
+from ftp_dent_ros.survey.coarse_search import candidates, is_right
 from ftp_dent_ros.survey.information import told_by
 from ftp_dent_ros.survey.patch import Patch
 from ftp_dent_ros.survey.relative_pose import RelativePose, UnlikePairError
 
-# Share of the second cloud that has to lie on the first, and points.
-LEAST_OVERLAP, _LEAST_POINTS = 0.15, 200
-# Steps of least squares, and the step that is small enough: the last one comes with what is told.
-_STEPS, _COARSE_STEPS, _DONE = 8, 3, 5e-6
+# Share of the second cloud that has to lie on the first, and points; of the few that find the way.
+LEAST_OVERLAP, _LEAST_POINTS, _LEAST_FEW = 0.15, 200, 50
+# Steps of least squares by few points, and the step that is small enough, metres and radians; the
+# last step is by all of them, and comes with what is told.
+_STEPS, _COARSE_STEPS, _SHAPE_STEPS, _DONE = 8, 3, 2, 5e-5
 # Heights' misfit by what the clouds state, above which they do not show one surface.
 _MOST_MISFIT = 25.0
 # Share of the points within three standard deviations, that both must have in common.
@@ -53,15 +54,22 @@ def register(
     """
     samples = samples or samples_of(second)
     start = first.frame.inverse() @ guess @ second.frame
-    centre = _centre(first, samples, start)
+    few = samples.few
+    centre = _centre(first, few, start)
     spread = _doubt_at(first, guess, doubt, centre)
     prior = np.linalg.inv(spread)
-    by_shape = _solved(first, samples, start, centre, prior, with_paint=False, steps=_COARSE_STEPS)
-    centre = _centre(first, samples, by_shape)
     remark = ''
+    is_near = is_right(spread)
+    by_shape = start
+    if not is_near:
+        by_shape = _solved(first, few, start, centre, prior, with_paint=False, steps=_SHAPE_STEPS)
+        centre = _centre(first, few, by_shape)
     best, found = by_shape, None
     if first.has_paint and second.has_paint:
-        best, found, remark = _by_paint(first, second, samples, by_shape, centre, spread, prior)
+        places = [start] if is_near else candidates(first, second, by_shape, centre, spread)
+        best, found, remark = _by_paint(
+            first, samples, by_shape, centre, prior, places, coarse=not is_near
+        )
     else:
         remark = 'without a skin image: laid on each other by their shape alone'
     if found is None:
@@ -71,7 +79,7 @@ def register(
     # What is told is told without the guess.
     best = moved(best, told.step, centre)
     heights = ~found.is_paint
-    misfit = _misfit(first, samples, best)
+    misfit = _misfit(first, few, best)
     pose = first.frame @ best @ second.frame.inverse()
     turn = np.kron(np.eye(2), first.frame.rotation.as_matrix())
     return RelativePose(
@@ -85,14 +93,15 @@ def register(
     )
 
 
-def _by_paint(first, second, samples, by_shape, centre, spread, prior):
+def _by_paint(first, samples, by_shape, centre, prior, places, coarse):
     """The pose at which the paints lie on each other, unless there is none, or more than one."""
+    few = samples.few
     tried: list[tuple[float, Pose, Equations]] = []
-    for pose in candidates(first, second, by_shape, centre, spread):
-        pose = _solved(
-            first, samples, pose, centre, prior * 1e-3, coarse=True, steps=_COARSE_STEPS
-        )
-        pose = _solved(first, samples, pose, centre, prior * 1e-3)
+    loose = prior * 1e-3
+    for pose in places:
+        if coarse:
+            pose = _solved(first, few, pose, centre, loose, coarse=True, steps=_COARSE_STEPS)
+        pose = _solved(first, few, pose, centre, loose)
         off = _off(pose, by_shape, centre)
         if off @ prior @ off > _GATE**2 + 6:
             continue
@@ -127,7 +136,7 @@ def _solved(
     guess = pose
     for _ in range(steps):
         found = equations(first, samples, pose, centre, with_paint, coarse)
-        if (~found.is_paint).sum() < _LEAST_POINTS:
+        if (~found.is_paint).sum() < _LEAST_FEW:
             raise UnlikePairError('they do not overlap')
         both = (found.own + found.other) / 2
         normal = both.T @ (both * found.weight[:, None]) + prior
@@ -142,7 +151,7 @@ def _solved(
 def _centre(first: Patch, samples: Samples, pose: Pose) -> NDArray[np.float64]:
     place = pose.apply(samples.heights)
     met = np.isfinite(first.looked_up(first.surface, place)[:, 0])
-    if met.sum() < max(_LEAST_POINTS, LEAST_OVERLAP * len(place)):
+    if met.sum() < max(_LEAST_FEW, LEAST_OVERLAP * len(place)):
         raise UnlikePairError('they do not overlap')
     return place[met].mean(axis=0)
 

@@ -2,48 +2,62 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-# Of the way back, a polynomial, and of the corrections that make it exact.
+# Of polynomials; and corrections that make a way back exact.
 _DEGREE, _CORRECTIONS = 3, 2
 
 Grid = NDArray[np.float32]
+Array = NDArray[np.float64]
 
 
-def way_back(place: NDArray[np.float64], pixel: NDArray[np.float64]) -> Any:
-    """From x and y to the cloud's column and row, nearly: a function of a grid's x and y.
+def polynomial(
+    place: NDArray[np.floating], values: NDArray[np.floating]
+) -> Callable[[Array, Array], Array]:
+    """Least squares through values at places: a function of a grid's x and y.
 
     Parameters
     ----------
     place : ndarray, shape (n, 2)
-        x and y of some points, metres.
-    pixel : ndarray, shape (n, 2)
-        Their columns and rows in the cloud.
+        x and y.
+    values : ndarray, shape (n, m)
+
+    Returns
+    -------
+    callable
+        Of x, shape (columns,), and y, shape (rows,): values of shape (m, rows, columns).
     """
-    scale = np.abs(place).max()
-    powers = [_powers(place[:, axis] / scale) for axis in (0, 1)]
-    terms = np.einsum('ni,nj->nij', *powers).reshape(len(place), -1)
-    weights, *_ = np.linalg.lstsq(terms, pixel, rcond=None)
-    weights = weights.reshape(_DEGREE + 1, _DEGREE + 1, 2)
+    low, high = place.min(axis=0), place.max(axis=0)
+    middle, half = (low + high) / 2, np.maximum((high - low) / 2, 1e-12)
+    along_x, along_y = (_powers((place[:, k] - middle[k]) / half[k]) for k in (0, 1))
+    terms = (along_y[:, :, None] * along_x[:, None, :]).reshape(len(place), -1)
+    # Between -1 and 1 the normal equations are well enough conditioned, and quick.
+    normal = terms.T @ terms + 1e-9 * len(place) * np.eye(terms.shape[1])
+    weights = np.linalg.solve(normal, terms.T @ values).T
+    weights = weights.reshape(-1, _DEGREE + 1, _DEGREE + 1)
 
-    def back(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
-        along_x, along_y = _powers(x / scale), _powers(y / scale)
-        return np.stack([along_y @ weights[..., axis].T @ along_x.T for axis in (0, 1)], axis=-1)
+    def at(x: Array, y: Array) -> Array:
+        columns, rows = _powers((x - middle[0]) / half[0]), _powers((y - middle[1]) / half[1])
+        result: Array = rows @ weights @ columns.T
+        return result
 
-    return back
+    return at
 
 
-def cells(local: Grid, low: NDArray, size: float, count: NDArray, back: Any) -> tuple[Grid, Grid]:
+def cells(
+    places: Grid, low: NDArray, size: float, count: NDArray, back: Callable[[Array, Array], Array]
+) -> tuple[Grid, Grid]:
     """Columns and rows of the cloud's grid at which the cells' x and y are.
 
     Parameters
     ----------
-    local : ndarray, shape (height, width, 3), float32
-        The cloud in the plane's frame, metres; NaN where there is no point.
+    places : ndarray, shape (height, width, 2), float32
+        x and y of the cloud in the plane's frame, metres; NaN where there is no point.
     low : ndarray, shape (2,)
         x and y of the first cell, metres.
     size : float
@@ -51,21 +65,21 @@ def cells(local: Grid, low: NDArray, size: float, count: NDArray, back: Any) -> 
     count : ndarray, shape (2,)
         Cells along x and y.
     back : callable
-        As `way_back` gives it.
+        From x and y to column and row, nearly, as `polynomial` gives it.
     """
     x, y = (low[axis] + size * np.arange(count[axis]) for axis in (0, 1))
-    pixel = back(x, y)
-    # How the cloud's column and row change with x and y: that of the polynomial is near enough.
-    along_y, along_x = np.gradient(pixel, size, axis=(0, 1))
-    u, v = pixel[..., 0].astype(np.float32), pixel[..., 1].astype(np.float32)
-    wanted_x, wanted_y = (each.astype(np.float32) for each in np.meshgrid(x, y))
-    places = np.ascontiguousarray(local[..., :2])
-    slopes = [each.astype(np.float32) for each in (along_x, along_y)]
+    u, v = back(x, y).astype(np.float32)
+    # How column and row change with x and y: as in the middle is near enough.
+    ends = [np.array([axis.mean() - size, axis.mean() + size]) for axis in (x, y)]
+    middle = back(*ends)
+    along_x, along_y = np.diff(middle.mean(axis=1)), np.diff(middle.mean(axis=2))
+    slope = (np.hstack([along_x, along_y]) / (2 * size)).astype(np.float32)
+    wanted_x, wanted_y = x.astype(np.float32), y.astype(np.float32)[:, None]
     for _ in range(_CORRECTIONS):
-        here = remap(places, u, v)
-        off_x, off_y = wanted_x - here[..., 0], wanted_y - here[..., 1]
-        u = u + slopes[0][..., 0] * off_x + slopes[1][..., 0] * off_y
-        v = v + slopes[0][..., 1] * off_x + slopes[1][..., 1] * off_y
+        here_x, here_y = cv2.split(remap(places, u, v))
+        off_x, off_y = wanted_x - here_x, wanted_y - here_y
+        u = u + slope[0, 0] * off_x + slope[0, 1] * off_y
+        v = v + slope[1, 0] * off_x + slope[1, 1] * off_y
     return u, v
 
 
@@ -73,8 +87,8 @@ def remap(field: Grid, u: Grid, v: Grid) -> Grid:
     """Values of a field at columns `u` and rows `v`, linearly; NaN beyond it."""
     result: Any = cv2.remap(
         field.astype(np.float32, copy=False),
-        np.nan_to_num(u, nan=-9.0),
-        np.nan_to_num(v, nan=-9.0),
+        np.where(u > -9, u, np.float32(-9)),
+        np.where(v > -9, v, np.float32(-9)),
         cv2.INTER_LINEAR,
         borderMode=cv2.BORDER_CONSTANT,
         borderValue=(np.nan,) * 4,
