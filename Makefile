@@ -4,6 +4,7 @@
 unexport PYTHONPATH
 VENV := .venv/bin
 UBUNTU := .venv-ubuntu24.04/bin
+PYTEST := -m pytest -n 2 --dist worksteal
 # Without flight_replay, which needs the log of a flight, and link_soak, which takes ten minutes.
 BENCHMARKS := accuracy reconstruction_speed render node_latency recording
 
@@ -22,9 +23,9 @@ demo:
 
 test:
 	@tools/environment test
-	$(VENV)/python -m pytest -n 2
+	$(VENV)/python $(PYTEST)
 	@tools/environment ubuntu24.04 || test $$? -eq 3
-	@test ! -e $(UBUNTU)/../ready || (set -x; $(UBUNTU)/python -m pytest -n 2)
+	@test ! -e $(UBUNTU)/../ready || (set -x; $(UBUNTU)/python $(PYTEST))
 
 lint:
 	@tools/environment test

@@ -4,6 +4,18 @@ from pathlib import Path
 
 import pytest
 
+_NODES = Path(__file__).resolve().parent / 'ros'
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Several workers: the tests of nodes come first, and so to one worker.
+
+    They take longest, share flights and domains, and disturb one another. `--dist worksteal` gives
+    each worker a part of the list as it stands, and the others' rest to who is done.
+    """
+    if hasattr(config, 'workerinput'):
+        items.sort(key=lambda item: _NODES not in item.path.parents)
+
 
 @pytest.fixture(scope='session')
 def data() -> Path:
