@@ -72,7 +72,7 @@ class Cloud:
 
     @property
     def transposed(self) -> Cloud:
-        """The same with x for y, and y for x, of pixels as of points."""
+        """The same cloud with x for y, and y for x, of pixels as of points."""
         points = np.ascontiguousarray(self.points.swapaxes(0, 1)[..., [1, 0, 2]])
         names = ('intensity', 'sigma', 'resolution')
         return Cloud(points, *(np.ascontiguousarray(getattr(self, name).T) for name in names))

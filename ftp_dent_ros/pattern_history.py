@@ -47,7 +47,7 @@ class PatternHistory:
             self._shown = others[-_MOST:]
 
     def forget(self, trouble: str) -> None:
-        """It is not known any more what is shown, and `trouble` says why."""
+        """Forget the patterns: what is shown is not known any more, and `trouble` says why."""
         with self._lock:
             self.trouble = trouble
             self._shown = []

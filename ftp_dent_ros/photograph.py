@@ -159,7 +159,7 @@ class Photograph:
 
     @property
     def encoding(self) -> str:
-        """Its name after sensor_msgs, with the bits that it has: ``mono12``, ``bayer_rggb8``."""
+        """Name after sensor_msgs, with the bits that there are: ``mono12``, ``bayer_rggb8``."""
         kind = f'bayer_{self.mosaic}' if self.mosaic else 'mono' if self.is_flat else 'rgb'
         return f'{kind}{self.bits}'
 
@@ -185,7 +185,7 @@ class Photograph:
         return 255 / self.white
 
     def linear(self, response: NDArray[np.floating]) -> Photograph:
-        """The same in levels that grow with the light, of 16 bits.
+        """The photograph in levels that grow with the light, of 16 bits.
 
         Parameters
         ----------

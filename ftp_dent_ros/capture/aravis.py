@@ -16,7 +16,9 @@ from ftp_dent_ros.capture.raw_formats import GENICAM
 from ftp_dent_ros.errors import CameraError
 from ftp_dent_ros.photograph import Photograph
 
+# Frames that Aravis may fill ahead of us.
 _BUFFERS = 8
+# Between two looks at whether the source is to stop.
 _WAIT_US = 200_000
 # Without a trigger, silence of so long means that the camera is gone, seconds.
 _SILENCE = 3.0

@@ -16,7 +16,9 @@ from ftp_dent_ros.capture.stamps import ExposureClock
 from ftp_dent_ros.errors import CameraError
 from ftp_dent_ros.photograph import Photograph
 
+# Seconds between two tries to open a camera that is gone, doubled from the one to the other.
 _FIRST_PAUSE, _LONGEST_PAUSE = 0.5, 8.0
+# Seconds without an image after which one is told to be missing.
 _PATIENCE = 3.0
 
 

@@ -14,6 +14,7 @@ from ftp_dent_ros.cli.inspection_arguments import (
 from ftp_dent_ros.files import content_id, find
 
 _MM = 1e3
+# Lines of each that a terminal shows; survey.json has all.
 _REMARKS, _GAPS = 12, 6
 
 

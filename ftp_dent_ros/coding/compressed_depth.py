@@ -21,6 +21,7 @@ from ftp_dent_ros.errors import CodecError
 
 FORMAT = '32FC1; compressedDepth png'
 _HEAD = struct.Struct('<iff')
+# compressed_depth_image_transport's format of the inverse depth, and the largest of 16 bits.
 _INVERSE_DEPTH = 1
 _STEPS = 65535
 

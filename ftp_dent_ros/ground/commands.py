@@ -19,6 +19,7 @@ COMMANDS = {
     'take_list': 'take the list of dents',
 }
 WAY = 'command'
+# Answers that are given again to who asks again, and bytes of a request at most.
 _REMEMBERED = 64
 _LARGEST = 4096
 # A try, and all of them, seconds.

@@ -13,7 +13,7 @@ from ftp_dent_ros.inspection.dent import MeasuredDent
 
 
 def with_clearances(dents: Sequence[MeasuredDent]) -> tuple[MeasuredDent, ...]:
-    """The same, each with its clearance to the nearest of kind ``'dent'``."""
+    """The dents, each with its clearance to the nearest of kind ``'dent'``."""
     outlines = [d.outline if len(d.outline) else d.position[None] for d in dents]
     centres = np.array([outline.mean(axis=0) for outline in outlines]).reshape(-1, 3)
     reach = np.array(

@@ -14,6 +14,7 @@ from ftp_dent_ros.navigation.trust import Trust
 from ftp_dent_ros.navigation.vehicle_state import Instant, Settings
 
 _INTERVAL = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
+# Hertz: what the map's origin is made of changes slowly.
 _EARTH_RATE = 2.0
 
 

@@ -22,10 +22,14 @@ from dataclasses import dataclass
 from ftp_dent_ros.errors import PoseAwaitedError, PoseError
 from ftp_dent_ros.navigation.clock_segment import MILLISECOND, SECOND, Exchange, Segment
 
+# Exchanges that a line through them needs before it is believed.
 _MINIMUM_EXCHANGES = 5
+# Of the past that stamps may still come from, and of requests that may still be answered.
 _KEPT_SEGMENTS = 8
 _KEPT_REQUESTS = 64
+# Round trips that the diagnostics tell of.
 _RECENT = 20
+# Without an exchange for so long the clocks do not count as matched, nanoseconds.
 _SILENCE = 2 * SECOND
 # A larger step: the autopilot has rebooted, or this computer's clock has been set.
 _RESTART = 1 * SECOND

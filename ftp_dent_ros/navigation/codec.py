@@ -22,6 +22,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from ftp_dent_ros.errors import ConfigurationError
 
+# Bytes of a key, as MAVLink 2 signs.
 _KEY_LENGTH = 32
 # Signatures count units of 10 us since 2015.
 _EPOCH_NS, _UNIT_NS = 1_420_070_400 * 10**9, 10_000

@@ -21,8 +21,9 @@ from ftp_dent_ros.navigation.geodesy import Origin, origin_below, place_on_earth
 from ftp_dent_ros.navigation.vehicle_state import Instant
 from ftp_dent_ros.pose import Pose
 
+# Seconds from asking for what is missing to asking again.
 _ASK_AGAIN = 3.0
-# Where it is only to be seen whether the origin moves.
+# The same where it is only to be seen whether the origin moves.
 _ASK_SELDOM = 30.0
 _ONCE = (mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN, mavlink.MAVLINK_MSG_ID_GPS_RAW_INT)
 

@@ -24,8 +24,11 @@ from ftp_dent_ros.navigation.way import Way
 from ftp_dent_ros.pose import Pose
 
 _COMPUTER = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
+# Seconds between two looks at the clock while nothing comes.
 _TICK = 0.05
+# Messages that are read before the clock is looked at again: a flood must not stop the rest.
 _MOST_AT_ONCE = 100
+# Seconds between two tries to open the link, doubled from the one to the other.
 _SHORTEST_WAIT, _LONGEST_WAIT = 0.5, 2.0
 # A stream connection that is silent for longer may be dead without saying so.
 _SILENCE = 5.0

@@ -15,8 +15,10 @@ from itertools import pairwise
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+# Seconds to an answer, and how often a request without one is repeated.
 _ANSWER_TIMEOUT = 0.5
 _RETRIES = 3
+# Seconds that a rate is measured over at least.
 _WINDOW = 2.0
 # Between two requests for one message, doubled while they are of no use.
 _PATIENCE, _LONGEST_PATIENCE = 0.5, 8.0

@@ -20,8 +20,10 @@ from abc import ABC, abstractmethod
 from ftp_dent_ros.errors import ConfigurationError, LinkError
 
 _LOOPBACK = '127.0.0.1'
+# Bytes of a datagram at most, and that the kernel may keep while this process does not run.
 _LARGEST = 65535
 _RECEIVE_BUFFER = 1 << 20
+# Seconds.
 _CONNECT_TIMEOUT = 2.0
 _SEND_TIMEOUT = 0.2
 

@@ -14,6 +14,7 @@ from typing import Generic, Protocol, TypeVar
 from ftp_dent_ros.errors import PoseAwaitedError, PoseError
 
 _SECOND = 1_000_000_000
+# Reports that a time in the past may still be held against.
 _KEPT = 256
 
 

@@ -21,6 +21,7 @@ from ftp_dent_ros.ros.diagnostics import Diagnostics
 from ftp_dent_ros.ros.messages import stamp_to_ns
 from ftp_dent_ros.ros.qos import IMAGES, OVERRIDABLE
 
+# Commands, and images, that wait for each other.
 _MOST_WAITING = 20
 
 

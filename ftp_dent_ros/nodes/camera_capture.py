@@ -39,6 +39,8 @@ from ftp_dent_ros.ros.node import run
 from ftp_dent_ros.ros.parameters import Parameters
 from ftp_dent_ros.ros.qos import IMAGES, OVERRIDABLE, PATTERNS
 
+# Seconds: until a photograph on demand, between two looks at whether to stop, and after a reader
+# has come.
 _DEMAND_TIMEOUT = 10.0
 _PAUSE = 0.1
 _SETTLING = 0.3

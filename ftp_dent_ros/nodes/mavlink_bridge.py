@@ -38,6 +38,7 @@ from ftp_dent_ros.ros.parameters import Parameters
 from ftp_dent_ros.ros.qos import CLOUDS, LATCHED, OVERRIDABLE, POSES
 from ftp_dent_ros.ros.transforms import TransformPublisher
 
+# Seconds between two looks at which clouds have their poses.
 _CHECK_PERIOD = 0.1
 _LEVELS = {'ok': OK, 'warning': WARN, 'error': ERROR}
 

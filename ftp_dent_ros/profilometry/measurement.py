@@ -39,6 +39,6 @@ class Measurement:
 
     @property
     def transposed(self) -> Measurement:
-        """The same with x for y, and y for x, of pixels as of points."""
+        """The same measurement with x for y, and y for x, of pixels as of points."""
         skin = None if self.skin is None else np.ascontiguousarray(self.skin.T)
         return replace(self, cloud=self.cloud.transposed, skin=skin)

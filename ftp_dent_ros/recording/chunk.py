@@ -93,7 +93,7 @@ class OpenChunk:
         }
 
     def summary(self, offsets: dict[int, int], index_size: int) -> bytes:
-        """Its record at the end of the file, `offsets` being those of its indices."""
+        """The chunk's record at the end of the file, `offsets` being those of its indices."""
         return records(
             ChunkIndex(
                 chunk_start_offset=self.start,

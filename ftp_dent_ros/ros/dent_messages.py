@@ -37,6 +37,7 @@ _COLOURS = {
     'gouge': (0.9, 0.5, 0.0, 1.0),
     'other': (0.6, 0.6, 0.1, 1.0),
 }
+# Width of an outline, and height of a label, metres.
 _LINE = 0.0015
 _TEXT = 0.02
 

@@ -140,7 +140,7 @@ class MissingRivet(RoundFitting):
 
     @property
     def rise(self) -> float:
-        """Its depth below the skin, metres."""
+        """Depth of the hole below the skin, metres."""
         return self.depth
 
     def height(self, x: Field, y: Field) -> tuple[Field, Field, Field]:

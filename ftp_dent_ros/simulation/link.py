@@ -26,7 +26,10 @@ os.environ.setdefault('MAVLINK20', '1')
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 _ADDRESS = re.compile(r'(udpin|udpout|tcp|tcpin):([\w.-]+):(\d{1,5})')
+# Bytes that are read at once.
 _LARGEST = 65536
+# A UDP peer that has said nothing for so long gets nothing more; a connection that failed is tried
+# again after so long, each try no longer than that.
 _FORGOTTEN_S = 60.0
 _RETRY_S = 0.5
 _CONNECT_S = 0.2

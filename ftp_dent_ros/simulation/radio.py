@@ -16,6 +16,7 @@ import sys
 import time
 from dataclasses import dataclass, fields
 
+# Bytes that are read at once: no IP packet is larger.
 _LARGEST_PACKET = 65536
 # Packets taken from one device before the other one has its turn.
 _TURN = 32

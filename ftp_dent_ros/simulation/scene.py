@@ -46,6 +46,7 @@ _PLAIN_SHAPES: dict[str, Any] = {
     'oil_can': Plate,
 }
 _VALLEYS = 'crease', 'gouge'
+# Of one row: more is a slip of the pen.
 _MOST_RIVETS = 10_000
 
 

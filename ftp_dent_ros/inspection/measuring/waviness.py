@@ -65,7 +65,7 @@ class Relief:
         return min(self.under_hole * max(width / self.hole, 1.0) ** 2, self.amplitude)
 
     def at_points(self, block: int, shape: tuple[int, ...]) -> Map:
-        """Its depths at the points of the cloud, shape `shape`."""
+        """Depths of the relief at the points of the cloud, shape `shape`."""
         rows, columns = self.heights.shape
         size = columns * block, rows * block
         fine = cv2.resize(self.heights, size, interpolation=cv2.INTER_CUBIC)

@@ -37,7 +37,7 @@ class Entry:
 
     @property
     def dent(self) -> MeasuredDent:
-        """As it is listed, from all its sightings."""
+        """The dent as it is listed, from all its sightings."""
         return self.listed.dent
 
     def with_sightings(self, *more: Sighting) -> Entry:
