@@ -19,14 +19,15 @@ from tqdm import tqdm
 
 from ftp_dent_ros.calibration.board import Board
 from ftp_dent_ros.calibration.board_check import check_by_board
-from ftp_dent_ros.calibration.checking import Check, check, turned
+from ftp_dent_ros.calibration.checking import check
+from ftp_dent_ros.calibration.verdict import Check, turned
 from ftp_dent_ros.errors import CalibrationError, RefusedFrameError
 from ftp_dent_ros.files import config_folder
 from ftp_dent_ros.pattern_file import read_pattern
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.rig import Lens, Rig, read_rig
-from ftp_dent_ros.simulation import Panel, Photometry, Surface, render
+from ftp_dent_ros.simulation import Panel, Photometry, Surface, Wave, render
 from ftp_dent_ros.simulation.boards import board_surface, random_pose
 
 RIG = read_rig(config_folder() / 'rig.yaml')
@@ -35,6 +36,8 @@ BOARD = Board(10, 7, 0.025)
 # Standard deviation of the border off the plane of the middle, metres; of a print's size.
 FLATNESS = 2e-5
 PRINT = 3e-4
+# Of the camera's exponent, and the share of walls that end before the lower rim of the frame.
+GAMMA, ENDS_EARLY = 0.1, 0.3
 
 
 def _turn(axis: int) -> Callable[[float], Rig]:
@@ -83,6 +86,7 @@ def light(rng: np.random.Generator, distance: float) -> Photometry:
         read_noise=rng.uniform(0.8, 2.5),
         defocus_px=rng.uniform(0.6, 1.6),
         projector_gamma=rng.uniform(1, 2.2),
+        camera_gamma=float(np.exp(rng.normal(0, GAMMA))),
     )
 
 
@@ -90,9 +94,12 @@ def wall(rng: np.random.Generator) -> Target:
     """A wall at 0.6 to 1 m that sags a little."""
     distance = rng.uniform(0.6, 1.0)
     pose = Pose.from_rpy(rng.uniform(-0.15, 0.15, 3), (0, 0, distance))
-    sag = max(abs(rng.normal(0, FLATNESS)), 1e-7)
+    sag = rng.normal(0, FLATNESS)
     border = distance * RIG.camera.width / 2 / RIG.camera.camera_matrix[0, 0]
-    panel = Panel(pose, (-1, 1, -1, 1), cylinder_radius=border**2 / (2 * sag))
+    end = 0.1 * distance if rng.random() < ENDS_EARLY else 1.0
+    # A wave so long that its border lies that far off the plane of its middle.
+    bend = Wave(abs(sag) / (1 - np.cos(np.pi / 4)), 8 * border, 0.0, np.copysign(np.pi / 2, sag))
+    panel = Panel(pose, (-1, 1, -1, end), waves=(bend,))
     image = render(RIG, PATTERN.draw(), Surface((panel,)), light(rng, distance), rng)
     return Target(image, lambda rig, points: check(rig, PATTERN, image, points, FLATNESS))
 

@@ -12,21 +12,20 @@ from dataclasses import replace
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.calibration.board import Board
+from ftp_dent_ros.calibration.board_light import light, mapped, smooth_columns, smoothed
 from ftp_dent_ros.calibration.checking import (
     ALIKE,
     MOST_POINTS,
+    PHASE_LEAST,
     PHASE_PX,
-    Check,
     fringe_levels,
-    judged,
-    turn_covariance,
-    turned,
+    scatter,
 )
+from ftp_dent_ros.calibration.verdict import Check, judged, turn_covariance, turned
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.photograph import Photograph
@@ -34,18 +33,15 @@ from ftp_dent_ros.rig import Rig
 
 # Least points on the board, and corners.
 _FEWEST_POINTS, _FEWEST_CORNERS = 200, 12
-# Corners through fringes are known to this at best; pixels, standard deviation.
-_CORNER_PX = 0.05
+# Corners through fringes are known to this at first and at best; pixels, standard deviation.
+_CORNER_FIRST, _CORNER_LEAST = 0.05, 0.01
 # Warmth and damp make a print so much larger or smaller: aluminium by 12, paper by 30 kelvin.
 _SCALE = 3e-4
 # A corner in smoothed light is off by half a fringe at most, pixels of a usual rig.
 _ROUGH_PX = 6.0
-# Of the polynomial that projector columns are over the board, and how far beyond its corners it is
-# believed, as a part of its sides.
-_DEGREE, _AROUND = 4, 0.2
-# Part of a square's side within which it is of one colour in spite of blur, and samples a side.
-_INNER, _SAMPLES = 0.6, 13
-_ROUNDS = 2
+# Neighbouring corners that err more alike than this are one; their correlation.
+_MOST_ALIKE = 0.8
+_ROUNDS, _ROUNDS_OF_NOISE = 2, 3
 # The nearest of the corners that tell of the lens, and their part in the mean square of normally
 # distributed vectors in the plane: 1 - q exp(-q) / (1 - exp(-q)), with q = ln 5.
 _KEPT, _OF_KEPT = 0.8, 0.598
@@ -80,11 +76,11 @@ def check_by_board(
         The board is not seen, or too little of it was measured.
     """
     told = 0 if pattern.axis == 'u' else 1
-    levels = fringe_levels(image)
-    rough = _rough_corners(board, _smoothed(levels, rig, pattern))
+    levels = fringe_levels(image, rig)
+    rough = _rough_corners(board, smoothed(levels, rig, pattern))
     seen = points[np.isfinite(points).all(axis=-1)].astype(float)
     to_board, _ = cv2.findHomography(rough, board.points[:, :2])
-    place = _mapped(to_board, rig.camera.project(seen))
+    place = mapped(to_board, rig.camera.project(seen))
     on = ((place > 0) & (place < board.points[-1, :2])).all(axis=1)
     if on.sum() < _FEWEST_POINTS:
         raise CalibrationError(
@@ -93,11 +89,11 @@ def check_by_board(
         )
     seen, place = seen[on], place[on]
     columns = rig.projector.project(rig.to_projector(seen))[:, told]
-    fitted, inside = _smooth_columns(place / board.points[-1, :2], columns)
-    light = _light(board, pattern, levels, to_board, fitted)
+    fitted, inside = smooth_columns(place / board.points[-1, :2], columns)
+    wave = light(board, pattern, levels, to_board, fitted)
     corners = rough
     for _ in range(_ROUNDS):
-        corners, _ = board.refine(levels, corners, light)
+        corners, _ = board.refine(levels, corners, wave)
         lost = np.isnan(corners[:, 0])
         if (~lost).sum() < _FEWEST_CORNERS:
             raise CalibrationError(
@@ -133,7 +129,7 @@ def _fit(
     def state_of(state: NDArray) -> tuple[Rotation, NDArray, float, NDArray]:
         return Rotation.from_rotvec(state[3:6]), state[6:9], state[9], state[10:]
 
-    def residuals(state: NDArray) -> NDArray[np.float64]:
+    def misfit(state: NDArray) -> tuple[NDArray, NDArray, NDArray]:
         turn, shift, scale, bend = state_of(state)
         flat = board.points[known] * scale
         flat[:, 2] = bent(board.points[known], bend)
@@ -142,13 +138,12 @@ def _fit(
         depth = (shift @ normal + bent(place, bend)) / (rays @ normal)
         by = turned(rig, state[:3])
         pixel = by.projector.project(by.to_projector(depth[:, None] * rays))[:, told]
+        return off.ravel(), pixel - columns, np.append((scale - 1) / _SCALE, bend / flatness)
+
+    def residuals(state: NDArray) -> NDArray[np.float64]:
+        off, across, prior = misfit(state)
         return np.concatenate(
-            [
-                off.ravel() / _CORNER_PX,
-                (pixel - columns) / (PHASE_PX * ALIKE),
-                [(scale - 1) / _SCALE],
-                bend / flatness,
-            ]
+            [(off.reshape(-1, 2) / corner_px).ravel(), across / (phase_px * ALIKE), prior]
         )
 
     _, turn, shift = cv2.solvePnP(
@@ -158,16 +153,37 @@ def _fit(
         rig.camera.distortion,
     )
     start = np.concatenate([np.zeros(3), np.ravel(turn), np.ravel(shift), [1.0], np.zeros(3)])
-    found = least_squares(residuals, start, x_scale='jac', loss='soft_l1', f_scale=2.0)
-    off = np.linalg.norm(found.fun[: 2 * int(known.sum())].reshape(-1, 2), axis=1)
-    # What does not fit as it should is less sure by as much.
-    worse = max(1.0, float(np.sqrt(np.mean(off**2) / 2)))
-    # A lens that has changed moves most corners, a shadow or the frame's rim a few.
-    near = np.sort(off)[: max(1, int(_KEPT * len(off)))]
-    camera_px = _CORNER_PX * float(np.sqrt(np.mean(near**2) / _OF_KEPT))
-    covariance = turn_covariance(found.jac) * worse**2
+    corner_px, phase_px = np.full(2, _CORNER_FIRST), PHASE_PX
+    for _ in range(_ROUNDS_OF_NOISE):
+        found = least_squares(residuals, start, x_scale='jac', loss='soft_l1', f_scale=2.0)
+        off, across, _ = misfit(found.x)
+        grid = np.full((board.rows, board.columns, 2), np.nan)
+        grid.reshape(-1, 2)[known] = off.reshape(-1, 2)
+        # A lens that has changed moves most corners, a shadow or the frame's rim a few.
+        near = np.sort(np.linalg.norm(off.reshape(-1, 2), axis=1))
+        near = near[: max(1, int(_KEPT * len(near)))]
+        camera_px = float(np.sqrt(np.mean(near**2) / _OF_KEPT))
+        corner_px = np.array([_corner_noise(grid[..., axis]) for axis in (0, 1)])
+        start, phase_px = found.x, scatter(across, PHASE_LEAST)
+    covariance = turn_covariance(found.jac)
     result = judged(rig, pattern, found.x[:3], covariance, np.median(seen, axis=0))
     return replace(result, camera_px=camera_px)
+
+
+def _corner_noise(off: NDArray) -> float:
+    """Of residuals (rows, columns) as if they were independent: edges along fringes err alike.
+
+    The variance of a mean of residuals that fade with the distance by a factor r a corner is
+    (1 + r) / (1 - r) times as large along each axis.
+    """
+    spread = scatter(off[np.isfinite(off)], _CORNER_LEAST)
+    off = np.clip(off, -3 * spread, 3 * spread)
+    factor = 1.0
+    for first, second in ((off[1:], off[:-1]), (off[:, 1:], off[:, :-1])):
+        ratio = np.nanmean(first * second) / np.nanmean(off**2)
+        ratio = np.clip(ratio, 0, _MOST_ALIKE)
+        factor *= (1 + ratio) / (1 - ratio)
+    return float(np.sqrt(np.nanmean(off**2) * factor))
 
 
 def _rough_corners(board: Board, photograph: NDArray[np.uint8]) -> NDArray[np.float64]:
@@ -177,73 +193,4 @@ def _rough_corners(board: Board, photograph: NDArray[np.uint8]) -> NDArray[np.fl
     plane, _ = cv2.findHomography(board.points[known, :2], found[known], cv2.RANSAC, _ROUGH_PX)
     if plane is None:
         raise CalibrationError('the corners found lie on no plane: show the board alone')
-    return _mapped(plane, board.points[:, :2])
-
-
-def _smoothed(levels: NDArray, rig: Rig, pattern: Pattern) -> NDArray[np.uint8]:
-    """The photograph without its fringes: a window of two periods has a zero at theirs."""
-    told = 0 if pattern.axis == 'u' else 1
-    period = pattern.period_px * (
-        rig.camera.camera_matrix[told, told] / rig.projector.camera_matrix[told, told]
-    )
-    length = 2 * round(period) + 1
-    window = np.hanning(length + 2)[1:-1]
-    smooth = cv2.sepFilter2D(levels.astype(np.float32), -1, window, window)
-    return np.clip(smooth * (230 / max(float(np.percentile(smooth, 99)), 1e-3)), 0, 255).astype(
-        np.uint8
-    )
-
-
-def _smooth_columns(place: NDArray, columns: NDArray) -> tuple[NDArray, NDArray[np.bool_]]:
-    """Coefficients of the columns over the board's unit square, and which points fit them."""
-    terms = _terms(place)
-    inside = np.ones(len(place), bool)
-    for _ in range(3):
-        fitted, *_ = np.linalg.lstsq(terms[inside], columns[inside], rcond=None)
-        off = np.abs(columns - terms @ fitted)
-        inside = off <= 4 * 1.4826 * np.median(off) + 1e-6
-    return fitted, inside
-
-
-def _terms(place: NDArray) -> NDArray[np.float64]:
-    x, y = place.T
-    return np.polynomial.polynomial.polyvander2d(x, y, [_DEGREE, _DEGREE])
-
-
-def _light(
-    board: Board, pattern: Pattern, levels: NDArray, to_board: NDArray, fitted: NDArray
-) -> NDArray[np.float32]:
-    """Light of the fringes on each pixel of the board, mean 1; 1 elsewhere."""
-    v, u = np.indices(levels.shape)
-    place = _mapped(to_board, np.stack([u.ravel(), v.ravel()], axis=1)) / board.points[-1, :2]
-    on = ((place > -_AROUND) & (place < 1 + _AROUND)).all(axis=1)
-    wave = np.zeros(levels.size, np.float32)
-    wave[on] = 2 * pattern.intensity(_terms(place[on]) @ fitted) - 1
-    image: NDArray[np.float32] = wave.reshape(levels.shape)
-    contrast = _contrast(board, levels, image, np.linalg.inv(to_board))
-    return 1 + np.float32(contrast) * image
-
-
-def _contrast(board: Board, levels: NDArray, wave: NDArray, to_image: NDArray) -> float:
-    """Contrast of the fringes on the board's white squares, 0 to 1."""
-    offsets = np.linspace(-_INNER / 2, _INNER / 2, _SAMPLES)
-    x, y, dx, dy = np.meshgrid(
-        np.arange(board.columns - 1) + 0.5, np.arange(board.rows - 1) + 0.5, offsets, offsets
-    )
-    at = _mapped(to_image, board.square * np.stack([(x + dx).ravel(), (y + dy).ravel()], axis=1))
-    seen, lit = (
-        map_coordinates(each, at[:, ::-1].T, order=1, mode='nearest').reshape(-1, _SAMPLES**2)
-        for each in (levels, wave)
-    )
-    means = seen.mean(axis=1)
-    bright = means >= np.median(means)
-    slopes, middles = np.array(
-        [np.polyfit(*each, 1) for each in zip(lit[bright], seen[bright], strict=True)]
-    ).T
-    return float(np.clip(np.median(slopes / np.maximum(middles, 1e-3)), 0, 1))
-
-
-def _mapped(plane: NDArray, at: NDArray) -> NDArray[np.float64]:
-    """Points of shape (n, 2) through a homography."""
-    ends = np.asarray(at, float) @ plane[:, :2].T + plane[:, 2]
-    return ends[:, :2] / ends[:, 2:]
+    return mapped(plane, board.points[:, :2])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
@@ -13,8 +15,41 @@ from ftp_dent_ros.rig import Rig
 _FEWEST = 12
 # Half the length of a profile across the rim, camera pixels.
 _REACH = 14
+# A place so many projector pixels inside the rim tells which way is inward.
+_INWARD = 8.0
 # From the dark around the frame to the light in it, at least, grey levels.
 _LEAST_STEP = 8.0
+# Quartiles of a normal distribution are so many standard deviations apart.
+_QUARTILES = 1.349
+
+
+@dataclass(frozen=True, eq=False)
+class Rim:
+    """Places on the rims of the frame.
+
+    Attributes
+    ----------
+    pixels : ndarray, shape (n, 2)
+        Of the camera: where the light is half of what it is inside.
+    rows : ndarray, shape (n,)
+        Projector rows of these rims; columns for fringes of the axis v.
+    blur : ndarray, shape (n,)
+        Standard deviation of the edge's blur, projector rows, positive if the frame is below.
+    """
+
+    pixels: NDArray[np.float64]
+    rows: NDArray[np.float64]
+    blur: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def sides(self) -> list[NDArray[np.bool_]]:
+        """Which places belong to each of the rims seen."""
+        return [self.rows == row for row in np.unique(self.rows)]
+
+
+NO_RIM = Rim(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
 
 
 def inverse_depth(rays: NDArray) -> NDArray[np.float64]:
@@ -23,9 +58,7 @@ def inverse_depth(rays: NDArray) -> NDArray[np.float64]:
     return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
 
 
-def find_rim(
-    rig: Rig, pattern: Pattern, levels: NDArray, shape: NDArray
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def find_rim(rig: Rig, pattern: Pattern, levels: NDArray, shape: NDArray) -> Rim:
     """Places on the two rims of the frame at which the fringes end.
 
     Parameters
@@ -33,16 +66,14 @@ def find_rim(
     rig : Rig
     pattern : Pattern
     levels : ndarray, shape (height, width)
-        Of the photograph.
+        Of the photograph, growing with the light.
     shape : ndarray, shape (6,)
         Of the surface, as in `inverse_depth`.
 
     Returns
     -------
-    pixels : ndarray, shape (n, 2)
-        Of the camera.
-    rows : ndarray, shape (n,)
-        Projector rows of these rims; columns for fringes of the axis v.
+    Rim
+        Without a place where too few are seen.
     """
     upright = pattern.axis == 'u'
     across_fringes, along_fringes = rig.projector.width, rig.projector.height
@@ -51,42 +82,53 @@ def find_rim(
     bright = np.arange(
         pattern.stripe_center_px % pattern.period_px, across_fringes, pattern.period_px
     )
-    pixels, rows = [], []
+    pixels, rows, blurs = [], [], []
     for row, inward in ((-0.5, 1.0), (along_fringes - 0.5, -1.0)):
         edge = np.column_stack([bright, np.full(len(bright), row)])
-        places = [edge + np.array([0, inward * step]) for step in (0.0, 8.0)]
+        places = [edge + np.array([0, inward * step]) for step in (0.0, _INWARD)]
         ends = [_lit(rig, each if upright else each[:, ::-1], shape) for each in places]
         across = ends[1] - ends[0]
-        across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
+        length = np.maximum(np.linalg.norm(across, axis=1), 1e-9)
+        across /= length[:, None]
         offsets = np.arange(-_REACH, _REACH + 0.25, 0.25)
         profile_at = ends[0][:, None] + offsets[:, None] * across[:, None]
         limits = np.array([rig.camera.width - 1, rig.camera.height - 1])
         inside = ((profile_at > 0) & (profile_at < limits)).all(axis=(1, 2))
-        for place, way, where in zip(
-            ends[0][inside], across[inside], profile_at[inside], strict=True
+        for place, way, per_pixel, where in zip(
+            ends[0][inside],
+            across[inside],
+            inward * _INWARD / length[inside],
+            profile_at[inside],
+            strict=True,
         ):
             profile = map_coordinates(levels, where[:, ::-1].T, order=1)
-            offset = _step(profile, offsets)
+            offset, blur = _step(profile, offsets)
             if np.isfinite(offset):
                 pixels.append(place + offset * way)
                 rows.append(row)
+                blurs.append(blur * per_pixel)
     if len(rows) < _FEWEST:
-        return np.zeros((0, 2)), np.zeros(0)
-    return np.array(pixels), np.array(rows)
+        return NO_RIM
+    return Rim(np.array(pixels), np.array(rows), np.array(blurs))
 
 
-def _step(profile: NDArray, offsets: NDArray) -> float:
-    """Where a profile crosses the middle between dark and light; NaN where there is no edge."""
+def _step(profile: NDArray, offsets: NDArray) -> tuple[float, float]:
+    """Where a profile is half dark, half light, and its blur's deviation; NaN without an edge."""
     dark, light = np.median(profile[:16]), np.median(profile[-24:])
     if light - dark < _LEAST_STEP or light > 250:
-        return np.nan
-    above = profile > (dark + light) / 2
+        return np.nan, np.nan
+    share = (profile - dark) / (light - dark)
+    above = share > 0.5
     crossings = np.flatnonzero(~above[:-1] & above[1:])
     if len(crossings) != 1:
-        return np.nan
+        return np.nan, np.nan
     index = crossings[0]
-    part = ((dark + light) / 2 - profile[index]) / (profile[index + 1] - profile[index])
-    return float(offsets[index] + part * 0.25)
+    first = index - int(np.argmax(share[index::-1] <= 0.25))
+    last = index + 1 + int(np.argmax(share[index + 1 :] >= 0.75))
+    before = np.interp(0.25, share[first : first + 2], offsets[first : first + 2])
+    behind = np.interp(0.75, share[last - 1 : last + 1], offsets[last - 1 : last + 1])
+    middle = np.interp(0.5, share[index : index + 2], offsets[index : index + 2])
+    return float(middle), float(behind - before) / _QUARTILES
 
 
 def _lit(rig: Rig, pixels: NDArray, shape: NDArray) -> NDArray[np.float64]:

@@ -124,7 +124,7 @@ class RigWatch:
         from ftp_dent_ros.calibration.checking import check
 
         try:
-            found = check(self._rig, pattern, photograph.shown(), points, flatness=math.inf)
+            found = check(self._rig, pattern, photograph, points, flatness=math.inf)
         except (CalibrationError, np.linalg.LinAlgError, ValueError) as reason:
             self._diagnostics.note('rig check', f'not possible: {reason}')
             return
