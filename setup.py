@@ -49,7 +49,7 @@ setup(
         f'{NAME}.evaluation': ['templates/*.j2'],
         f'{NAME}.ground.page': ['*.html', '*.css', '*.js'],
         f'{NAME}.inspection.reporting': ['*.html', '*.css', '*.js'],
-        f'{NAME}.survey': ['*.html'],
+        f'{NAME}.survey': ['*.html', '*.js'],
     },
     install_requires=[
         'numpy>=1.26',

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from tqdm import tqdm
 
@@ -11,7 +13,12 @@ from ftp_dent_ros.cli.inspection_arguments import (
     output_folder,
     settings_of,
 )
-from ftp_dent_ros.files import content_id, find
+from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.files import find
+from ftp_dent_ros.rig import read_rig
+
+if TYPE_CHECKING:
+    from ftp_dent_ros.recording.reader import Bag
 
 _MM = 1e3
 # Lines of each that a terminal shows; survey.json has all.
@@ -27,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--output',
         required=True,
         metavar='DIR',
-        help='takes survey.json, mosaic.ply and pictures of the unrolled skin',
+        help='takes survey.html, survey.json, mosaic.ply and pictures of the unrolled skin',
     )
     parser.add_argument('--name', default='', help="the survey's; by default the first bag's")
     parser.add_argument(
@@ -35,7 +42,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='FILE',
         help="file of the aircraft's surveys, for `compare`",
     )
-    parser.add_argument('--rig', metavar='RIG.yaml', help='calibrated rig, to name it')
+    parser.add_argument(
+        '--rig', metavar='RIG.yaml', help='calibrated rig: bags of another are refused'
+    )
+    parser.add_argument(
+        '--points',
+        metavar='POINTS.yaml',
+        help='three or more points whose coordinates on the aircraft are known, as survey.html '
+        'saves them: places are given in these besides',
+    )
     add_settings_arguments(parser)
 
 
@@ -44,19 +59,23 @@ def run(arguments: argparse.Namespace) -> int:
     # Only this needs the libraries of bags.
     from ftp_dent_ros.recording.clouds import count_clouds
     from ftp_dent_ros.recording.reader import open_bag
+    from ftp_dent_ros.survey.aircraft_frame import aircraft_frame
+    from ftp_dent_ros.survey.reference_points import read_reference_points
     from ftp_dent_ros.survey.store import Store
     from ftp_dent_ros.survey.surveying import survey_bags
     from ftp_dent_ros.survey.writing import write_survey
 
     output = output_folder(arguments)
-    rig_id = content_id(find(arguments.rig)) if arguments.rig else ''
     settings = settings_of(arguments)
     bags = [open_bag(path) for path in arguments.bags]
+    rig_id = _rig_of(bags, arguments.rig)
     count = sum(count_clouds(bag)[0] for bag in bags)
     with tqdm(desc='surveying', total=2 * count, unit='cloud', dynamic_ncols=True) as bar:
         survey = survey_bags(bags, arguments.name, settings, rig_id, bar.update)
-    files = write_survey(output, survey)
-    result = survey.result
+    result, frame = survey.result, None
+    if arguments.points:
+        frame = aircraft_frame(read_reference_points(find(arguments.points), result))
+    files = write_survey(output, survey, frame)
     if arguments.store:
         Store(arguments.store).add(result)
     used = survey.pairs - survey.left_out
@@ -85,3 +104,22 @@ def run(arguments: argparse.Namespace) -> int:
     for path in files.values():
         print(path)
     return 0
+
+
+def _rig_of(bags: Sequence[Bag], name: str | None) -> str:
+    """Id of the one rig that measured all bags, as far as they tell; else of the file given."""
+    from ftp_dent_ros.recording import provenance
+
+    given = find(name) if name else None
+    # The first that tells which rig it is: a file, or a bag.
+    known, whose = (read_rig(given).id, given) if given else ('', None)
+    for bag in bags:
+        told = provenance.rig_id_of(bag)
+        if told and known and told != known:
+            raise ConfigurationError(
+                f'{bag.path}: was measured by the rig {told}, and {whose} is of the rig {known}: '
+                'a survey is of one rig: survey them one by one, and compare'
+            )
+        if told and not known:
+            known, whose = told, bag.path
+    return known

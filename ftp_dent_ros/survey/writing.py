@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.files import write_png, written_aside
 from ftp_dent_ros.ply import write_ply
+from ftp_dent_ros.survey.aircraft_frame import AircraftFrame
 from ftp_dent_ros.survey.mosaic import PIXEL, PIXELS_A_CELL, Mosaic
+from ftp_dent_ros.survey.page import survey_page
 from ftp_dent_ros.survey.surveying import Surveyed
 
 # Depth that the picture of the deviation shows at its ends, metres.
@@ -22,13 +24,22 @@ _MANY = 10
 _GREY = 40
 
 
-def write_survey(folder: Path, survey: Surveyed) -> dict[str, Path]:
-    """Write ``skin.png``, ``deviation.png``, ``coverage.png``, ``mosaic.ply``, ``survey.json``.
+def write_survey(
+    folder: Path, survey: Surveyed, frame: AircraftFrame | None = None
+) -> dict[str, Path]:
+    """Write pictures, ``mosaic.ply``, ``survey.json`` and the page ``survey.html``.
 
-    The pictures show the unrolled skin from outside, 2 mm a pixel; the world file beside each
-    (``.pgw``) says where its pixels lie on the unrolled skin, metres. Red is deep
-    and blue is high, 0.5 mm at their fullest; of the coverage, black is not measured, white was
-    seen ten times or more, and what is red is a gap.
+    The pictures ``skin.png``, ``deviation.png`` and ``coverage.png`` show the unrolled skin from
+    outside, 2 mm a pixel; the world file beside each (``.pgw``) says where its pixels lie on the
+    unrolled skin, metres. Red is deep and blue is high, 0.5 mm at their fullest; of the coverage,
+    black is not measured, white was seen ten times or more, and what is red is a gap.
+
+    Parameters
+    ----------
+    folder : Path
+    survey : Surveyed
+    frame : AircraftFrame, optional
+        In which places are given besides.
 
     Returns
     -------
@@ -52,11 +63,14 @@ def write_survey(folder: Path, survey: Surveyed) -> dict[str, Path]:
     write_ply(files['points'], mosaic.cloud(), survey.result.frame_id)
     files['list'] = folder / 'survey.json'
     with written_aside(files['list']) as aside:
-        aside.write_text(json.dumps(fields(survey), indent=1), encoding='utf-8')
+        aside.write_text(json.dumps(fields(survey, frame), indent=1), encoding='utf-8')
+    files['page'] = folder / 'survey.html'
+    with written_aside(files['page']) as aside:
+        aside.write_text(survey_page(survey, frame), encoding='utf-8')
     return files
 
 
-def fields(survey: Surveyed) -> dict[str, Any]:
+def fields(survey: Surveyed, frame: AircraftFrame | None = None) -> dict[str, Any]:
     """All that is found, as JSON has it: metres but where the name says millimetres."""
     result, mosaic = survey.result, survey.mosaic
     cells = result.coverage
@@ -95,6 +109,7 @@ def fields(survey: Surveyed) -> dict[str, Any]:
                 'position': each.dent.position.tolist(),
                 'unrolled': skin.place(each.dent.position)[:2].tolist(),
                 'position_covariance': each.position_covariance.ravel().tolist(),
+                **_on_aircraft(each.dent.position, frame),
                 **{
                     f'{name}_mm': _millimetres(getattr(each.dent, name).value)
                     for name in ('length', 'width', 'depth')
@@ -121,6 +136,19 @@ def fields(survey: Surveyed) -> dict[str, Any]:
                 for gap in mosaic.gaps()
             ],
         },
+    }
+
+
+def _on_aircraft(
+    position: NDArray[np.float64], frame: AircraftFrame | None
+) -> dict[str, list[float]]:
+    """Station, buttock line and water line of a place, and their standard uncertainties."""
+    if frame is None:
+        return {}
+    place, spread = frame.place(position)
+    return {
+        'aircraft_mm': (place * 1e3).tolist(),
+        'aircraft_uncertainty_mm': (np.sqrt(np.diag(spread)) * 1e3).tolist(),
     }
 
 

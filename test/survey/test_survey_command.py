@@ -62,8 +62,10 @@ def contents(cloud, skin, pose, stamp_ns):
         yield '/tagged/camera_pose', serialised(LOCATED, header(stamp_ns, 'map'), located)
 
 
-def record(folder, skin, poses, stated, without=(), start_ns=START_NS):
+def record(folder, skin, poses, stated, without=(), start_ns=START_NS, rig=''):
     with BagWriter(folder) as writer:
+        if rig:
+            writer.custom_data['rig'] = rig
         for index, (pose, said) in enumerate(zip(poses, stated, strict=True)):
             stamp = start_ns + index * HALF_S
             for name, data in contents(*skin.seen(pose, index), said, stamp):
@@ -119,6 +121,22 @@ def test_flights_that_share_no_skin_are_told(tmp_path, skin):
     assert main(['survey', *bags, '--output', str(tmp_path / 'out')]) == 0
     remarks = json.loads((tmp_path / 'out' / 'survey.json').read_text())['remarks']
     assert any('not one skin but 2 parts' in text for text in remarks)
+
+
+def test_a_bag_of_another_rig_is_refused(tmp_path, skin, capsys):
+    (pose,) = skin.flight(1)
+    bags = [
+        str(record(tmp_path / rig, skin, [pose], [pose], (), START_NS + number * SECOND, rig))
+        for number, rig in enumerate(('one', 'other'))
+    ]
+    assert main(['survey', *bags, '--output', str(tmp_path / 'out')]) == 2
+    said = capsys.readouterr().err
+    assert 'was measured by the rig other' in said and 'is of the rig one' in said
+    words = ['survey', bags[0], '--rig', 'shipped:rig.yaml', '--output', str(tmp_path / 'out')]
+    assert main(words) == 2
+    assert 'was measured by the rig one' in capsys.readouterr().err
+    assert main(['survey', bags[0], '--output', str(tmp_path / 'out')]) == 0
+    assert json.loads((tmp_path / 'out' / 'survey.json').read_text())['rig'] == 'one'
 
 
 def test_a_gap_between_passes_is_found_and_no_cell_too_many(skin):
