@@ -8,7 +8,10 @@ cloud's sigma and the length over which that is correlated. A threshold of six o
 of what is 7.3 deep: "allowed" is that depth of a dent 30 mm wide, the median over places where
 dents were, "reached" the depth found in 90 % of cases (a90). "Above" are the dents deeper than 7.3
 and than the smallest depth, "found" those of them that were; where both agree, what is missed is
-missed by the photograph. "sd" is that of the depths' errors over their stated uncertainties.
+missed by the photograph. "Told" is the smallest depth that the inspection states it would have
+found where they lie (`Inspection.findable`, medians), "deeper" are the dents deeper than that, and
+"found" again those of them that were: what is told is true where most are. "sd" is that of the
+depths' errors over their stated uncertainties.
 """
 
 from __future__ import annotations
@@ -38,8 +41,9 @@ WIDTH = 0.03
 _MOST = 1.2816
 _NOTHING = np.full(2, 1e-9)
 
-# Depth, width, whether it was found, its normalised error, depth over chance, chance at `WIDTH`.
-Row = tuple[float, float, float, float, float, float]
+# Depth, width, whether it was found, its normalised error, depth over chance, chance at `WIDTH`,
+# the smallest depth that the inspection says it would have found.
+Row = tuple[float, float, float, float, float, float, float]
 
 
 def allowed(cloud: Cloud, dent: TrueDent) -> tuple[float, float]:
@@ -55,6 +59,13 @@ def allowed(cloud: Cloud, dent: TrueDent) -> tuple[float, float]:
     return chance(noise, size, alike), chance(noise, WIDTH, alike)
 
 
+def told_at(cloud: Cloud, findable: NDArray[np.float32], dent: TrueDent) -> float:
+    """The smallest depth that would have been found at a dent, as the inspection tells, metres."""
+    off = np.linalg.norm(np.nan_to_num(cloud.points, nan=1e3) - dent.position, axis=-1)
+    at = findable[(off < dent.width / 2) & np.isfinite(findable)]
+    return float(np.median(at)) if len(at) else math.inf
+
+
 def rows_of(index: int, least: float) -> tuple[tuple[float, str, str], list[Row], int]:
     """Distance, skin and light of a photograph, its dents, and how many are false."""
     distance, skin, light, scene = scene_of(index)
@@ -62,11 +73,11 @@ def rows_of(index: int, least: float) -> tuple[tuple[float, str, str], list[Row]
     kind = distance, skin, light
     try:
         cloud = reconstructor_at(distance).measure(scene.photograph(index)).cloud
-        left = list(inspect(cloud, Settings(smallest_depth=least)).dents)
+        seen = inspect(cloud, Settings(smallest_depth=least))
     except FtpDentError:
-        missed = [(t.depth, t.width, 0.0, math.nan, 0.0, math.nan) for t in truth]
+        missed = [(t.depth, t.width, 0.0, math.nan, 0.0, math.nan, math.inf) for t in truth]
         return kind, missed, 0
-    rows = []
+    rows, left = [], list(seen.dents)
     for true in truth:
         near = [d for d in left if np.linalg.norm(d.position - true.position) < true.width / 2]
         best = min(near, key=lambda d: abs(d.depth.value - true.depth), default=None)
@@ -76,13 +87,14 @@ def rows_of(index: int, least: float) -> tuple[tuple[float, str, str], list[Row]
             error = (best.depth.value - true.depth) / best.depth.uncertainty
         own, usual = allowed(cloud, true)
         found = float(best is not None)
-        rows.append((true.depth, true.width, found, error, true.depth / own, usual))
+        told = told_at(cloud, seen.findable, true)
+        rows.append((true.depth, true.width, found, error, true.depth / own, usual, told))
     return kind, rows, len(left)
 
 
 def line(rows: list[Row], least: float) -> str:
     """A line of the table."""
-    depth, width, hit, error, ratio, usual = np.array(rows, float).T
+    depth, width, hit, error, ratio, usual, told = np.array(rows, float).T
     sure = SIGNIFICANT + _MOST
     able = (ratio > sure) & (depth > 1.2 * least)
     known = error[np.isfinite(error)]
@@ -93,6 +105,9 @@ def line(rows: list[Row], least: float) -> str:
         f'{reached:.3f}' if math.isfinite(reached) else 'none',
         f'{able.sum()}',
         f'{int(hit[able].sum())}',
+        f'{1e3 * np.median(told):.3f}',
+        f'{(depth > told).sum()}',
+        f'{int(hit[depth > told].sum())}',
         f'{known.std():.2f}' if len(known) > 2 else '',
     )
     return ''.join(f'{cell:>9}' for cell in cells)
@@ -113,7 +128,7 @@ def main() -> None:
         table[kind] += rows
         table[(*kind[:2], 'all lights')] += rows
         false += more
-    head = 'n', 'allowed', 'reached', 'above', 'found', 'sd'
+    head = 'n', 'allowed', 'reached', 'above', 'found', 'told', 'deeper', 'found', 'sd'
     print(f'{"depths in mm":26}' + ''.join(f'{name:>9}' for name in head))
     for (distance, skin, light), rows in sorted(table.items()):
         print(f'{f"{distance} m, {skin}, {light}":26}{line(rows, least)}')

@@ -165,7 +165,6 @@ def _one(
     )
     if not kind:
         return None
-    hidden = float((outline.inside * seen.bridged).sum() / outline.inside.sum())
     if _is_unsure(sizes, kind):
         if outline.is_cut:
             # At the rim the cloud is rarely sure.
@@ -175,8 +174,8 @@ def _one(
         if seen.bridged[at]:
             beside = (outline.inside > 0.5) & ~seen.bridged
             reason = not_at_bottom(float(patch.depth[beside].max(initial=0)), sizes.chance)
-    if hidden > _HIDDEN:
-        reason = reason or f'cut by what was not measured ({100 * hidden:.0f} % of it)'
+    if sizes.hidden > _HIDDEN:
+        reason = reason or f'cut by what was not measured ({100 * sizes.hidden:.0f} % of it)'
     if not reason and kind == 'dent':
         reason = _overlap(sizes, patch, at, region, around, skin.noise)
     contour, (x, y) = skin.contour, outline.centre
@@ -199,7 +198,7 @@ def _one(
         volume=_signed(sign, sizes.volume),
         bottom_radius=radius,
         significance=sizes.significance,
-        is_cut=outline.is_cut or hidden > _HIDDEN,
+        is_cut=outline.is_cut or sizes.hidden > _HIDDEN,
         outline=on_skin(contour, outline, sign * LEVEL * sizes.depth.value),
         length_profile=profile_of(patch, sign, x, y, sizes.angle, length),
         width_profile=profile_of(patch, sign, x, y, across, width),

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.inspection.dent import Estimate
 from ftp_dent_ros.inspection.measuring.bare_skin import BareSkin
+from ftp_dent_ros.inspection.measuring.bridging import Bridged
 from ftp_dent_ros.inspection.measuring.dent_model import fit_dent
 from ftp_dent_ros.inspection.measuring.evidence import TENTH, chance, fitted_depth
 from ftp_dent_ros.inspection.measuring.outline import Outline, find_outline
 from ftp_dent_ros.inspection.measuring.patch import Patch, sampled
 from ftp_dent_ros.inspection.measuring.peak import bottom_of
-from ftp_dent_ros.inspection.measuring.restoration import Restored
 from ftp_dent_ros.inspection.measuring.surroundings import Surroundings
 
 #: Of the depth, where length, width and area are told.
@@ -61,6 +61,8 @@ class Sizes:
         Depth of the Gaussian that fits best, over that of one fitted to the noise.
     chance : float
         The latter, metres.
+    hidden : float
+        Part of the area that was not measured.
     """
 
     outline: Outline
@@ -74,10 +76,11 @@ class Sizes:
     unresolved: float
     significance: float
     chance: float
+    hidden: float
 
 
 def sizes_of(
-    seen: Restored,
+    seen: Bridged,
     at: tuple[int, int],
     region: Mask | None,
     around: Surroundings,
@@ -87,7 +90,7 @@ def sizes_of(
 
     Parameters
     ----------
-    seen : Restored
+    seen : Bridged
     at : (int, int)
         Row and column of the deepest cell.
     region : ndarray, shape (rows, columns), bool, optional
@@ -112,7 +115,10 @@ def sizes_of(
     apart = (TENTH * patch.scale / width) ** 2
     smeared = (apart / (1 + apart)) ** 2 * bottom.depth
     part = _VALLEY if length > _LONG * width else _UNRESOLVED_DEPTH
-    lost = math.hypot(float(seen.doubt[at]), part * fine * bottom.depth, smeared)
+    # What is carried on over a gap errs with the square of its width, and may be the deepest.
+    hidden = float((outline.inside * seen.bridged).sum() / outline.inside.sum())
+    guessed = hidden**2 * bottom.depth
+    lost = math.hypot(float(seen.doubt[at]), part * fine * bottom.depth, smeared, guessed)
     deep = _OF_DEPTH * math.hypot(
         bottom.uncertainty, min(by_chance, local), offset, lost, _SAMPLING * bottom.depth
     )
@@ -146,6 +152,7 @@ def sizes_of(
         lost,
         fitted_depth(patch, outline, length, width, angle) / max(overall, 1e-12),
         overall,
+        hidden,
     )
 
 
