@@ -31,14 +31,18 @@ class Bridged(Restored):
     bridged: Mask
 
 
-def bridged(seen: Restored, reach: float) -> Bridged:
+def bridged(seen: Restored, reach: float, own: Mask) -> Bridged:
     """Fill a patch where it is not known between known places no more than `reach` metres apart.
+
+    As it is if all is known about the cells `own`.
 
     A plate carries the slopes on into the gap, a membrane does not, and a plate through points
     farther off carries on those that no edge of light or paint beside the gap has bent: how the
     three differ is the doubt.
     """
     patch = seen.patch
+    if not own.any() or patch.known[around(own)].all():
+        return Bridged(patch, seen.doubt, np.zeros_like(patch.known))
     over = gaps_of(patch.known, round(reach / patch.step))
     if not over.any():
         return Bridged(patch, seen.doubt, over)

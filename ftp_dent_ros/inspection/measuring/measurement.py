@@ -71,10 +71,9 @@ def measure(
     """
     raw = _patch(candidate, around, skin.noise)
     local = float(skin.noise.after(raw.scale, around.extra))
-    seen = bridged(
-        restored(raw, around.resolution, _SUPPOSED * around.spacing), GAP * settings.smallest_width
-    )
-    own = _own(seen.patch, around)
+    own = _own(raw, around)
+    whole = restored(raw, around.resolution, _SUPPOSED * around.spacing)
+    seen = bridged(whole, GAP * settings.smallest_width, own)
     # Along a ridge the depth varies as the fringes do.
     drop = _RIDGE_DROP if candidate.length > _RIDGE * candidate.width else DROP
     least = _NEARLY * settings.smallest_depth
