@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import gaussian_filter1d
 
 from ftp_dent_ros.errors import PatternError
 from ftp_dent_ros.rig import Lens
@@ -191,20 +192,23 @@ class Pattern:
         """Variance of the fringes' phase by the rounding of pixels to whole levels, radians^2.
 
         A fringe's phase is off by ``2 / (n B) sum e sin Phi`` for the errors e of its n pixels
-        and the amplitude B. What lies halfway between two levels is rounded by luck.
+        and the amplitude B. What lies halfway between two levels is rounded by luck. Where the
+        contrast changes along the fringes, so do the errors, of which a window of half a fringe
+        sees the mean.
         """
         u = np.arange(self.width)
         phase = self.phase(u)
-        meant = self.levels * self.intensity(u)
+        rows = self.row_contrast(np.arange(self.height if self.tells_rows else 1))
+        meant = self.levels * (0.5 + np.outer(rows, self.intensity(u) - 0.5))
         error = np.rint(meant) - meant
         by_luck = np.abs(error) > 0.5 - 1e-6
         sine = np.sin(phase) / self.contrast(phase)
-        order = np.rint(phase / (2 * np.pi)).astype(int)
-        order -= order.min()
+        begins = np.flatnonzero(np.diff(np.rint(phase / (2 * np.pi)), prepend=-np.inf))
         scale = 4 / (self.period_px * self.levels)
-        shift = scale * np.bincount(order, np.where(by_luck, 0, error) * sine)
-        chance = scale**2 * np.bincount(order, by_luck * np.square(sine)) / 4
-        return float(np.mean(np.square(shift[1:-1])) + np.mean(chance[1:-1]))
+        shift = scale * np.add.reduceat(np.where(by_luck, 0, error) * sine, begins, axis=1)
+        chance = scale**2 * np.add.reduceat(by_luck * np.square(sine), begins, axis=1) / 4
+        shift = gaussian_filter1d(shift, self.period_px / 2, axis=0, mode='nearest')
+        return float(np.mean(np.square(shift[:, 1:-1])) + np.mean(chance[:, 1:-1]))
 
     def draw(self) -> NDArray[np.uint8]:
         """Draw the pattern's pixels, RGB, shape (height, width, 3)."""

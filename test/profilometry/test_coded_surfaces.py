@@ -10,10 +10,14 @@ from ftp_dent_ros.errors import PatternError
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.profilometry.coverage import UNNUMBERED
+from ftp_dent_ros.profilometry.least_squares.code_blur import excess_blur
 from ftp_dent_ros.profilometry.least_squares.contrast_model import ContrastModel
+from ftp_dent_ros.profilometry.least_squares.grid import Grid
+from ftp_dent_ros.profilometry.least_squares.windows import Windows
 from ftp_dent_ros.simulation import Panel
 
 CODED = replace(PATTERN, code='contrast')
+CLEAN = {'full_well': 1e9, 'read_noise': 0.0}
 # Depth between neighbouring fringes at `DEPTH`, metres.
 FRINGE = DEPTH**2 * 8 / (940 * 0.2)
 
@@ -89,6 +93,43 @@ def test_a_surface_too_narrow_for_a_word_is_left_out_and_told():
     measured = measure(scene)
     assert wrong(scene, measured.cloud) == 0
     assert measured.coverage.missing[UNNUMBERED] > 0.02
+
+
+@pytest.mark.parametrize('defocus', [0.4, 0.7, 1.0])
+def test_no_ripple_of_the_code_is_left_in_or_out_of_focus(defocus):
+    skin = sheet((-0.2, 0.2, -0.15, 0.15))
+    scene = Scene.of(skin, projected=CODED.draw(), defocus_px=defocus, **CLEAN)
+    cloud, projector = measure(scene).cloud, scene.rig.projector
+    rays = scene.rig.camera.rays(scene.rig.camera.pixel_grid())
+    true, seen = (
+        CODED.phase(projector.project(scene.rig.to_projector(points))[..., 0])
+        for points in (rays * scene.surface.intersect(rays)[..., None], cloud.points)
+    )
+    inner = cloud.valid & (np.abs(true) < 60)
+    order = np.floor(true[inner] / (2 * np.pi)).astype(int)
+    order -= order.min()
+    means = np.bincount(order, (seen - true)[inner]) / np.bincount(order)
+    assert np.std(means[2:] - 2 * means[1:-1] + means[:-2]) < 1.5e-3
+
+
+def test_how_much_more_the_light_is_blurred_is_told_as_a_plane():
+    grid = Grid(640, 240, 2, 3)
+    windows = Windows.for_fringes(11, grid)
+    model = ContrastModel(CODED)
+    rows, columns = grid.bin_shape
+    phase = np.linspace(-250, 250, columns, dtype=np.float32)
+    phase = phase + np.linspace(0, 3, rows, dtype=np.float32)[:, None]
+    expected = np.full(grid.shape, 0.6, np.float32)
+    more = np.linspace(-0.02, 0.1, grid.shape[1], dtype=np.float32)
+    cosine, sine = np.cos(phase), np.sin(phase)
+    model.envelope(grid.to_bins(expected + more)).turn(phase, cosine, sine, slice(None))
+    noise = np.random.default_rng(3).standard_normal(phase.shape)
+    levels = (100 + 60 * cosine + 0.5 * noise).astype(np.float32)
+    seen = np.ones(phase.shape, bool)
+    blur = excess_blur(model, grid, windows, levels, phase, seen, expected)
+    error = blur.excess - more
+    assert np.abs(error).max() < 0.03
+    assert np.sqrt(np.mean(np.square(error / blur.deviation))) < 2
 
 
 def test_the_zero_of_the_code_may_be_told_a_fringe_elsewhere():

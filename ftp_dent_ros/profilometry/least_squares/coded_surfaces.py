@@ -12,15 +12,15 @@ from ftp_dent_ros.profilometry.least_squares.first_fit import Fringes
 from ftp_dent_ros.profilometry.least_squares.fringe_order import untied
 from ftp_dent_ros.profilometry.least_squares.intensity_bins import IntensityBins
 from ftp_dent_ros.profilometry.least_squares.numbering import Numbering, pieces
-from ftp_dent_ros.profilometry.least_squares.regions import apart, edges, rim_strips
+from ftp_dent_ros.profilometry.least_squares.regions import edges
 from ftp_dent_ros.profilometry.least_squares.surface_fit import FittedSurface, SurfaceFit
 from ftp_dent_ros.profilometry.unwrapping import unwrap
 
 # Between nodes one above the other, radians: a quarter of a fringe.
 _JUMP = math.pi / 2
 _TURN = 2 * math.pi
-# Fits of a surface, each without what the last one found to be another, and surfaces.
-_FITS, _MOST = 3, 24
+# Surfaces of a photograph.
+_MOST = 24
 
 
 class CodedSurfaces:
@@ -85,30 +85,17 @@ class CodedSurfaces:
     def _surface(
         self, light, lit, seams, region, phase
     ) -> tuple[FittedSurface, list[NDArray[np.bool_]]]:
-        """Fit one surface; once more without what turns out to be another, which is returned."""
+        """Fit one surface, and return the pieces that turned out to be others beside it."""
         fit = self._fit
         windows, grid, period = fit.windows, fit.grid, fit.period
-        reference = fit.reference(region, phase)
-        step = fit.period_step(reference, region)
-        strips = rim_strips(region, lit, seams)
-        foreign, seams = lit & ~region & ~strips, seams & ~strips
         beyond = np.zeros_like(region)
-        relief = False
-        for _ in range(_FITS):
-            region = apart(region, foreign, seams, grid, period)
-            refined = fit.refined(light, region, strips, phase, reference, step, relief)
-            absolute = reference + refined.shift.values
-            if relief:
-                break
-            if refined.relief:
-                # What is no skin has edges everywhere: it is one surface as far as its phase is.
-                relief, foreign = True, np.zeros_like(region)
-                step = fit.period_step(reference, region)
-                continue
+
+        def going_on_elsewhere(region, seams, refined, _):
             lines = edges(region, seams, refined.roughness, grid, period)
             foreign = untied(region, lines, refined.shift.values, region, windows, grid, period)
-            if not foreign.any():
-                break
-            beyond |= foreign
-            reference = fit.reference(region & ~foreign, phase)
-        return FittedSurface(refined, absolute, region), pieces(beyond)
+            np.logical_or(beyond, foreign, out=beyond)
+            return foreign
+
+        reference = fit.reference(region, phase)
+        surface = fit.surface(light, lit, seams, region, phase, reference, going_on_elsewhere)
+        return surface, pieces(beyond)

@@ -11,11 +11,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import fftconvolve
 
 from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.profilometry.least_squares.windows import WIDTH
 
 _TURN = 2 * math.pi
 # Samples of a fringe: an envelope changes by 0.002 from one to the next at most.
@@ -24,14 +27,12 @@ _SAMPLES = 128
 _BEYOND = 4
 # Variances of the blur, radians^2: between tables, at least and at most.
 _STEP, _LEAST, _MOST = 0.03, 0.06, 1.8
+# Such a variance: what the ripple of a wrong one is hardly depends on it.
+_USUAL = 0.6
+# Fits in windows, each of what the last one leaves, that a phase comes through.
+_FITS = 3
 # Of the golden section in two dimensions: evenly spread over neighbours.
 _DITHER = 0.7548776662, 0.5698402910
-# Between those over which the change of the envelope is taken, and rows that it is measured in.
-_CHANGE, _ROWS = 0.2, 40
-# Fringes that are fitted together, and bins of theirs with which a fit of four unknowns is none.
-_TOGETHER, _FEWEST = 3, 12
-# Standard deviation of what blurs of lenses differ by from the one expected, radians^2.
-_SPREAD = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +89,11 @@ class ContrastModel:
     Parameters
     ----------
     pattern : Pattern
+
+    Attributes
+    ----------
+    ripple : float
+        Phase that a blur wrong by 1 radian^2 feigns, root mean square over the code, radians.
     """
 
     def __init__(self, pattern: Pattern) -> None:
@@ -118,95 +124,40 @@ class ContrastModel:
             )
             z = (fringes - 1j * slope) * np.exp(-1j * phase)
             real[:], imaginary[:] = z.real, z.imag
+        self.ripple = self._ripple_of_blur()
 
-    def envelope(self, variance: NDArray[np.floating]) -> Envelope:
+    def envelope(self, variance: NDArray[np.float32]) -> Envelope:
         """Envelope of blurs of variances, radians^2, at the bins, shape (rows, columns)."""
         # Between two tables, neighbouring bins take the one or the other by the share of each.
-        rows, columns = np.ogrid[: variance.shape[0], : variance.shape[1]]
-        share = (rows * _DITHER[0] + columns * _DITHER[1]) % 1
-        level = np.clip((variance - _LEAST) / _STEP + share, 0, self._tables.shape[1] - 1)
-        table = level.astype(np.int32) * np.int32(self._samples)
+        level = variance * np.float32(1 / _STEP)
+        level += _shares(variance.shape)
+        np.clip(level, 0, self._tables.shape[1] - 1, out=level)
+        table = level.astype(np.int32)
+        table *= np.int32(self._samples)
         real, imaginary = (each.ravel() for each in self._tables)
         return Envelope(self._start, self._samples, real, imaginary, table)
 
-    def blur(
-        self,
-        levels: NDArray[np.float32],
-        phase: NDArray[np.float32],
-        mask: NDArray[np.bool_],
-        variance: NDArray[np.floating],
-    ) -> float:
-        """Variance, radians^2, by which the blur that is seen is more than the one expected.
-
-        Over a few fringes each, light is fitted by a level, the fringes, their shift, and what
-        more blur would change.
-
-        Parameters
-        ----------
-        levels, phase : ndarray, shape (rows, columns), float32
-            Grey levels, and absolute phase, radians.
-        mask : ndarray, shape (rows, columns), bool
-            Bins of the surface.
-        variance : ndarray, shape (rows, columns)
-            Expected, radians^2.
-        """
-        rows = slice(None, None, max(1, len(phase) // _ROWS))
-        phase, mask, levels, variance = phase[rows], mask[rows], levels[rows], variance[rows]
-        basis = []
-        for side in (-_CHANGE / 2, _CHANGE / 2):
-            cosine, sine = np.cos(phase), np.sin(phase)
-            self.envelope(variance + side).turn(phase, cosine, sine, slice(None))
-            basis.append((cosine, sine))
-        (fringes, shift), (wider, _) = basis
-        change = wider - fringes
-        places = [
-            _told(levels, phase, mask, fringes, shift, change, first) for first in range(_TOGETHER)
-        ]
-        told, power = np.concatenate(places, axis=1)
-        if not power.sum() > 0:
-            return 0.0
-        order = np.argsort(told)
-        told, power = told[order], power[order]
-        share = np.cumsum(power) / power.sum()
-        low, middle, high = (told[np.searchsorted(share, each)] for each in (0.25, 0.5, 0.75))
-        # Paint and edges lean words of the code: what they scatter by is what is not known.
-        error = _CHANGE * (high - low) / math.sqrt(len(told) / _TOGETHER)
-        return float(_CHANGE * (middle - 0.5) * _SPREAD**2 / (_SPREAD**2 + error**2))
+    def _ripple_of_blur(self) -> float:
+        level = round((_USUAL - _LEAST) / _STEP)
+        turn = np.exp(1j * (self._start + _TURN / _SAMPLES * np.arange(self._samples)))
+        fringes, blurred = (
+            (self._tables[0, place] + 1j * self._tables[1, place]) * turn
+            for place in (level, level + 1)
+        )
+        change, sine = blurred.real - fringes.real, fringes.imag
+        reach = np.arange(-2 * _SAMPLES, 2 * _SAMPLES + 1)
+        window = np.exp(-0.5 * np.square(reach / (WIDTH * _SAMPLES)))
+        power = fftconvolve(np.square(sine), window, 'same')
+        shift = np.zeros_like(change)
+        for _ in range(_FITS):
+            shift += fftconvolve((change - sine * shift) * sine, window, 'same') / power
+        inner = slice(_BEYOND * _SAMPLES, -_BEYOND * _SAMPLES)
+        return float(np.sqrt(np.mean(np.square(shift[inner]))) / _STEP)
 
 
-def _told(levels, phase, mask, fringes, shift, change, first) -> NDArray[np.float64]:
-    """Change of the blur that each few fringes tell of, and how well, by their place in the code.
-
-    They begin with the fringe `first` or a multiple of their number after it.
-    """
-    along_u = phase / np.float32(_TOGETHER * _TURN) - np.float32(first / _TOGETHER)
-    turns = np.floor(along_u).astype(np.int32)
-    along_u -= turns + np.float32(0.5)
-    begins = np.ones(phase.shape, bool)
-    begins[:, 1:] = (turns[:, 1:] != turns[:, :-1]) | (mask[:, 1:] != mask[:, :-1])
-    start = np.flatnonzero(begins)
-    bins = np.diff(start, append=phase.size)
-    used = mask.ravel()[start] & (bins >= _FEWEST)
-    if not used.any():
-        return np.zeros((2, 0))
-    # All three may change along the fringes, or the same words of the code would lean.
-    plain = [np.ones_like(levels), fringes, shift]
-    terms = [*plain, *(each * along_u for each in plain), change, levels]
-    count, others = len(terms), len(terms) - 2
-    moments = np.empty((count, count, int(used.sum())))
-    for i, one in enumerate(terms):
-        for j in range(i, count):
-            sums = np.add.reduceat((one * terms[j]).ravel(), start)[used]
-            moments[i, j] = moments[j, i] = sums
-    moments = moments.transpose(2, 0, 1)
-    right = moments[:, :others, others:]
-    # What the others make of the change, and of the light.
-    made = np.linalg.solve(moments[:, :others, :others] + 1e-6 * np.eye(others), right)
-    left = moments[:, others:, others:] - right.transpose(0, 2, 1) @ made
-    size = np.maximum(made[:, 1, 1], 1.0)
-    place = turns.ravel()[start][used]
-    place -= place.min()
-    power = np.bincount(place, left[:, 0, 0])
-    along = np.bincount(place, left[:, 0, 1] / size)
-    known = power > 1e-3 * power.max()
-    return np.stack([along[known] / power[known], power[known]])
+@lru_cache(maxsize=4)
+def _shares(shape: tuple[int, int]) -> NDArray[np.float32]:
+    """What is added to the place of each bin's blur between the tables before it is cut off."""
+    rows, columns = np.ogrid[: shape[0], : shape[1]]
+    share = (rows * _DITHER[0] + columns * _DITHER[1]) % 1 - _LEAST / _STEP
+    return share.astype(np.float32)

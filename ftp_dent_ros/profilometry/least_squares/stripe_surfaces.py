@@ -15,10 +15,8 @@ from ftp_dent_ros.profilometry.least_squares.frame_rim import FrameRim
 from ftp_dent_ros.profilometry.least_squares.fringe_order import joined, off_frame, untied
 from ftp_dent_ros.profilometry.least_squares.intensity_bins import IntensityBins
 from ftp_dent_ros.profilometry.least_squares.regions import (
-    apart,
     edges,
     eroded,
-    rim_strips,
     separated,
 )
 from ftp_dent_ros.profilometry.least_squares.surface_fit import FittedSurface, SurfaceFit
@@ -30,8 +28,6 @@ from ftp_dent_ros.profilometry.unwrapping import Unwrapped, unwrap
 _STRIPE_ROWS = 15
 # Between nodes one above the other, radians: a quarter of a fringe.
 _JUMP = math.pi / 2
-# Fits of a surface, each without what the last one found not to be a part of it.
-_FITS = 3
 _TURN = 2 * math.pi
 
 
@@ -116,7 +112,7 @@ class StripeSurfaces:
         )
 
     def _surface(self, light, lit, seams, region, others, phase) -> FittedSurface:
-        """Fit one surface; once more if a part of it turns out not to be tied to the stripe."""
+        """Fit one surface with all that goes on from it, and without what does not."""
         fit, place = self._fit, self._place
         _, grid, period = place
         reference = fit.reference(region, phase)
@@ -127,21 +123,8 @@ class StripeSurfaces:
             phase = phase + np.float32(_TURN * number) * more
         if turns:
             reference = fit.reference(region, phase)
-        step = fit.period_step(reference, region)
-        strips = rim_strips(region, lit, seams)
-        foreign, seams = lit & ~region & ~strips, seams & ~strips
-        relief = False
-        for _ in range(_FITS):
-            region = apart(region, foreign, seams, grid, period)
-            refined = fit.refined(light, region, strips, phase, reference, step, relief)
-            absolute = reference + refined.shift.values
-            if relief:
-                break
-            if refined.relief:
-                # What is no skin has edges everywhere: it is one surface as far as its phase is.
-                relief, foreign = True, np.zeros_like(region)
-                step = fit.period_step(reference, region)
-                continue
+
+        def not_tied(region, seams, refined, absolute):
             at_stripe, rough = np.abs(absolute) < math.pi, refined.roughness
             lines = edges(region, seams, rough, grid, period)
             foreign = untied(region, lines, refined.shift.values, at_stripe, *place)
@@ -149,12 +132,12 @@ class StripeSurfaces:
             if rim.off(rim.blocks()):
                 lines = edges(region, seams, rough, grid, period, faint=True)
                 foreign = foreign | off_frame(region, lines, at_stripe, rim)
-            if not foreign.any():
-                break
-            self._check_stripe(light, phase, region & ~foreign)
-            foreign = cv2.dilate(foreign.view(np.uint8), np.ones((9, 9), np.uint8)) > 0
-            reference = fit.reference(region & ~foreign, phase)
-        return FittedSurface(refined, absolute, region)
+            if foreign.any():
+                self._check_stripe(light, phase, region & ~foreign)
+                foreign = cv2.dilate(foreign.view(np.uint8), np.ones((9, 9), np.uint8)) > 0
+            return foreign
+
+        return fit.surface(light, lit, seams, region, phase, reference, not_tied)
 
     def _check_stripe(self, light, phase, region) -> None:
         """Raise if what is left of a region does not hold the stripe, or another order's."""

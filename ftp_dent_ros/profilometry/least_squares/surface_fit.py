@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -11,21 +12,33 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.errors import NoStripeError
 from ftp_dent_ros.pattern import Pattern
-from ftp_dent_ros.profilometry.least_squares.contrast_model import ContrastModel, Envelope
+from ftp_dent_ros.profilometry.least_squares.coded_start import CodedStart
+from ftp_dent_ros.profilometry.least_squares.contrast_model import ContrastModel
 from ftp_dent_ros.profilometry.least_squares.exposure import check_fringes
 from ftp_dent_ros.profilometry.least_squares.extrapolation import Extrapolation
-from ftp_dent_ros.profilometry.least_squares.first_fit import ReferenceTable, fit
+from ftp_dent_ros.profilometry.least_squares.first_fit import ReferenceTable
 from ftp_dent_ros.profilometry.least_squares.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.intensity_bins import IntensityBins
 from ftp_dent_ros.profilometry.least_squares.median import median
 from ftp_dent_ros.profilometry.least_squares.phase_geometry import PhaseGeometry
 from ftp_dent_ros.profilometry.least_squares.quadric import evaluate, robust_quadric
 from ftp_dent_ros.profilometry.least_squares.refinement import Refined, Refinement
-from ftp_dent_ros.profilometry.least_squares.regions import eroded, sighted
+from ftp_dent_ros.profilometry.least_squares.regions import (
+    apart,
+    eroded,
+    rim_strips,
+    sighted,
+)
 from ftp_dent_ros.profilometry.least_squares.windows import Windows
-from ftp_dent_ros.profilometry.unwrapping import wrap
+
+# The nodes of a region that are not its surface's, by the seams in it, its fit and its phase.
+Others = Callable[
+    [NDArray[np.bool_], NDArray[np.bool_], Refined, NDArray[np.float32]], NDArray[np.bool_]
+]
 
 _TURN = 2 * math.pi
+# Fits of a surface, each without what the last one found not to be a part of it.
+_FITS = 3
 # Fringes' periods go in steps, so that one table of windows serves many surfaces.
 _PERIOD_STEP, _LONGEST = 1.08, 1.6
 # Such steps by which windows are narrower where a surface is no skin: to 0.4 fringes, chosen on
@@ -33,8 +46,8 @@ _PERIOD_STEP, _LONGEST = 1.08, 1.6
 _FINER = 3
 # Standard deviation of a usual lens's blur, pixels of projector or camera.
 _LENS = 0.6
-# Fits by which the code is taken off the first one: each leaves a quarter of what it finds.
-_DECODINGS = 2
+# Of a pixel's even width, pixels^2.
+_PIXEL = 1 / 12
 # Nodes that the quadric is fitted to, about.
 _POINTS = 600
 
@@ -84,8 +97,9 @@ class SurfaceFit:
     ) -> None:
         self.pattern, self.period, self.grid, self.windows = pattern, period, grid, windows
         self.nodes, self.table, self._fast = nodes, table, fast
-        self._contrast = ContrastModel(pattern) if pattern.code == 'contrast' else None
+        self._code = ContrastModel(pattern) if pattern.code == 'contrast' else None
         self._refinement = lru_cache(maxsize=4)(self._refinement_at)
+        self._start = lru_cache(maxsize=4)(self._start_at)
 
     def refined(
         self,
@@ -116,19 +130,73 @@ class SurfaceFit:
         NoFringesError
         """
         refinement = self._refinement(step - _FINER * relief)
-        envelope = None
-        if self._contrast is not None:
-            phase, envelope = self._decoded(light, region, phase, reference)
         sure = region if relief else sighted(region, self.windows)
         shift = Extrapolation(sure, self.windows).by_slope((phase - reference) * region)
         if refinement.windows.sigma_u > self.windows.sigma_u:
             # Narrow windows have let ripples through, which wide ones do not see.
             shift = refinement.windows.flat_top(shift)
-        table = self.table
-        start = reference - table.node_phase
-        refined = refinement.refine(light, table.phase, start, shift, region | strips, envelope)
+        table, whole = self.table, region | strips
+        start, envelope, unsure = reference - table.node_phase, None, None
+        if self._code is not None:
+            base = table.phase + self.grid.at_bins(start)
+            blur = self._expected_blur(reference)
+            decoded = self._start(step - _FINER * relief).decoded(light, base, shift, whole, blur)
+            shift, envelope, unsure = decoded.shift, decoded.envelope, decoded.variance
+        refined = refinement.refine(light, table.phase, start, shift, whole, envelope)
+        if unsure is not None:
+            refined.shift.variance[:] += unsure
         check_fringes(refined.roughness[region])
         return refined
+
+    def surface(
+        self,
+        light: IntensityBins,
+        lit: NDArray[np.bool_],
+        seams: NDArray[np.bool_],
+        region: NDArray[np.bool_],
+        phase: NDArray[np.float32],
+        reference: NDArray[np.float32],
+        others: Others,
+    ) -> FittedSurface:
+        """Fit one surface; again without what turns out to be another's.
+
+        Parameters
+        ----------
+        light : IntensityBins
+        lit, seams : ndarray, shape (rows, columns), bool
+            Nodes that see fringes of one surface, and those in between that see two.
+        region : ndarray, shape (rows, columns), bool
+            Nodes of the surface, as far as is known.
+        phase, reference : ndarray, shape (rows, columns), float32
+            Absolute phase of the first fit, and that of the quadric through it.
+        others : callable
+            From a region, the seams in it, its fit and its absolute phase: the nodes of it that
+            are another surface's.
+
+        Raises
+        ------
+        NoFringesError, NoStripeError
+        """
+        step = self.period_step(reference, region)
+        strips = rim_strips(region, lit, seams)
+        foreign, seams = lit & ~region & ~strips, seams & ~strips
+        relief = False
+        for _ in range(_FITS):
+            region = apart(region, foreign, seams, self.grid, self.period)
+            refined = self.refined(light, region, strips, phase, reference, step, relief)
+            absolute = reference + refined.shift.values
+            if relief:
+                break
+            if refined.relief:
+                # What is no skin has edges everywhere: it is one surface as far as its phase is.
+                relief, foreign = True, np.zeros_like(region)
+                step = self.period_step(reference, region)
+                continue
+            foreign = others(region, seams, refined, absolute)
+            if not foreign.any():
+                break
+            reference = self.reference(region & ~foreign, phase)
+        return FittedSurface(refined, absolute, region)
 
     def reference(self, region, phase) -> NDArray[np.float32]:
         """Phase at the nodes of the quadric through a region's first fit.
@@ -155,35 +223,12 @@ class SurfaceFit:
         quadric = robust_quadric(points.rays[met], inverse_depth[met])
         return self.nodes.phase(evaluate(quadric, self.nodes.rays))
 
-    def _decoded(self, light, region, phase, reference) -> tuple[NDArray[np.float32], Envelope]:
-        """Phase of the first fit without what the code did to it, and the code's envelope."""
-        table, grid, contrast = self.table, self.grid, self._contrast
-        assert contrast is not None
-        slope = np.gradient(reference, axis=1) / grid.pitch[0]
-        of_camera = np.square(slope) * np.float32(grid.bin_variance + _LENS**2)
+    def _expected_blur(self, reference) -> NDArray[np.float32]:
+        """Variance of the blur of usual lenses and of the bins, at the nodes, radians^2."""
+        slope = np.gradient(reference, axis=1) / np.float32(self.grid.pitch[0])
         of_projector = (_TURN * _LENS / self.pattern.period_px) ** 2
-        variance = grid.to_bins(of_camera + np.float32(of_projector))
-        inside = grid.to_bins(region) & ~light.clipped
-        beyond = Extrapolation(region, self.windows)
-        envelope = contrast.envelope(variance)
-        amplitude = inside * grid.at_bins(fit(grid, self.windows, table, light.grey).modulation)
-        for _ in range(_DECODINGS):
-            # The first fit again, of the light less what the code does to it.
-            at_bins = self._at_bins(beyond, phase, reference)
-            cosine, sine = np.cos(at_bins), np.sin(at_bins)
-            code = -cosine
-            envelope.turn(at_bins, cosine, sine, slice(None))
-            code += cosine
-            fringes = fit(grid, self.windows, table, light.grey - amplitude * code)
-            phase = phase + wrap(table.node_phase + fringes.shift - phase)
-        at_bins = self._at_bins(beyond, phase, reference)
-        more = np.float32(contrast.blur(light.grey, at_bins, inside, variance))
-        return phase, contrast.envelope(variance + more)
-
-    def _at_bins(self, beyond, phase, reference) -> NDArray[np.float32]:
-        """Phase at the bins, continued beyond the region."""
-        shift = beyond.by_slope(phase - reference)
-        return self.table.phase + self.grid.at_bins(reference - self.table.node_phase + shift)
+        of_camera = self.grid.bin_variance + _PIXEL + _LENS**2
+        return np.square(slope) * np.float32(of_camera) + np.float32(of_projector)
 
     def period_step(self, phase, region) -> int:
         """Power of `_PERIOD_STEP` by which a surface's fringes are longer than the table's."""
@@ -198,3 +243,8 @@ class SurfaceFit:
         period = self.period * _PERIOD_STEP**step
         windows = Windows.for_fringes(period, self.grid)
         return Refinement(self.grid, windows, period, self._fast, self.pattern.rounding_variance)
+
+    def _start_at(self, step: int) -> CodedStart:
+        period = self.period * _PERIOD_STEP**step
+        assert self._code is not None
+        return CodedStart(self._code, self.grid, Windows.for_fringes(period, self.grid), period)

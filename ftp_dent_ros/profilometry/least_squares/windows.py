@@ -56,6 +56,17 @@ class Windows:
         )
         return mean
 
+    def along_u(self, nodes: NDArray) -> NDArray[np.float32]:
+        """As `gaussian`, along u alone."""
+        mean: Any = cv2.sepFilter2D(
+            nodes,
+            cv2.CV_32F,
+            _kernel(self.sigma_u),
+            np.ones(1, np.float32),
+            borderType=cv2.BORDER_CONSTANT,
+        )
+        return mean
+
     def flat_top(self, nodes: NDArray) -> NDArray[np.float32]:
         """Mean weighted by 2 G_s - G_(sqrt(2) s), which leaves cubics as they are."""
         return 2 * self.gaussian(nodes) - self.gaussian(nodes, math.sqrt(2))
