@@ -96,7 +96,8 @@ def figures(
         result.crashed = f'{defect!r} at {place_of(defect)}'
         return result
     _points(result, cloud, truth)
-    result.dents = [_dent(scene, true, cloud, stride) for true in visible(scene, truth, stride)]
+    true = visible(scene, truth, stride)
+    result.dents = [measured_dent(scene, each, cloud, stride) for each in true]
     try:
         found = inspect(cloud)
     except FtpDentError as reason:
@@ -165,7 +166,7 @@ def visible(scene: KindScene, truth: GroundTruth, stride: int) -> list[TrueDent]
     return shown
 
 
-def _dent(scene: KindScene, true: TrueDent, cloud: Cloud, stride: int) -> DentFigures:
+def measured_dent(scene: KindScene, true: TrueDent, cloud: Cloud, stride: int) -> DentFigures:
     """The cloud about a dent's deepest point."""
     row = DentFigures(true.kind, 1e3 * true.depth, 1e3 * true.length, 1e3 * true.width)
     bottom = true.position - true.depth * true.normal

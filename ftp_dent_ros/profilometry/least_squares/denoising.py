@@ -41,6 +41,10 @@ _MEDIAN_OF_SQUARE = 0.4549  # of normal values
 # two finest bands, the power of their ratio that it goes with, and the largest ratio: from the
 # responses of windows and bands to Gaussian dents of 0.8 to 3.5 fringes' width, within a quarter.
 _BEYOND, _POWER, _STEEPEST = 0.17, 1.75, 4.0
+# Energy that the light on slopes feigns, over the finest band's, at equal energies of the two
+# finest; it goes with the root of their ratio. By Lambert's law the light on a wave of L fringes
+# passes for one of L / (L - 1) fringes, 1 / L as high, as windows and bands let both through.
+_LIGHT = 0.25
 _LEAST = 1e-12
 _EVERY = 2  # nodes along u and v that gains are estimated for together
 # Nodes of noise that tell what windows make of it, and of their rim.
@@ -125,7 +129,8 @@ def denoise(
     falling = np.minimum(beyond_noise / np.maximum(coarser, _LEAST), np.float32(_STEEPEST))
     at_peaks = coarsened(np.square(bands[0]), together)
     at_peaks -= np.float32(_SURELY * shares[0]) * total
-    left += np.float32(_BEYOND) * np.maximum(at_peaks, beyond_noise) * falling**_POWER
+    amiss = np.float32(_BEYOND) * falling**_POWER + np.float32(_LIGHT) * np.sqrt(falling)
+    left += amiss * np.maximum(at_peaks, beyond_noise)
     left += np.float32(systematic)
     return Denoised(base, interpolated(left, values.shape))
 
