@@ -31,11 +31,27 @@ def ftp_dent(*words):
 
 @pytest.fixture(scope='module')
 def flight(domain, tmp_path_factory):
-    """Folder of a demonstration."""
-    folder = tmp_path_factory.mktemp('flight') / 'demo'
-    done = ftp_dent('demo', '--clouds', 5, '--output', folder)
+    """Folder of a demonstration that stays where the skin has most of its dents.
+
+    The flight goes on while the processes start: on a busy machine the shipped one is metres
+    beyond them by the first photograph.
+    """
+    folder = tmp_path_factory.mktemp('flight')
+    scene = yaml.safe_load(find('shipped:scene.yaml').read_text())
+    # Where the shipped one begins.
+    middle = {'translation': [22.193, 3.2, 3.2], 'rpy': [0.0, 0.0, 0.6]}
+    scene['flight'] |= {'length': 1.6, 'middle': middle}
+    (folder / 'scene.yaml').write_text(yaml.safe_dump(scene))
+    blocks = yaml.safe_load(find('shipped:simulation.yaml').read_text())
+    blocks['camera_capture']['ros__parameters']['simulation.scene'] = 'scene.yaml'
+    blocks['simulated_autopilot']['ros__parameters']['scene'] = 'scene.yaml'
+    (folder / 'simulation.yaml').write_text(yaml.safe_dump(blocks))
+    output = folder / 'demo'
+    configuration = folder / 'simulation.yaml'
+    words = ('demo', '--configuration', configuration, '--clouds', 5, '--output', output)
+    done = ftp_dent(*words)
     assert done.returncode == 0, done.stdout + done.stderr
-    return folder
+    return output
 
 
 def test_figures_are_within_their_bounds_and_files_are_there(flight):
@@ -54,7 +70,7 @@ def test_figures_are_within_their_bounds_and_files_are_there(flight):
 def test_it_ends_with_the_report_on_the_dents_that_are_there(flight):
     figures = json.loads((flight / 'summary.json').read_text())['figures']
     data = json.loads((flight / 'report/dents.json').read_text())
-    assert figures['dents'] >= 1, 'the flight begins before a dent'
+    assert figures['dents'] >= 1, 'the flight stays over dents'
     found = [*data['dents'], *data['others']]  # a crease is one of the others
     assert len(found) >= figures['dents']
     # 0.039 on a quiet machine, 0.053 once on a busy machine.
