@@ -47,6 +47,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--stride', type=int, default=2, metavar='N', help="a photograph's every N-th pixel only"
     )
     parser.add_argument(
+        '--survey',
+        action='store_true',
+        help="lay a bag's clouds on each other first, by the image of their skin: the report "
+        'shows the whole skin, and what of it was measured',
+    )
+    parser.add_argument(
         '--jobs', type=int, metavar='N', help='inputs inspected at once; default: one a core'
     )
     parser.add_argument(
@@ -64,7 +70,8 @@ def run(arguments: argparse.Namespace) -> int:
     settings = settings_of(arguments)
     files = arguments.rig, arguments.pattern, arguments.rules
     requests = [
-        Request(Path(name), *files, settings, arguments.stride) for name in arguments.inputs
+        Request(Path(name), *files, settings, arguments.stride, arguments.survey)
+        for name in arguments.inputs
     ]
     if len(requests) > 1 or arguments.scheduler:
         return inspect_several(requests, output, arguments.jobs, arguments.scheduler)

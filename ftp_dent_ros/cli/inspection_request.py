@@ -36,6 +36,8 @@ class Request:
     settings : Settings
     stride : int
         Of a photograph.
+    joined : bool
+        Whether a bag's clouds are laid on each other first.
     """
 
     path: Path
@@ -44,6 +46,7 @@ class Request:
     rules: str | None
     settings: Settings
     stride: int
+    joined: bool = False
 
 
 def report_of(request: Request, progress: Callable[[int], object] = lambda count: None) -> Report:
@@ -66,6 +69,8 @@ def report_of(request: Request, progress: Callable[[int], object] = lambda count
         raise ConfigurationError(f'{path}: no such file: check the path')
     if path.is_dir() or path.suffix.lower() == '.mcap':
         return _of_bag(request, rules, progress)
+    if request.joined:
+        raise ConfigurationError(f'{path}: is no bag, whose clouds --survey joins: leave it out')
     if path.suffix.lower() == '.ply':
         return _of_cloud(request, rules)
     if is_photograph(path):
@@ -85,6 +90,11 @@ def _of_bag(request: Request, rules: Rules | None, progress: Callable[[int], obj
     bag = open_bag(request.path)
     named, camera = _rig(request, provenance.rig_id_of(bag))
     count, _ = count_clouds(bag)
+    if request.joined:
+        from ftp_dent_ros.survey.reporting import report_on_skin
+
+        twice = partial(progress, 2 * count)
+        return report_on_skin(bag, inspect, named, camera, rules, request.settings, twice)[0]
     each = partial(progress, count)
     return survey_bag(bag, inspect, named, camera, rules, request.settings, each)
 

@@ -102,6 +102,26 @@ def test_a_flight_becomes_one_skin_with_each_dent_once(tmp_path, skin, capsys):
     assert Store(store).read('first').stamps_ns[0] == START_NS
 
 
+def test_the_report_on_a_bag_shows_the_whole_skin(tmp_path, skin, capsys):
+    poses = list(skin.flight(5))
+    bag = record(tmp_path / 'flight', skin, poses, erring(poses, 21))
+    words = ['inspect', str(bag), '--output', str(tmp_path / 'out')]
+    assert main([*words, '--survey']) == 0
+    found = json.loads((tmp_path / 'out' / 'dents.json').read_text())
+    one, other = ([each[axis] for axis in 'xyz'] for each in found['dents'])
+    assert np.linalg.norm(np.subtract(one, other)) == pytest.approx(np.hypot(0.1, 0.06), abs=5e-4)
+    page = (tmp_path / 'out' / 'report.html').read_text()
+    assert 'aria-label="Skin, unrolled"' in page and 'pairs of clouds, 0 left out' in page
+    drawn = page[page.index('id="skin"') : page.index('The skin in three dimensions')]
+    # Both dents in each of the three pictures.
+    assert drawn.count('<polygon class="edge') == 6
+    assert 'Signature' in drawn
+    (tmp_path / 'cloud.ply').write_text('ply')
+    words[1] = str(tmp_path / 'cloud.ply')
+    assert main([*words, '--survey']) == 2
+    assert 'is no bag' in capsys.readouterr().err
+
+
 def test_what_a_bag_lacks_is_told(tmp_path, skin):
     poses = list(skin.flight(3))
     bag = record(tmp_path / 'bare', skin, poses, [None] * 3, without=('/skin',))

@@ -6,15 +6,22 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ftp_dent_ros.errors import CloudError
+from ftp_dent_ros.inspection.dent import Inspection
 from ftp_dent_ros.inspection.observation import SAME, Observation, viewpoint_of
 from ftp_dent_ros.inspection.reporting.content import Report
 from ftp_dent_ros.inspection.reporting.rules import Rules
 from ftp_dent_ros.inspection.reporting.survey import Inspect, Survey
 from ftp_dent_ros.inspection.settings import Settings
+from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.recording.clouds import BagCloud, Skipped, bag_clouds, count_clouds
 from ftp_dent_ros.recording.reader import Bag
 from ftp_dent_ros.rig import Lens
+
+Placed = Callable[[BagCloud], 'tuple[Pose, NDArray[np.float64]] | None']
 
 
 def survey_bag(
@@ -25,6 +32,8 @@ def survey_bag(
     rules: Rules | None = None,
     settings: Settings | None = None,
     progress: Callable[[], Any] = lambda: None,
+    placed: Placed = lambda item: None,
+    seen: Callable[[BagCloud, Inspection], Any] = lambda item, found: None,
 ) -> Report:
     """Inspect every cloud of a bag: the tagged ones with their poses, else those of ``points``.
 
@@ -41,6 +50,10 @@ def survey_bag(
     settings : Settings, optional
     progress : callable
         Called after each cloud.
+    placed : callable
+        Gives the camera's pose at a cloud, and its covariance, where the bag's is not to be used.
+    seen : callable
+        Called with each cloud that was inspected, and its inspection.
 
     Returns
     -------
@@ -59,7 +72,9 @@ def survey_bag(
     frame_id, in_camera = '', True
     skipped: list[Skipped] = []
     for item in bag_clouds(bag, skipped.append):
-        survey.add(_observation(item))
+        found = survey.add(_observation(item, placed(item)))
+        if found is not None:
+            seen(item, found)
         frame_id, in_camera = item.frame_id, in_camera and item.in_camera
         progress()
     report = survey.report(str(bag.path), frame_id, rig, camera if in_camera else None, rules)
@@ -72,7 +87,10 @@ def survey_bag(
     return replace(report, skipped=tuple(map(str, skipped)))
 
 
-def _observation(item: BagCloud) -> Observation:
+def _observation(item: BagCloud, placed: tuple[Pose, NDArray[np.float64]] | None) -> Observation:
+    if placed is not None:
+        pose, covariance = placed
+        item = replace(item, pose=pose, vehicle=pose, covariance=covariance)
     return Observation(
         name=f'{item.stamp_ns / 1e9:.3f} s',
         cloud=item.cloud,

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ftp_dent_ros.inspection.dent import Waviness
 from ftp_dent_ros.inspection.reporting.mesh import Mesh
 from ftp_dent_ros.inspection.reporting.rules import Finding, Rules
+from ftp_dent_ros.inspection.reporting.skin import Skin
 from ftp_dent_ros.inspection.settings import Settings
 from ftp_dent_ros.inspection.tracking.repeatability import Repeatability
 from ftp_dent_ros.inspection.tracking.sightings import ListedDent
@@ -127,6 +128,8 @@ class Report:
         Frames that could not be inspected, and why.
     skipped : tuple of str
         Messages of the bag that could not be used: topic, stamp and why.
+    skin : Skin, optional
+        All of it, where the clouds were joined.
     """
 
     source: str
@@ -144,6 +147,7 @@ class Report:
     refused: tuple[str, ...] = ()
     skipped: tuple[str, ...] = ()
     placed: bool = True
+    skin: Skin | None = None
 
     @property
     def dents(self) -> tuple[ListedDent, ...]:

@@ -10,7 +10,7 @@ from importlib import resources
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, StrictUndefined
+from jinja2 import Environment, FunctionLoader, StrictUndefined
 
 from ftp_dent_ros.inspection.dent import Estimate
 from ftp_dent_ros.inspection.reporting.content import Frame, Report
@@ -38,10 +38,14 @@ _SIGMAS = 5.0
 
 def page(report: Report) -> str:
     """The whole page as HTML."""
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
     here = resources.files('ftp_dent_ros.inspection.reporting')
+    environment = Environment(
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        loader=FunctionLoader(lambda name: here.joinpath(name).read_text('utf-8')),
+    )
     texts = {name: here.joinpath(name).read_text('utf-8') for name in _FILES}
     limit = _limit(report)
     findings = dict(zip((e.number for e in report.dents), report.findings(), strict=True))

@@ -1,0 +1,191 @@
+"""All clouds of some bags, joined to one skin."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.errors import BagError, CloudError
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.recording.clouds import bag_clouds
+from ftp_dent_ros.recording.reader import Bag
+from ftp_dent_ros.survey.joining import Joining
+from ftp_dent_ros.survey.mosaic import Mosaic
+from ftp_dent_ros.survey.unrolling import Unrolled
+
+# A scale that light, which stays with the camera, gives to what is seen on the way: a share.
+_SCALE = 7e-4
+# Of a pose that says nothing of its accuracy: metres, radians; more than the dent list takes.
+_UNKNOWN = np.diag([0.03**2] * 3 + [0.015**2] * 3)
+# Frame of a survey that no autopilot has placed.
+_OWN_FRAME = 'survey'
+
+
+@dataclass(frozen=True, eq=False)
+class Joined:
+    """Clouds, and where their cameras were.
+
+    Attributes
+    ----------
+    joining : Joining
+    frame_id : str
+        Of the poses.
+    remarks : tuple of str
+        What could not be used, and why; what was assumed.
+    """
+
+    joining: Joining
+    frame_id: str
+    remarks: tuple[str, ...]
+
+    @property
+    def poses(self) -> Sequence[Pose]:
+        """Of the camera at each cloud."""
+        return self.joining.graph.poses
+
+    @cached_property
+    def numbers(self) -> dict[int, int]:
+        """Number of each cloud, from 0, by its stamp (ns)."""
+        return {stamp: number for number, stamp in enumerate(self.joining.stamps_ns)}
+
+    @cached_property
+    def covariances(self) -> NDArray[np.float64]:
+        """Of the poses in the map, shape (n, 6, 6), as in geometry_msgs/PoseWithCovariance."""
+        return self._widened(None)
+
+    @cached_property
+    def covariances_among_them(self) -> NDArray[np.float64]:
+        """The same as seen from the middle cloud."""
+        return self._widened(len(self.poses) // 2)
+
+    def mosaic(self) -> Mosaic:
+        """A mosaic that has room for all clouds."""
+        return Mosaic(*_skin(self.joining))
+
+    def _widened(self, anchor: int | None) -> NDArray[np.float64]:
+        covariances = self.joining.graph.covariances(anchor=anchor)
+        _widen(covariances, self.poses, len(self.poses) // 2)
+        return covariances
+
+
+def join_bags(
+    bags: Sequence[Bag],
+    progress: Callable[[], Any] = lambda: None,
+    remark: Callable[[str], Any] = lambda text: None,
+) -> Joined:
+    """Join all clouds of all bags, which show one aircraft.
+
+    Parameters
+    ----------
+    bags : sequence of Bag
+    progress : callable
+        Called after each cloud.
+    remark : callable
+        Called with each remark as it comes up.
+
+    Raises
+    ------
+    BagError
+        A bag has no clouds in the camera's frame, or poses in another map than the others.
+    CloudError
+        No cloud can be used.
+    """
+    remarks: list[str] = []
+
+    def say(text: str) -> None:
+        remarks.append(text)
+        remark(text)
+
+    joining = Joining(say)
+    frame_id, known = '', set[int]()
+    unplaced = without_covariance = 0
+    for flight, bag in enumerate(bags):
+        for item in bag_clouds(bag, lambda skipped: say(str(skipped))):
+            if not item.in_camera:
+                raise BagError(
+                    f'{bag.path}: has its clouds in {item.frame_id} alone: record /points too'
+                )
+            if item.stamp_ns in known:
+                continue
+            known.add(item.stamp_ns)
+            if item.pose is not None:
+                if frame_id not in ('', item.frame_id):
+                    raise BagError(
+                        f'{bag.path}: its poses are in {item.frame_id!r}, those before in '
+                        f'{frame_id!r}: survey them one by one'
+                    )
+                frame_id = item.frame_id
+            covariance = item.covariance
+            if item.pose is not None and (covariance is None or not np.any(covariance)):
+                covariance, without_covariance = _UNKNOWN, without_covariance + 1
+            unplaced += item.pose is None
+            try:
+                joining.add(item.stamp_ns, item.cloud, item.skin, item.pose, covariance, flight)
+            except CloudError as reason:
+                say(f'cloud at {item.stamp_ns / 1e9:.3f} s: {reason}')
+            progress()
+    if not joining.stamps_ns:
+        raise CloudError(f'{bags[0].path}: no cloud in it can be used: check the clouds')
+    joining.finish()
+    clouds = len(joining.stamps_ns)
+    if unplaced:
+        say(
+            f'{unplaced} of {clouds} clouds have no pose: they are placed by what they share with '
+            'the others alone' + ('' if frame_id else ', in a frame of their own')
+        )
+    if without_covariance:
+        say(f'{without_covariance} poses do not state how good they are: 30 mm is taken')
+    if joining.without_skin:
+        say(
+            f'{joining.without_skin} of {clouds} clouds have no image of the skin: along the skin '
+            'they lie as the autopilot says; record /skin too'
+        )
+    _tell_groups(joining, say)
+    return Joined(joining, frame_id or _OWN_FRAME, tuple(remarks))
+
+
+def _tell_groups(joining: Joining, say: Callable[[str], Any]) -> None:
+    groups: dict[int, list[int]] = {}
+    for number, group in enumerate(joining.graph.groups()):
+        groups.setdefault(group, []).append(number)
+    if len(groups) > 1:
+        sizes = ', '.join(str(len(each)) for each in sorted(groups.values(), key=len)[::-1][:8])
+        say(
+            f'the clouds are not one skin but {len(groups)} parts ({sizes} clouds): between these '
+            'nothing that they share tells how they lie, only the autopilot'
+        )
+
+
+def _skin(
+    joining: Joining,
+) -> tuple[Unrolled, NDArray[np.float64], NDArray[np.float64]]:
+    """The unrolled skin, and its extent."""
+    points = np.concatenate(
+        [
+            pose.apply(each)
+            for pose, each in zip(joining.graph.poses, joining.outlines, strict=True)
+        ]
+    )
+    normals = np.stack(
+        [
+            pose.rotation.apply(each)
+            for pose, each in zip(joining.graph.poses, joining.normals, strict=True)
+        ]
+    )
+    repeated = np.repeat(normals, [len(each) for each in joining.outlines], axis=0)
+    skin = Unrolled.through(points, repeated)
+    place = skin.place(points)[:, :2]
+    room = 0.05
+    return skin, place.min(axis=0) - room, place.max(axis=0) + room
+
+
+def _widen(covariances: NDArray[np.float64], poses: Sequence[Pose], middle: int) -> None:
+    """Add what the scale may be off by, from the middle on."""
+    for covariance, pose in zip(covariances, poses, strict=True):
+        off = _SCALE * (pose.translation - poses[middle].translation)
+        covariance[:3, :3] += np.outer(off, off)
