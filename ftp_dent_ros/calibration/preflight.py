@@ -18,6 +18,8 @@ from ftp_dent_ros.rig import Rig
 
 OK, WARN, NO = 'ok', 'warn', 'no'
 _CLIPPED = 250
+# Grey level of the white that is projected.
+_WHITE = 254
 # Bright enough to be measured, and as bright as it should be: grey levels.
 _BRIGHT, _DESIRED = 60, 215
 _MOST_CLIPPED, _SOME_CLIPPED = 0.05, 0.005
@@ -48,16 +50,28 @@ class Finding:
 
 
 def sharpness(
-    white: NDArray[np.uint8], black: NDArray[np.uint8], fringes: NDArray[np.uint8]
+    white: NDArray[np.uint8],
+    black: NDArray[np.uint8],
+    fringes: NDArray[np.uint8],
+    projected: NDArray[np.uint8],
 ) -> float:
-    """Fringe contrast over that of white and black, 0 to 1: what the lenses leave of it."""
+    """What the lenses leave of the contrast of the fringes that are projected, 0 to 1.
+
+    Parameters
+    ----------
+    white, black, fringes : ndarray, shape (height, width, 3), uint8
+        Photographs of grey level 254, of 0, and of the fringes.
+    projected : ndarray, shape (projector's height, width, 3), uint8
+        The fringes' image; coded ones have less contrast than the stripe's.
+    """
     lit = _lit(white, black)
     if not lit.any():
         return 0.0
     dark = black[..., 0][lit].astype(float)
     part = (fringes[..., 0][lit] - dark) / (white[..., 0][lit] - dark)
-    # (1 + m cos) / 2 has the standard deviation m / sqrt(8).
-    return float(np.clip(np.std(part) * math.sqrt(8), 0, 1))
+    return float(
+        np.clip(np.std(part) / max(float(np.std(projected[..., 0] / _WHITE)), 1e-3), 0, 1)
+    )
 
 
 def examine(
@@ -92,20 +106,22 @@ def examine(
     findings = [
         Finding('projector', OK, f'lights {100 * lit.mean():.0f} % of the image'),
         _exposure(fringes[0], lit, exposure),
-        _focus(white, black, fringes[0]),
+        _focus(sharpness(white, black, fringes[0], pattern.draw())),
         _flicker(fringes, lit, exposure),
         _ambient(white, black, lit),
     ]
     try:
         measured = [reconstructor.measure(each) for each in fringes[:LAST]]
     except RefusedFrameError as reason:
-        return [*findings, Finding('stripe', NO, str(reason))]
+        return [*findings, Finding(pattern.code, NO, str(reason))]
     clouds = [each.cloud for each in measured[:2]]
     both = clouds[0].valid & clouds[1].valid
     share = float(both.sum() * reconstructor.settings.stride**2 / lit.sum())
     findings.append(
         Finding(
-            'stripe', OK if share > 0.5 else WARN, f'seen; {100 * min(share, 1):.0f} % measured'
+            pattern.code,
+            OK if share > 0.5 else WARN,
+            f'seen; {100 * min(share, 1):.0f} % measured',
         )
     )
     findings.append(_noise(*(cloud.points[both].astype(float) for cloud in clouds)))
@@ -143,8 +159,7 @@ def _exposure(fringes: NDArray, lit: NDArray, exposure: float) -> Finding:
     return Finding('exposure', OK, text)
 
 
-def _focus(white: NDArray, black: NDArray, fringes: NDArray) -> Finding:
-    left = sharpness(white, black, fringes)
+def _focus(left: float) -> Finding:
     text = f'{100 * left:.0f} % of the contrast is left'
     if left >= _SHARP:
         return Finding('focus', OK, text)

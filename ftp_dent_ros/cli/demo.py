@@ -27,6 +27,7 @@ from ftp_dent_ros.inspection.reporting.files import write_report
 from ftp_dent_ros.recording.reader import Bag, open_bag
 from ftp_dent_ros.rig import read_rig
 from ftp_dent_ros.simulation.world import World, read_world
+from ftp_dent_ros.supervision.configuration import read_configuration
 
 OUT_OF_BOUND = 1
 SUMMARY = 'summary.json'
@@ -210,6 +211,8 @@ def _verdict(figures: dict[str, Any], output: Path) -> int:
     program = 'ftp-dent' if shutil.which('ftp-dent') else sys.argv[0]
     print('All figures are within their bounds. Try next:\n')
     print(f'  {program} reconstruct {output}/camera.png \\')
-    print('      --rig shipped:rig.yaml --pattern shipped:pattern.yaml --output cloud.ply')
+    entries = {entry.name: entry for entry in read_configuration(output / 'payload.yaml')}
+    shown = entries['pattern_publisher'].parameters
+    print(f'      --rig {shown["rig"]} --pattern {shown["pattern"]} --output cloud.ply')
     print(f'  {program} replay {output}/bag')
     return 0

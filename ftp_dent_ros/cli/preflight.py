@@ -98,8 +98,9 @@ def _photographs(
     )
     shown = photographer.show(_even(size, 0)) + _SETTLED_NS
     black = _retaken(photographer, shown, lambda image: image.mean() < white.mean())
-    shown = photographer.show(pattern.draw()) + _SETTLED_NS
-    _retaken(photographer, shown, lambda image: sharpness(white, black, image) >= _FRINGES)
+    drawn = pattern.draw()
+    shown = photographer.show(drawn) + _SETTLED_NS
+    _retaken(photographer, shown, lambda image: sharpness(white, black, image, drawn) >= _FRINGES)
     fringes, ages = [], []
     for _ in range(_PHOTOGRAPHS):
         image, stamp_ns = photographer.photograph(shown, colour=True)
@@ -141,7 +142,7 @@ def _watch(photographer: Photographer, size: tuple[int, int], stopped: Any) -> i
             # Half a minute without an image brings the payload's own pattern back anyway.
             shown, last = photographer.show(pattern) + _SETTLED_NS, time.monotonic()
         image, _ = photographer.photograph(shown, colour=True)
-        left = sharpness(white, black, image)
+        left = sharpness(white, black, image, pattern)
         best = max(best, left)
         sys.stdout.write(bar(left, best, shutil.get_terminal_size().columns))
         sys.stdout.flush()

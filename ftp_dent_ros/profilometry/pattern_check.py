@@ -93,15 +93,15 @@ def check_rows(pattern: Pattern, found: EpipolarCheck) -> None:
     if most < _FAINT:
         raise OtherPatternError(
             f'along the fringes the contrast does not change every {pattern.row_period_px:g} px '
-            f'as the pattern that is told has it: {_ADVICE}'
+            f'as the pattern that is told has it (row_depth, row_period_px): {_ADVICE}'
         )
     if not found.seen:
         return
     if abs(found.stretch) > max(_STRETCHED, _SURE * found.stretch_deviation):
         raise OtherPatternError(
             f'the rows of the projector are {1 + found.stretch:.3f} times as far apart as rig and '
-            'pattern have them: let the projector show images of its own resolution, and '
-            f'{_ADVICE}'
+            f'pattern have them: {_ADVICE}, and let the projector show images of its own '
+            'resolution'
         )
     if abs(found.shift) > max(_ASKEW, _SURE * found.shift_deviation):
         raise OtherPatternError(
@@ -157,7 +157,13 @@ def _frame(pattern: Pattern, sides: dict[bool, float]) -> tuple[float, float]:
 
 
 def _told(pattern: Pattern) -> str:
-    return f'a period of {pattern.period_px:g} px with the stripe at {pattern.stripe_center_px:g}'
+    zero = f'{_zero(pattern)} at {pattern.stripe_center_px:g}'
+    return f'a period of {pattern.period_px:g} px with {zero}'
+
+
+def _zero(pattern: Pattern) -> str:
+    """What `stripe_center_px` is the column of."""
+    return 'the stripe' if pattern.code == 'stripe' else 'a crest'
 
 
 def _seen(area: LitArea, sides: dict[bool, float]) -> str:
@@ -165,8 +171,10 @@ def _seen(area: LitArea, sides: dict[bool, float]) -> str:
     pattern = area.pattern
     period, centre = _frame(pattern, sides)
     if len(sides) == 2 and abs(centre - pattern.stripe_center_px) > _LOOSE * period:
-        return f'seen is a period of {period:.2f} px with the stripe at {centre:.0f}'
-    return f'seen is a period of {period:.2f} px, if not a step of whole fringes'
+        return f'seen is a period of {period:.2f} px with {_zero(pattern)} at {centre:.0f}'
+    # Coded fringes are numbered beyond a step too.
+    unless = ', if not a step of whole fringes' if pattern.code == 'stripe' else ''
+    return f'seen is a period of {period:.2f} px{unless}'
 
 
 def _facing(area: LitArea) -> float:

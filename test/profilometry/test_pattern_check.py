@@ -46,6 +46,15 @@ def test_a_stripe_that_is_elsewhere_is_refused_with_its_column(framed):
     assert float(seen[2]) == pytest.approx(320, abs=2)
 
 
+def test_of_coded_fringes_no_stripe_is_spoken_of(framed):
+    coded = replace(PATTERN, code='contrast')
+    image = Scene.of(*framed.surface.panels, projected=coded.draw(), rig=framed.rig).image
+    with pytest.raises(OtherPatternError) as error:
+        Reconstructor(framed.rig, coded, Settings(stride=2)).measure(image[::-1].copy())
+    assert 'a period of 8 px with a crest at 320' in str(error.value)
+    assert 'stripe' not in str(error.value)
+
+
 def test_a_photograph_that_is_mirrored_or_turned_is_refused(framed):
     image = framed.image
     for other in (image[::-1, ::-1], image[:, ::-1], image[::-1]):
