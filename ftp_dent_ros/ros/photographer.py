@@ -7,6 +7,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.executors import SingleThreadedExecutor
@@ -24,6 +25,11 @@ _DISCOVERY, _ANSWER = 15.0, 12.0
 # started may not be ready yet: tries, and seconds between those that failed.
 _MOST_TRIES, _PAUSE = 10, 0.5
 _FRAME = 'projector_optical_frame'
+# Tries to see an image that does not change the photograph: it may light nothing in view.
+_LATE = 3
+# A photograph has changed where means of so many pixels each way differ by so many grey levels,
+# over this part of it: a camera's noise leaves a tenth of that in such a mean.
+_PIXELS, _LEVELS, _PART = 7, 4.0, 0.001
 
 
 class Photographer:
@@ -51,6 +57,7 @@ class Photographer:
         node.create_subscription(Image, 'projector/image_raw', self._on_shown, PATTERNS)
         node.create_subscription(Image, 'camera/image_raw', self._on_taken, IMAGES)
         self._capture = node.create_client(Trigger, 'camera_capture/capture')
+        self._before: tuple[NDArray[np.uint8], NDArray[np.uint8]] | None = None
         self.delay_ns = 0
 
     def projector_size(self) -> tuple[int, int]:
@@ -112,8 +119,20 @@ class Photographer:
         raise CameraError(trouble)
 
     def take(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Show RGB pixels and photograph them once they are seen."""
-        return self.photograph(self.show(image) + self.delay_ns)[0]
+        """Show RGB pixels and photograph them once they are seen.
+
+        On a busy computer an image may be shown later than it was told. A photograph in which
+        nothing has changed though what is projected has is therefore taken again.
+        """
+        shown, seen = self._before or (image, None)
+        after_ns = self.show(image) + self.delay_ns
+        for _ in range(_LATE):
+            photograph, _ = self.photograph(after_ns)
+            if seen is None or np.array_equal(shown, image) or changed(seen, photograph):
+                break
+            after_ns = self.now_ns()
+        self._before = image, photograph
+        return photograph
 
     def waited_for(self, condition: Callable[[], object], timeout: float) -> bool:
         """Listen until a condition is met, or for so many seconds: whether it was."""
@@ -142,3 +161,11 @@ class Photographer:
     def _until(self, condition: Callable[[], object], timeout: float, trouble: str) -> None:
         if not self.waited_for(condition, timeout):
             raise CameraError(trouble)
+
+
+def changed(before: NDArray[np.uint8], now: NDArray[np.uint8]) -> bool:
+    """Whether the light in a photograph, shape (rows, columns), is another than in one before."""
+    if before.shape != now.shape:
+        return True
+    means = (cv2.blur(each.astype(np.float32), (_PIXELS, _PIXELS)) for each in (before, now))
+    return bool((cv2.absdiff(*means) > _LEVELS).mean() > _PART)
