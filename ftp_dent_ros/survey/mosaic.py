@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,6 +12,7 @@ from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.inspection.dent import Inspection
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.survey.gaps import Gap, find_gaps
+from ftp_dent_ros.survey.resampling import cells, polynomial
 from ftp_dent_ros.survey.result import CoverageCells
 from ftp_dent_ros.survey.unrolling import Unrolled
 
@@ -18,6 +21,8 @@ PIXEL, PIXELS_A_CELL = 0.002, 5
 # Of a cell's pixels, that were measured if the cell was.
 _MEASURED = 0.5
 _LARGEST = 1 << 28  # pixels
+# Points that the way back to a cloud's grid is fitted to: about, and at least.
+_FITTED, _LEAST_POINTS = 1500, 20
 
 
 class Mosaic:
@@ -46,8 +51,8 @@ class Mosaic:
             )
         self.shape = rows, columns
         size = rows * columns
-        self._count, self._image, self._seen, self._deviation, self._weight = (
-            np.zeros(size, np.float32) for _ in range(5)
+        self._image, self._seen, self._deviation, self._weight = (
+            np.zeros(size, np.float32) for _ in range(4)
         )
         self._place = np.zeros((size, 3), np.float32)
         self._origin = skin.origin
@@ -64,42 +69,61 @@ class Mosaic:
         found: Inspection | None,
     ) -> None:
         """Another cloud, in its camera's frame, with the image of its skin and its inspection."""
-        known = cloud.valid
-        points = pose.apply(cloud.points[known].astype(float))
-        place = self.skin.place(points)
-        column, row = np.floor((place[:, :2] - self.low) / PIXEL).astype(int).T
-        inside = (column >= 0) & (row >= 0) & (column < self.shape[1]) & (row < self.shape[0])
-        at = (row * self.shape[1] + column)[inside]
-        pixels, index = np.unique(at, return_inverse=True)
-
-        def summed(values: NDArray) -> NDArray:
-            return np.bincount(index, values, len(pixels))
-
-        count = summed(np.ones(len(at)))
-        self._count[pixels] += count
+        valid = cloud.valid
+        points = pose.apply(np.where(valid[..., None], cloud.points, np.nan).astype(float))
+        pixels, index = self._seen_by(self.skin.place(points)[..., :2], valid)
+        if not len(pixels):
+            return
         self._views[pixels] += 1
-        for axis in range(3):
-            self._place[pixels, axis] += summed(points[inside, axis] - self._origin[axis])
+        self._place[pixels] += points.reshape(-1, 3)[index] - self._origin
         if skin is not None:
-            light = skin[known][inside].astype(float)
-            self._image[pixels] += summed(light)
-            self._seen[pixels] += summed(light > 0)
+            light = skin.ravel()[index]
+            self._image[pixels] += light
+            self._seen[pixels] += light > 0
         if found is None:
             return
-        deviation = found.deviation[known][inside]
+        deviation = found.deviation.ravel()[index]
         told = np.isfinite(deviation)
-        self._deviation[pixels] += summed(np.where(told, deviation, 0))
-        self._weight[pixels] += summed(told)
-        # Of one pixel's points the last counts; they are alike.
-        noise, findable = (np.full(len(pixels), np.nan, np.float32) for _ in range(2))
-        noise[index] = found.noise[known][inside]
-        findable[index] = found.findable[known][inside]
+        self._deviation[pixels] += np.where(told, deviation, 0)
+        self._weight[pixels] += told
+        findable, noise = found.findable.ravel()[index], found.noise.ravel()[index]
         better = np.isfinite(findable) & ~(self._findable[pixels] <= findable)
         chosen = pixels[better]
         self._findable[chosen], self._noise[chosen] = findable[better], noise[better]
         self._best[chosen] = number
         unknown = self._best[pixels] < 0
         self._best[pixels[unknown]] = number
+
+    def _seen_by(
+        self, places: NDArray[np.float64], valid: NDArray[np.bool_]
+    ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Pixels whose middle a cloud has a point at, and the number of the nearest point.
+
+        So what is measured ends where the points do, and not a pixel later, and clouds with fewer
+        points than the picture has pixels leave no holes.
+        """
+        step = max(1, math.isqrt(np.count_nonzero(valid) // _FITTED))
+        row, column = step * np.array(np.nonzero(valid[::step, ::step]))
+        some = places[row, column]
+        nothing = np.zeros(0, np.intp)
+        if len(some) < _LEAST_POINTS:
+            return nothing, nothing
+        rows, columns = self.shape
+        begin = np.maximum(np.floor((some.min(axis=0) - self.low) / PIXEL).astype(int) - 8, 0)
+        end = np.ceil((some.max(axis=0) - self.low) / PIXEL).astype(int) + 8
+        size = np.minimum(end, [columns, rows]) - begin
+        if (size <= 0).any():
+            return nothing, nothing
+        corner = self.low + PIXEL * (begin + 0.5)
+        # From the corner on, single precision is enough.
+        back = polynomial(some - corner, np.stack([column, row], axis=-1).astype(float))
+        u, v = cells((places - corner).astype(np.float32), np.zeros(2), PIXEL, size, back)
+        u, v = np.rint(u).astype(int), np.rint(v).astype(int)
+        height, width = valid.shape
+        inside = (u >= 0) & (v >= 0) & (u < width) & (v < height)
+        inside[inside] = valid[v[inside], u[inside]]
+        down, across = np.nonzero(inside)
+        return (begin[1] + down) * columns + begin[0] + across, v[inside] * width + u[inside]
 
     @property
     def image(self) -> NDArray[np.uint8]:
@@ -122,7 +146,7 @@ class Mosaic:
 
     def cloud(self) -> Cloud:
         """Mean point of each cell, with the skin image as intensity and the noise as sigma."""
-        count = self._by_cell(self._count, np.sum)
+        count = self._by_cell(self._views.astype(np.float32), np.sum)
         mean = (
             np.stack([self._by_cell(each, np.sum) for each in self._place.T], axis=-1)
             / np.maximum(count, 1)[..., None]
@@ -148,7 +172,7 @@ class Mosaic:
 
     def measured(self) -> NDArray[np.bool_]:
         """Mask of the cells of which most was measured."""
-        return self._by_cell((self._count > 0).astype(np.float32), np.mean) >= _MEASURED
+        return self._by_cell((self._views > 0).astype(np.float32), np.mean) >= _MEASURED
 
     def gaps(self) -> list[Gap]:
         """What was not measured between what was, the largest first."""

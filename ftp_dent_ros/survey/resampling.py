@@ -77,7 +77,8 @@ def cells(
     wanted_x, wanted_y = x.astype(np.float32), y.astype(np.float32)[:, None]
     for _ in range(_CORRECTIONS):
         here_x, here_y = cv2.split(remap(places, u, v))
-        off_x, off_y = wanted_x - here_x, wanted_y - here_y
+        # Where there is no point the first guess stays.
+        off_x, off_y = np.nan_to_num(wanted_x - here_x), np.nan_to_num(wanted_y - here_y)
         u = u + slope[0, 0] * off_x + slope[0, 1] * off_y
         v = v + slope[1, 0] * off_x + slope[1, 1] * off_y
     return u, v
