@@ -24,7 +24,7 @@ from ftp_dent_ros.supervision.transport import profile
 
 
 def publish(seconds: float, size: int) -> None:
-    """Two clouds a second, as soon as there is a subscriber."""
+    """Two clouds a second, as soon as both subscribers are there."""
     import rclpy
     from sensor_msgs.msg import PointCloud2
 
@@ -36,8 +36,9 @@ def publish(seconds: float, size: int) -> None:
     publisher = node.create_publisher(PointCloud2, 'tagged/points', CLOUDS)
     message = PointCloud2(height=1, width=size // 16, point_step=16, row_step=size)
     message.data = to_data(np.random.default_rng(0).integers(0, 256, size, dtype=np.uint8))
-    while not publisher.get_subscription_count():
+    while publisher.get_subscription_count() < 2:
         time.sleep(0.1)
+    time.sleep(1.0)  # Until they know of it, too.
     took = []
     end = time.time() + seconds
     while time.time() < end:
@@ -70,6 +71,8 @@ def listen(where: str, seconds: float) -> None:
         lambda message: late.append(time.time() - stamp_to_ns(message.header.stamp) / 1e9),
         CLOUDS,
     )
+    while not node.count_publishers('tagged/points'):
+        time.sleep(0.1)
     end = time.time() + seconds
     while time.time() < end:
         rclpy.spin_once(node, timeout_sec=0.2)

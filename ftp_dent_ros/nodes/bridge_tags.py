@@ -21,7 +21,7 @@ from ftp_dent_ros.ros.messages import (
     make_header,
     pose_to_message,
 )
-from ftp_dent_ros.ros.qos import CLOUDS, OVERRIDABLE, POSES
+from ftp_dent_ros.ros.qos import OVERRIDABLE, POSES, PREVIEWS
 
 
 class BridgeTags:
@@ -63,9 +63,8 @@ class BridgeTags:
         self._points = node.create_publisher(
             PointCloud2, 'tagged/points', history, qos_overriding_options=OVERRIDABLE
         )
-        # The newest only: whoever is far away must not wait for older ones.
         self._preview = node.create_publisher(
-            PointCloud2, 'tagged/preview', CLOUDS, qos_overriding_options=OVERRIDABLE
+            PointCloud2, 'tagged/preview', PREVIEWS, qos_overriding_options=OVERRIDABLE
         )
         depth = history if most_at_once > POSES.depth else POSES
         self._pose = node.create_publisher(PoseWithCovarianceStamped, 'tagged/pose', depth)

@@ -1,9 +1,10 @@
 """Quality of service of the payload's topics.
 
 Everything is reliable: with best effort most messages above half a megabyte are lost between
-processes. Images and clouds keep only the newest two, so that a slow reader is not served
-stale ones. Each can be changed by parameters named ``qos_overrides.TOPIC...`` where the topic
-is made with `OVERRIDABLE`.
+processes. Images and clouds keep the newest eight: a process of a busy computer stands still for
+a second now and then, and what has been replaced before it was sent or taken is lost for good,
+untold. Nodes that are too slow leave out by themselves what is too old, and tell. Each can be
+changed by parameters named ``qos_overrides.TOPIC...`` where the topic is made with `OVERRIDABLE`.
 """
 
 from __future__ import annotations
@@ -24,8 +25,10 @@ PATTERNS = QoSProfile(
 )
 # What somebody asks for once: not what was asked before a restart.
 LATCHED_INPUT = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
-IMAGES = QoSProfile(depth=2, reliability=ReliabilityPolicy.RELIABLE)
-CLOUDS = QoSProfile(depth=2, reliability=ReliabilityPolicy.RELIABLE)
+IMAGES = QoSProfile(depth=8, reliability=ReliabilityPolicy.RELIABLE)
+CLOUDS = QoSProfile(depth=8, reliability=ReliabilityPolicy.RELIABLE)
+# The newest only: whoever is far away must not wait for older ones.
+PREVIEWS = QoSProfile(depth=2, reliability=ReliabilityPolicy.RELIABLE)
 POSES = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 DENTS = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 DIAGNOSTICS = QoSProfile(depth=10)

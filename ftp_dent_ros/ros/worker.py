@@ -8,6 +8,9 @@ from collections.abc import Callable
 from typing import Generic, TypeVar
 
 Item = TypeVar('Item')
+# Two seconds of photographs at 2 Hz: as long as a process of a busy computer stands still now and
+# then, with all that came meanwhile coming in one breath.
+WAITING = 4
 
 
 class NewestWorker(Generic[Item]):
@@ -23,7 +26,7 @@ class NewestWorker(Generic[Item]):
         How many may wait.
     """
 
-    def __init__(self, work: Callable[[Item], None], name: str, room: int = 1) -> None:
+    def __init__(self, work: Callable[[Item], None], name: str, room: int = WAITING) -> None:
         self._work = work
         self._changed = threading.Condition()
         self._waiting: deque[Item] = deque(maxlen=room)
