@@ -86,6 +86,7 @@ class Findings:
     wrong: list[str] = field(default_factory=list)
     worst: dict[str, float] = field(default_factory=lambda: defaultdict(float))
     false: Counter[str] = field(default_factory=Counter)
+    rivets: Counter[str] = field(default_factory=Counter)
     refused: dict[str, str] = field(default_factory=dict)
 
     def check(self, what: str, value: float, bound: float, stamp_ns: int) -> None:
@@ -194,12 +195,23 @@ class Witness:
             index, kind = true_index(place, self._truth), KINDS[dent['kind']]
             if index is None:
                 where = ', '.join(f'{value:.3f}' for value in place)
-                self.findings.false[f'{kind} at {where} m, {1e3 * dent["depth"]:.3f} mm'] += 1
+                size = f'{1e3 * dent["depth"]:.3f} +- {1e3 * dent["depth_uncertainty"]:.3f} mm'
+                found = self.findings.rivets if self._on_rivet(place) else self.findings.false
+                found[f'{kind} at {where} m, {size}'] += 1
                 continue
             off = abs(float(dent['depth']) - self._truth[index].depth)
             deviations = off / float(dent['depth_uncertainty'])
             self.findings.check(f'{kind}s in lists (mm)', 1e3 * off, np.inf, stamp_ns)
             self.findings.check(f'{kind}s in lists (sd)', deviations, _DEVIATIONS, stamp_ns)
+
+    def _on_rivet(self, place: np.ndarray) -> bool:
+        """Whether a rivet's head is within its own radius of a place."""
+        for panel in self._world.surface.panels:
+            x, y, _ = panel.pose.inverse().apply(place)
+            near = panel.near(np.array([x]), np.array([y])).rivets
+            if any(np.hypot(each.x - x, each.y - y) < 2 * each.radius for each in near):
+                return True
+        return False
 
     def _on_state(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -396,6 +408,12 @@ def report(times, memory: list[float], findings: Findings, left: list[Path]) -> 
     troubles = list(findings.wrong)
     for what, count in findings.false.items():
         line = f'nothing is there: {what}, in {count} lists'
+        if what.startswith(_DENTS):
+            troubles.append(line)
+        else:
+            print(line)
+    for what, count in findings.rivets.items():
+        line = f'on a rivet: {what}, in {count} lists'
         if what.startswith(_DENTS):
             troubles.append(line)
         else:

@@ -15,7 +15,7 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import fftconvolve
+from scipy.ndimage import convolve1d
 
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.profilometry.least_squares.windows import WIDTH
@@ -147,10 +147,10 @@ class ContrastModel:
         change, sine = blurred.real - fringes.real, fringes.imag
         reach = np.arange(-2 * _SAMPLES, 2 * _SAMPLES + 1)
         window = np.exp(-0.5 * np.square(reach / (WIDTH * _SAMPLES)))
-        power = fftconvolve(np.square(sine), window, 'same')
+        power = convolve1d(np.square(sine), window, mode='constant')
         shift = np.zeros_like(change)
         for _ in range(_FITS):
-            shift += fftconvolve((change - sine * shift) * sine, window, 'same') / power
+            shift += convolve1d((change - sine * shift) * sine, window, mode='constant') / power
         inner = slice(_BEYOND * _SAMPLES, -_BEYOND * _SAMPLES)
         return float(np.sqrt(np.mean(np.square(shift[inner]))) / _STEP)
 
