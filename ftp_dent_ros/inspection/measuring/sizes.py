@@ -35,6 +35,9 @@ _OF_DEPTH, _OF_LENGTH, _OF_WIDTH = 1.1, 2.0, 2.4
 _UNRESOLVED_DEPTH, _UNRESOLVED_SIZE = 0.15, 0.4
 # The same of the depth of what is longer than so many widths: a valley may be sharp.
 _VALLEY, _LONG = 0.25, 1.8
+# An outline that is so many times deeper than its level is drawn where a dent parts from another;
+# how far the sizes may be off for such a part of it, as parts of them.
+_DEEPER, _PARTED = 1.5, 0.6
 _MODEL_CELLS = 22
 # Eq. 18 at 10 % of its depth, as a part of its axes.
 _OF_AXES = 0.835
@@ -129,6 +132,8 @@ def sizes_of(
     grain, unresolved = _GRAIN * patch.step, _UNRESOLVED_SIZE * fine * told
     u_length = math.hypot(_OF_LENGTH * math.hypot(ends * length_flatness, grain), unresolved)
     u_width = math.hypot(_OF_WIDTH * math.hypot(ends * width_flatness, grain), unresolved)
+    parted = _PARTED * _parted(patch, region, outline, bottom.depth)
+    u_length, u_width = math.hypot(u_length, parted * length), math.hypot(u_width, parted * width)
     perimeter = float(np.hypot(*np.diff([outline.x, outline.y], append=0)[:, :-1]).sum())
     flatness = float(np.mean(1 / outline.slope))
     independent = math.sqrt(max(perimeter / math.sqrt(noise.correlated_area), 1))
@@ -185,6 +190,13 @@ def _turn(length: float, width: float, u_length: float, u_width: float) -> float
     oval = max(length**2 - width**2, 1e-12)
     spread = math.hypot(length * u_length, width * u_width) / oval
     return min(spread, math.pi / math.sqrt(12))
+
+
+def _parted(patch: Patch, region: Mask | None, outline: Outline, depth: float) -> float:
+    """Part of an outline that is drawn where a dent parts from another one: deeper than its."""
+    if region is None:
+        return 0.0
+    return float((patch.at(outline.x, outline.y) > _DEEPER * LEVEL * depth).mean())
 
 
 def _along(patch: Patch, values: Vector, outline: Outline) -> Vector:
