@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import cv2
@@ -29,6 +30,13 @@ class Bridged(Restored):
     """
 
     bridged: Mask
+
+    def is_measured_across(self, at: tuple[int, int], angle: float, width: float) -> bool:
+        """Whether there are points all across a cell, at an angle from the patch's x axis."""
+        patch = self.patch
+        along = np.arange(-width / 2, width / 2, patch.step / 2)
+        x, y = patch.x[at[1]] + along * math.cos(angle), patch.y[at[0]] + along * math.sin(angle)
+        return bool(replace(patch, known=patch.known & ~self.bridged).is_known(x, y).all())
 
 
 def bridged(seen: Restored, reach: float, own: Mask) -> Bridged:

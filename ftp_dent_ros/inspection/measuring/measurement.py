@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -24,7 +23,13 @@ from ftp_dent_ros.inspection.measuring.patch import Patch
 from ftp_dent_ros.inspection.measuring.peak import extent, part_above, radius_across
 from ftp_dent_ros.inspection.measuring.placement import axis_along, on_skin, profile_of
 from ftp_dent_ros.inspection.measuring.restoration import restored
-from ftp_dent_ros.inspection.measuring.sizes import LEVEL, Sizes, model_axes, sizes_of
+from ftp_dent_ros.inspection.measuring.sizes import (
+    LEVEL,
+    Sizes,
+    model_axes,
+    of_sharp_bottom,
+    sizes_of,
+)
 from ftp_dent_ros.inspection.measuring.surroundings import Surroundings
 from ftp_dent_ros.inspection.settings import Settings
 
@@ -148,7 +153,7 @@ def _one(
         return None
     across = sizes.angle + math.pi / 2
     length, width, outline = sizes.length.value, sizes.width.value, sizes.outline
-    whole = _is_measured_across(seen, at, across, width)
+    whole = seen.is_measured_across(at, across, width)
     radius = radius_across(patch, at, sizes.depth.value, across, width) if whole else math.nan
     kind, reason = kind_of(
         Appearance(
@@ -164,6 +169,8 @@ def _one(
     )
     if not kind:
         return None
+    if kind in ('crease', 'gouge'):
+        sizes = of_sharp_bottom(sizes, around.resolution, not reason)
     if _is_unsure(sizes, kind):
         if outline.is_cut:
             # At the rim the cloud is rarely sure.
@@ -202,15 +209,6 @@ def _one(
         length_profile=profile_of(patch, sign, x, y, sizes.angle, length),
         width_profile=profile_of(patch, sign, x, y, across, width),
     )
-
-
-def _is_measured_across(seen: Bridged, at: tuple[int, int], angle: float, width: float) -> bool:
-    """Whether a dent is measured all across its deepest place."""
-    patch = seen.patch
-    along = np.arange(-width / 2, width / 2, patch.step / 2)
-    x, y = patch.x[at[1]] + along * math.cos(angle), patch.y[at[0]] + along * math.sin(angle)
-    measured = replace(patch, known=patch.known & ~seen.bridged)
-    return bool(measured.is_known(x, y).all())
 
 
 def _is_unsure(sizes: Sizes, kind: str) -> bool:
