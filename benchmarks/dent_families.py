@@ -6,8 +6,8 @@ Rows are those of `benchmarks/dent_shapes.py --json`. For each family and each o
 and width it is told how many of the 95 % intervals hold as they are stated, and how many would
 with the factor that the other families ask for: the smallest one with which 95 % of theirs hold,
 each family counting alike. The rule for the factors in `ftp_dent_ros.inspection.measuring.sizes`:
-where the largest of a column ("further factor") is above 1, the uncertainty of that quantity is
-widened by it; it is never narrowed. Below, the standard deviation of the normalised errors.
+they are multiplied by the largest of a column ("further factor"). Below, the standard deviation of
+the normalised errors.
 """
 
 from __future__ import annotations
@@ -47,12 +47,12 @@ def ratios_of(rows: Sequence[dict], name: str) -> Ratios:
 
 
 def factor_of(families: Sequence[NDArray[np.float64]]) -> float:
-    """Smallest factor of at least 1 with which 95 % hold, each family counting alike."""
+    """Smallest factor with which 95 % hold, each family counting alike."""
     values = np.concatenate([np.abs(each) for each in families])
     weights = np.concatenate([np.full(len(each), 1 / len(each)) for each in families])
     order = np.argsort(values)
     share = np.cumsum(weights[order]) / weights.sum()
-    return max(float(values[order][np.searchsorted(share, _HELD)] / _COVERAGE), 1.0)
+    return float(values[order][np.searchsorted(share, _HELD)] / _COVERAGE)
 
 
 def held(values: NDArray[np.float64], factor: float) -> float:
