@@ -11,8 +11,8 @@ In this order, with sizes on the contour at 10 % of the depth:
   that the reconstruction cannot show whether it is; but not where it is not measured all across
   its bottom, for what an edge cuts is long and sharp. Repair manuals treat a crease as a crack.
 - *dent*: all else that is inward, whole, and as wide as the smallest dent.
-- *other*: significant and deep enough, but the rim of the measured area cuts it, or it lies
-  along that rim; with the reason.
+- *other*: significant and deep enough, but it is long and narrower than the smallest dent, or may
+  be, the rim of the measured area cuts it, or it lies along that rim; with the reason.
 """
 
 from __future__ import annotations
@@ -59,6 +59,8 @@ class Appearance:
     mottled : float
         How far the light beside it varies (1.4826 times the median absolute deviation), alike.
     is_cut : bool
+    width_doubt : float
+        Standard uncertainty of the width, metres.
     """
 
     depth: float
@@ -69,6 +71,7 @@ class Appearance:
     mark: float
     mottled: float
     is_cut: bool
+    width_doubt: float
 
 
 def kind_of(seen: Appearance, settings: Settings) -> tuple[str, str]:
@@ -99,5 +102,6 @@ def kind_of(seen: Appearance, settings: Settings) -> tuple[str, str]:
         if unresolved and bluntness < _BLUNT and seen.length > _LONGER * seen.width:
             return 'crease', 'too narrow to see how sharp it is'
     if narrow:
-        return ('other', 'narrower than the smallest dent') if long else ('', '')
+        doubtful = seen.width + seen.width_doubt > settings.smallest_width
+        return ('other', 'narrower than the smallest dent') if long or doubtful else ('', '')
     return 'dent', ''

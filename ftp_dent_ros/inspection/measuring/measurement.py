@@ -164,6 +164,7 @@ def _one(
             around.resolution,
             *mark_in(around, patch, outline),
             outline.is_cut,
+            sizes.width.uncertainty,
         ),
         settings,
     )

@@ -85,7 +85,7 @@ def surroundings_of(
         Cells at panels' borders.
     """
     rows, columns = np.concatenate([[candidate.rows, candidate.columns], candidate.gap], axis=1)
-    if max(np.ptp(rows), np.ptp(columns)) < 2:
+    if max(np.ptp(rows), np.ptp(columns)) < 1:
         return None
     margin = int(_MARGIN * max(np.ptp(rows), np.ptp(columns))) + 5
     block = lattice.block

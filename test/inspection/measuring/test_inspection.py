@@ -8,9 +8,11 @@ from small_clouds import COLUMNS, ROWS, cloud_of, panel
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.inspection.measuring.inspection import inspect
+from ftp_dent_ros.inspection.measuring.kinds import Appearance, kind_of
 from ftp_dent_ros.inspection.settings import Settings
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.simulation import Dent, Panel, Rivet
+from ftp_dent_ros.simulation.shapes import Gaussian
 
 DENT = Dent(0.02, -0.01, 0.05, 0.035, 0.001, 0.6)
 
@@ -301,3 +303,34 @@ def test_two_dents_in_one_that_no_saddle_parts_are_one_with_a_word():
     apart = sum(1e-3 * 10 ** -(((X - x) / 0.015) ** 2 + (Y / 0.02) ** 2) for x in (-0.014, 0.014))
     assert [kind for kind, _ in kind_of_it(apart)] == ['dent', 'dent']
     assert all('overlaps' in reason for _, reason in kind_of_it(apart))
+
+
+def test_two_equal_dents_in_one_have_a_word():
+    apart, skin = 0.012, panel(tilt=(0, 0))
+    pair = [Dent(sign * apart / 2, 0.0, 0.028, 0.028, 4e-4, 0.0, Gaussian()) for sign in (1, -1)]
+    found = inspect(cloud_of(replace(skin, dents=tuple(pair)), noise=2e-6))
+    (one,) = found.dents
+    assert one.reason == 'may be several that overlap'
+    alone = Dent(0.0, 0.0, 0.04, 0.028, 4e-4, 0.0, Gaussian())
+    (one,) = inspect(cloud_of(replace(skin, dents=(alone,)), noise=2e-6)).dents
+    assert not one.reason
+
+
+def test_a_kink_is_deeper_than_smoothing_has_left_it():
+    sharp = 8e-4 * VALLEY * np.clip(1 - np.abs(Y) / 0.01, 0, 1)
+    sigma = 1e-2 / (2 * np.pi / np.sqrt(2 * np.log(2))) / 1.4e-3
+    left = cv2.GaussianBlur(sharp, (0, 0), sigma)
+    cloud = raised(cloud_of(panel(tilt=(0, 0)), noise=1e-6), left)
+    known = np.full((ROWS, COLUMNS), 1e-2, np.float32)
+    found = inspect(Cloud(cloud.points, cloud.intensity, resolution=known))
+    (crease,) = (*found.dents, *found.others)
+    assert crease.kind == 'crease'
+    assert left.max() < 0.88 * sharp.max()
+    assert crease.depth.value == pytest.approx(sharp.max(), rel=0.04)
+    assert abs(crease.depth.value - sharp.max()) < 2 * crease.depth.uncertainty
+
+
+def test_what_may_be_as_wide_as_the_smallest_dent_is_listed():
+    seen = Appearance(3e-4, 0.012, 0.009, 0.02, 0.01, 0.0, 0.0, False, 0.004)
+    assert kind_of(seen, Settings()) == ('other', 'narrower than the smallest dent')
+    assert kind_of(replace(seen, width_doubt=5e-4), Settings()) == ('', '')
