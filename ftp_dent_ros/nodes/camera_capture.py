@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.duration import Duration
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image
 from std_srvs.srv import Trigger
@@ -44,6 +45,8 @@ from ftp_dent_ros.ros.qos import IMAGES, OVERRIDABLE, PATTERNS
 _DEMAND_TIMEOUT = 10.0
 _PAUSE = 0.1
 _SETTLING = 0.3
+# That the readers of the last photograph are given, at most.
+_ACKNOWLEDGED = Duration(seconds=1.5)
 
 
 @dataclass
@@ -98,6 +101,9 @@ class CameraCapture(Node):
         self._stop.set()
         self._source.close()
         self._thread.join()
+        # What a reader has not got of the last photograph ends with its publisher.
+        for publisher in (self._image, self._info):
+            publisher.wait_for_all_acked(_ACKNOWLEDGED)
         super().destroy_node()
 
     def _change(self, values: dict[str, Any]) -> None:
