@@ -27,6 +27,8 @@ _MOST_CLIPPED, _SOME_CLIPPED = 0.05, 0.005
 _SHARP, _SOFT = 0.6, 0.3
 # Part of the light from elsewhere.
 _SOME_AMBIENT, _MUCH_AMBIENT = 0.5, 1.5
+# Standard deviation over median absolute deviation, and fits of a plane by what lies near it.
+_MAD, _ROUNDS = 1.4826, 8
 # A dent is seen if it is so many times deeper than the noise of a point.
 _SEEN = 5.0
 
@@ -192,9 +194,13 @@ def _ambient(white: NDArray, black: NDArray, lit: NDArray) -> Finding:
 def _noise(first: NDArray, second: NDArray) -> Finding:
     distance = float(np.median(first[:, 2]))
     difference = first[:, 2] - second[:, 2]
-    # Robust, and without what moves all points alike: the drone, the wall.
-    spread = np.median(np.abs(difference - np.median(difference)))
-    noise = 1.4826 * float(spread) / math.sqrt(2)
+    # Robust, and without what moves and tilts all points alike: the drone, the wall.
+    plane = np.column_stack([np.ones(len(first)), first[:, :2] - first[:, :2].mean(axis=0)])
+    left = difference - np.median(difference)
+    for _ in range(_ROUNDS):
+        kept = np.abs(left) <= 3 * _MAD * np.median(np.abs(left))
+        left = difference - plane @ np.linalg.lstsq(plane[kept], difference[kept], rcond=None)[0]
+    noise = _MAD * float(np.median(np.abs(left))) / math.sqrt(2)
     return Finding(
         'distance',
         OK,

@@ -76,8 +76,9 @@ def run(arguments: argparse.Namespace) -> int:
             photographer.close()
     findings += _nodes(states, entries)
     findings.append(_disk(arguments.bags))
+    width = max(len(finding.name) for finding in findings)
     for finding in findings:
-        print(f'{_LEVEL[finding.verdict]}  {finding.name:12}{finding.text}')
+        print(f'{_LEVEL[finding.verdict]}  {finding.name:{width}}  {finding.text}')
     reasons = [finding for finding in findings if finding.verdict == NO]
     if reasons:
         print(f'\nNO GO: {reasons[0].name}: {reasons[0].text}')
