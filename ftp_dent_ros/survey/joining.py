@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,8 @@ from scipy.spatial.transform import Rotation
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.survey.alignment import Samples, samples_of
-from ftp_dent_ros.survey.patch import Patch, patch_of
+from ftp_dent_ros.survey.folded_patch import Kept
+from ftp_dent_ros.survey.patch import outline_of, patch_of
 from ftp_dent_ros.survey.pose_graph import PoseGraph
 from ftp_dent_ros.survey.registration import register
 from ftp_dent_ros.survey.relative_pose import UnlikePairError
@@ -31,12 +31,6 @@ _WINDOW, _EVERY = 20, 100
 _NEARBY = 4
 # Of a cloud's place seen from the one before, where no autopilot tells it: metres, radians.
 _BLIND = np.diag([0.08**2] * 3 + [0.03**2] * 3)
-
-
-@dataclass(frozen=True, eq=False)
-class _Kept:
-    patch: Patch
-    size: float
 
 
 class Joining:
@@ -62,7 +56,7 @@ class Joining:
         self.remarks: list[str] = []
         self.without_skin = 0
         self._remark = remark
-        self._kept: dict[int, _Kept] = {}
+        self._kept: dict[int, Kept] = {}
         self._last_key = -1
         self.outlines: list[NDArray[np.float64]] = []
         self.normals: list[NDArray[np.float64]] = []
@@ -104,9 +98,9 @@ class Joining:
         self.stamps_ns.append(stamp_ns)
         samples = samples_of(patch)
         size = float(np.ptp(samples.heights[:, :2], axis=0).min())
-        self.outlines.append(patch.frame.apply(_outline(samples.heights)))
+        self.outlines.append(patch.frame.apply(outline_of(samples.heights)))
         self.normals.append(patch.frame.rotation.apply([0.0, 0.0, 1.0]))
-        self._kept[number] = _Kept(patch, size)
+        self._kept[number] = Kept(patch, size)
         for other in self._neighbours(number):
             if self._join(other, number, samples) and other == number - 1:
                 # A guess for the others that is nearly right.
@@ -168,20 +162,22 @@ class Joining:
 
     def _closures(self, number: int) -> list[int]:
         """Clouds of other passes that show the same skin, the nearest first."""
-        here = self._middle(number)
-        near = []
-        for other, kept in self._kept.items():
-            if number - other >= _APART or self._flight(other) != self._flight(number):
-                apart = float(np.linalg.norm(self._middle(other) - here))
-                if apart < _NEAR * (kept.size + self._kept[number].size):
-                    near.append((apart, other))
-        return [other for _, other in sorted(near)[:_CLOSURES]]
+        flight = self._flight(number)
+        others = [k for k in self._kept if number - k >= _APART or self._flight(k) != flight]
+        if not others:
+            return []
+        seen = np.stack([self._kept[other].whole.frame.translation for other in others])
+        sizes = np.array([self._kept[other].size for other in others])
+        middles = self.graph.placed(others, seen)
+        apart = np.linalg.norm(middles - self._middle(number), axis=1)
+        near = np.flatnonzero(apart < _NEAR * (sizes + self._kept[number].size))
+        return [others[k] for k in near[np.argsort(apart[near], kind='stable')][:_CLOSURES]]
 
     def _flight(self, number: int) -> int:
         return self.graph.nodes[number].flight
 
     def _middle(self, number: int) -> NDArray[np.float64]:
-        return self.graph.poses[number].apply(self._kept[number].patch.frame.translation)
+        return self.graph.poses[number].apply(self._kept[number].whole.frame.translation)
 
     def _join(self, first: int, second: int, samples: Samples) -> bool:
         """Lay a cloud on an earlier one; False if it does not fit."""
@@ -238,7 +234,7 @@ class Joining:
                 del self._kept[old]
                 return
         self._last_key = old
-        self._kept[old] = _Kept(kept.patch.lightened(), kept.size)
+        self._kept[old] = kept.folded()
 
     def _tell(self, first: int, second: int, what: str) -> None:
         self._remark_on(self._about(first, second, what))
@@ -250,12 +246,3 @@ class Joining:
     def _remark_on(self, text: str) -> None:
         self.remarks.append(text)
         self._remark(text)
-
-
-def _outline(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The outermost points each way, and some between."""
-    angles = np.linspace(0, np.pi, 8, endpoint=False)
-    along = points[:, :2] @ np.stack([np.cos(angles), np.sin(angles)])
-    outer = np.concatenate([along.argmin(axis=0), along.argmax(axis=0)])
-    inner = np.linspace(0, len(points) - 1, 40).astype(int)
-    return points[np.unique(np.concatenate([outer, inner]))]

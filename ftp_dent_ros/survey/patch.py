@@ -7,7 +7,7 @@ points are looked up. The plane's z axis points at the camera.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -49,9 +49,9 @@ class Patch:
         x and y of the first row and column, metres; x goes with columns.
     height : ndarray, shape (rows, columns), float32
         Metres.
-    sigma : ndarray, shape (rows, columns), float16 or float32
+    sigma : ndarray, shape (rows, columns), float32
         Standard uncertainty of the height, millimetres.
-    light : ndarray, shape (rows, columns), float16 or float32, or None
+    light : ndarray, shape (rows, columns), float32, or None
         Logarithm of the skin image.
     """
 
@@ -59,13 +59,13 @@ class Patch:
     pitch: float
     corner: NDArray[np.float64]
     height: Grid
-    sigma: NDArray[np.floating]
-    light: NDArray[np.floating] | None
+    sigma: Grid
+    light: Grid | None
 
     @cached_property
     def surface(self) -> Grid:
         """Height, its slopes along x and y, and its uncertainty, shape (rows, columns, 4)."""
-        sigma = self.sigma.astype(np.float32) * np.float32(1e-3)
+        sigma = self.sigma * np.float32(1e-3)
         along_x, along_y = slopes(self.height, self.pitch)
         surface: Any = cv2.merge([self.height, along_x, along_y, sigma])
         unknown = np.isnan(along_x + along_y + sigma)
@@ -91,12 +91,7 @@ class Patch:
         if self.light is None:
             nothing = np.zeros((*self.height.shape, 4), np.float32)
             return nothing, nothing
-        return paint_of(self.light.astype(np.float32), self.pitch, _SMOOTH / self.pitch)
-
-    def lightened(self) -> Patch:
-        """The same in a tenth of the memory, to be worked out again when it is needed."""
-        light = None if self.light is None else self.light.astype(np.float16)
-        return replace(self, sigma=self.sigma.astype(np.float16), light=light)
+        return paint_of(self.light, self.pitch, _SMOOTH / self.pitch)
 
     @property
     def has_paint(self) -> bool:
@@ -166,6 +161,15 @@ def patch_of(
     if skin is not None and skin.any():
         light = remap(_LOGARITHMS[skin], u, v)
     return Patch(frame, size, low, height, deviation, light)
+
+
+def outline_of(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The outermost points each way, and some between."""
+    angles = np.linspace(0, np.pi, 8, endpoint=False)
+    along = points[:, :2] @ np.stack([np.cos(angles), np.sin(angles)])
+    outer = np.concatenate([along.argmin(axis=0), along.argmax(axis=0)])
+    inner = np.linspace(0, len(points) - 1, 40).astype(int)
+    return points[np.unique(np.concatenate([outer, inner]))]
 
 
 def _tangent(points: NDArray[np.float64]) -> Pose:

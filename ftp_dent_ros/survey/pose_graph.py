@@ -154,6 +154,11 @@ class PoseGraph:
         else:
             self.solve(fixed=number)
 
+    def placed(self, numbers: Sequence[int], points: Array) -> Array:
+        """Points of shape (n, 3), each in its camera's frame, in the map."""
+        at = np.asarray(numbers, np.intp)
+        return (self._turns[at] @ points[..., None])[..., 0] + self._places[at]
+
     def strained(self, numbers: Sequence[int]) -> bool:
         """Whether some links, by their numbers, do not fit where the poses are."""
         terms = LinkTerms.of([self.links[k] for k in numbers], numbers)

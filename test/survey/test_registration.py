@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.survey.folded_patch import FoldedPatch
 from ftp_dent_ros.survey.patch import patch_of
 from ftp_dent_ros.survey.registration import register
 from ftp_dent_ros.survey.relative_pose import UnlikePairError
@@ -80,8 +81,13 @@ def test_a_patch_holds_what_the_cloud_does():
     points = pose.apply(patch.frame.apply(patch.points(row[keep], column[keep])))
     height = skin.height(points[:, 0], points[:, 1])
     assert np.abs(points[:, 2] - height).max() < 5e-5
-    light = patch.lightened()
-    np.testing.assert_allclose(light.paint[..., 0], patch.paint[..., 0], atol=0.01)
+    folded = FoldedPatch.of(patch)
+    again = folded.unfolded()
+    np.testing.assert_allclose(again.height, patch.height, atol=1e-6)
+    np.testing.assert_allclose(again.paint[..., 0], patch.paint[..., 0], atol=0.002)
+    np.testing.assert_allclose(again.sigma[patch.known], patch.sigma[patch.known], rtol=0.1)
+    held = folded.steps.nbytes + folded.sigma.nbytes + folded.light.nbytes
+    assert held < 5 * patch.height.size
 
 
 def test_too_few_points_are_refused():
