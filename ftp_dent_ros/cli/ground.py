@@ -100,6 +100,8 @@ def _run_shows(arguments: argparse.Namespace) -> int:
         for show in shows:
             print(f'what comes is shown at {show.url} (no ROS here: no topics)', flush=True)
         while not stop.is_set():
+            if change := station.change():
+                print(change, flush=True)
             with contextlib.suppress(queue.Empty):
                 item = items.get(timeout=0.2)
                 for show in shows:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import os
+import ssl
 from pathlib import Path
 
 from ftp_dent_ros.errors import ConfigurationError
@@ -88,3 +89,21 @@ def make_keys(folder: Path) -> list[Path]:
             f'{folder}: keys cannot be written ({reason.strerror}): choose another folder'
         ) from None
     return [folder / file for file in contents]
+
+
+def require_pair(folder: Path, role: str) -> None:
+    """Raise ConfigurationError unless an end's files are a certificate, its key and an authority.
+
+    With others the connection would never come about, and nobody would say why.
+    """
+    certificate, key = f'{role}.pem', f'{role}.key'
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    try:
+        context.load_verify_locations(folder / AUTHORITY)
+        # A password that is not asked for at the terminal.
+        context.load_cert_chain(folder / certificate, folder / key, password='')
+    except (ssl.SSLError, OSError):
+        raise ConfigurationError(
+            f'{folder}: {AUTHORITY}, {certificate} and {key} are no keys of one end: copy them '
+            'anew from where `ftp-dent ground --make-keys DIR` made them'
+        ) from None

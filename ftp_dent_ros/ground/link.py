@@ -15,7 +15,7 @@ from typing import Any
 
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.ground.hosts import is_here
-from ftp_dent_ros.ground.keys import AUTHORITY
+from ftp_dent_ros.ground.keys import AUTHORITY, require_pair
 
 PORT = 7447
 _ROOT = 'ftp_dent'
@@ -49,8 +49,8 @@ def endpoint(address: str, security: Security, role: str) -> str:
     Raises
     ------
     ConfigurationError
-        The address is malformed, the keys are not there, or there are none although the
-        address is beyond this machine.
+        The address is malformed, the keys are not there or none, or there are none although
+        the address is beyond this machine.
     """
     match = _ADDRESS.fullmatch(address)
     port = int(match['port'] or PORT) if match else 0
@@ -63,6 +63,7 @@ def endpoint(address: str, security: Security, role: str) -> str:
                     f'{security.keys}: {name} is not there: make keys with '
                     '`ftp-dent ground --make-keys DIR` and copy them to both ends'
                 )
+        require_pair(security.keys, role)
     elif not security.open and not is_here(match['host']):
         raise ConfigurationError(
             f'{address}: without keys anybody on that network could command the drone: make '

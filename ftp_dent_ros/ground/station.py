@@ -40,6 +40,7 @@ class Station:
 
     def __init__(self, link: Link, take: Callable[[Item], None], name: str = '') -> None:
         self.refused = self.items = 0
+        self._told: int | None = None
         self._link = link
         self._hand_over = take
         ground = hashlib.sha256((name or socket.gethostname()).encode()).digest()[:16]
@@ -69,10 +70,21 @@ class Station:
     def summary(self) -> tuple[int, str]:
         """Level of the link (0 works, 1 warns) and a sentence."""
         if self.silence == float('inf'):
-            return 1, 'nothing has come from the drone yet'
+            return 1, (
+                'nothing has come from the drone yet: if it stays so, see whether the address is '
+                "the drone's, a downlink runs there, and the keys of both ends were made together"
+            )
         if self.silence > _SILENCE:
             return 1, f'nothing has come from the drone for {self.silence:.0f} s'
         return 0, f'{8e-3 * self.rate():.0f} kbit/s'
+
+    def change(self) -> str:
+        """What to tell of the link, once when it works or no longer does; else nothing."""
+        level, text = self.summary()
+        if level == self._told:
+            return ''
+        self._told = level
+        return text if level else 'the link to the drone works'
 
     def state(self) -> dict[str, str]:
         """What there is to say about the link, by name."""

@@ -134,6 +134,8 @@ class GroundStation(Node):
                 'the payload itself is in this ROS domain, so that nothing of it is published '
                 'twice: choose another ROS_DOMAIN_ID for the ground'
             )
+        if change := self._station.change():
+            self.get_logger().info(change)
         level, text = self._station.summary()
         return (WARN if level else OK), text
 

@@ -2,6 +2,7 @@
 
 import json
 import random
+import shutil
 import socket
 import threading
 import time
@@ -189,7 +190,19 @@ def test_the_payload_does_not_wait_for_a_link_that_is_dead(address, tmp_path):
     assert len(list(tmp_path.iterdir())) == 50
 
 
-def test_addresses_and_refusals(keys):
+def test_the_link_is_told_as_it_comes_and_goes(address):
+    station = station_at(address, lambda item: None)
+    assert station.change().startswith('nothing has come from the drone yet: ')
+    assert not station.change()
+    drone = drone_at(address)
+    drone.put(dents(1))
+    until(lambda: station.change() == 'the link to the drone works')
+    drone.close()
+    until(lambda: station.change().startswith('nothing has come from the drone for '))
+    station.close()
+
+
+def test_addresses_and_refusals(keys, tmp_path):
     assert endpoint('localhost', Security(), 'drone') == 'tcp/localhost:7447'
     assert endpoint('[::1]:5', Security(), 'drone') == 'tcp/[::1]:5'
     assert endpoint('10.0.0.1:5', Security(keys), 'drone') == 'tls/10.0.0.1:5'
@@ -201,3 +214,11 @@ def test_addresses_and_refusals(keys):
         endpoint('0.0.0.0', Security(), 'drone')
     with pytest.raises(ConfigurationError, match=r'authority\.pem is not there'):
         endpoint('10.0.0.1', Security(keys / 'nowhere'), 'ground')
+    others = (keys / 'drone.pem').read_bytes()
+    for spoilt, text in (('ground.key', b'rubbish'), ('ground.pem', others)):
+        folder = tmp_path / spoilt
+        shutil.copytree(keys, folder)
+        (folder / spoilt).write_bytes(text)
+        with pytest.raises(ConfigurationError, match='are no keys of one end: copy them anew'):
+            endpoint('10.0.0.1', Security(folder), 'ground')
+        assert endpoint('10.0.0.1', Security(folder), 'drone')
