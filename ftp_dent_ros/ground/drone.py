@@ -94,6 +94,7 @@ class Drone:
             **{f'waiting: {name}': str(count) for name, count in waiting.items()},
             'waiting (MB)': f'{self._store.size / 1e6:.1f}',
             'dropped for want of room': str(self._store.dropped),
+            'not on disk (it is full)': str(self._store.unwritten),
             'refused': str(self.refused),
         }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import re
 import threading
@@ -17,6 +18,8 @@ from ftp_dent_ros.ground.item import REPLACED, Importance, Item
 
 _NAME = re.compile(r'(\d)_(\d+)_([0-9a-f]+)_(\d+)\.item')
 _CACHE = 16 << 20  # bytes of items kept in memory too
+_FULL = (errno.ENOSPC, errno.EDQUOT)
+_BLOCK = 4096  # bytes that a file takes at least
 
 
 @dataclass(eq=False)
@@ -61,6 +64,8 @@ class Kept:
 class Store:
     """Items by name, the least important and oldest dropped when there is no room.
 
+    On a full disk `unwritten` counts what is in memory alone.
+
     State, previews and lists are kept in memory alone: another start has newer ones.
 
     Parameters
@@ -80,6 +85,7 @@ class Store:
 
     def __init__(self, folder: Path | None, limit: int, boot: int) -> None:
         self.dropped = 0
+        self.unwritten = 0
         self.size = 0
         self._folder = folder
         self._limit = limit
@@ -168,10 +174,7 @@ class Store:
     def _make_room(self) -> None:
         with self._lock:
             while self.size > self._limit and len(self._kept) > 1:
-                worst = max(
-                    self._kept.values(), key=lambda kept: (kept.importance, -kept.stamp_ns)
-                )
-                self.remove(worst)
+                self.remove(max(self._kept.values(), key=_order))
                 self.dropped += 1
 
     def _remember(self, name: Name, data: bytes) -> None:
@@ -193,15 +196,37 @@ class Store:
         return self._folder / f'{stem}.item'
 
     def _write(self, kept: Kept, data: bytes) -> None:
+        """Write an item, on a full disk in the place of less important ones."""
+        freed = 0
+        while (failure := self._failure(kept, data)) is not None:
+            with self._lock:
+                worst = max(
+                    (each for each in self._kept.values() if not each.passing),
+                    key=_order,
+                    default=kept,
+                )
+                # What others on the disk take at once is not given up for them.
+                enough = freed >= 2 * len(data) + _BLOCK
+                if failure.errno not in _FULL or enough or _order(worst) <= _order(kept):
+                    # It stays in memory as long as there is room.
+                    self.unwritten += 1
+                    return
+                freed += worst.size
+                self.remove(worst)
+                self.dropped += 1
+
+    def _failure(self, kept: Kept, data: bytes) -> OSError | None:
+        """Write an item's file; why it could not be written, if so."""
         path = self._path(kept)
         aside = path.with_suffix('.part')
         try:
             aside.write_bytes(data)
             os.replace(aside, path)
-        except OSError:
-            # A full disk: it stays in memory as long as there is room.
+        except OSError as reason:
             with contextlib.suppress(OSError):
                 aside.unlink(missing_ok=True)
+            return reason
+        return None
 
     def _find(self, path: Path) -> None:
         """Take up a file of an earlier start; halves and strangers' are left out."""
@@ -217,3 +242,8 @@ class Store:
         kept = Kept(name, Importance(int(match[1])), int(match[2]), '', size)
         self._kept[name] = kept
         self.size += size
+
+
+def _order(kept: Kept) -> tuple[int, int]:
+    """The larger, the sooner an item is dropped: the least important, of these the oldest."""
+    return kept.importance, -kept.stamp_ns

@@ -1,6 +1,7 @@
 """A drone's feed and a ground's assembly over a line of the test's own, on the test's clock."""
 
 import random
+import subprocess
 
 import pytest
 
@@ -11,6 +12,7 @@ from ftp_dent_ros.ground.frames import Name, Piece, Report
 from ftp_dent_ros.ground.item import Importance, Item
 from ftp_dent_ros.ground.pace import Pace
 from ftp_dent_ros.ground.store import Store
+from ftp_dent_ros.supervision.shared_memory import free_bytes
 
 GROUND = bytes(range(16))
 
@@ -202,6 +204,34 @@ def test_without_room_the_least_important_and_oldest_go(tmp_path):
     assert store.size <= 20_000 and store.waiting(Importance.POSES) == 10
     left = sorted(kept.stamp_ns for kept in store if kept.importance == Importance.PICTURES)
     assert left == list(range(10 - len(left), 10)) and store.dropped == 10 - len(left)
+
+
+def test_on_a_full_disk_the_important_takes_the_place_of_the_less_important(tmp_path):
+    options = ('-t', 'tmpfs', '-o', 'size=200k', 'tmpfs')
+    mounted = subprocess.run(['mount', *options, str(tmp_path)], capture_output=True, check=False)
+    if mounted.returncode:
+        pytest.skip('this user may not mount a small disk')
+    try:
+        store = Store(tmp_path, 10**9, boot=1)
+        for stamp in range(10):
+            store.put(Item(Importance.PICTURES, 'p', 'k', stamp, bytes(30_000)))
+        newest = {kept.stamp_ns for kept in store if store.read(kept)}
+        assert max(newest) == 9 and store.dropped == 10 - len(newest) > 3
+        assert not store.unwritten
+        (tmp_path / 'of others').write_bytes(bytes(free_bytes(tmp_path)))
+        for stamp in range(3):
+            store.put(Item(Importance.DENTS, 'dents', 'k', stamp, bytes(20_000)))
+        again = Store(tmp_path, 10**9, boot=2)
+        assert again.waiting(Importance.DENTS) == 3
+        # Nothing less important is left for these.
+        for kept in list(again):
+            if kept.importance != Importance.DENTS:
+                again.remove(kept)
+        (tmp_path / 'of others, too').write_bytes(bytes(free_bytes(tmp_path)))
+        kept = again.put(Item(Importance.PICTURES, 'p', 'k', 99, bytes(30_000)))
+        assert again.unwritten == 1 and again.read(kept)
+    finally:
+        subprocess.run(['umount', str(tmp_path)], check=True)
 
 
 def test_messages_that_are_none_are_refused():
