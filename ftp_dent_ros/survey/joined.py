@@ -18,8 +18,6 @@ from ftp_dent_ros.survey.joining import Joining
 from ftp_dent_ros.survey.mosaic import Mosaic
 from ftp_dent_ros.survey.unrolling import Unrolled
 
-# A scale that light, which stays with the camera, gives to what is seen on the way: a share.
-_SCALE = 7e-4
 # Of a pose that says nothing of its accuracy: metres, radians; more than the dent list takes.
 _UNKNOWN = np.diag([0.03**2] * 3 + [0.015**2] * 3)
 # Frame of a survey that no autopilot has placed.
@@ -56,21 +54,16 @@ class Joined:
     @cached_property
     def covariances(self) -> NDArray[np.float64]:
         """Of the poses in the map, shape (n, 6, 6), as in geometry_msgs/PoseWithCovariance."""
-        return self._widened(None)
+        return self.joining.graph.covariances()
 
     @cached_property
     def covariances_among_them(self) -> NDArray[np.float64]:
         """The same as seen from the middle cloud."""
-        return self._widened(len(self.poses) // 2)
+        return self.joining.graph.covariances(anchor=len(self.poses) // 2)
 
     def mosaic(self) -> Mosaic:
         """A mosaic that has room for all clouds."""
         return Mosaic(*_skin(self.joining))
-
-    def _widened(self, anchor: int | None) -> NDArray[np.float64]:
-        covariances = self.joining.graph.covariances(anchor=anchor)
-        _widen(covariances, self.poses, len(self.poses) // 2)
-        return covariances
 
 
 def join_bags(
@@ -182,10 +175,3 @@ def _skin(
     place = skin.place(points)[:, :2]
     room = 0.05
     return skin, place.min(axis=0) - room, place.max(axis=0) + room
-
-
-def _widen(covariances: NDArray[np.float64], poses: Sequence[Pose], middle: int) -> None:
-    """Add what the scale may be off by, from the middle on."""
-    for covariance, pose in zip(covariances, poses, strict=True):
-        off = _SCALE * (pose.translation - poses[middle].translation)
-        covariance[:3, :3] += np.outer(off, off)
