@@ -28,7 +28,7 @@ KINDS: dict[str, dict] = {
     'dirt of 25 %': {'dirt': 0.25},
     'even, dirt 25 %': {'dirt': 0.25, 'shading': False},
     'speckle of 10 %': {'speckle_contrast': 0.1},
-    'daylight': {'ambient': 1.0},
+    'daylight': {'ambient': 1.0, 'exposure': 0.45},
 }
 _FOCAL = 1890.0  # of the projector, its pixels
 _MOST, _TRIES = 22, 4000
