@@ -8,7 +8,6 @@ model says, which is how windows end there without leakage.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -22,6 +21,7 @@ from ftp_dent_ros.profilometry.least_squares.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.intensity_bins import IntensityBins
 from ftp_dent_ros.profilometry.least_squares.masked_fit import LEAST_SEEN, MaskedFit, enough
 from ftp_dent_ros.profilometry.least_squares.median import median
+from ftp_dent_ros.profilometry.least_squares.refined import Refined
 from ftp_dent_ros.profilometry.least_squares.surface_mask import on_surface, rim_cover, roughness
 from ftp_dent_ros.profilometry.least_squares.windows import WIDTH, Windows
 
@@ -42,38 +42,6 @@ _FITTED = 1.45
 # Mean square of the lowest contrast, seen through noise.
 _LEAST_POWER = 0.1
 _SUMS = 6
-
-
-@dataclass(frozen=True, eq=False)
-class Refined:
-    """A surface's fringes at the nodes and bins.
-
-    Attributes
-    ----------
-    shift : Denoised
-        Phase less the reference's, radians, and its variance.
-    level, modulation : ndarray, shape (rows, columns), float32
-        Mean and amplitude of the fringes, grey levels.
-    measured : ndarray, shape (rows, columns), bool
-        Bins that are on the surface.
-    covered : ndarray, shape (rows, columns), float32
-        Share of each bin that the surface covers, as far as the fringes' amplitude tells.
-    roughness : ndarray, shape (rows, columns), float32
-        Root mean square misfit of the bins around each node, in amplitudes.
-    wavelength : float
-        At which half of a detail's depth is left, pixels.
-    relief : bool
-        Whether most of the surface is rougher than skin, and than the pixels' noise makes it.
-    """
-
-    shift: Denoised
-    level: NDArray[np.float32]
-    modulation: NDArray[np.float32]
-    measured: NDArray[np.bool_]
-    covered: NDArray[np.float32]
-    roughness: NDArray[np.float32]
-    wavelength: float
-    relief: bool
 
 
 class Refinement:
@@ -187,6 +155,10 @@ class Refinement:
             self._noise,
             self._systematic,
         )
+        if self.fast:
+            lost = self._lost(denoised.values)
+            lost += self._lost(lost)
+            denoised = Denoised(denoised.values, denoised.variance + np.square(lost))
         if self.grid.bin_variance:
             lag = lag_of_bins(modulation, phase, self.grid, self.windows)
             denoised = Denoised(denoised.values - lag, denoised.variance)
@@ -199,6 +171,11 @@ class Refinement:
         return Refined(
             denoised, level, modulation, body, covered, rough, self.wavelength, bool(relief)
         )
+
+    def _lost(self, shift):
+        """What two Gaussian fits, each of which corrects the one before, leave of a shift."""
+        rest = shift - self.windows.wide(shift, 1.0)
+        return rest - self.windows.wide(rest, 1.0)
 
     def _share_of(self, mask):
         """Share of each node's window that a mask has."""

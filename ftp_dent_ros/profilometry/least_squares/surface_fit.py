@@ -22,7 +22,8 @@ from ftp_dent_ros.profilometry.least_squares.intensity_bins import IntensityBins
 from ftp_dent_ros.profilometry.least_squares.median import median
 from ftp_dent_ros.profilometry.least_squares.phase_geometry import PhaseGeometry
 from ftp_dent_ros.profilometry.least_squares.quadric import evaluate, robust_quadric
-from ftp_dent_ros.profilometry.least_squares.refinement import Refined, Refinement
+from ftp_dent_ros.profilometry.least_squares.refined import Refined
+from ftp_dent_ros.profilometry.least_squares.refinement import Refinement
 from ftp_dent_ros.profilometry.least_squares.regions import (
     apart,
     eroded,
