@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.inspection.measuring.filling import around, membrane, plate
 from ftp_dent_ros.inspection.measuring.gaps import gaps_of
+from ftp_dent_ros.inspection.measuring.patch import Patch
 from ftp_dent_ros.inspection.measuring.restoration import Restored
 
 # Two cells beside a gap.
@@ -31,12 +32,17 @@ class Bridged(Restored):
 
     bridged: Mask
 
+    @property
+    def measured(self) -> Patch:
+        """The patch without what was filled."""
+        return replace(self.patch, known=self.patch.known & ~self.bridged)
+
     def is_measured_across(self, at: tuple[int, int], angle: float, width: float) -> bool:
         """Whether there are points all across a cell, at an angle from the patch's x axis."""
         patch = self.patch
         along = np.arange(-width / 2, width / 2, patch.step / 2)
         x, y = patch.x[at[1]] + along * math.cos(angle), patch.y[at[0]] + along * math.sin(angle)
-        return bool(replace(patch, known=patch.known & ~self.bridged).is_known(x, y).all())
+        return bool(self.measured.is_known(x, y).all())
 
 
 def bridged(seen: Restored, reach: float, own: Mask) -> Bridged:

@@ -207,8 +207,8 @@ def _one(
         significance=sizes.significance,
         is_cut=outline.is_cut or sizes.hidden > _HIDDEN,
         outline=on_skin(contour, outline, sign * LEVEL * sizes.depth.value),
-        length_profile=profile_of(patch, sign, x, y, sizes.angle, length),
-        width_profile=profile_of(patch, sign, x, y, across, width),
+        length_profile=profile_of(seen.measured, sign, x, y, sizes.angle, length),
+        width_profile=profile_of(seen.measured, sign, x, y, across, width),
     )
 
 

@@ -146,11 +146,12 @@ def sizes_of(
     u_area = perimeter * math.hypot(
         flatness * local / independent, _EVENED * math.hypot(flatness * shift, grain / 2)
     )
+    volume = float((patch.depth * outline.inside).sum()) * patch.step**2
     u_volume = math.hypot(
         outline.area * offset,
         noise.after(0, around.extra) * math.sqrt(noise.correlated_area * outline.area),
+        hidden**2 * volume,
     )
-    volume = float((patch.depth * outline.inside).sum()) * patch.step**2
     return Sizes(
         outline,
         angle,

@@ -48,6 +48,8 @@ def test_a_dent_on_both_sides_of_a_strip_is_one(shape, angle):
         assert abs(one.value - whole.value) < 2 * math.hypot(one.uncertainty, whole.uncertainty)
         assert one.uncertainty < 0.15 * one.value
     assert np.linalg.norm(cut.position - dent.position) < 1e-3
+    missing = [np.isnan(p[:, 1]).any() for p in (cut.length_profile, cut.width_profile)]
+    assert any(missing)
 
 
 def test_a_strip_through_bare_skin_is_nothing():
