@@ -12,6 +12,7 @@ from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.nodes.declarations import fitted
 from ftp_dent_ros.supervision import transport
 from ftp_dent_ros.supervision.configuration import read_configuration
+from ftp_dent_ros.supervision.gate import Gate
 from ftp_dent_ros.supervision.payload import prepared
 from ftp_dent_ros.supervision.process_log import ProcessLog
 from ftp_dent_ros.supervision.processes import Processes, Program
@@ -56,10 +57,21 @@ def run(arguments: argparse.Namespace) -> int:
     stopping = stop_event().is_set
     with (
         ProcessLog(names, folder=arguments.log_dir) as log,
-        prepared(names, arguments.interface, refuse_second, log.say) as variables,
+        Processes(
+            log.show, {'RCUTILS_COLORIZED_OUTPUT': '1' if log.coloured else '0'}
+        ) as processes,
+        Gate() as gate,
     ):
-        colours = {'RCUTILS_COLORIZED_OUTPUT': '1' if log.coloured else '0'}
-        with Processes(log.show, {**colours, **variables}) as processes:
+
+        def refuse(names: Sequence[str]) -> None:
+            # They start up to where they would be seen, meanwhile.
+            for program in programs:
+                processes.start(program, gate)
+            refuse_second(names)
+
+        with prepared(names, arguments.interface, refuse, log.say) as variables:
+            processes.add(variables)
+            gate.open(len(programs))
             return keep_running(programs, processes, log.say, stopping)
 
 

@@ -12,6 +12,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from ftp_dent_ros.errors import FtpDentError
+from ftp_dent_ros.supervision import gate
 from ftp_dent_ros.supervision.signals import stop_event
 
 # A signal is noticed after that long at most, seconds.
@@ -48,6 +49,8 @@ def run(
         Exit status: 0 after a signal, 2 if the parameters or arguments are wrong (one line on
         stderr).
     """
+    if not gate.wait():
+        return 0
     stop = stop_event()
     node: Node | None = None
     executor: Executor | None = None

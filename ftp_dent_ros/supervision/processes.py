@@ -13,6 +13,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from types import TracebackType
 
+from ftp_dent_ros.supervision.gate import Gate
+
 # Of util-linux; it replaces itself by the program. (A preexec_fn is not safe beside threads.)
 _ENDS_WITH_US = ('setpriv', '--pdeathsig', 'TERM', '--') if shutil.which('setpriv') else ()
 
@@ -77,8 +79,12 @@ class Processes:
         """Process id of a program in `names`."""
         return self._running[name].process.pid
 
-    def start(self, program: Program) -> None:
-        """Start a program; no other of its name may be running."""
+    def add(self, environment: Mapping[str, str]) -> None:
+        """Add variables for the programs that are started from now on."""
+        self._environment.update(environment)
+
+    def start(self, program: Program, gate: Gate | None = None) -> None:
+        """Start a program, before a gate if one is given; no other of its name may be running."""
         if program.name in self._running:
             raise ValueError(f'{program.name} runs already')
         process = subprocess.Popen(
@@ -86,7 +92,8 @@ class Processes:
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
-            env={**os.environ, **self._environment},
+            env={**os.environ, **self._environment, **(gate.variables if gate else {})},
+            pass_fds=(gate.descriptor,) if gate else (),
             start_new_session=True,
             text=True,
             errors='replace',

@@ -56,14 +56,15 @@ def keep_running(
     stopping: Callable[[], bool],
     first_delay: float = FIRST_DELAY,
 ) -> int:
-    """Start programs and restart those that end, until `stopping` or none is left to run.
+    """Start programs that do not run, restart those that end, until `stopping` or none is left.
 
     Returns
     -------
     int
         0, or 2 if a program ended with that status: it is not started again.
     """
-    due = dict.fromkeys(programs, 0.0)  # when to start, on the monotonic clock
+    # When to start, on the monotonic clock.
+    due = dict.fromkeys((each for each in programs if each.name not in processes.names), 0.0)
     respawns = {program: Respawn(first_delay) for program in programs}
     status = 0
     while not stopping():

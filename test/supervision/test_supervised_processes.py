@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from ftp_dent_ros.supervision.gate import Gate
 from ftp_dent_ros.supervision.processes import Processes, Program
 
 # `-I -S`: a bare interpreter that starts at once.
@@ -175,6 +176,7 @@ def test_leaving_the_block_by_an_error_stops_all(lines):
 def test_leaves_no_orphan_when_it_is_killed():
     starter = f"""
 import time
+from ftp_dent_ros.supervision.gate import Gate
 from ftp_dent_ros.supervision.processes import Processes, Program
 processes = Processes(lambda name, line: None)
 for name in 'ab':
@@ -189,3 +191,21 @@ time.sleep(1000)
         assert all(map(is_alive, children))
         parent.kill()
         until(lambda: not any(map(is_alive, children)))
+
+
+def test_programs_wait_before_a_gate_and_end_if_it_is_never_opened(lines):
+    import_and_wait = 'from ftp_dent_ros.supervision.gate import wait; print(wait())'
+    programs = [
+        Program(name, (sys.executable, '-c', import_and_wait)) for name in ('one', 'two', 'three')
+    ]
+    with Processes(lines.show) as processes:
+        with Gate() as gate:
+            for program in programs[:2]:
+                processes.start(program, gate)
+            assert not processes.ended(0.1)
+            gate.open(1)
+            passed = one_that_ends(processes)
+        assert {passed.program, one_that_ends(processes).program} == set(programs[:2])
+        processes.start(programs[2])
+        one_that_ends(processes)
+    assert [line for _, line in lines] == ['True', 'False', 'True']
