@@ -73,7 +73,8 @@ class MeasuredDent:
     significance : float
         Depth over the noise that the detection held it against.
     is_cut : bool
-        Whether the rim of the measured area, or a hole, cuts it: its sizes are lower bounds.
+        Whether the rim of the measured area, or a hole, cuts it: its sizes are lower bounds, or
+        carried on over the hole.
     outline : ndarray, shape (n, 3)
         The 10 % contour, closed, on the measured skin, metres.
     length_profile, width_profile : ndarray, shape (n, 2)

@@ -63,10 +63,9 @@ def _section(
 ) -> dict[str, Any]:
     known = profile[np.isfinite(profile).all(axis=1)] if len(profile) else profile
     if len(known) < 2:
-        return {'name': name, 'line': '', 'along': [], 'span': None}
+        return {'name': name, 'parts': [], 'along': [], 'span': None}
     at, below = known.T * _MM
     along = _Axis(float(at.min()), float(at.max()), WIDTH)
-    line = ' '.join(f'{x:.1f},{y:.1f}' for x, y in zip(along.at(at), down.at(below), strict=True))
     span = None
     level = 0.1 * depth * _MM
     inside = at[np.sign(depth) * below >= abs(level)]
@@ -80,7 +79,21 @@ def _section(
             'level': f'{float(down.at(np.array(level))):.1f}',
             'text': f'{size * _MM:.1f}',
         }
-    return {'name': name, 'line': line, 'along': along.marks(_MARKS_ALONG), 'span': span}
+    parts = _parts(profile * _MM, along, down)
+    return {'name': name, 'parts': parts, 'along': along.marks(_MARKS_ALONG), 'span': span}
+
+
+def _parts(profile: NDArray[np.float64], along: _Axis, down: _Axis) -> list[dict[str, str]]:
+    """What of a profile is measured, a line each, and from where to where."""
+    known = np.isfinite(profile).all(axis=1)
+    parts = []
+    for part in np.split(profile, np.flatnonzero(np.diff(known)) + 1):
+        if not np.isfinite(part).all():
+            continue
+        at, below = along.at(part[:, 0]), down.at(part[:, 1])
+        line = ' '.join(f'{x:.1f},{y:.1f}' for x, y in zip(at, below, strict=True))
+        parts.append({'line': line, 'first': f'{at[0]:.1f}', 'last': f'{at[-1]:.1f}'})
+    return parts
 
 
 def _lowest(dent: MeasuredDent) -> float:

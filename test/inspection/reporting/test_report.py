@@ -21,6 +21,7 @@ from ftp_dent_ros.inspection.observation import Observation, viewpoint_of
 from ftp_dent_ros.inspection.reporting.drawing import on_grid, on_photograph
 from ftp_dent_ros.inspection.reporting.files import write_report
 from ftp_dent_ros.inspection.reporting.rules import Limit, Rules
+from ftp_dent_ros.inspection.reporting.sections import sections_of
 from ftp_dent_ros.inspection.reporting.survey import Survey
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig import Lens
@@ -205,3 +206,14 @@ def test_a_folder_that_cannot_be_written_is_named(tmp_path, report):
     (tmp_path / 'file').write_text('mine')
     with pytest.raises(ConfigurationError, match='name another folder'):
         write_report(tmp_path / 'file', report)
+
+
+def test_a_profile_is_not_drawn_where_nothing_was_measured():
+    along = np.linspace(-0.02, 0.02, 41)
+    profile = np.stack([along, np.where(np.abs(along) < 0.004, np.nan, 1e-3)], axis=1)
+    dent = replace(make_dent(), length_profile=profile)
+    drawn, whole = (each['parts'] for each in sections_of(dent, 2e-3)['profiles'])
+    assert len(whole) == 1
+    (left, right) = drawn
+    assert float(left['last']) < float(right['first'])
+    assert len(left['line'].split()) == len(right['line'].split()) == 17
