@@ -161,7 +161,8 @@ class PoseGraph:
 
     def strained(self, numbers: Sequence[int]) -> bool:
         """Whether some links, by their numbers, do not fit where the poses are."""
-        terms = LinkTerms.of([self.links[k] for k in numbers], numbers)
+        told = [k for k in numbers if self.links[k].relative.told]
+        terms = LinkTerms.of([self.links[k] for k in told], told)
         return bool((terms.misfits(self._turns, self._places) > _HALF).any())
 
     def covariances(

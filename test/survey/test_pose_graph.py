@@ -84,8 +84,10 @@ def test_a_cylinder_may_slide_far_and_its_pairs_still_agree():
             )
             relative = RelativePose(found, np.zeros(3), information, 4, 1.0, 1e-6)
             graph.link(number - 1, number, relative)
+    graph.link(0, 5, RelativePose(stated, np.zeros(3), np.zeros((6, 6)), 0, 1.0, 1e-6))
+    assert graph.strained([0]) and not graph.strained([5]), 'a pair that tells nothing fits'
     graph.solve()
-    assert not graph.left_out
+    assert not graph.left_out and not graph.strained(range(6))
     # All lie on one cylinder: what takes one to another turns about its axis.
     for pose in graph.poses[1:]:
         seen = graph.poses[0].inverse() @ pose
