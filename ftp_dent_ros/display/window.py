@@ -40,6 +40,8 @@ class Window:
         self.trouble = ''
         self._corner, self._size = (x, y), size
         self._image: NDArray[np.uint8] | None = None
+        # What was wrong when it was drawn last.
+        self._drawing = ''
         self._window: Any = None
         if not (os.environ.get('DISPLAY') or os.environ.get('WAYLAND_DISPLAY')):
             raise ConfigurationError(
@@ -82,14 +84,15 @@ class Window:
         if self._window is None:
             self._open()
             redraw = True
-        self.trouble = ''
+        if redraw:
+            self._draw()
+        self.trouble = self._drawing
         if shown != self._size:
             self.trouble = (
                 f'the display shows {shown[0]}x{shown[1]} pixels, the pattern has '
-                f"{self._size[0]}x{self._size[1]}: set the display to the projector's resolution"
+                f"{self._size[0]}x{self._size[1]}: set the display to the projector's resolution "
+                'and to a scale of 100 %'
             )
-        if redraw:
-            self._draw()
 
     def close(self) -> None:
         """Close the window."""
@@ -121,31 +124,36 @@ class Window:
         self._sdl.SDL_ShowCursor(self._sdl.SDL_DISABLE)
 
     def _draw(self) -> None:
-        if self._window is None or self._image is None:
-            return
+        if self._window is not None and self._image is not None:
+            self._drawing = self._drawn(self._image)
+            self.trouble = self.trouble or self._drawing
+
+    def _drawn(self, image: NDArray[np.uint8]) -> str:
+        """Draw; what is wrong with what is seen then, or nothing."""
         surface = self._sdl.SDL_GetWindowSurface(self._window)
         if not surface:
-            self.trouble = f'the window cannot be drawn ({self._error()})'
-            return
+            return f'the window cannot be drawn ({self._error()})'
         target = surface.contents
         form = target.format.contents
         shifts = form.Rshift, form.Gshift, form.Bshift
         if form.BytesPerPixel != 4:
-            self.trouble = 'the desktop has fewer than 24 bits a pixel: set it to 24'
-            return
-        height, width = (
-            min(target.h, self._image.shape[0]),
-            min(target.w, self._image.shape[1]),
-        )
+            return 'the desktop has fewer than 24 bits a pixel: set it to 24'
+        height, width = min(target.h, image.shape[0]), min(target.w, image.shape[1])
         buffer = (ctypes.c_uint8 * (target.pitch * target.h)).from_address(target.pixels)
         rows = np.frombuffer(buffer, np.uint32).reshape(target.h, target.pitch // 4)
         packed = np.zeros((height, width), np.uint32)
         for channel, shift in enumerate(shifts):
-            packed |= self._image[:height, :width, channel].astype(np.uint32) << shift
+            packed |= image[:height, :width, channel].astype(np.uint32) << shift
         rows[:] = 0
         rows[:height, :width] = packed
         if self._sdl.SDL_UpdateWindowSurface(self._window) != 0:
-            self.trouble = f'the window cannot be drawn ({self._error()})'
+            return f'the window cannot be drawn ({self._error()})'
+        if (target.w, target.h) != self._size:
+            return (
+                f'the window of {self._size[0]}x{self._size[1]} has {target.w}x{target.h} pixels: '
+                'set the scale of the desktop to 100 %'
+            )
+        return ''
 
     def _close_window(self) -> None:
         if self._window is not None:

@@ -52,6 +52,7 @@ class RigWatch:
         self._diagnostics, self._logger = diagnostics, logger
         self.wrong_calibration = ''
         self._camera_info: tuple[Any, ...] = ()
+        self._info_came = False
         self._epipolar: deque[EpipolarCheck] = deque(maxlen=LAST)
         self._lights: deque[NDArray] = deque(maxlen=FLICKER_LAST)
         self._epipolar_trouble, self._turned = '', ''
@@ -64,14 +65,23 @@ class RigWatch:
         return self._epipolar_trouble or self._turned
 
     def on_info(self, message: CameraInfo) -> None:
-        """Compare the lens that the camera says with the rig's."""
+        """Compare the lens that the camera says with the rig's; what is no lens contradicts none.
+
+        What is believed is the rig, so that a message that cannot be read is told and ignored.
+        """
         values = (message.width, message.height, tuple(message.k), tuple(message.d))
         if self._rig is None or values == self._camera_info:
+            return
+        self._info_came = True
+        try:
+            lens = lens_from_message(message)
+        except RigError as error:
+            self._diagnostics.note('camera_info', f'ignored: {error}')
+            self._diagnostics.refuse('wrong camera_info', str(error))
             return
         self._camera_info = values
         self._diagnostics.note('camera_info', 'comes')
         try:
-            lens = lens_from_message(message)
             self.wrong_calibration = ''
             if lens is not None:
                 _compare(lens, self._rig.camera, self._tolerance_px)
@@ -84,7 +94,7 @@ class RigWatch:
 
     def look(self, pattern: Pattern, photograph: Photograph, measurement: Measurement) -> None:
         """Look at another photograph and its cloud."""
-        if not self._camera_info:
+        if not self._info_came:
             self._warn_of_no_info()
         self._note_flicker(photograph)
         self._note_epipolar(measurement.epipolar)

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 
+import cv2
 import numpy as np
 import pytest
 
@@ -60,9 +61,53 @@ def server(tmp_path):
     process.wait()
 
 
+@pytest.fixture
+def compositor(tmp_path):
+    """Starts a Wayland compositor of 320x240 at a scale; its environment."""
+    if not (shutil.which('weston') and shutil.which('weston-screenshooter')):
+        pytest.skip('weston is not installed: the window is not tested under Wayland')
+    pytest.importorskip('sdl2', reason='SDL 2 is not installed: the window is not tested')
+    running = []
+
+    def begin(scale):
+        tmp_path.chmod(0o700)
+        settings = tmp_path / 'weston.ini'
+        settings.write_text('[core]\nidle-time=0\n[shell]\npanel-position=none\nlocking=false\n')
+        command = ['weston', '--backend=headless-backend.so', '--use-pixman', '--debug']
+        command += ['--width=320', '--height=240', f'--scale={scale}', '--socket=wayland-test']
+        environment = {**os.environ, 'XDG_RUNTIME_DIR': str(tmp_path)}
+        for name in ('DISPLAY', 'WAYLAND_DISPLAY'):
+            environment.pop(name, None)
+        running.append(
+            subprocess.Popen(
+                [*command, f'--config={settings}'],
+                env=environment,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+            )
+        )
+        wait_for(lambda: (tmp_path / 'wayland-test').exists() or running[-1].poll() is not None)
+        if running[-1].poll() is not None:
+            pytest.skip('weston does not start here: the window is not tested under Wayland')
+        return {
+            **environment,
+            'WAYLAND_DISPLAY': 'wayland-test',
+            'SDL_VIDEODRIVER': 'wayland',
+        }
+
+    yield begin
+    for process in running:
+        process.terminate()
+        process.wait()
+
+
 def start(name, width=320):
     environment = {**os.environ, 'DISPLAY': name, 'SDL_VIDEODRIVER': 'x11'}
     environment.pop('WAYLAND_DISPLAY', None)
+    return shown(environment, width)
+
+
+def shown(environment, width=320):
     return subprocess.Popen(
         [sys.executable, '-c', SHOW.format(width=width)],
         env=environment,
@@ -100,6 +145,35 @@ def test_another_resolution_is_told(server):
         process.wait()
         process.stdout.close()
     assert 'the display shows 320x240 pixels, the pattern has 400x240' in said
+
+
+def test_a_screenshot_under_wayland_is_the_pattern_bit_for_bit(compositor, tmp_path):
+    environment = compositor(scale=1)
+    process = shown(environment)
+
+    def is_shown():
+        subprocess.run(['weston-screenshooter'], env=environment, cwd=tmp_path, timeout=60)
+        pictures = sorted(tmp_path.glob('wayland-screenshot*.png'))
+        seen = cv2.imread(str(pictures[-1])) if pictures else None
+        return seen is not None and np.array_equal(seen[..., ::-1], PATTERN.draw())
+
+    try:
+        assert process.stdout.readline() == '\n'
+        wait_for(is_shown)
+    finally:
+        process.kill()
+        process.wait()
+        process.stdout.close()
+
+
+def test_a_scaled_desktop_is_told(compositor):
+    process = shown(compositor(scale=2))
+    try:
+        assert 'set the scale of the desktop to 100 %' in process.stdout.readline()
+    finally:
+        process.kill()
+        process.wait()
+        process.stdout.close()
 
 
 def test_without_a_desktop_it_says_what_to_do(monkeypatch):
