@@ -45,6 +45,9 @@ def find_poses(folder: Path) -> list[PoseFolder]:
         raise CalibrationError(f'{folder}: no such folder: give the one that holds the poses')
     poses = []
     for below in sorted(filter(Path.is_dir, folder.iterdir()), key=_natural):
+        # What was being written when a capture was killed.
+        if below.name.startswith('.'):
+            continue
         files = sorted((p for p in below.iterdir() if p.suffix.lower() in _SUFFIXES), key=_natural)
         if files:
             poses.append(PoseFolder(below.name, _numbered(below, files)))

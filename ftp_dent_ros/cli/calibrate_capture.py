@@ -23,7 +23,7 @@ from ftp_dent_ros.calibration.observation import Observation
 from ftp_dent_ros.calibration.observing import observe
 from ftp_dent_ros.calibration.response import projector_delay, response
 from ftp_dent_ros.calibration.sequence import Frame
-from ftp_dent_ros.calibration.session import Session, write_session
+from ftp_dent_ros.calibration.session import Session, read_session, see_poses, write_session
 from ftp_dent_ros.cli.board_arguments import (
     add_board_arguments,
     add_sequence_arguments,
@@ -42,6 +42,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the step's arguments."""
     parser.add_argument('folder', type=Path, metavar='DIR', help='where the poses go; new')
     parser.add_argument('--poses', type=int, default=15, help='default: %(default)s')
+    parser.add_argument(
+        '--resume', action='store_true', help='go on with the poses of a capture that ended early'
+    )
     parser.add_argument('--namespace', default='', help="of the payload's nodes, if they have one")
     add_board_arguments(parser)
     add_sequence_arguments(parser)
@@ -57,8 +60,14 @@ def run(arguments: argparse.Namespace) -> int:
     from ftp_dent_ros.ros.session import session as ros_session
 
     folder = arguments.folder
-    if folder.exists() and any(folder.iterdir()):
-        raise ConfigurationError(f'{folder}: is not empty: give a new folder')
+    if folder.exists() and not folder.is_dir():
+        raise ConfigurationError(f'{folder}: is a file: give a new folder')
+    if arguments.resume:
+        before = read_session(folder)
+    elif folder.exists() and any(folder.iterdir()):
+        raise ConfigurationError(
+            f'{folder}: is not empty: give a new folder, or --resume to go on with its poses'
+        )
     remap = ['-r', f'__ns:={arguments.namespace}'] if arguments.namespace else []
     with ros_session('calibration', remap) as (node, stop):
         rig = Photographer(node, stop)
@@ -71,6 +80,14 @@ def run(arguments: argparse.Namespace) -> int:
                 raise ConfigurationError(
                     f'--projector is {arguments.projector}, and {size[0]}x{size[1]} pixels are '
                     'projected: leave it out, or correct the pattern'
+                )
+            if arguments.resume and (session.board, session.sequence) != (
+                before.board,
+                before.sequence,
+            ):
+                raise ConfigurationError(
+                    f'{folder}: was begun with another board or sequence (its calibration.yaml '
+                    'says which): give the same, or a new folder'
                 )
             session = _measured(rig, session)
             write_session(folder, session)
@@ -105,9 +122,8 @@ def _measured(rig: Photographer, session: Session) -> Session:
 def _take_poses(
     rig: Photographer, session: Session, folder: Path, wanted: int, stop: threading.Event
 ) -> int:
-    seen: list[Observation] = []
-    camera_size = (0, 0)
     sequence, board = session.sequence, session.board
+    seen, camera_size, number = _seen_before(folder, session)
     while len(seen) < wanted and not stop.is_set():
         advice = next_pose(seen, board, camera_size, (sequence.width, sequence.height))
         _say(f'\npose {len(seen) + 1} of {wanted}: {advice.sentence}')
@@ -118,7 +134,7 @@ def _take_poses(
             )
         if not _confirmed():
             break
-        name = f'pose_{len(seen):02d}'
+        name = f'pose_{number:02d}'
         try:
             first = rig.take(sequence.draw(Frame('white')))
             board.find(first)  # before half a minute of photographs
@@ -129,6 +145,7 @@ def _take_poses(
             continue
         camera_size = first.shape[1], first.shape[0]
         _keep(folder / name, session, photographs)
+        number += 1
         seen.append(sight.observation)
         _say(
             f'  taken: edges {sight.blur_px:.1f} pixels soft, contrast {sight.contrast:.0f} grey '
@@ -137,6 +154,18 @@ def _take_poses(
         for remark in sight.remarks:
             _say(f'  note: {remark}')
     return len(seen)
+
+
+def _seen_before(folder: Path, session: Session) -> tuple[list[Observation], tuple[int, int], int]:
+    """Poses that a capture left which ended early, their photographs' size, the next number."""
+    numbers = [int(p.name[5:]) for p in folder.glob('pose_*') if p.name[5:].isdigit()]
+    if not numbers:
+        return [], (0, 0), 0
+    _say(f'reading the {len(numbers)} poses of {folder} ...')
+    sights, left_out, size = see_poses(folder, session)
+    for reason in left_out:
+        _say(f'  left out: {reason}')
+    return [sight.observation for sight in sights], size, max(numbers) + 1
 
 
 def _photograph(
@@ -154,11 +183,19 @@ def _keep(folder: Path, session: Session, taken: dict[Frame, NDArray[np.uint8]])
     """Write a pose's photographs; a folder under that name is whole or not there."""
     aside = folder.with_name(f'.{folder.name}')
     shutil.rmtree(aside, ignore_errors=True)
-    aside.mkdir(parents=True)
-    for number, frame in enumerate(session.sequence.frames):
-        if not cv2.imwrite(str(aside / f'{frame.name}_{number:02d}.png'), taken[frame]):
-            raise ConfigurationError(f'{aside}: cannot be written: make room on the disk')
-    aside.rename(folder)
+    try:
+        aside.mkdir(parents=True)
+        for number, frame in enumerate(session.sequence.frames):
+            # Encoded first: OpenCV does not tell of a full disk.
+            _, data = cv2.imencode('.png', taken[frame])
+            (aside / f'{frame.name}_{number:02d}.png').write_bytes(data.tobytes())
+        aside.rename(folder)
+    except OSError as reason:
+        shutil.rmtree(aside, ignore_errors=True)
+        raise ConfigurationError(
+            f'{folder}: cannot be written ({reason.strerror}): make room on the disk and go on '
+            'with --resume; the poses before it are kept'
+        ) from None
 
 
 def _confirmed(read: Callable[[], str] = sys.stdin.readline) -> bool:

@@ -277,8 +277,8 @@ def test_hostile_messages_end_nothing_and_a_flood_is_thinned(ros, rig_file, phot
         lambda: (
             all(bench.value(name) for name in names)
             and int(bench.value('clouds')) >= len(bench.clouds)
-            # One refusal is of the pattern.
-            and sum(int(bench.value(name)) for name in names) == int(bench.value('images')) + 1
+            # One refusal is of the pattern, one of camera_info.
+            and sum(int(bench.value(name)) for name in names) == int(bench.value('images')) + 2
         )
     )
     assert bench.process.stop() == 0
