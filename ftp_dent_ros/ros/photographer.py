@@ -21,6 +21,8 @@ from ftp_dent_ros.ros.qos import IMAGES, LATCHED_INPUT, PATTERNS
 
 # Nodes find each other within seconds; a photograph takes at most as long as its service.
 _DISCOVERY, _ANSWER = 15.0, 12.0
+# One that was killed is forgotten after 20 seconds, by the middleware's own measure.
+_FORGOTTEN = 25.0
 # A camera that runs by itself may deliver photographs from before the call, and one that has just
 # started may not be ready yet: tries, and seconds between those that failed.
 _MOST_TRIES, _PAUSE = 10, 0.5
@@ -49,7 +51,7 @@ class Photographer:
 
     def __init__(self, node: Node, stop: threading.Event) -> None:
         self._node, self._stop = node, stop
-        self._executor = SingleThreadedExecutor()
+        self._executor = SingleThreadedExecutor(context=node.context)
         self._executor.add_node(node)
         self._shown: deque[Image] = deque(maxlen=4)
         self._taken: deque[Image] = deque(maxlen=4)
@@ -72,7 +74,16 @@ class Photographer:
             _DISCOVERY,
             'nobody takes photographs: start camera_capture (ftp-dent up)',
         )
+        self.alone()
         return self._shown[-1].width, self._shown[-1].height
+
+    def alone(self) -> None:
+        """Wait until nobody else shows images: photographs would be of theirs."""
+        self._until(
+            lambda: self._node.count_publishers('projector/show') < 2,
+            _FORGOTTEN,
+            'another program shows images on the projector (a calibration or preflight): end it',
+        )
 
     def show(self, image: NDArray[np.uint8]) -> int:
         """Show RGB pixels; the time from which they are shown, nanoseconds."""

@@ -8,19 +8,23 @@ import sys
 import threading
 
 import numpy as np
+import pytest
 import yaml
-from sensor_msgs.msg import PointCloud2
+from rclpy.node import Node
+from sensor_msgs.msg import Image, PointCloud2
 from std_srvs.srv import Trigger
 
 from ftp_dent_ros.calibration.board import Board
 from ftp_dent_ros.calibration.session import read_session
 from ftp_dent_ros.cli.main import main
+from ftp_dent_ros.errors import CameraError
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.pattern_file import write_pattern
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig import read_rig
+from ftp_dent_ros.ros import photographer
 from ftp_dent_ros.ros.messages import cloud_from_message
-from ftp_dent_ros.ros.qos import CLOUDS
+from ftp_dent_ros.ros.qos import CLOUDS, LATCHED_INPUT
 from ftp_dent_ros.simulation import Panel, Surface
 from ftp_dent_ros.simulation.boards import random_pose
 
@@ -130,3 +134,15 @@ def test_from_capture_to_the_first_true_cloud(ros, domain, rig, rig_file, tmp_pa
     assert len(points) > 5000
     off = Surface((Panel(pose, extent),)).distance(points)
     assert np.abs(off).mean() < 1e-3
+
+
+def test_two_at_once_are_told_of_each_other(ros, monkeypatch):
+    ros.node.create_publisher(Image, 'projector/show', LATCHED_INPUT)
+    monkeypatch.setattr(photographer, '_FORGOTTEN', 1.0)
+    rig = photographer.Photographer(
+        Node('calibration', namespace=ros.namespace, context=ros.context), threading.Event()
+    )
+    ros.until(lambda: ros.node.count_publishers('projector/show') == 2)
+    with pytest.raises(CameraError, match='another program shows images'):
+        rig.alone()
+    rig.close()
