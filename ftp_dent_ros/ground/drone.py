@@ -43,6 +43,7 @@ class Drone:
         self, link: Link, folder: Path | None, room: int, limit: float, executive: Executive
     ) -> None:
         self.refused = 0
+        self._same_name = float('-inf')
         self._link = link
         self._limit = limit
         self._store = Store(folder, room, secrets.randbits(63))
@@ -98,6 +99,14 @@ class Drone:
             'refused': str(self.refused),
         }
 
+    def trouble(self) -> str:
+        """What the user should mend, in a sentence; else nothing."""
+        if self._store.unwritten:
+            return 'the disk is full: what is kept for the ground is lost with a restart'
+        if time.monotonic() - self._same_name < SILENCE:
+            return 'two grounds have the same name: start each with a --station of its own'
+        return ''
+
     def close(self) -> None:
         """End the threads; what was not delivered stays on disk."""
         with self._changed:
@@ -121,6 +130,10 @@ class Drone:
                     self.refused += 1
                     return
             elif feed.instance != report.instance:
+                if report.instance in feed.former and feed.silence < SILENCE:
+                    # Two that are taken for one would be started anew with every report.
+                    self._same_name = time.monotonic()
+                    return
                 feed.restart(report.instance, secrets.randbits(32))
                 self._offer_latest(feed)
             for kept in feed.take(report):

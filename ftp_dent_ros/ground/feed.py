@@ -66,6 +66,8 @@ class Feed:
         now: Callable[[], float] = time.monotonic,
     ) -> None:
         self.ground, self.instance, self.link = ground, instance, link
+        # Starts of the ground's program before this one.
+        self.former: deque[int] = deque(maxlen=8)
         self.pace = pace
         self.lost = self.sent_pieces = self.sent_bytes = 0
         self.delivered: dict[Importance, int] = dict.fromkeys(Importance, 0)
@@ -111,6 +113,7 @@ class Feed:
         """The ground's program was started anew: what it had in part is lost."""
         for progress in self._progress.values():
             self.offer(progress.kept)
+        self.former.append(self.instance)
         self.instance, self.link, self._sequence = instance, link, 0
         self._under_way.clear()
         self._bytes_under_way = 0

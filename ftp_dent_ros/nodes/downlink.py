@@ -224,8 +224,8 @@ class Downlink(Node):
         for name, value in state.items():
             self._diagnostics.note(name, value)
         self._diagnostics.note('recording', self._recordings.state)
-        if state['not on disk (it is full)'] != '0':
-            return WARN, 'the disk is full: what is kept for the ground is lost with a restart'
+        if trouble := self._drone.trouble():
+            return WARN, trouble
         if state['grounds'] == '0':
             return WARN, f'no ground is heard: {state["waiting (MB)"]} MB are kept'
         return OK, f'{state["rate (kbit/s)"]} kbit/s'

@@ -83,6 +83,22 @@ def test_two_grounds_and_one_that_comes_late(address):
         end.close()
 
 
+def test_two_grounds_of_one_name_are_told_and_one_is_served(address):
+    drone, came = drone_at(address), ([], [])
+    first, second = (station_at(address, each.append) for each in came)
+    until(lambda: 'same name' in drone.trouble())
+    for stamp in range(10):
+        drone.put(cloud(stamp))
+    until(lambda: max(map(len, came)) == 10 and not drone.state()['waiting: clouds'].strip('0'))
+    second.close()
+    # Whichever it was: the other one goes on.
+    until(lambda: not drone.trouble())
+    drone.put(cloud(11))
+    until(lambda: came[0][-1].stamp_ns == 11)
+    first.close()
+    drone.close()
+
+
 def test_either_end_may_start_anew_and_nothing_comes_twice(address, tmp_path):
     got = []
     drone = drone_at(address, folder=tmp_path)
