@@ -1,6 +1,7 @@
-"""Field check: false alarms on good rigs, and which drifts it finds, on rendered walls and boards.
+"""Field check: false alarms on good rigs, drifts found, on rendered walls, boards and skins.
 
-python benchmarks/rig_check.py [--walls 1000] [--boards 200] [--drifts 300] [--first 1000]
+python benchmarks/rig_check.py [--walls 1000] [--boards 200] [--skins 100] [--drifts 300]
+                               [--first 1000]
 
 Every wall and board is another: place, light, focus, noise, how flat it is and, of a board, how
 large its print came out. The first of them are looked at with a drifted rig too, one drift each.
@@ -104,6 +105,17 @@ def wall(rng: np.random.Generator) -> Target:
     return Target(image, lambda rig, points: check(rig, PATTERN, image, points, FLATNESS))
 
 
+def skin(rng: np.random.Generator) -> Target:
+    """A skin at 0.6 to 1 m: flat, a fuselage, or a wavy one."""
+    distance = rng.uniform(0.6, 1.0)
+    pose = Pose.from_rpy(rng.uniform(-0.15, 0.15, 3), (0, 0, distance))
+    wave = Wave(2e-4, 0.3, *rng.uniform(0, np.pi, 2))
+    radius, waves = ((0.0, ()), (rng.uniform(1.5, 3.0), ()), (3.0, (wave,)))[rng.integers(3)]
+    panel = Panel(pose, (-1, 1, -1, 1), cylinder_radius=radius, waves=waves)
+    image = render(RIG, PATTERN.draw(), Surface((panel,)), light(rng, distance), rng)
+    return Target(image, lambda rig, points: check(rig, PATTERN, image, points, np.inf))
+
+
 def board(rng: np.random.Generator) -> Target:
     """A board with the stripe on it, tilted by up to 35 degrees."""
     distance = rng.uniform(0.65, 0.9)
@@ -182,10 +194,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--walls', type=int, default=1000)
     parser.add_argument('--boards', type=int, default=200)
+    parser.add_argument('--skins', type=int, default=100)
     parser.add_argument('--drifts', type=int, default=300, help='targets seen by a drifted rig')
     parser.add_argument('--first', type=int, default=1000)
     arguments = parser.parse_args()
-    for make, count in ((wall, arguments.walls), (board, arguments.boards)):
+    for make, count in (
+        (wall, arguments.walls),
+        (board, arguments.boards),
+        (skin, arguments.skins),
+    ):
         if count:
             for line in tried(make, arguments.first, count, arguments.drifts):
                 print(line, flush=True)
