@@ -25,8 +25,8 @@ _BACK = (1, 3)
 _CLOSURES, _APART, _NEAR = 2, 8, 0.6
 # A cloud is kept for later passes where the last that was kept is this part of a patch away.
 _KEPT = 0.3
-# Poses that move as clouds come; all move at once every so many clouds.
-_WINDOW, _EVERY = 20, 100
+# Poses that move as clouds come; all move at once after so many clouds, and so much more of them.
+_WINDOW, _EVERY, _GROWN = 20, 100, 1.25
 # Clouds before the newest, and about another, by which the doubt of these two is known.
 _NEARBY = 4
 # Of a cloud's place seen from the one before, where no autopilot tells it: metres, radians.
@@ -57,7 +57,7 @@ class Joining:
         self.without_skin = 0
         self._remark = remark
         self._kept: dict[int, Kept] = {}
-        self._last_key = -1
+        self._last_key, self._all_at = -1, _EVERY
         self.outlines: list[NDArray[np.float64]] = []
         self.normals: list[NDArray[np.float64]] = []
 
@@ -111,8 +111,9 @@ class Joining:
         closures = range(before, len(self.graph.links))
         self.graph.solve(fixed=max(0, number - _WINDOW))
         # What the last poses cannot take up moves all.
-        if number % _EVERY == 0 or self.graph.strained(closures):
+        if number >= self._all_at or self.graph.strained(closures):
             self.graph.solve()
+            self._all_at = max(number + _EVERY, round(_GROWN * number))
         self._forget(number)
         return self.graph.poses[number]
 
