@@ -8,9 +8,9 @@ from collections.abc import Callable
 from typing import Generic, TypeVar
 
 Item = TypeVar('Item')
-# Two seconds of photographs at 2 Hz: as long as a process of a busy computer stands still now and
-# then, with all that came meanwhile coming in one breath.
-WAITING = 4
+# With the one in work, a second and a half of photographs at 2 Hz: as long as a process of a busy
+# computer stands still now and then. On one that is too slow for good each makes the next later.
+WAITING = 2
 
 
 class NewestWorker(Generic[Item]):
