@@ -114,7 +114,7 @@ class CodedStart:
             phase = base + grid.at_bins(shift)
             more = excess_blur(model, grid, self.windows, light.grey, phase, mask, blur)
             blur = blur + more.excess
-            if np.abs(more.excess).max() < _NEAR:
+            if np.abs(more.excess[region]).mean() < _NEAR:
                 break
         return Decoded(
             shift,

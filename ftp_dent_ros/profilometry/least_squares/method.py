@@ -78,8 +78,7 @@ class LeastSquares:
         light = IntensityBins.of(photograph, self.grid, self.pattern.code == 'stripe')
         table = self._table
         fringes = fit(self.grid, self.windows, table, light.red)
-        low = self.pattern.low_contrast if self.pattern.code == 'contrast' else 1.0
-        lit, seams = fringe_region(fringes, self.windows, self.grid, self.period, low)
+        lit, seams = fringe_region(fringes, self.windows, self.grid, self.period)
         check_exposure(light, lit, self.grid, self.period)
         surfaces = self._surfaces.fitted(light, fringes, lit, seams)
         return self._result(light, lit, surfaces, self._check_pattern(surfaces))

@@ -21,8 +21,9 @@ from ftp_dent_ros.profilometry.least_squares.regions import SMALLEST
 # Pixel rows that are judged together; of mean square misfit, in steps of the code, that is
 # another order's: a wrong one leaves a half on average.
 _ROWS, _WRONG = 20.0, 0.3
-# Times what the better quarter of the places leaves, that is another order's.
-_NOISE = 2.0
+# Times what the better quarter of the places leaves, and times what the best twentieth leaves less
+# than that, beyond it, that is another order's: 3.7 standard deviations above the middle.
+_NOISE, _SCATTER = 2.0, 4.5
 # Fringes and rows by which the blocks that are asked overlap, over their length.
 _BLOCK, _OVERLAP = 16, 2
 # Orders of one part.
@@ -92,16 +93,24 @@ class Numbering:
         """Surfaces of one part."""
         decoded = steps.decoded(self.pattern)
         scales = {decoded.order: decoded.scale} if decoded.sure else {}
-        wrong = self._wrong(steps, scales)
-        if scales and not wrong.any():
-            return [(region, decoded.order)]
+        if scales:
+            local = self._local(steps, *next(iter(scales.items())))
+            if not self._wrong(steps, local, self._least(steps, local)).any():
+                return [(region, decoded.order)]
         # Blocks of one order each tell its scale better than a mixture does.
         scales |= self._asked(steps)
         if not scales:
             return []
         orders = list(scales)
-        local = np.stack([self._local(steps, *each) for each in scales.items()])
-        choice = np.where(self._wrong(steps, scales), -1, local.argmin(axis=0))
+        each = np.stack([self._local(steps, *one) for one in scales.items()])
+        choice, best = each.argmin(axis=0), each.min(axis=0)
+        least = self._least(steps, best, _SCATTER)
+        if decoded.sure:
+            # Another order than the whole part's is believed only around where that one is wrong.
+            index = orders.index(decoded.order)
+            wrong: Any = self._wrong(steps, each[index], least).view(np.uint8)
+            choice[cv2.dilate(wrong, np.ones((self._rows, WORD - 1), np.uint8)) == 0] = index
+        choice[self._wrong(steps, best, least)] = -1
         label = self._at_nodes(choice, steps, phase, region)
         regions = []
         for index in range(len(orders)):
@@ -121,15 +130,21 @@ class Numbering:
         ]
         return both[0] / np.maximum(both[1], np.float32(1e-3))
 
-    def _wrong(self, steps: ContrastSteps, scales: dict[int, float]) -> NDArray[np.bool_]:
-        """Steps around which none of the orders fits, over a word's width."""
-        known = steps.weight > 0
-        if not scales or not known.any():
-            return known
-        local = np.min([self._local(steps, *each) for each in scales.items()], axis=0)
-        # What noise leaves of a right order, the better quarter shows.
-        least = max(_WRONG, _NOISE * float(np.quantile(local[known], 0.25)))
-        wrong: Any = (known & (local > least)).view(np.uint8)
+    def _least(
+        self, steps: ContrastSteps, local: NDArray[np.float32], scatter: float = 0.0
+    ) -> float:
+        """Misfit around a step that is another order's.
+
+        What noise leaves of a right order, and how that scatters, the better quarter shows.
+        """
+        low, quarter = np.quantile(local[steps.weight > 0], (0.05, 0.25))
+        return max(_WRONG, float(_NOISE * quarter), float(quarter + scatter * (quarter - low)))
+
+    def _wrong(
+        self, steps: ContrastSteps, local: NDArray[np.float32], least: float
+    ) -> NDArray[np.bool_]:
+        """Steps around which an order does not fit, over a word's width."""
+        wrong: Any = ((steps.weight > 0) & (local > least)).view(np.uint8)
         return cv2.morphologyEx(wrong, cv2.MORPH_OPEN, np.ones((self._rows, WORD // 2 + 1))) > 0
 
     def _asked(self, steps: ContrastSteps) -> dict[int, float]:

@@ -35,20 +35,9 @@ SMALLEST = 30  # nodes of a surface
 
 
 def fringe_region(
-    fringes: Fringes, windows: Windows, grid: Grid, period: float, low_contrast: float = 1.0
+    fringes: Fringes, windows: Windows, grid: Grid, period: float
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Nodes that see fringes of one surface, and those in between that see two.
-
-    Parameters
-    ----------
-    fringes : Fringes
-    windows : Windows
-    grid : Grid
-    period : float
-        Of the fringes, pixels.
-    low_contrast : float
-        Least contrast of the pattern's fringes.
-    """
+    """Nodes that see fringes of one surface, and those in between that see two."""
     nu, nv = (math.ceil(period / pitch) for pitch in grid.pitch)
     reaches = (windows.sigma_v, nv), (windows.sigma_u, nu)
     reach = [2 * math.ceil(2 * sigma) + 2 * n + 1 for sigma, n in reaches]
@@ -58,7 +47,7 @@ def fringe_region(
     between = cv2.morphologyEx(
         fringes.modulation, cv2.MORPH_CLOSE, np.ones((2 * nv + 1, 4 * nu + 1), np.uint8)
     )
-    valley = fringes.modulation <= np.float32(_VALLEY * low_contrast) * between
+    valley = fringes.modulation <= _VALLEY * between
     rim = beside_dark & (fringes.modulation <= _RIM * shoulder)
     return lit & ~rim & ~valley, lit & valley
 
