@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial.distance import cdist
 from sensor_msgs.msg import PointCloud2
 
 from ftp_dent_ros.cloud import Cloud
@@ -22,6 +25,8 @@ from ftp_dent_ros.simulation.truth import TrueDent, true_dents
 from ftp_dent_ros.simulation.world import World
 
 _MM = 1e3
+# Standard uncertainties that a place may be off by: of three axes, 97 in 100 are not.
+_SIGMAS = 3.0
 
 
 @dataclass(frozen=True)
@@ -41,7 +46,8 @@ class DentAppraisal:
     depth_error_mm, length_error_mm, width_error_mm : float
         Largest absolute error of the combined measurements of dents that were seen whole.
     dents_in_list, dents_false_in_list : int
-        What the node's own list held at the end.
+        What the node's own list held at the end, and what of it is no true dent, or one twice,
+        within what the list states of its places.
     clouds_not_inspected : int
     others, others_false : int
         Reported as something else than a dent, and of these where there is no dent.
@@ -62,8 +68,24 @@ class DentAppraisal:
     others_false: int
 
 
-def appraise_dents(bag: Bag, report: Report, world: World, camera: Lens) -> DentAppraisal:
-    """Compare a report on a bag with the world that it was recorded in."""
+def appraise_dents(
+    bag: Bag,
+    report: Report,
+    world: World,
+    camera: Lens,
+    move: Callable[[int | None], Pose],
+) -> DentAppraisal:
+    """Compare a report on a bag with the world that it was recorded in.
+
+    Parameters
+    ----------
+    bag : Bag
+    report : Report
+    world : World
+    camera : Lens
+    move : callable
+        What puts the clouds that belong to the one of a stamp onto the true skin.
+    """
     truth = [true for true in true_dents(world.surface) if true.depth > 0]
     clouds = dict(clouds_of(bag, '/points'))
     expected: set[tuple[int, int]] = set()
@@ -77,13 +99,15 @@ def appraise_dents(bag: Bag, report: Report, world: World, camera: Lens) -> Dent
                 for index, true in enumerate(truth)
                 if _lies_in(true, inside, seen_from, camera)
             }
+    stamps = {frame.number: frame.stamp_ns for frame in report.frames}
     found: set[tuple[int, int]] = set()
     false = 0
     errors = []
     others_false = 0
     for entry in report.entries:
         is_dent = entry.dent.kind == 'dent'
-        index = true_index(entry.dent.position, truth)
+        onto = move(stamps[entry.best])
+        index = true_index(onto.apply(entry.dent.position), truth)
         if index is None:
             false += is_dent
             others_false += not is_dent
@@ -94,7 +118,7 @@ def appraise_dents(bag: Bag, report: Report, world: World, camera: Lens) -> Dent
         if is_dent and not entry.dent.is_cut:
             errors.append(_errors(entry, truth[index]))
     whole = {index for index, _ in expected}
-    listed = _last_list(bag)
+    places, deviations = _last_list(bag)
     worst = np.abs(errors).max(axis=0) * _MM if errors else np.full(3, np.nan)
     return DentAppraisal(
         dents=len(whole),
@@ -105,8 +129,8 @@ def appraise_dents(bag: Bag, report: Report, world: World, camera: Lens) -> Dent
         depth_error_mm=float(worst[0]),
         length_error_mm=float(worst[1]),
         width_error_mm=float(worst[2]),
-        dents_in_list=len(listed),
-        dents_false_in_list=sum(true_index(place, truth) is None for place in listed),
+        dents_in_list=len(places),
+        dents_false_in_list=len(places) - _told_right(places, deviations, truth),
         clouds_not_inspected=len(report.refused),
         others=len(report.others),
         others_false=others_false,
@@ -152,11 +176,27 @@ def _errors(entry: ListedDent, true: TrueDent) -> tuple[float, float, float]:
     )
 
 
-def _last_list(bag: Bag) -> np.ndarray:
-    """Positions of the dents in the last list that the node published, shape (n, 3)."""
+def _told_right(
+    places: NDArray[np.float64], deviations: NDArray[np.float64], truth: Sequence[TrueDent]
+) -> int:
+    """How many places can each be one of the true dents, within what they state; of one, one."""
+    if not len(places) or not truth:
+        return 0
+    apart = cdist(places, np.stack([true.position for true in truth]))
+    reach = np.array([true.length / 2 for true in truth]) + _SIGMAS * deviations[:, None]
+    row, column = linear_sum_assignment(np.where(apart <= reach, apart / reach, 2.0))
+    return int((apart <= reach)[row, column].sum())
+
+
+def _last_list(bag: Bag) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Dents in the last list that the node published: places, (n, 3), and their deviations, (n,).
+
+    A deviation is a place's standard uncertainty in the map along one axis, metres.
+    """
     if not bag.metadata.message_counts.get('/dents/list', 0):
-        return np.zeros((0, 3))
+        return np.zeros((0, 3)), np.zeros(0)
     *_, last = bag.messages(['/dents/list'])
     dents = dents_from_message(deserialize_message(last.data, PointCloud2))
     dents = dents[dents['kind'] == KINDS.index('dent')]
-    return np.stack([dents[axis] for axis in 'xyz'], axis=-1).astype(float)
+    places = np.stack([dents[axis] for axis in 'xyz'], axis=-1).astype(float)
+    return places, dents['position_uncertainty'].astype(float)

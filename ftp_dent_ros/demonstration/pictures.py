@@ -71,7 +71,7 @@ def view_3d(
     axes.set_box_aspect(np.maximum(np.ptp(every, axis=0), 0.2), zoom=1.7)
     axes.set(xlabel='east, m', ylabel='north, m', zlabel='up, m')
     axes.locator_params(axis='z', nbins=3)
-    figure.suptitle('Tagged points in the map, coloured by depth behind the undented skin')
+    figure.suptitle('The skin by its own poses, coloured by depth behind the undented one')
     # From behind the drone, a little to the side and above.
     behind = np.degrees(np.arctan2(*-forward.mean(axis=0)[[1, 0]]))
     axes.view_init(elev=18, azim=behind + 30)

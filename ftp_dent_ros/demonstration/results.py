@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from ftp_dent_ros.demonstration.appraisal import (
 )
 from ftp_dent_ros.files import written_aside
 from ftp_dent_ros.ply import write_ply
+from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.recording.provenance import rig_id_of
 from ftp_dent_ros.recording.reader import Bag
 from ftp_dent_ros.simulation.surface import Surface
@@ -32,8 +33,16 @@ _KEPT = 3
 _SHOWN = 120_000
 
 
-def write_results(bag: Bag, world: World, folder: Path, progress: Callable[[], Any]) -> None:
+def write_results(
+    bag: Bag,
+    world: World,
+    poses: Mapping[int, Pose],
+    folder: Path,
+    progress: Callable[[], Any],
+) -> None:
     """Write clouds and pictures of a recorded flight into `folder`.
+
+    `poses` are the cameras' by the skin, put onto the true one, by the clouds' stamps.
 
     ``clouds/`` takes the first, the middle and the last cloud in the camera's frame and in
     ``map``; the pictures of a single photograph are those of the one in the middle.
@@ -53,7 +62,7 @@ def write_results(bag: Bag, world: World, folder: Path, progress: Callable[[], A
                 write_ply(path, cloud, frame_id, rig_id)
                 progress()
     _pictures_of_one(bag, world, middle, folder, progress)
-    _picture_of_all(bag, world, stamps, folder)
+    _picture_of_all(bag, world, poses, folder)
     progress()
 
 
@@ -79,14 +88,15 @@ def _pictures_of_one(
         progress()
 
 
-def _picture_of_all(bag: Bag, world: World, stamps: list[int], folder: Path) -> None:
+def _picture_of_all(bag: Bag, world: World, poses: Mapping[int, Pose], folder: Path) -> None:
     """The measured skin along the flight, coloured by how deep it lies behind the undented one."""
     every = []
-    for _, cloud in clouds_of(bag, '/tagged/points'):
-        points = cloud.points[cloud.valid]
-        step = max(1, len(points) * len(stamps) // _SHOWN)
-        every.append(points[::step])
-    skin = np.concatenate(every).astype(np.float64)
+    for stamp, cloud in clouds_of(bag, '/points'):
+        if stamp in poses:
+            points = cloud.points[cloud.valid].astype(np.float64)
+            step = max(1, len(points) * len(poses) // _SHOWN)
+            every.append(poses[stamp].apply(points[::step]))
+    skin = np.concatenate(every)
     undented = Surface(tuple(replace(panel, dents=()) for panel in world.surface.panels))
-    flight = [world.base_pose(stamp) for stamp in stamps]
+    flight = [world.base_pose(stamp) for stamp in poses]
     pictures.view_3d(folder / 'view_3d.png', skin, undented.distance(skin), flight)

@@ -21,6 +21,8 @@ _SCALE_BARS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 # Depth at the ends of the deviation's colours, metres.
 _DEEPEST = 0.5e-3
 _GAPS, _REMARKS = 20, 12
+# Of a part that is shown side by side: length by height.
+_LONGEST = 4.0
 _NOTHING, _GAP = (225, 227, 230), (216, 35, 42)
 _COLOURS = 'viridis_r'
 
@@ -50,9 +52,10 @@ def skin_of(
         told.append(f'And {len(remarks) - _REMARKS} more remarks.')
     return Skin(
         size=(int(columns), int(rows)),
+        windows=_windows(columns, rows),
         layers=_layers(mosaic, cells),
         outlines=[_outline(each, mosaic) for each in dents],
-        bar=_bar(columns),
+        bar=_bar(_windows(columns, rows)[0][1]),
         facts=[*facts, *_coverage_facts(mosaic, cells)],
         gaps=[
             {
@@ -138,9 +141,9 @@ def _coverage_facts(mosaic: Mosaic, cells: CoverageCells) -> list[tuple[str, str
         text = f'{half:.3f} mm deep on half of it, {most:.3f} mm on 95 %'
         facts.append(('A dent was found from', text))
     if len(cells.views):
-        text = f'{np.median(cells.views):.0f} times on half of it'
-        once = float(np.mean(cells.views == 1))
-        facts.append(('Each place seen', f'{text}, {100 * once:.0f} % once'))
+        once, often = float(np.mean(cells.views == 1)), np.median(cells.views)
+        text = f'{often:.0f} times or more on half of it, ' if often > 1 else ''
+        facts.append(('Places seen', f'{text}once on {100 * once:.0f} %'))
     return facts
 
 
@@ -153,12 +156,20 @@ def _outline(entry: SurveyedDent, mosaic: Mosaic) -> dict[str, Any]:
         'points': ' '.join(f'{a:.1f},{b:.1f}' for a, b in zip(u, v, strict=True)),
         'number': entry.number,
         'kind': dent.kind,
-        'x': f'{u.max():.1f}',
-        'y': f'{v.min():.1f}',
+        'left': round(float(u.min()), 1),
+        'right': round(float(u.max()), 1),
+        'top': round(float(v.min()), 1),
     }
 
 
-def _bar(columns: int) -> dict[str, Any]:
+def _windows(columns: int, rows: int) -> list[tuple[float, float]]:
+    """Parts of a long strip that are not too low to be looked at."""
+    count = max(1, math.ceil(columns / (_LONGEST * rows)))
+    width = columns / count
+    return [(round(index * width, 2), round(width, 2)) for index in range(count)]
+
+
+def _bar(columns: float) -> dict[str, Any]:
     goal = columns * PIXEL / 7
     length = min(_SCALE_BARS, key=lambda bar: abs(math.log(bar / goal)))
     text = f'{length:g} m' if length >= 1 else f'{length * _MM:g} mm'

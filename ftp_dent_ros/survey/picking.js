@@ -43,7 +43,7 @@ function pointAt(x, y) {
 // x and y on the unrolled skin of a pointer on a picture.
 function placeOf(event, svg) {
   const box = svg.getBoundingClientRect(), size = svg.viewBox.baseVal;
-  const u = (event.clientX - box.left) * size.width / box.width;
+  const u = size.x + (event.clientX - box.left) * size.width / box.width;
   const v = (event.clientY - box.top) * size.height / box.height;
   return { u, v, x: places.low[0] + u * places.pixel, y: places.low[1] + (size.height - v) * places.pixel };
 }

@@ -58,6 +58,10 @@ def test_figures_are_within_their_bounds_and_files_are_there(flight):
     figures = json.loads((flight / 'summary.json').read_text())['figures']
     assert all(figures[name] <= bound for name, bound in BOUNDS.items())
     assert figures['tagged_clouds'] >= 5
+    # The autopilot errs by centimetres, and the skin knows better.
+    assert figures['map_mae_mm'] > 1 > 50 * figures['skin_mae_mm']
+    # A slow machine's photographs may lie too far apart to share any skin.
+    assert figures['skin_parts'] <= figures['clouds'] / 2 and figures['skin_place_mm'] < 1
     pictures = ('camera.png', 'depth.png', 'error_camera.png', 'error_map.png', 'view_3d.png')
     assert all((flight / name).stat().st_size > 10_000 for name in pictures)
     clouds = [read_ply(path)[0] for path in (flight / 'clouds').glob('*.ply')]
@@ -85,13 +89,16 @@ def test_it_ends_with_the_report_on_the_dents_that_are_there(flight):
     assert sum(sightings) >= figures['sightings'] - figures['sightings_missed'] > 0
     page = (flight / 'report/report.html').read_text()
     assert 'data:image/jpeg' in page
+    drawn = page[page.index('id="skin"') : page.index('The skin in three dimensions')]
+    assert 'Smallest dent that would have been found' in drawn and 'Signature' in drawn
+    assert drawn.count('<polygon class="edge') >= 3 * len(found)
     # A slow machine's photographs may lie too far apart for a dent to be seen again.
     assert max(sightings) == 1 or 'Repeatability' in page
     assert figures['dents_in_list'] >= 1, 'the node saw them in flight'
 
 
 def test_its_bag_is_inspected_again_to_the_same_dents(flight, tmp_path):
-    words = ('inspect', flight / 'bag', '--output', tmp_path / 'out')
+    words = ('inspect', flight / 'bag', '--survey', '--output', tmp_path / 'out')
     done = ftp_dent(*words, '--rules', 'shipped:example_rules.yaml')
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip().endswith('report.html') and 'seen ' in done.stdout

@@ -125,7 +125,8 @@ def test_poses_are_the_flights_at_their_own_time(client):
     # The path is known at the boot clock's exact time; the offset to within half a round trip.
     slack = 1e-5 + round_trip / 2e9 * np.array([0.5, np.radians(10)])
     for boot_ms in sorted(attitudes.keys() & positions.keys()):
-        pose = world.base_pose(boot_ns + boot_ms * 1_000_000)
+        seconds = world.flight_time(boot_ns + boot_ms * 1_000_000)
+        pose = world.errors.estimated(world.flight, seconds)
         position, attitude = positions[boot_ms], attitudes[boot_ms]
         east, north, up = pose.translation
         sent = np.array([position.x, position.y, position.z])

@@ -95,6 +95,33 @@ def test_picked_points_give_the_aircrafts_frame(surveyed, tmp_path, capsys):
     assert 'Station, buttock line, water line' in (tmp_path / 'again/survey.html').read_text()
 
 
+def test_a_long_strip_is_shown_in_parts_that_are_picked_in(tmp_path):
+    skin = FlownSkin(26, dents=((1.0, 0.02, 0.03, 5e-4),))
+    poses = list(skin.flight(6, step=0.2))
+    bag = record(tmp_path / 'flight', skin, poses, poses)
+    assert main(['survey', str(bag), '--output', str(tmp_path / 'out')]) == 0
+    found = json.loads((tmp_path / 'out/survey.json').read_text())
+    (dent,) = (each for each in found['dents'] if each['kind'] == 'dent')
+    browser = Chromium(tmp_path / 'profile')
+    try:
+        browser.open((tmp_path / 'out/survey.html').as_uri())
+        browser.until(READY)
+        assert browser.value("document.querySelectorAll('.skin').length") == 3
+        assert browser.value("document.querySelectorAll('.skin svg').length") == 6
+        parts = "[...document.querySelectorAll('.skin svg')]"
+        part = browser.value(f"{parts}.findIndex((each) => each.querySelector('.edge'))")
+        start, *_ = browser.value(
+            f"document.querySelectorAll('.skin svg')[{part}].getAttribute('viewBox')"
+        ).split()
+        (u, v), *_ = browser.value(MIDDLES)
+        browser.value(CLICK % (part, u - float(start), v))
+        (picked,) = browser.value('picks.map((pick) => pick.point)')
+        assert browser.errors == []
+    finally:
+        browser.close()
+    np.testing.assert_allclose(picked, dent['position'], atol=1.5e-3)
+
+
 def test_points_without_coordinates_are_no_points_yet(surveyed, tmp_path):
     browser = Chromium(tmp_path / 'profile')
     try:

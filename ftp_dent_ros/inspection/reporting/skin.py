@@ -37,9 +37,11 @@ class Skin:
     ----------
     size : (int, int)
         Width and height of the pictures.
+    windows : sequence of (float, float)
+        Left edge and width of the parts that a picture is shown in, one below the other.
     layers : sequence of Layer
     outlines : sequence of dict
-        ``points``, ``number``, ``kind``, ``x`` and ``y`` of each dent.
+        ``points``, ``number``, ``kind``, ``left``, ``right`` and ``top`` of each dent.
     bar : dict
         ``length`` and ``text`` of a scale bar.
     facts : sequence of (str, str)
@@ -49,6 +51,7 @@ class Skin:
     """
 
     size: tuple[int, int]
+    windows: Sequence[tuple[float, float]]
     layers: Sequence[Layer]
     outlines: Sequence[dict[str, Any]]
     bar: dict[str, Any]
