@@ -211,7 +211,10 @@ def _table(appraisal: Appraisal, dents: DentAppraisal, skin: SkinAppraisal) -> s
             f'width {d.width_error_mm:.2f} mm',
         ),
         ('listed as others', f'{d.others}, where there is no dent {d.others_false}'),
-        ("dents in the node's list", f'{d.dents_in_list}, false {d.dents_false_in_list}'),
+        (
+            "dents in the node's list",
+            f'{d.dents_in_list}, false {d.dents_false_in_list}, twice {d.dents_twice_in_list}',
+        ),
     ]
     return '\n'.join(f'{name:26}{value}' for name, value in rows)
 

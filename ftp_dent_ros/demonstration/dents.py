@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
-from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 from sensor_msgs.msg import PointCloud2
 
@@ -27,6 +26,8 @@ from ftp_dent_ros.simulation.world import World
 _MM = 1e3
 # Standard uncertainties that a place may be off by: of three axes, 97 in 100 are not.
 _SIGMAS = 3.0
+# After so many, whose dent is whose changes no more.
+_ROUNDS = 4
 
 
 @dataclass(frozen=True)
@@ -45,9 +46,10 @@ class DentAppraisal:
         Found, and not there; in any cloud.
     depth_error_mm, length_error_mm, width_error_mm : float
         Largest absolute error of the combined measurements of dents that were seen whole.
-    dents_in_list, dents_false_in_list : int
-        What the node's own list held at the end, and what of it is no true dent, or one twice,
-        within what the list states of its places.
+    dents_in_list, dents_false_in_list, dents_twice_in_list : int
+        What the node's own list held at the end; what of it is no true dent, within what the list
+        states of its places; and what is one that it has already: where photographs lie too far
+        apart, the autopilot's poses alone do not tell that.
     clouds_not_inspected : int
     others, others_false : int
         Reported as something else than a dent, and of these where there is no dent.
@@ -63,6 +65,7 @@ class DentAppraisal:
     width_error_mm: float
     dents_in_list: int
     dents_false_in_list: int
+    dents_twice_in_list: int
     clouds_not_inspected: int
     others: int
     others_false: int
@@ -119,6 +122,7 @@ def appraise_dents(
             errors.append(_errors(entry, truth[index]))
     whole = {index for index, _ in expected}
     places, deviations = _last_list(bag)
+    false_in_list, twice_in_list = _against(places, deviations, truth)
     worst = np.abs(errors).max(axis=0) * _MM if errors else np.full(3, np.nan)
     return DentAppraisal(
         dents=len(whole),
@@ -130,7 +134,8 @@ def appraise_dents(
         length_error_mm=float(worst[1]),
         width_error_mm=float(worst[2]),
         dents_in_list=len(places),
-        dents_false_in_list=len(places) - _told_right(places, deviations, truth),
+        dents_false_in_list=false_in_list,
+        dents_twice_in_list=twice_in_list,
         clouds_not_inspected=len(report.refused),
         others=len(report.others),
         others_false=others_false,
@@ -176,16 +181,24 @@ def _errors(entry: ListedDent, true: TrueDent) -> tuple[float, float, float]:
     )
 
 
-def _told_right(
+def _against(
     places: NDArray[np.float64], deviations: NDArray[np.float64], truth: Sequence[TrueDent]
-) -> int:
-    """How many places can each be one of the true dents, within what they state; of one, one."""
+) -> tuple[int, int]:
+    """How many places are of no true dent, within what they state, and of one that has another.
+
+    The autopilot's error that all have in common is taken off before the nearest is looked for.
+    """
     if not len(places) or not truth:
-        return 0
-    apart = cdist(places, np.stack([true.position for true in truth]))
-    reach = np.array([true.length / 2 for true in truth]) + _SIGMAS * deviations[:, None]
-    row, column = linear_sum_assignment(np.where(apart <= reach, apart / reach, 2.0))
-    return int((apart <= reach)[row, column].sum())
+        return len(places), 0
+    true = np.stack([each.position for each in truth])
+    shift = np.zeros(3)
+    for _ in range(_ROUNDS):
+        nearest = cdist(places - shift, true).argmin(axis=1)
+        shift = np.median(places - true[nearest], axis=0)
+    apart = np.linalg.norm(places - true[nearest], axis=1)
+    is_false = apart > np.array([truth[i].length / 2 for i in nearest]) + _SIGMAS * deviations
+    told = nearest[~is_false]
+    return int(is_false.sum()), len(told) - len(set(told.tolist()))
 
 
 def _last_list(bag: Bag) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
