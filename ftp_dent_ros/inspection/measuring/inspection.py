@@ -15,7 +15,7 @@ from ftp_dent_ros.inspection.measuring.bare_skin import bare_skin
 from ftp_dent_ros.inspection.measuring.detection import find_candidates, findable_depth
 from ftp_dent_ros.inspection.measuring.hidden import hidden_dent
 from ftp_dent_ros.inspection.measuring.lattice import Lattice
-from ftp_dent_ros.inspection.measuring.measurement import measure
+from ftp_dent_ros.inspection.measuring.measurement import CERTAIN, measure
 from ftp_dent_ros.inspection.measuring.panels import find_panels, seam
 from ftp_dent_ros.inspection.measuring.steps import find_steps
 from ftp_dent_ros.inspection.measuring.surroundings import surroundings_of
@@ -70,6 +70,10 @@ def inspect(
         np.copyto(deviation, depth if relief is None else depth - relief, where=at)
         np.copyto(spread, lattice.spread(skin.noise.after(0), shape), where=at)
         least = findable_depth(skin.noise, settings)
+        if skin.relief is not None:
+            # What a dent is held against is known no better than the waves under it.
+            unsure = skin.relief.uncertainty(settings.smallest_width)
+            least = np.maximum(least, np.float32(CERTAIN * unsure))
         np.copyto(findable, lattice.spread(least, shape), where=at)
         if skin.relief is not None:
             wavy.append(waviness_of(skin.relief, panel.mask, lattice))

@@ -40,7 +40,7 @@ _CELLS = 64
 _ACROSS = 14
 # Standard uncertainties that a depth has at least for the kind to be told: fittings that are not
 # resolved come out round, and of what is long the smoothing hides the depth but not the kind.
-_CERTAIN, _CERTAIN_LONG = 4.5, 2.7
+CERTAIN, _CERTAIN_LONG = 4.5, 2.7
 _MM = 1e3
 # Part of a dent that has no points, from which on it is cut.
 _HIDDEN = 0.05
@@ -215,7 +215,7 @@ def _one(
 def _is_unsure(sizes: Sizes, kind: str) -> bool:
     """Whether what is seen is not evident enough for its kind, or its sizes are not measured."""
     measured = (sizes.depth, sizes.length, sizes.width, sizes.area, sizes.volume)
-    doubt = max(_CERTAIN * sizes.depth.uncertainty, SIGNIFICANT * sizes.unresolved)
+    doubt = max(CERTAIN * sizes.depth.uncertainty, SIGNIFICANT * sizes.unresolved)
     if kind in ('crease', 'gouge'):
         left = max(sizes.depth.uncertainty**2 - sizes.unresolved**2, 0)
         doubt = _CERTAIN_LONG * math.sqrt(left)
