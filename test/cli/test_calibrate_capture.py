@@ -12,6 +12,7 @@ from ftp_dent_ros.calibration.photographs import find_poses
 from ftp_dent_ros.calibration.sequence import Sequence
 from ftp_dent_ros.calibration.session import Session
 from ftp_dent_ros.cli.calibrate_capture import _keep, _seen_before
+from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.errors import CalibrationError, ConfigurationError
 
 SESSION = Session(Board(4, 3, 0.02), Sequence(320, 200))
@@ -49,3 +50,13 @@ def test_a_capture_goes_on_with_the_poses_there_are(tmp_path):
     _keep(tmp_path / 'pose_07', SESSION, pose(7))
     with pytest.raises(CalibrationError, match='none of 1 poses can be used'):
         _seen_before(tmp_path, SESSION)
+
+
+def test_a_rig_that_cannot_be_written_is_told_before_anything_is_read(tmp_path, capsys):
+    words = ['--board', '4x3', '--square', '20', '--projector', '320x200']
+    _keep(tmp_path / 'pose_00', SESSION, pose(0))
+    taken = tmp_path / 'file'
+    taken.write_text('')
+    command = ['calibrate', 'solve', str(tmp_path), *words, '--output', str(taken / 'rig.yaml')]
+    assert main(command) == 2
+    assert 'rig.yaml: cannot be written' in capsys.readouterr().err
