@@ -22,9 +22,13 @@ _BLOCK = 0.04
 _LEAST_BLOCKS = 12
 # Standard deviations of what noise would tell by chance, from which on a direction is believed.
 _SURE = 5.0
-# What no pair is better than, along the skin and the normal, metres: a thirtieth of a grid point,
-# for light and fringes that stay with the camera, and what a rig's calibration leaves.
-_FLOOR = np.array([3e-5, 3e-5, 1e-6])
+# What no pair of the same view is better than, along the skin and the normal, metres: a thirtieth
+# of a grid point, for light and fringes that stay with the camera, and what a rig's calibration
+# leaves. By a smaller overlap less of what stays with the camera averages out.
+_ALONG, _NORMAL = 3e-5, 1e-6
+# Marks lie in relief that the fringes do not resolve (grooves about rivets, edges of paint), so
+# that they move against the skin with the direction they are seen from: its depth, metres.
+_RELIEF = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,8 +50,25 @@ class Told:
     count: int
 
 
-def told_by(found: Equations, centre: NDArray[np.float64]) -> Told:
-    """What equations at their solution tell."""
+def told_by(
+    found: Equations,
+    centre: NDArray[np.float64],
+    overlap: float,
+    parallax: NDArray[np.float64],
+) -> Told:
+    """What equations at their solution tell.
+
+    Parameters
+    ----------
+    found : Equations
+    centre : ndarray, shape (3,)
+        Of what both saw, metres.
+    overlap : float
+        Share of the second patch that lies on the first.
+    parallax : ndarray, shape (2,)
+        Along x and y, how far a place moves between the two views for each metre that it lies
+        below the skin.
+    """
     # Turns are compared with shifts at the overlap's own size.
     arm = float(np.sqrt(np.mean(np.square(found.place - centre).sum(axis=1))))
     scale = np.array([1, 1, 1, 1 / arm, 1 / arm, 1 / arm])
@@ -72,10 +93,21 @@ def told_by(found: Equations, centre: NDArray[np.float64]) -> Told:
     moves = np.linalg.solve(left, scores[..., None])[..., 0]
     covariance = (count - 1) / count * moves.T @ moves
     # What is alike all over both clouds does not show in differences between blocks.
-    floor = np.square(np.concatenate([_FLOOR, _FLOOR[[2, 2, 0]]]))
-    covariance = covariance + kept.T @ np.diag(floor) @ kept
+    covariance = covariance + kept.T @ _alike(found, overlap, parallax, arm) @ kept
     information = kept @ np.linalg.inv(covariance) @ kept.T
     return Told(kept @ step * scale, information / np.outer(scale, scale), int(sure.sum()))
+
+
+def _alike(found: Equations, overlap: float, parallax: Array, arm: float) -> Array:
+    """Covariance by errors that are alike all over both clouds, turns times the arm."""
+    covariance = np.diag(np.square([_ALONG, _ALONG, _NORMAL, 0, 0, _ALONG]))
+    covariance[:2, :2] /= overlap
+    covariance[:2, :2] += _RELIEF**2 * np.outer(parallax, parallax)
+    # The narrower the overlap, the more the same error of heights turns it.
+    at = found.place[~found.is_paint, :2]
+    slopes = (_NORMAL * arm) ** 2 * np.linalg.inv(np.cov(at.T, bias=True))
+    covariance[3:5, 3:5] = [[slopes[1, 1], -slopes[0, 1]], [-slopes[0, 1], slopes[0, 0]]]
+    return covariance
 
 
 def _blocks(place: NDArray[np.float64]) -> tuple[NDArray[np.intp], int]:

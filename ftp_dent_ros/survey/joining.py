@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.survey.alignment import Samples, samples_of
+from ftp_dent_ros.survey.closures import closures
 from ftp_dent_ros.survey.folded_patch import Kept
 from ftp_dent_ros.survey.patch import outline_of, patch_of
 from ftp_dent_ros.survey.pose_graph import PoseGraph
@@ -21,8 +22,6 @@ from ftp_dent_ros.survey.stated_poses import Node
 
 # Earlier clouds that each is laid on: the one before, and one some clouds back.
 _BACK = (1, 3)
-# Of other passes: so many, no nearer in number, no farther apart than this part of a patch.
-_CLOSURES, _APART, _NEAR = 2, 8, 0.6
 # A cloud is kept for later passes where the last that was kept is this part of a patch away.
 _KEPT = 0.3
 # Poses that move as clouds come; all move at once after so many clouds, and so much more of them.
@@ -58,6 +57,7 @@ class Joining:
         self._remark = remark
         self._kept: dict[int, Kept] = {}
         self._last_key, self._all_at = -1, _EVERY
+        self._last_closed = -1
         self.outlines: list[NDArray[np.float64]] = []
         self.normals: list[NDArray[np.float64]] = []
 
@@ -106,12 +106,14 @@ class Joining:
                 # A guess for the others that is nearly right.
                 self.graph.follow(number)
         before = len(self.graph.links)
-        for other in self._closures(number):
-            self._join(other, number, samples)
-        closures = range(before, len(self.graph.links))
+        for other in closures(self.graph, self._kept, number, self._last_closed):
+            is_joined = self._join(other, number, samples)
+            if is_joined and self.graph.links[-1].relative.told == 6:
+                self._last_closed = number
+        closing = range(before, len(self.graph.links))
         self.graph.solve(fixed=max(0, number - _WINDOW))
         # What the last poses cannot take up moves all.
-        if number >= self._all_at or self.graph.strained(closures):
+        if number >= self._all_at or self.graph.strained(closing):
             self.graph.solve()
             self._all_at = max(number + _EVERY, round(_GROWN * number))
         self._forget(number)
@@ -160,19 +162,6 @@ class Joining:
         same = self.graph.nodes[number].flight
         numbers = (number - back for back in _BACK)
         return [n for n in numbers if n >= 0 and self.graph.nodes[n].flight == same]
-
-    def _closures(self, number: int) -> list[int]:
-        """Clouds of other passes that show the same skin, the nearest first."""
-        flight = self._flight(number)
-        others = [k for k in self._kept if number - k >= _APART or self._flight(k) != flight]
-        if not others:
-            return []
-        seen = np.stack([self._kept[other].whole.frame.translation for other in others])
-        sizes = np.array([self._kept[other].size for other in others])
-        middles = self.graph.placed(others, seen)
-        apart = np.linalg.norm(middles - self._middle(number), axis=1)
-        near = np.flatnonzero(apart < _NEAR * (sizes + self._kept[number].size))
-        return [others[k] for k in near[np.argsort(apart[near], kind='stable')][:_CLOSURES]]
 
     def _flight(self, number: int) -> int:
         return self.graph.nodes[number].flight

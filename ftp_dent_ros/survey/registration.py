@@ -75,10 +75,11 @@ def register(
     if found is None:
         found = equations(first, samples, best, centre, with_paint=False)
     _check(found, samples, remark)
-    told = told_by(found, centre)
+    heights = ~found.is_paint
+    overlap = heights.sum() / len(samples.heights)
+    told = told_by(found, centre, overlap, _parallax(first, second, best, centre))
     # What is told is told without the guess.
     best = moved(best, told.step, centre)
-    heights = ~found.is_paint
     misfit = _misfit(first, few, best)
     pose = first.frame @ best @ second.frame.inverse()
     turn = np.kron(np.eye(2), first.frame.rotation.as_matrix())
@@ -87,7 +88,7 @@ def register(
         first.frame.apply(centre),
         turn @ told.information @ turn.T,
         told.count,
-        heights.sum() / len(samples.heights),
+        overlap,
         misfit,
         remark,
     )
@@ -163,6 +164,15 @@ def _doubt_at(first, guess, doubt, centre):
     carried[:3, 3:] = [[0, arm[2], -arm[1]], [-arm[2], 0, arm[0]], [arm[1], -arm[0], 0]]
     turn = np.kron(np.eye(2), first.frame.rotation.as_matrix())
     return turn.T @ carried @ doubt @ carried.T @ turn
+
+
+def _parallax(
+    first: Patch, second: Patch, pose: Pose, centre: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Difference of the directions from which the centre is seen, shape (2,), patch's axes."""
+    cameras = first.frame.inverse(), pose @ second.frame.inverse()
+    views = [camera.translation - centre for camera in cameras]
+    return views[1][:2] / views[1][2] - views[0][:2] / views[0][2]
 
 
 def _off(pose: Pose, other: Pose, centre: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -100,6 +100,21 @@ def test_a_second_pass_is_joined_to_the_first():
     assert relative_errors(joining.graph, poses).max() < 1.0
 
 
+def test_passes_are_joined_anew_where_they_show_other_skin():
+    skin, joining = FlownSkin(14), Joining()
+    for flight, y in enumerate((0.0, 0.1)):
+        poses = list(skin.flight(5, y=y))
+        for index, (pose, said) in enumerate(zip(poses, erring(poses, flight), strict=True)):
+            cloud, seen = skin.seen(pose, 10 * flight + index)
+            stamp = (10 * flight + index) * HALF_S
+            joining.add(stamp, cloud, seen, said, STATED, flight)
+    joining.finish()
+    closing = [link.second for link in joining.graph.links if link.first < 5 <= link.second]
+    # A cloud is 0.22 m across, and 0.05 m from the one before.
+    assert len(closing) >= 2 and np.diff(closing).min() >= 2
+    assert not joining.graph.left_out and len(set(joining.graph.groups())) == 1
+
+
 def test_a_bare_part_is_held_by_the_autopilot_and_says_so():
     skin = FlownSkin(13, marked=(-9.0, 0.1))
     poses = list(skin.flight(6, start=-0.1, step=0.1))
