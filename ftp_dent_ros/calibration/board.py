@@ -118,7 +118,7 @@ class Board:
             The board is not found, or not whole where it has no markers.
         """
         coded = bool(self.dictionary)
-        corners = self._charuco.find(photograph) if coded else self._find_plain(photograph)
+        corners = self._charuco.find(photograph) if coded else self.find_rough(photograph)
         seen = np.isfinite(corners[:, 0])
         window = max(2, int(_WINDOW / 2 * self.spacing(corners)))
         rough = corners[seen].astype(np.float32).reshape(-1, 1, 2)
@@ -161,6 +161,15 @@ class Board:
         ]
         return np.stack([ends[1] - ends[0], ends[2] - ends[0]], axis=1)
 
+    @property
+    def module(self) -> float:
+        """ChArUco: side of a marker's cells, of which its black border is one wide, metres."""
+        return self.marker / self._charuco.modules
+
+    def exact_pixels(self, least: int) -> int:
+        """Pixels a square, not fewer than `least`, with which `draw` rounds nothing."""
+        return self._charuco.exact_pixels(least) if self.dictionary else least
+
     def draw(self, pixels: int) -> NDArray[np.uint8]:
         """The board's print with a white rim of half a square, `pixels` a square."""
         image = np.full(((self.rows + 2) * pixels, (self.columns + 2) * pixels), 255, np.uint8)
@@ -181,7 +190,8 @@ class Board:
         known = np.concatenate([step[np.isfinite(step)] for step in steps])
         return float(known.min()) if len(known) else 6.0
 
-    def _find_plain(self, photograph: NDArray[np.uint8]) -> NDArray[np.float64]:
+    def find_rough(self, photograph: NDArray[np.uint8]) -> NDArray[np.float64]:
+        """Corners of a chessboard to a few pixels; otherwise as `find`."""
         scale = max(1.0, max(photograph.shape) / _SEARCH_SIZE)
         small = photograph
         if scale > 1:

@@ -25,6 +25,7 @@ from ftp_dent_ros.calibration.checking import (
     fringe_levels,
     scatter,
 )
+from ftp_dent_ros.calibration.print_fit import fit_print
 from ftp_dent_ros.calibration.verdict import Check, judged, turn_covariance, turned
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.pattern import Pattern
@@ -52,7 +53,7 @@ def check_by_board(
     pattern: Pattern,
     board: Board,
     image: Photograph | NDArray,
-    points: NDArray,
+    points: NDArray | None = None,
     flatness: float = 1e-4,
 ) -> Check:
     """Check a rig by a photograph of a board.
@@ -64,8 +65,9 @@ def check_by_board(
     board : Board
         The one that the rig was calibrated with, or one whose squares are as well known.
     image : Photograph or ndarray
-    points : ndarray, shape (rows, columns, 3)
-        The cloud that was computed of it with `rig`, metres; NaN where there is none.
+    points : ndarray, shape (rows, columns, 3), optional
+        The cloud that was computed of it with `rig`, metres; NaN where there is none. A ChArUco
+        board needs none.
     flatness : float
         How far the board's border may lie off the plane of its middle, metres, standard
         deviation.
@@ -75,6 +77,10 @@ def check_by_board(
     CalibrationError
         The board is not seen, or too little of it was measured.
     """
+    if board.dictionary:
+        return _check_by_print(rig, pattern, board, image, flatness)
+    if points is None:
+        raise ValueError('points are needed for a chessboard')
     told = 0 if pattern.axis == 'u' else 1
     levels = fringe_levels(image, rig)
     rough = _rough_corners(board, smoothed(levels, rig, pattern))
@@ -105,6 +111,24 @@ def check_by_board(
     return _fit(rig, pattern, board, corners, seen, columns, place, flatness)
 
 
+def _check_by_print(
+    rig: Rig, pattern: Pattern, board: Board, image: Photograph | NDArray, flatness: float
+) -> Check:
+    found = fit_print(rig, pattern, board, image)
+    lit = np.isfinite(found.columns)
+    return _fit(
+        rig,
+        pattern,
+        board,
+        found.corners,
+        found.points[lit],
+        found.columns[lit],
+        board.points[lit],
+        flatness,
+        alike=1.0,
+    )
+
+
 def _fit(
     rig: Rig,
     pattern: Pattern,
@@ -114,6 +138,7 @@ def _fit(
     columns: NDArray,
     place: NDArray,
     flatness: float,
+    alike: float = ALIKE,
 ) -> Check:
     """The projector's turn, with the board's pose, size and bend as unknowns."""
     told = 0 if pattern.axis == 'u' else 1
@@ -143,7 +168,7 @@ def _fit(
     def residuals(state: NDArray) -> NDArray[np.float64]:
         off, across, prior = misfit(state)
         return np.concatenate(
-            [(off.reshape(-1, 2) / corner_px).ravel(), across / (phase_px * ALIKE), prior]
+            [(off.reshape(-1, 2) / corner_px).ravel(), across / (phase_px * alike), prior]
         )
 
     _, turn, shift = cv2.solvePnP(

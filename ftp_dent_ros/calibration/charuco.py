@@ -15,6 +15,8 @@ from ftp_dent_ros.errors import CalibrationError
 
 # Fewer corners do not tell how a board lies.
 _FEWEST = 6
+# Most pixels that a square is drawn with.
+_MOST_PIXELS = 600
 
 
 class Charuco:
@@ -38,6 +40,7 @@ class Charuco:
         aruco: Any = cv2.aruco
         words = aruco.getPredefinedDictionary(getattr(aruco, dictionary))
         self._squares = squares
+        self._part, self.modules = marker / square, words.markerSize + 2
         self._classes = hasattr(aruco, 'CharucoDetector')
         if not self._classes:
             self._board = aruco.CharucoBoard_create(*squares, square, marker, words)
@@ -50,6 +53,19 @@ class Charuco:
         size = (self._squares[0] * pixels, self._squares[1] * pixels)
         image = self._board.generateImage(size) if self._classes else self._board.draw(size)
         return np.asarray(image, np.uint8)
+
+    def exact_pixels(self, least: int) -> int:
+        """Pixels a square, not fewer than `least`, that OpenCV draws markers with as they are.
+
+        It rounds their modules and margins to whole pixels.
+        """
+
+        def off(pixels: int) -> float:
+            side = self._part * pixels
+            whole = round(side / self.modules) * self.modules
+            return round(abs(side - whole) / pixels, 4) + (pixels - whole) % 2 / pixels
+
+        return min(range(least, _MOST_PIXELS + 1), key=off)
 
     def find(self, photograph: NDArray[np.uint8]) -> NDArray[np.float64]:
         """Inner corners row by row, shape (n, 2), pixels; NaN where one is not seen.

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ftp_dent_ros.calibration.board import Board
 from ftp_dent_ros.simulation.paint import Paint
 
-_PIXELS = 40  # of the print, a square
+_FEWEST_PIXELS = 40  # of the print, a square
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,5 +46,6 @@ class Print(Paint):
 def board_print(board: Board) -> Print:
     """A calibration board's print; its first inner corner is the panel's origin."""
     origin = (-1.5 * board.square, -1.5 * board.square)
-    ink = board.draw(_PIXELS) < 128
-    return Print(ink=ink, pixel=board.square / _PIXELS, origin=origin)
+    pixels = board.exact_pixels(_FEWEST_PIXELS)
+    ink = board.draw(pixels) < 128
+    return Print(ink=ink, pixel=board.square / pixels, origin=origin)
