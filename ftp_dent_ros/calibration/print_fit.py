@@ -189,14 +189,14 @@ def _fitted(
         if np.sqrt(variance[-2:].max()) < _WORST_PX and np.hypot(*light[-2:]) < half:
             found[index, :2] = light[-2:]
     behind = found[:, 2]
+    lit = np.isfinite(behind)
+    if lit.sum() < 6:
+        raise CalibrationError('the fringes are not seen on the board: light the whole of it')
     mean = np.angle(np.nanmean(np.exp(1j * behind)))
     behind = mean + np.angle(np.exp(1j * (behind - mean)))
     terms = _plane(board, board.points[:, :2])
     along = rig.projector.project(rig.to_projector(points))[:, told] + terms @ off
     columns = along - behind * pattern.period_px / (2 * np.pi)
-    lit = np.isfinite(behind)
-    if lit.sum() < 6:
-        raise CalibrationError('the fringes are not seen on the board: light the whole of it')
     more, *_ = np.linalg.lstsq(terms[lit], (columns - along)[lit], rcond=None)
     column = column + (_plane(board, place) @ more).reshape(u.shape)
     return _Fitted(
