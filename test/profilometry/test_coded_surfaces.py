@@ -78,6 +78,19 @@ def test_on_both_sides_of_a_lap_there_are_points(fringes, across):
     assert (measured.cloud.valid & lit).sum() > 0.8 * lit.sum()
 
 
+@pytest.mark.parametrize('turn, fringes', [(0.5, 5), (0.8, 3)])
+def test_beside_a_foreground_no_point_is_of_what_is_not_there(turn, fringes):
+    pose = Pose.from_rpy((0.02, -0.03, turn), (0, 0, DEPTH - fringes * FRINGE))
+    scene = photographed(
+        sheet((-0.15, 0.15, -0.15, 0.15)), Panel(pose, (-0.045, 0.045, -0.045, 0.045))
+    )
+    cloud = measure(scene).cloud
+    true = scene.surface.intersect(scene.rig.camera.rays(scene.rig.camera.pixel_grid()))
+    off = np.abs(cloud.points[..., 2] - true)[cloud.valid]
+    # A pixel at the edge is of both.
+    assert np.count_nonzero(off > 0.35 * FRINGE) <= 2
+
+
 def test_a_grey_photograph_will_do():
     scene = photographed(panel())
     grey = np.ascontiguousarray(scene.image[..., 1])

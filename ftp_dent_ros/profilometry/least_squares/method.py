@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,6 +27,7 @@ from ftp_dent_ros.profilometry.least_squares.regions import (
 )
 from ftp_dent_ros.profilometry.least_squares.stripe_surfaces import StripeSurfaces
 from ftp_dent_ros.profilometry.least_squares.surface_fit import FittedSurface, SurfaceFit
+from ftp_dent_ros.profilometry.least_squares.surface_mask import beside_steep_rim, between_lit
 from ftp_dent_ros.profilometry.least_squares.windows import WIDTH, Windows
 from ftp_dent_ros.profilometry.lit_area import LitArea
 from ftp_dent_ros.profilometry.measurement import Measurement
@@ -90,14 +92,22 @@ class LeastSquares:
 
     def _result(self, light, lit, fitted, confirmed) -> Measurement:
         """Publish the surfaces together."""
-        grid = self.grid
+        grid, period = self.grid, self.period / self.grid.step
+        reach = 2 * math.ceil(period) + 1
         surfaces, depths, rows = [], [], []
         published, on_panel = np.zeros(grid.shape, bool), np.zeros(grid.shape, bool)
         for part in fitted:
             refined, region = part.refined, part.region
             inverse_depth, v_p = self._nodes.meet(part.phase)
             within = self._within_panel(part.phase, v_p)
-            measured = refined.measured & within
+            # Where the panel ends, the dark beyond it is known.
+            at_end = cv2.dilate((~within).view(np.uint8), np.ones((5, reach), np.uint8)) > 0
+            told = between_lit(refined.told | at_end, period)
+            measured = refined.measured & within & told
+            steep = beside_steep_rim(measured | at_end, period) & ~at_end
+            # The bins beside hold some of what is beyond.
+            measured &= cv2.dilate(steep.view(np.uint8), np.ones((3, 1), np.uint8)) == 0
+            doubtful = steep | (refined.measured & within & ~measured)
             deviation = self._nodes.deviation(part.phase, refined.shift.variance)
             surfaces.append(
                 Published(
@@ -106,7 +116,7 @@ class LeastSquares:
                     deviation,
                     refined.wavelength,
                     measured,
-                    refined.covered,
+                    np.where(doubtful, np.float32(0), refined.covered),
                 )
             )
             if self.pattern.tells_rows:

@@ -31,6 +31,8 @@ _MOST = 6
 # Fringes, and pixel rows, that are left out where one order passes into another: the contrasts of
 # both sides are averaged there.
 _BAND, _BAND_ROWS = 2.5, 14.0
+# Square misfit of one step, in steps of the code, that is nearer to another order's.
+_FOREIGN = 0.5
 
 
 class Numbering:
@@ -111,7 +113,8 @@ class Numbering:
             wrong: Any = self._wrong(steps, each[index], least).view(np.uint8)
             choice[cv2.dilate(wrong, np.ones((self._rows, WORD - 1), np.uint8)) == 0] = index
         choice[self._wrong(steps, best, least)] = -1
-        label = self._at_nodes(choice, steps, phase, region)
+        misfit = self._of_choice(steps, scales, choice)
+        label = self._at_nodes(choice, misfit > max(_FOREIGN, least), steps, phase, region)
         regions = []
         for index in range(len(orders)):
             for piece in pieces(label == index):
@@ -162,8 +165,19 @@ class Numbering:
         most = sorted(votes, key=lambda order: -len(votes[order]))[:_MOST]
         return {order: float(np.median(votes[order])) for order in most}
 
-    def _at_nodes(self, choice, steps, phase, region) -> NDArray[np.intp]:
-        """Choice at the nodes of a region; -1 where it changes, and where there is none."""
+    def _of_choice(self, steps, scales, choice) -> NDArray[np.float32]:
+        """Misfit of each step under the order that is chosen there."""
+        misfit = np.zeros(choice.shape, np.float32)
+        for index, (order, scale) in enumerate(scales.items()):
+            np.copyto(misfit, steps.misfit(self.pattern, order, scale), where=choice == index)
+        return misfit * (steps.weight > 0)
+
+    def _at_nodes(self, choice, foreign, steps, phase, region) -> NDArray[np.intp]:
+        """Choice at the nodes of a region; -1 where it changes, and where there is none.
+
+        Steps that are foreign to their choice and hang together with a change are left out too:
+        a corner is finer than what is judged together.
+        """
         height, fringes = choice.shape
         band: Any = cv2.dilate(
             np.pad((choice[:, 1:] != choice[:, :-1]).astype(np.uint8), ((0, 0), (0, 1))),
@@ -174,6 +188,8 @@ class Numbering:
             np.pad((choice[1:] != choice[:-1]).astype(np.uint8), ((0, 1), (0, 0))),
             np.ones((rows, 1), np.uint8),
         )
+        corners = _touching(foreign, band > 0).view(np.uint8)
+        band |= cv2.dilate(corners, np.ones((rows, 3), np.uint8))
         choice = np.where(band > 0, -1, choice)
         label = np.full(region.shape, -1, np.intp)
         row, column = np.nonzero(region)
@@ -192,6 +208,16 @@ class Numbering:
             beside = np.roll(region, shift, axis=1) & ~region
             values = np.where(beside, np.roll(values, shift, axis=1), values)
         return ContrastSteps.of(light, self.grid.at_bins(values), inside, self.grid)
+
+
+def _touching(mask: NDArray[np.bool_], others: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """What of a mask hangs together with others."""
+    labels: Any
+    count, labels = cv2.connectedComponents((mask | others).view(np.uint8), connectivity=4)
+    touching = np.zeros(count, bool)
+    touching[labels[others]] = True
+    touching[0] = False
+    return mask & touching[labels]
 
 
 def pieces(mask: NDArray[np.bool_]) -> list[NDArray[np.bool_]]:

@@ -22,6 +22,8 @@ class Refined:
         Mean and amplitude of the fringes, grey levels.
     measured : ndarray, shape (rows, columns), bool
         Bins that are on the surface.
+    told : ndarray, shape (rows, columns), bool
+        Bins whose light is the surface's and no shadow's.
     covered : ndarray, shape (rows, columns), float32
         Share of each bin that the surface covers, as far as the fringes' amplitude tells.
     roughness : ndarray, shape (rows, columns), float32
@@ -36,6 +38,7 @@ class Refined:
     level: NDArray[np.float32]
     modulation: NDArray[np.float32]
     measured: NDArray[np.bool_]
+    told: NDArray[np.bool_]
     covered: NDArray[np.float32]
     roughness: NDArray[np.float32]
     wavelength: float

@@ -122,7 +122,7 @@ class Refinement:
             rest -= np.multiply(amplitude, cosine, out=misfit)
             second = take_harmonics(rest, amplitude, cosine, mask, self.grid, self._turns[0])
             np.divide(rest, np.maximum(amplitude, 1, out=misfit), out=misfit)
-            mask, body = on_surface(misfit, mask, allowed, clipped, self.period)
+            mask, body, lit = on_surface(misfit, mask, allowed, clipped, cosine, self.period)
             if np.count_nonzero(mask) > _EXPLAINED * np.count_nonzero(allowed):
                 break
         seen = self._share_of(mask)
@@ -169,7 +169,7 @@ class Refinement:
             _RELIEF, _RELIEF_NOISE * explained
         )
         return Refined(
-            denoised, level, modulation, body, covered, rough, self.wavelength, bool(relief)
+            denoised, level, modulation, body, lit, covered, rough, self.wavelength, bool(relief)
         )
 
     def _lost(self, shift):
