@@ -87,8 +87,8 @@ def test_beside_a_foreground_no_point_is_of_what_is_not_there(turn, fringes):
     cloud = measure(scene).cloud
     true = scene.surface.intersect(scene.rig.camera.rays(scene.rig.camera.pixel_grid()))
     off = np.abs(cloud.points[..., 2] - true)[cloud.valid]
-    # A pixel at the edge is of both.
-    assert np.count_nonzero(off > 0.35 * FRINGE) <= 2
+    # Bins at the edge are of both.
+    assert np.count_nonzero(off > 0.35 * FRINGE) <= 5
 
 
 def test_a_grey_photograph_will_do():

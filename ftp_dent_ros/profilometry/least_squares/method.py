@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -93,20 +94,20 @@ class LeastSquares:
     def _result(self, light, lit, fitted, confirmed) -> Measurement:
         """Publish the surfaces together."""
         grid, period = self.grid, self.period / self.grid.step
-        reach = 2 * math.ceil(period) + 1
+        around: Any = np.ones((5, 2 * math.ceil(period) + 1), np.uint8)
+        beside_dark = cv2.dilate(grid.to_bins(~lit).view(np.uint8), around)
         surfaces, depths, rows = [], [], []
         published, on_panel = np.zeros(grid.shape, bool), np.zeros(grid.shape, bool)
         for part in fitted:
             refined, region = part.refined, part.region
             inverse_depth, v_p = self._nodes.meet(part.phase)
             within = self._within_panel(part.phase, v_p)
-            # Where the panel ends, the dark beyond it is known.
-            at_end = cv2.dilate((~within).view(np.uint8), np.ones((5, reach), np.uint8)) > 0
+            # The dark beyond the panel's end is known; where none is, none is taken in.
+            at_end = cv2.dilate((~within).view(np.uint8), around) > 0
+            at_end |= beside_dark == 0
             told = between_lit(refined.told | at_end, period)
             measured = refined.measured & within & told
             steep = beside_steep_rim(measured | at_end, period) & ~at_end
-            # The bins beside hold some of what is beyond.
-            measured &= cv2.dilate(steep.view(np.uint8), np.ones((3, 1), np.uint8)) == 0
             doubtful = steep | (refined.measured & within & ~measured)
             deviation = self._nodes.deviation(part.phase, refined.shift.variance)
             surfaces.append(

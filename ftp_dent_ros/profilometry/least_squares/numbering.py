@@ -114,7 +114,9 @@ class Numbering:
             choice[cv2.dilate(wrong, np.ones((self._rows, WORD - 1), np.uint8)) == 0] = index
         choice[self._wrong(steps, best, least)] = -1
         misfit = self._of_choice(steps, scales, choice)
-        label = self._at_nodes(choice, misfit > max(_FOREIGN, least), steps, phase, region)
+        # Single steps tell where noise leaves less than another order would.
+        foreign = (misfit > _FOREIGN) & (least <= _WRONG)
+        label = self._at_nodes(choice, foreign, steps, phase, region)
         regions = []
         for index in range(len(orders)):
             for piece in pieces(label == index):

@@ -63,9 +63,7 @@ def on_surface(
     core = cv2.erode(body, np.ones((3, int(2 * period) + 1), np.uint8), borderValue=0) > 0
     at_rim = max(_RIM_MISFIT, _RIM_NOISE * noise)
     good &= core | (size < at_rim)
-    light = 1 + cosine
-    lit = good & (light > min(_LIT * at_rim, _LIT_MOST)) & (misfit > -light / 2)
-    lit = cv2.morphologyEx(lit.view(np.uint8), cv2.MORPH_OPEN, np.ones((3, 1), np.uint8)) > 0
+    lit = good & (cosine > min(_LIT * at_rim, _LIT_MOST) - 1)
     told = lit | (core & (good | clipped))
     body = (good | (clipped & core)).view(np.uint8)
     body = cv2.morphologyEx(body, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
