@@ -1,7 +1,7 @@
 """Field check: false alarms on good rigs, drifts found, on rendered walls, boards and skins.
 
-python benchmarks/rig_check.py [--walls 1000] [--boards 200] [--skins 100] [--drifts 300]
-                               [--first 1000]
+python benchmarks/rig_check.py [--walls 1000] [--boards 200] [--charucos 100]
+                               [--skins 100] [--drifts 300] [--first 1000]
 
 Every wall and board is another: place, light, focus, noise, how flat it is and, of a board, how
 large its print came out. The first of them are looked at with a drifted rig too, one drift each.
@@ -34,6 +34,10 @@ from ftp_dent_ros.simulation.boards import board_surface, random_pose
 RIG = read_rig(config_folder() / 'rig.yaml')
 PATTERN = read_pattern(config_folder() / 'pattern.yaml')
 BOARD = Board(10, 7, 0.025)
+CHARUCO = (
+    Board(10, 7, 0.025, 'DICT_5X5_100', 0.018),
+    Board(7, 5, 0.035, 'DICT_4X4_50', 0.026),
+)
 # Standard deviation of the border off the plane of the middle, metres; of a print's size.
 FLATNESS = 2e-5
 PRINT = 3e-4
@@ -72,10 +76,12 @@ class Target:
 
     image: NDArray[np.uint8]
     judge: Callable[[Rig, NDArray], Check]
+    needs_cloud: bool = True
 
     def seen(self, by: Reconstructor, rig: Rig) -> Check:
         """What the check says of a rig."""
-        return self.judge(rig, by.measure(self.image).cloud.points)
+        none = np.full((1, 1, 3), np.nan)
+        return self.judge(rig, by.measure(self.image).cloud.points if self.needs_cloud else none)
 
 
 def light(rng: np.random.Generator, distance: float) -> Photometry:
@@ -127,6 +133,21 @@ def board(rng: np.random.Generator) -> Target:
     image = render(RIG, PATTERN.draw(), surface, light(rng, distance), rng)
     return Target(
         image, lambda rig, points: check_by_board(rig, PATTERN, BOARD, image, points, FLATNESS)
+    )
+
+
+def charuco(rng: np.random.Generator) -> Target:
+    """A ChArUco board of one of two kinds, otherwise as `board`."""
+    of = CHARUCO[int(rng.integers(2))]
+    distance = rng.uniform(0.65, 0.9)
+    scale = 1 + rng.normal(0, PRINT)
+    print_of = replace(of, square=of.square * scale, marker=of.marker * scale)
+    pose = random_pose(print_of, RIG, distance, rng)
+    while not _holds_stripe(print_of, pose):
+        pose = random_pose(print_of, RIG, distance, rng)
+    image = render(RIG, PATTERN.draw(), board_surface(print_of, pose), light(rng, distance), rng)
+    return Target(
+        image, lambda rig, _: check_by_board(rig, PATTERN, of, image, flatness=FLATNESS), False
     )
 
 
@@ -194,6 +215,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--walls', type=int, default=1000)
     parser.add_argument('--boards', type=int, default=200)
+    parser.add_argument('--charucos', type=int, default=100)
     parser.add_argument('--skins', type=int, default=100)
     parser.add_argument('--drifts', type=int, default=300, help='targets seen by a drifted rig')
     parser.add_argument('--first', type=int, default=1000)
@@ -201,6 +223,7 @@ def main() -> None:
     for make, count in (
         (wall, arguments.walls),
         (board, arguments.boards),
+        (charuco, arguments.charucos),
         (skin, arguments.skins),
     ):
         if count:
