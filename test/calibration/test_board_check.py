@@ -22,7 +22,6 @@ from ftp_dent_ros.simulation import Photometry, render
 from ftp_dent_ros.simulation.boards import board_surface
 
 BOARD = Board(10, 7, 0.025)
-MARKED = Board(10, 7, 0.025, 'DICT_5X5_100', 0.018)
 OPTIONS = ['--board', '10x7', '--square', '25', '--pattern', str(config_folder() / 'pattern.yaml')]
 
 
@@ -105,38 +104,45 @@ def test_the_command_checks_by_a_board(rig, photograph, tmp_path, capsys):
 
 
 @pytest.fixture(scope='module')
-def marked(rig, pattern):
+def charuco():
     if not hasattr(cv2, 'aruco'):
         pytest.skip('this OpenCV has no ArUco: ChArUco is not tested')
+    return Board(10, 7, 0.025, 'DICT_5X5_100', 0.018)
+
+
+@pytest.fixture(scope='module')
+def marked(rig, pattern, charuco):
     pose = Pose.from_rpy((0.3, -0.2, 0.1), (-0.11, -0.09, 0.75))
     light = Photometry(reference_distance=0.75, read_noise=1.5, defocus_px=1.2)
-    return render(rig, pattern.draw(), board_surface(MARKED, pose), light)
+    return render(rig, pattern.draw(), board_surface(charuco, pose), light)
 
 
-def test_a_charuco_board_needs_no_cloud(rig, pattern, marked):
-    found = check_by_board(rig, pattern, MARKED, marked)
+def test_a_charuco_board_needs_no_cloud(rig, pattern, charuco, marked):
+    found = check_by_board(rig, pattern, charuco, marked)
     assert found.holds
     assert found.camera_px < 0.15
     assert np.abs(found.turn / found.deviation).max() < 2.5
 
 
 @pytest.mark.parametrize(('degrees', 'axis'), [((0, 0.2, 0), 1), ((0, 0, -0.1), 2)])
-def test_a_charuco_board_tells_a_turn_beyond_half_a_fringe(rig, pattern, marked, degrees, axis):
-    found = check_by_board(turned(rig, -np.radians(degrees)), pattern, MARKED, marked)
+def test_a_charuco_board_tells_a_turn_beyond_half_a_fringe(
+    rig, pattern, charuco, marked, degrees, axis
+):
+    found = check_by_board(turned(rig, -np.radians(degrees)), pattern, charuco, marked)
     assert not found.holds
     assert found.camera_holds
     assert np.degrees(found.turn[axis]) == pytest.approx(degrees[axis], abs=0.02)
 
 
-def test_another_charuco_board_is_told(rig, pattern, marked, photograph):
+def test_another_charuco_board_is_told(rig, pattern, charuco, marked, photograph):
     with pytest.raises(CalibrationError, match='not the markers of DICT_4X4_50'):
-        check_by_board(rig, pattern, replace(MARKED, dictionary='DICT_4X4_50'), marked)
+        check_by_board(rig, pattern, replace(charuco, dictionary='DICT_4X4_50'), marked)
     with pytest.raises(CalibrationError, match='no ChArUco board of 9x6'):
-        check_by_board(rig, pattern, replace(MARKED, columns=9, rows=6), marked)
+        check_by_board(rig, pattern, replace(charuco, columns=9, rows=6), marked)
     with pytest.raises(CalibrationError, match='not the markers'):
-        check_by_board(rig, pattern, MARKED, photograph)
+        check_by_board(rig, pattern, charuco, photograph)
     with pytest.raises(CalibrationError, match='stripe is not seen'):
-        check_by_board(rig, pattern, MARKED, np.repeat(marked[..., :1], 3, axis=2))
+        check_by_board(rig, pattern, charuco, np.repeat(marked[..., :1], 3, axis=2))
 
 
 def test_the_command_checks_by_a_charuco_board(rig, marked, tmp_path, capsys):
