@@ -12,7 +12,6 @@ import functools
 import sys
 import threading
 import time
-import traceback
 from collections import deque
 from dataclasses import dataclass, field
 from typing import Any
@@ -142,8 +141,7 @@ class CameraCapture(Node):
                 self._stop.wait(_PAUSE)
             except Exception as error:
                 outcome = False, f'{type(error).__name__}: {error}'
-                self._diagnostics.fail(f'no photograph, by a defect of the software: {outcome[1]}')
-                self.get_logger().debug(traceback.format_exc())
+                self._diagnostics.fail_by_defect('no photograph', error)
                 self._stop.wait(_PAUSE)
             else:
                 outcome = _describe(frame)

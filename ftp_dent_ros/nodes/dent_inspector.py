@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import json
 import sys
-import traceback
 from functools import partial
 from typing import Any
 
@@ -124,11 +123,7 @@ class DentInspector(Node):
         except PoseError as error:
             self._diagnostics.refuse(error.reason, str(error))
         except Exception as error:
-            self._diagnostics.fail(
-                f'a cloud could not be inspected, by a defect of the software '
-                f'({type(error).__name__}: {error}): report it with the log'
-            )
-            self.get_logger().debug(traceback.format_exc())
+            self._diagnostics.fail_by_defect('a cloud could not be inspected', error)
 
     def _inspect(self, item: Matched) -> None:
         started_ns = self._now_ns()

@@ -6,7 +6,6 @@ Clouds are inspected meanwhile: none of them waits for a correction of the whole
 from __future__ import annotations
 
 import threading
-import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -62,7 +61,7 @@ class DentListing:
     def __init__(
         self, node: Node, diagnostics: Diagnostics, kept: KeptList, lasting: bool
     ) -> None:
-        self._diagnostics, self._log = diagnostics, node.get_logger()
+        self._diagnostics = diagnostics
         self._kept, self._lasting = kept, lasting
         self._lock = threading.Lock()
         self._path = Path()
@@ -114,11 +113,7 @@ class DentListing:
         except PoseError as error:
             self._diagnostics.refuse(error.reason, str(error))
         except Exception as error:
-            self._diagnostics.fail(
-                f'the list could not be changed, by a defect of the software '
-                f'({type(error).__name__}: {error}): report it with the log'
-            )
-            self._log.debug(traceback.format_exc())
+            self._diagnostics.fail_by_defect('the list could not be changed', error)
 
     def _add(self, shown: Shown, done: Callable[[], None]) -> None:
         with self._lock:

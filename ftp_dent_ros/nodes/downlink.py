@@ -12,7 +12,6 @@ import struct
 import sys
 import threading
 import time
-import traceback
 import zlib
 from collections.abc import Callable
 from typing import Any
@@ -196,11 +195,7 @@ class Downlink(Node):
             except InputError as error:
                 self._diagnostics.refuse('wrong message', str(error))
             except Exception as error:
-                self._diagnostics.fail(
-                    f'a message could not be coded, by a defect of the software '
-                    f'({type(error).__name__}: {error}): report it with the log'
-                )
-                self.get_logger().debug(traceback.format_exc())
+                self._diagnostics.fail_by_defect('a message could not be coded', error)
 
     def _put(self, item: Item) -> None:
         self._diagnostics.count('items')

@@ -10,7 +10,6 @@ from __future__ import annotations
 import queue
 import sys
 import threading
-import traceback
 from typing import Any
 
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -109,11 +108,7 @@ class GroundStation(Node):
         except (InputError, PoseError) as error:
             self._diagnostics.refuse('wrong item', str(error))
         except Exception as error:
-            self._diagnostics.fail(
-                f'an item could not be published, by a defect of the software '
-                f'({type(error).__name__}: {error}): report it with the log'
-            )
-            self.get_logger().debug(traceback.format_exc())
+            self._diagnostics.fail_by_defect('an item could not be published', error)
 
     def _publish(self, item: Item) -> None:
         self._diagnostics.count('items')

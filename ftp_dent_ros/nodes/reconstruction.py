@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import contextlib
 import sys
-import traceback
 from typing import Any
 
 from rclpy.node import Node
@@ -142,11 +141,7 @@ class Reconstruction(Node):
         except InputError as error:
             self._diagnostics.refuse('wrong input', str(error))
         except Exception as error:
-            self._diagnostics.fail(
-                f'an image could not be reconstructed, by a defect of the software '
-                f'({type(error).__name__}: {error}): report it with the log'
-            )
-            self.get_logger().debug(traceback.format_exc())
+            self._diagnostics.fail_by_defect('an image could not be reconstructed', error)
 
     def _reconstruct(self, message: Image) -> None:
         stamp_ns = stamp_to_ns(message.header.stamp)

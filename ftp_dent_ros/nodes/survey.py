@@ -10,7 +10,6 @@ subscribes, once a second at most. Clouds have to come in the camera's frame.
 from __future__ import annotations
 
 import sys
-import traceback
 from typing import Any
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
@@ -110,12 +109,9 @@ class Survey(Node):
             self._diagnostics.refuse(error.reason, str(error))
         except Exception as error:
             self._begin()
-            self._diagnostics.fail(
-                f'a cloud could not be joined, by a defect of the software '
-                f'({type(error).__name__}: {error}), and the survey begins anew: report it with '
-                'the log'
+            self._diagnostics.fail_by_defect(
+                'a cloud could not be joined and the survey begins anew', error
             )
-            self.get_logger().debug(traceback.format_exc())
 
     def _join(self, item: Matched) -> None:
         started_ns = self._now_ns()

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import threading
 import time
-import traceback
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -50,11 +49,11 @@ class SurveyDrawing:
     """
 
     def __init__(self, node: Node, diagnostics: Diagnostics, frame_id: str) -> None:
-        self._diagnostics, self._log, self._frame = diagnostics, node.get_logger(), frame_id
+        self._diagnostics, self._frame = diagnostics, frame_id
         self._path = node.create_publisher(Path, 'survey/path', LATCHED)
         self._coverage = node.create_publisher(MarkerArray, 'survey/coverage', LATCHED)
         self._ending = threading.Event()
-        self._worker = NewestWorker(self._draw, 'drawing')
+        self._worker = NewestWorker(self._draw, 'drawing', room=1)
 
     def close(self) -> None:
         """End the thread."""
@@ -73,11 +72,7 @@ class SurveyDrawing:
             if self._coverage.get_subscription_count():
                 self._publish_coverage(state)
         except Exception as error:
-            self._diagnostics.fail(
-                f'the skin could not be drawn, by a defect of the software '
-                f'({type(error).__name__}: {error}): report it with the log'
-            )
-            self._log.debug(traceback.format_exc())
+            self._diagnostics.fail_by_defect('the skin could not be drawn', error)
         self._ending.wait(max(_PERIOD, _REST * (time.monotonic() - started)))
 
     def _publish_coverage(self, state: State) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import statistics
 import threading
 import time
+import traceback
 from collections import Counter, deque
 from collections.abc import Callable
 
@@ -137,6 +138,17 @@ class Diagnostics:
         self._last['failed'] = sentence
         if self._is_due(sentence):
             self._node.get_logger().error(sentence)
+
+    def fail_by_defect(self, what: str, error: Exception) -> None:
+        """Something could not be done, though nothing that was given is wrong with it.
+
+        To be called while the error is handled: where it comes from goes into the log.
+        """
+        self.fail(
+            f'{what}, by a defect of the software ({type(error).__name__}: {error}): report it '
+            'with the log'
+        )
+        self._node.get_logger().debug(traceback.format_exc())
 
     def recent(self, name: str) -> int:
         """How many `name` there were in the last ten seconds."""
