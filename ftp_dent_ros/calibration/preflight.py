@@ -9,7 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.calibration.checking import check
-from ftp_dent_ros.errors import CalibrationError, RefusedFrameError
+from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.errors import CalibrationError, CloudError, RefusedFrameError
+from ftp_dent_ros.inspection.measuring.inspection import inspect
+from ftp_dent_ros.inspection.settings import Settings as Smallest
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.profilometry import Reconstructor
 from ftp_dent_ros.profilometry.flicker import MUCH, SOME, flicker
@@ -27,10 +30,8 @@ _MOST_CLIPPED, _SOME_CLIPPED = 0.05, 0.005
 _SHARP, _SOFT = 0.6, 0.3
 # Part of the light from elsewhere.
 _SOME_AMBIENT, _MUCH_AMBIENT = 0.5, 1.5
-# Standard deviation over median absolute deviation, and fits of a plane by what lies near it.
-_MAD, _ROUNDS = 1.4826, 8
-# A dent is seen if it is so many times deeper than the noise of a point.
-_SEEN = 5.0
+# Part of the skin on which the smallest dent that is told would be found, per cent.
+_MOST = 95
 
 
 @dataclass(frozen=True)
@@ -84,6 +85,7 @@ def examine(
     fringes: list[NDArray[np.uint8]],
     reconstructor: Reconstructor,
     exposure: float = 0.0,
+    smallest: Smallest | None = None,
 ) -> list[Finding]:
     """Examine photographs of what will be inspected, or of a wall.
 
@@ -99,6 +101,8 @@ def examine(
         Of `rig` and `pattern`.
     exposure : float
         Of the photographs, seconds; 0 if it is not known.
+    smallest : ftp_dent_ros.inspection.settings.Settings, optional
+        The smallest dent that will be looked for.
     """
     lit = _lit(white, black)
     if lit.mean() < 0.05:
@@ -116,9 +120,8 @@ def examine(
         measured = [reconstructor.measure(each) for each in fringes[:LAST]]
     except RefusedFrameError as reason:
         return [*findings, Finding(pattern.code, NO, str(reason))]
-    clouds = [each.cloud for each in measured[:2]]
-    both = clouds[0].valid & clouds[1].valid
-    share = float(both.sum() * reconstructor.settings.stride**2 / lit.sum())
+    cloud = measured[0].cloud
+    share = float(cloud.valid.sum() * reconstructor.settings.stride**2 / lit.sum())
     findings.append(
         Finding(
             pattern.code,
@@ -126,9 +129,9 @@ def examine(
             f'seen; {100 * min(share, 1):.0f} % measured',
         )
     )
-    findings.append(_noise(*(cloud.points[both].astype(float) for cloud in clouds)))
+    findings.append(_distance(cloud, smallest))
     try:
-        found = check(rig, pattern, fringes[0], clouds[0].points, flatness=math.inf)
+        found = check(rig, pattern, fringes[0], cloud.points, flatness=math.inf)
         findings.append(Finding('rig', OK if found.holds else NO, found.sentence))
     except CalibrationError as reason:
         findings.append(Finding('rig', WARN, f'not checked: {reason}'))
@@ -191,19 +194,14 @@ def _ambient(white: NDArray, black: NDArray, lit: NDArray) -> Finding:
     return Finding('ambient', WARN if share <= _MUCH_AMBIENT else NO, f'{text}: {advice}')
 
 
-def _noise(first: NDArray, second: NDArray) -> Finding:
-    distance = float(np.median(first[:, 2]))
-    difference = first[:, 2] - second[:, 2]
-    # Robust, and without what moves and tilts all points alike: the drone, the wall.
-    plane = np.column_stack([np.ones(len(first)), first[:, :2] - first[:, :2].mean(axis=0)])
-    left = difference - np.median(difference)
-    for _ in range(_ROUNDS):
-        kept = np.abs(left) <= 3 * _MAD * np.median(np.abs(left))
-        left = difference - plane @ np.linalg.lstsq(plane[kept], difference[kept], rcond=None)[0]
-    noise = _MAD * float(np.median(np.abs(left))) / math.sqrt(2)
-    return Finding(
-        'distance',
-        OK,
-        f'{distance:.3f} m; noise {1e3 * noise:.3f} mm a point, so dents from '
-        f'{1e3 * _SEEN * noise:.2f} mm depth',
-    )
+def _distance(cloud: Cloud, settings: Smallest | None) -> Finding:
+    text = f'{np.nanmedian(cloud.points[..., 2]):.3f} m'
+    if not np.isfinite(cloud.sigma).any():
+        return Finding('distance', OK, f'{text}; this method states no noise')
+    text += f'; noise {1e3 * np.nanmedian(cloud.sigma):.4f} mm a point'
+    try:
+        found = inspect(cloud, settings)
+    except CloudError as reason:
+        return Finding('distance', WARN, f'{text}; {reason}')
+    findable = np.nanpercentile(found.findable, _MOST)
+    return Finding('distance', OK, f'{text}, dents found from {1e3 * findable:.2f} mm depth')

@@ -7,6 +7,7 @@ import shutil
 import sys
 import time
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from ftp_dent_ros.calibration.preflight import NO, OK, WARN, Finding, examine, s
 from ftp_dent_ros.drawn_pattern import pattern_from_image
 from ftp_dent_ros.errors import CameraError, ConfigurationError
 from ftp_dent_ros.files import find
+from ftp_dent_ros.inspection.settings import Settings as Smallest
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.rig import read_rig
 from ftp_dent_ros.ros.photographer import Photographer
@@ -31,7 +33,6 @@ _PHOTOGRAPHS = 6  # for the flicker
 _SETTLED_NS = 200_000_000
 # Tries until a picture shows what is projected, and the contrast from which on it shows fringes.
 _RETAKES, _FRINGES = 5, 0.3
-_STRIDE = 4
 # A flight's bag takes some 15 MB a second: half an hour, ten minutes.
 _ROOM, _LITTLE_ROOM = 27e9, 9e9
 # Every node tells its state once a second; within so many seconds of its start it has (s).
@@ -93,7 +94,8 @@ def _photographs(
     pattern = pattern_from_image(photographer.projected())
     rig = read_rig(find(_parameter(entries['reconstruction'], 'rig', '')))
     pattern.check_fits(rig.projector)
-    reconstructor = Reconstructor(rig, pattern, Settings(stride=_STRIDE))
+    stride = int(_parameter(entries['reconstruction'], 'stride', Settings().stride))
+    reconstructor = Reconstructor(rig, pattern, Settings(stride=stride))
     white, _ = photographer.photograph(
         photographer.show(_even(size, 254)) + _SETTLED_NS, colour=True
     )
@@ -108,7 +110,8 @@ def _photographs(
         ages.append((photographer.now_ns() - stamp_ns) / 1e9)
         fringes.append(image)
     exposure = float(_parameter(entries['camera_capture'], 'device.exposure', 0.0))
-    findings = examine(rig, pattern, white, black, fringes, reconstructor, exposure)
+    smallest = _smallest(entries.get('dent_inspector'))
+    findings = examine(rig, pattern, white, black, fringes, reconstructor, exposure, smallest)
     age = float(np.median(ages))
     well = -0.01 <= age <= _LATEST
     text = f'photographs are {1e3 * age:.0f} ms old when they arrive'
@@ -213,6 +216,18 @@ def _parameter(entry: Entry, name: str, default: Any) -> Any:
         if value is not None:
             return value
     return default
+
+
+def _smallest(entry: Entry | None) -> Smallest:
+    """The smallest dent that the payload looks for."""
+    if entry is None:
+        return Smallest()
+    return Smallest(
+        **{
+            each.name: float(_parameter(entry, each.name, each.default))
+            for each in fields(Smallest)
+        }
+    )
 
 
 def _even(size: tuple[int, int], level: int) -> np.ndarray:
