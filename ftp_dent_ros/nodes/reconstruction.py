@@ -106,7 +106,7 @@ class Reconstruction(Node):
         except PatternError as error:
             # What is projected now is not known, so that the pattern before must not be used.
             self._patterns.forget(str(error))
-            self.get_logger().error(f'pattern refused: {error}')
+            self.get_logger().warning(f'no photograph is reconstructed for now: {error}')
             return
         self._patterns.add(stamp_ns, pattern)
         self._watch.pattern_changed()
