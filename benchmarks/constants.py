@@ -4,8 +4,8 @@ python benchmarks/constants.py [--only denoising] [--write docs/method.md]
 
 Each row: the change of the mean absolute error (per cent), of the coverage (points of a hundred)
 and of the root mean square of the errors over their sigma (per cent), each on the scene where it
-is largest. `--write` puts value and changes into the tables of a page, and names the constants
-that are missing there.
+is largest. Constants of modules for coded fringes are doubled under those. `--write`
+puts value and changes into the tables of a page, and names the constants that are missing there.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import importlib.util
 import re
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -41,10 +41,15 @@ PACKAGE = 'ftp_dent_ros.profilometry'
 FOLDER = Path(ftp_dent_ros.__file__).parent / 'profilometry'
 DEPTH = 0.65
 PATTERN = Pattern(640, 480, 13.0, 320.0)
+CODED = replace(PATTERN, code='contrast')
+# Modules some constants of which matter under coded fringes alone.
+OF_CODE = tuple(
+    f'least_squares/{part}' for part in ('code', 'contrast_', 'numbering', 'surface_fit')
+)
 # Not free: numbers that follow from a definition, and what the reader of a table reads.
 EXACT = {
     *('_TURN', '_MAD', '_MEDIAN_OF_SQUARE', '_SQUARES', '_INSIDE', '_BESIDE', '_BETWEEN'),
-    *('_RED_IN_LUMA', '_RED_IN_MOSAIC', '_REMARKABLE', '_WEIGHTS', '_SUMS'),
+    *('_RED_IN_LUMA', '_RED_IN_MOSAIC', '_REMARKABLE', '_WEIGHTS', '_SUMS', 'DIM'),
 }
 
 
@@ -68,10 +73,11 @@ class Scene:
     name: str
     panels: tuple[Panel, ...]
     light: Photometry
+    pattern: Pattern
 
     @cached_property
     def image(self) -> NDArray[np.uint8]:
-        renderer = Renderer(RIG, PATTERN.draw(), self.light)
+        renderer = Renderer(RIG, self.pattern.draw(), self.light)
         return renderer.render(Surface(self.panels), np.random.default_rng(1))
 
     @cached_property
@@ -86,7 +92,8 @@ class Scene:
     def lit(self) -> NDArray[np.bool_]:
         points = self.rays * self.depth[..., None]
         u, v = np.moveaxis(RIG.projector.project(RIG.to_projector(points)), -1, 0)
-        return (u > 0) & (u < PATTERN.width - 1) & (v > 0) & (v < PATTERN.height - 1)
+        inside = (u > 0) & (u < self.pattern.width - 1)
+        return inside & (v > 0) & (v < self.pattern.height - 1)
 
     def figures(self, cloud) -> NDArray[np.float64]:
         """Mean absolute error along z (mm), coverage (%), and errors over sigma (rms)."""
@@ -116,7 +123,7 @@ def light(**values: Any) -> Photometry:
     return Photometry(reference_distance=DEPTH, **values)
 
 
-def scenes() -> list[Scene]:
+def scenes(pattern: Pattern) -> list[Scene]:
     """A small panel, a dirty livery, a step beside glare, and noise."""
     livery = Paint((0.8, 0.7, 0.7), (0.8, 0.6, 0.06), (0.3, 0.3, 0.35), marks=(Dirt(0.1, seed=3),))
     front = panel(0.4)
@@ -125,14 +132,15 @@ def scenes() -> list[Scene]:
     behind = Panel(behind.pose, (0.06, 0.4, -0.4, 0.4))
     daylight = light(exposure=0.3, ambient=1.0, speckle_contrast=0.1, full_well=6000.0)
     return [
-        Scene('panel', (panel(0.09),), light()),
+        Scene('panel', (panel(0.09),), light(), pattern),
         Scene(
             'livery',
             (panel(0.4, paint=livery),),
             light(camera_gamma=1.8, bayer=True, jpeg_quality=90),
+            pattern,
         ),
-        Scene('step', (front, behind), light(exposure=1.4)),
-        Scene('noise', (panel(0.4),), daylight),
+        Scene('step', (front, behind), light(exposure=1.4), pattern),
+        Scene('noise', (panel(0.4),), daylight, pattern),
     ]
 
 
@@ -205,7 +213,7 @@ class _Finder:
         return importlib.util.spec_from_file_location(name, self.path, loader=loader)
 
 
-def reconstructor(choices: dict, finder: _Finder | None = None):
+def reconstructor(pattern: Pattern, choices: dict, finder: _Finder | None = None):
     """A reconstructor of modules loaded afresh."""
     for name in [name for name in sys.modules if name.startswith(PACKAGE)]:
         del sys.modules[name]
@@ -213,7 +221,7 @@ def reconstructor(choices: dict, finder: _Finder | None = None):
         if finder is not None:
             sys.meta_path.insert(0, finder)
         module = importlib.import_module(PACKAGE)
-        return module.Reconstructor(RIG, PATTERN, module.Settings(**choices))
+        return module.Reconstructor(RIG, pattern, module.Settings(**choices))
     finally:
         if finder is not None:
             sys.meta_path.remove(finder)
@@ -239,7 +247,7 @@ def figures(method, scene: Scene) -> NDArray[np.float64]:
 def measured(choices: dict, wanted: list[Scene], finder: _Finder | None = None):
     """Figures of each scene, or the name of the error that a constant leads to."""
     try:
-        method = reconstructor(choices, finder)
+        method = reconstructor(wanted[0].pattern, choices, finder)
         return np.array([figures(method, scene) for scene in wanted])
     except Exception as reason:  # is a result too
         return type(reason).__name__
@@ -282,7 +290,7 @@ def _signed(value: float, digits: int) -> str:
 
 def tables(only: str) -> list[tuple[str, str, str, str]]:
     """Module, constant, value and changes."""
-    wanted = scenes()
+    seen = {pattern.code: scenes(pattern) for pattern in (PATTERN, CODED)}
     found = []
     for path in sorted(FOLDER.rglob('*.py')):
         module = path.relative_to(FOLDER).with_suffix('').as_posix()
@@ -292,12 +300,13 @@ def tables(only: str) -> list[tuple[str, str, str, str]]:
     rows = []
     for path, module, name, value in tqdm(found, unit='constant'):
         choices = choices_for(module)
-        key = str(choices)
+        code = 'contrast' if module.startswith(OF_CODE) else 'stripe'
+        wanted, key = seen[code], f'{code}, {choices}'
         if key not in before:
             before[key] = measured(choices, wanted)
             for scene, row in zip(wanted, before[key], strict=True):
                 tqdm.write(
-                    f'{choices.get("method", "least-squares")}, {scene.name}: '
+                    f'{choices.get("method", "least-squares")}, {code}, {scene.name}: '
                     f'{row[0]:.4f} mm, {row[1]:.2f} %, {row[2]:.2f}'
                 )
         if name in EXACT:
