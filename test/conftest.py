@@ -4,6 +4,11 @@ from pathlib import Path
 
 import pytest
 
+from ftp_dent_ros.threads import one_for_blas
+
+# As for the commands; before any test loads NumPy.
+one_for_blas()
+
 _NODES = Path(__file__).resolve().parent / 'ros'
 
 

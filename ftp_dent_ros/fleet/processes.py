@@ -11,11 +11,10 @@ from contextlib import contextmanager
 from multiprocessing import get_context
 from typing import TypeVar
 
+from ftp_dent_ros.threads import VARIABLES
+
 Item = TypeVar('Item')
 Result = TypeVar('Result')
-
-# Each process computes with one thread: as many processes as cores, and no two ways to add up.
-_THREADS = ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS')
 
 
 class LostWorkerError(Exception):
@@ -92,8 +91,9 @@ def _submitted(
 @contextmanager
 def _pool(jobs: int) -> Iterator[ProcessPoolExecutor]:
     """Fresh interpreters, started with one thread each; what has not begun ends with the block."""
-    before = {name: os.environ.get(name) for name in _THREADS}
-    os.environ.update(dict.fromkeys(_THREADS, '1'))
+    # As many processes as cores, and no two ways to add up.
+    before = {name: os.environ.get(name) for name in VARIABLES}
+    os.environ.update(dict.fromkeys(VARIABLES, '1'))
     pool = ProcessPoolExecutor(jobs, get_context('spawn'), one_thread)
     try:
         yield pool
