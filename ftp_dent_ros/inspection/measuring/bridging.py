@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -32,7 +33,7 @@ class Bridged(Restored):
 
     bridged: Mask
 
-    @property
+    @cached_property
     def measured(self) -> Patch:
         """The patch without what was filled."""
         return replace(self.patch, known=self.patch.known & ~self.bridged)

@@ -82,7 +82,7 @@ def find_candidates(
     floor = 0.25 * settings.smallest_depth
     spreads = [noise.after(scale) for scale in noise.scales[1:]]
     typical = [median_of(spread[panel]) if panel.any() else 0.0 for spread in spreads]
-    calm = [float(noise.after(scale, 0.0)) for scale in noise.scales[1:]]
+    calm = [noise.where(0.0, scale) for scale in noise.scales[1:]]
     sure = [
         np.maximum(SUSPECT * spread, max(SIGNIFICANT * usual, 2 * floor))
         for spread, usual in zip(spreads, calm, strict=True)

@@ -28,7 +28,7 @@ def chance(noise: Noise, width: float, extra: float) -> float:
     extra : float
         Noise that the cloud tells of the place, metres.
     """
-    return float(noise.after(_FITTED * width / TENTH, extra))
+    return noise.where(extra, _FITTED * width / TENTH)
 
 
 def fitted_depth(patch: Patch, outline: Outline, length: float, width: float, angle: float):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from ftp_dent_ros.inspection.measuring.median import median
 from ftp_dent_ros.inspection.measuring.outline import Outline
 from ftp_dent_ros.inspection.measuring.patch import Patch
 from ftp_dent_ros.inspection.measuring.surroundings import Surroundings
@@ -34,8 +35,8 @@ def mark_in(around: Surroundings, patch: Patch, outline: Outline) -> tuple[float
     within, without = light[inside[at]], light[(wide & (outline.inside == 0))[at]]
     if min(len(within), len(without)) < _FEWEST:
         return 0.0, 0.0
-    usual = float(np.median(without))
+    usual = median(without)
     if not usual > 0:
         return 0.0, 0.0
-    varies = _MAD * float(np.median(np.abs(without - usual)))
-    return (float(np.median(within)) - usual) / usual, varies / usual
+    varies = _MAD * median(np.abs(without - usual))
+    return (median(within) - usual) / usual, varies / usual

@@ -75,7 +75,7 @@ def measure(
     settings : Settings
     """
     raw = _patch(candidate, around, skin.noise)
-    local = float(skin.noise.after(raw.scale, around.extra))
+    local = skin.noise.where(around.extra, raw.scale)
     own = _own(raw, around)
     whole = restored(raw, around.resolution, _SUPPOSED * around.spacing)
     seen = bridged(whole, GAP * settings.smallest_width, own)
@@ -115,8 +115,8 @@ def _patch(candidate: Candidate, around: Surroundings, noise: Noise) -> Patch:
     spread = max(np.ptp(around.bounds[:2]), np.ptp(around.bounds[2:]))
     step = max(around.spacing, min(spread / (2 * _CELLS), size / _ACROSS))
     scale = max(_SMALLEST * size, 0.7 * step)
-    while noise.after(scale, around.extra) > _CLEAN * candidate.height:
-        drowned = SIGNIFICANT * noise.after(scale, around.extra) > candidate.height
+    while (local := noise.where(around.extra, scale)) > _CLEAN * candidate.height:
+        drowned = SIGNIFICANT * local > candidate.height
         if scale > (_DROWNED if drowned else _WIDEST) * size:
             break
         scale *= 1.3
@@ -239,7 +239,7 @@ def _overlap(
         return 'overlaps another one: its outline ends where they part'
     depth = sizes.depth.value
     parts = [part_above(patch, at, level * depth) for level in LEVELS]
-    local = float(noise.after(patch.scale, around.extra))
+    local = noise.where(around.extra, patch.scale)
     return 'may be several that overlap' if looks_compound(parts, local / depth) else ''
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.inspection.measuring.lattice import Lattice
+from ftp_dent_ros.inspection.measuring.median import median
 
 _MAD = 1.4826
 # Cells that a median is taken of, about.
@@ -55,13 +56,18 @@ class Noise:
     extra: Map
     reach: float
 
-    def after(self, scale: float, extra: float | None = None) -> Map:
-        """Standard deviation after a Gaussian of `scale` metres, of each cell or for one value."""
-        alike = float(np.interp(scale, self.scales, self.common))
-        left = _left(scale, self.reach)
-        told = self.extra if extra is None else extra
+    def after(self, scale: float) -> Map:
+        """Standard deviation after a Gaussian of `scale` metres, of each cell."""
+        left = np.float32(_left(scale, self.reach))
         # Ten times as fast as hypot, and no square is near the least number.
-        return np.sqrt(np.float32(alike**2) + np.square(np.float32(left) * told))
+        return np.sqrt(np.float32(self._alike(scale) ** 2) + np.square(left * self.extra))
+
+    def where(self, extra: float, scale: float) -> float:
+        """The same where the first part is `extra`."""
+        return math.hypot(self._alike(scale), _left(scale, self.reach) * extra)
+
+    def _alike(self, scale: float) -> float:
+        return float(np.interp(scale, self.scales, self.common))
 
     @cached_property
     def correlated_area(self) -> float:
@@ -98,7 +104,7 @@ def smoothed(values: Map, valid: Mask, cells: tuple[float, float]) -> Map:
 
 def median_of(values: NDArray) -> float:
     """Median of about 5000 of the values, shape (n,), spread evenly."""
-    return float(np.median(values[:: 1 + len(values) // _ENOUGH]))
+    return median(values[:: 1 + len(values) // _ENOUGH])
 
 
 def rough_noise(height: Map, valid: Mask) -> float:
@@ -147,14 +153,14 @@ def measured_noise(
         rough = np.flatnonzero(sample & (told >= usual))
         rough = rough[:: 1 + len(rough) // _ENOUGH]
         strayed = np.abs(deviation.ravel()[rough]) / told.ravel()[rough]
-        really = float(np.clip(_MAD * np.median(strayed), *_TOLD))
+        really = float(np.clip(_MAD * median(strayed), *_TOLD))
         extra = np.float32(really) * told
-        explained = float(np.median(extra.ravel()[calm]))
+        explained = median(extra.ravel()[calm])
     common = []
     for values, scale in zip((deviation, *maps), (0.0, *scales), strict=True):
         strayed = np.abs(values.ravel()[calm])
         strayed = strayed[np.isfinite(strayed)]
-        spread = _MAD * float(np.median(strayed)) if len(strayed) else _LEAST
+        spread = _MAD * median(strayed) if len(strayed) else _LEAST
         common.append(math.sqrt(max(spread**2 - (explained * _left(scale, reach)) ** 2, 0)))
     falling = np.minimum.accumulate(np.maximum(common, _LEAST))
     return Noise(falling, np.array((0.0, *scales)), extra, reach)

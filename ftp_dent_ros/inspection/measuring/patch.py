@@ -10,6 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.inspection.measuring.median import median
+
 Map = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
@@ -69,7 +71,7 @@ class Patch:
 
         weight = blur(splat.add(np.ones_like(depth)))
         # At a straight rim half of the weight is left.
-        known = weight > 0.45 * np.median(weight[weight > 0.3 * weight.max(initial=0)])
+        known = weight > 0.45 * median(weight[weight > 0.3 * weight.max(initial=0)])
         divisor = np.maximum(weight, 1e-9)
         first = blur(splat.add(depth)) / divisor
         over = depth - splat.take(first)
@@ -106,13 +108,14 @@ class Patch:
 
     def is_known(self, x: Map, y: Map) -> Mask:
         """Whether positions are measured."""
-        return sampled(self.known, *self.cells(x, y), cv2.INTER_NEAREST) > 0.5
+        return sampled(self.known.view(np.uint8), *self.cells(x, y), cv2.INTER_NEAREST) > 0.5
 
 
 def sampled(values: NDArray, columns: Map, rows: Map, interpolation: int) -> Map:
     """Values at fractions of cells, 0 beyond the frame; any shape of up to 2 dimensions."""
     x, y = (np.atleast_2d(each).astype(np.float32) for each in (columns, rows))
-    values = values.astype(np.float32, copy=False)
+    if values.dtype != np.uint8:
+        values = values.astype(np.float32, copy=False)
     found = cv2.remap(values, x, y, interpolation, borderMode=cv2.BORDER_CONSTANT)
     return found.astype(float).reshape(np.shape(columns))
 

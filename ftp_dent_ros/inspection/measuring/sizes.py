@@ -108,7 +108,7 @@ def sizes_of(
     skin : BareSkin
     """
     patch, noise = seen.patch, skin.noise
-    local = float(noise.after(patch.scale, around.extra))
+    local = noise.where(around.extra, patch.scale)
     bottom = bottom_of(patch, at, local, noise.correlated_area / patch.step**2, region)
     outline = find_outline(patch, at, LEVEL * bottom.depth, region, local)
     if outline is None or outline.area <= 0:
@@ -149,7 +149,7 @@ def sizes_of(
     volume = float((patch.depth * outline.inside).sum()) * patch.step**2
     u_volume = math.hypot(
         outline.area * offset,
-        noise.after(0, around.extra) * math.sqrt(noise.correlated_area * outline.area),
+        noise.where(around.extra, 0) * math.sqrt(noise.correlated_area * outline.area),
         hidden**2 * volume,
     )
     return Sizes(

@@ -12,6 +12,7 @@ from ftp_dent_ros.inspection.measuring.bare_skin import BareSkin
 from ftp_dent_ros.inspection.measuring.contour import Contour
 from ftp_dent_ros.inspection.measuring.detection import Candidate
 from ftp_dent_ros.inspection.measuring.lattice import Lattice
+from ftp_dent_ros.inspection.measuring.median import median
 
 # Of a candidate's window, as a part of its size.
 _MARGIN = 0.45
@@ -129,7 +130,7 @@ def surroundings_of(
     )
     resolution = np.nan
     if lattice.resolution is not None:
-        resolution = float(np.median(lattice.resolution[candidate.rows, candidate.columns]))
+        resolution = median(lattice.resolution[candidate.rows, candidate.columns])
     return Surroundings(
         x=x,
         y=y,
@@ -139,7 +140,7 @@ def surroundings_of(
         cell=max(lattice.spacing),
         spacing=every * spacing,
         bounds=bounds,
-        extra=float(np.median(skin.noise.extra[candidate.rows, candidate.columns])),
+        extra=median(skin.noise.extra[candidate.rows, candidate.columns]),
         resolution=resolution,
     )
 
