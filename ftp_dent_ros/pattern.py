@@ -28,6 +28,8 @@ from ftp_dent_ros.rig import Lens
 # An even number, so that the mean level is a whole grey level and the rounding of the two
 # halves of a fringe cancels: 255 levels shift a fringe by up to 0.003 pixels.
 _LEVELS = 254
+# Levels by which two flanks that are meant alike may differ as they are computed.
+_TIE = 1e-6
 CODES = 'stripe', 'contrast'
 AXES = 'u', 'v'
 # What the contrast's code needs, and the stripe does not.
@@ -192,7 +194,8 @@ class Pattern:
         """Variance of the fringes' phase by the rounding of pixels to whole levels, radians^2.
 
         A fringe's phase is off by ``2 / (n B) sum e sin Phi`` for the errors e of its n pixels
-        and the amplitude B. What lies halfway between two levels is rounded by luck. Where the
+        and the amplitude B. What lies halfway between two levels cancels as `draw` rounds it;
+        elsewhere it may have been rounded up on one flank and down on the other. Where the
         contrast changes along the fringes, so do the errors, of which a window of half a fringe
         sees the mean.
         """
@@ -200,15 +203,15 @@ class Pattern:
         phase = self.phase(u)
         rows = self.row_contrast(np.arange(self.height if self.tells_rows else 1))
         meant = self.levels * (0.5 + np.outer(rows, self.intensity(u) - 0.5))
-        error = np.rint(meant) - meant
-        by_luck = np.abs(error) > 0.5 - 1e-6
+        error = _whole(meant) - meant
+        halfway = (np.abs(error) > 0.5 - _TIE) & (self.levels != _LEVELS)
         sine = np.sin(phase) / self.contrast(phase)
         begins = np.flatnonzero(np.diff(np.rint(phase / (2 * np.pi)), prepend=-np.inf))
         scale = 4 / (self.period_px * self.levels)
-        shift = scale * np.add.reduceat(np.where(by_luck, 0, error) * sine, begins, axis=1)
-        chance = scale**2 * np.add.reduceat(by_luck * np.square(sine), begins, axis=1) / 4
+        shift = scale * np.add.reduceat(np.where(halfway, 0, error) * sine, begins, axis=1)
+        chance = scale * np.add.reduceat(halfway * np.abs(sine), begins, axis=1) / 2
         shift = gaussian_filter1d(shift, self.period_px / 2, axis=0, mode='nearest')
-        return float(np.mean(np.square(shift[:, 1:-1])) + np.mean(chance[:, 1:-1]))
+        return float(np.mean(np.square(shift[:, 1:-1])) + np.mean(np.square(chance[:, 1:-1])))
 
     def draw(self) -> NDArray[np.uint8]:
         """Draw the pattern's pixels, RGB, shape (height, width, 3)."""
@@ -216,9 +219,7 @@ class Pattern:
             return np.ascontiguousarray(self.transposed.draw().transpose(1, 0, 2))
         u = np.arange(self.width)
         swing = self.levels * (self.intensity(u) - 0.5)
-        grey = np.rint(
-            self.levels / 2 + np.outer(self.row_contrast(np.arange(self.height)), swing)
-        )
+        grey = _whole(self.levels / 2 + np.outer(self.row_contrast(np.arange(self.height)), swing))
         pixels = np.repeat(grey.astype(np.uint8)[..., None], 3, axis=2)
         pixels[:, self.in_stripe(u), 1:] = 0
         return pixels
@@ -236,3 +237,8 @@ def fringe_order(phase: ArrayLike) -> NDArray[np.int32]:
     """Whole orders k of the fringes at absolute phases: ``floor((Phi + pi / 2) / 2 pi)``."""
     turns = np.asarray(phase) / (2 * np.pi) + 0.25
     return np.floor(turns).astype(np.int32)
+
+
+def _whole(levels: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Whole grey levels; those halfway between two go the same way on both flanks of a fringe."""
+    return np.rint(_TIE * np.rint(levels / _TIE))

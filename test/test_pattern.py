@@ -34,10 +34,16 @@ def test_drawn_pixels_follow_the_formula():
     assert np.array_equal(image[:, ~stripe, 1], image[:, ~stripe, 0])
 
 
-def test_rounding_to_grey_levels_shifts_no_fringe():
-    row = PATTERN.draw()[0, :, 0].astype(float)
-    carrier = np.exp(-1j * PATTERN.phase(np.arange(640)))
-    assert abs(np.angle(row @ carrier)) < 1e-12
+# Fringes of 6 and 12 columns have pixels halfway between two levels.
+@pytest.mark.parametrize('period', [6.0, 8.0, 10.0, 12.0, 14.0])
+def test_rounding_to_grey_levels_shifts_no_fringe(period):
+    pattern = Pattern(640, 360, period, 320.0)
+    row = pattern.draw()[0, :, 0].astype(float)
+    phase = pattern.phase(np.arange(640))
+    for begin in np.flatnonzero(np.isclose((phase / (2 * np.pi)) % 1, 0))[:-1]:
+        fringe = slice(begin, begin + int(period))
+        assert abs(np.angle(row[fringe] @ np.exp(-1j * phase[fringe]))) < 1e-12
+    assert pattern.rounding_variance < 1e-20
 
 
 @pytest.mark.parametrize(
@@ -235,7 +241,8 @@ def test_a_pattern_must_fit_its_projector():
 
 
 @pytest.mark.parametrize(
-    ('period', 'centre', 'levels'), [(10.0, 640.0, 254), (9.0, 594.1, 254), (12.5, 640.3, 255)]
+    ('period', 'centre', 'levels'),
+    [(10.0, 640.0, 254), (9.0, 594.1, 254), (12.5, 640.3, 255), (8.0, 640.0, 255)],
 )
 def test_the_rounding_of_levels_is_told_as_it_shifts_the_fringes(period, centre, levels):
     pattern = Pattern(1280, 720, period, centre, levels=levels)

@@ -33,6 +33,11 @@ _BRIGHT = 8.0
 _WHOLE = 0.6
 _TURN = 2 * np.pi
 
+_NOT_SEEN = (
+    'the red stripe is not seen (no fringe, or more than one, is red over most rows): '
+    'bring it into view on a surface that reflects green and blue'
+)
+
 
 @dataclass(frozen=True)
 class Stripe:
@@ -66,6 +71,8 @@ def find_stripe(image: NDArray[np.float32], region: NDArray[np.bool_], carrier: 
         No fringe, or more than one, lacks green and blue in most rows.
     """
     height, width = len(image) // _ROWS, image.shape[1]
+    if not height:
+        raise NoStripeError(_NOT_SEEN)
     binned = cv2.resize(image[: height * _ROWS], (width, height), interpolation=cv2.INTER_AREA)
     inside = (
         cv2.erode(region.view(np.uint8), np.ones((_ROWS, 1)))[_ROWS // 2 :: _ROWS][:height] > 0
@@ -148,10 +155,7 @@ def _vote(phase, part, red, other) -> tuple[_Fringes, NDArray[np.bool_]]:
         loss, weight = _losses(fringes)
         chosen = _elect(fringes, loss, weight) & (loss > 0.5)
     if not chosen.any():
-        raise NoStripeError(
-            'the red stripe is not seen (no fringe, or more than one, is red over most rows): '
-            'bring it into view on a surface that reflects green and blue'
-        )
+        raise NoStripeError(_NOT_SEEN)
     return fringes, chosen
 
 

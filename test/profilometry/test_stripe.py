@@ -92,3 +92,11 @@ def test_an_empty_region_is_refused(scene):
     carrier = measured_carrier(levels[..., 0].copy(), seen.rig, PATTERN)
     with pytest.raises(NoStripeError):
         find_stripe(levels, np.zeros(levels.shape[:2], bool), carrier)
+
+
+def test_an_image_of_one_row_has_no_stripe(scene):
+    seen = scene('flat')
+    row = seen.image[:1].astype(np.float32)
+    carrier = measured_carrier(seen.image[..., 0].astype(np.float32), seen.rig, PATTERN)
+    with pytest.raises(NoStripeError, match='not seen'):
+        find_stripe(row, np.ones(row.shape[:2], bool), carrier)
