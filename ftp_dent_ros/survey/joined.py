@@ -22,6 +22,8 @@ from ftp_dent_ros.survey.unrolling import Unrolled
 _UNKNOWN = np.diag([0.03**2] * 3 + [0.015**2] * 3)
 # Frame of a survey that no autopilot has placed.
 _OWN_FRAME = 'survey'
+# Parts of a skin whose sizes a sentence names.
+_SIZES = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +88,7 @@ def join_bags(
     BagError
         A bag has no clouds in the camera's frame, or poses in another map than the others.
     CloudError
-        No cloud can be used.
+        No cloud can be used, or nothing tells where a bag's skin lies.
     """
     remarks: list[str] = []
 
@@ -125,6 +127,7 @@ def join_bags(
     if not joining.stamps_ns:
         raise CloudError(f'{bags[0].path}: no cloud in it can be used: check the clouds')
     joining.finish()
+    _require_ties(joining, bags)
     clouds = len(joining.stamps_ns)
     if unplaced:
         say(
@@ -134,24 +137,56 @@ def join_bags(
     if without_covariance:
         say(f'{without_covariance} poses do not state how good they are: 30 mm is taken')
     if joining.without_skin:
+        else_told = 'the autopilot' if frame_id else 'their shape'
         say(
             f'{joining.without_skin} of {clouds} clouds have no image of the skin: along the skin '
-            'they lie as the autopilot says; record /skin too'
+            f'only {else_told} tells where they lie; record /skin too'
         )
     _tell_groups(joining, say)
     return Joined(joining, frame_id or _OWN_FRAME, tuple(remarks))
+
+
+def _require_ties(joining: Joining, bags: Sequence[Bag]) -> None:
+    """Refuse what nothing places: a bag that shares no skin, or clouds by guess alone."""
+    nodes = joining.graph.nodes
+    parts: dict[int, set[int]] = {}
+    for node, group in zip(nodes, joining.graph.groups(), strict=True):
+        parts.setdefault(node.flight, set()).add(group)
+    placed = {node.flight for node in nodes if node.stated is not None}
+    # Without any poses, the first bag's skin is the frame of the others.
+    for flight in sorted(parts.keys() - placed)[0 if placed else 1 :]:
+        others = set().union(*(parts[each] for each in parts if each != flight))
+        if not parts[flight] & others:
+            raise CloudError(
+                f'{bags[flight].path}: has no poses, and shares no skin with the other bags, so '
+                'that nothing tells where it lies: survey it by itself'
+            )
+    blind = not placed and joining.without_skin == len(nodes)
+    if blind and len(set().union(*parts.values())) > 1:
+        raise CloudError(
+            f'{bags[0].path}: has neither poses nor images of the skin, and its shape alone does '
+            'not tell how the clouds lie: record /skin and /tagged/camera_pose too'
+        )
 
 
 def _tell_groups(joining: Joining, say: Callable[[str], Any]) -> None:
     groups: dict[int, list[int]] = {}
     for number, group in enumerate(joining.graph.groups()):
         groups.setdefault(group, []).append(number)
-    if len(groups) > 1:
-        sizes = ', '.join(str(len(each)) for each in sorted(groups.values(), key=len)[::-1][:8])
-        say(
-            f'the clouds are not one skin but {len(groups)} parts ({sizes} clouds): between these '
-            'nothing that they share tells how they lie, only the autopilot'
-        )
+    if len(groups) == 1:
+        return
+    parts = sorted(groups.values(), key=len, reverse=True)
+    sizes = ', '.join(str(len(each)) for each in parts[:_SIZES])
+    if len(parts) > _SIZES:
+        sizes += ', ...'
+    nodes = joining.graph.nodes
+    adrift = sum(all(nodes[number].stated is None for number in part) for part in parts)
+    told = 'only the autopilot tells how these lie to each other'
+    if adrift == len(parts):
+        told = 'nothing tells how these lie to each other: they lie there by guess'
+    elif adrift:
+        told += f', and {adrift} of them have no poses: they lie there by guess'
+    say(f'the clouds are not one skin but {len(parts)} parts ({sizes} clouds): {told}')
 
 
 def _skin(

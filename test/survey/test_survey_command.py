@@ -124,11 +124,21 @@ def test_the_report_on_a_bag_shows_the_whole_skin(tmp_path, skin, capsys):
 
 def test_what_a_bag_lacks_is_told(tmp_path, skin):
     poses = list(skin.flight(3))
+    for stated, without, wanted in (
+        ([None] * 3, (), '3 of 3 clouds have no pose'),
+        (poses, ('/skin',), '3 of 3 clouds have no image of the skin'),
+    ):
+        bag = record(tmp_path / f'without{len(without)}', skin, poses, stated, without=without)
+        assert main(['survey', str(bag), '--output', str(tmp_path / 'out')]) == 0
+        remarks = json.loads((tmp_path / 'out' / 'survey.json').read_text())['remarks']
+        assert any(wanted in text for text in remarks)
+
+
+def test_a_bag_with_neither_poses_nor_skin_is_refused(tmp_path, skin, capsys):
+    poses = list(skin.flight(3, start=0.3))
     bag = record(tmp_path / 'bare', skin, poses, [None] * 3, without=('/skin',))
-    assert main(['survey', str(bag), '--output', str(tmp_path / 'out')]) == 0
-    remarks = json.loads((tmp_path / 'out' / 'survey.json').read_text())['remarks']
-    assert any('3 of 3 clouds have no pose' in text for text in remarks)
-    assert any('3 of 3 clouds have no image of the skin' in text for text in remarks)
+    assert main(['survey', str(bag), '--output', str(tmp_path / 'out')]) == 2
+    assert 'has neither poses nor images of the skin' in capsys.readouterr().err
 
 
 def test_flights_that_share_no_skin_are_told(tmp_path, skin):
@@ -141,6 +151,20 @@ def test_flights_that_share_no_skin_are_told(tmp_path, skin):
     assert main(['survey', *bags, '--output', str(tmp_path / 'out')]) == 0
     remarks = json.loads((tmp_path / 'out' / 'survey.json').read_text())['remarks']
     assert any('not one skin but 2 parts' in text for text in remarks)
+    assert any('only the autopilot tells how these lie' in text for text in remarks)
+
+
+@pytest.mark.parametrize('first', ['placed', 'adrift'])
+def test_a_bag_that_nothing_places_is_refused(tmp_path, skin, capsys, first):
+    near, far = list(skin.flight(2)), list(skin.flight(2, start=0.9))
+    said = near if first == 'placed' else [None] * 2
+    bags = [
+        str(record(tmp_path / 'near', skin, near, said)),
+        str(record(tmp_path / 'far', skin, far, [None] * 2, (), START_NS + 1000 * SECOND)),
+    ]
+    assert main(['survey', *bags, '--output', str(tmp_path / 'out')]) == 2
+    assert 'far: has no poses, and shares no skin' in capsys.readouterr().err
+    assert main(['survey', bags[1], '--output', str(tmp_path / 'out')]) == 0
 
 
 def test_a_bag_of_another_rig_is_refused(tmp_path, skin, capsys):
