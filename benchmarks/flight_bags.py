@@ -9,7 +9,7 @@ are the autopilot's with the errors of the scene.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -53,6 +53,8 @@ _TYPES = {
     POINTS: 'sensor_msgs/msg/PointCloud2',
     CAMERA_POSE: 'geometry_msgs/msg/PoseWithCovarianceStamped',
 }
+# Stamp of a photograph (ns), the photograph, and the camera's pose as the autopilot says.
+Taken = tuple[int, NDArray[np.uint8], Pose]
 
 
 def record_flight(
@@ -66,19 +68,35 @@ def record_flight(
     """Photograph a world at each stamp, reconstruct, and write it all as a bag."""
     rig = rig or read_rig(find('shipped:rig.yaml'))
     pattern = pattern or read_pattern(find('shipped:pattern.yaml'))
-    projected, reconstructor = pattern.draw(), Reconstructor(rig, pattern, Settings(stride=STRIDE))
+    projected = pattern.draw()
+
+    def taken() -> Iterator[Taken]:
+        for stamp in stamps_ns:
+            seconds = world.flight_time(stamp)
+            pose = world.errors.estimated(world.flight, seconds) @ world.mount
+            yield stamp, world.photograph(rig, projected, stamp), pose
+
+    return record(folder, taken(), rig, pattern, covariance)
+
+
+def record(
+    folder: Path,
+    taken: Iterable[Taken],
+    rig: Rig,
+    pattern: Pattern,
+    covariance: NDArray[np.float64] = STATED,
+) -> Path:
+    """Reconstruct photographs, and write them with all that is made of them as a bag."""
+    reconstructor = Reconstructor(rig, pattern, Settings(stride=STRIDE))
     with BagWriter(folder) as writer:
         for name, kind in _TYPES.items():
             hash_ = type_hash(kind)
             writer.add_topic(Topic(name, kind, hash_, (Qos(),), find_definition(kind, hash_)))
-        for stamp in stamps_ns:
-            image = world.photograph(rig, projected, stamp)
+        for stamp, image, pose in taken:
             try:
                 measured = reconstructor.measure(image, skin=True)
             except RefusedFrameError:
                 continue
-            seconds = world.flight_time(stamp)
-            pose = world.errors.estimated(world.flight, seconds) @ world.mount
             contents = {
                 PHOTOGRAPHS: image_to_message(image, stamp, 'camera_optical_frame'),
                 SKIN: image_to_message(measured.skin, stamp, 'camera_optical_frame'),

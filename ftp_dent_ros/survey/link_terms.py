@@ -42,6 +42,8 @@ class LinkTerms:
     information : ndarray, shape (n, 6, 6)
     told : ndarray, shape (n,)
         Directions.
+    common : ndarray, shape (n, 6, 6)
+        How twists change with the errors that all clouds have in common.
     """
 
     number: NDArray[np.intp]
@@ -52,6 +54,7 @@ class LinkTerms:
     centre: Array
     information: Array
     told: Array
+    common: Array
 
     @classmethod
     def of(cls, links: Sequence[Link], numbers: Sequence[int]) -> LinkTerms:
@@ -67,6 +70,7 @@ class LinkTerms:
             np.array([each.centre for each in relative]).reshape(count, 3),
             np.array([each.information for each in relative]).reshape(count, 6, 6),
             np.array([each.told for each in relative], float),
+            np.array([each.common for each in relative]).reshape(count, 6, 6),
         )
 
     def __len__(self) -> int:
@@ -92,9 +96,22 @@ class LinkTerms:
         return np.einsum('ni,nij,nj->n', error, self.information, error) / self.told
 
     def add_to(
-        self, equations: NormalEquations, turns: Array, places: Array, weights: Array
+        self,
+        equations: NormalEquations,
+        turns: Array,
+        places: Array,
+        weights: Array,
+        common: int | None = None,
     ) -> None:
-        """Add the links at poses, weighted, to normal equations."""
+        """Add the links at poses, weighted, to normal equations.
+
+        Parameters
+        ----------
+        equations : NormalEquations
+        turns, places, weights : ndarray, shape (all, 3, 3), (all, 3) and (n,)
+        common : int, optional
+            Number of the unknown of what all clouds have in common, beyond the poses.
+        """
         error = self.errors(turns, places)
         back = np.swapaxes(turns[self.first], 1, 2)
         centre = places[self.first] + _turned(turns[self.first], self.centre)
@@ -107,7 +124,11 @@ class LinkTerms:
             move[:, :3, 3:] = -back @ crossed(centre - places[pose])
             moves.append(change @ move)
         information = weights[:, None, None] * self.information
-        equations.add([self.first, self.second], [-moves[0], moves[1]], error, information)
+        unknowns, slopes = [self.first, self.second], [-moves[0], moves[1]]
+        if common is not None:
+            unknowns.append(np.full(len(self), common))
+            slopes.append(self.common)
+        equations.add(unknowns, slopes, error, information)
 
 
 def _turned(turns: Array, vectors: Array) -> Array:

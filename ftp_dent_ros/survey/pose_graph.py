@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,6 +16,7 @@ from scipy.sparse.linalg import splu
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.survey.common_errors import COMMON
 from ftp_dent_ros.survey.link_terms import Link, LinkTerms
 from ftp_dent_ros.survey.normal_equations import Array, NormalEquations
 from ftp_dent_ros.survey.relative_pose import RelativePose
@@ -41,14 +42,20 @@ class _Terms:
     stated: StatedTerms
 
     def equations(
-        self, turns: Array, places: Array, weights: Array, anchor: int | None = None
+        self, turns: Array, places: Array, weights: Array, held: Mapping[int, Array] | None = None
     ) -> NormalEquations:
-        equations = NormalEquations(self.fixed, self.count)
-        self.links.add_to(equations, turns, places, weights)
+        """Normal equations, or those with one more unknown: what all clouds have in common.
+
+        That is where some unknowns are `held`: covariances, by the unknown's number.
+        """
+        held = held or {}
+        last = self.fixed + self.count if held else None
+        equations = NormalEquations(self.fixed, self.count + bool(held))
+        self.links.add_to(equations, turns, places, weights, last)
         self.stated.add_to(equations, turns, places)
-        if anchor is not None:
-            held = np.linalg.inv(ANCHOR)[None].astype(float)
-            equations.add([np.array([anchor])], [np.eye(6)[None]], np.zeros((1, 6)), held)
+        for number, spread in held.items():
+            information = np.linalg.inv(spread)[None].astype(float)
+            equations.add([np.array([number])], [np.eye(6)[None]], np.zeros((1, 6)), information)
         return equations
 
 
@@ -180,7 +187,8 @@ class PoseGraph:
         """
         terms = self._gathered(0, anchor)
         weights = _weights(terms.links.misfits(self._turns, self._places))
-        equations = terms.equations(self._turns, self._places, weights, anchor)
+        held = {terms.count: COMMON} | ({} if anchor is None else {anchor: ANCHOR})
+        equations = terms.equations(self._turns, self._places, weights, held)
         matrix: csc_matrix = equations.matrix()
         solver = _factored(matrix)
         wanted = np.arange(terms.count) if only is None else np.asarray(only)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.survey.alignment import Equations, Samples, equations, moved, samples_of
 from ftp_dent_ros.survey.coarse_search import candidates, is_right
+from ftp_dent_ros.survey.common_errors import in_common
 from ftp_dent_ros.survey.information import told_by
 from ftp_dent_ros.survey.patch import Patch
 from ftp_dent_ros.survey.relative_pose import RelativePose, UnlikePairError
@@ -77,7 +78,7 @@ def register(
     _check(found, samples, remark)
     heights = ~found.is_paint
     overlap = heights.sum() / len(samples.heights)
-    told = told_by(found, centre, overlap, _parallax(first, second, best, centre))
+    told = told_by(found, centre, _parallax(first, second, best, centre))
     # What is told is told without the guess.
     best = moved(best, told.step, centre)
     misfit = _misfit(first, few, best)
@@ -91,6 +92,7 @@ def register(
         overlap,
         misfit,
         remark,
+        turn @ in_common(centre, best),
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,9 @@ class RelativePose:
         Of the heights, root mean square along the normal, metres.
     remark : str
         What could not be used, and why; empty if all could.
+    common : ndarray, shape (6, 6)
+        How the twist changes with the errors that all clouds of the rig have in common, as
+        `common_errors` has them.
     """
 
     pose: Pose
@@ -41,6 +44,7 @@ class RelativePose:
     overlap: float
     misfit: float
     remark: str = ''
+    common: NDArray[np.float64] = field(default_factory=lambda: np.zeros((6, 6)))
 
     def error(self, pose: Pose) -> NDArray[np.float64]:
         """Twist about the centre, shape (6,), that takes this pose to another."""

@@ -43,7 +43,7 @@ def test_marked_skin_is_found_to_a_tenth_of_a_millimetre_and_says_how_well():
 
 
 def test_a_side_overlap_holds_what_it_states_and_states_more_than_neighbours_do():
-    normalised = []
+    normalised, stated = [], []
     for seed in range(20, 23):
         skin = FlownSkin(seed)
         poses = [*skin.flight(2), *skin.flight(1, y=0.15)]
@@ -57,9 +57,11 @@ def test_a_side_overlap_holds_what_it_states_and_states_more_than_neighbours_do(
         assert found.told == 6 and 0.2 < found.overlap < 0.4
         normalised.append(error @ found.information @ error / 6)
         # Relief of a tenth of a millimetre, seen from places 0.15 m apart at 0.8 m.
-        assert spreads[1][1] > max(spreads[0][1], 1e-4 * 0.15 / 0.8)
-        # A micrometre more or less over the narrow overlap turns it about the flight's direction.
-        assert spreads[1][3] > 2 * spreads[0][3]
+        assert spreads[1][1] > 1e-4 * 0.15 / 0.8
+        stated.append(spreads)
+    neighbours, side = np.sqrt(np.mean(np.square(stated), axis=0))
+    # The narrow overlap turns about the flight's direction, and slides.
+    assert side[3] > 1.5 * neighbours[3] and side[0] > neighbours[0]
     assert 0.1 < np.sqrt(np.mean(normalised)) < 2
 
 
