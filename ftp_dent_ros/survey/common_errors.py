@@ -16,9 +16,10 @@ from ftp_dent_ros.pose import Pose
 
 Array = NDArray[np.float64]
 
-# Standard deviations. Bend: 2 micrometres at the rim of a cloud that is 0.3 m wide, in 1/m.
-# Stretch: what calibrated focal lengths and baselines are off by (docs/rig.md), parts.
-_BEND, _STRETCH = 1e-4, 5e-5
+# Standard deviations of what calibrations leave (benchmarks/calibration.py): focal lengths and
+# baselines are off by 0.003 %, which stretches; 0.002 px that the camera or the projector is off
+# at its rim are 3 micrometres of height 0.25 m from the middle, which bends, in 1/m.
+_BEND, _STRETCH = 5e-5, 3e-5
 #: Covariance of the six: of x^2, 2 x y and y^2 in the height, and of the stretch along x, in
 #: shear, and along y; x and y are a patch's.
 COMMON = np.diag(np.square([_BEND] * 3 + [_STRETCH] * 3))

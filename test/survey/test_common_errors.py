@@ -33,13 +33,13 @@ def wrong(cloud, errors):
 @pytest.mark.parametrize('turned', [0.0, np.pi])
 @pytest.mark.parametrize('index', range(6))
 def test_a_pair_errs_as_is_told_by_what_both_clouds_have_wrong(index, turned):
-    skin = FlownSkin(4)
+    skin = FlownSkin(5)
     poses = [*skin.flight(1), *skin.flight(1, start=0.07, y=0.07)]
     poses[1] = poses[1] @ Pose(Rotation.from_rotvec([0, 0, turned]), np.zeros(3))
     seen = [skin.seen(pose, number) for number, pose in enumerate(poses)]
     true = poses[0].inverse() @ poses[1]
     # Far more than what the marks' places are off by themselves.
-    errors = [20, 20, 20, 100, 100, 100] * np.sqrt(np.diag(COMMON)) * (np.arange(6) == index)
+    errors = [50, 50, 50, 300, 300, 300] * np.sqrt(np.diag(COMMON)) * (np.arange(6) == index)
     twists = []
     for wrongly in (0 * errors, errors):
         found = register(*(patch_of(wrong(c, wrongly), k) for c, k in seen), true, DOUBT)
