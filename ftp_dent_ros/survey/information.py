@@ -26,6 +26,9 @@ _SURE = 5.0
 # Marks lie in relief that the fringes do not resolve (grooves about rivets, edges of paint), so
 # that they move against the skin with the direction they are seen from: its depth, metres.
 _RELIEF = 1e-4
+# What no pair is better known than, metres: points are rounded to single precision. And what
+# stands for nothing, beside what all strips tell.
+_LEAST, _NOTHING = 1e-7, 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,14 +80,16 @@ def told_by(found: Equations, centre: Array, parallax: Array) -> Told:
     weighted, pull = found.weight[:, None] * own, (found.weight * found.residual)[:, None]
     # All marks of a pair lie as deep, so that strips do not show it.
     moved = _RELIEF * kept[:2].T @ parallax
-    covariance = np.outer(moved, moved)
+    covariance = np.outer(moved, moved) + _LEAST**2 * np.eye(len(moved))
     for strips in ways:
         part = _products(weighted, other, strips)
         gradients = _summed((own + other) / 2 * pull, strips)
         count, inner = len(part), part.sum(axis=0)
         step = -np.linalg.solve(inner, gradients.sum(axis=0))
         scores = gradients + part @ step
-        moves = np.linalg.solve(inner - part, scores[..., None])[..., 0]
+        # Without a strip that alone tells a direction, nothing does.
+        left = inner - part + _NOTHING * np.trace(inner) * np.eye(len(inner))
+        moves = np.linalg.solve(left, scores[..., None])[..., 0]
         covariance = covariance + (count - 1) / count * moves.T @ moves
     information = kept @ np.linalg.inv(covariance) @ kept.T
     return Told(kept @ step * scale, information / np.outer(scale, scale), int(sure.sum()))

@@ -118,3 +118,13 @@ def test_too_few_points_are_refused():
     points[:3] = 0.5
     with pytest.raises(CloudError, match='too few'):
         patch_of(Cloud(points, np.zeros((20, 20), np.float32)))
+
+
+def test_a_cloud_lies_on_itself_and_on_a_copy():
+    skin = FlownSkin(3)
+    (pose,) = skin.flight(1)
+    patch = patch_of(*skin.seen(pose, 0))
+    for other in (patch, patch_of(*skin.seen(pose, 0))):
+        found = register(patch, other, Pose(Rotation.identity(), np.zeros(3)), DOUBT)
+        assert found.told == 6 and np.isfinite(found.information).all()
+        assert np.linalg.norm(found.pose.translation) < 1e-6
