@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import threading
 import traceback
 from collections.abc import Callable, Sequence
 
@@ -13,6 +14,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from ftp_dent_ros.errors import FtpDentError
 from ftp_dent_ros.supervision import gate
+from ftp_dent_ros.supervision.hearing import Hearing
 from ftp_dent_ros.supervision.signals import stop_event
 
 # A signal is noticed after that long at most, seconds.
@@ -30,7 +32,8 @@ def run(
     """Run a node until SIGINT, SIGTERM or SIGHUP.
 
     An exception of a callback is logged and the node goes on: a message from anywhere must not
-    end it. What a node holds (threads, devices, sockets) it lets go in its `destroy_node`.
+    end it. What a node holds (threads, devices, sockets) it lets go in its `destroy_node`. A node
+    that hears nothing any more, since its process stood still, is made anew.
 
     Parameters
     ----------
@@ -52,8 +55,22 @@ def run(
     if not gate.wait():
         return 0
     stop = stop_event()
+    while (status := _run_until_deaf(make_node, name, arguments, threads, stop)) is None:
+        pass
+    return status
+
+
+def _run_until_deaf(
+    make_node: Callable[[], Node],
+    name: str,
+    arguments: Sequence[str] | None,
+    threads: int,
+    stop: threading.Event,
+) -> int | None:
+    """Exit status, as `run`; None if the node has to be made anew."""
     node: Node | None = None
     executor: Executor | None = None
+    hearing = Hearing()
     try:
         # Not rclpy's own handlers: they end the context while threads still publish.
         rclpy.init(
@@ -65,6 +82,11 @@ def run(
         executor.add_node(node)
         while rclpy.ok() and not stop.is_set():
             _spin_once(executor, node)
+            if hearing.is_lost():
+                node.get_logger().error(
+                    'nothing is heard any more, since this process stood still: begun anew'
+                )
+                return None
     except FtpDentError as error:
         print(f'{name}: {error}', file=sys.stderr)
         return 2
