@@ -69,7 +69,7 @@ def candidates(
     turns = turns[np.argsort(np.abs(turns), kind='stable')]
     found: list[tuple[float, Pose]] = []
     for turn in turns:
-        if found and found[0][0] > _PLAIN and abs(turn) > _TURN:
+        if found and found[0][0] > _PLAIN:
             break
         pose = moved(guess, np.array([0, 0, 0, 0, 0, turn]), centre)
         for height, shift in _peaks(first, second, pose, reach):

@@ -1,0 +1,127 @@
+"""A long flight joined as the node `survey` joins it: memory and processor time.
+
+python benchmarks/long_survey.py FOLDER [--clouds 3600] [--seed 400]
+
+Three passes there and back along a skin that repeats itself every 1.8 m, so that 120 photographs
+(reconstructed at stride 2 of 720p, and kept in FOLDER as clouds) show all of it. The autopilot
+errs anew all along. Memory is the largest of this process, which renders nothing: another does.
+"""
+
+from __future__ import annotations
+
+import argparse
+import resource
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from survey import DISTANCE, HALF_S, MM, STATED, STEP, clouds, erring, flight, skin
+from tqdm import tqdm
+
+from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.files import written_aside
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.simulation import Panel
+from ftp_dent_ros.simulation.marks import Dirt
+from ftp_dent_ros.survey.footprint import Footprint
+from ftp_dent_ros.survey.joining import Joining
+
+# Clouds of a period; where the passes are, metres: a cloud is 0.34 m across.
+PERIOD, PASSES = 40, (-0.24, 0.0, 0.24)
+LENGTH = PERIOD * STEP
+
+
+def repeated(panel: Panel) -> Panel:
+    """A panel whose marks, rivets and dents along one period come again in the next."""
+
+    def again(things):
+        once = [each for each in things if not isinstance(each, Dirt) and 0 <= each.y < LENGTH]
+        return tuple(replace(each, y=each.y + k * LENGTH) for each in once for k in (-1, 0, 1))
+
+    paint = replace(panel.paint, marks=again(panel.paint.marks))
+    return replace(panel, paint=paint, rivets=again(panel.rivets), dents=again(panel.dents))
+
+
+def photograph(folder: Path, seed: int) -> None:
+    """Clouds of one period of each pass, into files."""
+    (panel,) = skin(seed, LENGTH, half=0.45)
+    for number, x in enumerate(PASSES):
+        seen = clouds([repeated(panel)], flight(seed + number, PERIOD, x=x), seed + number)
+        for index, (cloud, image) in enumerate(tqdm(seen, 'photographs', PERIOD)):
+            with written_aside(file_of(folder, number, index)) as aside, aside.open('wb') as out:
+                layers = {'points': cloud.points, 'intensity': cloud.intensity}
+                np.savez(out, **layers, sigma=cloud.sigma, skin=image)
+
+
+def file_of(folder: Path, number: int, index: int) -> Path:
+    return folder / f'{number}_{index}.npz'
+
+
+def flown(seed: int, count: int) -> list[tuple[Pose, Path]]:
+    """True poses of the whole flight, and the name of the file of each cloud."""
+    each = -(-count // len(PASSES))
+    result = []
+    for number, x in enumerate(PASSES):
+        poses = flight(seed + number, PERIOD, x=x)
+        for place in range(each)[:: -1 if number % 2 else 1]:
+            period, index = divmod(place, PERIOD)
+            along = np.array([0.0, period * LENGTH, 0.0])
+            pose = Pose(poses[index].rotation, poses[index].translation + along)
+            result.append((pose, file_of(Path(), number, index)))
+    return result[:count]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.partition('\n')[0])
+    parser.add_argument('folder', type=Path)
+    parser.add_argument('--clouds', type=int, default=3600)
+    parser.add_argument('--seed', type=int, default=400)
+    parser.add_argument('--only-photographs', action='store_true')
+    arguments = parser.parse_args()
+    folder, seed = arguments.folder, arguments.seed
+    if arguments.only_photographs:
+        photograph(folder, seed)
+        return
+    if not file_of(folder, len(PASSES) - 1, PERIOD - 1).exists():
+        words = [str(folder), '--seed', str(seed), '--only-photographs']
+        subprocess.run([sys.executable, __file__, *words], check=True)
+    way = flown(seed, arguments.clouds)
+    stated = erring([pose for pose, _ in way], seed)
+    joining, footprints, spent = Joining(), [], []
+    for number, (_, name) in enumerate(tqdm(way, 'joining')):
+        with np.load(folder / name) as kept:
+            cloud = Cloud(kept['points'], kept['intensity'], kept['sigma'])
+            image = kept['skin']
+        started = time.process_time()
+        joining.add(number * HALF_S, cloud, image, stated[number], STATED)
+        joining.newest_covariance()
+        footprints.append(Footprint.of(cloud))
+        spent.append(time.process_time() - started)
+    started = time.process_time()
+    joining.finish()
+    finished = time.process_time() - started
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    graph = joining.graph
+    found, true = (
+        np.stack([pose.apply(np.array([0, 0, DISTANCE])) for pose in each])
+        for each in (graph.poses, [pose for pose, _ in way])
+    )
+    first, second = np.random.default_rng(seed).integers(0, len(way), (2, 500_000))
+    apart = np.linalg.norm(true[first] - true[second], axis=1)
+    off = np.abs(np.linalg.norm(found[first] - found[second], axis=1) - apart)
+    near = (apart > 0) & (apart < 1)
+    print(
+        f'{len(way)} clouds, {len(graph.links)} pairs, {len(graph.left_out)} left out; largest '
+        f'memory {memory:.0f} MB; processor time a cloud {MM * np.median(spent):.0f} ms (median), '
+        f'{MM * np.mean(spent):.0f} ms (mean), {MM * max(spent):.0f} ms at most, '
+        f'{finished:.1f} s at the end; distances below 1 m are off by '
+        f'{MM * off[near].max():.2f} mm at most, those of {apart.max():.0f} m by '
+        f'{MM * off.max():.0f} mm'
+    )
+
+
+if __name__ == '__main__':
+    main()
