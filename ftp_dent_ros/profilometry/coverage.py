@@ -33,7 +33,7 @@ _SENTENCES = {
     OFF_PANEL: "would lie beyond the projector's frame: check rig and pattern",
 }
 _UNCONFIRMED = (
-    "neither the left nor the right rim of the projector's frame is seen in its place: whether "
+    "no rim of the projector's frame that would tell is seen in its place, left or right: whether "
     'the pattern is the one told could not be checked'
 )
 REASONS = tuple(_SENTENCES)

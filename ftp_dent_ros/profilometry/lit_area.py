@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -130,6 +131,7 @@ class LitArea:
         depth, v_p = triangulate(self.rig, rays, u_p)
         return (rays * depth[..., None])[0].astype(float), v_p[0].astype(float)
 
+    @cached_property
     def sides(self) -> dict[bool, float]:
         """Fringes from the frame's rim at which most rows end, True for that of its last column.
 

@@ -5,17 +5,20 @@ looks like a tilted surface, and a wrong stripe like another distance. The rim o
 frame does not: light ends there, whatever it falls on. A surface may end before the rim of the
 frame that is told, but never beyond it, and where what ends inside is the rim of a frame of
 another period, its other sides are where that period has them.
+
+The code of coded fringes begins with the frame's first one, whatever the period, so that the
+first rim tells nothing; the last one tells how many fringes there are.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from ftp_dent_ros.errors import OtherPatternError
 from ftp_dent_ros.pattern import Pattern
-from ftp_dent_ros.profilometry.epipolar_check import EpipolarCheck
 from ftp_dent_ros.profilometry.lit_area import LitArea
 
 # Fringes that a surface's end is short of the frame's rim, for the windows that it is measured
@@ -26,16 +29,16 @@ _BEYOND = 0.5
 # Projector pixels that the light's upper or lower end must rise over the frame's width to speak;
 # and that it lies beyond the rim, or both ends rise, where the geometry is another: far more than
 # what a calibration errs by.
-_RISE, _ASKEW = 3.0, 8.0
+_RISE, ASKEW = 3.0, 8.0
 # Of periods: no surface looks as if it were more than so many times the one told.
 _LARGEST_RATIO = 2.0
 # Degrees by which a surface must face camera and projector the better for a period to be
 # believed, and from which on no skin is looked at.
 _FACING, _STEEPEST = 3.0, 60.0
-# Part of the rows' waves below which they are not there, and by which rows are scaled: a period
-# told 4 % off, or half a degree of yaw. Standard uncertainties from which on that is sure.
-_FAINT, _STRETCHED, _SURE = 0.3, 0.004, 6.0
-_ADVICE = 'give the pattern that is projected (pattern.yaml) and the rig that it is projected with'
+# Fringes by which the last rim is elsewhere if the zero of the code is; beyond, it is the period.
+_OFF_ZERO = 0.75
+#: What to do about another pattern.
+ADVICE = 'give the pattern that is projected (pattern.yaml) and the rig that it is projected with'
 
 
 def check_pattern(area: LitArea) -> bool:
@@ -44,7 +47,8 @@ def check_pattern(area: LitArea) -> bool:
     Returns
     -------
     bool
-        Whether they can be no other's: the left or right rim of the frame is seen in its place.
+        Whether they can be no other's: the left or right rim of the frame is seen in its place,
+        of coded fringes that behind the last one.
 
     Raises
     ------
@@ -53,60 +57,77 @@ def check_pattern(area: LitArea) -> bool:
         lie, all that are in view; or it ends askew to the rims; or the surface would be so steep
         that it could not be seen.
     """
-    sides = area.sides()
+    pattern, sides = area.pattern, area.sides
     if sides and min(sides.values()) < -_BEYOND:
         beyond = -min(sides.values())
         raise OtherPatternError(
             f'the fringes go on {beyond + _LACK:.1f} fringes beyond the rim of the frame that '
-            f'{_told(area.pattern)} has; {_seen(area, sides)}: {_ADVICE}'
+            f'{told(area.pattern)} has; {_seen(area, sides)}: {ADVICE}'
         )
+    if pattern.code == 'contrast' and len(sides) == 2:
+        _check_zero(area, sides)
     period = _inside(area, sides)
     if period is not None:
         raise OtherPatternError(
             f'the fringes end at the rims of a frame with a period of {period:.2f} px (as seen), '
-            f'but {_told(area.pattern)} is told: {_ADVICE}'
+            f'but {told(area.pattern)} is told: {ADVICE}'
         )
     if _askew(area):
         raise OtherPatternError(
-            f"with {_told(area.pattern)} the light would end beyond the frame's upper or lower "
-            f'rim, and askew to it: do not mirror or turn the photograph, and {_ADVICE}'
+            f"with {told(area.pattern)} the light would end beyond the frame's upper or lower "
+            f'rim, and askew to it: do not mirror or turn the photograph, and {ADVICE}'
         )
     tilt = area.tilt(area.pattern.period_px)
     if tilt > _STEEPEST:
         raise OtherPatternError(
-            f'with {_told(area.pattern)} the surface would be tilted by {tilt:.0f} degrees; '
-            f'fringes of {_facing(area):.1f} px would face camera and projector: {_ADVICE}'
+            f'with {told(area.pattern)} the surface would be tilted by {tilt:.0f} degrees; '
+            f'fringes of {_facing(area):.1f} px would face camera and projector: {ADVICE}'
         )
-    return any(abs(away - _LACK) < _LOOSE for away in sides.values())
+    return _in_place(area.pattern, sides)
 
 
-def check_rows(pattern: Pattern, found: EpipolarCheck) -> None:
-    """Raise the reason if the rows of the projector cannot be those of the pattern told.
+def other_frame(area: LitArea) -> Pattern | None:
+    """The coded pattern at whose last rim the light ends, if that is not the one told.
 
-    Raises
-    ------
-    OtherPatternError
-        The contrast does not change along the fringes as told; or it does, but in another
-        scale, or far beside the epipolar lines.
+    A skin may end there as well: the rows tell (`check_rows`).
     """
-    most = found.strength + _SURE * found.strength_deviation
-    if most < _FAINT:
+    pattern, sides = area.pattern, area.sides
+    if not pattern.tells_rows or True not in sides or _in_place(pattern, sides):
+        return None
+    period, centre = _frame(pattern, sides)
+    if not pattern.period_px / _LARGEST_RATIO < period < _LARGEST_RATIO * pattern.period_px:
+        return None
+    return replace(pattern, period_px=period, stripe_center_px=centre)
+
+
+def check_code(pattern: Pattern, beyond: int) -> None:
+    """Raise `OtherPatternError` if the code goes on so many fringes beyond the frame."""
+    if beyond:
+        period = pattern.width / (len(pattern.fringe_orders) + beyond)
         raise OtherPatternError(
-            f'along the fringes the contrast does not change every {pattern.row_period_px:g} px '
-            f'as the pattern that is told has it (row_depth, row_period_px): {_ADVICE}'
+            f'the code of the fringes goes on {beyond} fringes beyond the rim of the frame that '
+            f'{told(pattern)} has; seen is a period of {period:.1f} px or less: {ADVICE}'
         )
-    if not found.seen:
-        return
-    if abs(found.stretch) > max(_STRETCHED, _SURE * found.stretch_deviation):
+
+
+def _in_place(pattern: Pattern, sides: dict[bool, float]) -> bool:
+    """Whether a rim of the frame that tells the period is where it must be."""
+    telling = [away for last, away in sides.items() if last or pattern.code == 'stripe']
+    return any(abs(away - _LACK) < _LOOSE for away in telling)
+
+
+def _check_zero(area: LitArea, sides: dict[bool, float]) -> None:
+    """Raise if both rims are in view, and both off by the same part of a fringe."""
+    pattern = area.pattern
+    period, centre = _frame(pattern, sides)
+    moved = (centre - pattern.stripe_center_px) / period
+    moved -= round(moved)
+    wide = sides[True] + sides[False] - 2 * _LACK
+    if abs(wide) < _LOOSE and abs(sides[True] - sides[False]) > 2 * _LOOSE:
         raise OtherPatternError(
-            f'the rows of the projector are {1 + found.stretch:.3f} times as far apart as rig and '
-            f'pattern have them: {_ADVICE}, and let the projector show images of its own '
-            'resolution'
-        )
-    if abs(found.shift) > max(_ASKEW, _SURE * found.shift_deviation):
-        raise OtherPatternError(
-            f'the light lies {abs(found.shift):.0f} px beside its epipolar lines: do not mirror '
-            f'or turn the photograph, and {_ADVICE}'
+            f'the fringes end {abs(moved):.1f} fringes beside both rims of the frame that '
+            f'{told(pattern)} has; seen is {_zero(pattern)} at '
+            f'{pattern.stripe_center_px + moved * period:.0f}: {ADVICE}'
         )
 
 
@@ -114,6 +135,8 @@ def _inside(area: LitArea, sides: dict[bool, float]) -> float | None:
     """Period of the frame at whose rims the light ends, if that is not the one told."""
     pattern = area.pattern
     if not sides or any(abs(away - _LACK) < _LOOSE for away in sides.values()):
+        return None
+    if pattern.tells_rows:
         return None
     period, centre = _frame(pattern, sides)
     ratio = period / pattern.period_px
@@ -125,10 +148,10 @@ def _inside(area: LitArea, sides: dict[bool, float]) -> float | None:
     if len(sides) == 2:
         agree = abs(centre - pattern.stripe_center_px) < _LOOSE * period
         return period if agree and tilt < told_tilt - _FACING else None
-    told, seen = (area.upper_and_lower(each) for each in (pattern.period_px, period))
-    for side in told.keys() & seen.keys():
-        straightened = seen[side].rise < told[side].rise / 2
-        if told[side].on_rim and told[side].rise > _RISE and straightened:
+    lines, seen = (area.upper_and_lower(each) for each in (pattern.period_px, period))
+    for side in lines.keys() & seen.keys():
+        straightened = seen[side].rise < lines[side].rise / 2
+        if lines[side].on_rim and lines[side].rise > _RISE and straightened:
             return period
     return None
 
@@ -137,8 +160,8 @@ def _askew(area: LitArea) -> bool:
     """Whether the light ends on lines across, or beyond, the frame's upper and lower rims."""
     lines = list(area.upper_and_lower(area.pattern.period_px).values())
     lowest = min((line.lowest for line in lines), default=0.0)
-    across = [line for line in lines if line.on_rim and line.rise > _ASKEW]
-    return lowest < -_ASKEW or (len(across) == 2 and lowest < 0)
+    across = [line for line in lines if line.on_rim and line.rise > ASKEW]
+    return lowest < -ASKEW or (len(across) == 2 and lowest < 0)
 
 
 def _frame(pattern: Pattern, sides: dict[bool, float]) -> tuple[float, float]:
@@ -146,6 +169,8 @@ def _frame(pattern: Pattern, sides: dict[bool, float]) -> tuple[float, float]:
     first, last = (
         (u - pattern.stripe_center_px) / pattern.period_px for u in (-0.5, pattern.width - 0.5)
     )
+    if pattern.code == 'contrast' and len(sides) == 1:
+        return _frame_of_code(pattern, sides, first, last)
     # Fringes from the stripe; an end beyond the stripe is the frame's in no case.
     left = min(first + sides.get(False, 0.0) - _LACK, -1.0)
     right = max(last - sides.get(True, 0.0) + _LACK, 1.0)
@@ -156,7 +181,21 @@ def _frame(pattern: Pattern, sides: dict[bool, float]) -> tuple[float, float]:
     return pattern.period_px * ratio, pattern.stripe_center_px
 
 
-def _told(pattern: Pattern) -> str:
+def _frame_of_code(
+    pattern: Pattern, sides: dict[bool, float], first: float, last: float
+) -> tuple[float, float]:
+    """Period and zero with which one end is the frame's rim, if the first is in its place."""
+    if True not in sides:
+        return pattern.period_px, -0.5 - (first + sides[False] - _LACK) * pattern.period_px
+    right = last - sides[True] + _LACK
+    if abs(right - last) < _OFF_ZERO:
+        return pattern.period_px, pattern.width - 0.5 - right * pattern.period_px
+    period = pattern.width / (right - first)
+    return period, -0.5 - first * period
+
+
+def told(pattern: Pattern) -> str:
+    """Period and zero of a pattern, in words."""
     zero = f'{_zero(pattern)} at {pattern.stripe_center_px:g}'
     return f'a period of {pattern.period_px:g} px with {zero}'
 

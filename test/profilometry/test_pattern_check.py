@@ -55,6 +55,43 @@ def test_of_coded_fringes_no_stripe_is_spoken_of(framed):
     assert 'stripe' not in str(error.value)
 
 
+@pytest.fixture(scope='module')
+def coded(framed):
+    pattern = replace(PATTERN, code='contrast')
+    return Scene.of(*framed.surface.panels, projected=pattern.draw(), rig=framed.rig)
+
+
+@pytest.mark.parametrize(
+    ('changes', 'sentence'),
+    [
+        # The last fringes are no part of the frame that is told.
+        ({'period_px': 9.0}, r'code .* goes on \d+ fringes beyond .* a period of 8\.1 px or less'),
+        ({'period_px': 10.0}, r'code .* goes on \d+ fringes beyond'),
+        # The code begins with the frame, so that the first rim is always in its place.
+        ({'period_px': 7.0}, r'end, and their rows lie, .* a period of 7\.99 px .*, but .* 7 px'),
+        ({'period_px': 7.5}, r'end, and their rows lie, .* a period of 7\.99 px'),
+        # Light of a projector that stands elsewhere, but for where the frame ends.
+        ({'stripe_center_px': 316.0}, r'beside both rims .* seen is a crest at 320'),
+        ({'stripe_center_px': 324.0}, r'beside both rims .* seen is a crest at 328'),
+    ],
+)
+def test_of_coded_fringes_the_number_and_the_place_of_the_last_are_told(coded, changes, sentence):
+    told = replace(PATTERN, code='contrast', **changes)
+    with pytest.raises(OtherPatternError, match=sentence):
+        Reconstructor(coded.rig, told, Settings(stride=2)).measure(coded.image)
+
+
+def test_of_coded_fringes_the_last_rim_confirms_the_pattern(coded):
+    told = replace(PATTERN, code='contrast')
+
+    def confirmed(pattern):
+        measured = Reconstructor(coded.rig, pattern, Settings(stride=2)).measure(coded.image)
+        return measured.coverage.confirmed
+
+    assert confirmed(told)
+    assert not confirmed(replace(told, period_px=7.8))
+
+
 def test_a_photograph_that_is_mirrored_or_turned_is_refused(framed):
     image = framed.image
     for other in (image[::-1, ::-1], image[:, ::-1], image[::-1]):

@@ -71,6 +71,14 @@ def test_a_zero_told_whole_fringes_elsewhere_gives_the_same_cloud(image):
     assert away.max() < 2e-4
 
 
+def test_a_zero_told_half_a_fringe_elsewhere_is_refused_by_one_rim_and_the_rows(image):
+    told = replace(PATTERN, stripe_center_px=PATTERN.stripe_center_px - 5)
+    with pytest.raises(
+        OtherPatternError, match=r'rows lie, .* 10.00 px and a crest at 640 .* 635'
+    ):
+        check(RIG, image, told)
+
+
 def scaled(factor):
     """What a projector shows that scales its images."""
     offset = 0.5 * (1 - factor) * np.array([1280, 720])

@@ -38,6 +38,8 @@ _LEAST_STEP, _MOST_STEP = 0.45, 1.5
 # By how many variances of what an order leaves the next best must be worse; and the most that it
 # may leave, in steps of the code.
 _SIGNIFICANT, _LEFT = 25.0, 0.4
+# Share of the rows in which a fringe beyond the panel is seen, if it is one.
+_SEEN = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,6 +193,29 @@ class ContrastSteps:
             math.sqrt(scatter) / size,
             float(scale[best]),
         )
+
+    def beyond(self, pattern: Pattern, order: int) -> int:
+        """Fringes beyond the panel over which the code goes on, by an order; 0 if it does not.
+
+        The sequence is longer than the panel and begins with its first fringe: light that shows
+        more of it comes from another panel than the one told.
+        """
+        place = np.arange(self.step.shape[1]) + self.first + order
+        rows = np.count_nonzero(self.weight, axis=0)
+        # The step from the last fringe of the panel leads to the first beyond it.
+        used = (place >= pattern.fringe_orders.stop - 1) & (rows > _SEEN * len(self.step))
+        if np.count_nonzero(used) < WORD // 2:
+            return 0
+        weight = self.weight[:, used]
+        size = -math.log(pattern.low_contrast)
+        step = np.clip(self.step[:, used], -_CLIPPED * size, _CLIPPED * size)
+        mean = (weight * step).sum(axis=0) / weight.sum(axis=0)
+        ends = [pattern.fringe_contrast(place[used] + side).astype(float) for side in (0, 1)]
+        code = np.log(ends[1] / ends[0])
+        scale = np.clip(code @ mean / max(code @ code, 1e-6), _LEAST_STEP, _MOST_STEP)
+        left, flat = np.mean(np.square(mean - scale * code)), np.mean(np.square(mean))
+        told = left < np.square(_LEFT * size) and left < flat / 4
+        return int(place[used].max()) + 2 - pattern.fringe_orders.stop if told else 0
 
     def misfit(self, pattern: Pattern, order: int, scale: float) -> NDArray[np.float32]:
         """Square of what an order leaves of each step, in steps as they are seen, at most 1."""

@@ -14,7 +14,7 @@ from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.photograph import Photograph
 from ftp_dent_ros.profilometry.carrier import ReferencePlane, carrier_on
 from ftp_dent_ros.profilometry.coverage import Coverage
-from ftp_dent_ros.profilometry.epipolar_check import check_epipolar
+from ftp_dent_ros.profilometry.epipolar_check import EpipolarCheck, check_epipolar
 from ftp_dent_ros.profilometry.least_squares.cloud_builder import CloudBuilder, Published
 from ftp_dent_ros.profilometry.least_squares.coded_surfaces import CodedSurfaces
 from ftp_dent_ros.profilometry.least_squares.exposure import check_exposure
@@ -32,8 +32,9 @@ from ftp_dent_ros.profilometry.least_squares.surface_mask import beside_steep_ri
 from ftp_dent_ros.profilometry.least_squares.windows import WIDTH, Windows
 from ftp_dent_ros.profilometry.lit_area import LitArea
 from ftp_dent_ros.profilometry.measurement import Measurement
-from ftp_dent_ros.profilometry.pattern_check import check_pattern, check_rows
+from ftp_dent_ros.profilometry.pattern_check import check_pattern, other_frame
 from ftp_dent_ros.profilometry.projector_rows import Rows
+from ftp_dent_ros.profilometry.rows_check import check_rows
 from ftp_dent_ros.rig import Rig
 
 
@@ -84,15 +85,16 @@ class LeastSquares:
         lit, seams = fringe_region(fringes, self.windows, self.grid, self.period)
         check_exposure(light, lit, self.grid, self.period)
         surfaces = self._surfaces.fitted(light, fringes, lit, seams)
-        return self._result(light, lit, surfaces, self._check_pattern(surfaces))
+        return self._result(light, lit, surfaces, self._lit_area(surfaces))
 
-    def _check_pattern(self, fitted: list[FittedSurface]) -> bool:
-        """Raise if the fringes cannot be those of the pattern told; whether no other's."""
+    def _lit_area(self, fitted: list[FittedSurface]) -> LitArea:
+        """Where the surfaces have fringes."""
         surfaces = [(self.grid.at_bins(part.phase), part.refined.measured) for part in fitted]
-        return check_pattern(LitArea.of(self.rig, self.pattern, self._bin_rays, surfaces))
+        return LitArea.of(self.rig, self.pattern, self._bin_rays, surfaces)
 
-    def _result(self, light, lit, fitted, confirmed) -> Measurement:
+    def _result(self, light, lit, fitted, area) -> Measurement:
         """Publish the surfaces together."""
+        confirmed = check_pattern(area)
         grid, period = self.grid, self.period / self.grid.step
         around: Any = np.ones((5, 2 * math.ceil(period) + 1), np.uint8)
         beside_dark = cv2.dilate(grid.to_bins(~lit).view(np.uint8), around)
@@ -139,10 +141,22 @@ class LeastSquares:
         coverage = replace(coverage, confirmed=confirmed)
         epipolar = check_epipolar(self.rig, self.pattern, rows, WIDTH * self.pattern.period_px)
         if epipolar is not None:
-            check_rows(self.pattern, epipolar)
+            other = other_frame(area)
+            check_rows(self.pattern, epipolar, other, self._under(other, fitted, rows))
         return Measurement(
             self._builder.cloud(surfaces), stripe_depth, coverage, epipolar=epipolar
         )
+
+    def _under(self, other: Pattern | None, fitted, rows) -> EpipolarCheck | None:
+        """What the rows of surfaces say if the pattern is another than the one told."""
+        if other is None:
+            return None
+        nodes = PhaseGeometry.of(self.rig, other, *self.grid.node_positions())
+        moved = [
+            replace(each, u_p=other.column(part.phase), v_p=nodes.meet(part.phase)[1])
+            for part, each in zip(fitted, rows, strict=True)
+        ]
+        return check_epipolar(self.rig, other, moved, WIDTH * other.period_px)
 
     def _rows(self, part: FittedSurface, v_p, measured) -> Rows:
         """What a surface shows of the projector's rows."""

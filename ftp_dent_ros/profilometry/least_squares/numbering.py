@@ -17,6 +17,7 @@ from ftp_dent_ros.profilometry.least_squares.contrast_code import WORD, Contrast
 from ftp_dent_ros.profilometry.least_squares.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.intensity_bins import IntensityBins
 from ftp_dent_ros.profilometry.least_squares.regions import SMALLEST
+from ftp_dent_ros.profilometry.pattern_check import check_code
 
 # Pixel rows that are judged together; of mean square misfit, in steps of the code, that is
 # another order's: a wrong one leaves a half on average.
@@ -81,6 +82,11 @@ class Numbering:
             At the nodes, continuous within each part, radians.
         part : ndarray, shape (rows, columns), int32
             Label of the part of each node; -1 for none.
+
+        Raises
+        ------
+        OtherPatternError
+            The code goes on beyond the panel.
         """
         sizes = np.bincount(part[part >= 0])
         found = []
@@ -88,7 +94,10 @@ class Numbering:
             region = part == label
             steps = self._steps(light, phase, region)
             if steps is not None:
-                found += self._divided(light, phase, region, steps)
+                divided = self._divided(light, phase, region, steps)
+                for order in {number for _, number in divided}:
+                    check_code(self.pattern, steps.beyond(self.pattern, order))
+                found += divided
         return sorted(found, key=lambda each: -np.count_nonzero(each[0]))
 
     def _divided(self, light, phase, region, steps) -> list[tuple[NDArray[np.bool_], int]]:

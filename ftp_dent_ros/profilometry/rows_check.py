@@ -1,0 +1,78 @@
+"""Whether the projector's rows can be those of the pattern told."""
+
+from __future__ import annotations
+
+from ftp_dent_ros.errors import OtherPatternError
+from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.profilometry.epipolar_check import EpipolarCheck
+from ftp_dent_ros.profilometry.pattern_check import ADVICE, ASKEW, told
+
+# Part of the rows' waves below which they are not there, and by which rows are scaled: a period
+# told 4 % off, or half a degree of yaw. Standard uncertainties from which on that is sure.
+_FAINT, _STRETCHED, _SURE = 0.3, 0.004, 6.0
+# Projector pixels that a calibration leaves between light and epipolar lines; sum of squares over
+# their variances from which on rows are off; and the share of it that the true pattern leaves.
+_TOLERANCE, _OFF, _LEFT = 0.05, 25.0, 0.25
+
+
+def check_rows(
+    pattern: Pattern,
+    found: EpipolarCheck,
+    other: Pattern | None = None,
+    under_other: EpipolarCheck | None = None,
+) -> None:
+    """Raise the reason if the rows of the projector cannot be those of the pattern told.
+
+    Parameters
+    ----------
+    pattern : Pattern
+    found : EpipolarCheck
+    other : Pattern, optional
+        That of `other_frame`, and what the rows say under it.
+    under_other : EpipolarCheck, optional
+
+    Raises
+    ------
+    OtherPatternError
+        The contrast does not change along the fringes as told; or it does, but in another
+        scale, or far beside the epipolar lines; or off them as under the other pattern it is not.
+    """
+    most = found.strength + _SURE * found.strength_deviation
+    if most < _FAINT:
+        raise OtherPatternError(
+            f'along the fringes the contrast does not change every {pattern.row_period_px:g} px '
+            f'as the pattern that is told has it (row_depth, row_period_px): {ADVICE}'
+        )
+    if not found.seen:
+        return
+    if other is not None and under_other is not None and under_other.seen:
+        off = _off(found)
+        if off > _OFF and _off(under_other) < _LEFT * off:
+            raise OtherPatternError(
+                f'the fringes end, and their rows lie, as in a frame with a period of '
+                f'{other.period_px:.2f} px and a crest at {other.stripe_center_px:.0f} (as seen), '
+                f'but {told(pattern)} is told: {ADVICE}'
+            )
+    if abs(found.stretch) > max(_STRETCHED, _SURE * found.stretch_deviation):
+        raise OtherPatternError(
+            f'the rows of the projector are {1 + found.stretch:.3f} times as far apart as rig and '
+            f'pattern have them: {ADVICE}, and let the projector show images of its own '
+            'resolution'
+        )
+    if abs(found.shift) > max(ASKEW, _SURE * found.shift_deviation):
+        raise OtherPatternError(
+            f'the light lies {abs(found.shift):.0f} px beside its epipolar lines: do not mirror '
+            f'or turn the photograph, and {ADVICE}'
+        )
+
+
+def _off(found: EpipolarCheck) -> float:
+    """How far shift, turn and stretch are off: the sum of their squares over their variances."""
+    return sum(
+        (scale * value) ** 2 / ((scale * deviation) ** 2 + _TOLERANCE**2)
+        for value, deviation, scale in (
+            (found.shift, found.shift_deviation, 1.0),
+            (found.turn, found.turn_deviation, found.reach),
+            (found.stretch, found.stretch_deviation, found.height),
+        )
+    )
