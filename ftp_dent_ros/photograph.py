@@ -184,6 +184,10 @@ class Photograph:
         """Factor from levels to grey levels of 8 bits, in which the engine computes."""
         return 255 / self.white
 
+    def to_the_power(self, power: float) -> Photograph:
+        """The photograph in levels to a power, of 16 bits."""
+        return self.linear(np.linspace(0, 1, self.white + 1) ** power)
+
     def linear(self, response: NDArray[np.floating]) -> Photograph:
         """The photograph in levels that grow with the light, of 16 bits.
 

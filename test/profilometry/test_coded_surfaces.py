@@ -99,6 +99,16 @@ def test_a_grey_photograph_will_do():
     assert cloud.valid.sum() > 0.97 * measure(scene).cloud.valid.sum()
 
 
+@pytest.mark.parametrize('curve', [{'camera_gamma': 2.2}, {'camera_gamma': 0.7}])
+def test_a_camera_s_curve_that_is_not_told_costs_nothing(curve):
+    clean, curved = (
+        photographed(sheet((-0.2, 0.2, -0.15, 0.15)), samples=4, **light)
+        for light in ({}, curve)
+    )
+    errors = [each.errors_mm(measure(each).cloud) for each in (clean, curved)]
+    assert errors[1].mean() < 1.25 * errors[0].mean()
+
+
 def test_a_surface_too_narrow_for_a_word_is_left_out_and_told():
     scene = photographed(
         sheet((-0.15, -0.02, -0.12, 0.12)), sheet((-0.005, 0.015, -0.12, 0.12), DEPTH - 0.02)

@@ -74,8 +74,7 @@ def excess_blur(
     blur : ndarray, shape (rows, columns), float32
         Variance that is expected at the nodes, radians^2.
     """
-    step = max(1, len(phase) // _ROWS)
-    rows = np.arange(step // 2, len(phase), step)
+    rows = sampled_rows(len(phase))
     expected = grid.to_bins(blur[rows])
     told, power = _told(model, grid, windows, levels[rows], phase[rows], mask[rows], expected)
     # Of a few rows, each fringe is one witness.
@@ -111,6 +110,12 @@ def excess_blur(
     return Blur(everywhere.astype(np.float32), np.sqrt(spread).astype(np.float32))
 
 
+def sampled_rows(count: int) -> NDArray[np.intp]:
+    """The rows of nodes that are measured in."""
+    step = max(1, count // _ROWS)
+    return np.arange(step // 2, count, step)
+
+
 def _plane(terms, values, weight) -> tuple[Any, Any]:
     """Coefficients of a plane through values, drawn to zero by what is known, and covariance."""
     prior = np.diag(1 / np.square([_SPREAD, _LEAN, _LEAN]))
@@ -138,10 +143,39 @@ def _told(
         model.envelope(variance + np.float32(side)).turn(phase, cosine, sine, slice(None))
         basis.append((cosine, sine))
     (fringes, shift), (wider, more) = basis
-    change = wider - fringes
+    told, power = told_of(
+        grid, windows, levels, mask, (fringes + wider) / 2, (shift + more) / 2, wider - fringes
+    )
+    return np.float32(_CHANGE) * told, power
+
+
+def told_of(
+    grid: Grid,
+    windows: Windows,
+    levels: NDArray[np.float32],
+    mask: NDArray[np.bool_],
+    fringes: NDArray[np.float32],
+    shift: NDArray[np.float32],
+    change: NDArray[np.float32],
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """How much of a change of the fringes light shows in the windows, in amplitudes of theirs.
+
+    Parameters
+    ----------
+    grid : Grid
+    windows : Windows
+    levels, mask : ndarray, shape (rows, bins)
+        Grey levels of some rows, and the bins that count.
+    fringes, shift, change : ndarray, shape (rows, bins), float32
+        Fringes of the amplitude 1, what a shift adds to them, and what is asked for.
+
+    Returns
+    -------
+    tuple of ndarray, shape (rows, columns), float32
+        How much, and how well it is told; 0 where it is not.
+    """
     weight = mask.astype(np.float32)
-    fields = [weight, weight * (fringes + wider) / 2, weight * (shift + more) / 2]
-    fields += [weight * change, weight * levels]
+    fields = [weight, weight * fringes, weight * shift, weight * change, weight * levels]
     plain = [np.ones_like(levels), fields[1], fields[2], change, levels]
     pairs = list(combinations_with_replacement(range(5), 2))[:-1]
     products = np.stack([fields[one] * plain[other] for one, other in pairs])
@@ -166,4 +200,4 @@ def _told(
     along = joint(3, 4) - a * cy - b * sy
     known &= (power > 0) & (amplitude > 1)
     told = along / np.maximum(power * amplitude, np.float32(1e-9))
-    return np.float32(_CHANGE) * np.where(known, told, 0), np.where(known, power * share, 0)
+    return np.where(known, told, 0), np.where(known, power * share, 0)

@@ -15,6 +15,7 @@ from ftp_dent_ros.photograph import Photograph
 from ftp_dent_ros.profilometry.carrier import ReferencePlane, carrier_on
 from ftp_dent_ros.profilometry.coverage import Coverage
 from ftp_dent_ros.profilometry.epipolar_check import EpipolarCheck, check_epipolar
+from ftp_dent_ros.profilometry.least_squares.camera_curve import light_power
 from ftp_dent_ros.profilometry.least_squares.cloud_builder import CloudBuilder, Published
 from ftp_dent_ros.profilometry.least_squares.coded_surfaces import CodedSurfaces
 from ftp_dent_ros.profilometry.least_squares.exposure import check_exposure
@@ -79,13 +80,41 @@ class LeastSquares:
         ------
         TooDarkError, SaturatedError, NoStripeError, OtherPatternError
         """
+        light, lit, surfaces = self._fitted(photograph)
+        power = self._light_power(photograph, light, surfaces)
+        if power != 1:
+            light, lit, surfaces = self._fitted(photograph.to_the_power(power))
+        return self._result(light, lit, surfaces, self._lit_area(surfaces))
+
+    def _fitted(
+        self, photograph: Photograph
+    ) -> tuple[IntensityBins, NDArray[np.bool_], list[FittedSurface]]:
+        """Light, where it is, and the surfaces in it."""
         light = IntensityBins.of(photograph, self.grid, self.pattern.code == 'stripe')
-        table = self._table
-        fringes = fit(self.grid, self.windows, table, light.red)
+        fringes = fit(self.grid, self.windows, self._table, light.red)
         lit, seams = fringe_region(fringes, self.windows, self.grid, self.period)
         check_exposure(light, lit, self.grid, self.period)
-        surfaces = self._surfaces.fitted(light, fringes, lit, seams)
-        return self._result(light, lit, surfaces, self._lit_area(surfaces))
+        return light, lit, self._surfaces.fitted(light, fringes, lit, seams)
+
+    def _light_power(
+        self, photograph: Photograph, light: IntensityBins, surfaces: list[FittedSurface]
+    ) -> float:
+        """Power of the photograph's levels that grows with the light, by coded fringes."""
+        power = 1.0
+        if self.pattern.code != 'contrast':
+            return power
+        part = max(surfaces, key=lambda each: np.count_nonzero(each.refined.measured))
+        # Bins average levels, not light: once more of levels that nearly are light.
+        for _ in range(2):
+            more = light_power(
+                *(self.pattern, self.grid, self.windows, light, part.phase),
+                part.refined.measured,
+            )
+            power *= more
+            if more == 1:
+                break
+            light = IntensityBins.of(photograph.to_the_power(power), self.grid, stripe=False)
+        return power
 
     def _lit_area(self, fitted: list[FittedSurface]) -> LitArea:
         """Where the surfaces have fringes."""
