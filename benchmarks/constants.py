@@ -43,8 +43,11 @@ DEPTH = 0.65
 PATTERN = Pattern(640, 480, 13.0, 320.0)
 CODED = replace(PATTERN, code='contrast')
 # Modules some constants of which matter under coded fringes alone.
-OF_CODE = tuple(
-    f'least_squares/{part}' for part in ('code', 'contrast_', 'numbering', 'surface_fit')
+OF_CODE = (
+    'rows_check',
+    'least_squares/camera_curve',
+    *('least_squares/code', 'least_squares/contrast_', 'least_squares/numbering'),
+    'least_squares/surface_fit',
 )
 # Not free: numbers that follow from a definition, and what the reader of a table reads.
 EXACT = {

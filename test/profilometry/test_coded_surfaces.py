@@ -102,8 +102,7 @@ def test_a_grey_photograph_will_do():
 @pytest.mark.parametrize('curve', [{'camera_gamma': 2.2}, {'camera_gamma': 0.7}])
 def test_a_camera_s_curve_that_is_not_told_costs_nothing(curve):
     clean, curved = (
-        photographed(sheet((-0.2, 0.2, -0.15, 0.15)), samples=4, **light)
-        for light in ({}, curve)
+        photographed(sheet((-0.2, 0.2, -0.15, 0.15)), samples=4, **light) for light in ({}, curve)
     )
     errors = [each.errors_mm(measure(each).cloud) for each in (clean, curved)]
     assert errors[1].mean() < 1.25 * errors[0].mean()
