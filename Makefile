@@ -4,7 +4,8 @@
 unexport PYTHONPATH
 VENV := .venv/bin
 UBUNTU := .venv-ubuntu24.04/bin
-PYTEST := -m pytest -n 2 --dist worksteal
+# More workers than the two cores that this must do with: tests of nodes mostly wait.
+PYTEST := -m pytest -n 3 --dist worksteal
 # Without flight_replay, which needs the log of a flight, and link_soak, which takes ten minutes.
 BENCHMARKS := accuracy reconstruction_speed render node_latency recording
 
