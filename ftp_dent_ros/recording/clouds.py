@@ -128,7 +128,9 @@ def bag_clouds(
         The bag has no clouds, or its file is damaged.
     """
     wanted = _wanted(bag)
-    topics = [topic for topic, count in _counts(bag).items() if count]
+    # With the camera's pose, nothing is asked of the tagged clouds, the largest of all messages.
+    unused = {TAGGED, POSE} if CAMERA_POSE in wanted else set()
+    topics = [topic for topic, count in _counts(bag).items() if count and topic not in unused]
     waiting: dict[int, dict[str, Any]] = {}
     done: set[int] = set()
     for message in bag.messages(topics):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import scipy.sparse
 import scipy.sparse.linalg
@@ -21,8 +23,7 @@ def membrane(values: Map, over: Mask) -> Map:
 
 def plate(values: Map, over: Mask) -> Map:
     """Values, those of the cells `over` such that the surface bends least: slopes go on."""
-    bending = _laplacian(over.shape)
-    return _solved(values, over, bending.T @ bending)
+    return _solved(values, over, _bending(over.shape))
 
 
 def around(over: Mask) -> tuple[slice, slice]:
@@ -44,6 +45,14 @@ def _solved(values: Map, over: Mask, equations: scipy.sparse.csr_matrix) -> Map:
     return found
 
 
+# One gap is filled in several ways, and the equations of its window are made once.
+@lru_cache(maxsize=1)
+def _bending(shape: tuple[int, ...]) -> scipy.sparse.csr_matrix:
+    bent = _laplacian(shape)
+    return bent.T @ bent
+
+
+@lru_cache(maxsize=1)
 def _laplacian(shape: tuple[int, ...]) -> scipy.sparse.csr_matrix:
     """Five-point Laplacian of a grid whose border reflects."""
 

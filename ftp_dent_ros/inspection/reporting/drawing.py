@@ -17,6 +17,8 @@ COLOURS = 'RdBu_r'
 _NOTHING = (225, 227, 230)
 # Metres around what is looked for on a grid: outlines lie on the measured skin.
 _BESIDE = 0.02
+# Metres; what is finite is nearer.
+_FARTHEST = float(np.finfo(np.float32).max)
 
 
 def colour_table() -> NDArray[np.uint8]:
@@ -55,7 +57,7 @@ def data_uri(data: bytes, kind: str) -> str:
 def on_grid(points: NDArray[np.float64], view: View) -> NDArray[np.float64]:
     """Column and row of points of the report's frame on a cloud's grid, shape (n, 2)."""
     points = view.pose.inverse().apply(np.asarray(points, float))
-    grid = view.points.astype(float)
+    grid = view.points
     if not len(points) or not np.isfinite(grid[..., 2]).any():
         return np.full((len(points), 2), np.nan)
     row, column = _nearest(points, grid)
@@ -67,9 +69,9 @@ def on_grid(points: NDArray[np.float64], view: View) -> NDArray[np.float64]:
             for sign in (-1, 1)
         )
         high = np.minimum(high, np.array(grid.shape[:2]) - 1)
-        change = grid[high[:, 0], high[:, 1]] - grid[low[:, 0], low[:, 1]]
+        change = _at(grid, high[:, 0], high[:, 1]) - _at(grid, low[:, 0], low[:, 1])
         steps.append(change / np.maximum((high - low).sum(axis=1), 1)[:, None])
-    beyond = points - grid[row, column]
+    beyond = points - _at(grid, row, column)
     basis = np.stack(steps, axis=-1)
     gram = basis.transpose(0, 2, 1) @ basis
     right = (basis.transpose(0, 2, 1) @ beyond[..., None])[..., 0]
@@ -82,30 +84,36 @@ def on_grid(points: NDArray[np.float64], view: View) -> NDArray[np.float64]:
 
 
 def _nearest(
-    points: NDArray[np.float64], grid: NDArray[np.float64]
+    points: NDArray[np.float64], grid: NDArray[np.float32]
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Rows and columns of the measured points that are nearest to some points, each shape (n,)."""
     low, high = points.min(axis=0) - _BESIDE, points.max(axis=0) + _BESIDE
-    near, known = (grid[..., 0] >= low[0]) & (grid[..., 0] <= high[0]), np.isfinite(grid[..., 2])
-    for axis in (1, 2):
-        near &= (grid[..., axis] >= low[axis]) & (grid[..., axis] <= high[axis])
-    for some in (near, known):
-        rows, columns = np.nonzero(some)
+    for bounds in ((low, high), (np.full(3, -_FARTHEST), np.full(3, _FARTHEST))):
+        # Much faster than comparisons of a coordinate each; what is not a number lies nowhere.
+        rows, columns = np.nonzero(cv2.inRange(grid, *bounds))
         if len(rows):
-            distance, nearest = cKDTree(grid[rows, columns]).query(points)
+            # Made in a third of the time of a balanced one, for a few questions.
+            tree = cKDTree(_at(grid, rows, columns), balanced_tree=False, compact_nodes=False)
+            distance, nearest = tree.query(points)
             if distance.max() <= _BESIDE:
                 break
     return rows[nearest], columns[nearest]
 
 
+def _at(grid: NDArray, rows: NDArray, columns: NDArray) -> NDArray[np.float64]:
+    return np.asarray(grid[rows, columns], float)
+
+
 def on_photograph(
-    points: NDArray[np.float64], view: View, camera: Lens | None
+    points: NDArray[np.float64], place: NDArray[np.float64], view: View, camera: Lens | None
 ) -> NDArray[np.float64]:
     """Pixels of points of the report's frame in a cloud's photograph, shape (n, 2).
 
     Parameters
     ----------
     points : ndarray, shape (n, 3)
+    place : ndarray, shape (n, 2)
+        Theirs `on_grid`.
     view : View
     camera : Lens or None
         If the cloud is in its frame; else the cloud's own grid says where a point is.
@@ -116,4 +124,4 @@ def on_photograph(
     width, height = view.size
     # Every n-th pixel from the first has a point.
     stride = max(round(width / columns), round(height / rows), 1)
-    return on_grid(points, view) * stride
+    return place * stride

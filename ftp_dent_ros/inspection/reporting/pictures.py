@@ -27,7 +27,9 @@ def pictures_of(frame: Frame, report: Report, limit: float) -> dict[str, Any]:
         if any(sighting.frame == frame.number for sighting in entry.sightings)
     ]
     rows, columns = view.deviation.shape
-    heat = [_outline(entry, drawing.on_grid(closed_outline(entry), view)) for entry in shown]
+    lines = [closed_outline(entry) for entry in shown]
+    places = [drawing.on_grid(line, view) for line in lines]
+    heat = [_outline(entry, place) for entry, place in zip(shown, places, strict=True)]
     photograph = None
     if view.photograph is not None:
         photograph = {
@@ -35,8 +37,8 @@ def pictures_of(frame: Frame, report: Report, limit: float) -> dict[str, Any]:
             'width': view.size[0],
             'height': view.size[1],
             'outlines': [
-                _outline(entry, drawing.on_photograph(closed_outline(entry), view, report.camera))
-                for entry in shown
+                _outline(entry, drawing.on_photograph(line, place, view, report.camera))
+                for entry, line, place in zip(shown, lines, places, strict=True)
             ],
         }
     return {

@@ -170,11 +170,12 @@ def test_outlines_are_drawn_where_the_camera_sees_them(stride):
     report = clouds.report('x', 'map')
     view = report.frames[0].view
     outline = report.dents[0].dent.outline
+    place = on_grid(outline, view)
     true = CAMERA.project(pose.inverse().apply(outline))
-    np.testing.assert_allclose(on_photograph(outline, view, CAMERA), true, atol=1e-6)
+    np.testing.assert_allclose(on_photograph(outline, place, view, CAMERA), true, atol=1e-6)
     # Without a rig the cloud's grid tells, but for the depth of the dent.
-    np.testing.assert_allclose(on_photograph(outline, view, None), true, atol=0.5)
-    np.testing.assert_allclose(on_grid(outline, view) * stride, true, atol=0.5)
+    np.testing.assert_allclose(on_photograph(outline, place, view, None), true, atol=0.5)
+    np.testing.assert_allclose(place * stride, true, atol=0.5)
 
 
 def test_the_heat_map_has_the_dents_colour_where_the_dent_is(tmp_path, report):
