@@ -25,6 +25,8 @@ _ROWS = 4
 _LEAST_LOSS = 0.6
 _LARGEST_RIVAL = 0.7
 _LEAST_SUPPORT = 0.1
+# Standard deviations of a vote's noise that it must have: of a hundred fringes, none by luck.
+_SURELY = 4.0
 # Between neighbouring bins of rows, radians: a quarter of a fringe.
 _JUMP = np.pi / 2
 # Grey levels of amplitude from which on a row's vote counts in full.
@@ -130,6 +132,7 @@ class _Fringes:
     order: NDArray[np.intp]
     red: NDArray[np.float64]
     other: NDArray[np.float64]
+    variance: NDArray[np.float64]  # of `other`
     left: NDArray[np.intp]
     width: NDArray[np.intp]
 
@@ -152,8 +155,8 @@ def _vote(phase, part, red, other) -> tuple[_Fringes, NDArray[np.bool_]]:
     chosen = np.zeros(0, bool)
     if (part >= 0).any():
         fringes = _fringes(phase, part, red, other)
-        loss, weight = _losses(fringes)
-        chosen = _elect(fringes, loss, weight) & (loss > 0.5)
+        loss, weight, variance = _losses(fringes)
+        chosen = _elect(fringes, loss, weight, variance) & (loss > 0.5)
     if not chosen.any():
         raise NoStripeError(_NOT_SEEN)
     return fringes, chosen
@@ -176,23 +179,25 @@ def _fringes(phase, part, red, other) -> _Fringes:
     def slopes(x, *ys):
         x_mean = mean(x)
         variance = np.maximum(mean(x * x) - x_mean**2, 1e-12)
-        return [(mean(x * y) - x_mean * mean(y)) / variance for y in ys]
+        return variance, *((mean(x * y) - x_mean * mean(y)) / variance for y in ys)
 
     within = phase - _TURN * order
-    of_red, of_other = slopes(np.cos(within.astype(np.float32)).astype(float), red, other)
+    power, of_red, of_other = slopes(np.cos(within.astype(np.float32)).astype(float), red, other)
+    scatter = np.maximum(mean(other * other) - mean(other) ** 2 - of_other**2 * power, 0)
     return _Fringes(
         row=row[first],
         part=part[first],
         order=order[first],
         red=of_red,
         other=of_other,
+        variance=scatter / (np.maximum(count - 2, 1) * power),
         left=column[first],
         width=count,
     )
 
 
-def _losses(fringes: _Fringes) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Share of green and blue that each fringe lacks against both neighbours, and its weight."""
+def _losses(fringes: _Fringes) -> tuple[NDArray[np.float64], ...]:
+    """Share of green and blue that each fringe lacks against both neighbours, weight, variance."""
     share = fringes.other / np.maximum(fringes.red, 1e-6)
     expected = np.zeros(len(share))
     expected[1:-1] = fringes.red[1:-1] * np.minimum(share[:-2], share[2:])
@@ -209,11 +214,12 @@ def _losses(fringes: _Fringes) -> tuple[NDArray[np.float64], NDArray[np.float64]
     )
     seen = between & (fringes.red > 0) & (expected > 0)
     loss = np.where(seen, 1 - fringes.other / np.where(seen, expected, 1), 0)
-    return np.clip(loss, 0, 1), np.where(seen, np.minimum(expected, _BRIGHT), 0)
+    variance = np.where(seen, fringes.variance / np.where(seen, expected, 1) ** 2, 0)
+    return np.clip(loss, 0, 1), np.where(seen, np.minimum(expected, _BRIGHT), 0), variance
 
 
-def _elect(fringes: _Fringes, loss, weight) -> NDArray[np.bool_]:
-    """Fringes of the order that wins the vote of its part clearly."""
+def _elect(fringes: _Fringes, loss, weight, variance) -> NDArray[np.bool_]:
+    """Fringes of the order that wins the vote of its part clearly, and not by noise."""
     low = fringes.order.min()
     orders = int(fringes.order.max() - low) + 1
     index = fringes.part * orders + fringes.order - low
@@ -222,9 +228,12 @@ def _elect(fringes: _Fringes, loss, weight) -> NDArray[np.bool_]:
     lost = np.bincount(index, weight * loss, parts * orders).reshape(parts, orders)
     enough = _LEAST_SUPPORT * support.max(axis=1, keepdims=True)
     score = lost / np.maximum(support + enough, 1e-6)
+    noise = np.bincount(index, weight**2 * variance, parts * orders).reshape(parts, orders)
+    noise = np.sqrt(noise) / np.maximum(support + enough, 1e-6)
     best = score.argmax(axis=1)
     rivals = score.copy()
     rivals[np.arange(parts), best] = 0
     first, second = score.max(axis=1), rivals.max(axis=1)
     clear = (first >= _LEAST_LOSS) & (second <= _LARGEST_RIVAL * first)
+    clear &= first > _SURELY * noise[np.arange(parts), best]
     return clear[fringes.part] & (fringes.order - low == best[fringes.part])

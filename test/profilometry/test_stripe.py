@@ -5,7 +5,7 @@ from small_scenes import DEPTH, PATTERN, Scene, panel
 from ftp_dent_ros.errors import NoStripeError
 from ftp_dent_ros.profilometry.carrier import measured_carrier
 from ftp_dent_ros.profilometry.fourier_transform.region import lit_region
-from ftp_dent_ros.profilometry.stripe import find_stripe
+from ftp_dent_ros.profilometry.stripe import find_stripe, stripe_orders
 from ftp_dent_ros.simulation import Paint
 
 
@@ -100,3 +100,22 @@ def test_an_image_of_one_row_has_no_stripe(scene):
     carrier = measured_carrier(seen.image[..., 0].astype(np.float32), seen.rig, PATTERN)
     with pytest.raises(NoStripeError, match='not seen'):
         find_stripe(row, np.ones(row.shape[:2], bool), carrier)
+
+
+def test_noise_elects_no_stripe():
+    """Three rows of faint fringes, in which now and then a fringe lacks green by luck."""
+    column = np.arange(170)
+    phase = np.tile((2 * np.pi / 8 * (column - 85)).astype(np.float32), (3, 1))
+    part = np.zeros(phase.shape, np.int32)
+    fringes = (100 + 5 * np.cos(phase)).astype(np.float32)
+    in_stripe = np.abs(phase) < np.pi
+    elected = 0
+    for seed in range(100):
+        noise = np.random.default_rng(seed).normal(0, 4, phase.shape).astype(np.float32)
+        try:
+            elected += bool(stripe_orders(phase, part, fringes, fringes + noise))
+        except NoStripeError:
+            continue
+    assert elected == 0
+    other = np.where(in_stripe, 100, fringes).astype(np.float32)
+    assert stripe_orders(phase, part, fringes, other) == {0: 0}
