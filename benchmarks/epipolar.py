@@ -126,7 +126,7 @@ def main() -> None:
         alarms += false
         clouds += len(true)
         runs += len(results)
-        told_against += sum(any(off(check)) for check in true)
+        told_against += sum(off([check]) for check in true)
         for name in _OFF:
             caught[name] += right[name]
     z = np.concatenate(normalised)

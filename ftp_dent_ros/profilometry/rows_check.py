@@ -6,13 +6,14 @@ from ftp_dent_ros.errors import OtherPatternError
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.profilometry.epipolar_check import EpipolarCheck
 from ftp_dent_ros.profilometry.pattern_check import ADVICE, ASKEW, told
+from ftp_dent_ros.profilometry.rig_alarm import TOLERANCE
 
 # Part of the rows' waves below which they are not there, and by which rows are scaled: a period
 # told 4 % off, or half a degree of yaw. Standard uncertainties from which on that is sure.
 _FAINT, _STRETCHED, _SURE = 0.3, 0.004, 6.0
-# Projector pixels that a calibration leaves between light and epipolar lines; sum of squares over
-# their variances from which on rows are off; and the share of it that the true pattern leaves.
-_TOLERANCE, _OFF, _LEFT = 0.05, 25.0, 0.25
+# Sum of squares over variances from which on rows are off; and the share of it that the true
+# pattern leaves.
+_OFF, _LEFT = 25.0, 0.25
 
 
 def check_rows(
@@ -69,7 +70,7 @@ def check_rows(
 def _off(found: EpipolarCheck) -> float:
     """How far shift, turn and stretch are off: the sum of their squares over their variances."""
     return sum(
-        (scale * value) ** 2 / ((scale * deviation) ** 2 + _TOLERANCE**2)
+        (scale * value) ** 2 / ((scale * deviation) ** 2 + TOLERANCE**2)
         for value, deviation, scale in (
             (found.shift, found.shift_deviation, 1.0),
             (found.turn, found.turn_deviation, found.reach),

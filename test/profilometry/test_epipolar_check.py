@@ -7,9 +7,9 @@ from ftp_dent_ros.errors import OtherPatternError
 from ftp_dent_ros.files import config_folder
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.profilometry.epipolar_check import check_epipolar
-from ftp_dent_ros.profilometry.pattern_check import check_rows
 from ftp_dent_ros.profilometry.projector_rows import Rows
-from ftp_dent_ros.profilometry.rig_alarm import ONE_IN, TOLERANCE, off, rig_alarm
+from ftp_dent_ros.profilometry.rig_alarm import ONE_IN, TOLERANCE, joint, off, rig_alarm
+from ftp_dent_ros.profilometry.rows_check import check_rows
 from ftp_dent_ros.rig import read_rig
 
 PATTERN = Pattern(1280, 720, 10.0, 640.0, code='contrast')
@@ -150,11 +150,30 @@ def test_an_alarm_needs_the_odds_that_it_states():
     normal = np.random.default_rng(0).standard_t(one.places - 3, 200_000)
     told = [
         off(
-            replace(
-                one, shift=TOLERANCE * np.sign(t) + t * one.shift_deviation, turn=0.0, stretch=0.0
-            )
-        )[0]
+            [
+                replace(
+                    one,
+                    shift=TOLERANCE * np.sign(t) + t * one.shift_deviation,
+                    turn=0.0,
+                    stretch=0.0,
+                )
+            ]
+        )
         for t in normal[np.abs(normal) > 4]
     ]
     assert np.count_nonzero(told) <= 5
     assert len(normal) == ONE_IN
+
+
+@pytest.mark.parametrize('common', [0.0, 0.7, 1.0])
+def test_several_clouds_are_as_sure_as_what_they_do_not_share_lets_them_be(common):
+    one = check(rows(np.random.default_rng(0)))
+    rng = np.random.default_rng(1)
+    normalised, deviations = [], []
+    for _ in range(2000):
+        parts = common * rng.normal() + np.sqrt(1 - common**2) * rng.normal(size=5)
+        mean, deviation = joint([replace(one, shift=t * one.shift_deviation) for t in parts])[:, 0]
+        normalised.append(mean / deviation)
+        deviations.append(deviation / one.shift_deviation)
+    assert 0.5 < np.std(normalised) < 1.15
+    assert np.mean(deviations) < 0.8 if common == 0 else np.mean(deviations) > 0.7
