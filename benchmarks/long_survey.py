@@ -26,7 +26,7 @@ from ftp_dent_ros.files import written_aside
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.simulation import Panel
 from ftp_dent_ros.simulation.marks import Dirt
-from ftp_dent_ros.survey.footprint import Footprint
+from ftp_dent_ros.survey.footprint import Footprint, seen_skin
 from ftp_dent_ros.survey.joining import Joining
 
 # Clouds of a period; where the passes are, metres: a cloud is 0.34 m across.
@@ -103,8 +103,12 @@ def main() -> None:
     started = time.process_time()
     joining.finish()
     finished = time.process_time() - started
-    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    memory = [resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024]
     graph = joining.graph
+    started = time.process_time()
+    drawn = seen_skin(footprints, graph.poses)
+    drawing = time.process_time() - started
+    memory.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
     found, true = (
         np.stack([pose.apply(np.array([0, 0, DISTANCE])) for pose in each])
         for each in (graph.poses, [pose for pose, _ in way])
@@ -113,13 +117,16 @@ def main() -> None:
     apart = np.linalg.norm(true[first] - true[second], axis=1)
     off = np.abs(np.linalg.norm(found[first] - found[second], axis=1) - apart)
     near = (apart > 0) & (apart < 1)
+    area = 0.0 if drawn is None else drawn.area
     print(
-        f'{len(way)} clouds, {len(graph.links)} pairs, {len(graph.left_out)} left out; largest '
-        f'memory {memory:.0f} MB; processor time a cloud {MM * np.median(spent):.0f} ms (median), '
-        f'{MM * np.mean(spent):.0f} ms (mean), {MM * max(spent):.0f} ms at most, '
-        f'{finished:.1f} s at the end; distances below 1 m are off by '
-        f'{MM * off[near].max():.2f} mm at most, those of {apart.max():.0f} m by '
-        f'{MM * off.max():.0f} mm'
+        f'{len(way)} clouds, {len(graph.links)} pairs, {len(graph.left_out)} left out\n'
+        f'memory {memory[0]:.0f} MB at most, {memory[1]:.0f} MB with the coverage of {area:.1f} m2 '
+        f'drawn once, which takes {drawing:.1f} s\n'
+        f'processor time a cloud {MM * np.median(spent):.0f} ms (median), '
+        f'{MM * np.mean(spent):.0f} ms (mean), {MM * max(spent):.0f} ms at most, and '
+        f'{finished:.1f} s at the end\n'
+        f'distances below 1 m are off by {MM * off[near].max():.2f} mm at most, all up to '
+        f'{apart.max():.0f} m by {MM * off.max():.0f} mm'
     )
 
 

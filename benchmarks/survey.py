@@ -38,6 +38,7 @@ from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.rig import read_rig
 from ftp_dent_ros.simulation import Dent, Paint, Panel, Photometry, Renderer, Rivet, Surface
 from ftp_dent_ros.simulation.marks import Dirt, Lettering, scratches
+from ftp_dent_ros.survey.common_errors import COMMON
 from ftp_dent_ros.survey.joining import Joining
 from ftp_dent_ros.survey.mosaic import Mosaic
 from ftp_dent_ros.survey.patch import patch_of
@@ -153,7 +154,8 @@ def pairs(arguments: argparse.Namespace) -> None:
                 print(f'  skin {seed}, {first}-{second}: {found.told} told; {found.remark}')
                 continue
             errors.append(np.abs(error))
-            normalised.append(error @ found.information @ error / 6)
+            stated = np.linalg.inv(found.information) + found.common @ COMMON @ found.common.T
+            normalised.append(error @ np.linalg.solve(stated, error) / 6)
     along, normal, turn = np.array(errors)[:, :2], np.array(errors)[:, 2], np.array(errors)[:, 3:]
     print(
         f'pairs: {len(errors)}; medians {MM * np.median(normal):.4f} mm along the normal, '

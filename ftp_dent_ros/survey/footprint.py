@@ -24,13 +24,32 @@ CELL, _SAMPLE = 0.01, 0.005
 _NEEDED = 0.5
 # Cells that are drawn at most: poses may put clouds anywhere.
 _LARGEST = 1 << 26
+# Steps to either side of a footprint's middle, in a number of 16 bits.
+_STEPS = 32000
+# Points of a footprint by which the skin's form is found; footprints that are drawn at once; and
+# what lengths on the skin may be longer than straight ones.
+_FEW, _AT_ONCE, _LONGER = 50, 64, 1.1
 
 
 @dataclass(frozen=True, eq=False)
 class Footprint:
-    """Where a cloud has points: shape (n, 3), float32, metres, in its camera's frame."""
+    """Where a cloud has points, in its camera's frame and in little memory.
 
-    points: NDArray[np.float32]
+    Attributes
+    ----------
+    steps : ndarray, shape (n, 3), int16
+        From the middle on.
+    middle : ndarray, shape (3,)
+        Metres.
+    step : float
+        Metres.
+    normal : ndarray, shape (3,)
+        Of the plane through the cloud, towards the camera.
+    """
+
+    steps: NDArray[np.int16]
+    middle: NDArray[np.float64]
+    step: float
     normal: NDArray[np.float64]
 
     @classmethod
@@ -49,7 +68,18 @@ class Footprint:
         mean = np.stack([np.bincount(at, each)[full] for each in points.T], axis=-1)
         # Towards the camera.
         normal = axes[2] * (-1 if axes[2] @ middle > 0 else 1)
-        return cls((mean / count[full, None]).astype(np.float32), normal)
+        off = mean / count[full, None] - middle
+        step = max(float(np.abs(off).max(initial=0.0)), 1e-3) / _STEPS
+        return cls(np.rint(off / step).astype(np.int16), middle, step, normal)
+
+    def points(self, every: int = 1) -> NDArray[np.float64]:
+        """Every so many-th of the points, shape (m, 3), metres."""
+        return self.middle + self.step * self.steps[::every]
+
+    @property
+    def reach(self) -> float:
+        """What no point is farther from the middle than along any axis, metres."""
+        return self.step * _STEPS
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,36 +130,40 @@ class SeenSkin:
 
 def seen_skin(footprints: Sequence[Footprint], poses: Sequence[Pose]) -> SeenSkin | None:
     """Coverage of clouds where their cameras were; None where that is too far apart to draw."""
-    points = np.concatenate(
-        [pose.apply(each.points) for pose, each in zip(poses, footprints, strict=True)]
-    )
-    normals = np.stack(
-        [pose.rotation.apply(each.normal) for pose, each in zip(poses, footprints, strict=True)]
-    )
-    some = [slice(None, None, max(1, len(each.points) // 50)) for each in footprints]
-    ends = np.cumsum([0, *(len(each.points) for each in footprints)])
-    few = [points[a:b][s] for a, b, s in zip(ends, ends[1:], some, strict=False)]
+    both = list(zip(poses, footprints, strict=True))
+    few = [pose.apply(each.points(max(1, len(each.steps) // _FEW))) for pose, each in both]
+    normals = np.stack([pose.rotation.apply(each.normal) for pose, each in both])
     repeated = np.repeat(normals, [len(each) for each in few], axis=0)
     skin = Unrolled.through(np.concatenate(few), repeated)
-    place = skin.place(points)
-    flat = place[:, :2]
-    low = (np.floor(flat.min(axis=0) / CELL) - 1) * CELL
-    columns, rows = np.floor((flat.max(axis=0) - low) / CELL).astype(int) + 2
+    middles = skin.place(np.stack([pose.apply(each.middle) for pose, each in both]))[:, :2]
+    reach = _LONGER * np.sqrt(3) * np.array([[each.reach] for each in footprints])
+    low = (np.floor((middles - reach).min(axis=0) / CELL) - 1) * CELL
+    columns, rows = np.floor(((middles + reach).max(axis=0) - low) / CELL).astype(int) + 2
     if columns * rows > _LARGEST:
         return None
     covered, height = (np.zeros(rows * columns) for _ in range(2))
-    # A square lies on up to four cells: their shares of it, along each axis.
-    corner = (flat - low - _SAMPLE / 2) / CELL
-    first = np.floor(corner).astype(np.int64)
-    beyond = np.maximum(corner - first + _SAMPLE / CELL - 1, 0)
-    within = _SAMPLE / CELL - beyond
-    for right, up in ((0, 0), (1, 0), (0, 1), (1, 1)):
-        share = (beyond if right else within)[:, 0] * (beyond if up else within)[:, 1]
-        at = (first[:, 1] + up) * columns + first[:, 0] + right
-        covered += np.bincount(at, share, rows * columns)
-        height += np.bincount(at, share * place[:, 2], rows * columns)
-    measured = (covered >= _NEEDED).reshape(rows, columns)
-    height = (height / np.maximum(covered, 1e-9)).reshape(rows, columns)
+    for start in range(0, len(both), _AT_ONCE):
+        some = both[start : start + _AT_ONCE]
+        place = skin.place(np.concatenate([pose.apply(each.points()) for pose, each in some]))
+        # A square lies on up to four cells: their shares of it, along each axis.
+        corner = (place[:, :2] - low - _SAMPLE / 2) / CELL
+        first = np.floor(corner).astype(np.int64)
+        beyond = np.maximum(corner - first + _SAMPLE / CELL - 1, 0)
+        within = _SAMPLE / CELL - beyond
+        for right, up in ((0, 0), (1, 0), (0, 1), (1, 1)):
+            share = (beyond if right else within)[:, 0] * (beyond if up else within)[:, 1]
+            at = (first[:, 1] + up) * columns + first[:, 0] + right
+            begin, end = at.min(), at.max() + 1
+            covered[begin:end] += np.bincount(at - begin, share)
+            height[begin:end] += np.bincount(at - begin, share * place[:, 2])
+    covered, height = covered.reshape(rows, columns), height.reshape(rows, columns)
+    # A cell of nothing about what is covered.
+    inside = [np.flatnonzero(covered.any(axis=1 - axis)) for axis in (0, 1)]
+    down, across = (slice(max(each[0] - 1, 0), each[-1] + 2) for each in inside)
+    low = low + CELL * np.array([across.start, down.start])
+    covered, height = covered[down, across], height[down, across]
+    measured = covered >= _NEEDED
+    height = height / np.maximum(covered, 1e-9)
     # Of what was not measured, that of the nearest that was.
     nearest = distance_transform_edt(~measured, return_distances=False, return_indices=True)
     return SeenSkin(skin, low, measured, height[tuple(nearest)], find_gaps(measured, low, CELL))
