@@ -120,7 +120,7 @@ def main() -> None:
     area = 0.0 if drawn is None else drawn.area
     print(
         f'{len(way)} clouds, {len(graph.links)} pairs, {len(graph.left_out)} left out\n'
-        f'memory {memory[0]:.0f} MB at most, {memory[1]:.0f} MB with the coverage of {area:.1f} m2 '
+        f'memory {memory[0]:.0f} MB, {memory[1]:.0f} MB with the coverage ({area:.1f} m2) '
         f'drawn once, which takes {drawing:.1f} s\n'
         f'processor time a cloud {MM * np.median(spent):.0f} ms (median), '
         f'{MM * np.mean(spent):.0f} ms (mean), {MM * max(spent):.0f} ms at most, and '
