@@ -21,12 +21,12 @@ from ftp_dent_ros.profilometry.least_squares.windows import Windows, coarsened, 
 
 # Standard deviations of the bands' edges, in those of the windows. The bands are differences of
 # flat-tops, which leave nothing of a smooth dent in the finer ones.
-SCALES = (1.4, 2.8, 5.6, 11.2)
+_SCALES = (1.4, 2.8, 5.6, 11.2)
 # Energy is a mean over so many times the width of a band's coarser edge.
 _NEIGHBOURHOOD = 0.75
 # Energy over that of noise from which on it is signal, and the signal that stays hidden in noise:
 # two standard errors, and one, of the energy of as many independent values as a neighbourhood has.
-NOISE, _HIDDEN = 1.5, 0.25
+_NOISE, _HIDDEN = 1.5, 0.25
 # Square of a single value over the noise's variance from which on it is signal: 3 deviations.
 _SURELY = 9.0
 # Width of the neighbourhood that texture is judged over, windows, and the weight of the whole.
@@ -95,7 +95,7 @@ def denoise(
     coarse = Windows(windows.sigma_u / _EVERY, windows.sigma_v / _EVERY)
     together = (_EVERY, _EVERY)
     fine, fine_texture = (
-        each - windows.wide_flat_top(each, SCALES[0]) for each in (values, texture)
+        each - windows.wide_flat_top(each, _SCALES[0]) for each in (values, texture)
     )
     share, explained = _share_of_texture(fine, fine_texture, coarse)
     bands, base = _split(values + interpolated(share, values.shape) * texture, windows)
@@ -112,12 +112,12 @@ def denoise(
     left = np.float32(rest) * total
     hidden = np.float32(np.inf)
     coarser = beyond_noise = np.float32(np.inf)
-    for band, share, scale in reversed(list(zip(bands, shares, SCALES, strict=True))):
+    for band, share, scale in reversed(list(zip(bands, shares, _SCALES, strict=True))):
         energy = coarse.wide(coarsened(band * band, together), _NEIGHBOURHOOD * scale)
         noise = np.float32(share) * known
-        signal = np.maximum(energy - np.float32(NOISE) * noise, 0)
+        signal = np.maximum(energy - np.float32(_NOISE) * noise, 0)
         coarser = beyond_noise
-        beyond_noise = np.maximum(energy - np.float32(NOISE * share) * total, 0)
+        beyond_noise = np.maximum(energy - np.float32(_NOISE * share) * total, 0)
         # A surface's spectrum falls: no more is hidden in a band than may be in the coarser one.
         hidden = signal + np.minimum(np.float32(_HIDDEN) * noise, hidden)
         weight = signal / (signal + noise)
@@ -170,7 +170,7 @@ def _split(
     values: NDArray[np.float32], windows: Windows
 ) -> tuple[list[NDArray[np.float32]], NDArray[np.float32]]:
     """Bands from fine to coarse, and what is below them."""
-    levels = [values, *(windows.wide_flat_top(values, scale) for scale in SCALES)]
+    levels = [values, *(windows.wide_flat_top(values, scale) for scale in _SCALES)]
     return [finer - coarser for finer, coarser in pairwise(levels)], levels[-1]
 
 

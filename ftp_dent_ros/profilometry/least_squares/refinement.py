@@ -21,7 +21,6 @@ from ftp_dent_ros.profilometry.least_squares.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.intensity_bins import IntensityBins
 from ftp_dent_ros.profilometry.least_squares.masked_fit import LEAST_SEEN, MaskedFit, enough
 from ftp_dent_ros.profilometry.least_squares.median import median
-from ftp_dent_ros.profilometry.least_squares.other_light import OtherLight
 from ftp_dent_ros.profilometry.least_squares.refined import Refined
 from ftp_dent_ros.profilometry.least_squares.surface_mask import on_surface, rim_cover, roughness
 from ftp_dent_ros.profilometry.least_squares.windows import WIDTH, Windows
@@ -72,7 +71,6 @@ class Refinement:
         self._turns = np.empty((2, strip, columns), np.float32)
         self._sums = np.empty((_SUMS, *grid.shape), np.float32)
         self._work = np.empty((4, rows, columns), np.float32)
-        self._other_light = OtherLight(grid, windows)
         self._noise = noise_through(grid, windows, _FITS - 2 * fast)
         self._pixel, self._density = grid.noise_at(self.period)
 
@@ -157,10 +155,6 @@ class Refinement:
             self._noise,
             self._systematic,
         )
-        if envelope is None:
-            # The rows' code is in the contrast, too.
-            other = self._other_light.variance(level, modulation, pixels, supported)
-            denoised = Denoised(denoised.values, denoised.variance + other)
         if self.fast:
             lost = self._lost(denoised.values)
             lost += self._lost(lost)
