@@ -31,7 +31,6 @@ from ftp_dent_ros.supervision.executables import NODES
 from ftp_dent_ros.supervision.payload import prepared
 from ftp_dent_ros.supervision.respawn import Respawn, verdict
 from ftp_dent_ros.supervision.shared_memory import free_leftovers
-from ftp_dent_ros.threads import one_for_blas
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -50,7 +49,6 @@ def generate_launch_description() -> LaunchDescription:
 
 def payload(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     """The processes of the configuration, on the transport that they need."""
-    one_for_blas()
     name = LaunchConfiguration('configuration').perform(context)
     entries = fitted(read_configuration(name))
     stack = ExitStack()
