@@ -145,7 +145,7 @@ def _taken(index: int, smallest_depth: float) -> Trial:
         missed = [[true.depth, true.width, 0, math.nan] for true in truth]
         return Trial(*words, 0.0, missed, 0, 0, str(error))
     results, false, others = _compared(truth, found)
-    return Trial(*words, _area(measured.cloud.points), results, false, others)
+    return Trial(*words, area_of(measured.cloud.points), results, false, others)
 
 
 def _compared(truth, found: Inspection) -> tuple[list[list[float]], int, int]:
@@ -234,7 +234,7 @@ def reconstructor_at(distance: float) -> Reconstructor:
     return Reconstructor(_rig(distance), PATTERN, ReconstructionSettings(stride=_STRIDE))
 
 
-def _area(points) -> float:
+def area_of(points) -> float:
     """Of a cloud's whole cells, square metres."""
     right, down = np.diff(points, axis=1)[:-1], np.diff(points, axis=0)[:, :-1]
     return float(np.nansum(np.linalg.norm(np.cross(right, down), axis=-1)))

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.inspection.measuring.contour import Contour, refined
+from ftp_dent_ros.inspection.measuring.evidence import suspect
 from ftp_dent_ros.inspection.measuring.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.noise import Noise, measured_noise, smoothed
 from ftp_dent_ros.inspection.measuring.panels import Panel
@@ -48,6 +49,8 @@ class BareSkin:
         About both.
     maps : list of ndarray, shape (rows, columns), float32
         Deviation smoothed at the noise's scales but for the first, 0.
+    suspect : float
+        Standard deviations of what the cloud tells of its points from which on a place is listed.
     """
 
     contour: Contour
@@ -55,6 +58,7 @@ class BareSkin:
     relief: Relief | None
     noise: Noise
     maps: list[Map]
+    suspect: float
 
     def uncertainty(self, x: float, y: float, width: float) -> float:
         """Standard uncertainty of the skin under the middle of a dent, metres."""
@@ -97,19 +101,23 @@ def bare_skin(lattice: Lattice, panel: Panel, seams: Mask, settings: Settings) -
             flat = deviation - relief.heights
             maps = [smoothed(flat, known, lattice.cells(scale)) for scale in scales]
             noise = measured_noise(flat, maps, bare, lattice, scales)
-            bare = usable & ~_off(maps, noise, settings)
-    return BareSkin(contour, wide, relief, noise, maps)
+            bare = usable & ~_off(maps, noise, settings, relief.lacks)
+    return BareSkin(contour, wide, relief, noise, maps, suspect(noise, panel.mask, lattice))
 
 
-def _off(maps: list[Map], noise: Noise, settings: Settings) -> Mask:
-    """Surroundings of what is deep enough to be a dent, as far as it strays from the contour."""
+def _off(maps: list[Map], noise: Noise, settings: Settings, lacks: Map | float = 0.0) -> Mask:
+    """Surroundings of what is deep enough to be a dent, as far as it strays from the contour.
+
+    By more than the contour `lacks`, metres.
+    """
     strays = np.zeros(maps[0].shape, bool)
     deep = np.zeros(maps[0].shape, np.uint8)
     with np.errstate(invalid='ignore'):
         for smooth, scale in zip(maps, noise.scales[1:], strict=True):
             spread = noise.after(scale)
-            strays |= np.abs(smooth) > np.maximum(2 * spread, 0.02 * settings.smallest_depth)
-            deep |= np.abs(smooth) > np.maximum(5 * spread, settings.smallest_depth / 4)
+            off = np.abs(smooth) - lacks
+            strays |= off > np.maximum(2 * spread, 0.02 * settings.smallest_depth)
+            deep |= off > np.maximum(5 * spread, settings.smallest_depth / 4)
     around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (_AROUND, _AROUND))
     return strays & (cv2.dilate(deep, around) > 0)
 

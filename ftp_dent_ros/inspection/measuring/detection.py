@@ -8,17 +8,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.inspection.measuring.bare_skin import BareSkin
+from ftp_dent_ros.inspection.measuring.evidence import SIGNIFICANT
 from ftp_dent_ros.inspection.measuring.gaps import GAP, beside_gaps, between, gaps_of
 from ftp_dent_ros.inspection.measuring.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.moments import ellipse_axes, second_moments
 from ftp_dent_ros.inspection.measuring.noise import Noise, median_of
 from ftp_dent_ros.inspection.settings import Settings
 
-# Standard deviations: with 1e4 independent places a frame, far below one false alarm in 100.
-SIGNIFICANT = 6.0
-# The same of what the cloud says of its points where it is in doubt about the very shape that is
-# looked for: what lies between is listed, but as something else than a dent.
-SUSPECT = 3.0
 _EDGE = 3.0
 # Width of a Gaussian at 10 % in standard deviations.
 _TENTH = 4.292
@@ -58,8 +55,7 @@ class Candidate:
 
 
 def find_candidates(
-    maps: list[Map],
-    noise: Noise,
+    skin: BareSkin,
     panel: Mask,
     lattice: Lattice,
     settings: Settings,
@@ -68,15 +64,14 @@ def find_candidates(
 
     Parameters
     ----------
-    maps : list of ndarray, shape (rows, columns), float32
-        Deviation smoothed at the noise's scales (without the first, 0), metres.
-    noise : Noise
+    skin : BareSkin
     panel : ndarray, shape (rows, columns), bool
         Cells to look at.
     lattice : Lattice
     settings : Settings
     """
     found = []
+    maps, noise, suspect = skin.maps, skin.noise, skin.suspect
     gaps = gaps_of(panel, round(GAP * settings.smallest_width / max(lattice.spacing)))
     gaps &= ~lattice.valid
     floor = 0.25 * settings.smallest_depth
@@ -84,7 +79,7 @@ def find_candidates(
     typical = [median_of(spread[panel]) if panel.any() else 0.0 for spread in spreads]
     calm = [noise.where(0.0, scale) for scale in noise.scales[1:]]
     sure = [
-        np.maximum(SUSPECT * spread, max(SIGNIFICANT * usual, 2 * floor))
+        np.maximum(suspect * spread, max(SIGNIFICANT * usual, 2 * floor))
         for spread, usual in zip(spreads, calm, strict=True)
     ]
     quiet = [k for k, usual in enumerate(typical) if SIGNIFICANT * usual < 4 * floor]
@@ -99,7 +94,7 @@ def find_candidates(
                 seeds |= sign * smooth > least
         if gaps.any():
             told = sign * maps[0], noise, noise.scales[1]
-            beside = beside_gaps(*told, SUSPECT, floor, panel, gaps, lattice)
+            beside = beside_gaps(*told, suspect, floor, panel, gaps, lattice)
             seeds, above = seeds | beside, above | beside
             above |= between(above, gaps)
         _, labels, stats, _ = cv2.connectedComponentsWithStats(above.astype(np.uint8))

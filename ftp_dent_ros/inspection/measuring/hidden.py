@@ -43,15 +43,16 @@ def hidden_dent(
     x, y = places(candidate, lattice, contour)
     across, cell = np.stack([x, y], axis=1).astype(np.float32), max(lattice.spacing)
     _, sides, _ = cv2.minAreaRect(across)
+    noise = skin.noise.after(skin.noise.scales[1])[candidate.rows, candidate.columns]
+    significance = candidate.height / float(np.median(noise))
     length, width = max(sides) + cell, min(sides) + cell
-    if length < settings.smallest_width:
+    if length < settings.smallest_width or significance < skin.suspect:
         return []
     corners = cv2.convexHull(across)[:, 0].astype(float)
     centre = across.mean(axis=0, dtype=float)[:, None]
     _, axes = np.linalg.eigh(np.cov(across.T))
     normal = contour.normal(*centre)[0]
     axis = axis_along(contour, normal, math.atan2(axes[1, 1], axes[0, 1]))
-    noise = skin.noise.after(skin.noise.scales[1])[candidate.rows, candidate.columns]
     return [
         MeasuredDent(
             kind='other',
@@ -69,7 +70,7 @@ def hidden_dent(
             area=Estimate(cells * lattice.spacing[0] * lattice.spacing[1], length * cell),
             volume=_NAN,
             bottom_radius=math.nan,
-            significance=candidate.height / float(np.median(noise)),
+            significance=significance,
             is_cut=True,
             outline=contour.point(*np.concatenate([corners, corners[:1]]).T),
             length_profile=np.zeros((0, 2)),

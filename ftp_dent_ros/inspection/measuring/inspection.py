@@ -77,8 +77,7 @@ def inspect(
         np.copyto(findable, lattice.spread(least, shape), where=at)
         if skin.relief is not None:
             wavy.append(waviness_of(skin.relief, panel.mask, lattice))
-        inner = panel.mask & ~seams
-        for candidate in find_candidates(skin.maps, skin.noise, inner, lattice, settings):
+        for candidate in find_candidates(skin, panel.mask & ~seams, lattice, settings):
             around = surroundings_of(candidate, at, lattice, skin, relief, seams)
             whole = [] if around is None else measure(candidate, around, skin, settings)
             found += whole or hidden_dent(candidate, lattice, skin, settings)

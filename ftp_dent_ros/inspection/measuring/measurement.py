@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.inspection.dent import Estimate, MeasuredDent, orientation_of
 from ftp_dent_ros.inspection.measuring.bare_skin import BareSkin
 from ftp_dent_ros.inspection.measuring.bridging import Bridged, bridged
-from ftp_dent_ros.inspection.measuring.detection import SIGNIFICANT, SUSPECT, Candidate
+from ftp_dent_ros.inspection.measuring.detection import Candidate
 from ftp_dent_ros.inspection.measuring.division import LEVELS, divided, looks_compound
+from ftp_dent_ros.inspection.measuring.evidence import SIGNIFICANT, SUSPECT
 from ftp_dent_ros.inspection.measuring.gaps import GAP
 from ftp_dent_ros.inspection.measuring.hidden import not_at_bottom
 from ftp_dent_ros.inspection.measuring.kinds import Appearance, kind_of
@@ -23,6 +23,7 @@ from ftp_dent_ros.inspection.measuring.patch import Patch
 from ftp_dent_ros.inspection.measuring.peak import extent, part_above, radius_across
 from ftp_dent_ros.inspection.measuring.placement import axis_along, on_skin, profile_of
 from ftp_dent_ros.inspection.measuring.restoration import restored
+from ftp_dent_ros.inspection.measuring.sampling import own_cells, patch_of
 from ftp_dent_ros.inspection.measuring.sizes import (
     LEVEL,
     Sizes,
@@ -35,19 +36,12 @@ from ftp_dent_ros.inspection.settings import Settings
 
 # A candidate that is so many times longer than wide is a ridge, unless its saddles are so deep.
 _RIDGE, _RIDGE_DROP = 3.5, 0.5
-# Cells of the patch along a dent, and across one at least.
-_CELLS = 64
-_ACROSS = 14
 # Standard uncertainties that a depth has at least for the kind to be told: fittings that are not
 # resolved come out round, and of what is long the smoothing hides the depth but not the kind.
 CERTAIN, _CERTAIN_LONG = 4.5, 2.7
 _MM = 1e3
 # Part of a dent that has no points, from which on it is cut.
 _HIDDEN = 0.05
-# Of the smoothing: part of the dent's width at least, at most, and at most where it would drown in
-# the noise; and the part of its depth that noise may be.
-_SMALLEST, _WIDEST, _DROWNED = 0.02, 0.04, 0.15
-_CLEAN = 0.01
 # Maxima are looked for from this part of the smallest depth on.
 _NEARLY = 0.8
 # At half of its depth a Gaussian, the most pointed of dents, has 0.55 of its width at 10 %: what
@@ -74,9 +68,9 @@ def measure(
     skin : BareSkin
     settings : Settings
     """
-    raw = _patch(candidate, around, skin.noise)
+    raw = patch_of(candidate, around, skin.noise)
     local = skin.noise.where(around.extra, raw.scale)
-    own = _own(raw, around)
+    own = own_cells(raw, around)
     whole = restored(raw, around.resolution, _SUPPOSED * around.spacing)
     seen = bridged(whole, GAP * settings.smallest_width, own)
     # Along a ridge the depth varies as the fringes do.
@@ -90,38 +84,10 @@ def measure(
     peaks = [at for at in peaks if own[at] and not _is_spike(seen.patch, at, settings)]
     dents = []
     for peak, region in zip(peaks, divided(seen.patch, peaks, LEVEL), strict=True):
-        found = _one(candidate.sign, seen, peak, region, around, skin, settings)
+        found = _one(candidate.sign, seen, raw, peak, region, around, skin, settings)
         if found is not None:
             dents.append(found)
     return dents
-
-
-def _own(patch: Patch, around: Surroundings) -> Mask:
-    """Cells of the patch that are the candidate's, not another one's beside it."""
-    column, row = (
-        np.rint(each).astype(int) for each in patch.cells(around.cells[0], around.cells[1])
-    )
-    rows, columns = patch.depth.shape
-    own = np.zeros((rows, columns), np.uint8)
-    inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
-    own[row[inside], column[inside]] = 1
-    size = 2 * math.ceil(0.75 * around.cell / patch.step) + 1
-    return cv2.dilate(own, np.ones((size, size), np.uint8)) > 0
-
-
-def _patch(candidate: Candidate, around: Surroundings, noise: Noise) -> Patch:
-    """Depths around a candidate, smoothed as its noise demands and its size allows."""
-    size = min(2 * math.sqrt(candidate.area / math.pi), candidate.width)
-    spread = max(np.ptp(around.bounds[:2]), np.ptp(around.bounds[2:]))
-    step = max(around.spacing, min(spread / (2 * _CELLS), size / _ACROSS))
-    scale = max(_SMALLEST * size, 0.7 * step)
-    while (local := noise.where(around.extra, scale)) > _CLEAN * candidate.height:
-        drowned = SIGNIFICANT * local > candidate.height
-        if scale > (_DROWNED if drowned else _WIDEST) * size:
-            break
-        scale *= 1.3
-    depth = candidate.sign * around.depth
-    return Patch.of(around.x, around.y, depth, around.bounds, step, scale)
 
 
 def _deepest(patch: Patch, own: Mask, least: float) -> list[tuple[int, int]]:
@@ -141,6 +107,7 @@ def _is_spike(patch: Patch, at: tuple[int, int], settings: Settings) -> bool:
 def _one(
     sign: int,
     seen: Bridged,
+    plain: Patch,
     at: tuple[int, int],
     region: Mask | None,
     around: Surroundings,
@@ -148,8 +115,11 @@ def _one(
     settings: Settings,
 ) -> MeasuredDent | None:
     patch = seen.patch
-    sizes = sizes_of(seen, at, region, around, skin)
-    if sizes is None or not sizes.significance >= SUSPECT:
+    sizes = sizes_of(seen, plain, at, region, around, skin)
+    if sizes is None or not sizes.significance >= skin.suspect:
+        return None
+    if skin.relief and sizes.depth.value < SUSPECT * skin.relief.uncertainty(sizes.width.value):
+        # It may well be one of the waves, which are told by themselves.
         return None
     across = sizes.angle + math.pi / 2
     length, width, outline = sizes.length.value, sizes.width.value, sizes.outline

@@ -90,6 +90,7 @@ class Sizes:
 
 def sizes_of(
     seen: Bridged,
+    plain: Patch,
     at: tuple[int, int],
     region: Mask | None,
     around: Surroundings,
@@ -100,6 +101,8 @@ def sizes_of(
     Parameters
     ----------
     seen : Bridged
+    plain : Patch
+        The same before it was restored, whose noise that raised as well.
     at : (int, int)
         Row and column of the deepest cell.
     region : ndarray, shape (rows, columns), bool, optional
@@ -115,7 +118,8 @@ def sizes_of(
         return None
     length, angle, length_flatness = outline.length()
     width, width_flatness = outline.width(angle)
-    offset = skin.uncertainty(*outline.centre, width)
+    # Of what the rim cuts, the skin is known on one side: as in a hole that is twice as wide.
+    offset = skin.uncertainty(*outline.centre, (2 if outline.is_cut else 1) * width)
     by_chance = chance(noise, width, around.extra)
     overall = chance(noise, math.sqrt(length * width), around.extra)
     told = around.resolution if math.isfinite(around.resolution) else 0.0
@@ -162,7 +166,7 @@ def sizes_of(
         Estimate(outline.area, u_area),
         Estimate(volume, u_volume),
         lost,
-        fitted_depth(patch, outline, length, width, angle) / max(overall, 1e-12),
+        fitted_depth(plain, outline, length, width, angle) / max(overall, 1e-12),
         overall,
         hidden,
     )

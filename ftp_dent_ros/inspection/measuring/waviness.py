@@ -22,6 +22,8 @@ _GRID = 2.0
 # Rounds to the fixed point, and of them those between new weights.
 _ROUNDS, _WEIGHTED = 50, 10
 _TUKEY = 4.7
+# At the cutoff the fit leaves half of a wave, and takes half of that when it is fitted again.
+_LACKS = 2.0
 _MAD = 1.4826
 # Waviness is evident where means over the smallest width stray nearly as much as single cells,
 # and a relief leaves less than this part of that.
@@ -45,6 +47,8 @@ class Relief:
     ----------
     heights : ndarray, shape (rows, columns), float32
         Metres.
+    lacks : ndarray, shape (rows, columns), float32
+        How much more the waves may be, which the fit follows part of the way, metres.
     amplitude : float
         Of the sine with the same root mean square, metres.
     under_hole : float
@@ -55,6 +59,7 @@ class Relief:
     """
 
     heights: Map
+    lacks: Map
     amplitude: float
     under_hole: float
     hole: float
@@ -112,11 +117,20 @@ def relief_of(deviation: Map, bare: Mask, lattice: Lattice, smallest: float) -> 
     before = np.abs(values)[weight > 0.9]
     if len(left) < _FEWEST or median_of(left) > _LEFT * median_of(before):
         return None
-    fine = cv2.resize(smooth.astype(np.float32), (columns, rows), interpolation=cv2.INTER_CUBIC)
+    again = _passed(smooth, penalty)
+    again += _passed(smooth - again, penalty)
+    fine, lacks = (
+        np.asarray(
+            cv2.resize(each.astype(np.float32), (columns, rows), interpolation=cv2.INTER_CUBIC),
+            np.float32,
+        )
+        for each in (smooth, _LACKS * np.abs(smooth - again))
+    )
     amplitude = math.sqrt(2) * float(smooth[weight > 0].std())
     hole = _HOLE * smallest
     return Relief(
-        np.asarray(fine, np.float32),
+        fine,
+        lacks,
         amplitude,
         _under_holes(values, weight, penalty, spacing, hole),
         hole,
@@ -137,14 +151,22 @@ def _fitted(values: Field, weight: Field, penalty: Field) -> Field:
         if turn % _WEIGHTED == 0 and turn:
             left = np.abs(values - smooth)
             spread = _MAD * median_of(left[weight > 0]) + 1e-9
-            ratio = np.minimum(left / (_TUKEY * spread), 1)
+            # Of waves down to the cutoff the fit lacks no more than this: they are no outliers.
+            lacks = _LACKS * np.abs(smooth - _passed(smooth, penalty))
+            ratio = np.minimum(np.maximum(left - lacks, 0) / (_TUKEY * spread), 1)
             robust = weight * np.square(1 - ratio * ratio)
             speed = np.zeros_like(smooth)
         ahead = smooth + _MOMENTUM * speed
-        pulled = scipy.fft.dctn(robust * (values - ahead) + ahead, norm='ortho')
-        step = scipy.fft.idctn(pulled * penalty, norm='ortho')
+        step = _passed(robust * (values - ahead) + ahead, penalty)
         speed, smooth = step - smooth, step
     return smooth
+
+
+def _passed(values: Field, penalty: Field) -> Field:
+    """What the penalty leaves of a field."""
+    return np.asarray(
+        scipy.fft.idctn(scipy.fft.dctn(values, norm='ortho') * penalty, norm='ortho')
+    )
 
 
 def _under_holes(
