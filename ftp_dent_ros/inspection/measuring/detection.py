@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -9,14 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.inspection.measuring.bare_skin import BareSkin
-from ftp_dent_ros.inspection.measuring.evidence import SIGNIFICANT
+from ftp_dent_ros.inspection.measuring.evidence import SIGNIFICANT, SUSPECT
 from ftp_dent_ros.inspection.measuring.gaps import GAP, beside_gaps, between, gaps_of
 from ftp_dent_ros.inspection.measuring.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.moments import ellipse_axes, second_moments
 from ftp_dent_ros.inspection.measuring.noise import Noise, median_of
+from ftp_dent_ros.inspection.measuring.paint_edges import along_paint
 from ftp_dent_ros.inspection.settings import Settings
 
 _EDGE = 3.0
+# Noise makes marks that are up to so many times longer than wide.
+_ROUND = 2.0
 # Width of a Gaussian at 10 % in standard deviations.
 _TENTH = 4.292
 
@@ -71,34 +75,33 @@ def find_candidates(
     settings : Settings
     """
     found = []
-    maps, noise, suspect = skin.maps, skin.noise, skin.suspect
+    maps, noise = skin.maps, skin.noise
     gaps = gaps_of(panel, round(GAP * settings.smallest_width / max(lattice.spacing)))
     gaps &= ~lattice.valid
     floor = 0.25 * settings.smallest_depth
     spreads = [noise.after(scale) for scale in noise.scales[1:]]
     typical = [median_of(spread[panel]) if panel.any() else 0.0 for spread in spreads]
     calm = [noise.where(0.0, scale) for scale in noise.scales[1:]]
-    sure = [
-        np.maximum(suspect * spread, max(SIGNIFICANT * usual, 2 * floor))
-        for spread, usual in zip(spreads, calm, strict=True)
-    ]
+    least = [max(SIGNIFICANT * usual, 2 * floor) for usual in calm]
     quiet = [k for k, usual in enumerate(typical) if SIGNIFICANT * usual < 4 * floor]
     base = quiet[0] if quiet else len(maps) - 1
     spread = spreads[base]
     for sign in (1, -1):
         values = np.where(panel & np.isfinite(maps[base]), sign * maps[base], 0)
         above = values > np.maximum(_EDGE * spread, floor)
-        seeds = np.zeros_like(panel)
-        for smooth, least in zip(maps, sure, strict=True):
-            with np.errstate(invalid='ignore'):
-                seeds |= sign * smooth > least
+        # By how many standard deviations of what the cloud tells, where that is what counts.
+        evidence = np.zeros(panel.shape, np.float32)
+        for smooth, deep, unsure in zip(maps, least, spreads, strict=True):
+            strays = np.where(sign * smooth > deep, sign * smooth / unsure, np.float32(0))
+            evidence = np.maximum(evidence, strays)
         if gaps.any():
             told = sign * maps[0], noise, noise.scales[1]
-            beside = beside_gaps(*told, suspect, floor, panel, gaps, lattice)
-            seeds, above = seeds | beside, above | beside
+            beside = beside_gaps(*told, skin.suspect, floor, panel, gaps, lattice)
+            above |= beside
+            evidence[beside] = skin.suspect
             above |= between(above, gaps)
         _, labels, stats, _ = cv2.connectedComponentsWithStats(above.astype(np.uint8))
-        seeded = np.unique(labels[seeds & above])
+        seeded = np.unique(labels[(evidence > SUSPECT) & above])
         for index in seeded[seeded > 0]:
             left, top, width, height, _ = stats[index]
             window = slice(top, top + height), slice(left, left + width)
@@ -108,6 +111,13 @@ def find_candidates(
             corner = np.array([[top], [left]])
             rows, columns = np.nonzero(part)
             size = _extent(rows, columns, lattice)
+            # What is long has so many places that tell the same, if no paint does.
+            seen, alike = evidence[window][known].max(), max(size[1] / (_ROUND * size[2]), 1.0)
+            if seen < skin.suspect and (
+                seen < skin.suspect / math.sqrt(alike)
+                or along_paint(rows + top, columns + left, lattice)
+            ):
+                continue
             cells, gap = (np.stack(np.nonzero(of)) + corner for of in (known, part & ~known))
             found.append(Candidate(sign, cells[0], cells[1], height, *size, gap))
     return found

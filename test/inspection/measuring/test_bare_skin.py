@@ -61,3 +61,11 @@ def test_nothing_on_wavy_skin_is_told_without_its_uncertainty(hidden):
             estimate = getattr(dent, name)
             assert estimate.is_measured or dent.kind in ('step', 'other')
             assert np.isnan(estimate.value) == np.isnan(estimate.uncertainty)
+
+
+@pytest.mark.parametrize('seed', [2, 4, 5, 7])
+def test_crests_at_the_rim_are_waves_as_all_others_are(seed):
+    waves = waviness(1e-4, 0.1, seed)
+    found = inspect(cloud_of(replace(panel(), waves=waves), noise=2e-6))
+    assert not (*found.dents, *found.others)
+    assert found.waviness

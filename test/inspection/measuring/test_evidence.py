@@ -1,11 +1,22 @@
 import cv2
 import numpy as np
 import pytest
+from small_clouds import cloud_of, panel
 
-from ftp_dent_ros.inspection.measuring.evidence import chance, fitted_depth
+from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.inspection.measuring.evidence import (
+    SIGNIFICANT,
+    SUSPECT,
+    chance,
+    fitted_depth,
+    suspect,
+)
+from ftp_dent_ros.inspection.measuring.inspection import inspect
+from ftp_dent_ros.inspection.measuring.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.noise import Noise
 from ftp_dent_ros.inspection.measuring.outline import find_outline
 from ftp_dent_ros.inspection.measuring.patch import Patch
+from ftp_dent_ros.inspection.settings import Settings
 
 STEP = 1e-3
 X, Y = np.meshgrid(STEP * np.arange(-60, 61), STEP * np.arange(-60, 61))
@@ -42,3 +53,36 @@ def test_noise_fitted_by_a_gaussian_strays_as_much_as_is_told():
         depths.append(fitted_depth(patch, outline, width, width, 0.0))
         assert np.abs(patch.depth).max() > 6 * chance(noise, width, sigma)
     assert np.std(depths) == pytest.approx(chance(noise, width, sigma), rel=0.25)
+
+
+def spotted(seed):
+    """Flat skin with forty spots whose errors are told by their order of magnitude only."""
+    rng = np.random.default_rng(seed)
+    cloud = cloud_of(panel(), noise=1e-6, seed=seed)
+    size = cloud.intensity.shape
+    white = cv2.GaussianBlur(rng.normal(size=size), (0, 0), 1.5)
+    told, real = np.full(size, 1e-6, np.float32), np.zeros(size)
+    for row, column in rng.integers(10, (size[0] - 20, size[1] - 20), (40, 2)):
+        spot = slice(row, row + 9), slice(column, column + 9)
+        told[spot], real[spot] = 3e-5, 3e-5 * np.sqrt(rng.exponential())
+    longer = 1 + real * white / white.std() / cloud.points[..., 2]
+    points = cloud.points * longer[..., None].astype(np.float32)
+    return Cloud(points, cloud.intensity, told, np.full(size, 5e-3, np.float32))
+
+
+def test_what_chance_makes_of_many_doubtful_places_is_not_listed():
+    # At three standard deviations there were seven.
+    listed = [inspect(spotted(seed)) for seed in range(6)]
+    assert not any(found.dents for found in listed)
+    assert sum(len(found.others) for found in listed) <= 2
+
+
+def test_more_doubtful_places_ask_for_more_evidence():
+    lattice = Lattice.of(cloud_of(panel()), Settings())
+    skin = lattice.valid
+    asked = []
+    for part in (0.001, 0.01, 0.03, 1.0):
+        extra = np.where(np.arange(skin.size).reshape(skin.shape) < part * skin.size, 5e-5, 1e-7)
+        noise = Noise(np.full(3, 1e-6), np.array([0, 2e-3, 1e-2]), extra.astype('f4'), 1.5e-3)
+        asked.append(suspect(noise, skin, lattice))
+    assert SUSPECT < asked[0] < asked[1] < asked[2] <= asked[3] == SIGNIFICANT
