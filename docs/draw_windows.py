@@ -13,7 +13,8 @@ import matplotlib
 import numpy as np
 
 from ftp_dent_ros.profilometry.least_squares.grid import Grid
-from ftp_dent_ros.profilometry.least_squares.windows import WIDTH, Windows
+from ftp_dent_ros.profilometry.least_squares.response import Response
+from ftp_dent_ros.profilometry.least_squares.windows import WIDTH
 
 matplotlib.use('Agg')
 from matplotlib import pyplot as plt
@@ -86,7 +87,7 @@ def _response(axes) -> None:
     gaussian = np.exp(-2 * np.square(np.pi * WIDTH / wavelength))
     flat_top = 2 * gaussian - np.square(gaussian)
     together = 1 - np.square(1 - gaussian) * (1 - flat_top)
-    half = WIDTH * Windows(1.0, 1.0).half_response()
+    half = float(Response(WIDTH, (1, 1), 4).wavelength(np.float32(0)))
     axes.plot(wavelength, gaussian, color=GREEN, lw=2, label='one Gaussian fit')
     axes.plot(wavelength, flat_top, color=RED, lw=2, label='one flat-top fit')
     axes.plot(wavelength, together, color=BLUE, lw=2, label='two Gaussian fits and a flat-top')

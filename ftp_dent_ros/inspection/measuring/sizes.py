@@ -43,7 +43,7 @@ _DEEPER, _PARTED = 1.5, 0.6
 # part of the depth, times resolution over width, from widths of 0.9 resolutions on: calculated of
 # flanks that are straight (0.13) and that die out with their square (0.20); and, if it cannot be
 # seen whether they meet, of anything from a round bottom (0) on. Middle and half of the range.
-_KINK, _ANY = (0.165, 0.035), (0.1, 0.1)
+_KINK, _ANY = (0.18, 0.04), (0.11, 0.11)
 _MODEL_CELLS = 22
 # Eq. 18 at 10 % of its depth, as a part of its axes.
 _OF_AXES = 0.835

@@ -75,8 +75,8 @@ class CloudBuilder:
         straight_fields = (
             (self._along_u(surface.modulation), cloud.intensity, self._zero),
             (self._along_u(surface.deviation), cloud.sigma, self._nothing),
+            (self._along_u(surface.wavelength / self._focal), cloud.resolution, self._nothing),
         )
-        wavelength = np.float32(surface.wavelength / self._focal)
         for (rows, nodes, weights), straight in self._interpolation.rows:
             x, y, z = self._work[:, : len(weights)]
             np.matmul(weights, wide[nodes], out=z)
@@ -91,7 +91,7 @@ class CloudBuilder:
                     cv2.copyTo(nothing[: len(z)], outside, field[rows])
             if outside is not None:
                 cv2.copyTo(self._nothing[: len(z)], outside, z)
-            np.multiply(z, wavelength, out=cloud.resolution[rows])
+            cloud.resolution[rows] *= z
             np.multiply(self._x[rows], z, out=x)
             np.multiply(self._y[rows], z, out=y)
             cv2.merge([x, y, z], dst=cloud.points[rows])
@@ -124,8 +124,8 @@ class Published:
     ----------
     inverse_depth, modulation, deviation : ndarray, shape (rows, columns), float32
         At the nodes, finite; the deviation is the standard uncertainty along the ray, metres.
-    wavelength : float
-        At which the windows have taken half of a detail's depth, pixels.
+    wavelength : ndarray, shape (rows, columns), float32
+        At which half of a detail's depth is left, pixels.
     measured : ndarray, shape (rows, bins), bool
         Bins that are published.
     covered : ndarray, shape (rows, bins), float32
@@ -135,7 +135,7 @@ class Published:
     inverse_depth: NDArray[np.float32]
     modulation: NDArray[np.float32]
     deviation: NDArray[np.float32]
-    wavelength: float
+    wavelength: NDArray[np.float32]
     measured: NDArray[np.bool_]
     covered: NDArray[np.float32]
 

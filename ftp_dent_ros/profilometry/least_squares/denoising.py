@@ -1,4 +1,4 @@
-"""What is not the surface's taken off the phase: the pixels' noise, and the skin's texture.
+"""The pixels' noise and the skin's texture taken off the phase, and put back what windows took.
 
 The phase is split into bands from fine to coarse. A band is held back where its energy is no more
 than the noise of the pixels explains (Wiener's gain); that noise is known by what it is (shot and
@@ -8,20 +8,18 @@ dent nor the skin's texture is taken for it.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from itertools import pairwise
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.profilometry.least_squares.grid import Grid
+from ftp_dent_ros.profilometry.least_squares.bands import SCALES, split
 from ftp_dent_ros.profilometry.least_squares.median import median
+from ftp_dent_ros.profilometry.least_squares.noise_gain import NoiseGain
+from ftp_dent_ros.profilometry.least_squares.response import Response
 from ftp_dent_ros.profilometry.least_squares.windows import Windows, coarsened, interpolated
 
-# Standard deviations of the bands' edges, in those of the windows. The bands are differences of
-# flat-tops, which leave nothing of a smooth dent in the finer ones.
-_SCALES = (1.4, 2.8, 5.6, 11.2)
 # Energy is a mean over so many times the width of a band's coarser edge.
 _NEIGHBOURHOOD = 0.75
 # Energy over that of noise from which on it is signal, and the signal that stays hidden in noise:
@@ -47,8 +45,6 @@ _BEYOND, _POWER, _STEEPEST = 0.17, 1.75, 4.0
 _LIGHT = 0.25
 _LEAST = 1e-12
 _EVERY = 2  # nodes along u and v that gains are estimated for together
-# Nodes of noise that tell what windows make of it, and of their rim.
-_SAMPLE, _SAMPLE_RIM = (192, 192), 16
 
 
 @dataclass(frozen=True)
@@ -60,10 +56,13 @@ class Denoised:
     values : ndarray, shape (rows, columns), float32
     variance : ndarray, shape (rows, columns), float32
         Of what is left of the noise, and of what may have been taken off with it.
+    put_back : ndarray, shape (rows, columns), float32
+        Share of what the windows leave out of this very surface that was put back.
     """
 
     values: NDArray[np.float32]
     variance: NDArray[np.float32]
+    put_back: NDArray[np.float32]
 
 
 def denoise(
@@ -73,6 +72,7 @@ def denoise(
     variance: NDArray[np.float32],
     inside: NDArray[np.bool_],
     windows: Windows,
+    response: Response,
     gain: NoiseGain,
     systematic: float,
 ) -> Denoised:
@@ -82,11 +82,16 @@ def denoise(
     ----------
     values, texture : ndarray, shape (rows, columns), float32
         Phase, and the sine of twice the fringes' phase in the light; continued beyond the region.
-    pixels, variance : ndarray, shape (rows, columns), float32
-        Variance of the bins, in amplitudes, by the pixels' noise, and by all there is.
+    pixels : ndarray, shape (3, rows, columns), float32
+        Variance of the bins by the pixels' noise, in amplitudes, as the means of
+        `PixelNoise.of_fringes` tell it: on the phase and, with one and two cosines, on texture.
+    variance : ndarray, shape (rows, columns), float32
+        Of the bins, by all there is.
     inside : ndarray, shape (rows, columns), bool
         The region.
     windows : Windows
+    response : Response
+        Of the fits that the field has come through.
     gain : NoiseGain
         Of the windows that the field has come through.
     systematic : float
@@ -95,24 +100,25 @@ def denoise(
     coarse = Windows(windows.sigma_u / _EVERY, windows.sigma_v / _EVERY)
     together = (_EVERY, _EVERY)
     fine, fine_texture = (
-        each - windows.wide_flat_top(each, _SCALES[0]) for each in (values, texture)
+        each - windows.wide_flat_top(each, SCALES[0]) for each in (values, texture)
     )
     share, explained = _share_of_texture(fine, fine_texture, coarse)
-    bands, base = _split(values + interpolated(share, values.shape) * texture, windows)
+    values = values + interpolated(share, values.shape) * texture
+    bands, base = split(values, windows)
     *shares, rest = gain.shares
-    known, total = (
-        np.maximum(coarsened(each, together), np.float32(_LEAST)) for each in (pixels, variance)
-    )
-    np.maximum(total, known, out=total)
+    known, with_texture, of_texture = (coarsened(each, together) for each in pixels)
+    total = np.maximum(coarsened(variance, together), known)
     # What texture explained is no noise any more.
     total *= 1 - explained
-    known *= 1 + np.square(share)
+    # What is added of the texture has such noise too, in part the same.
+    known += 4 * share * (share * of_texture - with_texture)
+    np.maximum(known, np.float32(_LEAST), out=known)
     np.maximum(total, known, out=total)
     total *= np.float32(_beyond_white(bands[0], shares[0] * total, inside))
     left = np.float32(rest) * total
     hidden = np.float32(np.inf)
     coarser = beyond_noise = np.float32(np.inf)
-    for band, share, scale in reversed(list(zip(bands, shares, _SCALES, strict=True))):
+    for band, share, scale in reversed(list(zip(bands, shares, SCALES, strict=True))):
         energy = coarse.wide(coarsened(band * band, together), _NEIGHBOURHOOD * scale)
         noise = np.float32(share) * known
         signal = np.maximum(energy - np.float32(_NOISE) * noise, 0)
@@ -132,7 +138,23 @@ def denoise(
     amiss = np.float32(_BEYOND) * falling**_POWER + np.float32(_LIGHT) * np.sqrt(falling)
     left += amiss * np.maximum(at_peaks, beyond_noise)
     left += np.float32(systematic)
-    return Denoised(base, interpolated(left, values.shape))
+    lack = response.left_out(base)
+    noise = np.float32(gain.left_out) * total
+    put_back = _share_of_signal(lack, noise, coarse)
+    # Its noise and that of the finest band may agree.
+    left += put_back * (put_back + np.float32(2 * math.sqrt(shares[0] / gain.left_out))) * noise
+    for missing, part in ((lack, 1 - put_back), (response.left_out(lack), put_back)):
+        left += np.square(part) * coarsened(np.square(missing), together)
+    put_back = interpolated(put_back, values.shape)
+    base += put_back * lack
+    return Denoised(base, interpolated(left, values.shape), put_back)
+
+
+def _share_of_signal(field, noise, coarse):
+    """Wiener's gain on fine detail, at coarse nodes."""
+    energy = coarse.wide(coarsened(field * field, (_EVERY, _EVERY)), _NEIGHBOURHOOD * SCALES[0])
+    signal = np.maximum(energy - np.float32(_NOISE) * noise, 0)
+    return signal / (signal + noise + np.float32(_LEAST))
 
 
 def _beyond_white(band, variance, inside):
@@ -164,45 +186,3 @@ def _share_of_texture(fine, texture, coarse):
     factor = np.clip(-common / (power + np.float32(_LEAST)), 0, _MOST_TEXTURE)
     explained = factor * (-2 * common - factor * power) / (energy + np.float32(_LEAST))
     return factor, np.clip(explained, 0, 1)
-
-
-def _split(
-    values: NDArray[np.float32], windows: Windows
-) -> tuple[list[NDArray[np.float32]], NDArray[np.float32]]:
-    """Bands from fine to coarse, and what is below them."""
-    levels = [values, *(windows.wide_flat_top(values, scale) for scale in _SCALES)]
-    return [finer - coarser for finer, coarser in pairwise(levels)], levels[-1]
-
-
-@dataclass(frozen=True)
-class NoiseGain:
-    """What becomes of white noise of variance 1 in the bins, for fringes of amplitude 1.
-
-    Attributes
-    ----------
-    shares : tuple of float
-        Variance of the phase in the bands, from fine to coarse, and below them all.
-    """
-
-    shares: tuple[float, ...]
-
-
-def noise_through(grid: Grid, windows: Windows, fits: int) -> NoiseGain:
-    """Send noise through `fits` windows, each of which corrects the ones before."""
-    rows, columns = _SAMPLE
-    noise = np.random.default_rng(0).standard_normal((rows, columns * grid.bins), np.float32)
-    bin_size = noise.shape[::-1]
-    field = np.zeros(_SAMPLE, np.float32)
-    for _ in range(fits):
-        known = cv2.resize(field, bin_size, interpolation=cv2.INTER_LINEAR)
-        rest = grid.at_nodes(noise - known)
-        step = windows.gaussian(rest)
-        field = field + step
-    bands, base = _split(field, windows)
-    inner = slice(_SAMPLE_RIM, -_SAMPLE_RIM)
-
-    def variance(piece):
-        # Half of the noise is in phase with the fringes, and the amplitude counts twice.
-        return 2 * float(np.square(piece[inner, inner]).mean())
-
-    return NoiseGain(tuple(variance(each) for each in (*bands, base)))

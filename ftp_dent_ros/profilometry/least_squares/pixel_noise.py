@@ -77,19 +77,28 @@ class PixelNoise:
     def of_fringes(
         self, level: NDArray[np.float32], modulation: NDArray[np.float32]
     ) -> NDArray[np.float32]:
-        """Variance of pixels as it acts on the phase of fringes, grey levels^2.
+        """Variance of pixels as it acts on the phase of fringes and on their texture.
 
-        The mean over a fringe of ``2 sin^2 Phi`` times the variance at
-        ``level + modulation cos Phi``.
+        Returns
+        -------
+        ndarray, shape (3, rows, columns)
+            The mean over a fringe of ``2 sin^2 Phi``, ``2 sin^2 Phi cos Phi`` and
+            ``2 sin^2 Phi cos^2 Phi`` times the variance at ``level + modulation cos Phi``, grey
+            levels^2.
         """
         rows, columns = level.shape
         level, modulation = (each[::_COARSE, ::_COARSE] for each in (level, modulation))
-        mean: Any = np.zeros(level.shape, np.float32)
+        means: Any = np.zeros((3, *level.shape), np.float32)
         for phase in (np.arange(_PHASES) + 0.5) * np.pi / _PHASES:
-            seen = np.clip(level + np.float32(np.cos(phase)) * modulation, 0, 255)
+            cosine = np.float32(np.cos(phase))
+            seen = np.clip(level + cosine * modulation, 0, 255)
             weight = np.float32(2 * np.sin(phase) ** 2 / _PHASES)
-            mean += weight * self.variance[seen.astype(np.uint8)]
-        return cv2.resize(mean, (columns, rows), interpolation=cv2.INTER_LINEAR)
+            variance = weight * self.variance[seen.astype(np.uint8)]
+            for mean in means:
+                mean += variance
+                variance *= cosine
+        size = columns, rows
+        return np.stack([cv2.resize(each, size, interpolation=cv2.INTER_LINEAR) for each in means])
 
 
 def _sampled(plane: NDArray, every: int) -> NDArray[np.float32]:

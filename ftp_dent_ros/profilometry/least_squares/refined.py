@@ -28,7 +28,7 @@ class Refined:
         Share of each bin that the surface covers, as far as the fringes' amplitude tells.
     roughness : ndarray, shape (rows, columns), float32
         Root mean square misfit of the bins around each node, in amplitudes.
-    wavelength : float
+    wavelength : ndarray, shape (rows, columns), float32
         At which half of a detail's depth is left, pixels.
     relief : bool
         Whether most of the surface is rougher than skin, and than the pixels' noise makes it.
@@ -41,5 +41,5 @@ class Refined:
     told: NDArray[np.bool_]
     covered: NDArray[np.float32]
     roughness: NDArray[np.float32]
-    wavelength: float
+    wavelength: NDArray[np.float32]
     relief: bool

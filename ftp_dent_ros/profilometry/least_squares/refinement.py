@@ -8,6 +8,8 @@ model says, which is how windows end there without leakage.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -15,15 +17,17 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.profilometry.least_squares.camera_effects import lag_of_bins, take_harmonics
 from ftp_dent_ros.profilometry.least_squares.contrast_model import Envelope
-from ftp_dent_ros.profilometry.least_squares.denoising import Denoised, denoise, noise_through
+from ftp_dent_ros.profilometry.least_squares.denoising import denoise
 from ftp_dent_ros.profilometry.least_squares.extrapolation import Extrapolation
 from ftp_dent_ros.profilometry.least_squares.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.intensity_bins import IntensityBins
 from ftp_dent_ros.profilometry.least_squares.masked_fit import LEAST_SEEN, MaskedFit, enough
 from ftp_dent_ros.profilometry.least_squares.median import median
+from ftp_dent_ros.profilometry.least_squares.noise_gain import noise_through
 from ftp_dent_ros.profilometry.least_squares.refined import Refined
+from ftp_dent_ros.profilometry.least_squares.response import Response
 from ftp_dent_ros.profilometry.least_squares.surface_mask import on_surface, rim_cover, roughness
-from ftp_dent_ros.profilometry.least_squares.windows import WIDTH, Windows
+from ftp_dent_ros.profilometry.least_squares.windows import Windows
 
 # Of the normal equations by missing bins, beyond which their lack is not made up for.
 _LEAST_SUPPORT = 0.5
@@ -63,7 +67,6 @@ class Refinement:
         self._systematic = systematic
         self.grid, self.windows, self.fast = grid, windows, fast
         self.period = period / grid.step
-        self.wavelength = WIDTH * period * windows.half_response()
         rows, columns = grid.bin_shape
         strip = grid.strips()[0].stop
         self._masked = MaskedFit(grid, windows)
@@ -71,8 +74,15 @@ class Refinement:
         self._turns = np.empty((2, strip, columns), np.float32)
         self._sums = np.empty((_SUMS, *grid.shape), np.float32)
         self._work = np.empty((4, rows, columns), np.float32)
-        self._noise = noise_through(grid, windows, _FITS - 2 * fast)
-        self._pixel, self._density = grid.noise_at(self.period)
+        beside = grid.node_variance[1] / (2 * grid.rows**2)
+        self._over_rows = np.array([beside, 1 - 2 * beside, beside], np.float32)
+        self._response = Response.of(period, grid, _FITS - 2 * fast)
+        self._noise = noise_through(grid, windows, self._response)
+        pixel, self._density = grid.noise_at(self.period)
+        # Texture is seen at twice the fringes' frequency, where averages leave less of all.
+        double = math.sqrt(grid.noise_at(self.period / 2)[1] / self._density)
+        gains = pixel * self._density * double ** np.arange(3)
+        self._of_pixels = gains.astype(np.float32)[:, None, None]
 
     def refine(
         self,
@@ -100,7 +110,7 @@ class Refinement:
             Of coded fringes.
         """
         inside = self.grid.to_bins(region).view(np.uint8)
-        phase = base + self.grid.at_bins(reference + shift)
+        phase = base + self._of_model(reference + shift)
         clipped = light.clipped
         levels = light.filled(phase, inside > 0, self.period)
         rim = math.ceil(self.grid.bins / 2 + _RIM_U * self.period)
@@ -111,7 +121,7 @@ class Refinement:
         for _ in range(_ROUNDS):
             level, modulation, step = self._masked.fit(levels, phase, mask, lost, envelope)
             shift = shift + step
-            phase = np.add(base, self.grid.at_bins(reference + shift), out=phase)
+            phase = np.add(base, self._of_model(reference + shift), out=phase)
             cosine, sine = (np.cos(phase, out=self._work[0]), np.sin(phase, out=self._work[1]))
             if envelope is not None:
                 for rows in self.grid.strips():
@@ -140,42 +150,42 @@ class Refinement:
             variance /= np.square(np.maximum(1 - lost, np.float32(LEAST_SEEN)))
         supported = enough(support, lost)
         body &= self.grid.to_bins(told & (seen > LEAST_SEEN))
-        if not self.fast:
-            shift = shift + step
-        noise = light.noise.of_fringes(level, modulation) * np.float32(self._pixel * self._density)
+        noise = light.noise.of_fringes(level, modulation) * self._of_pixels
         pixels = noise / (np.square(np.maximum(modulation, 1)) * power)
         beyond = Extrapolation(supported, self.windows)
         denoised = denoise(
-            beyond.by_slope(shift),
+            beyond.by_slope(shift + step),
             beyond.by_mean(texture),
             pixels,
             beyond.by_mean(variance),
             supported,
             self.windows,
+            self._response,
             self._noise,
             self._systematic,
         )
-        if self.fast:
-            lost = self._lost(denoised.values)
-            lost += self._lost(lost)
-            denoised = Denoised(denoised.values, denoised.variance + np.square(lost))
         if self.grid.bin_variance:
             lag = lag_of_bins(modulation, phase, self.grid, self.windows)
-            denoised = Denoised(denoised.values - lag, denoised.variance)
+            denoised = replace(denoised, values=denoised.values - lag)
         covered = rim_cover(levels, amplitude * cosine, body, allowed, self.period)
         rough = roughness(misfit, self.windows, self.grid)
-        explained = median(np.sqrt(pixels[supported])) if supported.any() else 0.0
+        explained = median(np.sqrt(pixels[0][supported])) if supported.any() else 0.0
         relief = supported.any() and median(rough[supported]) > max(
             _RELIEF, _RELIEF_NOISE * explained
         )
+        wavelength = self._response.wavelength(denoised.put_back)
         return Refined(
-            denoised, level, modulation, body, lit, covered, rough, self.wavelength, bool(relief)
+            denoised, level, modulation, body, lit, covered, rough, wavelength, bool(relief)
         )
 
-    def _lost(self, shift):
-        """What two Gaussian fits, each of which corrects the one before, leave of a shift."""
-        rest = shift - self.windows.wide(shift, 1.0)
-        return rest - self.windows.wide(rest, 1.0)
+    def _of_model(self, phase):
+        """Phase at the nodes to its means over the bins' rows, as the photograph has them."""
+        means: Any = cv2.sepFilter2D(
+            phase, -1, np.ones(1, np.float32), self._over_rows, borderType=cv2.BORDER_REPLICATE
+        )
+        # Beyond the image the surface goes on as straight as it ends.
+        means[[0, -1]] = phase[[0, -1]]
+        return self.grid.at_bins(means)
 
     def _share_of(self, mask):
         """Share of each node's window that a mask has."""

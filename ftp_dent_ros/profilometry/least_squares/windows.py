@@ -47,14 +47,8 @@ class Windows:
 
     def gaussian(self, nodes: NDArray, scale: float = 1.0) -> NDArray[np.float32]:
         """Mean weighted by a Gaussian `scale` times as wide as the windows, zero beyond."""
-        mean: Any = cv2.sepFilter2D(
-            nodes,
-            cv2.CV_32F,
-            _kernel(scale * self.sigma_u),
-            _kernel(scale * self.sigma_v),
-            borderType=cv2.BORDER_CONSTANT,
-        )
-        return mean
+        sigmas = scale * self.sigma_u, scale * self.sigma_v
+        return gaussian_of(nodes, *sigmas, cv2.BORDER_CONSTANT)
 
     def along_u(self, nodes: NDArray) -> NDArray[np.float32]:
         """As `gaussian`, along u alone."""
@@ -70,16 +64,6 @@ class Windows:
     def flat_top(self, nodes: NDArray) -> NDArray[np.float32]:
         """Mean weighted by 2 G_s - G_(sqrt(2) s), which leaves cubics as they are."""
         return 2 * self.gaussian(nodes) - self.gaussian(nodes, math.sqrt(2))
-
-    def half_response(self) -> float:
-        """Wavelength, in standard deviations, at which two Gaussian fits and a flat-top halve.
-
-        Each corrects what the ones before have left: the rest is (1 - G)^2 (1 - F).
-        """
-        wavelength = np.linspace(20, 1, 2000)
-        gaussian = np.exp(-2 * np.square(np.pi / wavelength))
-        rest = np.square(1 - gaussian) * (1 - 2 * gaussian + np.square(gaussian))
-        return float(wavelength[np.argmax(rest > 0.5)])
 
     def wide(self, nodes: NDArray, scale: float) -> NDArray[np.float32]:
         """Mean weighted by a Gaussian much wider than the windows, on a coarser grid."""
@@ -108,6 +92,15 @@ class Windows:
             math.sqrt((scale * sigma) ** 2 - (step > 1) * (step * step / 4 - 1 / 12)) / step
             for sigma, step in zip((self.sigma_u, self.sigma_v), steps, strict=True)
         ]
+
+
+def gaussian_of(
+    nodes: NDArray, sigma_u: float, sigma_v: float, border: int
+) -> NDArray[np.float32]:
+    """Mean weighted by a Gaussian of standard deviations in nodes."""
+    kernels = _kernel(sigma_u), _kernel(sigma_v)
+    mean: Any = cv2.sepFilter2D(nodes, cv2.CV_32F, *kernels, borderType=border)
+    return mean
 
 
 def coarsened(nodes: NDArray, steps: Sequence[int]) -> Any:

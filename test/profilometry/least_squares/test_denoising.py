@@ -4,19 +4,22 @@ import cv2
 import numpy as np
 import pytest
 
-from ftp_dent_ros.profilometry.least_squares.denoising import denoise, noise_through
+from ftp_dent_ros.profilometry.least_squares.denoising import denoise
 from ftp_dent_ros.profilometry.least_squares.grid import Grid
+from ftp_dent_ros.profilometry.least_squares.noise_gain import noise_through
+from ftp_dent_ros.profilometry.least_squares.response import Response
 from ftp_dent_ros.profilometry.least_squares.windows import Windows
 
 PERIOD = 11.7
 GRID = Grid.for_fringes(900, 720, PERIOD)
 WINDOWS = Windows.for_fringes(PERIOD, GRID)
+RESPONSE = Response.of(PERIOD, GRID, 4)
 VARIANCE = 0.01  # of the bins, in amplitudes
 
 
 @cache
 def gain():
-    return noise_through(GRID, WINDOWS, 4)
+    return noise_through(GRID, WINDOWS, RESPONSE)
 
 
 def through_windows(seed, scale=1.0):
@@ -38,10 +41,12 @@ def dent(width, depth):
 
 
 def cleaned(values, texture=None, pixels=VARIANCE, variance=VARIANCE):
-    fields = (np.full(GRID.shape, each, np.float32) for each in (pixels, variance))
+    # Noise that does not depend on the light, at the texture's frequency as at the fringes'.
+    known = np.multiply.outer([pixels, 0, pixels / 4], np.ones(GRID.shape)).astype(np.float32)
+    variance = np.full(GRID.shape, variance, np.float32)
     texture = np.zeros(GRID.shape, np.float32) if texture is None else texture
     inside = np.ones(GRID.shape, bool)
-    return denoise(values, texture, *fields, inside, WINDOWS, gain(), 0.0)
+    return denoise(values, texture, known, variance, inside, WINDOWS, RESPONSE, gain(), 0.0)
 
 
 def rms(field):

@@ -35,8 +35,11 @@ def test_without_noise_it_is_that_of_rounding():
 def test_on_the_phase_the_flanks_count():
     variance = np.arange(256, dtype=np.float32)
     level, modulation = np.full((2, 2), 100, np.float32), np.full((2, 2), 60, np.float32)
-    on_phase = PixelNoise(variance).of_fringes(level, modulation)
+    on_phase, with_texture, on_texture = PixelNoise(variance).of_fringes(level, modulation)
     # Linear in the level: the mean weighted by 2 sin^2 is the variance at the middle.
     np.testing.assert_allclose(on_phase, 100, atol=0.6)
+    # Noise of bright pixels acts on both alike: the mean of 2 sin^2 cos^2 is a quarter.
+    np.testing.assert_allclose(with_texture, 60 / 4, atol=0.6)
+    np.testing.assert_allclose(on_texture, 100 / 4, atol=0.6)
     peaked = np.where(np.abs(np.arange(256) - 100) < 30, 1, 0).astype(np.float32)
-    assert (PixelNoise(peaked).of_fringes(level, modulation) > 0.5).all()
+    assert (PixelNoise(peaked).of_fringes(level, modulation)[0] > 0.5).all()

@@ -51,13 +51,3 @@ def test_wide_windows_are_as_wide_on_a_coarser_grid(scale):
     np.testing.assert_allclose(
         inner(WINDOWS.wide(seen, scale), 45), expected * inner(seen, 45), atol=0.015
     )
-
-
-def test_half_response():
-    wavelength = WINDOWS.half_response() * WINDOWS.sigma_u
-    gaussian, flat_top = (
-        float(inner(step(waves(wavelength)))[5] @ inner(waves(wavelength))[5])
-        / float(inner(waves(wavelength))[5] @ inner(waves(wavelength))[5])
-        for step in (WINDOWS.gaussian, WINDOWS.flat_top)
-    )
-    assert (1 - gaussian) ** 2 * (1 - flat_top) == pytest.approx(0.5, abs=0.01)
