@@ -9,7 +9,7 @@ import numpy as np
 
 from ftp_dent_ros.profilometry.least_squares.bands import split
 from ftp_dent_ros.profilometry.least_squares.grid import Grid
-from ftp_dent_ros.profilometry.least_squares.response import Response
+from ftp_dent_ros.profilometry.least_squares.response import Response, over_rows
 from ftp_dent_ros.profilometry.least_squares.windows import Windows
 
 # Nodes of noise that tell what windows make of it, and of their rim.
@@ -39,7 +39,7 @@ def noise_through(grid: Grid, windows: Windows, response: Response) -> NoiseGain
     bin_size = noise.shape[::-1]
     field = np.zeros(_SAMPLE, np.float32)
     for _ in range(response.fits):
-        known = cv2.resize(field, bin_size, interpolation=cv2.INTER_LINEAR)
+        known = cv2.resize(over_rows(field, grid.rows), bin_size, interpolation=cv2.INTER_LINEAR)
         rest = grid.at_nodes(noise - known)
         field = field + windows.gaussian(rest)
     bands, base = split(field, windows)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import cv2
 import numpy as np
@@ -25,7 +24,7 @@ from ftp_dent_ros.profilometry.least_squares.masked_fit import LEAST_SEEN, Maske
 from ftp_dent_ros.profilometry.least_squares.median import median
 from ftp_dent_ros.profilometry.least_squares.noise_gain import noise_through
 from ftp_dent_ros.profilometry.least_squares.refined import Refined
-from ftp_dent_ros.profilometry.least_squares.response import Response
+from ftp_dent_ros.profilometry.least_squares.response import Response, over_rows
 from ftp_dent_ros.profilometry.least_squares.surface_mask import on_surface, rim_cover, roughness
 from ftp_dent_ros.profilometry.least_squares.windows import Windows
 
@@ -74,8 +73,6 @@ class Refinement:
         self._turns = np.empty((2, strip, columns), np.float32)
         self._sums = np.empty((_SUMS, *grid.shape), np.float32)
         self._work = np.empty((4, rows, columns), np.float32)
-        beside = grid.node_variance[1] / (2 * grid.rows**2)
-        self._over_rows = np.array([beside, 1 - 2 * beside, beside], np.float32)
         self._response = Response.of(period, grid, _FITS - 2 * fast)
         self._noise = noise_through(grid, windows, self._response)
         pixel, self._density = grid.noise_at(self.period)
@@ -179,13 +176,8 @@ class Refinement:
         )
 
     def _of_model(self, phase):
-        """Phase at the nodes to its means over the bins' rows, as the photograph has them."""
-        means: Any = cv2.sepFilter2D(
-            phase, -1, np.ones(1, np.float32), self._over_rows, borderType=cv2.BORDER_REPLICATE
-        )
-        # Beyond the image the surface goes on as straight as it ends.
-        means[[0, -1]] = phase[[0, -1]]
-        return self.grid.at_bins(means)
+        """Phase at the nodes to the bins, as the photograph has it."""
+        return self.grid.at_bins(over_rows(phase, self.grid.rows))
 
     def _share_of(self, mask):
         """Share of each node's window that a mask has."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -11,6 +12,20 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.profilometry.least_squares.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.windows import WIDTH, gaussian_of
+
+
+def over_rows(nodes: NDArray[np.float32], rows: int) -> NDArray[np.float32]:
+    """A field's means over so many rows of pixels around the nodes, as bins are.
+
+    What it is made of is compared with the bins, and would else be as smooth as they are.
+    """
+    beside = (rows**2 - 1) / (24 * rows**2)
+    weights = np.array([beside, 1 - 2 * beside, beside], np.float32)
+    along_u = np.ones(1, np.float32)
+    means: Any = cv2.sepFilter2D(nodes, -1, along_u, weights, borderType=cv2.BORDER_REPLICATE)
+    # Beyond the image a surface goes on as straight as it ends.
+    means[[0, -1]] = nodes[[0, -1]]
+    return means
 
 
 @dataclass(frozen=True)
