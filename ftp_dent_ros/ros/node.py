@@ -33,7 +33,7 @@ def run(
 
     An exception of a callback is logged and the node goes on: a message from anywhere must not
     end it. What a node holds (threads, devices, sockets) it lets go in its `destroy_node`. A node
-    that hears nothing any more, since its process stood still, is made anew.
+    to which the transport brings nothing any more is made anew.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def _run_until_deaf(
             _spin_once(executor, node)
             if hearing.is_lost():
                 node.get_logger().error(
-                    'nothing is heard any more, since this process stood still: begun anew'
+                    'nothing comes through the shared memory any more: begun anew'
                 )
                 return None
     except FtpDentError as error:

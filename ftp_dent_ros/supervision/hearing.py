@@ -1,9 +1,9 @@
 """Whether this process still hears what others send through the shared memory of Fast DDS.
 
-A process that stands still for a second is given up: those that send to it make its port anew,
-again and again, and so does the process itself when it goes on. When both do that at the same
-moment, the file of the one takes the place of the other's, and the process listens for good where
-nobody can reach it.
+A process that is killed or stands still for a second is given up: those that send to it make its
+port anew, again and again, and so does the process when it goes on or is started again. When both
+do that at the same moment, the file of the one takes the place of the other's, and the process
+listens for good where nobody can reach it.
 """
 
 from __future__ import annotations
@@ -16,13 +16,11 @@ from pathlib import Path
 
 from ftp_dent_ros.supervision.shared_memory import FOLDER
 
-_PORT = re.compile(re.escape(FOLDER) + r'/(fastrtps_port\d+)(_el)?( \(deleted\))?$')
-# Standing still for less, seconds, gives nobody up: Fast DDS's own patience.
-_PATIENCE = 1.0
-# For how long after it the ports are looked at, and how often; they are made anew meanwhile.
-_WATCHED, _PERIOD = 10.0, 1.0
-# As often in a row a port must be out of reach.
-_TIMES = 3
+_LOCK = re.compile(re.escape(FOLDER) + r'/(fastrtps_port\d+)_el')
+_MAPPED = re.compile(re.escape(FOLDER) + r'/(fastrtps_port\d+)( \(deleted\))?$', re.MULTILINE)
+# Seconds between two looks, and in how many of them in a row a port must be out of reach: one
+# that is being made anew is so for a moment.
+_PERIOD, _TIMES = 1.0, 3
 
 
 def is_cut_off(process: int | str = 'self') -> bool:
@@ -38,13 +36,10 @@ def is_cut_off(process: int | str = 'self') -> bool:
     in_reach: dict[str, bool] = {}
     try:
         for descriptor in os.listdir(folder / 'fd'):
-            match = _PORT.match(_target(folder / 'fd' / descriptor))
-            if match and match[2]:
+            if match := _LOCK.match(_target(folder / 'fd' / descriptor)):
                 own.add(match[1])
-        for line in (folder / 'maps').read_text().splitlines():
-            match = _PORT.search(line)
-            if match and not match[2]:
-                in_reach[match[1]] = in_reach.get(match[1], False) or not match[3]
+        for name, is_deleted in _MAPPED.findall((folder / 'maps').read_text()):
+            in_reach[name] = in_reach.get(name, False) or not is_deleted
     except OSError:  # no /proc, or no such process
         return False
     return any(not in_reach.get(name, True) for name in own)
@@ -57,8 +52,21 @@ def _target(link: Path) -> str:
         return ''
 
 
+def ports() -> frozenset[tuple[str, int]]:
+    """Names and inodes of the files of all ports on this computer."""
+    try:
+        with os.scandir(FOLDER) as entries:
+            return frozenset(
+                (entry.name, entry.inode())
+                for entry in entries
+                if entry.name.startswith('fastrtps_port')
+            )
+    except OSError:
+        return frozenset()
+
+
 class Hearing:
-    """Looks at this process's ports after it has stood still.
+    """Looks at this process's ports now and then.
 
     Parameters
     ----------
@@ -74,18 +82,22 @@ class Hearing:
         look: Callable[[], bool] = is_cut_off,
     ) -> None:
         self._now, self._look = now, look
-        self._last = now()
-        self._until = self._due = float('-inf')
+        self._due = now() + _PERIOD
         self._found = 0
+        # As they were when this process was in reach: while they are so, it is.
+        self._well: frozenset[tuple[str, int]] | None = None
 
     def is_lost(self) -> bool:
         """Whether nothing is heard any more; to be asked several times a second."""
         now = self._now()
-        if now - self._last > _PATIENCE:
-            self._until, self._found = now + _WATCHED, 0
-        self._last = now
-        if now > self._until or now < self._due:
+        if now < self._due:
             return False
         self._due = now + _PERIOD
-        self._found = self._found + 1 if self._look() else 0
+        before = ports()
+        if before == self._well:
+            self._found = 0
+        elif self._look():
+            self._found += 1
+        else:
+            self._found, self._well = 0, before
         return self._found >= _TIMES
