@@ -2,9 +2,12 @@
 
 python benchmarks/radio.py [--radios 100M 10M 2M 256k 57.6k] [--plain [TOPIC]] [--seconds 40]
                            [--outage 60] [--restart payload|ground] [--grounds 1] [--keys]
+                           [--bag BAG]
 
 The payload (real nodes in simulation) and the ground are two network namespaces, joined by a
-simulated radio: it takes root. With `--plain` there is neither downlink nor ground station, but a
+simulated radio: it takes root. With `--bag` a recorded flight (``ftp-dent demo`` keeps its own in
+``bag``) takes the simulation's place, at two clouds a second, which it does not render on two
+cores. With `--plain` there is neither downlink nor ground station, but a
 subscriber of tagged/preview, or another topic, on the ground. A delay is from a message's arrival
 at a subscriber aboard to that at one on the ground.
 """
@@ -50,6 +53,7 @@ TOPICS = {
     'dents/list': CLOUD,
     '/diagnostics': 'diagnostic_msgs/msg/DiagnosticArray',
 }
+_CLOUDS_A_SECOND = 2.0
 PREVIEW_OF = {'preview/points': 'points', 'tagged/preview': 'tagged/points'}
 
 
@@ -156,6 +160,18 @@ class Run:
         )
 
 
+def flight(bag: Path) -> tuple[list[str], float]:
+    """Arguments that replay a bag at two clouds a second, and how long that takes, seconds."""
+    about = yaml.safe_load((bag / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
+    counts = {
+        each['topic_metadata']['name']: each['message_count']
+        for each in about['topics_with_message_count']
+    }
+    seconds = about['duration']['nanoseconds'] / 1e9
+    wanted = counts['/points'] / _CLOUDS_A_SECOND
+    return ['replay', str(bag), '--rate', f'{seconds / wanted:.4f}', '-x', '/skin'], wanted
+
+
 def payload(folder: Path) -> Path:
     """The shipped simulation, its dents listed all the time."""
     blocks = yaml.safe_load(files.find('shipped:simulation.yaml').read_text())
@@ -188,14 +204,23 @@ def measure(arguments: argparse.Namespace, radio: str, folder: Path) -> dict[str
             time.sleep(3)
             if not arguments.plain:
                 run.start_downlink()
-            words = ('-m', 'ftp_dent_ros.cli.main', 'up', str(payload(folder)))
-            run.start('payload', joined.drone, 1, *words)
-            while len(run.arrivals('aboard').get('points', {})) < 4:
-                time.sleep(0.5)
+            seconds = arguments.seconds
+            if arguments.bag is None:
+                words = ['up', str(payload(folder))]
+            else:
+                time.sleep(
+                    5
+                )  # Until the ground is heard: a flight is not as long as that of `up`.
+                words, most = flight(arguments.bag)
+                seconds = min(seconds, most - 3)
+            run.start('payload', joined.drone, 1, '-m', 'ftp_dent_ros.cli.main', *words)
+            begun = 1 if arguments.bag else 4
+            while len(run.arrivals('aboard').get('points', {})) < begun:
+                time.sleep(0.1)
             begin = time.time()
             used = 0.0 if arguments.plain else processor_time(run.processes['downlink'].pid)
             before = joined.ground.traffic()[0]
-            disturb(run, radio)
+            disturb(run, radio, seconds)
             load = 0.0
             if not arguments.plain and 'downlink' in run.processes:
                 load = (processor_time(run.processes['downlink'].pid) - used) / (
@@ -210,9 +235,9 @@ def measure(arguments: argparse.Namespace, radio: str, folder: Path) -> dict[str
             run.close()
 
 
-def disturb(run: Run, radio: str) -> None:
+def disturb(run: Run, radio: str, seconds: float) -> None:
     """Let the row's time pass, with what is to go wrong in it."""
-    seconds, joined = run.arguments.seconds, run.joined
+    joined = run.joined
     time.sleep(seconds / 2)
     if run.arguments.outage:
         joined.set(Conditions(outage=True))
@@ -235,7 +260,8 @@ def report(
     print(f'\n{radio}: downlink {100 * load:.1f} % of a core, {carried / 1e3:.0f} kbit/s carried')
     late = [min(t) - s / 1e9 for s, t in aboard.get('points', {}).items() if begin < min(t) < end]
     rate = len(late) / (end - begin)
-    print(f'  aboard: points {rate:.2f} Hz, {np.median(late):.3f} s after the exposure (median)')
+    after = '' if run.arguments.bag else f', {np.median(late):.3f} s after the exposure (median)'
+    print(f'  aboard: points {rate:.2f} Hz{after}')
     for number in range(run.arguments.grounds):
         there = run.arrivals(f'ground{number}')
         print(f'  {"topic":18} {"given":>6} {"came":>6} {"twice":>6} {"median":>8} {"95 %":>8}')
@@ -266,6 +292,7 @@ def main() -> None:
     parser.add_argument('--restart', choices=('payload', 'ground'))
     parser.add_argument('--grounds', type=int, default=1)
     parser.add_argument('--keys', action='store_true')
+    parser.add_argument('--bag', type=Path, help='a recorded flight instead of the simulation')
     parser.add_argument('--logs', type=Path, help='a folder that keeps the logs')
     parser.add_argument('--listen', nargs='+', help=argparse.SUPPRESS)
     arguments = parser.parse_args()
