@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from ftp_dent_ros.ground.frames import WINDOW, Name, Piece, Report
-from ftp_dent_ros.ground.item import NEWEST_FIRST, Importance
+from ftp_dent_ros.ground.item import REPLACED, Importance
 from ftp_dent_ros.ground.pace import Mark, Pace
 from ftp_dent_ros.ground.store import Kept, Store
 
@@ -80,6 +80,8 @@ class Feed:
         self._waiting: list[tuple[int, int, Name, Kept]] = []
         self._crowded = _CROWD
         self._progress: dict[Name, _Progress] = {}
+        # Of each topic whose items replace each other: its last one's turn, in order of sending.
+        self._turns: dict[str, int] = {}
         self._last_news = now()
 
     @property
@@ -91,8 +93,10 @@ class Feed:
         """An item is to be sent here."""
         kept.owed.add(self.ground)
         kept.claimed = True
-        age = -kept.stamp_ns if kept.importance in NEWEST_FIRST else kept.stamp_ns
-        heapq.heappush(self._waiting, (int(kept.importance), age, kept.name, kept))
+        # One of each waits: topics take turns, or those with the newest stamps would be all.
+        takes_turns = kept.importance in REPLACED
+        order = self._turns.get(kept.topic, 0) if takes_turns else -kept.stamp_ns
+        heapq.heappush(self._waiting, (int(kept.importance), order, kept.name, kept))
         if len(self._waiting) > self._crowded:
             # What was replaced meanwhile must not pile up in a long silence.
             self._waiting = [entry for entry in self._waiting if not entry[-1].gone]
@@ -220,6 +224,8 @@ class Feed:
             data = None if kept.gone else self._store.read(kept)
             if data is not None:
                 kept.begun = True
+                if kept.importance in REPLACED:
+                    self._turns[kept.topic] = self._sequence + 1
                 progress = _Progress(kept, data, [(0, len(data))])
                 self._progress[kept.name] = progress
                 return progress

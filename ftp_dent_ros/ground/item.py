@@ -17,7 +17,11 @@ _LARGEST_HEADER = 4096
 
 
 class Importance(IntEnum):
-    """In which order items go: all of one before any of the next."""
+    """In which order items go: all of one before any of the next.
+
+    Of one importance the newest go first: what is seen now is worth more than what was seen, and a
+    link that does not carry all of it still shows the present.
+    """
 
     STATE = 0
     DENTS = 1
@@ -29,8 +33,6 @@ class Importance(IntEnum):
 
 # Only the newest of a topic is of use, so that one that waits gives way to the next.
 REPLACED = frozenset({Importance.STATE, Importance.PREVIEWS})
-# Sent newest first: what is seen now is worth more than what was seen; the rest follows.
-NEWEST_FIRST = frozenset({Importance.PREVIEWS, Importance.CLOUDS, Importance.PICTURES})
 
 
 @dataclass(frozen=True)

@@ -57,6 +57,7 @@ AS_THEY_ARE = {
             Importance.PREVIEWS,  # a drawing of the list, several times its size
             latest=True,
             stamped=False,
+            share=0.1,
         ),
         Topic('dents', _POINTS, Importance.DENTS),
         Topic('earth', 'sensor_msgs/msg/NavSatFix', Importance.POSES, latest=True),

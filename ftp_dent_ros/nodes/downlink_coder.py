@@ -26,7 +26,7 @@ from ftp_dent_ros.ros.messages import (
 )
 
 # Of the link's rate, what the small ones of a kind may take up, and how often at most (s).
-_PREVIEW_SHARE, _PREVIEW_PERIOD = 0.4, 0.45
+_PREVIEW_SHARE, _PREVIEW_PERIOD = 0.3, 0.45
 # A preview's depth is coarser than a cloud's: 1.3 um at 0.8 m.
 _PREVIEW_PART = 4.0
 _PREVIEW_WIDTH, _PREVIEW_QUALITY = 240, 50

@@ -40,6 +40,9 @@ _COLOURS = {
 # Width of an outline, and height of a label, metres.
 _LINE = 0.0015
 _TEXT = 0.02
+# Markers lie on a lattice of 1/4096 m: a drawing of 1.5 mm wide lines shows no difference, and it
+# is deflated for the ground to a third.
+_LATTICE = 4096
 
 
 def dents_to_message(entries: Sequence[ListedDent], stamp_ns: int, frame_id: str) -> PointCloud2:
@@ -130,4 +133,5 @@ def dents_to_markers(entries: Sequence[ListedDent], stamp_ns: int, frame_id: str
 
 
 def _point(values: NDArray) -> Point:
-    return Point(x=float(values[0]), y=float(values[1]), z=float(values[2]))
+    x, y, z = (round(float(value) * _LATTICE) / _LATTICE for value in values)
+    return Point(x=x, y=y, z=z)

@@ -90,14 +90,39 @@ def test_everything_arrives_once_and_whole():
     assert len(line.store) == 0
 
 
-def test_the_order_is_that_of_importance_and_clouds_go_newest_first():
+def test_the_order_is_that_of_importance_and_the_newest_go_first():
     line = Line(rate=10_000.0)
     for stamp, importance in enumerate(
         [Importance.PICTURES, *[Importance.CLOUDS] * 3, *[Importance.POSES] * 3, Importance.DENTS]
     ):
         line.put(importance, stamp, 3000, topic=str(stamp))
     got = [item.stamp_ns for item in line.run(10)]
-    assert got == [7, 4, 5, 6, 3, 2, 1, 0]
+    assert got == [7, 6, 5, 4, 3, 2, 1, 0]
+
+
+def test_of_more_poses_than_the_link_carries_the_newest_are_there_at_once_and_all_in_the_end():
+    line = Line(rate=1000.0, delay=0.2)
+    put_at = {}
+    for stamp in range(40):
+        put_at[stamp] = line.time
+        line.put(Importance.POSES, stamp, 400)
+        line.run(0.25)  # half of them, at this rate
+    by_then = len(line.items)
+    late = [at - put_at[item.stamp_ns] for item, at in zip(line.items, line.arrivals, strict=True)]
+    assert by_then < 30 and sorted(late)[by_then // 2] < 2.5  # 0.6 s to send, 0.2 s the way
+    assert max(stamps(line.items, Importance.POSES)) > 30
+    assert sorted(stamps(line.run(30), Importance.POSES)) == list(range(40))
+
+
+def test_previews_of_several_topics_take_turns():
+    line = Line(rate=10_000.0)
+    for tick in range(40):
+        # What is stamped with its sending is always newer than a photograph.
+        line.put(Importance.PREVIEWS, 10**6 + tick, 4000, topic='markers')
+        line.put(Importance.PREVIEWS, tick, 4000, topic='cloud')
+        line.run(0.25)
+    counts = [sum(item.topic == topic for item in line.items) for topic in ('markers', 'cloud')]
+    assert sum(counts) > 18 and abs(counts[0] - counts[1]) <= 2
 
 
 def test_what_is_more_important_overtakes_within_a_quarter_of_a_second():

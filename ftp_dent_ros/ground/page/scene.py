@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import threading
-from collections import OrderedDict
 from typing import Any
 
 import cv2
@@ -37,13 +36,13 @@ class Scene:
         self.version = 0
         self.changed = threading.Condition()
         self._dents: list[dict[str, Any]] = []
-        self._path: list[list[float]] = []
+        self._path: dict[int, list[float]] = {}
         self._areas: list[tuple[int, list[list[float]]]] = []
         # By the survey, where it runs: with the stamp up to which it goes.
         self._surveyed: tuple[int, list[list[float]]] = 0, []
         self._coverage: tuple[int, dict[str, list[list[list[float]]]]] = 0, {}
         self._statuses: list[dict[str, Any]] = []
-        self._poses: OrderedDict[int, Pose] = OrderedDict()
+        self._poses: dict[int, Pose] = {}
         self._lens: Lens | None = None
         self._picture: tuple[int, bytes, tuple[int, int]] | None = None
         self._cloud: tuple[int, bytes] | None = None
@@ -122,19 +121,20 @@ class Scene:
         elif item.topic == topics.CAMERA_POSE:
             self._poses[item.stamp_ns] = pose_of(message_of(item))
             while len(self._poses) > _MOST[2]:
-                self._poses.popitem(last=False)
+                del self._poses[min(self._poses)]
         elif item.topic == 'tagged/pose':
             position = pose_of(message_of(item)).translation
-            self._path.append([round(float(value), 3) for value in position])
+            # The newest come first, and those of an outage after it.
+            self._path[item.stamp_ns] = [round(float(value), 3) for value in position]
             if len(self._path) > _MOST[0]:
-                self._path = self._path[::2]
+                self._path = {stamp: self._path[stamp] for stamp in sorted(self._path)[::2]}
 
     def _whole_path(self) -> list[list[float]]:
         """As the survey has it, and the autopilot's from there on."""
         stamp, places = self._surveyed
         if not places:
-            return self._path
-        newer = [pose.translation for each, pose in self._poses.items() if each > stamp]
+            return [self._path[each] for each in sorted(self._path)]
+        newer = [self._poses[each].translation for each in sorted(self._poses) if each > stamp]
         every = len(places) // _MOST[0] + 1
         return places[::-every][::-1] + [np.round(each, 3).tolist() for each in newer]
 
