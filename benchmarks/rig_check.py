@@ -132,7 +132,7 @@ def board(rng: np.random.Generator) -> Target:
     surface = board_surface(print_of, pose)
     image = render(RIG, PATTERN.draw(), surface, light(rng, distance), rng)
     return Target(
-        image, lambda rig, points: check_by_board(rig, PATTERN, BOARD, image, points, FLATNESS)
+        image, lambda rig, _: check_by_board(rig, PATTERN, BOARD, image, FLATNESS), False
     )
 
 
@@ -146,9 +146,7 @@ def charuco(rng: np.random.Generator) -> Target:
     while not _holds_stripe(print_of, pose):
         pose = random_pose(print_of, RIG, distance, rng)
     image = render(RIG, PATTERN.draw(), board_surface(print_of, pose), light(rng, distance), rng)
-    return Target(
-        image, lambda rig, _: check_by_board(rig, PATTERN, of, image, flatness=FLATNESS), False
-    )
+    return Target(image, lambda rig, _: check_by_board(rig, PATTERN, of, image, FLATNESS), False)
 
 
 def _holds_stripe(of: Board, pose: Pose) -> bool:
@@ -177,7 +175,9 @@ def tried(
             refused += 1
             tqdm.write(f'{make.__name__} {first + index}: {reason}')
             continue
-        alarms += not said.holds
+        if not said.holds:
+            alarms += 1
+            tqdm.write(f'{make.__name__} {first + index}: {said.sentence}')
         normalised.append(
             [
                 np.nan if axis in said.unknown else turn / deviation
@@ -202,9 +202,11 @@ def tried(
     )
     with np.errstate(invalid='ignore'):
         spread = np.sqrt(np.nanmean(np.square(normalised), axis=0))
-    yield 'turns over their stated deviation, rms: pitch {:.2f}, yaw {:.2f}, roll {:.2f}'.format(
-        *spread
-    )
+        largest = np.nanmax(np.abs(normalised), axis=0)
+    yield (
+        'turns over their stated deviation, rms (largest): '
+        'pitch {:.2f} ({:.1f}), yaw {:.2f} ({:.1f}), roll {:.2f} ({:.1f})'
+    ).format(*np.ravel([spread, largest], order='F'))
     for name, each in found.items():
         if each:
             note = f', {blind[name]} of the rest told what they cannot know' if blind[name] else ''

@@ -127,10 +127,7 @@ class Board:
         return self.refine(photograph, corners)[0]
 
     def refine(
-        self,
-        photograph: NDArray,
-        corners: NDArray[np.float64],
-        light: NDArray | None = None,
+        self, photograph: NDArray, corners: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], float]:
         """Corners that are known to a pixel, as exactly as can be, and the median blur, pixels.
 
@@ -139,15 +136,13 @@ class Board:
         photograph : ndarray, shape (height, width)
         corners : ndarray, shape (n, 2)
             NaN where not seen.
-        light : ndarray, shape (height, width), optional
-            That falls on each pixel, relative, where it is not even.
         """
         spacing = self.spacing(corners)
         radius = int(np.clip(_WINDOW * spacing, _SMALLEST_WINDOW, _LARGEST_WINDOW))
         seen = np.flatnonzero(np.isfinite(corners[:, 0]))
         along = self._directions(corners)
         result = np.full(corners.shape, np.nan)
-        result[seen], blur = refine_corners(photograph, corners[seen], along[seen], radius, light)
+        result[seen], blur = refine_corners(photograph, corners[seen], along[seen], radius)
         return result, float(np.nanmedian(blur)) if np.isfinite(blur).any() else np.inf
 
     def _directions(self, corners: NDArray) -> NDArray[np.float64]:

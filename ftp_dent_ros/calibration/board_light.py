@@ -1,21 +1,20 @@
-"""The fringes' light on a calibration board: where it is, how strong, and the board without it."""
+"""The fringes' light on a board: taken out of its photograph, and which fringe is which."""
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
 
-from ftp_dent_ros.calibration.board import Board
-from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.errors import CalibrationError
+from ftp_dent_ros.pattern import Pattern, fringe_order
 from ftp_dent_ros.rig import Rig
 
-# Of the polynomial that projector columns are over the board, and how far beyond its corners it is
-# believed, as a part of its sides.
-_DEGREE, _AROUND = 4, 0.2
-# Part of a square's side within which it is of one colour in spite of blur, and samples a side.
-_INNER, _SAMPLES = 0.6, 13
+# Pixels are of one colour where the print is so white, and lit where the light is so strong (of
+# its mean); a fringe's colour is the mean of so many of them at least.
+_WHITE, _LIT, _FEWEST = 0.9, 1.2, 30
+# Contrasts that are read right go with their code like this, over so many fringes at least.
+_ALIKE, _FEWEST_FRINGES = 0.8, 12
 
 
 def smoothed(levels: NDArray, rig: Rig, pattern: Pattern) -> NDArray[np.uint8]:
@@ -32,56 +31,71 @@ def smoothed(levels: NDArray, rig: Rig, pattern: Pattern) -> NDArray[np.uint8]:
     )
 
 
-def smooth_columns(place: NDArray, columns: NDArray) -> tuple[NDArray, NDArray[np.bool_]]:
-    """Coefficients of the columns over the board's unit square, and which points fit them."""
-    terms = _terms(place)
-    inside = np.ones(len(place), bool)
-    for _ in range(3):
-        fitted, *_ = np.linalg.lstsq(terms[inside], columns[inside], rcond=None)
-        off = np.abs(columns - terms @ fitted)
-        inside = off <= 4 * 1.4826 * np.median(off) + 1e-6
-    return fitted, inside
+def stripe_order(pattern: Pattern, rgb: NDArray, albedo: NDArray, column: NDArray) -> int:
+    """Order that the red fringe has; 0 if the columns are right.
+
+    Parameters
+    ----------
+    pattern : Pattern
+        With a stripe.
+    rgb : ndarray, shape (height, width, 3)
+        Colours of the board's photograph, growing with the light.
+    albedo, column : ndarray, shape (height, width)
+        How white the print is at each pixel, 0 to 1, and the projector's column that lights it,
+        known up to a whole number of periods.
+
+    Raises
+    ------
+    CalibrationError
+        No stripe is on the board.
+    """
+    red, green, _ = np.moveaxis(rgb.astype(float), -1, 0)
+    light = 2 * np.cos(pattern.phase(column))
+    bright = (albedo > _WHITE) & (light > _LIT)
+    order = np.rint(pattern.phase(column[bright]) / (2 * np.pi)).astype(int)
+    least = int(order.min())
+    count = np.bincount(order - least)
+    with np.errstate(invalid='ignore', divide='ignore'):
+        ratio = np.bincount(order - least, green[bright]) / np.bincount(order - least, red[bright])
+    ratio[count < _FEWEST] = np.nan
+    if not np.isfinite(ratio).any() or np.nanmin(ratio) > np.nanmedian(ratio) / 2:
+        raise CalibrationError(
+            'the red stripe is not seen on the board: hold it so that the stripe runs over it'
+        )
+    return int(np.nanargmin(ratio)) + least
 
 
-def _terms(place: NDArray) -> NDArray[np.float64]:
-    x, y = place.T
-    return np.polynomial.polynomial.polyvander2d(x, y, [_DEGREE, _DEGREE])
-
-
-def light(
-    board: Board, pattern: Pattern, levels: NDArray, to_board: NDArray, fitted: NDArray
-) -> NDArray[np.float32]:
-    """Light of the fringes on each pixel of the board, mean 1; 1 elsewhere."""
-    v, u = np.indices(levels.shape)
-    place = mapped(to_board, np.stack([u.ravel(), v.ravel()], axis=1)) / board.points[-1, :2]
-    on = ((place > -_AROUND) & (place < 1 + _AROUND)).all(axis=1)
-    wave = np.zeros(levels.size, np.float32)
-    wave[on] = 2 * pattern.intensity(_terms(place[on]) @ fitted) - 1
-    image: NDArray[np.float32] = wave.reshape(levels.shape)
-    contrast = _contrast(board, levels, image, np.linalg.inv(to_board))
-    return 1 + np.float32(contrast) * image
-
-
-def _contrast(board: Board, levels: NDArray, wave: NDArray, to_image: NDArray) -> float:
-    """Contrast of the fringes on the board's white squares, 0 to 1."""
-    offsets = np.linspace(-_INNER / 2, _INNER / 2, _SAMPLES)
-    x, y, dx, dy = np.meshgrid(
-        np.arange(board.columns - 1) + 0.5, np.arange(board.rows - 1) + 0.5, offsets, offsets
-    )
-    at = mapped(to_image, board.square * np.stack([(x + dx).ravel(), (y + dy).ravel()], axis=1))
-    seen, lit = (
-        map_coordinates(each, at[:, ::-1].T, order=1, mode='nearest').reshape(-1, _SAMPLES**2)
-        for each in (levels, wave)
-    )
-    means = seen.mean(axis=1)
-    bright = means >= np.median(means)
-    slopes, middles = np.array(
-        [np.polyfit(*each, 1) for each in zip(lit[bright], seen[bright], strict=True)]
-    ).T
-    return float(np.clip(np.median(slopes / np.maximum(middles, 1e-3)), 0, 1))
-
-
-def mapped(plane: NDArray, at: NDArray) -> NDArray[np.float64]:
-    """Points of shape (n, 2) through a homography."""
-    ends = np.asarray(at, float) @ plane[:, :2].T + plane[:, 2]
-    return ends[:, :2] / ends[:, 2:]
+def contrast_order(pattern: Pattern, rgb: NDArray, albedo: NDArray, column: NDArray) -> int:
+    """Order that the fringe has whose contrast is that of order 0; otherwise as `stripe_order`."""
+    upright = pattern if pattern.axis == 'u' else pattern.transposed
+    white = albedo > _WHITE
+    level, phase = rgb[..., 0][white].astype(float), pattern.phase(column[white])
+    order = fringe_order(phase)
+    least = int(order.min())
+    halves = []
+    for half in (np.cos(phase) > 0, np.cos(phase) <= 0):
+        size = int(order.max()) - least + 1
+        count = np.bincount(order[half] - least, minlength=size)
+        total = np.bincount(order[half] - least, level[half], minlength=size)
+        halves.append(np.where(count < _FEWEST, np.nan, total / np.maximum(count, 1)))
+    bright, dark = halves
+    contrast = (bright - dark) / (bright + dark)
+    known = np.flatnonzero(np.isfinite(contrast))
+    # The board's rim may cut a fringe's half.
+    contrast = np.clip(contrast, *np.nanpercentile(contrast, [10, 90]))
+    alike = np.array([])
+    if len(known) >= _FEWEST_FRINGES:
+        orders = upright.fringe_orders
+        shifts = range(int(known[-1]) + least - orders[-1], int(known[0]) + least - orders[0] + 1)
+        alike = np.array(
+            [
+                np.corrcoef(upright.fringe_contrast(known + least - shift), contrast[known])[0, 1]
+                for shift in shifts
+            ]
+        )
+    if not len(alike) or alike.max() < _ALIKE:
+        raise CalibrationError(
+            "the code of the fringes' contrast is not read on the board: see that it is in the "
+            'light of this pattern, and in focus'
+        )
+    return shifts[int(np.argmax(alike))]

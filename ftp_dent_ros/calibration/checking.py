@@ -37,10 +37,10 @@ _RESPONSE = 0.09
 _RIM_LEAST, _RIM_FIRST = 0.01, 0.15
 _ROUNDS = 3
 # Neighbours err together: as if there were a tenth as many (its square).
-ALIKE = np.sqrt(10)
-MOST_POINTS = 1500
+_ALIKE = np.sqrt(10)
+_MOST_POINTS = 1500
 # No projector has turned by more, radians: what tells nothing leaves this open.
-_ANY_TURN = 0.1
+ANY_TURN = 0.1
 # Points of a skin that tell the column at a place of the rim near them.
 _NEIGHBOURS = 40
 # Rounds of the search for a ray's depth, and its relative step.
@@ -94,7 +94,7 @@ def check(
 
     def residuals(state: NDArray) -> NDArray[np.float64]:
         rest = surface.misfit(turned(rig, state[:3]), state[4:])
-        known = np.append(state[:3] / _ANY_TURN, state[3] / _RESPONSE)
+        known = np.append(state[:3] / ANY_TURN, state[3] / _RESPONSE)
         return np.concatenate([rest, off_rim(state) / rim_noise, known])
 
     start = np.concatenate([np.zeros(4), surface.start])
@@ -130,12 +130,12 @@ def _wall(
     rig: Rig, told: int, seen: NDArray, shape: NDArray, rim: Rim, flatness: float
 ) -> _Surface:
     """A plane that is bent by no more than it is known to be: its fringes tell the yaw."""
-    seen = seen[:: max(1, len(seen) // MOST_POINTS)]
+    seen = seen[:: max(1, len(seen) // _MOST_POINTS)]
     rays, rim_rays = seen / seen[:, 2:], _rays(rig, rim)
     columns = rig.projector.project(rig.to_projector(seen))[:, told]
     distance = float(np.median(seen[:, 2]))
     scale = rig.projector.camera_matrix[told, told] * np.linalg.norm(rig.translation)
-    noise = ALIKE * np.hypot(PHASE_PX, min(_SMOOTH, flatness) * scale / distance**2)
+    noise = _ALIKE * np.hypot(PHASE_PX, min(_SMOOTH, flatness) * scale / distance**2)
     reach = float(np.percentile(np.hypot(rays[:, 0], rays[:, 1]), 95))
     bend = flatness / distance**2 / reach**2
 
@@ -184,12 +184,16 @@ def scatter(off: NDArray, least: float) -> float:
     return max(least, float(np.diff(np.percentile(off, [25, 75]))[0]) / 1.349)
 
 
+def linear_photograph(image: Photograph | NDArray, rig: Rig) -> Photograph:
+    """The photograph with levels that grow with the light, if the rig knows the response."""
+    photograph = Photograph.of(image)
+    return photograph if rig.response is None else photograph.linear(rig.response)
+
+
 def fringe_levels(image: Photograph | NDArray, rig: Rig) -> NDArray[np.float64]:
     """Grey levels, shape (height, width), of the colour that all fringes have: red.
 
     They grow with the light if the rig knows the camera's response.
     """
-    photograph = Photograph.of(image)
-    if rig.response is not None:
-        photograph = photograph.linear(rig.response)
+    photograph = linear_photograph(image, rig)
     return photograph.rgb()[..., 0].astype(float) * photograph.unit

@@ -21,7 +21,6 @@ def refine_corners(
     corners: NDArray[np.float64],
     along: NDArray[np.float64],
     radius: int,
-    light: NDArray | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Fit two crossing edges about each corner.
 
@@ -38,8 +37,6 @@ def refine_corners(
         Directions of the two edges.
     radius : int
         Of the window, pixels.
-    light : ndarray, shape (height, width), optional
-        That falls on each pixel, relative, where it is not even.
 
     Returns
     -------
@@ -55,20 +52,15 @@ def refine_corners(
     offset = np.arange(-radius, radius + 1)
     rows, columns = whole[:, 1, None, None] + offset[:, None], whole[:, 0, None, None] + offset
     values = image[rows, columns].reshape(len(corners), -1).astype(float)
-    falling = np.ones((len(corners), 1))
-    if light is not None:
-        falling = light[rows, columns].reshape(len(corners), -1).astype(float)
     x, y = (part.ravel().astype(float) for part in np.meshgrid(offset, offset))
     near = np.hypot(x, y) <= radius + 0.5
     x, y, values = x[near], y[near], values[:, near]
-    if light is not None:
-        falling = falling[:, near]
     angles = np.arctan2(along[..., 0], -along[..., 1])  # of the edges' normals
     state = np.zeros((len(corners), 9))
     state[:, :2] = corners - whole
     state[:, 2:4], state[:, 4] = angles, 1.0
-    state[:, 5:] = _light(state, x, y, values, falling)
-    state = _fit(state, x, y, values, falling)
+    state[:, 5:] = _light(state, x, y, values)
+    state = _fit(state, x, y, values)
     moved = np.linalg.norm(state[:, :2] + whole - corners, axis=1)
     lost = ~inside | (moved > _FARTHEST) | (state[:, 4] > radius / 2)
     found = whole + state[:, :2]
@@ -76,11 +68,9 @@ def refine_corners(
     return found, np.where(lost, np.nan, state[:, 4])
 
 
-def _fit(
-    state: NDArray, x: NDArray, y: NDArray, values: NDArray, falling: NDArray
-) -> NDArray[np.float64]:
+def _fit(state: NDArray, x: NDArray, y: NDArray, values: NDArray) -> NDArray[np.float64]:
     damping = np.full(len(state), _DAMPING)
-    model, jacobian = _model(state, x, y, falling)
+    model, jacobian = _model(state, x, y)
     cost = np.square(values - model).sum(axis=1)
     for _ in range(_STEPS):
         turned = jacobian.transpose(0, 2, 1)
@@ -91,7 +81,7 @@ def _fit(
         step = np.linalg.solve(damped, gradient[..., None])[..., 0]
         tried = state + step
         tried[:, 4] = np.maximum(tried[:, 4], _SHARPEST)
-        new_model, new_jacobian = _model(tried, x, y, falling)
+        new_model, new_jacobian = _model(tried, x, y)
         new_cost = np.square(values - new_model).sum(axis=1)
         better = new_cost < cost
         state = np.where(better[:, None], tried, state)
@@ -104,18 +94,16 @@ def _fit(
     return state
 
 
-def _light(
-    state: NDArray, x: NDArray, y: NDArray, values: NDArray, falling: NDArray
-) -> NDArray[np.float64]:
+def _light(state: NDArray, x: NDArray, y: NDArray, values: NDArray) -> NDArray[np.float64]:
     """Offset, slopes and contrast to start from, by linear least squares."""
-    _, jacobian = _model(state, x, y, falling)
+    _, jacobian = _model(state, x, y)
     linear = jacobian[..., 5:]
     turned = linear.transpose(0, 2, 1)
     normal = turned @ linear + 1e-9 * np.eye(4)
     return np.linalg.solve(normal, turned @ values[..., None])[..., 0]
 
 
-def _model(state: NDArray, x: NDArray, y: NDArray, falling: NDArray) -> tuple[NDArray, NDArray]:
+def _model(state: NDArray, x: NDArray, y: NDArray) -> tuple[NDArray, NDArray]:
     """Light in the windows, shape (n, m), and its derivatives, shape (n, m, 9)."""
     cx, cy, first, second, blur, offset, slope_x, slope_y, contrast = state.T[..., None]
     dx, dy = x - cx, y - cy
@@ -137,4 +125,4 @@ def _model(state: NDArray, x: NDArray, y: NDArray, falling: NDArray) -> tuple[ND
     jacobian[..., 6], jacobian[..., 7] = x, y
     jacobian[..., 8] = edges[0] * edges[1]
     light = offset + slope_x * x + slope_y * y + contrast * jacobian[..., 8]
-    return light * falling, jacobian * falling[..., None]
+    return light, jacobian

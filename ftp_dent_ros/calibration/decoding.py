@@ -69,20 +69,23 @@ def decode(photographs: Photographs, sequence: Sequence, part: tuple[slice, slic
     return Codes(axes[0], axes[1], tuple(troubles))
 
 
-def lit_evenly(photographs: Photographs) -> dict[str, NDArray[np.uint8]]:
+def lit_evenly(photographs: Photographs, steps: int) -> dict[str, NDArray[np.uint8]]:
     """Photographs, taken or composed, in which the board is lit evenly, by when they were taken.
 
-    The sum of a bit and its inverse, and the mean of a whole period of shifts, are such.
+    The sum of a bit and its inverse are such, and the mean of shifts, of `steps` a period, whose
+    fringes and second harmonics cancel: that of a whole period or of every other step of it.
     """
     found: dict[str, NDArray[np.uint8]] = {}
     if Frame('white') in photographs:
         found['the white one'] = photographs[Frame('white')]
     for axis, word in (('u', 'columns'), ('v', 'rows')):
-        shifts = [
-            image
+        shifts = {
+            frame.index: image
             for frame, image in photographs.items()
             if frame.kind == 'shift' and frame.axis == axis
-        ]
+        }
+        turns = np.exp(2j * np.pi * np.array(list(shifts)) / steps)
+        cancel = max(abs(turns.sum()), abs((turns * turns).sum())) < 1e-6
         pairs = [
             (image, photographs[Frame('inverse', axis, frame.index)])
             for frame, image in photographs.items()
@@ -90,8 +93,8 @@ def lit_evenly(photographs: Photographs) -> dict[str, NDArray[np.uint8]]:
             and frame.axis == axis
             and Frame('inverse', axis, frame.index) in photographs
         ]
-        if len(shifts) > 2:
-            mean = np.mean(np.stack(shifts), axis=0, dtype=np.float32)
+        if len(shifts) > 2 and cancel:
+            mean = np.mean(np.stack(list(shifts.values())), axis=0, dtype=np.float32)
             found[f'those of the {word}'] = _stretched(mean)
         elif pairs:
             mean = np.mean(
@@ -111,50 +114,62 @@ def _stretched(mean: Any) -> NDArray[np.uint8]:
 def _decode_axis(
     photographs: Photographs, sequence: Sequence, axis: str, part: tuple[slice, slice]
 ) -> NDArray[np.float32]:
-    word, lost, lit = _words(photographs, sequence, axis, part)
-    if not sequence.period:
-        coarse = 1 << lost
-        value = word.astype(np.float32) * coarse + (coarse - 1) / 2
-        outside = value > sequence.size(axis) - 0.5
-        if np.any(lit) and float(np.mean(outside[lit])) > _OUTSIDE:
-            raise CalibrationError(
-                f'{_word(axis)}: codes reach {np.percentile(value[lit], 98):.0f}, and the '
-                f'projector has {sequence.size(axis)} of them: give its width and height in this '
-                'order'
-            )
-        value[~lit | outside] = np.nan
-        return value
-    if lost > 0:
-        raise CalibrationError(f'{_word(axis)}: the finest Gray bit is missing')
     shifts = {
         frame.index: photographs[frame][part].astype(np.float32)
         for frame in sequence.frames
         if frame.kind == 'shift' and frame.axis == axis and frame in photographs
     }
+    word, lost, lit = _words(photographs, sequence, axis, part, shifts)
+    if not sequence.period:
+        coarse = 1 << lost
+        value = word.astype(np.float32) * coarse + (coarse - 1) / 2
+        return _on_projector(value, lit, sequence, axis)
+    if lost > 0:
+        raise CalibrationError(f'{_word(axis)}: the finest Gray bit is missing')
     if len(shifts) < 3:
         raise CalibrationError(
             f'{_word(axis)}: {len(shifts)} of {sequence.steps} shifted photographs are there, '
             'fewer than 3'
         )
-    phase, noise = _phase(shifts, sequence.steps)
+    phase, noise, _ = _phase(shifts, sequence.steps)
     turn = np.mod(phase / (2 * np.pi), 1)
     order = np.where(
         turn < 0.25, (word + 1) // 2, np.where(turn < 0.75, word // 2, (word - 1) // 2)
     )
     value = ((order + turn) * sequence.period).astype(np.float32)
-    outside = (value < -0.5) | (value > sequence.size(axis) - 0.5)
-    value[(noise > _LARGEST_PHASE_NOISE) | outside | ~lit] = np.nan
+    return _on_projector(value, lit & (noise <= _LARGEST_PHASE_NOISE), sequence, axis)
+
+
+def _on_projector(
+    value: NDArray[np.float32], known: NDArray[np.bool_], sequence: Sequence, axis: str
+) -> NDArray[np.float32]:
+    """Values without those that are not known or off the projector, of which there are few."""
+    size = sequence.size(axis)
+    beyond = value > size - 0.5
+    if np.any(known) and float(np.mean(beyond[known])) > _OUTSIDE:
+        raise CalibrationError(
+            f'{_word(axis)}: codes reach {np.percentile(value[known], 98):.0f}, and the projector '
+            f'has {size} of them: give its width and height in this order, and the photographs '
+            'in that of their projection'
+        )
+    value[~known | beyond | (value < -0.5)] = np.nan
     return value
 
 
 def _words(
-    photographs: Photographs, sequence: Sequence, axis: str, part: tuple[slice, slice]
+    photographs: Photographs,
+    sequence: Sequence,
+    axis: str,
+    part: tuple[slice, slice],
+    shifts: Mapping[int, NDArray[np.float32]],
 ) -> tuple[NDArray[np.int32], int, NDArray[np.bool_]]:
     """Gray code words, how many of their finest bits are missing, and where they can be read."""
     white, black = (photographs.get(Frame(kind)) for kind in ('white', 'black'))
     middle: NDArray | None = None
     if white is not None and black is not None:
         middle = (white[part].astype(np.float32) + black[part]) / 2
+    elif len(shifts) > 2:
+        _, _, middle = _phase(shifts, sequence.steps)
     bits: list[NDArray[np.bool_] | None] = []
     contrast: list[NDArray[np.float32]] = []
     for index in range(sequence.bits(axis)):
@@ -166,6 +181,7 @@ def _words(
         elif middle is not None and (bit is not None or inverse is not None):
             there, sign = (bit, 2) if bit is not None else (inverse, -2)
             difference = sign * (np.asarray(there)[part] - middle)
+            contrast.append(np.abs(difference))
         else:
             bits.append(None)
             continue
@@ -178,7 +194,7 @@ def _words(
             f'{_word(axis)}: the photographs of {len(missing)} of {len(known)} Gray bits are '
             f'missing (bit {", ".join(map(str, missing))})'
         )
-    if middle is not None and white is not None and black is not None:
+    if white is not None and black is not None:
         lit = white[part].astype(np.float32) - black[part] > _LEAST_CONTRAST
     else:
         lit = np.max(contrast, axis=0) > _LEAST_CONTRAST
@@ -192,18 +208,18 @@ def _words(
 
 def _phase(
     shifts: Mapping[int, NDArray[np.float32]], steps: int
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Phase by least squares over the steps that there are, and its standard deviation."""
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+    """Phase by least squares over the steps there are, its standard deviation, and the mean."""
     angle = 2 * np.pi * np.array(list(shifts)) / steps
     basis = np.stack([np.ones_like(angle), np.cos(angle), np.sin(angle)], axis=1)
     inverse = np.linalg.pinv(basis).astype(np.float32)
     stack = np.stack(list(shifts.values()))
-    _, cosine, sine = np.tensordot(inverse, stack, axes=(1, 0))
+    mean, cosine, sine = np.tensordot(inverse, stack, axes=(1, 0))
     modulation = np.maximum(np.hypot(cosine, sine), 1e-3)
     clipped = (stack > _SATURATED).any(axis=0)
     noise = np.sqrt(2 / len(stack)) / modulation
     noise[clipped] = np.inf
-    return np.arctan2(sine, cosine), noise
+    return np.arctan2(sine, cosine), noise, mean
 
 
 def _word(axis: str) -> str:

@@ -73,7 +73,7 @@ def observe(name: str, photographs: Photographs, sequence: Sequence, board: Boar
 def _observe(name: str, photographs: Photographs, sequence: Sequence, board: Board) -> Sight:
     if not photographs:
         raise CalibrationError('holds no photographs: take the pose again')
-    even = lit_evenly(photographs)
+    even = lit_evenly(photographs, sequence.steps)
     if not even:
         raise CalibrationError(
             'no photograph shows the board lit evenly: the white one is missing'

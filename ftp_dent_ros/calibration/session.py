@@ -93,7 +93,9 @@ def see_poses(
             sizes.setdefault((width, height), pose.name)
             sights.append(observe(pose.name, taken, session.sequence, session.board))
         except CalibrationError as reason:
-            left_out.append(str(reason))
+            there, all_of_it = len(pose.files), len(session.sequence.frames)
+            few = f' ({there} of the {all_of_it} photographs are there)'
+            left_out.append(f'{reason}{few if there < all_of_it else ""}')
         progress(pose.name)
     if len(sizes) > 1:
         listed = ', '.join(f'{w}x{h} ({name})' for (w, h), name in sizes.items())

@@ -138,8 +138,9 @@ def _refuse_mirrored_projector(points: NDArray, pixels: NDArray, size: tuple[int
             'first, or exchange its width and height'
         )
     raise CalibrationError(
-        'the projector shows a mirrored image: switch its rear projection or ceiling mode off, or '
-        'see that width and height are the right way round'
+        "the projector's image is mirrored: switch its rear projection or ceiling mode off, and "
+        "the flipping of photographs in the camera's driver, or see that width and height are the "
+        'right way round'
     )
 
 

@@ -7,13 +7,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from scipy.stats import norm
 
 from ftp_dent_ros.calibration.uncertainty import depth_deviation
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.rig import Rig
 
-# A turn counts as drift beyond so many deviations, and this many projector pixels.
-_SURE, _DRIFT_PX = 4.0, 0.4
+# False alarms wanted, of all photographs of true rigs, and the deviations of one of three axes
+# beyond which that leads.
+_FALSE_ALARMS = 1e-4
+_SURE = float(norm.isf(_FALSE_ALARMS / 2 / 3))
+# Smaller drifts, projector pixels, are not worth another calibration: they leave dents as deep as
+# they are and move a cloud at 0.75 m by half a millimetre.
+_DRIFT_PX = 0.4
 # Corners of a board, through fringes, fit a lens that holds to a tenth of a pixel; RMS, pixels.
 _CAMERA_PX = 0.25
 # Worse known than this it is not known, projector pixels.

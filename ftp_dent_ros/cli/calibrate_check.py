@@ -7,7 +7,6 @@ import math
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ftp_dent_ros.calibration.board_check import check_by_board
 from ftp_dent_ros.calibration.checking import check
@@ -68,19 +67,15 @@ def run(arguments: argparse.Namespace) -> int:
     flatness = math.inf if arguments.skin else 1e-3 * arguments.flatness
     rig, pattern = read_rig(path), read_pattern(find(arguments.pattern))
     photograph = read_photograph(arguments.image)
-    points: NDArray = np.full((1, 1, 3), np.nan)
-    # Among markers neither fringes nor stripe are found without the print.
-    if board is None or not board.dictionary:
+    if board:
+        found = check_by_board(rig, pattern, board, photograph, flatness)
+        seen = f"the board's corners {found.camera_px:.2f} pixels off the camera's lens model"
+    else:
         try:
             cloud = Reconstructor(rig, pattern, Settings(stride=_STRIDE)).measure(photograph).cloud
         except RefusedFrameError as reason:
             raise ConfigurationError(f'{arguments.image}: {reason}') from None
-        points = cloud.points
-    if board:
-        found = check_by_board(rig, pattern, board, photograph, points, flatness)
-        seen = f"the board's corners {found.camera_px:.2f} pixels off the camera's lens model"
-    else:
-        found = check(rig, pattern, photograph, points, flatness)
+        found = check(rig, pattern, photograph, cloud.points, flatness)
         seen = f'{found.rim_points} places on the rim of the frame'
     print(f'rig {rig.id}, {seen}')
     for name, turn, deviation, drift in zip(

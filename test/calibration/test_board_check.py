@@ -16,12 +16,14 @@ from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.files import config_folder
 from ftp_dent_ros.pattern_file import read_pattern
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.rig import read_rig, write_rig
-from ftp_dent_ros.simulation import Photometry, render
+from ftp_dent_ros.simulation import Photometry, Surface, render
 from ftp_dent_ros.simulation.boards import board_surface
+from ftp_dent_ros.simulation.printed import board_print
 
 BOARD = Board(10, 7, 0.025)
+POSE = Pose.from_rpy((0.3, -0.2, 0.1), (-0.11, -0.09, 0.75))
+LIGHT = Photometry(reference_distance=0.75, read_noise=1.5, defocus_px=1.2)
 OPTIONS = ['--board', '10x7', '--square', '25', '--pattern', str(config_folder() / 'pattern.yaml')]
 
 
@@ -37,18 +39,11 @@ def pattern():
 
 @pytest.fixture(scope='module')
 def photograph(rig, pattern):
-    pose = Pose.from_rpy((0.3, -0.2, 0.1), (-0.11, -0.09, 0.75))
-    light = Photometry(reference_distance=0.75, read_noise=1.5, defocus_px=1.2)
-    return render(rig, pattern.draw(), board_surface(BOARD, pose), light)
-
-
-def seen(rig, pattern, image, board=BOARD):
-    points = Reconstructor(rig, pattern, Settings(stride=4)).measure(image).cloud.points
-    return check_by_board(rig, pattern, board, image, points)
+    return render(rig, pattern.draw(), board_surface(BOARD, POSE), LIGHT)
 
 
 def test_a_good_rig_holds_and_says_what_is_not_seen(rig, pattern, photograph):
-    found = seen(rig, pattern, photograph)
+    found = check_by_board(rig, pattern, BOARD, photograph)
     assert found.holds
     assert found.camera_px < 0.12
     assert np.abs(found.turn / found.deviation).max() < 2.5
@@ -61,7 +56,7 @@ def test_a_good_rig_holds_and_says_what_is_not_seen(rig, pattern, photograph):
 def test_a_turned_projector_is_found_in_pixels_and_millimetres(
     rig, pattern, photograph, degrees, axis
 ):
-    found = seen(turned(rig, -np.radians(degrees)), pattern, photograph)
+    found = check_by_board(turned(rig, -np.radians(degrees)), pattern, BOARD, photograph)
     assert not found.holds
     assert np.degrees(found.turn[axis]) == pytest.approx(degrees[axis], abs=0.01)
     assert found.camera_holds
@@ -74,20 +69,36 @@ def test_a_projector_shifted_by_a_pixel_is_found(rig, pattern, photograph):
     matrix = rig.projector.camera_matrix.copy()
     matrix[0, 2] += 1.0
     shifted = replace(rig, projector=replace(rig.projector, camera_matrix=matrix))
-    found = seen(shifted, pattern, photograph)
+    found = check_by_board(shifted, pattern, BOARD, photograph)
     assert found.moved == ('yaw',)
     assert abs(found.drift_px[1]) == pytest.approx(1, abs=0.3)
 
 
+def test_coded_fringes_are_counted_by_their_contrast(rig, pattern):
+    coded = replace(pattern, code='contrast')
+    # Ten by eight squares look the same from both ends; this print's first square is white.
+    board = Board(9, 7, 0.025)
+    ink = board_print(board)
+    ink = replace(ink, ink=np.pad(~ink.ink[20:-20, 20:-20], 20))
+    (panel,) = board_surface(board, POSE).panels
+    surface = Surface((replace(panel, paint=ink),))
+    image = render(rig, coded.draw(), surface, LIGHT)
+    found = check_by_board(turned(rig, np.radians([0, -0.6, 0])), coded, board, image)
+    assert found.moved == ('yaw',)
+    assert np.degrees(found.turn[1]) == pytest.approx(0.6, abs=0.02)
+    assert found.camera_px < 0.12
+
+
 def test_another_board_or_lens_is_told_from_a_turn(rig, pattern, photograph):
     lens = replace(rig.camera, distortion=rig.camera.distortion + np.eye(5)[0] * 0.3)
-    found = seen(replace(rig, camera=lens), pattern, photograph)
+    found = check_by_board(replace(rig, camera=lens), pattern, BOARD, photograph)
     assert not found.camera_holds
     assert 'pixels from where' in found.sentence
     with pytest.raises(CalibrationError, match='no chessboard of 9x6'):
-        seen(rig, pattern, photograph, Board(9, 6, 0.025))
-    with pytest.raises(CalibrationError, match='points of the board'):
-        check_by_board(rig, pattern, BOARD, photograph, np.full((4, 4, 3), np.nan))
+        check_by_board(rig, pattern, Board(9, 6, 0.025), photograph)
+    dark = replace(pattern, code='contrast')
+    with pytest.raises(CalibrationError, match='code of the fringes'):
+        check_by_board(rig, dark, BOARD, photograph)
 
 
 def test_the_command_checks_by_a_board(rig, photograph, tmp_path, capsys):
@@ -98,7 +109,7 @@ def test_the_command_checks_by_a_board(rig, photograph, tmp_path, capsys):
     assert main([*command, '--rig', str(bad), '--adjust', str(new)]) == 1
     assert 'the projector has turned, yaw -0.0' in capsys.readouterr().out
     assert main([*command, '--rig', str(new)]) == 0
-    assert "the board's corners 0.0" in capsys.readouterr().out
+    assert "the board's corners 0." in capsys.readouterr().out
     assert main([*command, '--rig', str(new), '--skin']) == 2
     assert '--skin and --board' in capsys.readouterr().err
 
@@ -112,9 +123,7 @@ def charuco():
 
 @pytest.fixture(scope='module')
 def marked(rig, pattern, charuco):
-    pose = Pose.from_rpy((0.3, -0.2, 0.1), (-0.11, -0.09, 0.75))
-    light = Photometry(reference_distance=0.75, read_noise=1.5, defocus_px=1.2)
-    return render(rig, pattern.draw(), board_surface(charuco, pose), light)
+    return render(rig, pattern.draw(), board_surface(charuco, POSE), LIGHT)
 
 
 def test_a_charuco_board_needs_no_cloud(rig, pattern, charuco, marked):

@@ -144,6 +144,19 @@ def test_what_is_missing_costs_no_more_than_itself(rig, taken):
     steps = {f: i for f, i in taken[0].items() if f.kind != 'shift' or f.index % 2 == 0}
     sight = observe('pose', steps, SEQUENCE, BOARD)
     assert np.isfinite(sight.observation.projector).all()
+    # Shifts tell the level between light and dark, where white and black are missing.
+    codes = {f: image for f, image in taken[0].items() if f.axis}
+    sight = observe('pose', codes, SEQUENCE, BOARD)
+    assert np.isfinite(sight.observation.projector).all()
+    # Too few of a period's shifts leave fringes in their mean, and the board has not moved.
+    few = {f: image for f, image in taken[0].items() if f.kind != 'shift' or f.index in (0, 1, 3)}
+    assert observe('pose', few, SEQUENCE, BOARD).moved_px < 0.05
+
+
+def test_a_projector_described_upright_is_told(taken):
+    exchanged = replace(SEQUENCE, width=SEQUENCE.height, height=SEQUENCE.width)
+    said = [reason for each in taken for reason in observe('', each, exchanged, BOARD).remarks]
+    assert any('and the projector has 300 of them: give its width and height' in s for s in said)
 
 
 def test_the_command_says_what_it_left_out_and_writes_nothing_by_halves(folder, tmp_path, capsys):
