@@ -134,7 +134,7 @@ def test_mistakes_are_named(observations):
         replace(o, projector=np.column_stack([1279 - o.projector[:, 0], o.projector[:, 1]]))
         for o in observations
     ]
-    assert 'mirrored image' in refused(mirrored)
+    assert 'image is mirrored' in refused(mirrored)
     grid = np.arange(42).reshape(6, 7)[:, ::-1].ravel()
     turned = [replace(o, camera=o.camera[grid], projector=o.projector[grid]) for o in observations]
     assert 'as in a mirror' in refused(turned)
