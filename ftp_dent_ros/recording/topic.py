@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import yaml
@@ -117,11 +118,17 @@ def qos_from(value: object) -> tuple[Qos, ...]:
 
     Up to version 8 policies are numbers and the list is text within the text.
     """
-    profiles: Any = yaml.safe_load(value) if isinstance(value, str) else value
+    profiles: Any = _parsed(value) if isinstance(value, str) else value
     return tuple(
         Qos(**{field.name: _joined(field.name, profile[field.name]) for field in fields(Qos)})
         for profile in profiles or ()
     )
+
+
+@lru_cache(maxsize=64)
+def _parsed(text: str) -> Any:
+    """What profiles say as text: the topics of a bag have few different ones."""
+    return yaml.safe_load(text)
 
 
 def _split(name: str, value: Any) -> Any:
