@@ -120,7 +120,11 @@ class Joining:
         return self.graph.poses[number]
 
     def finish(self) -> None:
-        """Move all poses to where they agree best, and tell what was left out."""
+        """Move all poses to where they agree best, and tell what was left out.
+
+        No cloud is to come: what later ones could be laid on is forgotten.
+        """
+        self._kept.clear()
         self.graph.solve()
         for text in self.contradicting().values():
             self._remark_on(text)
