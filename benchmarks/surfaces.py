@@ -1,6 +1,7 @@
 """Fringe orders on random surfaces: laps, gaps, windows, foreground, panels that do not touch.
 
 python benchmarks/surfaces.py [--count 100] [--seed 1] [--code contrast] [--jobs 2]
+                               [--only foreground]
 
 A scene has one rig, a skin, clean or dirty, and one of the kinds, of random place, tilt and size,
 in one of the lights. Coverage is that of the lit skin; a scene is wrong if more than a few points
@@ -139,8 +140,13 @@ def main() -> None:
     parser.add_argument('--seed', type=int, default=1)
     parser.add_argument('--code', choices=CODES, default='contrast')
     parser.add_argument('--jobs', type=int, default=1)
+    parser.add_argument('--only', choices=KINDS, help='the scenes of one kind')
     arguments = parser.parse_args()
-    tasks = [(number, arguments.seed, arguments.code) for number in range(arguments.count)]
+    tasks = [
+        (number, arguments.seed, arguments.code)
+        for number in range(arguments.count)
+        if arguments.only in (None, scene(number, arguments.seed)[0])
+    ]
     with multiprocessing.get_context('spawn').Pool(arguments.jobs) as pool:
         results = list(tqdm(pool.imap_unordered(one, tasks), total=len(tasks), unit='scene'))
     print(f'code {arguments.code}, seed {arguments.seed}, {len(results)} scenes')
