@@ -24,7 +24,7 @@ from ftp_dent_ros.profilometry.least_squares.windows import Windows, coarsened, 
 _NEIGHBOURHOOD = 0.75
 # Energy over that of noise from which on it is signal, and the signal that stays hidden in noise:
 # two standard errors, and one, of the energy of as many independent values as a neighbourhood has.
-_NOISE, _HIDDEN = 1.5, 0.25
+NOISE, _HIDDEN = 1.5, 0.25
 # Square of a single value over the noise's variance from which on it is signal: 3 deviations.
 _SURELY = 9.0
 # Width of the neighbourhood that texture is judged over, windows, and the weight of the whole.
@@ -121,9 +121,9 @@ def denoise(
     for band, share, scale in reversed(list(zip(bands, shares, SCALES, strict=True))):
         energy = coarse.wide(coarsened(band * band, together), _NEIGHBOURHOOD * scale)
         noise = np.float32(share) * known
-        signal = np.maximum(energy - np.float32(_NOISE) * noise, 0)
+        signal = np.maximum(energy - np.float32(NOISE) * noise, 0)
         coarser = beyond_noise
-        beyond_noise = np.maximum(energy - np.float32(_NOISE * share) * total, 0)
+        beyond_noise = np.maximum(energy - np.float32(NOISE * share) * total, 0)
         # A surface's spectrum falls: no more is hidden in a band than may be in the coarser one.
         hidden = signal + np.minimum(np.float32(_HIDDEN) * noise, hidden)
         weight = signal / (signal + noise)
@@ -153,7 +153,7 @@ def denoise(
 def _share_of_signal(field, noise, coarse):
     """Wiener's gain on fine detail, at coarse nodes."""
     energy = coarse.wide(coarsened(field * field, (_EVERY, _EVERY)), _NEIGHBOURHOOD * SCALES[0])
-    signal = np.maximum(energy - np.float32(_NOISE) * noise, 0)
+    signal = np.maximum(energy - np.float32(NOISE) * noise, 0)
     return signal / (signal + noise + np.float32(_LEAST))
 
 

@@ -38,6 +38,10 @@ from ftp_dent_ros.profilometry.projector_rows import Rows
 from ftp_dent_ros.profilometry.rows_check import check_rows
 from ftp_dent_ros.rig import Rig
 
+# Standard deviation of a phase that is published, radians: three are the jump between nodes
+# beyond which unwrapping takes the next fringe.
+_LARGEST_DEVIATION = math.pi / 6
+
 
 class LeastSquares:
     """The method for one rig and pattern.
@@ -80,21 +84,21 @@ class LeastSquares:
         ------
         TooDarkError, SaturatedError, NoStripeError, OtherPatternError
         """
-        light, lit, surfaces = self._fitted(photograph)
+        light, lit, seams, surfaces = self._fitted(photograph)
         power = self._light_power(photograph, light, surfaces)
         if power != 1:
-            light, lit, surfaces = self._fitted(photograph.to_the_power(power))
-        return self._result(light, lit, surfaces, self._lit_area(surfaces))
+            light, lit, seams, surfaces = self._fitted(photograph.to_the_power(power))
+        return self._result(light, lit, seams, surfaces, self._lit_area(surfaces))
 
     def _fitted(
         self, photograph: Photograph
-    ) -> tuple[IntensityBins, NDArray[np.bool_], list[FittedSurface]]:
-        """Light, where it is, and the surfaces in it."""
+    ) -> tuple[IntensityBins, NDArray[np.bool_], NDArray[np.bool_], list[FittedSurface]]:
+        """Light, where it is of one surface, and of two, and the surfaces in it."""
         light = IntensityBins.of(photograph, self.grid, self.pattern.code == 'stripe')
         fringes = fit(self.grid, self.windows, self._table, light.red)
         lit, seams = fringe_region(fringes, self.windows, self.grid, self.period)
         check_exposure(light, lit, self.grid, self.period)
-        return light, lit, self._surfaces.fitted(light, fringes, lit, seams)
+        return light, lit, seams, self._surfaces.fitted(light, fringes, lit, seams)
 
     def _light_power(
         self, photograph: Photograph, light: IntensityBins, surfaces: list[FittedSurface]
@@ -121,7 +125,7 @@ class LeastSquares:
         surfaces = [(self.grid.at_bins(part.phase), part.refined.measured) for part in fitted]
         return LitArea.of(self.rig, self.pattern, self._bin_rays, surfaces)
 
-    def _result(self, light, lit, fitted, area) -> Measurement:
+    def _result(self, light, lit, seams, fitted, area) -> Measurement:
         """Publish the surfaces together."""
         confirmed = check_pattern(area)
         grid, period = self.grid, self.period / self.grid.step
@@ -137,7 +141,8 @@ class LeastSquares:
             at_end = cv2.dilate((~within).view(np.uint8), around) > 0
             at_end |= beside_dark == 0
             told = between_lit(refined.told | at_end, period)
-            measured = refined.measured & within & told
+            sure = grid.to_bins(refined.shift.variance < _LARGEST_DEVIATION**2)
+            measured = refined.measured & within & told & sure
             steep = beside_steep_rim(measured | at_end, period) & ~at_end
             doubtful = steep | (refined.measured & within & ~measured)
             deviation = self._nodes.deviation(part.phase, refined.shift.variance)
@@ -160,7 +165,7 @@ class LeastSquares:
         depth = np.concatenate(depths)
         reason = 'unnumbered' if self.pattern.code == 'contrast' else 'untied'
         coverage = Coverage.of(
-            eroded(lit),
+            eroded(lit | seams),
             published,
             clipped=self._any_bin(light.clipped),
             **{reason: ~np.any([part.region for part in fitted], axis=0)},

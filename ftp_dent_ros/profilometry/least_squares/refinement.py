@@ -23,6 +23,7 @@ from ftp_dent_ros.profilometry.least_squares.intensity_bins import IntensityBins
 from ftp_dent_ros.profilometry.least_squares.masked_fit import LEAST_SEEN, MaskedFit, enough
 from ftp_dent_ros.profilometry.least_squares.median import median
 from ftp_dent_ros.profilometry.least_squares.noise_gain import noise_through
+from ftp_dent_ros.profilometry.least_squares.other_light import OtherLight
 from ftp_dent_ros.profilometry.least_squares.refined import Refined
 from ftp_dent_ros.profilometry.least_squares.response import Response, over_rows
 from ftp_dent_ros.profilometry.least_squares.surface_mask import on_surface, rim_cover, roughness
@@ -75,6 +76,7 @@ class Refinement:
         self._work = np.empty((4, rows, columns), np.float32)
         self._response = Response.of(period, grid, _FITS - 2 * fast)
         self._noise = noise_through(grid, windows, self._response)
+        self._other_light = OtherLight(windows, self._noise)
         pixel, self._density = grid.noise_at(self.period)
         # Texture is seen at twice the fringes' frequency, where averages leave less of all.
         double = math.sqrt(grid.noise_at(self.period / 2)[1] / self._density)
@@ -161,6 +163,10 @@ class Refinement:
             self._noise,
             self._systematic,
         )
+        if envelope is None:
+            # The code is in the contrast, too.
+            other = self._other_light.variance(level, modulation, pixels[0], supported)
+            denoised = replace(denoised, variance=denoised.variance + other)
         if self.grid.bin_variance:
             lag = lag_of_bins(modulation, phase, self.grid, self.windows)
             denoised = replace(denoised, values=denoised.values - lag)
