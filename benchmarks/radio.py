@@ -83,6 +83,7 @@ def listen(output: Path, names: list[str]) -> None:
             large = name in ('points', 'tagged/points', 'camera/image_raw')
             qos = LATCHED if name == 'dents/list' else CLOUDS if large else QoSProfile(depth=100)
             node.create_subscription(message_class(TOPICS[name]), name, take(name), qos, raw=True)
+        node.create_timer(0.5, lambda: None)  # Without one a signal may not be noticed.
         try:
             rclpy.spin(node)
         except BaseException:

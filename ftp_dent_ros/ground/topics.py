@@ -59,7 +59,8 @@ AS_THEY_ARE = {
             stamped=False,
             share=0.1,
         ),
-        Topic('dents', _POINTS, Importance.DENTS),
+        # Of one cloud, as its poses are; the list has them all.
+        Topic('dents', _POINTS, Importance.POSES),
         Topic('earth', 'sensor_msgs/msg/NavSatFix', Importance.POSES, latest=True),
         Topic('tagged/pose', _POSE, Importance.POSES),
         Topic(CAMERA_POSE, _POSE, Importance.POSES),

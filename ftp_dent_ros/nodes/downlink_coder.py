@@ -54,7 +54,8 @@ class Coder:
     ) -> None:
         self._given, self._put, self._rate, self._diagnostics = given, put, rate, diagnostics
         self._lens: Lens | None = None
-        self._next_preview = self._next_picture_preview = 0.0
+        # When the last small ones were sent, and their bytes.
+        self._preview = self._picture_preview = (float('-inf'), 0)
 
     def learn(self, message: CameraInfo) -> None:
         """The lens that clouds and pictures are of."""
@@ -70,11 +71,10 @@ class Coder:
         extra = {'frame': message.header.frame_id}
         rows, columns = cloud.intensity.shape
         view = View.of(self._lens, rows, columns) if self._lens is not None else None
-        now = time.monotonic()
-        if now >= self._next_preview:
+        if self._is_due(*self._preview):
             few, few_view = thinned(cloud, view, self._given.preview_columns)
             data = encode(Cloud(few.points, few.intensity), few_view, _PREVIEW_PART)
-            self._next_preview = now + self._pause(len(data))
+            self._preview = time.monotonic(), len(data)
             self._put(
                 Item(Importance.PREVIEWS, topics.PREVIEW_POINTS, 'cloud', stamp, data, extra=extra)
             )
@@ -91,13 +91,11 @@ class Coder:
         stamp = stamp_to_ns(message.header.stamp)
         extra = {'frame': message.header.frame_id}
         bgr = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
-        now = time.monotonic()
-        if now >= self._next_picture_preview:
+        if self._is_due(*self._picture_preview):
             height = round(bgr.shape[0] * _PREVIEW_WIDTH / bgr.shape[1])
             small = cv2.resize(bgr, (_PREVIEW_WIDTH, height), interpolation=cv2.INTER_AREA)
             data = _jpeg(small, _PREVIEW_QUALITY)
-            pause = self._pause(len(data))
-            self._next_picture_preview = now + pause
+            self._picture_preview = time.monotonic(), len(data)
             self._put(
                 Item(Importance.PREVIEWS, topics.PREVIEW_IMAGE, 'jpeg', stamp, data, extra=extra)
             )
@@ -108,8 +106,10 @@ class Coder:
             extra = {**extra, 'lens': View(self._lens, 1).numbers()}
         self._put(Item(Importance.PICTURES, topics.IMAGE, 'jpeg', stamp, data, extra=extra))
 
-    def _pause(self, size: int) -> float:
-        return pause_after(size, self._rate(), _PREVIEW_SHARE, _PREVIEW_PERIOD)
+    def _is_due(self, sent_at: float, size: int) -> bool:
+        # By the rate as it is known now: in the beginning it is known to be far too low.
+        pause = pause_after(size, self._rate(), _PREVIEW_SHARE, _PREVIEW_PERIOD)
+        return time.monotonic() >= sent_at + pause
 
 
 class Thrift:
