@@ -26,10 +26,12 @@ from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
 from ftp_dent_ros.calibration.board import Board
-from ftp_dent_ros.calibration.observing import observe
+from ftp_dent_ros.calibration.decoding import Photographs
+from ftp_dent_ros.calibration.observing import Sight, observe
 from ftp_dent_ros.calibration.sequence import Sequence
 from ftp_dent_ros.calibration.solving import Solution, solve
 from ftp_dent_ros.calibration.uncertainty import depth_slopes, depths
+from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.files import config_folder
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.pose import Pose
@@ -94,7 +96,9 @@ def figures(seed: int, poses: int) -> list[float]:
     sequence = Sequence(rig.projector.width, rig.projector.height)
     taken = photographs(rig, BOARD, sequence, places, light, seed)
     begin = time.process_time()
-    seen = [observe(f'pose_{i}', each, sequence, BOARD) for i, each in enumerate(taken)]
+    tries = [sighted(f'{seed}: pose_{i}', each, sequence) for i, each in enumerate(taken)]
+    seen = [sight for sight in tries if sight]
+    kept = [place for place, sight in zip(places, tries, strict=True) if sight]
     found = solve(
         [each.observation for each in seen],
         BOARD,
@@ -103,7 +107,7 @@ def figures(seed: int, poses: int) -> list[float]:
     )
     spent = time.process_time() - begin
     bias = []
-    for sight, place in zip(seen, places, strict=True):
+    for sight, place in zip(seen, kept, strict=True):
         for got, true in zip(
             (sight.observation.camera, sight.observation.projector),
             true_correspondences(BOARD, rig, place),
@@ -134,6 +138,15 @@ def figures(seed: int, poses: int) -> list[float]:
         *clouds(rig, found.rig, light),
         spent,
     ]
+
+
+def sighted(name: str, taken: Photographs, sequence: Sequence) -> Sight | None:
+    """A pose as it is read; None if it is refused, which a capture would take again."""
+    try:
+        return observe(name, taken, sequence, BOARD)
+    except CalibrationError as reason:
+        tqdm.write(str(reason))
+        return None
 
 
 def depth_errors(rig: Rig, found: Solution) -> tuple[NDArray, NDArray]:

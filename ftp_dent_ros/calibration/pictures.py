@@ -13,8 +13,8 @@ from ftp_dent_ros.calibration.solving import Solution
 from ftp_dent_ros.calibration.uncertainty import depth_deviation
 from ftp_dent_ros.rig import Lens
 
-# Arrows show residuals this many times longer than they are.
-_MAGNIFIED = 100
+# A usual arrow is so long that it is seen, as a part of the image's width.
+_SEEN = 0.015
 
 
 def residual_maps(solution: Solution) -> str:
@@ -33,17 +33,19 @@ def residual_maps(solution: Solution) -> str:
         off = np.concatenate(solution.estimate.residuals)[:, part]
         known = np.isfinite(off).all(axis=1)
         u, v = place[known].T
+        usual = max(float(np.sqrt(np.mean(np.square(off[known])))), 1e-6)
+        magnified = 10 ** round(np.log10(_SEEN * lens.width / usual))
         axes.quiver(
             u,
             v,
-            *(_MAGNIFIED * off[known]).T,
+            *(magnified * off[known]).T,
             angles='xy',
             scale_units='xy',
             scale=1,
             width=0.0015,
             color='#1f5fa8',
         )
-        _frame(axes, lens, f'{name}: residuals, {_MAGNIFIED} times as long')
+        _frame(axes, lens, f'{name}: residuals, {magnified} times as long')
     return _png(figure)
 
 
