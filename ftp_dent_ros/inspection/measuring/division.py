@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +20,9 @@ LEVELS = 0.25, 0.5, 0.75, 0.85
 # eight shapes, of which a fiftieth is flagged, and on pairs of them.
 _COMPARED, _MOVED, _CHANGED = 3, 0.06, 0.13
 _MOVED_NOISE, _CHANGED_NOISE = 3.0, 6.0
-# Cells that have a form.
-_FEWEST = 30
+# Cells that have a form, and across what is looked at: a coarser patch is sampled three times as
+# finely, for the edges of its cells are no form.
+_FEWEST, _ACROSS, _FINER = 30, 42, 3
 
 Mask = NDArray[np.bool_]
 
@@ -53,6 +56,28 @@ def divided(patch: Patch, peaks: list[tuple[int, int]], level: float) -> list[Ma
         near = cv2.dilate(own, np.ones((3, 3), np.uint8))
         regions.append(None if alone[index - 1] else (own | (near & line)) > 0)
     return regions
+
+
+def parts_of(patch: Patch, at: tuple[int, int], depth: float, width: float) -> list[Mask]:
+    """What lies above each of `LEVELS` around the deepest cell of a dent.
+
+    Parameters
+    ----------
+    patch : Patch
+    at : (int, int)
+        Row and column.
+    depth, width : float
+        Of the dent, metres.
+    """
+    if width < _ACROSS * patch.step:
+        rows, columns = patch.depth.shape
+        size = _FINER * columns, _FINER * rows
+        fine = cv2.resize(patch.depth, size, interpolation=cv2.INTER_CUBIC)
+        known = cv2.resize(patch.known.view(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
+        # The middle of a cell is that of its middle part.
+        at = _FINER * at[0] + _FINER // 2, _FINER * at[1] + _FINER // 2
+        patch = replace(patch, step=patch.step / _FINER, depth=np.asarray(fine), known=known)
+    return [part_above(patch, at, level * depth) for level in LEVELS]
 
 
 def looks_compound(parts: list[Mask], noise: float) -> bool:

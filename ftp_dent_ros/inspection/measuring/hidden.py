@@ -44,7 +44,10 @@ def hidden_dent(
     across, cell = np.stack([x, y], axis=1).astype(np.float32), max(lattice.spacing)
     _, sides, _ = cv2.minAreaRect(across)
     noise = skin.noise.after(skin.noise.scales[1])[candidate.rows, candidate.columns]
-    significance = candidate.height / float(np.median(noise))
+    smooth = skin.maps[0][candidate.rows, candidate.columns]
+    deepest = int(np.argmax(np.nan_to_num(candidate.sign * smooth, nan=-math.inf)))
+    # Beside a hole the cloud is in doubt, the more the nearer.
+    significance = candidate.height / float(max(np.median(noise), noise[deepest]))
     length, width = max(sides) + cell, min(sides) + cell
     if length < settings.smallest_width or significance < skin.suspect:
         return []

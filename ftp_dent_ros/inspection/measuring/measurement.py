@@ -11,7 +11,7 @@ from ftp_dent_ros.inspection.dent import Estimate, MeasuredDent, orientation_of
 from ftp_dent_ros.inspection.measuring.bare_skin import BareSkin
 from ftp_dent_ros.inspection.measuring.bridging import Bridged, bridged
 from ftp_dent_ros.inspection.measuring.detection import Candidate
-from ftp_dent_ros.inspection.measuring.division import LEVELS, divided, looks_compound
+from ftp_dent_ros.inspection.measuring.division import divided, looks_compound, parts_of
 from ftp_dent_ros.inspection.measuring.evidence import SIGNIFICANT, SUSPECT
 from ftp_dent_ros.inspection.measuring.gaps import GAP
 from ftp_dent_ros.inspection.measuring.hidden import not_at_bottom
@@ -20,7 +20,7 @@ from ftp_dent_ros.inspection.measuring.marks import mark_in
 from ftp_dent_ros.inspection.measuring.maxima import DROP, maxima_of
 from ftp_dent_ros.inspection.measuring.noise import Noise
 from ftp_dent_ros.inspection.measuring.patch import Patch
-from ftp_dent_ros.inspection.measuring.peak import extent, part_above, radius_across
+from ftp_dent_ros.inspection.measuring.peak import extent, radius_across
 from ftp_dent_ros.inspection.measuring.placement import axis_along, on_skin, profile_of
 from ftp_dent_ros.inspection.measuring.restoration import restored
 from ftp_dent_ros.inspection.measuring.sampling import own_cells, patch_of
@@ -208,7 +208,7 @@ def _overlap(
     if region is not None:
         return 'overlaps another one: its outline ends where they part'
     depth = sizes.depth.value
-    parts = [part_above(patch, at, level * depth) for level in LEVELS]
+    parts = parts_of(patch, at, depth, sizes.width.value)
     local = noise.where(around.extra, patch.scale)
     return 'may be several that overlap' if looks_compound(parts, local / depth) else ''
 

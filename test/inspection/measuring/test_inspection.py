@@ -317,13 +317,14 @@ def test_two_dents_in_one_that_no_saddle_parts_are_one_with_a_word():
     assert all('overlaps' in reason for _, reason in kind_of_it(apart))
 
 
-def test_two_equal_dents_in_one_have_a_word():
-    apart, skin = 0.012, panel(tilt=(0, 0))
-    pair = [Dent(sign * apart / 2, 0.0, 0.028, 0.028, 4e-4, 0.0, Gaussian()) for sign in (1, -1)]
+@pytest.mark.parametrize('width', [0.028, 0.017])
+def test_two_equal_dents_in_one_have_a_word(width):
+    apart, skin = 0.43 * width, panel(tilt=(0, 0))
+    pair = [Dent(sign * apart / 2, 0.0, width, width, 4e-4, 0.0, Gaussian()) for sign in (1, -1)]
     found = inspect(cloud_of(replace(skin, dents=tuple(pair)), noise=2e-6))
     (one,) = found.dents
     assert one.reason == 'may be several that overlap'
-    alone = Dent(0.0, 0.0, 0.04, 0.028, 4e-4, 0.0, Gaussian())
+    alone = Dent(0.0, 0.0, 1.4 * width, width, 4e-4, 0.0, Gaussian())
     (one,) = inspect(cloud_of(replace(skin, dents=(alone,)), noise=2e-6)).dents
     assert not one.reason
 
