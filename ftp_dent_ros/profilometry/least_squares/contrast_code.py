@@ -38,8 +38,8 @@ _LEAST_STEP, _MOST_STEP = 0.45, 1.5
 # By how many variances of what an order leaves the next best must be worse; and the most that it
 # may leave, in steps of the code.
 _SIGNIFICANT, _LEFT = 25.0, 0.4
-# Share of the rows in which a fringe beyond the panel is seen, if it is one.
-_SEEN = 0.25
+# Fringes beyond the panel that tell, share of the rows in which each is seen, and sum of these.
+_TELLING, _SEEN, _TOGETHER = 3, 0.25, 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,7 +204,7 @@ class ContrastSteps:
         rows = np.count_nonzero(self.weight, axis=0)
         # The step from the last fringe of the panel leads to the first beyond it.
         used = (place >= pattern.fringe_orders.stop - 1) & (rows > _SEEN * len(self.step))
-        if np.count_nonzero(used) < WORD // 2:
+        if np.count_nonzero(used) < _TELLING or rows[used].sum() < _TOGETHER * len(self.step):
             return 0
         weight = self.weight[:, used]
         size = -math.log(pattern.low_contrast)
