@@ -20,6 +20,8 @@ from ftp_dent_ros.survey.unrolling import Unrolled
 
 # Side of a cell, and of the squares that a cloud has a sample of, metres.
 CELL, _SAMPLE = 0.01, 0.005
+# Points a side of a square that are enough, and of how many rows one tells how far apart they are.
+_A_SIDE, _ROWS = 2.5, 16
 # Of a cell, that was measured if the cell was.
 _NEEDED = 0.5
 # Cells that are drawn at most: poses may put clouds anywhere.
@@ -55,7 +57,11 @@ class Footprint:
     @classmethod
     def of(cls, cloud: Cloud) -> Footprint:
         """A mean point of each square of the plane through a cloud that it has measured."""
-        points = cloud.points[cloud.valid].astype(float)
+        apart = np.linalg.norm(np.diff(cloud.points[::_ROWS], axis=1), axis=-1)
+        apart = apart[apart > 0]
+        every = max(1, int(_SAMPLE / _A_SIDE / np.median(apart))) if len(apart) else 1
+        thinned = slice(None, None, every), slice(None, None, every)
+        points = cloud.points[thinned][cloud.valid[thinned]].astype(float)
         middle = points.mean(axis=0)
         some = points[:: max(1, len(points) // 1000)] - middle
         _, _, axes = np.linalg.svd(some, full_matrices=False)
