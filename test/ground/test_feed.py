@@ -185,6 +185,39 @@ def test_an_outage_costs_nothing_but_time():
     assert len({(i.importance, i.stamp_ns) for i in line.items}) == len(line.items)
 
 
+@pytest.mark.parametrize(
+    ('rate', 'delay', 'loss', 'cloud'),
+    [
+        (1_250_000.0, 0.02, 0.005, 90_000),
+        (250_000.0, 0.05, 0.02, 30_000),
+        (32_000.0, 0.1, 0.05, 4_000),
+        (7_200.0, 0.2, 0.05, 1_000),
+    ],
+)
+def test_a_minute_without_the_radio_on_each_link(rate, delay, loss, cloud):
+    line = Line(rate=rate, delay=delay, loss=loss)
+    for second in range(70):
+        line.up = not 5 <= second < 65
+        line.put(Importance.CLOUDS, 10 * second, cloud, topic='points')
+        line.put(Importance.POSES, 10 * second + 1, 100, topic='tagged/pose')
+        line.put(Importance.DENTS, 10 * second + 2, 300, topic='dents/list', latest=True)
+        line.run(1.0, step=0.02)
+    line.run(90.0, step=0.02)
+    names = [(item.importance, item.stamp_ns) for item in line.items]
+    assert len(names) == len(set(names))
+    for importance in (Importance.POSES, Importance.CLOUDS):
+        assert len(stamps(line.items, importance)) == 70
+    assert stamps(line.items, Importance.DENTS)[-1] == 692
+    # Of what waited for the radio the poses come before the clouds.
+    kept = [
+        item.importance
+        for item in line.items
+        if item.importance != Importance.DENTS and 60 <= item.stamp_ns < 630
+    ]
+    last_pose = max(index for index, each in enumerate(kept) if each == Importance.POSES)
+    assert last_pose < 70
+
+
 def test_what_is_replaced_in_a_long_silence_does_not_pile_up():
     line = Line()
     line.up = False
