@@ -5,9 +5,10 @@ projector, a row of dark screws, an edge of paint), of amplitude r over theirs a
 to them, turns their phase by ``r sin delta`` and changes their amplitude by ``r cos delta``. As
 delta runs through all values, both have the same energy. What the surface's phase should be is not
 known, but its contrast, the amplitude over the mean level, is smooth: the energy of what is not
-smooth in it is a variance of the phase, less what has other causes. These are the pixels' noise,
-and light from elsewhere, by which the contrast c changes where the amplitude B does, by
-``d ln c = (1 - c) d ln B`` at most.
+smooth in it is a variance of the phase, less what has other causes. Light from elsewhere (a sun's
+edge, lamps that flicker) changes the level alone, so that no more counts than the amplitude itself
+changes; where it is even, the contrast c changes where the amplitude B does, by
+``d ln c = (1 - c) d ln B`` at most; and there is the pixels' noise.
 """
 
 from __future__ import annotations
@@ -80,7 +81,8 @@ class OtherLight:
             self._uneven(np.log(np.maximum(each, _LEAST)), inside, beyond)
             for each in (contrast, modulation)
         )
-        energy = np.square(changed) - np.square((1 - contrast) * brighter)
+        energy = np.minimum(np.square(changed), np.square(brighter))
+        energy -= np.square((1 - contrast) * brighter)
         energy -= self._noise * pixels * (1 + np.square(contrast) / 2)
         mean, share = (
             self._coarse.wide(each.astype(np.float32), _NEIGHBOURHOOD)

@@ -60,3 +60,10 @@ def test_a_surface_of_a_few_nodes_tells_nothing():
     few = np.zeros(GRID.shape, bool)
     few[5:7, 5:7] = True
     assert not OTHER_LIGHT.variance(BRIGHT, BRIGHT, BRIGHT, few).any()
+
+
+def test_light_from_elsewhere_changes_the_level_alone():
+    flicker = 1 + 0.5 * np.cos(ROWS / 3)
+    edge = COLUMNS > 80
+    for ambient in (flicker, edge):
+        assert variance(BRIGHT * (1.1 + ambient), BRIGHT).max() < 1e-8
