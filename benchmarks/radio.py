@@ -30,6 +30,7 @@ import yaml
 from timing import processor_time
 
 from ftp_dent_ros import files
+from ftp_dent_ros.recording.reader import open_bag
 from ftp_dent_ros.simulation.radio import Conditions
 from ftp_dent_ros.simulation.sites import Joined, Site, joined_sites
 from ftp_dent_ros.supervision.transport import profile
@@ -163,14 +164,10 @@ class Run:
 
 def flight(bag: Path) -> tuple[list[str], float]:
     """Arguments that replay a bag at two clouds a second, and how long that takes, seconds."""
-    about = yaml.safe_load((bag / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
-    counts = {
-        each['topic_metadata']['name']: each['message_count']
-        for each in about['topics_with_message_count']
-    }
-    seconds = about['duration']['nanoseconds'] / 1e9
-    wanted = counts['/points'] / _CLOUDS_A_SECOND
-    return ['replay', str(bag), '--rate', f'{seconds / wanted:.4f}', '-x', '/skin'], wanted
+    came = [each.log_time_ns for each in open_bag(bag).messages() if each.topic == '/points']
+    seconds, count = (came[-1] - came[0]) / 1e9, len(came) - 1
+    speed = _CLOUDS_A_SECOND * seconds / count
+    return ['replay', str(bag), '--rate', f'{speed:.4f}', '-x', '/skin'], count / _CLOUDS_A_SECOND
 
 
 def payload(folder: Path) -> Path:
