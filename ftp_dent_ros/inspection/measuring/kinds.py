@@ -2,6 +2,7 @@
 
 In this order, with sizes on the contour at 10 % of the depth:
 
+- *other*: steeper than skin can be dented, as where a wing's root meets the fuselage.
 - *bump*: outward.
 - *gouge*: narrower than `_NARROW`, as far as the reconstruction can show how narrow it is, longer
   than `_LONG` widths, and the light in it differs from that beside it by more than `_MARK` and
@@ -29,6 +30,9 @@ _NARROW = 0.006
 # than so many times `_NARROW`, it cannot show what is narrow.
 _WIDENED, _SHOWN = 1.1, 1.2
 _LONG = 1.8
+# What is deeper than this part of its width is no dented skin: metal folds at a twelfth, and the
+# steepest crease of the simulation, at a quarter of its axis, has 0.26.
+_STEEP = 0.3
 # A crease's slopes shade it by up to 5 %.
 _MARK = 0.06
 _SHARP = 0.33
@@ -81,6 +85,8 @@ def kind_of(seen: Appearance, settings: Settings) -> tuple[str, str]:
     if deep < settings.smallest_depth or seen.length < settings.smallest_width:
         return '', ''
     narrow = seen.width < settings.smallest_width
+    if deep > _STEEP * seen.width and not narrow:
+        return 'other', 'too steep for a dent or a bump: the skin turns here, or ends'
     if seen.is_cut:
         strip = seen.length > _STRIP * seen.width
         if deep < (_STRIP_CUT if strip else _CUT) * settings.smallest_depth or narrow:

@@ -346,3 +346,15 @@ def test_what_may_be_as_wide_as_the_smallest_dent_is_listed():
     seen = Appearance(3e-4, 0.012, 0.009, 0.02, 0.01, 0.0, 0.0, False, 0.004)
     assert kind_of(seen, Settings()) == ('other', 'narrower than the smallest dent')
     assert kind_of(replace(seen, width_doubt=5e-4), Settings()) == ('', '')
+
+
+@pytest.mark.parametrize('depth', [0.05, -0.05])
+def test_what_is_too_steep_to_be_dented_is_something_else(depth):
+    corner = Appearance(depth, 0.2, 0.12, 0.02, 0.01, 0.0, 0.0, True, 0.004)
+    kind, reason = kind_of(corner, Settings())
+    assert kind == 'other'
+    assert 'too steep' in reason
+    assert kind_of(replace(corner, depth=0.1 * depth, is_cut=False), Settings())[0] in (
+        'dent',
+        'bump',
+    )
