@@ -75,6 +75,7 @@ def denoise(
     response: Response,
     gain: NoiseGain,
     systematic: float,
+    restoring: bool = True,
 ) -> Denoised:
     """Take texture and the pixels' noise off a field.
 
@@ -96,6 +97,8 @@ def denoise(
         Of the windows that the field has come through.
     systematic : float
         Variance that no average lessens, radians^2.
+    restoring : bool
+        Whether what the fits leave out is put back where it stands out.
     """
     coarse = Windows(windows.sigma_u / _EVERY, windows.sigma_v / _EVERY)
     together = (_EVERY, _EVERY)
@@ -140,7 +143,7 @@ def denoise(
     left += np.float32(systematic)
     lack = response.left_out(base)
     noise = np.float32(gain.left_out) * total
-    put_back = _share_of_signal(lack, noise, coarse)
+    put_back = np.float32(restoring) * _share_of_signal(lack, noise, coarse)
     # Its noise and that of the finest band may agree.
     left += put_back * (put_back + np.float32(2 * math.sqrt(shares[0] / gain.left_out))) * noise
     for missing, part in ((lack, 1 - put_back), (response.left_out(lack), put_back)):

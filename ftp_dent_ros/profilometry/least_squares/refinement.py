@@ -91,6 +91,7 @@ class Refinement:
         shift: NDArray[np.float32],
         region: NDArray[np.bool_],
         envelope: Envelope | None = None,
+        relief: bool = False,
     ) -> Refined:
         """Refine the phase shift of one surface.
 
@@ -107,6 +108,8 @@ class Refinement:
             Nodes of the surface, to a node or so.
         envelope : Envelope, optional
             Of coded fringes.
+        relief : bool
+            Whether the surface is no skin: at its edges nothing that windows took is put back.
         """
         inside = self.grid.to_bins(region).view(np.uint8)
         phase = base + self._of_model(reference + shift)
@@ -162,6 +165,7 @@ class Refinement:
             self._response,
             self._noise,
             self._systematic,
+            not relief,
         )
         if envelope is None:
             # The code is in the contrast, too.
@@ -173,12 +177,12 @@ class Refinement:
         covered = rim_cover(levels, amplitude * cosine, body, allowed, self.period)
         rough = roughness(misfit, self.windows, self.grid)
         explained = median(np.sqrt(pixels[0][supported])) if supported.any() else 0.0
-        relief = supported.any() and median(rough[supported]) > max(
+        is_relief = supported.any() and median(rough[supported]) > max(
             _RELIEF, _RELIEF_NOISE * explained
         )
         wavelength = self._response.wavelength(denoised.put_back)
         return Refined(
-            denoised, level, modulation, body, lit, covered, rough, wavelength, bool(relief)
+            denoised, level, modulation, body, lit, covered, rough, wavelength, bool(is_relief)
         )
 
     def _of_model(self, phase):

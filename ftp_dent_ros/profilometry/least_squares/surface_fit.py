@@ -143,7 +143,7 @@ class SurfaceFit:
             blur = self._expected_blur(reference)
             decoded = self._start(step - _FINER * relief).decoded(light, base, shift, whole, blur)
             shift, envelope, unsure = decoded.shift, decoded.envelope, decoded.variance
-        refined = refinement.refine(light, table.phase, start, shift, whole, envelope)
+        refined = refinement.refine(light, table.phase, start, shift, whole, envelope, relief)
         if unsure is not None:
             refined.shift.variance[:] += unsure
         check_fringes(refined.roughness[region])
