@@ -45,6 +45,7 @@ _DEEPER, _PARTED = 1.5, 0.6
 # seen whether they meet, of anything from a round bottom (0) on. Middle and half of the range.
 _KINK, _ANY = (0.18, 0.04), (0.11, 0.11)
 _MODEL_CELLS = 22
+_LEAST = 1e-12  # metres: no division by zero
 # Eq. 18 at 10 % of its depth, as a part of its axes.
 _OF_AXES = 0.835
 
@@ -143,7 +144,11 @@ def sizes_of(
     u_length = math.hypot(_OF_LENGTH * math.hypot(ends * length_flatness, grain), unresolved)
     u_width = math.hypot(_OF_WIDTH * math.hypot(ends * width_flatness, grain), unresolved)
     parted = _PARTED * _parted(patch, region, outline, bottom.depth)
-    u_length, u_width = math.hypot(u_length, parted * length), math.hypot(u_width, parted * width)
+    # Where noise passes the level beside the dent, the outline runs on into it, the longer way.
+    passes = math.erfc(LEVEL * bottom.depth / max(math.sqrt(2) * local, _LEAST))
+    astray = passes * math.sqrt(noise.correlated_area)
+    u_length = math.hypot(u_length, parted * length, astray)
+    u_width = math.hypot(u_width, parted * width)
     perimeter = float(np.hypot(*np.diff([outline.x, outline.y], append=0)[:, :-1]).sum())
     flatness = float(np.mean(1 / outline.slope))
     independent = math.sqrt(max(perimeter / math.sqrt(noise.correlated_area), 1))
