@@ -27,6 +27,7 @@ from ftp_dent_ros.recording.spool import Spool
 from ftp_dent_ros.recording.writer import BagWriter
 from ftp_dent_ros.ros.qos import DIAGNOSTICS
 from ftp_dent_ros.ros.session import session
+from ftp_dent_ros.supervision.hearing import Hearing
 
 _MEGABYTE = 10**6
 _UNITS = {'': 1, 'K': 10**3, 'M': 10**6, 'G': 10**9}
@@ -85,7 +86,7 @@ def run(arguments: argparse.Namespace) -> int:
         _note_rig(node, writer)
         progress = _Progress(writer)
         try:
-            _receive(node, recorder, spool, stop, progress)
+            deaf = _receive(node, recorder, spool, stop, progress)
         finally:
             spool.close()
             failure = _close(writer)
@@ -107,6 +108,11 @@ def run(arguments: argparse.Namespace) -> int:
     if spool.error is not None:
         raise BagError(
             f'{spool.error}; the recording ends after {progress.total()}, which are a whole bag'
+        )
+    if deaf:
+        raise BagError(
+            'nothing comes through the shared memory any more, for this process stood still; the '
+            f'recording ends after {progress.total()}, which are a whole bag: begin another'
         )
     print(f'{output}: {progress.total()}, {len(writer.topics)} topics')
     return 0
@@ -138,13 +144,16 @@ def _receive(
     spool: Spool,
     stop: threading.Event,
     progress: _Progress,
-) -> None:
-    executor = SingleThreadedExecutor()
+) -> bool:
+    """Take what comes until it is enough; whether nothing can come any more."""
+    executor, hearing = SingleThreadedExecutor(), Hearing()
     executor.add_node(node)
+    deaf = False
     try:
-        while not stop.is_set() and spool.error is None:
+        while not (deaf or stop.is_set() or spool.error):
             executor.spin_once(timeout_sec=DISCOVERY_PERIOD_S)
             progress.show()
+            deaf = hearing.is_lost()
         # What had arrived when the signal came is taken too.
         end = time.monotonic() + 1.0
         before = -1
@@ -152,6 +161,7 @@ def _receive(
             before = recorder.received
             for _ in range(5):  # some turns go to timers and events
                 executor.spin_once(timeout_sec=0.0)
+        return deaf
     finally:
         executor.shutdown()
 

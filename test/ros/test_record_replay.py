@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from itertools import pairwise
+from pathlib import Path
 
 import pytest
 
@@ -372,6 +373,23 @@ def test_a_full_disk_ends_the_recording_with_one_sentence_and_a_whole_bag(ros, c
 def test_wrong_arguments_of_record(domain, capsys, words, sentence):
     assert status('record', *words) == 2
     assert sentence in capsys.readouterr().err.splitlines()[-1]
+
+
+def test_a_recorder_that_is_cut_off_says_so_and_leaves_a_whole_bag(ros, command, tmp_path):
+    bag = tmp_path / 'bag'
+    topic = f'{ros.namespace}/words'
+    recorder = command('record', topic, '-o', bag)
+    ros.publisher(String, topic).publish(String(data='before'))
+    ros.until(lambda: len(on_disk(bag)) == 1)
+    descriptors = Path(f'/proc/{recorder.process.pid}/fd').iterdir()
+    locks = [each.readlink() for each in descriptors if each.is_symlink()]
+    for lock in locks:
+        if 'fastrtps_port' in lock.name and lock.name.endswith('_el'):
+            lock.with_name(lock.name.removesuffix('_el')).unlink()
+    ros.until(recorder.ended)
+    assert recorder.wait() == 2
+    assert 'begin another' in recorder.output
+    assert [text_of(message) for message in read_messages(bag)] == ['before']
 
 
 def test_topics_that_never_came_are_named(ros, command, tmp_path):
