@@ -192,7 +192,7 @@ class Witness:
         stamp_ns = stamp_to_ns(message.header.stamp)
         for dent in dents[dents['is_cut'] == 0]:
             place = np.array([dent[axis] for axis in 'xyz'])
-            index, kind = true_index(place, self._truth), KINDS[dent['kind']]
+            index, kind = self._true_index(place, dent), KINDS[dent['kind']]
             if index is None:
                 where = ', '.join(f'{value:.3f}' for value in place)
                 size = f'{1e3 * dent["depth"]:.3f} +- {1e3 * dent["depth_uncertainty"]:.3f} mm'
@@ -203,6 +203,20 @@ class Witness:
             deviations = off / float(dent['depth_uncertainty'])
             self.findings.check(f'{kind}s in lists (mm)', 1e3 * off, np.inf, stamp_ns)
             self.findings.check(f'{kind}s in lists (sd)', deviations, _DEVIATIONS, stamp_ns)
+
+    def _true_index(self, place: np.ndarray, dent: np.void) -> int | None:
+        """The true dent at a place; else one as deep, as far off as the autopilot may err."""
+        index = true_index(place, self._truth)
+        if index is not None:
+            return index
+        most = _DEVIATIONS * float(dent['depth_uncertainty'])
+        alike = [
+            (float(np.linalg.norm(true.position - place)), number)
+            for number, true in enumerate(self._truth)
+            if abs(true.depth - float(dent['depth'])) <= most
+        ]
+        apart, number = min(alike, default=(np.inf, -1))
+        return number if apart <= _FAR_OFF else None
 
     def _on_rivet(self, place: np.ndarray) -> bool:
         """Whether a rivet's head is within its own radius of a place."""
