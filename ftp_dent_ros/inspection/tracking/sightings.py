@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -107,8 +108,8 @@ def listed(number: int, sightings: tuple[Sighting, ...]) -> ListedDent:
 def combined(estimates: Sequence[Estimate]) -> Estimate:
     """Weighted mean of measurements of one quantity.
 
-    Its uncertainty is the one that the measurements claim (internal) or the one that their
-    scatter shows (external), whichever is larger (Birge, Phys. Rev. 40, 207, 1932).
+    What their scatter shows averages out. What they claim beyond it they may have in common (the
+    dent's form, what windows take of it, the rig): that does not.
     """
     values = np.array([item.value for item in estimates])
     sigma = np.array([item.uncertainty for item in estimates])
@@ -121,11 +122,11 @@ def combined(estimates: Sequence[Estimate]) -> Estimate:
         return Estimate(float(values.mean()), float(spread))
     weights = sigma**-2.0
     mean = float(np.average(values, weights=weights))
-    internal = weights.sum() ** -0.5
-    external = 0.0
+    stated, scatter = 1 / weights.mean(), 0.0
     if len(values) > 1:
-        external = np.sqrt(np.average((values - mean) ** 2, weights=weights) / (len(values) - 1))
-    return Estimate(mean, float(max(internal, external)))
+        scatter = np.average((values - mean) ** 2, weights=weights) * len(values)
+        scatter /= len(values) - 1
+    return Estimate(mean, math.sqrt(scatter / len(values) + max(stated - scatter, 0.0)))
 
 
 def _rank(value: float, unknown: float = float('inf')) -> float:

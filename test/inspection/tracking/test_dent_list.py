@@ -21,7 +21,7 @@ def listed(*frames, covariance=KNOWN):
     return dents
 
 
-def test_a_dent_that_is_seen_again_stays_one_dent_with_a_better_measurement():
+def test_a_dent_that_is_seen_again_stays_one_dent_whose_scatter_averages_out():
     sigma = 10e-6
     frames = [
         [make_dent((0.1 + shift, 0, 0.6), 2e-3 + shift / 1e3, sigma=sigma)]
@@ -31,7 +31,9 @@ def test_a_dent_that_is_seen_again_stays_one_dent_with_a_better_measurement():
     assert len(entry.sightings) == 3
     np.testing.assert_allclose(entry.dent.position, [0.1, 0, 0.6], atol=1e-9)
     assert entry.dent.depth.value == pytest.approx(2e-3, abs=1e-9)
-    assert entry.dent.depth.uncertainty == pytest.approx(sigma / np.sqrt(3))
+    scatter = 3e-6
+    common = sigma**2 - scatter**2
+    assert entry.dent.depth.uncertainty == pytest.approx(np.sqrt(common + scatter**2 / 3))
     assert np.allclose(entry.position_covariance, np.eye(3) * entry.position_covariance[0, 0])
     # What the poses of a flight have in common does not average out.
     assert entry.position_covariance[0, 0] == pytest.approx(KNOWN[0, 0], rel=0.01)
@@ -89,8 +91,9 @@ def test_a_bump_is_never_the_dent_beside_it():
 
 
 def test_measurements_that_disagree_are_as_uncertain_as_they_scatter():
+    # What they do not show as scatter, they may have in common.
     agreeing = combined([Estimate(1.0, 0.1), Estimate(1.0, 0.1)])
-    assert agreeing.uncertainty == pytest.approx(0.1 / np.sqrt(2))
+    assert agreeing.uncertainty == pytest.approx(0.1)
     scattered = combined([Estimate(0.0, 0.1), Estimate(2.0, 0.1)])
     assert scattered.value == pytest.approx(1.0)
     assert scattered.uncertainty == pytest.approx(1.0)
