@@ -45,9 +45,9 @@ CODED = replace(PATTERN, code='contrast')
 # Modules some constants of which matter under coded fringes alone.
 OF_CODE = (
     'rows_check',
-    'least_squares/camera_curve',
-    *('least_squares/code', 'least_squares/contrast_', 'least_squares/numbering'),
-    'least_squares/surface_fit',
+    'least_squares/code/',
+    *('least_squares/fit/coded_start', 'least_squares/fit/surface_fit'),
+    *('least_squares/fringe_orders/coded_surfaces', 'least_squares/fringe_orders/numbering'),
 )
 # Not free: numbers that follow from a definition, and what the reader of a table reads.
 EXACT = {

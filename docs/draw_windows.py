@@ -12,9 +12,9 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 
-from ftp_dent_ros.profilometry.least_squares.grid import Grid
-from ftp_dent_ros.profilometry.least_squares.response import Response
-from ftp_dent_ros.profilometry.least_squares.windows import WIDTH
+from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
+from ftp_dent_ros.profilometry.least_squares.bins.windows import WIDTH
+from ftp_dent_ros.profilometry.least_squares.noise.response import Response
 
 matplotlib.use('Agg')
 from matplotlib import pyplot as plt

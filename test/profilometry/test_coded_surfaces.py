@@ -10,10 +10,10 @@ from ftp_dent_ros.errors import PatternError
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.profilometry.coverage import UNNUMBERED
-from ftp_dent_ros.profilometry.least_squares.code_blur import excess_blur
-from ftp_dent_ros.profilometry.least_squares.contrast_model import ContrastModel
-from ftp_dent_ros.profilometry.least_squares.grid import Grid
-from ftp_dent_ros.profilometry.least_squares.windows import Windows
+from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
+from ftp_dent_ros.profilometry.least_squares.bins.windows import Windows
+from ftp_dent_ros.profilometry.least_squares.code.code_blur import excess_blur
+from ftp_dent_ros.profilometry.least_squares.code.contrast_model import ContrastModel
 from ftp_dent_ros.simulation import Panel
 
 CODED = replace(PATTERN, code='contrast')

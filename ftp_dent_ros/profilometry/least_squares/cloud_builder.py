@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud import Cloud
-from ftp_dent_ros.profilometry.least_squares.grid import Grid
-from ftp_dent_ros.profilometry.least_squares.node_interpolation import NodeInterpolation
+from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
+from ftp_dent_ros.profilometry.least_squares.bins.node_interpolation import NodeInterpolation
 from ftp_dent_ros.profilometry.least_squares.phase_geometry import rays_at
 from ftp_dent_ros.rig import Rig
 

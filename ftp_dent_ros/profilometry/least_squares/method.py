@@ -15,22 +15,22 @@ from ftp_dent_ros.photograph import Photograph
 from ftp_dent_ros.profilometry.carrier import ReferencePlane, carrier_on
 from ftp_dent_ros.profilometry.coverage import Coverage
 from ftp_dent_ros.profilometry.epipolar_check import EpipolarCheck, check_epipolar
-from ftp_dent_ros.profilometry.least_squares.camera_curve import light_power
+from ftp_dent_ros.profilometry.least_squares.bins.exposure import check_exposure
+from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
+from ftp_dent_ros.profilometry.least_squares.bins.intensity_bins import IntensityBins
+from ftp_dent_ros.profilometry.least_squares.bins.windows import WIDTH, Windows
 from ftp_dent_ros.profilometry.least_squares.cloud_builder import CloudBuilder, Published
-from ftp_dent_ros.profilometry.least_squares.coded_surfaces import CodedSurfaces
-from ftp_dent_ros.profilometry.least_squares.exposure import check_exposure
-from ftp_dent_ros.profilometry.least_squares.first_fit import ReferenceTable, fit
-from ftp_dent_ros.profilometry.least_squares.grid import Grid
-from ftp_dent_ros.profilometry.least_squares.intensity_bins import IntensityBins
-from ftp_dent_ros.profilometry.least_squares.phase_geometry import PhaseGeometry
-from ftp_dent_ros.profilometry.least_squares.regions import (
+from ftp_dent_ros.profilometry.least_squares.code.camera_curve import light_power
+from ftp_dent_ros.profilometry.least_squares.fit.first_fit import ReferenceTable, fit
+from ftp_dent_ros.profilometry.least_squares.fit.regions import (
     eroded,
     fringe_region,
 )
-from ftp_dent_ros.profilometry.least_squares.stripe_surfaces import StripeSurfaces
-from ftp_dent_ros.profilometry.least_squares.surface_fit import FittedSurface, SurfaceFit
-from ftp_dent_ros.profilometry.least_squares.surface_mask import beside_steep_rim, between_lit
-from ftp_dent_ros.profilometry.least_squares.windows import WIDTH, Windows
+from ftp_dent_ros.profilometry.least_squares.fit.surface_fit import FittedSurface, SurfaceFit
+from ftp_dent_ros.profilometry.least_squares.fit.surface_mask import beside_steep_rim, between_lit
+from ftp_dent_ros.profilometry.least_squares.fringe_orders.coded_surfaces import CodedSurfaces
+from ftp_dent_ros.profilometry.least_squares.fringe_orders.stripe_surfaces import StripeSurfaces
+from ftp_dent_ros.profilometry.least_squares.phase_geometry import PhaseGeometry
 from ftp_dent_ros.profilometry.lit_area import LitArea
 from ftp_dent_ros.profilometry.measurement import Measurement
 from ftp_dent_ros.profilometry.pattern_check import check_pattern, other_frame

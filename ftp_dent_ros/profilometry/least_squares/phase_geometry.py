@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.pattern import Pattern
-from ftp_dent_ros.profilometry.least_squares.node_interpolation import lagrange
+from ftp_dent_ros.profilometry.least_squares.bins.node_interpolation import lagrange
 from ftp_dent_ros.profilometry.triangulation import meet, turned
 from ftp_dent_ros.rig import Lens, Rig
 

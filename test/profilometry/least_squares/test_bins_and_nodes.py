@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from ftp_dent_ros.profilometry.least_squares.grid import Grid
+from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 
 PERIODS = (5.0, 7.7, 11.7, 16.0)
 

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from ftp_dent_ros.profilometry.least_squares.camera_effects import lag_of_bins, take_harmonics
-from ftp_dent_ros.profilometry.least_squares.grid import Grid
-from ftp_dent_ros.profilometry.least_squares.windows import Windows
+from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
+from ftp_dent_ros.profilometry.least_squares.bins.windows import Windows
+from ftp_dent_ros.profilometry.least_squares.fit.camera_effects import lag_of_bins, take_harmonics
 
 PERIOD = 11.7
 GRID = Grid.for_fringes(640, 240, PERIOD)

@@ -4,11 +4,11 @@ import cv2
 import numpy as np
 import pytest
 
-from ftp_dent_ros.profilometry.least_squares.denoising import denoise
-from ftp_dent_ros.profilometry.least_squares.grid import Grid
-from ftp_dent_ros.profilometry.least_squares.noise_gain import noise_through
-from ftp_dent_ros.profilometry.least_squares.response import Response
-from ftp_dent_ros.profilometry.least_squares.windows import Windows
+from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
+from ftp_dent_ros.profilometry.least_squares.bins.windows import Windows
+from ftp_dent_ros.profilometry.least_squares.noise.denoising import denoise
+from ftp_dent_ros.profilometry.least_squares.noise.noise_gain import noise_through
+from ftp_dent_ros.profilometry.least_squares.noise.response import Response
 
 PERIOD = 11.7
 GRID = Grid.for_fringes(900, 720, PERIOD)

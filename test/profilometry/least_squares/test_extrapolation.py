@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from ftp_dent_ros.profilometry.least_squares.extrapolation import Extrapolation
-from ftp_dent_ros.profilometry.least_squares.windows import Windows
+from ftp_dent_ros.profilometry.least_squares.bins.extrapolation import Extrapolation
+from ftp_dent_ros.profilometry.least_squares.bins.windows import Windows
 
 WINDOWS = Windows(0.9, 0.8)
 SHAPE = 90, 120

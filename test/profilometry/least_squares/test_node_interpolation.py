@@ -1,8 +1,11 @@
 import numpy as np
 import pytest
 
-from ftp_dent_ros.profilometry.least_squares.grid import Grid
-from ftp_dent_ros.profilometry.least_squares.node_interpolation import NodeInterpolation, lagrange
+from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
+from ftp_dent_ros.profilometry.least_squares.bins.node_interpolation import (
+    NodeInterpolation,
+    lagrange,
+)
 
 
 @pytest.mark.parametrize('count', [3, 6, 20])

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from ftp_dent_ros.profilometry.least_squares.grid import Grid
-from ftp_dent_ros.profilometry.least_squares.noise_gain import noise_through
-from ftp_dent_ros.profilometry.least_squares.other_light import OtherLight
-from ftp_dent_ros.profilometry.least_squares.response import Response
-from ftp_dent_ros.profilometry.least_squares.windows import Windows
+from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
+from ftp_dent_ros.profilometry.least_squares.bins.windows import Windows
+from ftp_dent_ros.profilometry.least_squares.noise.noise_gain import noise_through
+from ftp_dent_ros.profilometry.least_squares.noise.other_light import OtherLight
+from ftp_dent_ros.profilometry.least_squares.noise.response import Response
 
 PERIOD = 9.0
 GRID = Grid.for_fringes(800, 450, PERIOD)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from ftp_dent_ros.profilometry.least_squares.pixel_noise import PixelNoise
+from ftp_dent_ros.profilometry.least_squares.bins.pixel_noise import PixelNoise
 
 
 def fringes(noise, shape=(480, 640)):

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from ftp_dent_ros.profilometry.least_squares.quadric import evaluate, robust_quadric
+from ftp_dent_ros.profilometry.least_squares.fit.quadric import evaluate, robust_quadric
 
 COEFFICIENTS = np.array([1.5, 0.2, -0.1, 0.3, 0.05, -0.2])
 

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from ftp_dent_ros.profilometry.least_squares.grid import Grid
-from ftp_dent_ros.profilometry.least_squares.response import Response
-from ftp_dent_ros.profilometry.least_squares.windows import WIDTH, Windows
+from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
+from ftp_dent_ros.profilometry.least_squares.bins.windows import WIDTH, Windows
+from ftp_dent_ros.profilometry.least_squares.noise.response import Response
 
 GRID = Grid.for_fringes(900, 720, 11.7)
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from ftp_dent_ros.profilometry.least_squares.grid import Grid
-from ftp_dent_ros.profilometry.least_squares.windows import WIDTH, Windows
+from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
+from ftp_dent_ros.profilometry.least_squares.bins.windows import WIDTH, Windows
 
 WINDOWS = Windows(1.4, 1.1)
 

@@ -1,0 +1,123 @@
+"""Fields at the nodes, continued beyond the region that they are known in."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.profilometry.least_squares.bins.windows import (
+    Windows,
+    blurred,
+    coarsened,
+    interpolated,
+)
+
+# Width of the neighbourhood that speaks for what lies beyond, windows.
+_WIDTH = 4.0
+# Share of it that must be known.
+_LEAST = 0.01
+# Of a coarse node, that must be known for a slope.
+_WHOLE = 0.9
+# Standard deviation that is left on the coarse grid.
+_SIGMA = 1.5
+
+
+class Extrapolation:
+    """Continues fields that are known at the same nodes.
+
+    Parameters
+    ----------
+    known : ndarray, shape (rows, columns), bool
+    windows : Windows
+    """
+
+    def __init__(self, known: NDArray[np.bool_], windows: Windows) -> None:
+        self._known, self._all = known, bool(known.all())
+        if self._all:
+            return
+        self._shape = known.shape
+        self._share = known.astype(np.float32)
+        sigmas = _WIDTH * windows.sigma_u, _WIDTH * windows.sigma_v
+        self._steps = [max(1, int(sigma / _SIGMA)) for sigma in sigmas]
+        self._sigmas = [sigma / step for sigma, step in zip(sigmas, self._steps, strict=True)]
+        self._weight = self._coarse(self._share)
+        self._total = self._blur(self._weight)
+        self._scale = 1 / np.maximum(self._total, _LEAST)
+
+    def by_mean(self, field: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Continue a field by the weighted mean of what is known around, to zero far away."""
+        if self._all:
+            return field
+        fine = self._fine(self._mean(self._coarse(field * self._share)))
+        np.copyto(fine, field, where=self._known)
+        return fine
+
+    def by_slope(self, field: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Continue a field by mean and slope of what is known around, to zero far away.
+
+        The mean belongs to the centre of gravity of the known neighbours; the slope carries it
+        from there to the node.
+
+        Parameters
+        ----------
+        field : ndarray, shape (rows, columns), float32
+            Finite everywhere.
+
+        Returns
+        -------
+        ndarray, shape (rows, columns), float32
+        """
+        if self._all:
+            return field
+        values = self._coarse(field * self._share)
+        mean = self._mean(values)
+        values = values / np.maximum(self._weight, _WHOLE)
+        rows, columns = self._shape
+        result = np.zeros(self._shape, np.float32)
+        for axis, positions in enumerate(np.ogrid[:rows, :columns]):
+            position = positions.astype(np.float32)
+            slope = self._slope(values, axis)
+            mean -= slope * self._mean(self._coarse(position * self._share))
+            result += self._fine(slope) * position
+        result += self._fine(mean)
+        np.copyto(result, np.float32(0), where=self._far())
+        np.copyto(result, field, where=self._known)
+        return result
+
+    def _coarse(self, field):
+        return coarsened(field, self._steps)
+
+    def _blur(self, field):
+        return blurred(field, self._sigmas, cv2.BORDER_CONSTANT)
+
+    def _mean(self, weighted):
+        return self._blur(weighted) * self._scale
+
+    def _slope(self, values, axis):
+        """Mean of the central differences between known neighbours."""
+        ahead, behind, inner = (
+            tuple(part if one == axis else slice(None) for one in (0, 1))
+            for part in (slice(2, None), slice(None, -2), slice(1, -1))
+        )
+        whole = self._weight > _WHOLE
+        pairs = (whole[ahead] & whole[behind]).astype(np.float32)
+        slope, seen = np.zeros_like(values), np.zeros_like(values)
+        scale = np.float32(0.5 * self._weight.shape[axis] / self._shape[axis])
+        np.subtract(values[ahead], values[behind], out=slope[inner])
+        slope[inner] *= scale * pairs
+        seen[inner] = pairs
+        return self._blur(slope) / np.maximum(self._blur(seen), _LEAST)
+
+    def _far(self):
+        """Nodes of which no neighbour is known."""
+        far: Any = self._total < _LEAST
+        if far.shape == self._shape:
+            return far
+        size = self._shape[::-1]
+        return cv2.resize(far.view(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
+
+    def _fine(self, coarse):
+        return interpolated(coarse, self._shape)

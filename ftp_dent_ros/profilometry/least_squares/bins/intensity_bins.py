@@ -1,0 +1,171 @@
+"""A photograph's light, as bins in grey levels: 255ths of white, however many bits there are."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.photograph import FULL, Photograph
+from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
+from ftp_dent_ros.profilometry.least_squares.bins.pixel_noise import PixelNoise
+from ftp_dent_ros.profilometry.least_squares.bins.windows import blurred
+
+# Of red in luma (ITU-R BT.601), in which the errors of demosaicing and of JPEG cancel, and in
+# the mean of a mosaic's pixels.
+_RED_IN_LUMA, _RED_IN_MOSAIC = 0.299, 0.25
+# Share of a bin, in light, that may be clipped: noise clips some pixels below that level, by no
+# more than its own standard deviation.
+_FEW = 0.1
+# Phase up to which green and blue are missing, and a little of their blur, radians.
+_STRIPE = math.pi + 0.9
+_LEAST = 1e-3
+# Standard deviation over rows of bins of the ratio of the colours.
+_ROWS = 2.5
+
+
+@dataclass(frozen=True)
+class IntensityBins:
+    """Bins of a photograph, of shape (rows, columns), float32, in grey levels.
+
+    Attributes
+    ----------
+    red : ndarray
+        The fringes go on through a red stripe in it; as `grey` where there is none.
+    grey : ndarray
+        The least noise, but no fringe in a red stripe.
+    noise : PixelNoise
+        Of a pixel of the grey levels.
+    clipping : ndarray
+        Share of each bin that is clipped, in light.
+    red_share : float
+        Of `red` in `grey`.
+    """
+
+    red: NDArray[np.float32]
+    grey: NDArray[np.float32]
+    noise: PixelNoise
+    clipping: NDArray[np.float32]
+    red_share: float
+
+    @classmethod
+    def of(cls, photograph: Photograph, grid: Grid, stripe: bool = True) -> IntensityBins:
+        """Bins of a photograph.
+
+        Parameters
+        ----------
+        photograph : Photograph
+        grid : Grid
+        stripe : bool
+            Whether one fringe has no green and blue. If not, all that the sensor sees shows all
+            fringes; if so, the photograph must have colours.
+        """
+        light = _of_mosaic if photograph.mosaic else _of_planes
+        red, grey, noise, clipping, share = light(photograph, grid)
+        return cls(red if stripe else grey, grey, noise, clipping, share if stripe else 1.0)
+
+    @cached_property
+    def clipped(self) -> NDArray[np.bool_]:
+        """Bins that clipped pixels are a part of."""
+        return self.clipping > _FEW
+
+    def others(self, rows: NDArray[np.integer]) -> NDArray[np.float32]:
+        """Green and blue in some rows."""
+        share = np.float32(self.red_share)
+        return (self.grey[rows] - share * self.red[rows]) / (1 - share)
+
+    def filled(
+        self, phase: NDArray[np.float32], inside: NDArray[np.bool_], period: float
+    ) -> NDArray[np.float32]:
+        """Grey levels in which the stripe is a fringe like the others.
+
+        In a red stripe, the red level is taken to the grey that goes with it around.
+
+        Parameters
+        ----------
+        phase : ndarray, shape (rows, columns), float32
+            Absolute phase of the bins, radians.
+        inside : ndarray, shape (rows, columns), bool
+            Bins with fringes.
+        period : float
+            Of the fringes, bins.
+        """
+        if self.red is self.grey:
+            return self.grey
+        stripe = np.abs(phase) < _STRIPE
+        columns = np.flatnonzero((stripe & inside).any(axis=0))
+        if not len(columns):
+            return self.grey
+        beside = 3 * math.ceil(period)
+        band = (slice(None), slice(max(columns[0] - beside, 0), columns[-1] + beside + 1))
+        red, grey, stripe = self.red[band], self.grey[band], stripe[band]
+        weight = (inside[band] & ~stripe).astype(np.float32)
+
+        def mean(values):
+            return blurred(weight * values, (period, _ROWS), cv2.BORDER_CONSTANT)
+
+        total = np.maximum(mean(np.float32(1)), _LEAST)
+        mean_red, mean_grey = mean(red) / total, mean(grey) / total
+        variance = mean(red * red) / total - mean_red * mean_red
+        covariance = mean(red * grey) / total - mean_red * mean_grey
+        slope = covariance / np.maximum(variance, _LEAST)
+        filled = self.grey.copy()
+        filled[band] = np.where(stripe, mean_grey + slope * (red - mean_red), grey)
+        return filled
+
+
+def _of_planes(photograph: Photograph, grid: Grid) -> tuple[Any, ...]:
+    """Red, grey, noise, clipping and red's share of whole planes of pixels."""
+    unit = np.float32(photograph.unit)
+    if photograph.is_flat:
+        plane: Any = photograph.pixels
+    else:
+        plane = cv2.cvtColor(photograph.pixels, cv2.COLOR_RGB2GRAY)
+    noise = PixelNoise.of(plane, unit=photograph.unit, step=photograph.step)
+    grey = grid.binned(plane) * unit
+    red = (
+        grey
+        if photograph.is_flat
+        else grid.binned(cv2.extractChannel(photograph.pixels, 0)) * unit
+    )
+    full = _full(photograph)
+    if full is None:
+        clipping = np.zeros(grid.bin_shape, np.float32)
+    else:
+        seen: Any = full if photograph.is_flat else cv2.cvtColor(full, cv2.COLOR_RGB2GRAY)
+        clipping = grid.binned(seen) / np.float32(255)
+    return red, grey, noise, clipping, _RED_IN_LUMA
+
+
+def _of_mosaic(photograph: Photograph, grid: Grid) -> tuple[Any, ...]:
+    """The same of a mosaic: each colour where its pixels are, and their mean."""
+    pixels, unit = photograph.pixels, photograph.unit
+    lattices = photograph.lattices()
+    planes = [pixels[row::2, column::2] for _, row, column in lattices]
+    height, width = min(map(len, planes)), min(plane.shape[1] for plane in planes)
+    planes = [plane[:height, :width] for plane in planes]
+    bins = [
+        (colour, grid.binned_lattice(pixels, row, column) * np.float32(unit))
+        for colour, row, column in lattices
+    ]
+    red = next(each for colour, each in bins if colour == 'r')
+    grey = sum(each for _, each in bins) * np.float32(1 / len(bins))
+    full = _full(photograph)
+    clipping = np.zeros(grid.bin_shape, np.float32)
+    if full is not None:
+        clipping = grid.binned(full) / np.float32(255)
+    noise = PixelNoise.of(*planes, unit=unit, step=photograph.step)
+    return red, grey, noise, clipping, _RED_IN_MOSAIC
+
+
+def _full(photograph: Photograph) -> NDArray[np.uint8] | None:
+    """255 for each level that is clipped, else 0; None if none is."""
+    highest = FULL * photograph.white
+    if photograph.pixels.max() <= highest:
+        return None
+    return (photograph.pixels > highest).view(np.uint8) * np.uint8(255)

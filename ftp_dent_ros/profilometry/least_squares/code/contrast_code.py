@@ -1,0 +1,239 @@
+"""Which fringe is which, by their contrast.
+
+Each whole fringe of each row of bins has a contrast: its amplitude over its level, which paint
+and light do not change. From one fringe to the next its logarithm rises, stays or falls as the
+pattern's code does; of all the orders that the projector allows, the one is taken whose steps
+are those seen, if the next best fits so much worse that noise cannot be the reason.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
+from ftp_dent_ros.profilometry.least_squares.bins.intensity_bins import IntensityBins
+
+_TURN = 2 * math.pi
+# Share of a fringe that must be seen for a contrast, and of a cosine's variation that is left.
+_WHOLE, _VARIATION = 0.8, 0.15
+# Pixel rows whose contrasts are averaged.
+_AVERAGED = 20.0
+# Standard deviation of the contrast's logarithm by what is no noise: dirt, blur, a camera's curve.
+_SCATTER = 0.02
+# The most that a fringe's contrast differs from the next one's, in steps of the code.
+_CLIPPED = 1.5
+# Fringes beyond the frame's rim that blur makes.
+_BEYOND = 2
+# Fringes that a word of the code has.
+WORD = 8
+# Seen steps of the contrast over the code's: blur and a camera's curve make them smaller.
+_LEAST_STEP, _MOST_STEP = 0.45, 1.5
+# By how many variances of what an order leaves the next best must be worse; and the most that it
+# may leave, in steps of the code.
+_SIGNIFICANT, _LEFT = 25.0, 0.4
+# Fringes beyond the panel that tell, share of the rows in which each is seen, and sum of these.
+_TELLING, _SEEN, _TOGETHER = 3, 0.25, 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Decoded:
+    """The order of a set of fringes.
+
+    Attributes
+    ----------
+    order : int
+        To add to the numbers that the fringes had.
+    significance : float
+        By how much the next best order's misfit is larger, in variances of what this one leaves.
+    left : float
+        Root mean square of what this order leaves, in steps of the code.
+    scale : float
+        Steps that are seen, over those of the code.
+    """
+
+    order: int
+    significance: float
+    left: float
+    scale: float = 1.0
+
+    @property
+    def sure(self) -> bool:
+        """Whether nothing but this order explains what is seen."""
+        return self.significance > _SIGNIFICANT and self.left < _LEFT
+
+
+@dataclass(frozen=True, eq=False)
+class ContrastSteps:
+    """Steps of the contrast's logarithm from each fringe to the next, by row and fringe.
+
+    Attributes
+    ----------
+    first : int
+        Number of the first column's fringe, by the phase that was given.
+    top : int
+        First row.
+    step : ndarray, shape (rows, fringes)
+        From the fringe of the column to the next.
+    weight : ndarray, shape (rows, fringes)
+        Inverse variance; 0 where no two fringes are seen.
+    """
+
+    first: int
+    top: int
+    step: NDArray[np.float32]
+    weight: NDArray[np.float32]
+
+    @classmethod
+    def of(
+        cls,
+        light: IntensityBins,
+        phase: NDArray[np.float32],
+        inside: NDArray[np.bool_],
+        grid: Grid,
+    ) -> ContrastSteps | None:
+        """Steps in a region; None if no two fringes are seen.
+
+        Parameters
+        ----------
+        light : IntensityBins
+        phase : ndarray, shape (rows, columns), float32
+            Of the bins, right but for whole turns, radians.
+        inside : ndarray, shape (rows, columns), bool
+            Bins of the region.
+        grid : Grid
+        """
+        rows = np.flatnonzero(inside.any(axis=1))
+        if not len(rows):
+            return None
+        top, bottom = rows[0], rows[-1] + 1
+        columns = np.flatnonzero(inside.any(axis=0))
+        part = slice(top, bottom), slice(columns[0], columns[-1] + 1)
+        phase, inside, grey = phase[part], inside[part], light.grey[part]
+        turns = np.floor(phase * np.float32(1 / _TURN) + np.float32(0.25)).astype(np.int32)
+        seen = inside & ~light.clipped[part]
+        begins = np.ones(phase.shape, bool)
+        begins[:, 1:] = (turns[:, 1:] != turns[:, :-1]) | (inside[:, 1:] != inside[:, :-1])
+        start = np.flatnonzero(begins)
+        last = np.append(start[1:], phase.size) - 1
+        in_region = inside.ravel()[start]
+        weight = seen.astype(np.float32)
+        cosine = np.cos(phase) * weight
+        level = grey * weight
+
+        def total(values):
+            return np.add.reduceat(values.ravel(), start)[in_region]
+
+        n, c, cc = total(weight), total(cosine), total(cosine * cosine)
+        i, ic, ii = total(level), total(level * cosine), total(level * level)
+        start, last = start[in_region], last[in_region]
+        bins = last - start + 1
+        ends = phase.ravel()
+        span = np.abs(ends[last] - ends[start]) * bins / np.maximum(bins - 1, 1)
+        n = np.maximum(n, 1)
+        variation = cc - c * c / n
+        amplitude = (ic - i * c / n) / np.maximum(variation, 1e-3)
+        mean = (i - amplitude * c) / n
+        good = (span > _WHOLE * _TURN) & (n > _WHOLE * bins) & (variation > _VARIATION * n)
+        good &= (amplitude > 1) & (mean > 1)
+        rest = ii - i * i / n - amplitude * amplitude * variation
+        variance = np.maximum(rest, 0) / np.maximum(n - 2, 1) / np.maximum(variation, 1e-3)
+        if not good.any():
+            return None
+        amplitude, mean, variance = amplitude[good], mean[good], variance[good]
+        start, last = start[good], last[good]
+        row, order = start // phase.shape[1], turns.ravel()[start]
+        first = int(order.min())
+        shape = len(phase), int(order.max()) - first + 1
+        inverse = 1 / (variance / np.square(amplitude) + _SCATTER**2)
+        contrast, weight = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+        contrast[row, order - first] = inverse * np.log(amplitude / mean)
+        weight[row, order - first] = inverse
+        size = 2 * int(_AVERAGED / grid.rows / 2) + 1
+        sums: Any = cv2.blur(weight, (1, size), borderType=cv2.BORDER_CONSTANT)
+        value: Any = cv2.blur(contrast, (1, size), borderType=cv2.BORDER_CONSTANT)
+        value /= np.maximum(sums, np.float32(1e-6))
+        both = (weight[:, 1:] > 0) & (weight[:, :-1] > 0)
+        joint = sums[:, 1:] * sums[:, :-1] / np.maximum(sums[:, 1:] + sums[:, :-1], 1)
+        return cls(first, int(top), np.diff(value, axis=1), joint * both)
+
+    def decoded(self, pattern: Pattern, chosen: NDArray[np.bool_] | None = None) -> Decoded:
+        """Order that the chosen steps, or all of them, tell."""
+        weight = self.weight if chosen is None else self.weight * chosen
+        code = code_steps(pattern)
+        size = float(np.abs(code).max())
+        rows = np.count_nonzero(weight, axis=0)
+        used = np.flatnonzero(rows)
+        nothing = Decoded(0, 0.0, math.inf)
+        if len(used) + 1 < WORD:
+            return nothing
+        part = slice(used[0], used[-1] + 1)
+        if part.stop - part.start > len(code):
+            return nothing
+        weight, rows = weight[:, part], rows[part]
+        step = np.clip(self.step[:, part], -_CLIPPED * size, _CLIPPED * size)
+        mean = (weight * step).sum(axis=0) / np.maximum(weight.sum(axis=0), 1e-6)
+        # What is left is not white: a fringe counts by the rows that it is seen in.
+        count = np.minimum(2 * rows / rows.max(), 1)
+        words = np.lib.stride_tricks.sliding_window_view(code, len(mean))
+        along, power = words @ (count * mean), np.square(words) @ count
+        scale = np.clip(along / np.maximum(power, 1e-6), _LEAST_STEP, _MOST_STEP)
+        misfit = count @ np.square(mean) - 2 * scale * along + np.square(scale) * power
+        best, second = np.argsort(misfit)[:2]
+        scatter = max(float(misfit[best]) / max(count.sum() - 2, 1), _SCATTER**2)
+        return Decoded(
+            pattern.fringe_orders.start - _BEYOND + int(best) - self.first - int(used[0]),
+            float(misfit[second] - misfit[best]) / scatter,
+            math.sqrt(scatter) / size,
+            float(scale[best]),
+        )
+
+    def beyond(self, pattern: Pattern, order: int) -> int:
+        """Fringes beyond the panel over which the code goes on, by an order; 0 if it does not.
+
+        The sequence is longer than the panel and begins with its first fringe: light that shows
+        more of it comes from another panel than the one told.
+        """
+        place = np.arange(self.step.shape[1]) + self.first + order
+        rows = np.count_nonzero(self.weight, axis=0)
+        # The step from the last fringe of the panel leads to the first beyond it.
+        used = (place >= pattern.fringe_orders.stop - 1) & (rows > _SEEN * len(self.step))
+        if np.count_nonzero(used) < _TELLING or rows[used].sum() < _TOGETHER * len(self.step):
+            return 0
+        weight = self.weight[:, used]
+        size = -math.log(pattern.low_contrast)
+        step = np.clip(self.step[:, used], -_CLIPPED * size, _CLIPPED * size)
+        mean = (weight * step).sum(axis=0) / weight.sum(axis=0)
+        ends = [pattern.fringe_contrast(place[used] + side).astype(float) for side in (0, 1)]
+        code = np.log(ends[1] / ends[0])
+        scale = np.clip(code @ mean / max(code @ code, 1e-6), _LEAST_STEP, _MOST_STEP)
+        left, flat = np.mean(np.square(mean - scale * code)), np.mean(np.square(mean))
+        told = left < np.square(_LEFT * size) and left < flat / 4
+        return int(place[used].max()) + 2 - pattern.fringe_orders.stop if told else 0
+
+    def misfit(self, pattern: Pattern, order: int, scale: float) -> NDArray[np.float32]:
+        """Square of what an order leaves of each step, in steps as they are seen, at most 1."""
+        code = code_steps(pattern)
+        place = np.arange(self.step.shape[1]) + self.first + order
+        place -= pattern.fringe_orders.start - _BEYOND
+        on_panel = (place >= 0) & (place < len(code))
+        expected = np.where(on_panel, code[np.clip(place, 0, len(code) - 1)], 0)
+        size = np.float32(scale * np.abs(code).max())
+        expected *= scale
+        return np.minimum(np.square((self.step - expected.astype(np.float32)) / size), 1)
+
+
+def code_steps(pattern: Pattern) -> NDArray[np.float64]:
+    """Steps of the contrast's logarithm over the panel, and none for a few fringes beyond it.
+
+    The blurred rim of the frame looks like a fringe of its own.
+    """
+    orders = pattern.fringe_orders
+    contrast = pattern.fringe_contrast(np.arange(orders.start, orders.stop))
+    return np.pad(np.diff(np.log(contrast.astype(float))), _BEYOND)

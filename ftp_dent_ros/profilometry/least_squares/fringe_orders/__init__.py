@@ -1,0 +1,1 @@
+"""Which fringe is which: surfaces told apart, and the order of each."""

@@ -1,0 +1,239 @@
+"""The surfaces that one unwrapped phase holds, and the order of each.
+
+A surface that ends whole fringes before another one behind it unwraps together with it: only the
+contrast tells. Where it does not fit the order that most of a part has, it is asked again.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.pattern import Pattern, fringe_order
+from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
+from ftp_dent_ros.profilometry.least_squares.bins.intensity_bins import IntensityBins
+from ftp_dent_ros.profilometry.least_squares.code.contrast_code import WORD, ContrastSteps
+from ftp_dent_ros.profilometry.least_squares.fit.regions import SMALLEST
+from ftp_dent_ros.profilometry.pattern_check import check_code
+
+# Pixel rows that are judged together; of mean square misfit, in steps of the code, that is
+# another order's: a wrong one leaves a half on average.
+_ROWS, _WRONG = 20.0, 0.3
+# Times what the better quarter of the places leaves, and times what the best twentieth leaves less
+# than that, beyond it, that is another order's: 3.7 standard deviations above the middle.
+_NOISE, _SCATTER = 2.0, 4.5
+# Fringes and rows by which the blocks that are asked overlap, over their length.
+_BLOCK, _OVERLAP = 16, 2
+# Orders of one part.
+_MOST = 6
+# Fringes, and pixel rows, that are left out where one order passes into another: the contrasts of
+# both sides are averaged there.
+_BAND, _BAND_ROWS = 2.5, 14.0
+# Square misfit of one step, in steps of the code, that is nearer to another order's.
+_FOREIGN = 0.5
+
+
+class Numbering:
+    """Numbers the fringes of a pattern.
+
+    Parameters
+    ----------
+    pattern : Pattern
+    grid : Grid
+    period : float
+        Of the fringes, pixels.
+    """
+
+    def __init__(self, pattern: Pattern, grid: Grid, period: float) -> None:
+        self.pattern, self.grid, self.period = pattern, grid, period
+        self._rows = 2 * int(_ROWS / grid.rows / 2) + 1
+
+    def order(
+        self, light: IntensityBins, phase: NDArray[np.float32], region: NDArray[np.bool_]
+    ) -> int | None:
+        """Whole fringes to add to the phase of one surface; None if its contrast does not tell.
+
+        Parameters
+        ----------
+        light : IntensityBins
+        phase : ndarray, shape (rows, columns), float32
+            At the nodes, radians.
+        region : ndarray, shape (rows, columns), bool
+            Nodes of the surface.
+        """
+        steps = self._steps(light, phase, region)
+        if steps is None:
+            return None
+        decoded = steps.decoded(self.pattern)
+        return decoded.order if decoded.sure else None
+
+    def surfaces(
+        self, light: IntensityBins, phase: NDArray[np.float32], part: NDArray[np.int32]
+    ) -> list[tuple[NDArray[np.bool_], int]]:
+        """Regions, the largest first, and the whole fringes to add to the phase of each.
+
+        Parameters
+        ----------
+        light : IntensityBins
+        phase : ndarray, shape (rows, columns), float32
+            At the nodes, continuous within each part, radians.
+        part : ndarray, shape (rows, columns), int32
+            Label of the part of each node; -1 for none.
+
+        Raises
+        ------
+        OtherPatternError
+            The code goes on beyond the panel.
+        """
+        sizes = np.bincount(part[part >= 0])
+        found = []
+        for label in np.flatnonzero(sizes >= SMALLEST):
+            region = part == label
+            steps = self._steps(light, phase, region)
+            if steps is not None:
+                divided = self._divided(light, phase, region, steps)
+                for order in {number for _, number in divided}:
+                    check_code(self.pattern, steps.beyond(self.pattern, order))
+                found += divided
+        return sorted(found, key=lambda each: -np.count_nonzero(each[0]))
+
+    def _divided(self, light, phase, region, steps) -> list[tuple[NDArray[np.bool_], int]]:
+        """Surfaces of one part."""
+        decoded = steps.decoded(self.pattern)
+        scales = {decoded.order: decoded.scale} if decoded.sure else {}
+        if scales:
+            local = self._local(steps, *next(iter(scales.items())))
+            if not self._wrong(steps, local, self._least(steps, local)).any():
+                return [(region, decoded.order)]
+        # Blocks of one order each tell its scale better than a mixture does.
+        scales |= self._asked(steps)
+        if not scales:
+            return []
+        orders = list(scales)
+        each = np.stack([self._local(steps, *one) for one in scales.items()])
+        choice, best = each.argmin(axis=0), each.min(axis=0)
+        least = self._least(steps, best, _SCATTER)
+        if decoded.sure:
+            # Another order than the whole part's is believed only around where that one is wrong.
+            index = orders.index(decoded.order)
+            wrong: Any = self._wrong(steps, each[index], least).view(np.uint8)
+            choice[cv2.dilate(wrong, np.ones((self._rows, WORD - 1), np.uint8)) == 0] = index
+        choice[self._wrong(steps, best, least)] = -1
+        misfit = self._of_choice(steps, scales, choice)
+        # Single steps tell where noise leaves less than another order would.
+        foreign = (misfit > _FOREIGN) & (least <= _WRONG)
+        label = self._at_nodes(choice, foreign, steps, phase, region)
+        regions = []
+        for index in range(len(orders)):
+            for piece in pieces(label == index):
+                order = self.order(light, phase, piece)
+                if order is not None:
+                    regions.append((piece, order))
+        return regions
+
+    def _local(self, steps: ContrastSteps, order: int, scale: float) -> NDArray[np.float32]:
+        """Mean square misfit of an order around each step."""
+        known = (steps.weight > 0).astype(np.float32)
+        size = WORD - 1, self._rows
+        both = [
+            cv2.blur(each, size, borderType=cv2.BORDER_CONSTANT)
+            for each in (known * steps.misfit(self.pattern, order, scale), known)
+        ]
+        return both[0] / np.maximum(both[1], np.float32(1e-3))
+
+    def _least(
+        self, steps: ContrastSteps, local: NDArray[np.float32], scatter: float = 0.0
+    ) -> float:
+        """Misfit around a step that is another order's.
+
+        What noise leaves of a right order, and how that scatters, the better quarter shows.
+        """
+        low, quarter = np.quantile(local[steps.weight > 0], (0.05, 0.25))
+        return max(_WRONG, float(_NOISE * quarter), float(quarter + scatter * (quarter - low)))
+
+    def _wrong(
+        self, steps: ContrastSteps, local: NDArray[np.float32], least: float
+    ) -> NDArray[np.bool_]:
+        """Steps around which an order does not fit, over a word's width."""
+        wrong: Any = ((steps.weight > 0) & (local > least)).view(np.uint8)
+        return cv2.morphologyEx(wrong, cv2.MORPH_OPEN, np.ones((self._rows, WORD // 2 + 1))) > 0
+
+    def _asked(self, steps: ContrastSteps) -> dict[int, float]:
+        """Orders that most blocks of the steps tell, and the scale of the steps under each."""
+        rows, fringes = steps.step.shape
+        height = 2 * self._rows
+        votes: dict[int, list[float]] = {}
+        for top in range(0, max(rows - height // 2, 1), height // _OVERLAP):
+            for left in range(0, max(fringes - WORD // 2, 1), _BLOCK // _OVERLAP):
+                place = slice(top, top + height), slice(left, left + _BLOCK)
+                part = ContrastSteps(steps.first + left, 0, steps.step[place], steps.weight[place])
+                decoded = part.decoded(self.pattern)
+                if decoded.sure:
+                    votes.setdefault(decoded.order, []).append(decoded.scale)
+        most = sorted(votes, key=lambda order: -len(votes[order]))[:_MOST]
+        return {order: float(np.median(votes[order])) for order in most}
+
+    def _of_choice(self, steps, scales, choice) -> NDArray[np.float32]:
+        """Misfit of each step under the order that is chosen there."""
+        misfit = np.zeros(choice.shape, np.float32)
+        for index, (order, scale) in enumerate(scales.items()):
+            np.copyto(misfit, steps.misfit(self.pattern, order, scale), where=choice == index)
+        return misfit * (steps.weight > 0)
+
+    def _at_nodes(self, choice, foreign, steps, phase, region) -> NDArray[np.intp]:
+        """Choice at the nodes of a region; -1 where it changes, and where there is none.
+
+        Steps that are foreign to their choice and hang together with a change are left out too:
+        a corner is finer than what is judged together.
+        """
+        height, fringes = choice.shape
+        band: Any = cv2.dilate(
+            np.pad((choice[:, 1:] != choice[:, :-1]).astype(np.uint8), ((0, 0), (0, 1))),
+            np.ones((1, 2 * round(_BAND) + 1), np.uint8),
+        )
+        rows = 2 * max(round(_BAND_ROWS / self.grid.rows), 1) + 1
+        band |= cv2.dilate(
+            np.pad((choice[1:] != choice[:-1]).astype(np.uint8), ((0, 1), (0, 0))),
+            np.ones((rows, 1), np.uint8),
+        )
+        corners = _touching(foreign, band > 0).view(np.uint8)
+        band |= cv2.dilate(corners, np.ones((rows, 3), np.uint8))
+        choice = np.where(band > 0, -1, choice)
+        label = np.full(region.shape, -1, np.intp)
+        row, column = np.nonzero(region)
+        place = fringe_order(phase[row, column]) - steps.first
+        inside = (row >= steps.top) & (row < steps.top + height)
+        row, column, place = (each[inside] for each in (row, column, place))
+        label[row, column] = choice[row - steps.top, np.clip(place, 0, fringes - 1)]
+        return label
+
+    def _steps(self, light, phase, region) -> ContrastSteps | None:
+        """Steps of the contrast in a region."""
+        inside = self.grid.to_bins(region)
+        # Bins at the rim lie between a node of the region and one beside it.
+        values = phase * region
+        for shift in (1, -1):
+            beside = np.roll(region, shift, axis=1) & ~region
+            values = np.where(beside, np.roll(values, shift, axis=1), values)
+        return ContrastSteps.of(light, self.grid.at_bins(values), inside, self.grid)
+
+
+def _touching(mask: NDArray[np.bool_], others: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """What of a mask hangs together with others."""
+    labels: Any
+    count, labels = cv2.connectedComponents((mask | others).view(np.uint8), connectivity=4)
+    touching = np.zeros(count, bool)
+    touching[labels[others]] = True
+    touching[0] = False
+    return mask & touching[labels]
+
+
+def pieces(mask: NDArray[np.bool_]) -> list[NDArray[np.bool_]]:
+    """Connected pieces of a mask that are large enough for a surface."""
+    labels: Any
+    count, labels = cv2.connectedComponents(mask.view(np.uint8), connectivity=4)
+    sizes = np.bincount(labels.ravel(), minlength=count)
+    return [labels == label for label in range(1, count) if sizes[label] >= SMALLEST]

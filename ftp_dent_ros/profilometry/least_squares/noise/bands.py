@@ -1,0 +1,22 @@
+"""Bands that a field at the nodes is split into."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.profilometry.least_squares.bins.windows import Windows
+
+# Standard deviations of the bands' edges, in those of the windows. The bands are differences of
+# flat-tops, which leave nothing of a smooth dent in the finer ones.
+SCALES = (1.4, 2.8, 5.6, 11.2)
+
+
+def split(
+    values: NDArray[np.float32], windows: Windows
+) -> tuple[list[NDArray[np.float32]], NDArray[np.float32]]:
+    """Bands from fine to coarse, and what is below them."""
+    levels = [values, *(windows.wide_flat_top(values, scale) for scale in SCALES)]
+    return [finer - coarser for finer, coarser in pairwise(levels)], levels[-1]

@@ -1,0 +1,191 @@
+"""The pixels' noise and the skin's texture taken off the phase, and put back what windows took.
+
+The phase is split into bands from fine to coarse. A band is held back where its energy is no more
+than the noise of the pixels explains (Wiener's gain); that noise is known by what it is (shot and
+read noise, as the photograph's own pixels show it), not by what the fit leaves, so that neither a
+dent nor the skin's texture is taken for it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.profilometry.least_squares.bins.median import median
+from ftp_dent_ros.profilometry.least_squares.bins.windows import Windows, coarsened, interpolated
+from ftp_dent_ros.profilometry.least_squares.noise.bands import SCALES, split
+from ftp_dent_ros.profilometry.least_squares.noise.noise_gain import NoiseGain
+from ftp_dent_ros.profilometry.least_squares.noise.response import Response
+
+# Energy is a mean over so many times the width of a band's coarser edge.
+_NEIGHBOURHOOD = 0.75
+# Energy over that of noise from which on it is signal, and the signal that stays hidden in noise:
+# two standard errors, and one, of the energy of as many independent values as a neighbourhood has.
+NOISE, _HIDDEN = 1.5, 0.25
+# Square of a single value over the noise's variance from which on it is signal: 3 deviations.
+_SURELY = 9.0
+# Width of the neighbourhood that texture is judged over, windows, and the weight of the whole.
+_TEXTURE, _GLOBAL = 11.2, 0.1
+# Phase that texture feigns over the sine of twice the phase that it leaves: 2 by theory (albedo
+# t = 1 + e sin Phi makes e sin Phi + (e / 2) sin 2 Phi of 1 + cos Phi), more behind a lens that
+# shows the double frequency less well.
+_MOST_TEXTURE = 5.0
+_OUTLIER = 4.5
+_MEDIAN_OF_SQUARE = 0.4549  # of normal values
+# Energy beyond the windows' resolution, over that of the finest band, at equal energies of the
+# two finest bands, the power of their ratio that it goes with, and the largest ratio: from the
+# responses of windows and bands to Gaussian dents of 0.8 to 3.5 fringes' width, within a quarter.
+_BEYOND, _POWER, _STEEPEST = 0.17, 1.75, 4.0
+# Energy that the light on slopes feigns, over the finest band's, at equal energies of the two
+# finest; it goes with the root of their ratio. By Lambert's law the light on a wave of L fringes
+# passes for one of L / (L - 1) fringes, 1 / L as high, as windows and bands let both through.
+_LIGHT = 0.25
+_LEAST = 1e-12
+_EVERY = 2  # nodes along u and v that gains are estimated for together
+
+
+@dataclass(frozen=True)
+class Denoised:
+    """A field less its noise.
+
+    Attributes
+    ----------
+    values : ndarray, shape (rows, columns), float32
+    variance : ndarray, shape (rows, columns), float32
+        Of what is left of the noise, and of what may have been taken off with it.
+    put_back : ndarray, shape (rows, columns), float32
+        Share of what the windows leave out of this very surface that was put back.
+    """
+
+    values: NDArray[np.float32]
+    variance: NDArray[np.float32]
+    put_back: NDArray[np.float32]
+
+
+def denoise(
+    values: NDArray[np.float32],
+    texture: NDArray[np.float32],
+    pixels: NDArray[np.float32],
+    variance: NDArray[np.float32],
+    inside: NDArray[np.bool_],
+    windows: Windows,
+    response: Response,
+    gain: NoiseGain,
+    systematic: float,
+    restoring: bool = True,
+) -> Denoised:
+    """Take texture and the pixels' noise off a field.
+
+    Parameters
+    ----------
+    values, texture : ndarray, shape (rows, columns), float32
+        Phase, and the sine of twice the fringes' phase in the light; continued beyond the region.
+    pixels : ndarray, shape (3, rows, columns), float32
+        Variance of the bins by the pixels' noise, in amplitudes, as the means of
+        `PixelNoise.of_fringes` tell it: on the phase and, with one and two cosines, on texture.
+    variance : ndarray, shape (rows, columns), float32
+        Of the bins, by all there is.
+    inside : ndarray, shape (rows, columns), bool
+        The region.
+    windows : Windows
+    response : Response
+        Of the fits that the field has come through.
+    gain : NoiseGain
+        Of the windows that the field has come through.
+    systematic : float
+        Variance that no average lessens, radians^2.
+    restoring : bool
+        Whether what the fits leave out is put back where it stands out.
+    """
+    coarse = Windows(windows.sigma_u / _EVERY, windows.sigma_v / _EVERY)
+    together = (_EVERY, _EVERY)
+    fine, fine_texture = (
+        each - windows.wide_flat_top(each, SCALES[0]) for each in (values, texture)
+    )
+    share, explained = _share_of_texture(fine, fine_texture, coarse)
+    values = values + interpolated(share, values.shape) * texture
+    bands, base = split(values, windows)
+    *shares, rest = gain.shares
+    known, with_texture, of_texture = (coarsened(each, together) for each in pixels)
+    total = np.maximum(coarsened(variance, together), known)
+    # What texture explained is no noise any more.
+    total *= 1 - explained
+    # What is added of the texture has such noise too, in part the same.
+    known += 4 * share * (share * of_texture - with_texture)
+    np.maximum(known, np.float32(_LEAST), out=known)
+    np.maximum(total, known, out=total)
+    total *= np.float32(_beyond_white(bands[0], shares[0] * total, inside))
+    left = np.float32(rest) * total
+    hidden = np.float32(np.inf)
+    coarser = beyond_noise = np.float32(np.inf)
+    for band, share, scale in reversed(list(zip(bands, shares, SCALES, strict=True))):
+        energy = coarse.wide(coarsened(band * band, together), _NEIGHBOURHOOD * scale)
+        noise = np.float32(share) * known
+        signal = np.maximum(energy - np.float32(NOISE) * noise, 0)
+        coarser = beyond_noise
+        beyond_noise = np.maximum(energy - np.float32(NOISE * share) * total, 0)
+        # A surface's spectrum falls: no more is hidden in a band than may be in the coarser one.
+        hidden = signal + np.minimum(np.float32(_HIDDEN) * noise, hidden)
+        weight = signal / (signal + noise)
+        left += np.square(weight) * np.float32(share) * total + np.square(1 - weight) * hidden
+        base += band * interpolated(weight, values.shape)
+    # Of the texture about as much is left as was found, which the residuals may show already.
+    found = coarse.wide(coarsened(texture * texture, together), _NEIGHBOURHOOD)
+    np.maximum(left, np.square(share) * found, out=left)
+    falling = np.minimum(beyond_noise / np.maximum(coarser, _LEAST), np.float32(_STEEPEST))
+    at_peaks = coarsened(np.square(bands[0]), together)
+    at_peaks -= np.float32(_SURELY * shares[0]) * total
+    amiss = np.float32(_BEYOND) * falling**_POWER + np.float32(_LIGHT) * np.sqrt(falling)
+    left += amiss * np.maximum(at_peaks, beyond_noise)
+    left += np.float32(systematic)
+    lack = response.left_out(base)
+    noise = np.float32(gain.left_out) * total
+    put_back = np.float32(restoring) * _share_of_signal(lack, noise, coarse)
+    # Its noise and that of the finest band may agree.
+    left += put_back * (put_back + np.float32(2 * math.sqrt(shares[0] / gain.left_out))) * noise
+    for missing, part in ((lack, 1 - put_back), (response.left_out(lack), put_back)):
+        left += np.square(part) * coarsened(np.square(missing), together)
+    put_back = interpolated(put_back, values.shape)
+    base += put_back * lack
+    return Denoised(base, interpolated(left, values.shape), put_back)
+
+
+def _share_of_signal(field, noise, coarse):
+    """Wiener's gain on fine detail, at coarse nodes."""
+    energy = coarse.wide(coarsened(field * field, (_EVERY, _EVERY)), _NEIGHBOURHOOD * SCALES[0])
+    signal = np.maximum(energy - np.float32(NOISE) * noise, 0)
+    return signal / (signal + noise + np.float32(_LEAST))
+
+
+def _beyond_white(band, variance, inside):
+    """Factor on the variance by noise that is correlated from pixel to pixel."""
+    some = (slice(None, None, _EVERY), slice(None, None, _EVERY))
+    sample = inside[some]
+    if not sample.any():
+        return 1.0
+    return max(1.0, median(np.square(band[some])[sample] / variance[sample]) / _MEDIAN_OF_SQUARE)
+
+
+def _share_of_texture(fine, texture, coarse):
+    """Factor on the texture that takes what it explains off the finest band, and that share.
+
+    The share is of the band's energy; both are at coarse nodes.
+    """
+    together = (_EVERY, _EVERY)
+    fine, texture = (
+        np.clip(each, -limit, limit)
+        for each in (fine, texture)
+        for limit in (np.float32(_OUTLIER * median(np.abs(each[::3, ::3]))),)
+    )
+    common, power, energy = (
+        coarse.wide(coarsened(product, together), _TEXTURE)
+        for product in (fine * texture, texture * texture, fine * fine)
+    )
+    for mean in (common, power, energy):
+        mean += np.float32(_GLOBAL) * mean.mean()
+    factor = np.clip(-common / (power + np.float32(_LEAST)), 0, _MOST_TEXTURE)
+    explained = factor * (-2 * common - factor * power) / (energy + np.float32(_LEAST))
+    return factor, np.clip(explained, 0, 1)

@@ -1,0 +1,53 @@
+"""What becomes of the pixels' noise on its way through the fits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
+from ftp_dent_ros.profilometry.least_squares.bins.windows import Windows
+from ftp_dent_ros.profilometry.least_squares.noise.bands import split
+from ftp_dent_ros.profilometry.least_squares.noise.response import Response, over_rows
+
+# Nodes of noise that tell what windows make of it, and of their rim.
+_SAMPLE, _SAMPLE_RIM = (192, 192), 16
+
+
+@dataclass(frozen=True)
+class NoiseGain:
+    """What becomes of white noise of variance 1 in the bins, for fringes of amplitude 1.
+
+    Attributes
+    ----------
+    shares : tuple of float
+        Variance of the phase in the bands, from fine to coarse, and below them all.
+    left_out : float
+        Of what the fits leave out of their own result.
+    """
+
+    shares: tuple[float, ...]
+    left_out: float
+
+
+def noise_through(grid: Grid, windows: Windows, response: Response) -> NoiseGain:
+    """Send noise through fits, each of which corrects the ones before."""
+    rows, columns = _SAMPLE
+    noise = np.random.default_rng(0).standard_normal((rows, columns * grid.bins), np.float32)
+    bin_size = noise.shape[::-1]
+    field = np.zeros(_SAMPLE, np.float32)
+    for _ in range(response.fits):
+        known = cv2.resize(over_rows(field, grid.rows), bin_size, interpolation=cv2.INTER_LINEAR)
+        rest = grid.at_nodes(noise - known)
+        field = field + windows.gaussian(rest)
+    bands, base = split(field, windows)
+    inner = slice(_SAMPLE_RIM, -_SAMPLE_RIM)
+
+    def variance(piece):
+        # Half of the noise is in phase with the fringes, and the amplitude counts twice.
+        return 2 * float(np.square(piece[inner, inner]).mean())
+
+    shares = tuple(variance(each) for each in (*bands, base))
+    return NoiseGain(shares, variance(response.left_out(field)))
