@@ -25,12 +25,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
-from ftp_dent_ros.calibration.board import Board
-from ftp_dent_ros.calibration.decoding import Photographs
-from ftp_dent_ros.calibration.observing import Sight, observe
-from ftp_dent_ros.calibration.sequence import Sequence
-from ftp_dent_ros.calibration.solving import Solution, solve
-from ftp_dent_ros.calibration.uncertainty import depth_slopes, depths
+from ftp_dent_ros.calibration.adjustment.solving import Solution, solve
+from ftp_dent_ros.calibration.adjustment.uncertainty import depth_slopes, depths
+from ftp_dent_ros.calibration.boards.board import Board
+from ftp_dent_ros.calibration.observing.decoding import Photographs
+from ftp_dent_ros.calibration.observing.observing import Sight, observe
+from ftp_dent_ros.calibration.observing.sequence import Sequence
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.files import config_folder
 from ftp_dent_ros.pattern import Pattern

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from scipy.stats import beta
 from tqdm import tqdm
 
-from ftp_dent_ros.calibration.board import Board
-from ftp_dent_ros.calibration.board_check import check_by_board
-from ftp_dent_ros.calibration.checking import check
-from ftp_dent_ros.calibration.verdict import Check, turned
+from ftp_dent_ros.calibration.boards.board import Board
+from ftp_dent_ros.calibration.checking.board_check import check_by_board
+from ftp_dent_ros.calibration.checking.verdict import Check, turned
+from ftp_dent_ros.calibration.checking.wall_check import check
 from ftp_dent_ros.errors import CalibrationError, RefusedFrameError
 from ftp_dent_ros.files import config_folder
 from ftp_dent_ros.pattern_file import read_pattern

@@ -16,7 +16,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from numpy.typing import NDArray
 from rclpy.node import Node
 
-from ftp_dent_ros.calibration.preflight import NO, OK, WARN, Finding, examine, sharpness
+from ftp_dent_ros.calibration.checking.preflight import NO, OK, WARN, Finding, examine, sharpness
 from ftp_dent_ros.drawn_pattern import pattern_from_image
 from ftp_dent_ros.errors import CameraError, ConfigurationError
 from ftp_dent_ros.files import find

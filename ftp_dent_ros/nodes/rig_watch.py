@@ -131,7 +131,7 @@ class RigWatch:
             return
         self._check_due = time.monotonic() + _CHECK_PERIOD
         # Imported only here: it takes SciPy's optimisers.
-        from ftp_dent_ros.calibration.checking import check
+        from ftp_dent_ros.calibration.checking.wall_check import check
 
         try:
             found = check(self._rig, pattern, photograph, points, flatness=math.inf)

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ftp_dent_ros.calibration.board import Board
-from ftp_dent_ros.calibration.sequence import Frame, Sequence
+from ftp_dent_ros.calibration.boards.board import Board
+from ftp_dent_ros.calibration.observing.sequence import Frame, Sequence
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig import Rig

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.calibration.board import Board
+from ftp_dent_ros.calibration.boards.board import Board
 from ftp_dent_ros.simulation.paint import Paint
 
 _FEWEST_PIXELS = 40  # of the print, a square

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ftp_dent_ros.calibration.board import Board
+from ftp_dent_ros.calibration.boards.board import Board
 from ftp_dent_ros.simulation.dent import Dent
 from ftp_dent_ros.simulation.fields import Fields
 from ftp_dent_ros.simulation.fitting import Fitting

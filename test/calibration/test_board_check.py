@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
-from ftp_dent_ros.calibration.board import Board
-from ftp_dent_ros.calibration.board_check import check_by_board
-from ftp_dent_ros.calibration.verdict import turned
+from ftp_dent_ros.calibration.boards.board import Board
+from ftp_dent_ros.calibration.checking.board_check import check_by_board
+from ftp_dent_ros.calibration.checking.verdict import turned
 from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.files import config_folder

@@ -8,13 +8,18 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ftp_dent_ros.calibration.board import Board
-from ftp_dent_ros.calibration.model import Model
-from ftp_dent_ros.calibration.observing import observe
-from ftp_dent_ros.calibration.photographs import PoseFolder, read_pose
-from ftp_dent_ros.calibration.sequence import Frame, Sequence
-from ftp_dent_ros.calibration.session import Session, read_session, see_poses, write_session
-from ftp_dent_ros.calibration.solving import solve
+from ftp_dent_ros.calibration.adjustment.model import Model
+from ftp_dent_ros.calibration.adjustment.solving import solve
+from ftp_dent_ros.calibration.boards.board import Board
+from ftp_dent_ros.calibration.observing.observing import observe
+from ftp_dent_ros.calibration.observing.photographs import PoseFolder, read_pose
+from ftp_dent_ros.calibration.observing.sequence import Frame, Sequence
+from ftp_dent_ros.calibration.observing.session import (
+    Session,
+    read_session,
+    see_poses,
+    write_session,
+)
 from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.rig import Lens, Rig, read_rig

@@ -14,8 +14,8 @@ from rclpy.node import Node
 from sensor_msgs.msg import Image, PointCloud2
 from std_srvs.srv import Trigger
 
-from ftp_dent_ros.calibration.board import Board
-from ftp_dent_ros.calibration.session import read_session
+from ftp_dent_ros.calibration.boards.board import Board
+from ftp_dent_ros.calibration.observing.session import read_session
 from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.errors import CameraError
 from ftp_dent_ros.pattern import Pattern

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.calibration.sequence import Frame, Sequence
+from ftp_dent_ros.calibration.observing.sequence import Frame, Sequence
 from ftp_dent_ros.errors import CalibrationError
 
 # A lit pixel is brighter by this than an unlit one: three times what rounding and read noise do.

@@ -16,11 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from ftp_dent_ros.calibration.board import Board
-from ftp_dent_ros.calibration.board_light import contrast_order, smoothed, stripe_order
-from ftp_dent_ros.calibration.board_print import PIXELS, albedo_of, negative, without_markers
-from ftp_dent_ros.calibration.checking import fringe_levels, linear_photograph
-from ftp_dent_ros.calibration.print_window import fit_window
+from ftp_dent_ros.calibration.boards.board import Board
+from ftp_dent_ros.calibration.checking.board_light import contrast_order, smoothed, stripe_order
+from ftp_dent_ros.calibration.checking.board_print import (
+    PIXELS,
+    albedo_of,
+    negative,
+    without_markers,
+)
+from ftp_dent_ros.calibration.checking.print_window import fit_window
+from ftp_dent_ros.calibration.checking.wall_check import fringe_levels, linear_photograph
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.photograph import Photograph

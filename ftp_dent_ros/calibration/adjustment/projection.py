@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.calibration.model import LENS
+from ftp_dent_ros.calibration.adjustment.model import LENS
 
 
 def project(points: NDArray, lens: NDArray):

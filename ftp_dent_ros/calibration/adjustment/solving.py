@@ -10,19 +10,19 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros import __version__
-from ftp_dent_ros.calibration.board import Board
-from ftp_dent_ros.calibration.bundle import Estimate, adjust
-from ftp_dent_ros.calibration.gross_errors import (
+from ftp_dent_ros.calibration.adjustment.bundle import Estimate, adjust
+from ftp_dent_ros.calibration.adjustment.gross_errors import (
     refuse_hopeless,
     refuse_wrong_scale,
     without_bad_poses,
 )
-from ftp_dent_ros.calibration.holding_out import HeldOut, hold_out
-from ftp_dent_ros.calibration.model import SHAPES, Model
-from ftp_dent_ros.calibration.observation import Observation
-from ftp_dent_ros.calibration.selection import candidates, select
-from ftp_dent_ros.calibration.start import first_rig
-from ftp_dent_ros.calibration.uncertainty import covariance
+from ftp_dent_ros.calibration.adjustment.holding_out import HeldOut, hold_out
+from ftp_dent_ros.calibration.adjustment.model import SHAPES, Model
+from ftp_dent_ros.calibration.adjustment.selection import candidates, select
+from ftp_dent_ros.calibration.adjustment.start import first_rig
+from ftp_dent_ros.calibration.adjustment.uncertainty import covariance
+from ftp_dent_ros.calibration.boards.board import Board
+from ftp_dent_ros.calibration.observing.observation import Observation
 from ftp_dent_ros.calibration_record import CalibrationRecord
 from ftp_dent_ros.errors import RigError
 from ftp_dent_ros.rig import Rig

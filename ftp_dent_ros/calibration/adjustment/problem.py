@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.spatial.transform import Rotation
 
-from ftp_dent_ros.calibration.model import DISTORTIONS, LENS, RIG, Model
-from ftp_dent_ros.calibration.observation import Observation
-from ftp_dent_ros.calibration.projection import cross_matrices, left_jacobian, project
+from ftp_dent_ros.calibration.adjustment.model import DISTORTIONS, LENS, RIG, Model
+from ftp_dent_ros.calibration.adjustment.projection import cross_matrices, left_jacobian, project
+from ftp_dent_ros.calibration.observing.observation import Observation
 from ftp_dent_ros.rig import Rig
 
 # What a print or a plate may be off without being another board; metres, standard deviation.

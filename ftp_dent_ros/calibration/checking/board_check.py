@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from ftp_dent_ros.calibration.board import Board
-from ftp_dent_ros.calibration.checking import ANY_TURN, PHASE_LEAST, PHASE_PX, scatter
-from ftp_dent_ros.calibration.print_fit import fit_print
-from ftp_dent_ros.calibration.verdict import Check, judged, turn_covariance, turned
+from ftp_dent_ros.calibration.boards.board import Board
+from ftp_dent_ros.calibration.checking.print_fit import fit_print
+from ftp_dent_ros.calibration.checking.verdict import Check, judged, turn_covariance, turned
+from ftp_dent_ros.calibration.checking.wall_check import ANY_TURN, PHASE_LEAST, PHASE_PX, scatter
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.photograph import Photograph
 from ftp_dent_ros.rig import Rig

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.calibration.board import Board
+from ftp_dent_ros.calibration.boards.board import Board
 
 #: Pixels of a print, a square.
 PIXELS = 32

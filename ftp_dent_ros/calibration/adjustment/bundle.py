@@ -15,9 +15,9 @@ from scipy.optimize import least_squares
 from scipy.sparse import diags
 from scipy.sparse.linalg import LinearOperator
 
-from ftp_dent_ros.calibration.model import RIG, Model, rig_of, rig_vector
-from ftp_dent_ros.calibration.observation import Observation
-from ftp_dent_ros.calibration.problem import FIRST_DEVIATIONS, Problem
+from ftp_dent_ros.calibration.adjustment.model import RIG, Model, rig_of, rig_vector
+from ftp_dent_ros.calibration.adjustment.problem import FIRST_DEVIATIONS, Problem
+from ftp_dent_ros.calibration.observing.observation import Observation
 from ftp_dent_ros.rig import Rig
 
 # Residuals beyond this many standard deviations count linearly (Huber's 95 % is 1.345; corners

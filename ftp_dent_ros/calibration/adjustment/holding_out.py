@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ftp_dent_ros.calibration.bundle import Estimate, adjust, rms
-from ftp_dent_ros.calibration.model import Model
-from ftp_dent_ros.calibration.observation import Observation
-from ftp_dent_ros.calibration.selection import folds, held_out
-from ftp_dent_ros.calibration.uncertainty import depths
+from ftp_dent_ros.calibration.adjustment.bundle import Estimate, adjust, rms
+from ftp_dent_ros.calibration.adjustment.model import Model
+from ftp_dent_ros.calibration.adjustment.selection import folds, held_out
+from ftp_dent_ros.calibration.adjustment.uncertainty import depths
+from ftp_dent_ros.calibration.observing.observation import Observation
 
 
 @dataclass(frozen=True, eq=False)

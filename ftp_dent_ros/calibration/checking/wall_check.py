@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial import cKDTree
 
-from ftp_dent_ros.calibration.rim import Rim, find_rim, inverse_depth
-from ftp_dent_ros.calibration.verdict import Check, judged, turn_covariance, turned
+from ftp_dent_ros.calibration.checking.rim import Rim, find_rim, inverse_depth
+from ftp_dent_ros.calibration.checking.verdict import Check, judged, turn_covariance, turned
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.photograph import Photograph

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.calibration.bundle import Estimate, adjust
-from ftp_dent_ros.calibration.model import DISTORTIONS, Model
-from ftp_dent_ros.calibration.observation import Observation
+from ftp_dent_ros.calibration.adjustment.bundle import Estimate, adjust
+from ftp_dent_ros.calibration.adjustment.model import DISTORTIONS, Model
+from ftp_dent_ros.calibration.observing.observation import Observation
 
 _FOLDS = 4
 # Fewer poses than this left for fitting do not hold a rig down.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.calibration.decoding import Codes
+from ftp_dent_ros.calibration.observing.decoding import Codes
 
 # A window reaches this part of the way to the nearest corner. Beyond it a quadratic no longer
 # follows the perspective of a tilted board.

@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from ftp_dent_ros.calibration.solving import Solution
-from ftp_dent_ros.calibration.uncertainty import depth_deviation
+from ftp_dent_ros.calibration.adjustment.solving import Solution
+from ftp_dent_ros.calibration.adjustment.uncertainty import depth_deviation
 from ftp_dent_ros.rig import Lens
 
 # A usual arrow is so long that it is seen, as a part of the image's width.

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.linalg import rq
 from scipy.spatial.transform import Rotation
 
-from ftp_dent_ros.calibration.observation import Observation
+from ftp_dent_ros.calibration.observing.observation import Observation
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.rig import Lens, Rig
 

@@ -9,11 +9,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.calibration.board import Board
-from ftp_dent_ros.calibration.correspondences import corner_coordinates
-from ftp_dent_ros.calibration.decoding import Photographs, decode, lit_evenly
-from ftp_dent_ros.calibration.observation import Observation
-from ftp_dent_ros.calibration.sequence import Frame, Sequence
+from ftp_dent_ros.calibration.boards.board import Board
+from ftp_dent_ros.calibration.observing.correspondences import corner_coordinates
+from ftp_dent_ros.calibration.observing.decoding import Photographs, decode, lit_evenly
+from ftp_dent_ros.calibration.observing.observation import Observation
+from ftp_dent_ros.calibration.observing.sequence import Frame, Sequence
 from ftp_dent_ros.errors import CalibrationError
 
 # Corners of a board that stands still agree to 0.03 pixels between photographs; a board that

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from ftp_dent_ros.calibration.checking import check
-from ftp_dent_ros.calibration.verdict import adjusted, turned
+from ftp_dent_ros.calibration.checking.verdict import adjusted, turned
+from ftp_dent_ros.calibration.checking.wall_check import check
 from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.files import config_folder

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.calibration.bundle import Estimate, adjust, rms
-from ftp_dent_ros.calibration.holding_out import camera_alone
-from ftp_dent_ros.calibration.model import Model
-from ftp_dent_ros.calibration.observation import Observation
-from ftp_dent_ros.calibration.start import FEWEST_POSES
+from ftp_dent_ros.calibration.adjustment.bundle import Estimate, adjust, rms
+from ftp_dent_ros.calibration.adjustment.holding_out import camera_alone
+from ftp_dent_ros.calibration.adjustment.model import Model
+from ftp_dent_ros.calibration.adjustment.start import FEWEST_POSES
+from ftp_dent_ros.calibration.observing.observation import Observation
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.rig import Rig
 

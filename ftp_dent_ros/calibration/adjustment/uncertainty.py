@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.calibration.bundle import Estimate, weighted_jacobian
-from ftp_dent_ros.calibration.model import RIG, Model, rig_of, rig_vector
-from ftp_dent_ros.calibration.observation import Observation
+from ftp_dent_ros.calibration.adjustment.bundle import Estimate, weighted_jacobian
+from ftp_dent_ros.calibration.adjustment.model import RIG, Model, rig_of, rig_vector
+from ftp_dent_ros.calibration.observing.observation import Observation
 from ftp_dent_ros.rig import Rig
 
 # What corners may be off alike, by shading and uneven blur, pixels: twice the mean error of ray

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
-from ftp_dent_ros.calibration.uncertainty import depth_deviation
+from ftp_dent_ros.calibration.adjustment.uncertainty import depth_deviation
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.rig import Rig
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from ftp_dent_ros.calibration.solving import Solution
+from ftp_dent_ros.calibration.adjustment.solving import Solution
 from ftp_dent_ros.rig import Lens, Rig
 
 

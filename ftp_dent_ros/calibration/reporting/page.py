@@ -7,11 +7,11 @@ from pathlib import Path
 import jinja2
 import numpy as np
 
-from ftp_dent_ros.calibration import pictures
-from ftp_dent_ros.calibration.bundle import rms
-from ftp_dent_ros.calibration.model import DISTORTIONS, rig_vector
-from ftp_dent_ros.calibration.opencv import OpenCvResult, calibrate_with_opencv
-from ftp_dent_ros.calibration.solving import Solution
+from ftp_dent_ros.calibration.adjustment.bundle import rms
+from ftp_dent_ros.calibration.adjustment.model import DISTORTIONS, rig_vector
+from ftp_dent_ros.calibration.adjustment.solving import Solution
+from ftp_dent_ros.calibration.reporting import pictures
+from ftp_dent_ros.calibration.reporting.opencv import OpenCvResult, calibrate_with_opencv
 from ftp_dent_ros.calibration_record import PARAMETERS
 from ftp_dent_ros.files import written_aside
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.calibration.checking import check
+from ftp_dent_ros.calibration.checking.wall_check import check
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.errors import CalibrationError, CloudError, RefusedFrameError
 from ftp_dent_ros.inspection.measuring.inspection import inspect

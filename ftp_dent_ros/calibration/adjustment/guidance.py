@@ -9,17 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ftp_dent_ros.calibration.board import Board
-from ftp_dent_ros.calibration.bundle import adjust
-from ftp_dent_ros.calibration.model import Model
-from ftp_dent_ros.calibration.observation import Observation
-from ftp_dent_ros.calibration.start import FEWEST_POSES, first_rig
-from ftp_dent_ros.calibration.uncertainty import (
+from ftp_dent_ros.calibration.adjustment.bundle import adjust
+from ftp_dent_ros.calibration.adjustment.model import Model
+from ftp_dent_ros.calibration.adjustment.start import FEWEST_POSES, first_rig
+from ftp_dent_ros.calibration.adjustment.uncertainty import (
     covariance,
     depth_slopes,
     information,
     with_information,
 )
+from ftp_dent_ros.calibration.boards.board import Board
+from ftp_dent_ros.calibration.observing.observation import Observation
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.rig import Rig
 

@@ -10,10 +10,10 @@ from typing import Any
 
 import yaml
 
-from ftp_dent_ros.calibration.board import Board
-from ftp_dent_ros.calibration.observing import Sight, observe
-from ftp_dent_ros.calibration.photographs import find_poses, read_pose
-from ftp_dent_ros.calibration.sequence import Sequence
+from ftp_dent_ros.calibration.boards.board import Board
+from ftp_dent_ros.calibration.observing.observing import Sight, observe
+from ftp_dent_ros.calibration.observing.photographs import find_poses, read_pose
+from ftp_dent_ros.calibration.observing.sequence import Sequence
 from ftp_dent_ros.errors import CalibrationError, ConfigurationError
 from ftp_dent_ros.files import read_yaml, written_aside
 

@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.calibration.charuco import Charuco
-from ftp_dent_ros.calibration.corners import refine_corners
+from ftp_dent_ros.calibration.boards.charuco import Charuco
+from ftp_dent_ros.calibration.boards.corners import refine_corners
 from ftp_dent_ros.errors import CalibrationError, ConfigurationError
 
 # Windows reach this part of the way to the nearest corner, so that one crossing alone is in them,

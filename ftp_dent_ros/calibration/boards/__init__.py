@@ -1,0 +1,1 @@
+"""A printed board: its squares, its corners in photographs, and its print."""

@@ -1,0 +1,1 @@
+"""Whether a rig still holds, from photographs under its flight pattern."""
