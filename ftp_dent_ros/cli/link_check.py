@@ -8,13 +8,13 @@ import time
 import numpy as np
 
 from ftp_dent_ros.errors import PoseError
-from ftp_dent_ros.navigation.accuracy import Tag
-from ftp_dent_ros.navigation.codec import read_key
+from ftp_dent_ros.navigation.autopilot.vehicle_state import Settings
+from ftp_dent_ros.navigation.connection.codec import read_key
+from ftp_dent_ros.navigation.connection.link_state import LinkState
+from ftp_dent_ros.navigation.connection.roster import Speaker
 from ftp_dent_ros.navigation.link import Link
-from ftp_dent_ros.navigation.link_state import LinkState
+from ftp_dent_ros.navigation.poses.accuracy import Tag
 from ftp_dent_ros.navigation.report import judge
-from ftp_dent_ros.navigation.roster import Speaker
-from ftp_dent_ros.navigation.vehicle_state import Settings
 
 # Rates and round trips take as long to be known; seconds.
 _SHORTEST, _WELL = 5.0, 2.0

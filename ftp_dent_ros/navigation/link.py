@@ -13,14 +13,14 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from ftp_dent_ros.errors import LinkError
-from ftp_dent_ros.navigation.accuracy import Tag
-from ftp_dent_ros.navigation.codec import Codec, is_signed
-from ftp_dent_ros.navigation.link_state import LinkState
-from ftp_dent_ros.navigation.roster import Roster, Speaker
-from ftp_dent_ros.navigation.transport import Transport, check_address, open_transport
-from ftp_dent_ros.navigation.vehicle import Vehicle
-from ftp_dent_ros.navigation.vehicle_state import Instant, Settings
-from ftp_dent_ros.navigation.way import Way
+from ftp_dent_ros.navigation.autopilot.vehicle import Vehicle
+from ftp_dent_ros.navigation.autopilot.vehicle_state import Instant, Settings
+from ftp_dent_ros.navigation.connection.codec import Codec, is_signed
+from ftp_dent_ros.navigation.connection.link_state import LinkState
+from ftp_dent_ros.navigation.connection.roster import Roster, Speaker
+from ftp_dent_ros.navigation.connection.transport import Transport, check_address, open_transport
+from ftp_dent_ros.navigation.connection.way import Way
+from ftp_dent_ros.navigation.poses.accuracy import Tag
 from ftp_dent_ros.pose import Pose
 
 _COMPUTER = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ftp_dent_ros.navigation import accuracy
-from ftp_dent_ros.navigation.accuracy import Covariance
-from ftp_dent_ros.navigation.codec import read_key
-from ftp_dent_ros.navigation.vehicle_state import Settings
+from ftp_dent_ros.navigation.autopilot.vehicle_state import Settings
+from ftp_dent_ros.navigation.connection.codec import read_key
+from ftp_dent_ros.navigation.poses import accuracy
+from ftp_dent_ros.navigation.poses.accuracy import Covariance
 from ftp_dent_ros.parameters import Declarations
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig import read_rig

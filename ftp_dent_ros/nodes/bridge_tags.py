@@ -11,8 +11,8 @@ from sensor_msgs.msg import PointCloud2
 
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.coding.cloud_codec import thinned
-from ftp_dent_ros.navigation import accuracy
-from ftp_dent_ros.navigation.accuracy import Covariance, Tag
+from ftp_dent_ros.navigation.poses import accuracy
+from ftp_dent_ros.navigation.poses.accuracy import Covariance, Tag
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.ros.diagnostics import Diagnostics
 from ftp_dent_ros.ros.messages import (

@@ -8,8 +8,8 @@ from numpy.testing import assert_allclose
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.spatial.transform import Rotation
 
-from ftp_dent_ros.navigation import accuracy
-from ftp_dent_ros.navigation.accuracy import Motion
+from ftp_dent_ros.navigation.poses import accuracy
+from ftp_dent_ros.navigation.poses.accuracy import Motion
 from ftp_dent_ros.pose import Pose
 
 STILL = Motion(np.zeros(3), np.zeros(3), 0.0)

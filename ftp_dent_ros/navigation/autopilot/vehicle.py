@@ -12,14 +12,19 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from ftp_dent_ros.errors import PoseAwaitedError, PoseError
-from ftp_dent_ros.navigation import accuracy
-from ftp_dent_ros.navigation.accuracy import Tag
-from ftp_dent_ros.navigation.asking import Asking
-from ftp_dent_ros.navigation.clock_offset import ClockOffset
-from ftp_dent_ros.navigation.earth import Earth
-from ftp_dent_ros.navigation.pose_source import PoseSource
-from ftp_dent_ros.navigation.trust import Trust
-from ftp_dent_ros.navigation.vehicle_state import SILENCE, Instant, Settings, VehicleState
+from ftp_dent_ros.navigation.autopilot.asking import Asking
+from ftp_dent_ros.navigation.autopilot.earth import Earth
+from ftp_dent_ros.navigation.autopilot.pose_source import PoseSource
+from ftp_dent_ros.navigation.autopilot.trust import Trust
+from ftp_dent_ros.navigation.autopilot.vehicle_state import (
+    SILENCE,
+    Instant,
+    Settings,
+    VehicleState,
+)
+from ftp_dent_ros.navigation.poses import accuracy
+from ftp_dent_ros.navigation.poses.accuracy import Tag
+from ftp_dent_ros.navigation.time_and_place.clock_offset import ClockOffset
 from ftp_dent_ros.pose import Pose
 
 # pymavlink makes its messages' fields at run time: no type checker knows them.

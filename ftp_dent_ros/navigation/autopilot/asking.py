@@ -6,12 +6,12 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from ftp_dent_ros.navigation.clock_offset import ClockOffset
-from ftp_dent_ros.navigation.earth import Earth
-from ftp_dent_ros.navigation.meddling import meddler
-from ftp_dent_ros.navigation.streams import Stream, Streams
-from ftp_dent_ros.navigation.trust import Trust
-from ftp_dent_ros.navigation.vehicle_state import Instant, Settings
+from ftp_dent_ros.navigation.autopilot.earth import Earth
+from ftp_dent_ros.navigation.autopilot.meddling import meddler
+from ftp_dent_ros.navigation.autopilot.streams import Stream, Streams
+from ftp_dent_ros.navigation.autopilot.trust import Trust
+from ftp_dent_ros.navigation.autopilot.vehicle_state import Instant, Settings
+from ftp_dent_ros.navigation.time_and_place.clock_offset import ClockOffset
 
 _INTERVAL = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
 # Hertz: what the map's origin is made of changes slowly.

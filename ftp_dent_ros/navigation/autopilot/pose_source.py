@@ -8,11 +8,11 @@ from collections import deque
 from typing import Any
 
 from ftp_dent_ros.errors import PoseError
-from ftp_dent_ros.navigation import accuracy, samples
-from ftp_dent_ros.navigation.accuracy import Covariance
-from ftp_dent_ros.navigation.clock_offset import ClockOffset
-from ftp_dent_ros.navigation.pose_history import PoseHistory
-from ftp_dent_ros.navigation.vehicle_state import Instant
+from ftp_dent_ros.navigation.autopilot.vehicle_state import Instant
+from ftp_dent_ros.navigation.poses import accuracy, samples
+from ftp_dent_ros.navigation.poses.accuracy import Covariance
+from ftp_dent_ros.navigation.poses.pose_history import PoseHistory
+from ftp_dent_ros.navigation.time_and_place.clock_offset import ClockOffset
 from ftp_dent_ros.pose import Pose
 
 # For as long after an ODOMETRY the messages that say less are left alone; seconds.

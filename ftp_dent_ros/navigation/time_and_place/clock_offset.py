@@ -20,7 +20,12 @@ from collections import deque
 from dataclasses import dataclass
 
 from ftp_dent_ros.errors import PoseAwaitedError, PoseError
-from ftp_dent_ros.navigation.clock_segment import MILLISECOND, SECOND, Exchange, Segment
+from ftp_dent_ros.navigation.time_and_place.clock_segment import (
+    MILLISECOND,
+    SECOND,
+    Exchange,
+    Segment,
+)
 
 # Exchanges that a line through them needs before it is believed.
 _MINIMUM_EXCHANGES = 5

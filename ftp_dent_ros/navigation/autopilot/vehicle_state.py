@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from ftp_dent_ros.navigation.clock_offset import ClockState
-from ftp_dent_ros.navigation.geodesy import Origin
-from ftp_dent_ros.navigation.gps import GpsState
+from ftp_dent_ros.navigation.poses.gps import GpsState
+from ftp_dent_ros.navigation.time_and_place.clock_offset import ClockState
+from ftp_dent_ros.navigation.time_and_place.geodesy import Origin
 
 # An autopilot heartbeats at 1 Hz whatever else it sends; diagnostics tell it a second later.
 SILENCE = 1.5

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.spatial.transform import Rotation
 
-from ftp_dent_ros.navigation import accuracy, frames
+from ftp_dent_ros.navigation.poses import accuracy
+from ftp_dent_ros.navigation.time_and_place import frames
 
 # A sample of one quantity: its value and its rate of change.
 Sample = tuple[NDArray[np.float64], NDArray[np.float64]]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ftp_dent_ros.navigation.transport import Peer
+from ftp_dent_ros.navigation.connection.transport import Peer
 
 # A vehicle that is heard from another address has been silent for as long, or is none; seconds.
 _MOVING_TIME = 1.0

@@ -13,12 +13,12 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from ftp_dent_ros.errors import PoseError
-from ftp_dent_ros.navigation import accuracy
-from ftp_dent_ros.navigation.accuracy import Covariance
-from ftp_dent_ros.navigation.estimator import FROZEN, REPORTS, Estimator
-from ftp_dent_ros.navigation.gps import Gps
-from ftp_dent_ros.navigation.streams import Stream
-from ftp_dent_ros.navigation.vehicle_state import Instant, Settings
+from ftp_dent_ros.navigation.autopilot.streams import Stream
+from ftp_dent_ros.navigation.autopilot.vehicle_state import Instant, Settings
+from ftp_dent_ros.navigation.poses import accuracy
+from ftp_dent_ros.navigation.poses.accuracy import Covariance
+from ftp_dent_ros.navigation.poses.estimator import FROZEN, REPORTS, Estimator
+from ftp_dent_ros.navigation.poses.gps import Gps
 
 # As often as GPS gives a fix.
 _RATE, _RANGE_RATE = 5.0, 2.0

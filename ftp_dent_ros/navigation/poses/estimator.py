@@ -12,8 +12,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from ftp_dent_ros.navigation.accuracy import Covariance, reported
-from ftp_dent_ros.navigation.witness import Fault, Witness
+from ftp_dent_ros.navigation.poses.accuracy import Covariance, reported
+from ftp_dent_ros.navigation.poses.witness import Fault, Witness
 
 # The low bits mean the same in EKF_STATUS_FLAGS and ESTIMATOR_STATUS_FLAGS.
 _NEEDED = (

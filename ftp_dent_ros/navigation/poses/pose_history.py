@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.errors import PoseAwaitedError, PoseError
-from ftp_dent_ros.navigation.accuracy import Motion
+from ftp_dent_ros.navigation.poses.accuracy import Motion
 from ftp_dent_ros.pose import Pose
 
 _SECOND = 1e9

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from ftp_dent_ros.navigation.geodesy import Origin, place_on_earth
-from ftp_dent_ros.navigation.witness import Fault, Witness
+from ftp_dent_ros.navigation.poses.witness import Fault, Witness
+from ftp_dent_ros.navigation.time_and_place.geodesy import Origin, place_on_earth
 
 # Both autopilots' GPS gives five fixes a second or more, and a link whose rates are not ours to
 # set tells one: further apart, seconds, nothing is vouched for.

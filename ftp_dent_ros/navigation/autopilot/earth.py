@@ -16,9 +16,9 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from ftp_dent_ros.errors import PoseError
-from ftp_dent_ros.navigation.clock_offset import ClockOffset
-from ftp_dent_ros.navigation.geodesy import Origin, origin_below, place_on_earth
-from ftp_dent_ros.navigation.vehicle_state import Instant
+from ftp_dent_ros.navigation.autopilot.vehicle_state import Instant
+from ftp_dent_ros.navigation.time_and_place.clock_offset import ClockOffset
+from ftp_dent_ros.navigation.time_and_place.geodesy import Origin, origin_below, place_on_earth
 from ftp_dent_ros.pose import Pose
 
 # Seconds from asking for what is missing to asking again.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ftp_dent_ros.navigation.vehicle_state import VehicleState
+from ftp_dent_ros.navigation.autopilot.vehicle_state import VehicleState
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,1 @@
+"""The autopilot's clock, places on the earth, and frames, in ROS's."""
