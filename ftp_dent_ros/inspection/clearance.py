@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 from scipy.spatial.distance import cdist
@@ -27,12 +28,17 @@ def with_clearances(dents: Sequence[MeasuredDent]) -> tuple[MeasuredDent, ...]:
     limits = np.array([dent.kind == 'dent' for dent in dents], bool)
     bounds[:, ~limits] = math.inf
     np.fill_diagonal(bounds, math.inf)
+
+    @cache
+    def apart(one: int, other: int) -> float:
+        return float(cdist(outlines[one], outlines[other]).min())
+
     result = []
-    for dent, outline, bound in zip(dents, outlines, bounds, strict=True):
+    for index, (dent, bound) in enumerate(zip(dents, bounds, strict=True)):
         nearest = math.inf
         for other in np.argsort(bound):
             if bound[other] >= nearest:
                 break
-            nearest = min(nearest, float(cdist(outline, outlines[other]).min()))
+            nearest = min(nearest, apart(*sorted((index, int(other)))))
         result.append(replace(dent, clearance=nearest))
     return tuple(result)

@@ -129,7 +129,7 @@ def orientation_of(normal: Vector, axis: Vector) -> float:
     x = np.array([1.0, 0, 0]) - normal * normal[0]
     if np.linalg.norm(x) < 1e-6:
         x = np.array([0, 1.0, 0])
-    angle = math.atan2(float(np.cross(x, axis) @ normal), float(x @ axis))
+    angle = math.atan2(float(np.linalg.det([x, axis, normal])), float(x @ axis))
     return (angle + math.pi / 2) % math.pi - math.pi / 2
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ftp_dent_ros.inspection.measuring.contour import Contour, refined
 from ftp_dent_ros.inspection.measuring.evidence import suspect
 from ftp_dent_ros.inspection.measuring.lattice import Lattice
+from ftp_dent_ros.inspection.measuring.median import median
 from ftp_dent_ros.inspection.measuring.noise import Noise, measured_noise, smoothed
 from ftp_dent_ros.inspection.measuring.panels import Panel
 from ftp_dent_ros.inspection.measuring.waviness import Relief, is_wavy, relief_of
@@ -62,9 +63,11 @@ class BareSkin:
 
     def uncertainty(self, x: float, y: float, width: float) -> float:
         """Standard uncertainty of the skin under the middle of a dent, metres."""
-        at = np.array([x]), np.array([y])
-        fitted = float(self.contour.uncertainty(*at)[0])
-        followed = float((self.contour.height(*at) - self.wide.height(*at))[0])
+        at = np.float64(x), np.float64(y)
+        fitted = float(self.contour.uncertainty(*at))
+        followed = 0.0
+        if self.wide is not self.contour:
+            followed = float(self.contour.height(*at) - self.wide.height(*at))
         wavy = 0.0 if self.relief is None else self.relief.uncertainty(width)
         return math.sqrt(fitted**2 + followed**2 + wavy**2)
 
@@ -132,7 +135,7 @@ def _fitted(
         covariance[0, 0] = (tolerance / contour.scale) ** 2
         return replace(contour, covariance=covariance)
     _, _, left = contour.deviation(points)
-    noise = max(_MAD * float(np.median(np.abs(left))), _LEAST)
+    noise = max(_MAD * median(np.abs(left)), _LEAST)
     return refined(contour, points, noise)
 
 
@@ -142,11 +145,8 @@ def _squares(lattice: Lattice, bare: Mask, settings: Settings) -> NDArray[np.flo
     across, down = lattice.cells(_SQUARE * settings.smallest_width)
     size = max(2, columns // max(1, round(across))), max(2, rows // max(1, round(down)))
     share = cv2.resize(bare.astype(np.float32), size, interpolation=cv2.INTER_AREA)
-    total = cv2.resize(
-        np.where(bare[..., None], lattice.points, np.float32(0)),
-        size,
-        interpolation=cv2.INTER_AREA,
-    )
+    kept = cv2.copyTo(lattice.points, bare.view(np.uint8))
+    total = cv2.resize(kept, size, interpolation=cv2.INTER_AREA)
     enough = share > 0.35
     return np.asarray(total[enough] / share[enough][:, None], np.float32)
 

@@ -28,8 +28,9 @@ _STEEPEST = 0.9
 _RICH = 15
 # Cost of a fit that is good enough to be the only one: most of the points lie on it.
 _AGREED = 0.3
-# Points at once: eight such arrays of single precision fit a core's cache.
-_STRIP = 12_000
+# Points at once: few such arrays of single precision fit a core's cache; of fewer points, calls
+# take longer than their work.
+_STRIP = 30_000
 
 Field = NDArray[np.floating]
 
@@ -114,26 +115,27 @@ class Contour:
 
     def point(self, x: Field, y: Field, depth: Field | float = 0.0) -> NDArray[np.float64]:
         """Points, shape (..., 3), that lie `depth` below the contour's x, y."""
-        x, y = np.asarray(x, float), np.asarray(y, float)
-        height, along_x, along_y = self.surface(x, y)
-        local = np.stack([x, y, height], axis=-1)
-        outward = self._outward(along_x, along_y)
-        return self.origin + local @ self.axes - np.asarray(depth)[..., None] * outward
+        foot, outward = self.foot(x, y)
+        return foot - np.asarray(depth)[..., None] * outward
 
     def normal(self, x: Field, y: Field) -> NDArray[np.float64]:
         """Unit normals outward, shape (..., 3)."""
-        return self._outward(*self.surface(np.asarray(x, float), np.asarray(y, float))[1:])
+        return self.foot(x, y)[1]
 
-    def _outward(self, along_x: Field, along_y: Field) -> NDArray[np.float64]:
-        """Unit normals, shape (..., 3), of a surface with these slopes."""
+    def foot(self, x: Field, y: Field) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Points on the contour and unit normals outward at x, y, each of shape (..., 3)."""
+        x, y = np.asarray(x, float), np.asarray(y, float)
+        height, along_x, along_y = self.surface(x, y)
         length = np.sqrt(1 + along_x * along_x + along_y * along_y)
-        outward = np.stack([along_x, along_y, np.full_like(along_x, -1.0)], axis=-1)
-        return (outward / length[..., None]) @ self.axes
+        local, outward = np.empty((2, *x.shape, 3))
+        local[..., 0], local[..., 1], local[..., 2] = x, y, height
+        outward[..., 0], outward[..., 1], outward[..., 2] = along_x, along_y, -1
+        return self.origin + local @ self.axes, (outward / length[..., None]) @ self.axes
 
     def uncertainty(self, x: Field, y: Field) -> Field:
         """Standard uncertainty of the height at x, y, metres."""
-        columns = basis(np.atleast_1d(x) / self.scale, np.atleast_1d(y) / self.scale, self.terms)
-        square = ((columns @ self.covariance) * columns).sum(axis=1)
+        columns = basis(x / self.scale, y / self.scale, self.terms)
+        square = ((columns @ self.covariance) * columns).sum(axis=-1)
         return self.scale * np.sqrt(np.maximum(square, 0))
 
     @property
@@ -233,8 +235,8 @@ def _plane(points: NDArray, viewpoint: NDArray[np.float64]) -> Contour:
 def _tangent(contour: Contour) -> Contour:
     """The same contour over its tangent plane at the origin, to first order."""
     at = np.zeros(1)
-    inward = -contour.normal(at, at)[0]
-    origin = contour.point(at, at)[0]
+    (origin,), (outward,) = contour.foot(at, at)
+    inward = -outward
     along = contour.axes[0] - inward * (contour.axes[0] @ inward)
     along /= np.linalg.norm(along)
     frame = np.stack([along, np.cross(inward, along), inward])

@@ -9,6 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.inspection.measuring.equations import solved
+
 _ROUNDS = 25
 # Of one round at most, in the order of the parameters: logarithms of the half axes, radians.
 _STRIDES = np.array([math.inf, math.inf, 0.3, 0.3, 0.5, math.inf])
@@ -67,7 +69,8 @@ class DentModel:
 
 def dent_function(parameters: NDArray, x: Field, y: Field) -> Field:
     """Eq. 18 at x, y, for the parameters of `DentModel`."""
-    return _Function(parameters, x, y).depth
+    places = np.stack([np.ravel(x), np.ravel(y)])
+    return _Function(parameters, places).depth.reshape(np.shape(x))
 
 
 def fit_dent(
@@ -85,22 +88,22 @@ def fit_dent(
         Number of cells whose noise is one independent value, at most.
     """
     shape, damping = np.asarray(start, float).copy(), 1e-3
-    x, y, data = x[known], y[known], depth[known]
-    function = _Function(shape, x, y)
+    places, data = np.stack([x[known], y[known]]), depth[known]
+    function = _Function(shape, places)
     left = data - function.depth
     cost = left @ left
     ended = False
     for _ in range(_ROUNDS):
-        slopes = function.slopes()
-        normal, gradient = slopes @ slopes.T, slopes @ left
+        normal, gradient = function.normal_equations(left)
+        diagonal = normal.diagonal().copy()
         # A dent that has left the grid has no slopes, and stays where it is.
-        diagonal = np.where(normal.diagonal() > 0, normal.diagonal(), 1.0)
+        diagonal[diagonal <= 0] = 1
         while True:
             damped = normal.copy()
             damped.flat[:: len(damped) + 1] += (damping + 1e-12) * diagonal
-            change = np.linalg.solve(damped, gradient)
+            change = solved(damped, gradient)
             trial = shape + np.minimum(np.maximum(change, -_STRIDES), _STRIDES)
-            function_then = _Function(trial, x, y)
+            function_then = _Function(trial, places)
             left_then = data - function_then.depth
             cost_then = left_then @ left_then
             if cost_then <= cost or damping > 1e4:
@@ -116,10 +119,10 @@ def fit_dent(
         if abs(gain) <= _ENDED * cost:
             ended = True
             break
-    slopes = function.slopes()
+    normal, _ = function.normal_equations(left)
     together = min(max(correlated, 1.0), _HIDDEN * _correlated_cells(left, known))
     variance = together * cost / max(len(data) - len(shape), 1)
-    inverse, is_regular = _inverse(slopes @ slopes.T)
+    inverse, is_regular = _inverse(normal)
     covariance = variance * inverse
     finite = bool(np.isfinite(shape).all() and np.isfinite(covariance).all())
     return DentModel(shape, covariance, ended and is_regular and finite)
@@ -130,12 +133,13 @@ def _inverse(normal: Field) -> tuple[Field, bool]:
 
     What it does not determine is left very uncertain.
     """
-    scale = np.sqrt(np.maximum(np.diag(normal), 1e-30))
-    values, vectors = np.linalg.eigh(normal / np.outer(scale, scale))
+    scale = np.sqrt(np.maximum(normal.diagonal(), 1e-30))
+    together = scale * scale[:, None]
+    values, vectors = np.linalg.eigh(normal / together)
     inverse = (vectors / np.maximum(values, _SINGULAR)) @ vectors.T
     # The angle of what is round is free, and nothing else may be.
-    regular = bool((np.diag(normal) > 0)[[0, 1, 2, 3, 5]].all())
-    return inverse / np.outer(scale, scale), regular and int((values < _SINGULAR).sum()) < 2
+    regular = bool((normal.diagonal() > 0)[[0, 1, 2, 3, 5]].all())
+    return inverse / together, regular and int((values < _SINGULAR).sum()) < 2
 
 
 def _correlated_cells(left: Field, known: NDArray[np.bool_]) -> float:
@@ -155,38 +159,42 @@ def _correlated_cells(left: Field, known: NDArray[np.bool_]) -> float:
 
 
 class _Function:
-    """Eq. 18 at some places, and what its slopes along the parameters share with it."""
+    """Eq. 18 at some places, and what its slopes along the parameters share with it.
 
-    def __init__(self, parameters: Field, x: Field, y: Field) -> None:
-        self._c, self._s = math.cos(parameters[4]), math.sin(parameters[4])
-        self._a, self._b = (math.exp(min(max(half, -12), 3)) for half in parameters[2:4])
-        dx, dy = x - parameters[0], y - parameters[1]
-        self._u = (self._c * dx + self._s * dy) / self._a
-        self._v = (self._c * dy - self._s * dx) / self._b
-        inside = 1 - self._u * self._u - self._v * self._v
+    In the ellipse's own coordinates u and v, in which it is the unit circle.
+    """
+
+    def __init__(self, parameters: Field, places: Field) -> None:
+        x, y, first, second, angle, self._depth = parameters.tolist()
+        a, b = math.exp(min(max(first, -12), 3)), math.exp(min(max(second, -12), 3))
+        c, s = math.cos(angle), math.sin(angle)
+        turned = np.array([[c / a, s / a], [-s / b, c / b]])
+        self._uv = turned @ (places - np.array([[x], [y]]))
+        self._square = self._uv * self._uv
+        inside = 1 - self._square[0] - self._square[1]
         self._q = np.maximum(inside, _RIM)
         self._shape = np.exp(1 - 1 / self._q)
         self._shape[inside <= _RIM] = 0
-        self._depth = parameters[5]
+        self._turned, self._oval = turned, b / a - a / b
 
     @property
     def depth(self) -> Field:
-        """Depths, metres."""
+        """Depths, metres, shape (places,)."""
         return self._depth * self._shape
 
-    def slopes(self) -> Field:
-        """Derivatives of the depths along the parameters, shape (6, places)."""
-        c, s, a, b, u, v = self._c, self._s, self._a, self._b, self._u, self._v
+    def normal_equations(self, left: Field) -> tuple[Field, Field]:
+        """J J^T, shape (6, 6), and J left, of the depths' derivatives J along the parameters."""
+        u, v = self._uv
+        found = np.empty((6, len(u)))
         # Of the height with the square radius, twice.
         slope = -2 * self._depth * self._shape / (self._q * self._q)
-        along, across = slope * u, slope * v
-        return np.stack(
-            [
-                across * (s / b) - along * (c / a),
-                -along * (s / a) - across * (c / b),
-                -along * u,
-                -across * v,
-                along * v * (b / a - a / b),
-                self._shape,
-            ]
-        )
+        np.multiply(slope, self._uv, out=found[:2])
+        np.multiply(slope, self._square, out=found[2:4])
+        np.multiply(found[0], v, out=found[4])
+        found[5] = self._shape
+        # Those of the parameters from those along u, v, u^2, v^2, uv, and the shape.
+        change = np.zeros((6, 6))
+        change[:2, :2] = -self._turned.T
+        change[2, 2] = change[3, 3] = -1
+        change[4, 4], change[5, 5] = self._oval, 1
+        return change @ (found @ found.T) @ change.T, change @ (found @ left)

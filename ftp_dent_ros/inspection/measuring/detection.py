@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import reduce
 
 import cv2
 import numpy as np
@@ -13,7 +14,7 @@ from ftp_dent_ros.inspection.measuring.bare_skin import BareSkin
 from ftp_dent_ros.inspection.measuring.evidence import SIGNIFICANT, SUSPECT
 from ftp_dent_ros.inspection.measuring.gaps import GAP, beside_gaps, between, gaps_of
 from ftp_dent_ros.inspection.measuring.lattice import Lattice
-from ftp_dent_ros.inspection.measuring.moments import ellipse_axes, second_moments
+from ftp_dent_ros.inspection.measuring.moments import Moments
 from ftp_dent_ros.inspection.measuring.noise import Noise, median_of
 from ftp_dent_ros.inspection.measuring.paint_edges import along_paint
 from ftp_dent_ros.inspection.settings import Settings
@@ -86,14 +87,15 @@ def find_candidates(
     quiet = [k for k, usual in enumerate(typical) if SIGNIFICANT * usual < 4 * floor]
     base = quiet[0] if quiet else len(maps) - 1
     spread = spreads[base]
+    ratios = [smooth / unsure for smooth, unsure in zip(maps, spreads, strict=True)]
     for sign in (1, -1):
         values = np.where(panel & np.isfinite(maps[base]), sign * maps[base], 0)
         above = values > np.maximum(_EDGE * spread, floor)
         # By how many standard deviations of what the cloud tells, where that is what counts.
         evidence = np.zeros(panel.shape, np.float32)
-        for smooth, deep, unsure in zip(maps, least, spreads, strict=True):
-            strays = np.where(sign * smooth > deep, sign * smooth / unsure, np.float32(0))
-            evidence = np.maximum(evidence, strays)
+        for smooth, deep, ratio in zip(maps, least, ratios, strict=True):
+            deeper = smooth > deep if sign > 0 else smooth < -deep
+            np.maximum(evidence, sign * ratio, out=evidence, where=deeper)
         if gaps.any():
             told = sign * maps[0], noise, noise.scales[1]
             beside = beside_gaps(*told, skin.suspect, floor, panel, gaps, lattice)
@@ -109,8 +111,9 @@ def find_candidates(
             known = part & ~gaps[window]
             height = max(_highest(sign * smooth[window][known]) for smooth in maps)
             corner = np.array([[top], [left]])
+            moments = Moments.of(part)
+            size = moments.cells * math.prod(lattice.spacing), *moments.ellipse(*lattice.spacing)
             rows, columns = np.nonzero(part)
-            size = _extent(rows, columns, lattice)
             # What is long has so many places that tell the same, if no paint does.
             seen, alike = evidence[window][known].max(), max(size[1] / (_ROUND * size[2]), 1.0)
             if seen < skin.suspect and (
@@ -118,7 +121,8 @@ def find_candidates(
                 or along_paint(rows + top, columns + left, lattice)
             ):
                 continue
-            cells, gap = (np.stack(np.nonzero(of)) + corner for of in (known, part & ~known))
+            cells = np.array(np.nonzero(known)) + corner
+            gap = np.array(np.nonzero(part & gaps[window])) + corner
             found.append(Candidate(sign, cells[0], cells[1], height, *size, gap))
     return found
 
@@ -138,13 +142,4 @@ def findable_depth(noise: Noise, settings: Settings) -> Map:
         np.maximum(SIGNIFICANT * noise.after(scale), floor) * (1 + scale**2 / square)
         for scale in noise.scales[1:]
     ]
-    return np.maximum(np.min(depths, axis=0), np.float32(settings.smallest_depth))
-
-
-def _extent(
-    rows: NDArray[np.intp], columns: NDArray[np.intp], lattice: Lattice
-) -> tuple[float, float, float]:
-    """Area, length and width of some cells of the lattice."""
-    across, down = lattice.spacing
-    axes = ellipse_axes(*second_moments(columns, rows, across, down))
-    return len(rows) * across * down, *axes
+    return np.maximum(reduce(np.minimum, depths), np.float32(settings.smallest_depth))

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.inspection.measuring.moments import ellipse_axes, second_moments
+from ftp_dent_ros.inspection.measuring.moments import Moments
 from ftp_dent_ros.inspection.measuring.patch import Patch
 from ftp_dent_ros.inspection.measuring.peak import part_above
 
@@ -59,7 +61,7 @@ def divided(patch: Patch, peaks: list[tuple[int, int]], level: float) -> list[Ma
 
 
 def parts_of(patch: Patch, at: tuple[int, int], depth: float, width: float) -> list[Mask]:
-    """What lies above each of `LEVELS` around the deepest cell of a dent.
+    """What lies above each of `LEVELS` around the deepest cell of a dent, in a window about it.
 
     Parameters
     ----------
@@ -77,7 +79,16 @@ def parts_of(patch: Patch, at: tuple[int, int], depth: float, width: float) -> l
         # The middle of a cell is that of its middle part.
         at = _FINER * at[0] + _FINER // 2, _FINER * at[1] + _FINER // 2
         patch = replace(patch, step=patch.step / _FINER, depth=np.asarray(fine), known=known)
-    return [part_above(patch, at, level * depth) for level in LEVELS]
+    widest = part_above(patch, at, LEVELS[0] * depth)
+    # All that is deeper lies within it.
+    left, top, across, down = cv2.boundingRect(widest.view(np.uint8))
+    window = slice(top, top + down), slice(left, left + across)
+    patch = replace(patch, depth=patch.depth[window], known=widest[window])
+    at = at[0] - top, at[1] - left
+    return [
+        widest[window],
+        *(part_above(patch, at, level * depth) for level in LEVELS[1:]),
+    ]
 
 
 def looks_compound(parts: list[Mask], noise: float) -> bool:
@@ -92,16 +103,18 @@ def looks_compound(parts: list[Mask], noise: float) -> bool:
     """
     shapes = []
     for part in parts:
-        rows, columns = np.nonzero(part)
-        if len(rows) < _FEWEST:
+        moments = Moments.of(part)
+        if moments.cells < _FEWEST:
             break
-        along, across = ellipse_axes(*second_moments(columns, rows))
-        shapes.append((columns.mean(), rows.mean(), across, along / across))
+        along, across = moments.ellipse()
+        shapes.append((moments.column, moments.row, across, along / across))
     if len(shapes) < _COMPARED:
         return False
-    x, y, width, ratio = np.array(shapes).T
-    moved = np.hypot(np.ptp(x[:_COMPARED]), np.ptp(y[:_COMPARED])) / width[0]
-    changed = np.ptp(ratio) / ratio.mean()
-    return bool(
-        moved > _MOVED + _MOVED_NOISE * noise or changed > _CHANGED + _CHANGED_NOISE * noise
-    )
+    x, y, width, ratio = zip(*shapes, strict=True)
+    moved = math.hypot(_range(x[:_COMPARED]), _range(y[:_COMPARED])) / width[0]
+    changed = _range(ratio) * len(ratio) / sum(ratio)
+    return moved > _MOVED + _MOVED_NOISE * noise or changed > _CHANGED + _CHANGED_NOISE * noise
+
+
+def _range(values: Sequence[float]) -> float:
+    return max(values) - min(values)

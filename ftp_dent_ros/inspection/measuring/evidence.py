@@ -66,7 +66,7 @@ def fitted_depth(patch: Patch, outline: Outline, length: float, width: float, an
     What is deep at single cells alone, as the largest of a speckle is, has none.
     """
     x, y = outline.centre
-    dx, dy = np.meshgrid(patch.x - x, patch.y - y)
+    dx, dy = patch.x - x, (patch.y - y)[:, None]
     c, s = math.cos(angle), math.sin(angle)
     u, v = TENTH * (c * dx + s * dy) / length, TENTH * (c * dy - s * dx) / width
     shape = np.where(patch.known, np.exp(-(u * u + v * v) / 2), 0.0)

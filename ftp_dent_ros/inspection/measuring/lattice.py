@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.errors import CloudError
+from ftp_dent_ros.inspection.measuring.median import median
 from ftp_dent_ros.inspection.settings import Settings
 
 _FEWEST_POINTS = 300
@@ -80,11 +81,12 @@ class Lattice:
         block = max(1, round(settings.smallest_width / _CELLS / max(across)))
         share = _means(finite.astype(np.float32), block)
         valid = share > 0.5
-        points = _means(relative, block) / np.where(valid, share, 1)[..., None]
-        points[~valid] = 0
+        # What is divided by infinity is 0.
+        divisor = np.where(valid, share, np.float32(np.inf))
+        points = cv2.divide(_means(relative, block), cv2.merge([divisor] * 3))
         spacing = block * across[0], block * across[1]
         return cls(
-            points.astype(np.float32, copy=False),
+            np.asarray(points, np.float32),
             valid,
             _told(cloud.sigma, finite, block),
             _told(cloud.resolution, finite, block),
@@ -100,10 +102,15 @@ class Lattice:
         """Values of the cells at the cloud's points, shape `shape`."""
         if self.block == 1:
             return coarse
-        rows = np.minimum(np.arange(shape[0]) // self.block, len(coarse) - 1)
-        columns = np.minimum(np.arange(shape[1]) // self.block, coarse.shape[1] - 1)
-        # The slow one of the two first, where there is less of it.
-        return coarse[:, columns][rows]
+        rows, columns = coarse.shape
+        plain = coarse.view(np.uint8) if coarse.dtype == bool else coarse
+        size = columns * self.block, rows * self.block
+        fine = cv2.resize(plain, size, interpolation=cv2.INTER_NEAREST)
+        if fine.shape != shape:
+            # What fills no block has the nearest one's.
+            over = shape[0] - size[1], shape[1] - size[0]
+            fine = cv2.copyMakeBorder(fine, 0, over[0], 0, over[1], cv2.BORDER_REPLICATE)
+        return np.asarray(fine).view(coarse.dtype)
 
     def cells(self, metres: float) -> tuple[float, float]:
         """A length in cells along x and y."""
@@ -118,7 +125,7 @@ def _told(values: NDArray, finite: NDArray[np.bool_], block: int) -> NDArray[np.
     weight = _means(known.astype(np.float32), block)
     total = _means(np.where(known, values, 0).astype(np.float32, copy=False), block)
     means = total / np.maximum(weight, np.float32(1e-6))
-    usual = np.float32(np.median(means[weight > 0][::_SOME]))
+    usual = np.float32(median(means[weight > 0][::_SOME]))
     return np.where(weight > 0, means, usual)
 
 
@@ -144,7 +151,8 @@ def _checked(cloud: Cloud) -> NDArray[np.float64]:
     step = max(1, int(np.sqrt(count / 5000)))
     some = cloud.points[::step, ::step][finite[::step, ::step]]
     some = some if len(some) else cloud.points[finite]
-    return np.nanmedian(some.astype(float), axis=0)
+    axes = some.astype(float).T
+    return np.array([median(axis[np.isfinite(axis)]) for axis in axes])
 
 
 def _relative(
@@ -167,8 +175,11 @@ def _spacing(points: NDArray, finite: NDArray[np.bool_], axis: int) -> float:
     if not len(pairs):
         raise CloudError('the points of the cloud have no neighbours: give a dense cloud')
     row, column = np.unravel_index(pairs[:: 1 + len(pairs) // _PAIRS], finite[here].shape)
-    apart = points[there][row, column] - points[here][row, column]
-    return float(np.median(np.linalg.norm(apart, axis=1)))
+    width = finite.shape[1]
+    one = width * row + column
+    flat = points.reshape(-1, 3)
+    apart = flat[one + (width if axis == 0 else 1)] - flat[one]
+    return median(np.linalg.norm(apart, axis=1))
 
 
 def _means(values: NDArray[np.float32], block: int) -> NDArray[np.float32]:

@@ -156,13 +156,13 @@ def _one(
     if not reason and kind == 'dent':
         reason = _overlap(sizes, patch, at, region, around, skin.noise)
     contour, (x, y) = skin.contour, outline.centre
-    normal = contour.normal(np.array([x]), np.array([y]))[0]
+    position, normal, line = on_skin(contour, outline, sign * LEVEL * sizes.depth.value)
     axis = axis_along(contour, normal, outline.axis())
     model_length, model_width = model_axes(sizes, patch, region, skin.noise.correlated_area)
     return MeasuredDent(
         kind=kind,
         reason=reason,
-        position=contour.point(np.array([x]), np.array([y]))[0],
+        position=position,
         normal=normal,
         axis=axis,
         depth=_signed(sign, sizes.depth),
@@ -176,7 +176,7 @@ def _one(
         bottom_radius=radius,
         significance=sizes.significance,
         is_cut=outline.is_cut or sizes.hidden > _HIDDEN,
-        outline=on_skin(contour, outline, sign * LEVEL * sizes.depth.value),
+        outline=line,
         length_profile=profile_of(seen.measured, sign, x, y, sizes.angle, length),
         width_profile=profile_of(seen.measured, sign, x, y, across, width),
     )

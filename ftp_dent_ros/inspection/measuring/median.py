@@ -18,4 +18,5 @@ def median(values: NDArray[np.floating]) -> float:
         return math.nan
     if len(values) % 2:
         return float(np.partition(values, half)[half])
-    return float(np.partition(values, (half - 1, half))[half - 1 : half + 1].mean())
+    low, high = np.partition(values, (half - 1, half))[half - 1 : half + 1]
+    return float((low + high) / 2)

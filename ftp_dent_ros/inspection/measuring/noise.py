@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -67,7 +68,15 @@ class Noise:
         return math.hypot(self._alike(scale), _left(scale, self.reach) * extra)
 
     def _alike(self, scale: float) -> float:
-        return float(np.interp(scale, self.scales, self.common))
+        for (left, low), (right, high) in self._levels:
+            if scale <= right:
+                return low + (high - low) / (right - left) * (scale - left)
+        return high
+
+    @cached_property
+    def _levels(self) -> list[tuple[tuple[float, float], tuple[float, float]]]:
+        """Neighbours of scales and second parts: NumPy's interpolation takes longer to call."""
+        return list(pairwise(zip(self.scales.tolist(), self.common.tolist(), strict=True)))
 
     @cached_property
     def correlated_area(self) -> float:

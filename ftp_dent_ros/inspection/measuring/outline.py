@@ -10,13 +10,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.inspection.measuring.moments import second_moments
+from ftp_dent_ros.inspection.measuring.moments import Moments
 from ftp_dent_ros.inspection.measuring.patch import Patch, sampled
 from ftp_dent_ros.inspection.measuring.peak import part_above
 
 _RAYS = 96
 _SAMPLES = 80
-_FURTHEST = 2.2
+# Along each, in radii of the ellipse with the same moments.
+_ALONG = np.linspace(0, 2.2, _SAMPLES)
 # Of the outline about its ellipse: at most, and at least; all of them where the level is so many
 # standard deviations of the noise.
 _HARMONICS, _FEWEST, _CLEAR = 8, 2, 10.0
@@ -60,10 +61,16 @@ class Outline:
             float((self.y + next_y) @ cross / six),
         )
 
-    @property
+    @cached_property
     def area(self) -> float:
         """Square metres."""
         return abs(float(self._cross.sum() / 2))
+
+    @property
+    def perimeter(self) -> float:
+        """Metres."""
+        next_x, next_y = self._next
+        return float(np.hypot(next_x - self.x, next_y - self.y).sum())
 
     def axis(self) -> float:
         """Angle of the longer principal axis of the area."""
@@ -96,7 +103,7 @@ class Outline:
     @cached_property
     def _next(self) -> tuple[Vector, Vector]:
         """For each point, the next one along the curve."""
-        return np.append(self.x[1:], self.x[0]), np.append(self.y[1:], self.y[0])
+        return np.concatenate([self.x[1:], self.x[:1]]), np.concatenate([self.y[1:], self.y[:1]])
 
     @cached_property
     def _cross(self) -> Vector:
@@ -127,17 +134,17 @@ def find_outline(
         a curve is drawn, for the longest distance of a ragged one is too long.
     """
     filled = _filled(part_above(patch, peak, level, region))
-    rows, columns = np.nonzero(filled)
-    if len(rows) < 9:
+    moments = Moments.of(filled)
+    if moments.cells < 9:
         return None
-    row, column = rows.mean(), columns.mean()
-    xx, yy, xy = second_moments(columns, rows)
-    values, vectors = np.linalg.eigh([[xx, xy], [xy, yy]])
-    radius = 2 * np.sqrt(values)
-    ray = vectors @ (radius[:, None] * _circle(_RAYS))
-    along = np.linspace(0, _FURTHEST, _SAMPLES)
-    at_x = column + ray[0][:, None] * along
-    at_y = row + ray[1][:, None] * along
+    column, row = moments.column, moments.row
+    (length, width), angle = moments.ellipse(), moments.angle
+    c, s = math.cos(angle), math.sin(angle)
+    # From the unit circle to the ellipse.
+    stretch = np.array([[-width * s, length * c], [width * c, length * s]]) / 2
+    ray = stretch @ _circle(_RAYS)
+    at_x = column + ray[0][:, None] * _ALONG
+    at_y = row + ray[1][:, None] * _ALONG
     depth = sampled(patch.single, at_x, at_y, cv2.INTER_CUBIC)
     # One cell more, so that the crossing behind the last cell is seen.
     wider = cv2.dilate(filled.view(np.uint8), np.ones((3, 3), np.uint8))
@@ -147,9 +154,9 @@ def find_outline(
     each = np.arange(_RAYS)
     high, low = depth[each, last], depth[each, last + 1]
     fall = np.maximum(high - low, 1e-12)
-    crossing = along[last] + (along[1] - along[0]) * np.clip((high - level) / fall, 0, 1)
+    crossing = _ALONG[last] + _ALONG[1] * np.clip((high - level) / fall, 0, 1)
     dense = _harmonic(crossing, _POINTS, _kept(level, noise))
-    ray = vectors @ (radius[:, None] * _circle(_POINTS))
+    ray = stretch @ _circle(_POINTS)
     out_x, out_y = column + dense * ray[0], row + dense * ray[1]
     cut = _cut(patch, out_x, out_y)
     slope = _slope(patch, out_x, out_y, level)
@@ -189,7 +196,7 @@ def _filled(part: Mask) -> Mask:
 def _kept(level: float, noise: float) -> int:
     """Number of harmonics whose noise stays well below what the level can tell."""
     clear = level / max(noise, 1e-12) / _CLEAR
-    return int(np.clip(_HARMONICS * clear, _FEWEST, _HARMONICS))
+    return int(min(max(_HARMONICS * clear, _FEWEST), _HARMONICS))
 
 
 def _harmonic(values: Vector, count: int, harmonics: int) -> Vector:

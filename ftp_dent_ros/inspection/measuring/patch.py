@@ -113,7 +113,9 @@ class Patch:
 
 def sampled(values: NDArray, columns: Map, rows: Map, interpolation: int) -> Map:
     """Values at fractions of cells, 0 beyond the frame; any shape of up to 2 dimensions."""
-    x, y = (np.atleast_2d(each).astype(np.float32) for each in (columns, rows))
+    x, y = np.float32(columns), np.float32(rows)
+    if x.ndim < 2:
+        x, y = np.atleast_2d(x), np.atleast_2d(y)
     if values.dtype != np.uint8:
         values = values.astype(np.float32, copy=False)
     found = cv2.remap(values, x, y, interpolation, borderMode=cv2.BORDER_CONSTANT)
@@ -128,14 +130,15 @@ class _Splat:
         u, v = at_x - column, at_y - row
         first = row * shape[1] + column
         self._shape = shape
-        self._at = np.stack([first, first + 1, first + shape[1], first + shape[1] + 1])
-        self._weight = np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v])
+        at = np.array([first, first + 1, first + shape[1], first + shape[1] + 1])
+        self._at = at.ravel()
+        self._weight = np.array([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v])
 
     def add(self, values: Map) -> Map:
-        total = np.bincount(
-            self._at.ravel(), (self._weight * values).ravel(), self._shape[0] * self._shape[1]
-        )
-        return total.reshape(self._shape).astype(float)
+        count = self._shape[0] * self._shape[1]
+        total = np.bincount(self._at, (self._weight * values).ravel(), count)
+        return np.asarray(total, float).reshape(self._shape)
 
     def take(self, grid: Map) -> Map:
-        return (self._weight * grid.ravel()[self._at]).sum(axis=0)
+        near = grid.ravel()[self._at].reshape(self._weight.shape)
+        return (self._weight * near).sum(axis=0)

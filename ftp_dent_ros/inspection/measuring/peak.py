@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.inspection.measuring.moments import ellipse_axes, second_moments
+from ftp_dent_ros.inspection.measuring.equations import solved
+from ftp_dent_ros.inspection.measuring.moments import Moments
 from ftp_dent_ros.inspection.measuring.patch import Patch
 
 # Parts of the depth above which a quadric is fitted, the first that has cells enough.
@@ -19,7 +20,8 @@ _ENOUGH = 24
 _OPEN = 0.05
 # Of the depth, for the radius at the bottom, and places along a profile to it.
 _LEVEL = 0.8
-_ALONG = 120
+_ALONG = np.linspace(0, 1, 120)
+_UNIT = np.eye(6)
 
 Vector = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -49,13 +51,13 @@ def extent(
     Those of the ellipse with the same second moments, and whether it leaves what is measured.
     """
     part = part_above(patch, at, share * patch.depth[at], region)
-    rows, columns = np.nonzero(part)
-    if len(rows) < 2:
+    moments = Moments.of(part)
+    if moments.cells < 2:
         return patch.step, patch.step, False
-    along, across = ellipse_axes(*second_moments(columns, rows, patch.step, patch.step))
+    along, across = moments.ellipse(patch.step, patch.step)
     grown = cv2.dilate(part.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     around = grown & ~part
-    return along, across, bool((~patch.known[around]).mean() > _OPEN)
+    return along, across, float(np.mean(~patch.known[around])) > _OPEN
 
 
 def part_above(
@@ -110,12 +112,12 @@ def bottom_of(
 def _quadric(patch, rows, columns, at, noise, correlated) -> tuple[float, float]:
     """Maximum of a quadric over the cells, and its standard deviation."""
     u, v = patch.step * (columns - at[1]), patch.step * (rows - at[0])
-    scale = math.sqrt(float(np.square(u).mean() + np.square(v).mean()))
+    scale = math.sqrt(float(u @ u + v @ v) / len(u))
     u, v = u / scale, v / scale
-    basis = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v])
+    basis = np.array([np.ones_like(u), u, v, u * u, u * v, v * v])
     normal = basis @ basis.T
-    normal.flat[:: len(normal) + 1] += 1e-9 * np.trace(normal)
-    inverse = np.linalg.inv(normal)
+    normal.flat[:: len(normal) + 1] += 1e-9 * normal.trace()
+    inverse = solved(normal, _UNIT)
     solution = inverse @ (basis @ patch.depth[rows, columns])
     top = solution @ basis
     best = int(np.argmax(top))
@@ -141,9 +143,9 @@ def radius_across(
     width : float
         Metres.
     """
-    along = np.linspace(0, 0.75 * width, _ALONG)
+    along = 0.75 * width * _ALONG
     x, y = patch.x[at[1]], patch.y[at[0]]
-    both = np.stack([along, -along])
+    both = np.array([along, -along])
     reach = 0.0
     for depths in patch.at(x + both * math.cos(angle), y + both * math.sin(angle)):
         below = np.flatnonzero(depths < _LEVEL * depth)

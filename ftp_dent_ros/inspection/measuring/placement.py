@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from ftp_dent_ros.inspection.measuring.contour import Contour
 from ftp_dent_ros.inspection.measuring.outline import Outline
 
-_PROFILE = 81
+# Of a profile, in lengths of the dent.
+_PROFILE = np.linspace(-0.83, 0.83, 81)
 
 Vector = NDArray[np.float64]
 
@@ -22,15 +23,22 @@ def axis_along(contour: Contour, normal: Vector, angle: float) -> Vector:
     return along / np.linalg.norm(along)
 
 
-def on_skin(contour: Contour, outline: Outline, depth: float) -> NDArray[np.float64]:
-    """The outline as a closed line in the cloud's frame, shape (n, 3)."""
-    points = contour.point(outline.x, outline.y, np.full(len(outline.x), depth))
-    return np.concatenate([points, points[:1]])
+def on_skin(
+    contour: Contour, outline: Outline, depth: float
+) -> tuple[Vector, Vector, NDArray[np.float64]]:
+    """Centre of an outline, normal there and the outline as a closed line, in the cloud's frame.
+
+    Of shapes (3,), (3,) and (n, 3); the line lies `depth` metres below the contour.
+    """
+    x, y = outline.centre
+    places = np.append(outline.x, (outline.x[0], x)), np.append(outline.y, (outline.y[0], y))
+    feet, outward = contour.foot(*places)
+    return feet[-1], outward[-1], feet[:-1] - depth * outward[:-1]
 
 
 def profile_of(patch, sign, x, y, angle, length) -> NDArray[np.float64]:
     """Depths along a line, shape (n, 2), a third of the length beyond both ends."""
-    along = np.linspace(-0.83 * length, 0.83 * length, _PROFILE)
+    along = length * _PROFILE
     at_x, at_y = x + along * math.cos(angle), y + along * math.sin(angle)
     depth = sign * patch.at(at_x, at_y)
     depth[~patch.is_known(at_x, at_y)] = np.nan

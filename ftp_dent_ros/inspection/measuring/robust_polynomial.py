@@ -8,6 +8,8 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.inspection.measuring import equations
+
 # Tukey's biweight: full efficiency is 95 % at this many standard deviations.
 _TUKEY = 4.7
 _SHRINK = 0.6
@@ -78,8 +80,8 @@ def solved(columns, left, weight, coefficients) -> NDArray[np.float64]:
     weighted = columns * weight[:, None]
     normal = weighted.T @ columns
     right = weighted.T @ left + normal @ coefficients
-    normal.flat[:: len(normal) + 1] += 1e-9 * np.trace(normal)
-    return np.linalg.solve(normal, right)
+    normal.flat[:: len(normal) + 1] += 1e-9 * normal.trace()
+    return equations.solved(normal, right)
 
 
 def model(columns, coefficients, x, y):
@@ -111,7 +113,7 @@ def powers(terms: int) -> tuple[tuple[int, int], ...]:
 
 def basis(x: Field, y: Field, terms: int) -> NDArray[np.float64]:
     """Monomials at x, y, shape (n, terms)."""
-    return np.stack([np.asarray(x**i * y**j, float) for i, j in powers(terms)], axis=1)
+    return np.array([x**i * y**j for i, j in powers(terms)], float).T
 
 
 def some(points: NDArray, count: int, rng: np.random.Generator) -> NDArray:

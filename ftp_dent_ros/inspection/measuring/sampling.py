@@ -28,7 +28,8 @@ Mask = NDArray[np.bool_]
 def patch_of(candidate: Candidate, around: Surroundings, noise: Noise) -> Patch:
     """Depths around a candidate, smoothed as its noise demands and its size allows."""
     size = min(2 * math.sqrt(candidate.area / math.pi), candidate.width)
-    spread = max(np.ptp(around.bounds[:2]), np.ptp(around.bounds[2:]))
+    x_min, x_max, y_min, y_max = around.bounds
+    spread = max(x_max - x_min, y_max - y_min)
     step = max(around.spacing, min(spread / (2 * _CELLS), size / _ACROSS))
     scale = max(_SMALLEST * size, 0.7 * step)
     while (local := noise.where(around.extra, scale)) > _CLEAN * candidate.height:

@@ -149,10 +149,9 @@ def sizes_of(
     astray = passes * math.sqrt(noise.correlated_area)
     u_length = math.hypot(u_length, parted * length, astray)
     u_width = math.hypot(u_width, parted * width)
-    perimeter = float(np.hypot(*np.diff([outline.x, outline.y], append=0)[:, :-1]).sum())
-    flatness = float(np.mean(1 / outline.slope))
-    independent = math.sqrt(max(perimeter / math.sqrt(noise.correlated_area), 1))
-    u_area = perimeter * math.hypot(
+    flatness = float((1 / outline.slope).mean())
+    independent = math.sqrt(max(outline.perimeter / math.sqrt(noise.correlated_area), 1))
+    u_area = outline.perimeter * math.hypot(
         flatness * local / independent, _EVENED * math.hypot(flatness * shift, grain / 2)
     )
     volume = float((patch.depth * outline.inside).sum()) * patch.step**2

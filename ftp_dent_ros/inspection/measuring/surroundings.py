@@ -86,12 +86,14 @@ def surroundings_of(
         Cells at panels' borders.
     """
     rows, columns = np.concatenate([[candidate.rows, candidate.columns], candidate.gap], axis=1)
-    if max(np.ptp(rows), np.ptp(columns)) < 1:
+    (top, bottom), (left, right) = _range(rows), _range(columns)
+    size = max(bottom - top, right - left)
+    if size < 1:
         return None
-    margin = int(_MARGIN * max(np.ptp(rows), np.ptp(columns))) + 5
+    margin = int(_MARGIN * size) + 5
     block = lattice.block
-    top, left = max(rows.min() - margin, 0), max(columns.min() - margin, 0)
-    bottom, right = rows.max() + margin + 1, columns.max() + margin + 1
+    top, left = max(top - margin, 0), max(left - margin, 0)
+    bottom, right = bottom + margin + 1, right + margin + 1
     window = slice(top * block, bottom * block), slice(left * block, right * block)
     usable = at[window]
     if seams.any():
@@ -101,19 +103,19 @@ def surroundings_of(
     spacing = max(lattice.spacing) / block
     every = max(1, min(max(usable.shape) // _WINDOW, int(candidate.width / spacing / _ACROSS)))
     if every > 1:
-        size = usable.shape[1] // every, usable.shape[0] // every
+        fewer = usable.shape[1] // every, usable.shape[0] // every
         mask = usable.astype(np.uint8)
         images = [
-            cv2.resize(cv2.copyTo(values, mask), size, interpolation=cv2.INTER_AREA)
+            cv2.resize(cv2.copyTo(values, mask), fewer, interpolation=cv2.INTER_AREA)
             for values in images
         ]
-        share = cv2.resize(usable.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+        share = cv2.resize(usable.astype(np.float32), fewer, interpolation=cv2.INTER_AREA)
         usable = share > 0.5
         share = share[usable]
-        values, *rest = (image[usable] for image in images)
+        values, *rest = (_of(image, usable) for image in images)
         values, rest = values / share[:, None], [each / share for each in rest]
     else:
-        values, *rest = (image[usable] for image in images)
+        values, *rest = (_of(image, usable) for image in images)
     if len(values) < _FEWEST:
         return None
     contour = skin.contour
@@ -121,13 +123,9 @@ def surroundings_of(
     if relief is not None:
         depth = depth - rest[1]
     around_x, around_y = places(candidate, lattice, contour)
-    pad = 0.35 * max(np.ptp(around_x), np.ptp(around_y)) + 4 * max(lattice.spacing)
-    bounds = (
-        float(around_x.min() - pad),
-        float(around_x.max() + pad),
-        float(around_y.min() - pad),
-        float(around_y.max() + pad),
-    )
+    (x_min, x_max), (y_min, y_max) = _range(around_x), _range(around_y)
+    pad = 0.35 * max(x_max - x_min, y_max - y_min) + 4 * max(lattice.spacing)
+    bounds = float(x_min - pad), float(x_max + pad), float(y_min - pad), float(y_max + pad)
     resolution = np.nan
     if lattice.resolution is not None:
         resolution = median(lattice.resolution[candidate.rows, candidate.columns])
@@ -143,6 +141,15 @@ def surroundings_of(
         extra=median(skin.noise.extra[candidate.rows, candidate.columns]),
         resolution=resolution,
     )
+
+
+def _of(image: NDArray, mask: NDArray[np.bool_]) -> NDArray:
+    """Values at the places of a mask, shape (n, ...)."""
+    return image.reshape(mask.size, *image.shape[2:]) if mask.all() else image[mask]
+
+
+def _range(values: NDArray) -> tuple:
+    return values.min(), values.max()
 
 
 def places(candidate: Candidate, lattice: Lattice, contour: Contour) -> tuple[Vector, Vector]:
