@@ -5,8 +5,9 @@ python benchmarks/right_pattern.py [--scenes 100] [--first 0] [--method least-sq
 
 Rigs, distances, tilts of up to 40 degrees, radii, steps and panels whose rims run straight along
 the fringes are drawn at random, a scene a seed. With --ratio the pattern is told with so many
-times its period, with --moved with its zero so many pixels elsewhere: then the scenes that are not
-refused are those of which one photograph cannot tell; "remarked" if that is said.
+times its period, with --moved with its zero so many pixels elsewhere: then the scenes that are
+not refused are those of which one photograph cannot tell; "remarked" if that is said, "off its
+rows" if the light is farther beside its epipolar lines than a true rig and pattern bring it.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from ftp_dent_ros.evaluation.scenes import PATTERN, make_rig
 from ftp_dent_ros.pattern import CODES, Pattern
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
+from ftp_dent_ros.profilometry.rig_alarm import off
 from ftp_dent_ros.rig import Rig
 from ftp_dent_ros.simulation import Dent, Panel, Photometry, Renderer, Surface
 
@@ -100,6 +102,8 @@ def main() -> None:
             error = np.abs(surface.distance(cloud.points[cloud.valid].astype(float)))
             outcome = 'right' if np.median(error) < 1e-3 else 'wrong cloud'
             outcome += '' if measured.coverage.confirmed else ', remarked'
+            check = measured.epipolar
+            outcome += ', off its rows' if check and check.seen and off([check]) else ''
         except OtherPatternError as reason:
             outcome = reason.reason
             tqdm.write(f'{seed} {kind}: {reason}')

@@ -168,6 +168,11 @@ class Pattern:
         return contrasts[order & (len(SEQUENCE) - 1)]
 
     @property
+    def faintest_contrast(self) -> float:
+        """Contrast of the faintest fringes where it is the code; 1 where it is not."""
+        return self.low_contrast * (1 - self.row_depth) if self.code == 'contrast' else 1.0
+
+    @property
     def fringe_orders(self) -> range:
         """Orders k of the fringes from the first to the last column."""
         # So that rounding does not tell one fringe from the next at the border.

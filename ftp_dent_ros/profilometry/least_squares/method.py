@@ -96,7 +96,10 @@ class LeastSquares:
         """Light, where it is of one surface, and of two, and the surfaces in it."""
         light = IntensityBins.of(photograph, self.grid, self.pattern.code == 'stripe')
         fringes = fit(self.grid, self.windows, self._table, light.red)
-        lit, seams = fringe_region(fringes, self.windows, self.grid, self.period)
+        lit, seams = fringe_region(
+            *(fringes, self.windows, self.grid, self.period),
+            self.pattern.faintest_contrast,
+        )
         check_exposure(light, lit, self.grid, self.period)
         return light, lit, seams, self._surfaces.fitted(light, fringes, lit, seams)
 

@@ -33,19 +33,31 @@ SMALLEST = 30  # nodes of a surface
 
 
 def fringe_region(
-    fringes: Fringes, windows: Windows, grid: Grid, period: float
+    fringes: Fringes, windows: Windows, grid: Grid, period: float, faintest: float = 1.0
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Nodes that see fringes of one surface, and those in between that see two."""
+    """Nodes that see fringes of one surface, and those in between that see two.
+
+    Parameters
+    ----------
+    fringes : Fringes
+    windows : Windows
+    grid : Grid
+    period : float
+        Of the fringes, pixels.
+    faintest : float
+        Contrast of the pattern's faintest fringes over that of its strongest: a fringe that its
+        code makes faint is neither unlit nor between two surfaces.
+    """
     nu, nv = (math.ceil(period / pitch) for pitch in grid.pitch)
     reaches = (windows.sigma_v, nv), (windows.sigma_u, nu)
     reach = [2 * math.ceil(2 * sigma) + 2 * n + 1 for sigma, n in reaches]
-    lit = fringes.modulation > _LEAST_MODULATION
+    lit = fringes.modulation > _LEAST_MODULATION * faintest
     beside_dark = cv2.dilate((~lit).view(np.uint8), np.ones(reach, np.uint8), borderValue=0) > 0
     shoulder = cv2.dilate(fringes.modulation, np.ones((2 * nv + 1, 2 * nu + 1), np.uint8))
     between = cv2.morphologyEx(
         fringes.modulation, cv2.MORPH_CLOSE, np.ones((2 * nv + 1, 4 * nu + 1), np.uint8)
     )
-    valley = fringes.modulation <= _VALLEY * between
+    valley = fringes.modulation <= _VALLEY * faintest * between
     rim = beside_dark & (fringes.modulation <= _RIM * shoulder)
     return lit & ~rim & ~valley, lit & valley
 
