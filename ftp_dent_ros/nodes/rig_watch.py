@@ -16,7 +16,7 @@ from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.photograph import Photograph
 from ftp_dent_ros.profilometry.epipolar_check import EpipolarCheck
 from ftp_dent_ros.profilometry.flicker import LAST as FLICKER_LAST
-from ftp_dent_ros.profilometry.flicker import MUCH, flicker, light_of
+from ftp_dent_ros.profilometry.flicker import MUCH, fall_of_light, flicker, light_of
 from ftp_dent_ros.profilometry.measurement import Measurement
 from ftp_dent_ros.profilometry.rig_alarm import LAST, rig_alarm
 from ftp_dent_ros.rig import Lens, Rig
@@ -96,7 +96,7 @@ class RigWatch:
         """Look at another photograph and its cloud."""
         if not self._info_came:
             self._warn_of_no_info()
-        self._note_flicker(photograph)
+        self._note_flicker(photograph, measurement.cloud.points)
         self._note_epipolar(measurement.epipolar)
         self._check_turn(pattern, photograph, measurement.cloud.points)
 
@@ -105,9 +105,12 @@ class RigWatch:
         self._diagnostics.note('camera_info', without)
         self._logger.warning(f'camera_info: {without}', once=True)
 
-    def _note_flicker(self, photograph: Photograph) -> None:
+    def _note_flicker(self, photograph: Photograph, points: NDArray) -> None:
         """Say how the light changes from photograph to photograph, and what to do if it does."""
-        self._lights.append(light_of(photograph))
+        if self._rig is None:
+            return
+        fall = fall_of_light(points, self._rig.projector_centre)
+        self._lights.append(light_of(photograph) / fall)
         found = flicker(self._lights)
         if found is not None:
             advice = ': expose for a whole number of projector frames, if the skin is plain'

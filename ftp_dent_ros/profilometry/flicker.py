@@ -22,6 +22,8 @@ LAST = 12
 SOME, MUCH = 0.01, 0.04
 # Pixels that are looked at: the mean over the crests is right to two thousandths.
 _SAMPLES = 20_000
+# Points that are looked at, along rows and columns: the fall of the light is smooth.
+_EVERY = 8
 # Fringes' crests: levels above this part of the brightest, and below those that may be clipped.
 _CREST, _BRIGHTEST, _CLIPPED = 0.5, 98, 250
 
@@ -72,6 +74,33 @@ def light_of(photograph: Photograph) -> NDArray[np.float64]:
     return np.broadcast_to(levels[crest].mean(axis=0), 3).astype(float)
 
 
+def fall_of_light(points: NDArray[np.floating], source: NDArray[np.float64]) -> float:
+    """How much of a steady lamp's light falls on a skin: the mean of cos(angle) / distance².
+
+    What `light_of` sees of a moving skin is divided by it, so that what is left changes with the
+    lamp, and not with how the skin lies to it.
+
+    Parameters
+    ----------
+    points : ndarray, shape (rows, columns, 3)
+        Metres; NaN where there is none.
+    source : ndarray, shape (3,)
+        The lamp, in the points' frame.
+
+    Returns
+    -------
+    float
+        1/m²; NaN without points side by side.
+    """
+    some = points[::_EVERY, ::_EVERY].astype(float)
+    right, down = np.diff(some, axis=1)[:-1], np.diff(some, axis=0)[:, :-1]
+    normal, ray = np.cross(right, down), some[:-1, :-1] - source
+    share = np.abs((normal * ray).sum(axis=-1)) / np.linalg.norm(normal, axis=-1)
+    share /= np.linalg.norm(ray, axis=-1) ** 3
+    known = share[np.isfinite(share)]
+    return float(known.mean()) if known.size else float('nan')
+
+
 def _some(pixels: NDArray) -> NDArray:
     """Some pixels at random, the same of each photograph: fringes beat with any grid."""
     return pixels.reshape(-1, *pixels.shape[2:])[_places(pixels.shape[0] * pixels.shape[1])]
@@ -91,7 +120,8 @@ def flicker(lights: Sequence[NDArray]) -> Flicker | None:
     Parameters
     ----------
     lights : sequence of ndarray, shape (3,)
-        As `light_of` gives them, in the order of the photographs.
+        As `light_of` gives them, over `fall_of_light` where the skin moves, in the order of the
+        photographs.
     """
     known = np.array([light for light in lights if np.isfinite(light).all() and light.min() > 0])
     if len(known) < 3:

@@ -7,7 +7,7 @@ import pytest
 
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.photograph import Photograph
-from ftp_dent_ros.profilometry.flicker import flicker, light_of
+from ftp_dent_ros.profilometry.flicker import fall_of_light, flicker, light_of
 
 FRINGES = Pattern(320, 200, 10.0, 160.0).draw()[:, :140] / 254
 
@@ -54,3 +54,13 @@ def test_grey_photographs_have_no_colour_and_darkness_tells_nothing():
     dark = Photograph.of(np.zeros((64, 64), np.uint8))
     assert of([dark] * 5) is None
     assert of(grey[:2]) is None
+
+
+def test_light_falls_on_a_skin_with_its_slope_and_the_square_of_its_distance():
+    y, x = np.meshgrid(np.linspace(-0.01, 0.01, 64), np.linspace(-0.01, 0.01, 64), indexing='ij')
+    for distance, slope in ((0.5, 0.0), (1.0, 0.0), (0.5, 0.5)):
+        points = np.stack([x, y, distance + slope * x], axis=-1).astype(np.float32)
+        points[:20, 7] = np.nan
+        expected = np.cos(np.arctan(slope)) / distance**2
+        assert fall_of_light(points, np.zeros(3)) == pytest.approx(expected, rel=0.01)
+    assert np.isnan(fall_of_light(np.full((40, 40, 3), np.nan), np.zeros(3)))

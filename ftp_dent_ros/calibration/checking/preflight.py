@@ -14,8 +14,10 @@ from ftp_dent_ros.errors import CalibrationError, CloudError, RefusedFrameError
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.settings import Settings as Smallest
 from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.photograph import Photograph
 from ftp_dent_ros.profilometry import Reconstructor
-from ftp_dent_ros.profilometry.flicker import MUCH, SOME, flicker
+from ftp_dent_ros.profilometry.flicker import MUCH, SOME, fall_of_light, flicker, light_of
+from ftp_dent_ros.profilometry.measurement import Measurement
 from ftp_dent_ros.profilometry.rig_alarm import LAST, rig_alarm
 from ftp_dent_ros.rig import Rig
 
@@ -113,7 +115,6 @@ def examine(
         Finding('projector', OK, f'lights {100 * lit.mean():.0f} % of the image'),
         _exposure(fringes[0], lit, exposure),
         _focus(sharpness(white, black, fringes[0], pattern.draw())),
-        _flicker(fringes, lit, exposure),
         _ambient(white, black, lit),
     ]
     try:
@@ -129,6 +130,7 @@ def examine(
             f'seen; {100 * min(share, 1):.0f} % measured',
         )
     )
+    findings.append(_flicker(fringes, measured, rig, exposure))
     findings.append(_distance(cloud, smallest))
     try:
         found = check(rig, pattern, fringes[0], cloud.points, flatness=math.inf)
@@ -172,8 +174,16 @@ def _focus(left: float) -> Finding:
     return Finding('focus', WARN if left >= _SOFT else NO, f'{text}: {advice}')
 
 
-def _flicker(fringes: list[NDArray], lit: NDArray, exposure: float) -> Finding:
-    found = flicker([each[lit].astype(float).mean(axis=0) for each in fringes])
+def _flicker(
+    fringes: list[NDArray], measured: list[Measurement], rig: Rig, exposure: float
+) -> Finding:
+    source = rig.projector_centre
+    found = flicker(
+        [
+            light_of(Photograph.of(image)) / fall_of_light(each.cloud.points, source)
+            for image, each in zip(fringes, measured, strict=False)
+        ]
+    )
     if found is None:
         return Finding('flicker', WARN, 'not known: it takes three photographs that show light')
     if found.worst <= SOME:
