@@ -21,6 +21,8 @@ _SMALLEST = 3.0
 _SMALLEST_SECOND = 4.0
 # Part of a panel that one plane beside the first panel's contour has to explain.
 _EXPLAINED = 0.6
+# Part of a step by which what is measured with few wavelengths rings beside it (Gibbs).
+_RINGING = 0.09
 # Cells across the middle of the narrowest second panel, without its rim of two.
 _NARROWEST = 5
 _MOST = 8
@@ -181,6 +183,7 @@ def _another_panel(contour, lattice, deviation, rest, part, tolerance) -> Mask |
         solution = np.linalg.lstsq(weighted.T @ basis, weighted.T @ depth, rcond=None)[0]
         left = np.abs(depth - basis @ solution)
         weight = 1 / np.maximum(left, tolerance / 5)
+    tolerance = max(tolerance, _RINGING * float(np.median(np.abs(depth))))
     if (left < tolerance).mean() < _EXPLAINED:
         return None
     agreed = np.zeros_like(rest)

@@ -3,6 +3,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from scipy.special import erf
 from small_clouds import COLUMNS, ROWS, cloud_of, panel
 
 from ftp_dent_ros.cloud import Cloud
@@ -186,6 +187,20 @@ def test_a_lap_joint_is_a_step_and_a_dent_beside_it_is_measured(height):
     assert step.length.value == pytest.approx(0.21, abs=0.02)
     (dent,) = inspection.dents
     assert_measured(dent, DENT)
+
+
+@pytest.mark.parametrize('strip', [0.022, 0.03, 0.06])
+def test_a_lap_whose_edge_rings_at_the_rim_of_the_view_is_a_step_of_its_height(strip):
+    cloud = cloud_of(panel(tilt=(0, 0)))
+    x = cloud.points[..., 0]
+    beyond = x - x.max() + strip
+    # It swings over by a twentieth of its height on both sides.
+    ringing = 0.5 + 0.65 * erf(beyond / 2e-3) - 0.15 * erf(beyond / 4e-3)
+    inspection = inspect(raised(cloud, -0.0016 * ringing))
+    (step,) = inspection.others
+    assert (step.kind, inspection.dents) == ('step', ())
+    assert step.depth.value == pytest.approx(0.0016, abs=3 * step.depth.uncertainty)
+    assert step.depth.uncertainty < 5e-5
 
 
 def test_each_panel_has_its_own_contour():
