@@ -11,6 +11,8 @@ from __future__ import annotations
 
 import contextlib
 import sys
+from collections import deque
+from dataclasses import replace
 from typing import Any
 
 from rclpy.node import Node
@@ -32,7 +34,8 @@ from ftp_dent_ros.nodes.rig_watch import RigWatch
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.pattern_history import PatternHistory
 from ftp_dent_ros.profilometry import Reconstructor, Settings
-from ftp_dent_ros.profilometry.coverage import REASONS
+from ftp_dent_ros.profilometry.coverage import Coverage
+from ftp_dent_ros.recording.coverages import NOTED_STAMP
 from ftp_dent_ros.ros.any_publisher import AnySubscription
 from ftp_dent_ros.ros.diagnostics import OK, WARN, Diagnostics
 from ftp_dent_ros.ros.messages import (
@@ -49,6 +52,8 @@ from ftp_dent_ros.ros.worker import NewestWorker
 
 # Reconstructors that are kept with their tables: of the patterns before and after a change.
 _PREPARED = 2
+# Clouds whose coverage waits for the next diagnostics: more than come in their second.
+_NOTED = 100
 
 
 class Reconstruction(Node):
@@ -72,6 +77,7 @@ class Reconstruction(Node):
         self._diagnostics = Diagnostics(self, self._judge)
         self._diagnostics.expect_one('camera/image_raw')
         self._watch = RigWatch(self._rig, given.tolerance_px, self._diagnostics, self.get_logger())
+        self._covered: deque[tuple[int, Coverage]] = deque(maxlen=_NOTED)
         self._worker = NewestWorker(self._work, 'reconstruction')
         self.create_subscription(Image, 'projector/image_raw', self._on_pattern, PATTERNS)
         AnySubscription(
@@ -167,12 +173,8 @@ class Reconstruction(Node):
         self._diagnostics.measure('computation', (self._now_ns() - started_ns) / 1e9)
         self._diagnostics.measure_latency(stamp_ns)
         self._diagnostics.note('valid points', f'{100 * cloud.valid.mean():.1f} %')
-        coverage = measurement.coverage
-        self._diagnostics.note('lit area with points', f'{coverage.share:.1%}')
-        for reason in REASONS:
-            self._diagnostics.note(f'lit but {reason}', f'{coverage.missing.get(reason, 0):.1%}')
         self._watch.look(pattern, photograph, measurement)
-        self._diagnostics.note('remarks', '; '.join(coverage.remarks))
+        self._covered.append((stamp_ns, measurement.coverage))
 
     def _pattern_at(self, stamp_ns: int) -> Pattern:
         """Pattern that a photograph of the time shows; raises the refusal if it is not known."""
@@ -192,7 +194,18 @@ class Reconstruction(Node):
             prepared = self._prepared = dict([*kept, (key, Reconstructor(self._rig, *key))])
         return prepared[key]
 
+    def _note_coverage(self) -> None:
+        """Show what of the lit area has points, of the worst cloud since the last second."""
+        clouds = [self._covered.popleft() for _ in range(len(self._covered))]
+        if clouds:
+            stamp_ns, worst = min(clouds, key=lambda each: each[1].share)
+            # That the pattern could not be checked is told of each of them.
+            shown = replace(worst, confirmed=all(coverage.confirmed for _, coverage in clouds))
+            for name, value in {**shown.notes, NOTED_STAMP: str(stamp_ns)}.items():
+                self._diagnostics.note(name, value)
+
     def _judge(self) -> tuple[bytes, str]:
+        self._note_coverage()
         if self._rig is None:
             return WARN, 'no calibration: set the parameter rig to its rig.yaml'
         if self._patterns.latest is None:

@@ -37,6 +37,8 @@ _UNCONFIRMED = (
     'the pattern is the one told could not be checked'
 )
 REASONS = tuple(_SENTENCES)
+# Names of shares among the values of diagnostics.
+_WITH, _WITHOUT = 'lit area with points', 'lit but '
 
 
 @dataclass(frozen=True)
@@ -78,6 +80,29 @@ class Coverage:
             left = left & ~mask
         missing[UNEXPLAINED] = float(np.count_nonzero(left) / total)
         return cls({reason: share for reason, share in missing.items() if share})
+
+    @classmethod
+    def noted(cls, values: Mapping[str, str]) -> Coverage | None:
+        """Coverage that `notes` has told, to a tenth of a percent; None if there is none."""
+        if _WITH not in values:
+            return None
+        try:
+            shares = {
+                reason: float(values[f'{_WITHOUT}{reason}'].rstrip('%')) / 100
+                for reason in REASONS
+                if f'{_WITHOUT}{reason}' in values
+            }
+        except ValueError:
+            return None
+        return cls({reason: share for reason, share in shares.items() if 0 < share <= 1})
+
+    @property
+    def notes(self) -> dict[str, str]:
+        """The shares for people, by name, as diagnostics show them."""
+        missing = {
+            f'{_WITHOUT}{reason}': f'{self.missing.get(reason, 0):.1%}' for reason in REASONS
+        }
+        return {_WITH: f'{self.share:.1%}', **missing, 'remarks': '; '.join(self.remarks)}
 
     @property
     def share(self) -> float:

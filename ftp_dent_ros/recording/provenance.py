@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 from ftp_dent_ros.recording.reader import Bag
@@ -28,12 +29,12 @@ def rig_id_of(bag: Bag) -> str:
     where the recorder was killed.
     """
     told = bag.metadata.custom_data.get(RIG, '')
+    return told or next(filter(None, map(rig_id_in, diagnostics_of(bag))), '')
+
+
+def diagnostics_of(bag: Bag) -> Iterator[Any]:
+    """What was recorded of the diagnostics: diagnostic_msgs/DiagnosticArray, in order."""
     topics = [topic.name for topic in bag.metadata.topics if topic.type == _DIAGNOSTICS]
-    if told or not topics:
-        return told
-    found = (
-        rig_id_in(bag.deserialise(message))
-        for message in bag.messages(topics)
-        if message.type == _DIAGNOSTICS
-    )
-    return next(filter(None, found), '')
+    for message in bag.messages(topics) if topics else ():
+        if message.type == _DIAGNOSTICS:
+            yield bag.deserialise(message)

@@ -40,3 +40,13 @@ def test_little_is_not_remarked_but_what_is_not_confirmed_is():
 def test_nothing_lit_is_no_division_by_zero():
     nothing = np.zeros((4, 4), bool)
     assert Coverage.of(nothing, nothing).share == 1
+
+
+def test_what_diagnostics_show_tells_the_shares_again():
+    coverage = Coverage({UNTIED: 0.5312, CLIPPED: 0.0304})
+    again = Coverage.noted(coverage.notes)
+    assert again is not None
+    assert again.missing == {UNTIED: 0.531, CLIPPED: 0.03}
+    assert again.remarks == coverage.remarks
+    assert Coverage.noted({}) is None
+    assert Coverage.noted({**coverage.notes, f'lit but {CLIPPED}': 'much'}) is None

@@ -1,9 +1,11 @@
-"""A bag says which rig measured its clouds."""
+"""A bag says which rig measured its clouds, and what of the skin they leave out."""
 
 from __future__ import annotations
 
 from bag_samples import START_NS, sample_messages, topic, write_sample
 
+from ftp_dent_ros.profilometry.coverage import UNTIED, Coverage
+from ftp_dent_ros.recording.coverages import NOTED_STAMP, coverages_of
 from ftp_dent_ros.recording.definitions import typestore
 from ftp_dent_ros.recording.provenance import rig_id_of
 from ftp_dent_ros.recording.reader import open_bag
@@ -14,12 +16,13 @@ ARRAY = 'diagnostic_msgs/msg/DiagnosticArray'
 DIAGNOSTICS = topic('/diagnostics', ARRAY)
 
 
-def diagnostics(seconds: int, rig: str) -> Message:
+def diagnostics(seconds: int, **told: str) -> Message:
     store = typestore()
     types = store.types
     stamp = types['builtin_interfaces/msg/Time'](seconds, 0)
-    value = types['diagnostic_msgs/msg/KeyValue']('rig', rig)
-    status = types['diagnostic_msgs/msg/DiagnosticStatus'](0, 'reconstruction', '', '', [value])
+    pair = types['diagnostic_msgs/msg/KeyValue']
+    values = [pair(name, value) for name, value in told.items()]
+    status = types['diagnostic_msgs/msg/DiagnosticStatus'](0, 'reconstruction', '', '', values)
     array = types[ARRAY](types['std_msgs/msg/Header'](stamp, ''), [status])
     time_ns = START_NS + seconds
     data = bytes(store.serialize_cdr(array, ARRAY))
@@ -29,7 +32,7 @@ def diagnostics(seconds: int, rig: str) -> Message:
 def test_the_metadata_tell_it_first(tmp_path):
     with BagWriter(tmp_path / 'bag') as writer:
         writer.add_topic(DIAGNOSTICS)
-        writer.write([diagnostics(0, 'of-diagnostics')])
+        writer.write([diagnostics(0, rig='of-diagnostics')])
         writer.custom_data['rig'] = '0123456789ab'
     bag = open_bag(tmp_path / 'bag')
     assert bag.metadata.custom_data == {'rig': '0123456789ab'}
@@ -39,10 +42,19 @@ def test_the_metadata_tell_it_first(tmp_path):
 def test_the_diagnostics_tell_it_where_the_recorder_was_killed(tmp_path):
     with BagWriter(tmp_path / 'bag') as writer:
         writer.add_topic(DIAGNOSTICS)
-        writer.write([diagnostics(0, 'none'), diagnostics(1, 'ba9876543210')])
+        writer.write([diagnostics(0, rig='none'), diagnostics(1, rig='ba9876543210')])
     assert rig_id_of(open_bag(tmp_path / 'bag')) == 'ba9876543210'
 
 
 def test_a_bag_without_either_says_nothing(tmp_path):
     write_sample(tmp_path / 'bag', sample_messages(4))
     assert rig_id_of(open_bag(tmp_path / 'bag')) == ''
+
+
+def test_the_diagnostics_tell_what_of_the_lit_skin_has_no_points(tmp_path):
+    untied = Coverage({UNTIED: 0.53})
+    told = diagnostics(1, **untied.notes, **{NOTED_STAMP: str(START_NS)})
+    with BagWriter(tmp_path / 'bag') as writer:
+        writer.add_topic(DIAGNOSTICS)
+        writer.write([diagnostics(0, rig='none'), told])
+    assert coverages_of(open_bag(tmp_path / 'bag')) == {START_NS: untied}

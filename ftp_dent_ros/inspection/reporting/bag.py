@@ -18,6 +18,7 @@ from ftp_dent_ros.inspection.reporting.survey import Inspect, Survey
 from ftp_dent_ros.inspection.settings import Settings
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.recording.clouds import BagCloud, Skipped, bag_clouds, count_clouds
+from ftp_dent_ros.recording.coverages import coverages_of
 from ftp_dent_ros.recording.reader import Bag
 from ftp_dent_ros.rig import Lens
 
@@ -84,7 +85,12 @@ def survey_bag(
         raise CloudError(
             f'{bag.path}: no cloud in it could be inspected{reason}: check the clouds'
         )
-    return replace(report, skipped=tuple(map(str, skipped)))
+    told = coverages_of(bag)
+    frames = tuple(
+        frame if frame.stamp_ns is None else replace(frame, coverage=told.get(frame.stamp_ns))
+        for frame in report.frames
+    )
+    return replace(report, frames=frames, skipped=tuple(map(str, skipped)))
 
 
 def _observation(item: BagCloud, placed: tuple[Pose, NDArray[np.float64]] | None) -> Observation:

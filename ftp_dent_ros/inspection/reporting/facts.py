@@ -81,7 +81,7 @@ def _not_measured(report: Report) -> str:
         return left + 'of the lit skin not known: the cloud does not tell'
     worst = min(shares, key=lambda coverage: coverage.share)
     words = f'{100 * (1 - worst.share):.1f} % of the lit skin' + (
-        ' in the worst cloud' if len(shares) > 1 else ''
+        ' in the worst cloud' if len(report.frames) > 1 else ''
     )
     return left + '; '.join((words, *worst.remarks))
 
