@@ -22,6 +22,7 @@ import argparse
 import sys
 from collections import Counter
 from dataclasses import dataclass, replace
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -197,17 +198,23 @@ def rendered(folder: Path) -> None:
     from flight_bags import ERRING, EVERY_NS, START_NS, record_flight
 
     world = replace(read_world('shipped:scene.yaml', START_NS), errors=ERRING)
-    (panel, *others), flight = world.surface.panels, world.flight
-    dents = [
-        replace(dent, depth=dent.depth + GROWTH * (index in RENDERED_GROWN))
-        for index, dent in enumerate(panel.dents)
-        if index != RENDERED_REPAIRED
-    ]
+    flight, numbers = world.flight, count()
+    panels = tuple(
+        replace(
+            panel,
+            dents=tuple(
+                replace(dent, depth=dent.depth + GROWTH * (number in RENDERED_GROWN))
+                for dent, number in zip(panel.dents, numbers, strict=False)
+                if number != RENDERED_REPAIRED
+            ),
+        )
+        for panel in world.surface.panels
+    )
     elsewhere = np.array([0.03, -0.02, 0.02])
     middle = Pose(flight.middle.rotation, flight.middle.translation + elsewhere)
     after = replace(
         world,
-        surface=replace(world.surface, panels=(replace(panel, dents=tuple(dents)), *others)),
+        surface=replace(world.surface, panels=panels),
         flight=replace(flight, middle=middle),
         errors=replace(ERRING, offset=(0.3, -0.2, 0.1), yaw=0.03),
         photometry=replace(world.photometry, ambient=0.08, exposure=0.85),

@@ -210,7 +210,7 @@ def _table(appraisal: Appraisal, dents: DentAppraisal, skin: SkinAppraisal) -> s
             f'depth {d.depth_error_mm:.3f} mm, length {d.length_error_mm:.2f} mm, '
             f'width {d.width_error_mm:.2f} mm',
         ),
-        ('listed as others', f'{d.others}, where there is no dent {d.others_false}'),
+        ('listed as others', f'{d.others}, where there is none {d.others_false}'),
         (
             "dents in the node's list",
             f'{d.dents_in_list}, false {d.dents_false_in_list}, twice {d.dents_twice_in_list}',

@@ -54,6 +54,37 @@ def true_dents(surface: Surface, corners: int = 72) -> tuple[TrueDent, ...]:
     )
 
 
+def is_at_lap(surface: Surface, place: NDArray[np.float64], reach: float) -> bool:
+    """Whether a panel's edge lies over another panel within `reach` metres of a place."""
+    for panel in surface.panels:
+        x, y, _ = panel.pose.inverse().apply(place)
+        for edge in _nearest_edges(panel, x, y):
+            (on_skin,) = _on_bare_skin(panel, edge[None])
+            apart = float(np.linalg.norm(on_skin - place))
+            others = (other for other in surface.panels if other is not panel)
+            if apart <= reach and any(_holds(other, on_skin) for other in others):
+                return True
+    return False
+
+
+def _nearest_edges(panel: Panel, x: float, y: float) -> NDArray[np.float64]:
+    """Of each of a panel's four edges the point that is nearest to a place, shape (4, 2)."""
+    x_min, x_max, y_min, y_max = panel.extent
+    beside, along = np.clip(x, x_min, x_max), np.clip(y, y_min, y_max)
+    return np.array([[x_min, along], [x_max, along], [beside, y_min], [beside, y_max]])
+
+
+def _holds(panel: Panel, place: NDArray[np.float64]) -> bool:
+    x, y, _ = panel.pose.inverse().apply(place)
+    return bool(panel.contains(x, y))
+
+
+def _on_bare_skin(panel: Panel, places: NDArray[np.float64]) -> NDArray[np.float64]:
+    x, y = places.T
+    height, _, _ = panel.bare_height(x, y)
+    return panel.pose.apply(np.stack([x, y, height], axis=-1))
+
+
 def _true_dent(panel: Panel, index: int, corners: int) -> TrueDent:
     dent = panel.dents[index]
     angles = np.linspace(0, 2 * np.pi, corners, endpoint=False)
@@ -62,9 +93,7 @@ def _true_dent(panel: Panel, index: int, corners: int) -> TrueDent:
     length, width = dent.size_at(0.1)
 
     def on_skin(offsets: NDArray) -> NDArray[np.float64]:
-        x, y = (np.array([dent.x, dent.y]) + offsets).T
-        height, _, _ = panel.bare_height(x, y)
-        return panel.pose.apply(np.stack([x, y, height], axis=-1))
+        return _on_bare_skin(panel, np.array([dent.x, dent.y]) + offsets)
 
     def ellipse(full_length: float, full_width: float) -> NDArray[np.float64]:
         a, b = full_length / 2 * np.cos(angles), full_width / 2 * np.sin(angles)
