@@ -1,8 +1,11 @@
 """The rclpy nodes: parameters, subscriptions, one call, publications.
 
-However they are started, each computes with one thread of BLAS: they share the computer.
+However they are started, each computes with one thread of BLAS, for they share the computer, and
+keeps the memory that message after message needs.
 """
 
+from ftp_dent_ros.memory import keep_freed
 from ftp_dent_ros.threads import one_for_blas
 
 one_for_blas()
+keep_freed()

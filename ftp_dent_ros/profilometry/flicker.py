@@ -66,12 +66,13 @@ def light_of(photograph: Photograph) -> NDArray[np.float64]:
         some = np.stack([_some(tiles[colour]) for colour in 'rgb'], axis=-1)
     else:
         some = _some(pixels)
-    levels = photograph.unit * some.reshape(len(some), -1)
-    level = levels.max(axis=1)
+    colours = some.reshape(len(some), -1).T
+    level = photograph.unit * np.maximum.reduce(list(colours))
     crest = (level > _CREST * np.percentile(level, _BRIGHTEST)) & (level < _CLIPPED)
     if not crest.any():
         return np.full(3, np.nan)
-    return np.broadcast_to(levels[crest].mean(axis=0), 3).astype(float)
+    means = [photograph.unit * colour[crest].mean() for colour in colours]
+    return np.broadcast_to(np.array(means, float), 3).copy()
 
 
 def fall_of_light(points: NDArray[np.floating], source: NDArray[np.float64]) -> float:

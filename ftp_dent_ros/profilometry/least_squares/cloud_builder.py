@@ -43,7 +43,7 @@ class CloudBuilder:
             rig.camera, np.arange(0, grid.width, stride), np.arange(0, grid.height, stride)
         )
         self._x, self._y = (np.ascontiguousarray(rays[..., axis]) for axis in (0, 1))
-        strip = max(len(straight) for _, straight in self._interpolation.rows)
+        strip = max(len(weights) for *_, weights in self._interpolation.rows)
         self._work = np.empty((3, strip, self._x.shape[1]), np.float32)
         self._nothing = np.full((strip, self._x.shape[1]), np.nan, np.float32)
         self._zero = np.zeros_like(self._nothing)
@@ -72,35 +72,35 @@ class CloudBuilder:
         grid, stride = self.grid, self.stride
         wide = self._interpolation.widened(surface.inverse_depth)
         mask = _rows_in(surface, grid.pitch[1])
-        straight_fields = (
-            (self._along_u(surface.modulation), cloud.intensity, self._zero),
-            (self._along_u(surface.deviation), cloud.sigma, self._nothing),
-            (self._along_u(surface.wavelength / self._focal), cloud.resolution, self._nothing),
-        )
-        for (rows, nodes, weights), straight in self._interpolation.rows:
+        self._interpolate(surface.modulation, cloud.intensity)
+        self._interpolate(surface.deviation, cloud.sigma)
+        self._interpolate(surface.wavelength / self._focal, cloud.resolution)
+        for rows, nodes, weights in self._interpolation.rows:
             x, y, z = self._work[:, : len(weights)]
             np.matmul(weights, wide[nodes], out=z)
-            np.reciprocal(z, out=z)
-            here = slice(rows.start * stride, (rows.stop - 1) * stride + 1, stride)
-            part = mask[here]
-            # Masked copies of OpenCV's are several times as fast as NumPy's.
-            outside = None if part.all() else cv2.bitwise_not(self._of_pixels(part))
-            for values, field, nothing in straight_fields:
-                np.matmul(straight, values[nodes], out=field[rows])
-                if outside is not None:
-                    cv2.copyTo(nothing[: len(z)], outside, field[rows])
-            if outside is not None:
-                cv2.copyTo(self._nothing[: len(z)], outside, z)
+            np.divide(np.float32(1), z, out=z)
+            part = mask[rows.start * stride : (rows.stop - 1) * stride + 1 : stride]
+            if not part.all():
+                # Masked copies of OpenCV's are several times as fast as NumPy's.
+                outside = cv2.bitwise_not(self._of_pixels(part))
+                nothing = self._nothing[: len(z)]
+                cv2.copyTo(self._zero[: len(z)], outside, cloud.intensity[rows])
+                cv2.copyTo(nothing, outside, cloud.sigma[rows])
+                cv2.copyTo(nothing, outside, z)
             cloud.resolution[rows] *= z
             np.multiply(self._x[rows], z, out=x)
             np.multiply(self._y[rows], z, out=y)
             cv2.merge([x, y, z], dst=cloud.points[rows])
 
-    def _along_u(self, nodes):
-        """Values at the nodes, interpolated along u."""
-        size = self.grid.bin_shape[1] * self.grid.step, len(nodes)
+    def _interpolate(self, nodes: NDArray[np.float32], pixels: NDArray[np.float32]) -> None:
+        """Values at the nodes to the cloud's pixels, linearly."""
+        grid, stride = self.grid, self.stride
+        size = grid.shape[1] * grid.pitch[0], grid.shape[0] * grid.pitch[1]
+        if pixels.shape == size[::-1]:
+            cv2.resize(nodes, size, dst=pixels, interpolation=cv2.INTER_LINEAR)
+            return
         wide: Any = cv2.resize(nodes, size, interpolation=cv2.INTER_LINEAR)
-        return np.ascontiguousarray(wide[:, : self.grid.width : self.stride])
+        np.copyto(pixels, wide[: grid.height : stride, : grid.width : stride])
 
     def _of_pixels(self, bins):
         """Mask of the bins at the cloud's columns."""

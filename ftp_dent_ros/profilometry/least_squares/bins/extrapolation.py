@@ -52,8 +52,7 @@ class Extrapolation:
         if self._all:
             return field
         fine = self._fine(self._mean(self._coarse(field * self._share)))
-        np.copyto(fine, field, where=self._known)
-        return fine
+        return self._with_known(fine, field)
 
     def by_slope(self, field: NDArray[np.float32]) -> NDArray[np.float32]:
         """Continue a field by mean and slope of what is known around, to zero far away.
@@ -76,16 +75,17 @@ class Extrapolation:
         mean = self._mean(values)
         values = values / np.maximum(self._weight, _WHOLE)
         rows, columns = self._shape
-        result = np.zeros(self._shape, np.float32)
+        result = None
         for axis, positions in enumerate(np.ogrid[:rows, :columns]):
             position = positions.astype(np.float32)
             slope = self._slope(values, axis)
             mean -= slope * self._mean(self._coarse(position * self._share))
-            result += self._fine(slope) * position
+            carried = self._fine(slope)
+            carried *= position
+            result = carried if result is None else np.add(result, carried, out=result)
         result += self._fine(mean)
-        np.copyto(result, np.float32(0), where=self._far())
-        np.copyto(result, field, where=self._known)
-        return result
+        result *= self._near()
+        return self._with_known(result, field)
 
     def _coarse(self, field):
         return coarsened(field, self._steps)
@@ -107,17 +107,21 @@ class Extrapolation:
         slope, seen = np.zeros_like(values), np.zeros_like(values)
         scale = np.float32(0.5 * self._weight.shape[axis] / self._shape[axis])
         np.subtract(values[ahead], values[behind], out=slope[inner])
-        slope[inner] *= scale * pairs
+        slope[inner] *= scale
+        slope[inner] *= pairs
         seen[inner] = pairs
         return self._blur(slope) / np.maximum(self._blur(seen), _LEAST)
 
-    def _far(self):
-        """Nodes of which no neighbour is known."""
-        far: Any = self._total < _LEAST
-        if far.shape == self._shape:
-            return far
-        size = self._shape[::-1]
-        return cv2.resize(far.view(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
+    def _near(self):
+        """1 at nodes of which any neighbour is known, else 0."""
+        near: Any = (self._total >= _LEAST).astype(np.float32)
+        if near.shape == self._shape:
+            return near
+        return cv2.resize(near, self._shape[::-1], interpolation=cv2.INTER_NEAREST)
+
+    def _with_known(self, continued, field):
+        """The field where it is known; masked copies of OpenCV's are far faster than NumPy's."""
+        return cv2.copyTo(field, self._known.view(np.uint8), continued)
 
     def _fine(self, coarse):
         return interpolated(coarse, self._shape)

@@ -47,13 +47,13 @@ class NodeInterpolation:
     columns : tuple
         For each block: its pixels, the nodes that they need, and the weights.
     rows : tuple
-        Such blocks, each with the weights of linear interpolation beside it.
+        Such blocks.
     wide : ndarray, shape (rows of nodes, columns of pixels), float32
         Workspace.
     """
 
     columns: tuple[Band, ...]
-    rows: tuple[tuple[Band, NDArray[np.float32]], ...]
+    rows: tuple[Band, ...]
     wide: NDArray[np.float32]
 
     @classmethod
@@ -67,11 +67,7 @@ class NodeInterpolation:
             (targets, nodes, np.ascontiguousarray(weights.T))
             for targets, nodes, weights in _bands(columns, grid.shape[1], _COLUMNS)
         )
-        straight = _linear(rows, grid.shape[0])
-        along_v = tuple(
-            (band, np.ascontiguousarray(straight[band[0], band[1]]))
-            for band in _bands(rows, grid.shape[0], _ROWS)
-        )
+        along_v = tuple(_bands(rows, grid.shape[0], _ROWS))
         return cls(along_u, along_v, np.empty((grid.shape[0], len(columns)), np.float32))
 
     def widened(self, nodes: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -79,12 +75,6 @@ class NodeInterpolation:
         for targets, needed, weights in self.columns:
             np.matmul(nodes[:, needed], weights, out=self.wide[:, targets])
         return self.wide
-
-
-def _linear(targets, count):
-    """Weights of linear interpolation."""
-    place = np.clip(targets, 0, count - 1)[:, None] - np.arange(count)
-    return np.clip(1 - np.abs(place), 0, None).astype(np.float32)
 
 
 def _bands(targets, count, size):

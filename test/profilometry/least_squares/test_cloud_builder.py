@@ -1,0 +1,46 @@
+import numpy as np
+import pytest
+
+from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
+from ftp_dent_ros.profilometry.least_squares.cloud_builder import CloudBuilder, Published
+from ftp_dent_ros.rig import Lens, Rig
+
+WIDTH, HEIGHT = 211, 137
+MATRIX = np.array([[200.0, 0, 105], [0, 200, 68], [0, 0, 1]])
+
+
+@pytest.mark.parametrize('stride', [1, 2, 5])
+def test_points_have_what_lies_between_their_nodes(stride):
+    lens = Lens(WIDTH, HEIGHT, MATRIX, np.zeros(5))
+    grid = Grid.for_fringes(WIDTH, HEIGHT, 11.7)
+    u, v = np.meshgrid(*grid.node_positions())
+
+    def field(u, v, start):
+        return np.float32(start + 2e-3 * u - 1e-3 * v)
+
+    measured = np.ones(grid.bin_shape, bool)
+    measured[:4] = False
+    surface = Published(
+        *(field(u, v, start) for start in (1.5, 100, 1, 15)),
+        measured,
+        measured.astype(np.float32),
+    )
+    rig = Rig(lens, lens, np.eye(3), np.array([-0.2, 0, 0]))
+    cloud = CloudBuilder(rig, grid, stride).cloud([surface])
+
+    u, v = np.meshgrid(np.arange(0, WIDTH, stride), np.arange(0, HEIGHT, stride))
+    dark, inside = v < 4 * grid.rows - 1, v > 4 * grid.rows
+    # Beyond the outermost nodes the last values go on.
+    inside &= (u > grid.pitch[0]) & (u < WIDTH - grid.pitch[0]) & (v < HEIGHT - grid.pitch[1])
+    depth = 1 / field(u, v, 1.5)
+    np.testing.assert_allclose(cloud.points[..., 2][inside], depth[inside], rtol=1e-5)
+    np.testing.assert_allclose(
+        cloud.points[..., 0][inside], (depth * (u - 105) / 200)[inside], atol=1e-5
+    )
+    np.testing.assert_allclose(cloud.intensity[inside], field(u, v, 100)[inside], rtol=1e-5)
+    np.testing.assert_allclose(cloud.sigma[inside], field(u, v, 1)[inside], rtol=1e-5)
+    expected = depth * field(u, v, 15) / 200
+    np.testing.assert_allclose(cloud.resolution[inside], expected[inside], rtol=1e-5)
+    for name in ('points', 'sigma', 'resolution'):
+        assert np.isnan(getattr(cloud, name)[dark]).all(), name
+    assert not cloud.intensity[dark].any()
