@@ -19,12 +19,12 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from kind_figures import METHODS, place_of, reconstructor
+from attempts import attempt
+from kind_figures import METHODS, reconstructor
 from kind_scenes import KindScene, scene, skin
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from ftp_dent_ros.errors import FtpDentError
 from ftp_dent_ros.evaluation.scenes import make_rig
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.profilometry import Reconstructor
@@ -62,13 +62,8 @@ def outcome(task: tuple[int, float, str]) -> Outcome:
     one, base, method_of_it = bench(scale, method)
     photograph = any_photograph(index, base)
     result = Outcome(index, photograph.kind, photograph.holds)
-    try:
-        cloud = method_of_it.measure(photograph.image).cloud
-    except FtpDentError as reason:
-        result.refused = str(reason)
-        return result
-    except Exception as defect:
-        result.crashed = f'{defect!r} at {place_of(defect)}'
+    cloud = attempt(lambda: method_of_it.measure(photograph.image).cloud, result)
+    if cloud is None:
         return result
     result.points = int(cloud.valid.sum())
     if photograph.holds == TRUE:

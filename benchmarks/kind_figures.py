@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import math
-import traceback
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
+from attempts import attempt
 from kind_scenes import KindScene
 from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud import Cloud
-from ftp_dent_ros.errors import FtpDentError, RefusedFrameError
 from ftp_dent_ros.inspection.dent import Inspection, MeasuredDent
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.pattern import Pattern
@@ -86,25 +85,19 @@ def figures(
 ) -> Figures:
     """Reconstruct and inspect a photograph by a method of `METHODS`."""
     result = Figures(name, seed, method)
-    try:
-        measure = reconstructor(scene.rig, scene.pattern, method, stride).measure
-        cloud = measure(scene.photograph(seed)).cloud
-    except (RefusedFrameError, FtpDentError) as reason:
-        result.refused = str(reason)
-        return result
-    except Exception as defect:
-        result.crashed = f'{defect!r} at {place_of(defect)}'
+    photograph = scene.photograph(seed)
+
+    def measured() -> Cloud:
+        return reconstructor(scene.rig, scene.pattern, method, stride).measure(photograph).cloud
+
+    cloud = attempt(measured, result)
+    if cloud is None:
         return result
     _points(result, cloud, truth)
     true = visible(scene, truth, stride)
     result.dents = [measured_dent(scene, each, cloud, stride) for each in true]
-    try:
-        found = inspect(cloud)
-    except FtpDentError as reason:
-        result.refused = str(reason)
-        return result
-    except Exception as defect:
-        result.crashed = f'{defect!r} at {place_of(defect)}'
+    found = attempt(lambda: inspect(cloud), result)
+    if found is None:
         return result
     _match(result, scene, truth, stride, found)
     return result
@@ -118,12 +111,6 @@ def reconstructor(rig: Rig, pattern: Pattern, method: str, stride: int) -> Recon
         'virtual-reference': Settings('virtual-reference', stride=stride),
     }[method]
     return Reconstructor(rig, pattern, settings)
-
-
-def place_of(defect: BaseException) -> str:
-    """File and line that an exception comes from."""
-    last = traceback.extract_tb(defect.__traceback__)[-1]
-    return f'{last.filename.rpartition("/")[2]}:{last.lineno}'
 
 
 def _points(result: Figures, cloud: Cloud, truth: GroundTruth) -> None:

@@ -19,16 +19,16 @@ from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
-from kind_figures import place_of
+from attempts import attempt
 from numpy.typing import NDArray
 from outside_kinds import HELD, MENDING, Outside
 from outside_renderer import Dimple, World
 from tqdm import tqdm
 
 from ftp_dent_ros.cloud import Cloud
-from ftp_dent_ros.errors import FtpDentError
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.profilometry import Reconstructor, Settings
+from ftp_dent_ros.profilometry.measurement import Measurement
 
 # Fringes from an edge of the surface within which errors are told apart.
 _EDGE = 2.0
@@ -101,18 +101,18 @@ def outcome(kind: str, seed: int, method: str, stride: int = 1) -> Outcome:
     outside = (MENDING | HELD)[kind](rng)
     world, result = outside.world, Outcome(kind, seed)
     picture = outside.picture(rng)
-    try:
-        settings = Settings(stride=stride, fast=method == 'fast' or None)
-        measured = Reconstructor(world.rig, world.pattern, settings).measure(picture)
-        cloud = measured.cloud
-        result.remarks = measured.coverage.remarks
-        _points(result, outside, cloud, stride)
-        found = inspect(cloud)
-    except FtpDentError as reason:
-        result.refused = str(reason)
+    settings = Settings(stride=stride, fast=method == 'fast' or None)
+
+    def measured() -> Measurement:
+        return Reconstructor(world.rig, world.pattern, settings).measure(picture)
+
+    measurement = attempt(measured, result)
+    if measurement is None:
         return result
-    except Exception as defect:
-        result.crashed = f'{defect!r} at {place_of(defect)}'
+    cloud, result.remarks = measurement.cloud, measurement.coverage.remarks
+    _points(result, outside, cloud, stride)
+    found = attempt(lambda: inspect(cloud), result)
+    if found is None:
         return result
     _dents(result, world, cloud, stride, (*found.dents, *found.others))
     return result
