@@ -23,6 +23,18 @@ _LONGEST_WAIT = 0.2
 _TIME_TO_END = 2.0
 
 
+class ThreadedExecutor(MultiThreadedExecutor):
+    """rclpy's, which at its end destroys what callbacks under way still use, and prints that."""
+
+    def shutdown(self, timeout_sec: float | None = None) -> bool:
+        """Let callbacks under way end first, as rclpy documents it."""
+        # All of the pool's threads end with the callbacks that they have taken.
+        ended = threading.Thread(target=self._executor.shutdown, daemon=True)
+        ended.start()
+        ended.join(timeout_sec)
+        return bool(super().shutdown(0)) and not ended.is_alive()
+
+
 def run(
     make_node: Callable[[], Node],
     name: str,
@@ -77,7 +89,7 @@ def _run_until_deaf(
             args=None if arguments is None else list(arguments),
             signal_handler_options=SignalHandlerOptions.NO,
         )
-        executor = SingleThreadedExecutor() if threads == 1 else MultiThreadedExecutor(threads)
+        executor = SingleThreadedExecutor() if threads == 1 else ThreadedExecutor(threads)
         node = make_node()
         executor.add_node(node)
         while rclpy.ok() and not stop.is_set():
