@@ -49,7 +49,7 @@ def main() -> None:
         index = arguments.seed + step
         distance, skin, light, scene = scene_of(-index)
         try:
-            cloud = reconstructor_at(distance).measure(scene.photograph(index)).cloud
+            cloud = reconstructor_at(distance).measure(scene.photograph(index), True).cloud
         except FtpDentError:
             continue
         found = inspect(cloud, settings)

@@ -2,6 +2,7 @@
 
 python benchmarks/dent_shapes.py [--count 60] [--only cosine,cap] [--without gouge] [--jobs 2]
                                  [--dirt 0.25] [--waviness 0.1] [--json shapes.json]
+python benchmarks/dent_shapes.py --only gouge --paint-only    # their marks, without a groove
 
 8 to 100 mm, 0.1 to 5 mm deep, 0.6 to 1.2 m away, on skin that is flat or of 2 m radius. Errors are
 medians of the signed errors over the true size; "held" is the share of the 95 % intervals. Of a
@@ -46,6 +47,8 @@ from ftp_dent_ros.simulation.truth import TrueDent, true_dents
 DISTANCES = 0.6, 0.8, 1.0, 1.2
 # A dent is no deeper than this part of its width: skin folds before.
 _STEEPEST = 1 / 12
+# No dent has a depth of 0, metres.
+_FLAT = 1e-9
 SIZES = 'depth', 'length', 'width'
 
 Family = Callable[[np.random.Generator], tuple[Dent, ...]]
@@ -152,6 +155,7 @@ class Task:
     waviness: float
     stride: int
     method: str
+    paint_only: bool = False
 
 
 def photograph(task: Task) -> tuple[KindScene, list[tuple[str, tuple[Dent, ...]]]]:
@@ -192,19 +196,30 @@ def photograph(task: Task) -> tuple[KindScene, list[tuple[str, tuple[Dent, ...]]
     return scene(panel, rig=rig), placed
 
 
+def without_depth(one: KindScene) -> KindScene:
+    """The same paint and marks on a skin whose dents are all but flat."""
+    panels = tuple(
+        replace(panel, dents=tuple(replace(dent, depth=_FLAT) for dent in panel.dents))
+        for panel in one.panels
+    )
+    return replace(one, panels=panels)
+
+
 def measured(task: Task) -> tuple[list[Row], list[str]]:
     """Rows of a photograph's dents, and what is false."""
     cv2.setNumThreads(1)
     one, placed = photograph(task)
+    if task.paint_only:
+        one, placed = without_depth(one), []
     names = [name for name, dents in placed for _ in dents]
-    truths = true_dents(one.surface)
+    truths = [] if task.paint_only else true_dents(one.surface)
     rows = [
         Row(name, task.distance, t.kind, 1e3 * t.depth, 1e3 * t.length, 1e3 * t.width)
         for name, t in zip(names, truths, strict=True)
     ]
     try:
         method = reconstructor(one.rig, PATTERN, task.method, task.stride)
-        found = inspect(method.measure(one.photograph(task.seed)).cloud)
+        found = inspect(method.measure(one.photograph(task.seed), True).cloud)
     except FtpDentError as reason:
         return rows, [f'seed {task.seed}: {reason}']
     left = [m for m in (*found.dents, *found.others) if m.kind != 'step']
@@ -267,6 +282,7 @@ def tasks(arguments: argparse.Namespace) -> list[Task]:
             arguments.waviness / 1e3,
             arguments.stride,
             arguments.method,
+            arguments.paint_only,
         )
         for start in range(0, len(pool), 3)
     ]
@@ -304,6 +320,9 @@ def main() -> None:
     parser.add_argument('--waviness', type=float, default=0.0, help='amplitude, mm')
     parser.add_argument('--seed', type=int, default=2031)
     parser.add_argument('--stride', type=int, default=2)
+    parser.add_argument(
+        '--paint-only', action='store_true', help='marks of gouges that are none: all is false'
+    )
     parser.add_argument('--method', default='default', choices=METHODS)
     parser.add_argument('--jobs', type=int, default=1)
     parser.add_argument('--json', type=Path, help='where all rows go')

@@ -72,7 +72,7 @@ def rows_of(index: int, least: float) -> tuple[tuple[float, str, str], list[Row]
     truth = true_dents(scene.surface)
     kind = distance, skin, light
     try:
-        cloud = reconstructor_at(distance).measure(scene.photograph(index)).cloud
+        cloud = reconstructor_at(distance).measure(scene.photograph(index), True).cloud
         seen = inspect(cloud, Settings(smallest_depth=least))
     except FtpDentError:
         missed = [(t.depth, t.width, 0.0, math.nan, 0.0, math.nan, math.inf) for t in truth]

@@ -99,7 +99,7 @@ def record(
                 continue
             contents = {
                 PHOTOGRAPHS: image_to_message(image, stamp, 'camera_optical_frame'),
-                SKIN: image_to_message(measured.skin, stamp, 'camera_optical_frame'),
+                SKIN: image_to_message(measured.cloud.skin, stamp, 'camera_optical_frame'),
                 POINTS: cloud_to_message(measured.cloud, stamp, 'camera_optical_frame'),
                 CAMERA_POSE: located(pose, covariance, stamp),
             }

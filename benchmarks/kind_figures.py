@@ -88,7 +88,8 @@ def figures(
     photograph = scene.photograph(seed)
 
     def measured() -> Cloud:
-        return reconstructor(scene.rig, scene.pattern, method, stride).measure(photograph).cloud
+        measure = reconstructor(scene.rig, scene.pattern, method, stride).measure
+        return measure(photograph, True).cloud
 
     cloud = attempt(measured, result)
     if cloud is None:

@@ -121,8 +121,8 @@ def clouds(
         seen = Surface(tuple(panels)).transformed(pose.inverse())
         image = renderer.render(seen, np.random.default_rng([seed, index]))
         measured = reconstructor.measure(image, skin=True)
-        assert measured.skin is not None
-        yield measured.cloud, measured.skin
+        assert measured.cloud.skin is not None
+        yield measured.cloud, measured.cloud.skin
 
 
 def joined(panels: list[Panel], poses: list[Pose], seed: int) -> tuple[Joining, float]:

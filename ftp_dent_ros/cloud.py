@@ -19,6 +19,10 @@ def _not_given() -> NDArray[np.float32]:
     return np.empty((0, 0), np.float32)
 
 
+def _no_skin() -> NDArray[np.uint8]:
+    return np.empty((0, 0), np.uint8)
+
+
 @dataclass(frozen=True)
 class Cloud:
     """Points on the camera's grid, at full resolution or at every n-th pixel.
@@ -36,12 +40,15 @@ class Cloud:
     resolution : ndarray, shape (rows, columns), float32
         Wavelength on the surface, metres, at which smoothing has taken half of a detail's depth;
         longer ones are shown better. NaN where it is not known; all NaN if not given.
+    skin : ndarray, shape (rows, columns), uint8
+        Its light without the fringes, as an image; 0 where it is not known, all 0 if not given.
     """
 
     points: NDArray[np.float32]
     intensity: NDArray[np.float32]
     sigma: NDArray[np.float32] = field(default_factory=_not_given)
     resolution: NDArray[np.float32] = field(default_factory=_not_given)
+    skin: NDArray[np.uint8] = field(default_factory=_no_skin, kw_only=True)
 
     def __post_init__(self) -> None:
         if self.points.ndim != 3 or self.points.shape[2] != 3:
@@ -54,16 +61,23 @@ class Cloud:
                 f'intensity has the shape {self.intensity.shape}, the points '
                 f'{self.points.shape[:2]}: give one intensity a point'
             )
-        for name in ('sigma', 'resolution'):
+        for name in ('sigma', 'resolution', 'skin'):
             values = getattr(self, name)
             if not values.size:
-                unknown = np.full(self.points.shape[:2], np.nan, np.float32)
+                nothing = 0 if name == 'skin' else np.nan
+                unknown = np.full(self.points.shape[:2], nothing, values.dtype)
                 object.__setattr__(self, name, unknown)
             elif values.shape != self.points.shape[:2]:
                 raise CloudError(
                     f'{name} has the shape {values.shape}, the points {self.points.shape[:2]}: '
                     f'give one {name} a point'
                 )
+
+    def with_skin(self, skin: NDArray[np.uint8] | None) -> Cloud:
+        """The same cloud with an image of its skin, if there is one that has its shape."""
+        if skin is None or skin.shape != self.points.shape[:2]:
+            return self
+        return replace(self, skin=skin)
 
     @property
     def valid(self) -> NDArray[np.bool_]:
@@ -74,8 +88,9 @@ class Cloud:
     def transposed(self) -> Cloud:
         """The same cloud with x for y, and y for x, of pixels as of points."""
         points = np.ascontiguousarray(self.points.swapaxes(0, 1)[..., [1, 0, 2]])
-        names = ('intensity', 'sigma', 'resolution')
-        return Cloud(points, *(np.ascontiguousarray(getattr(self, name).T) for name in names))
+        names = ('intensity', 'sigma', 'resolution', 'skin')
+        turned = {name: np.ascontiguousarray(getattr(self, name).T) for name in names}
+        return Cloud(points, **turned)
 
     def transformed(self, pose: Pose) -> Cloud:
         """The same cloud in the parent frame of `pose`."""

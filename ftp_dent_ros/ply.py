@@ -26,6 +26,7 @@ _FIELDS = ('intensity', 'sigma', 'resolution')
 _VERTEX = np.dtype(
     [*((name, '<f4') for name in ('x', 'y', 'z', *_FIELDS)), ('row', '<u2'), ('column', '<u2')]
 )
+_SKIN = ('skin', 'u1')
 _NEEDED = {'x', 'y', 'z', 'intensity', 'row', 'column'}
 # The names that PLY's readers and writers use for the same types, as numpy's.
 _TYPES = {
@@ -59,8 +60,8 @@ def write_ply(path: str | os.PathLike[str], cloud: Cloud, frame_id: str, rig_id:
     """Write the valid points as binary PLY; a file under that name is whole or not there.
 
     The grid's size stands in the header as ``obj_info num_cols`` and ``num_rows``, each
-    vertex has its ``row`` and ``column``: readers that know only x, y, z ignore both. A comment
-    names the rig (`Rig.id`) that measured the cloud.
+    vertex has its ``row`` and ``column``, and its ``skin`` where the cloud has that: readers that
+    know only x, y, z ignore them. A comment names the rig (`Rig.id`) that measured the cloud.
 
     Raises
     ------
@@ -68,12 +69,15 @@ def write_ply(path: str | os.PathLike[str], cloud: Cloud, frame_id: str, rig_id:
         The file cannot be written.
     """
     row, column = np.nonzero(cloud.valid)
-    vertex = np.empty(len(row), _VERTEX)
+    has_skin = bool(cloud.skin.any())
+    vertex = np.empty(len(row), np.dtype([*_VERTEX.descr, *([_SKIN] if has_skin else [])]))
     for axis, name in enumerate('xyz'):
         vertex[name] = cloud.points[row, column, axis]
     for name in _FIELDS:
         vertex[name] = getattr(cloud, name)[row, column]
     vertex['row'], vertex['column'] = row, column
+    if has_skin:
+        vertex['skin'] = cloud.skin[row, column]
     rows, columns = cloud.valid.shape
     header = [
         'ply',
@@ -86,6 +90,7 @@ def write_ply(path: str | os.PathLike[str], cloud: Cloud, frame_id: str, rig_id:
         *(f'property float {name}' for name in ('x', 'y', 'z', *_FIELDS)),
         'property ushort row',
         'property ushort column',
+        *(['property uchar skin'] if has_skin else []),
         'end_header',
     ]
     try:
@@ -246,4 +251,7 @@ def _cloud(header: _Header, vertex: NDArray[np.void]) -> Cloud:
     }
     for name in set(_FIELDS) & set(header.vertex.names or ()):
         values_of[name][at] = vertex[name]
-    return Cloud(points, **values_of)
+    skin = np.zeros(shape, np.uint8)
+    if 'skin' in (header.vertex.names or ()):
+        skin[at] = np.clip(vertex['skin'], 0, 255)
+    return Cloud(points, **values_of, skin=skin)

@@ -36,6 +36,19 @@ def test_ply_keeps_the_grid_and_the_bits(cloud, tmp_path):
     assert list(tmp_path.iterdir()) == [path]
 
 
+def test_ply_keeps_the_image_of_the_skin_where_there_is_one(cloud, tmp_path):
+    path = tmp_path / 'cloud.ply'
+    write_ply(path, cloud, 'map')
+    assert b'skin' not in path.read_bytes().split(b'end_header')[0]
+    assert not read_ply(path)[0].skin.any()
+    skin = np.where(cloud.valid, np.arange(77).reshape(7, 11) + 1, 0).astype(np.uint8)
+    write_ply(path, cloud.with_skin(skin), 'map')
+    read, _ = read_ply(path)
+    assert read.skin.dtype == np.uint8
+    np.testing.assert_array_equal(read.skin, skin)
+    np.testing.assert_array_equal(read.sigma, cloud.sigma)
+
+
 def test_a_cloud_says_which_rig_measured_it(cloud, tmp_path):
     path = tmp_path / 'cloud.ply'
     write_ply(path, cloud, 'map')

@@ -120,7 +120,7 @@ def _of_photograph(request: Request, rules: Rules | None) -> Report:
         rig, pattern, profilometry.Settings(stride=request.stride)
     )
     photograph = read_photograph(str(request.path))
-    measured = reconstructor.measure(photograph)
+    measured = reconstructor.measure(photograph, True)
     observation = Observation(
         request.path.name,
         measured.cloud,

@@ -71,14 +71,14 @@ def run(arguments: argparse.Namespace) -> int:
     rig = read_rig(find(arguments.rig))
     reconstructor = Reconstructor(rig, read_pattern(find(arguments.pattern)), settings)
     photograph = read_photograph(arguments.image, arguments.encoding)
-    measurement = reconstructor.measure(photograph, bool(arguments.skin))
+    measurement = reconstructor.measure(photograph, True)
     cloud = measurement.cloud
     if photograph.encoding != 'rgb8':
         told = 'as told' if arguments.encoding else 'tell by --encoding if it is not'
         print(f'{arguments.image}: taken for {photograph.encoding} ({told})')
     write_ply(output, cloud, _FRAME, rig.id)
-    if measurement.skin is not None:
-        write_png(arguments.skin, measurement.skin)
+    if arguments.skin:
+        write_png(arguments.skin, cloud.skin)
     depth = cloud.points[..., 2][cloud.valid]
     print(f'{output}: {len(depth)} points, {cloud.valid.mean():.1%} of the image')
     if len(depth):

@@ -224,7 +224,7 @@ def _decoded(header: dict[str, Any], body: bytes) -> Cloud:
     for axis, plane in enumerate((x, y, z)):
         plane[~valid] = np.nan
         points[..., axis] = plane
-    rest = {}
+    rest: dict[str, Any] = {}
     for name, nothing in (('intensity', 0.0), ('sigma', np.nan), ('resolution', np.nan)):
         rest[name] = values.get(name, np.full(shape, nothing, np.float32))
         if name in values:

@@ -7,7 +7,7 @@ any publisher.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -85,7 +85,9 @@ def cloud_from_message(message: PointCloud2) -> Cloud:
         for index, axis in enumerate('xyz'):
             points[..., index] = values[axis]
     points = _checked_points(points)
-    rest = {name: values[name].astype(np.float32) for name in CLOUD_FIELDS[3:] if name in offsets}
+    rest: dict[str, Any] = {
+        name: values[name].astype(np.float32) for name in CLOUD_FIELDS[3:] if name in offsets
+    }
     rest.setdefault('intensity', np.zeros(points.shape[:2], np.float32))
     return Cloud(points, **rest)
 

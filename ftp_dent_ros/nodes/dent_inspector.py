@@ -1,12 +1,13 @@
 """Point clouds in, dents out.
 
-Inspects the clouds of ``points`` in the camera's frame, each by itself, or each with the camera's
-pose on ``tagged/camera_pose``; then its dents are moved to the map, and a dent that is seen again
-is one dent of the list. While somebody publishes ``survey/pose``, that is taken for the camera's
-pose, and the list is corrected where ``survey/path`` corrects the poses of earlier clouds. The
-dents of each cloud go to ``dents``, the list to ``dents/list`` and ``dents/markers``, both
-latched. The service ``~/take_list`` returns the list as JSON and clears it. Nothing is computed
-while nobody subscribes, unless the parameter `always` asks for the list.
+Inspects the clouds of ``points`` in the camera's frame with the image of their ``skin``, each by
+itself, or each with the camera's pose on ``tagged/camera_pose``; then its dents are moved to the
+map, and a dent that is seen again is one dent of the list. While somebody publishes
+``survey/pose``, that is taken for the camera's pose, and the list is corrected where
+``survey/path`` corrects the poses of earlier clouds. The dents of each cloud go to ``dents``, the
+list to ``dents/list`` and ``dents/markers``, both latched. The service ``~/take_list`` returns the
+list as JSON and clears it. Nothing is computed while nobody subscribes, unless the parameter
+`always` asks for the list.
 """
 
 from __future__ import annotations
@@ -19,11 +20,12 @@ from typing import Any
 import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Path
+from numpy.typing import NDArray
 from rclpy.node import Node
-from sensor_msgs.msg import PointCloud2
+from sensor_msgs.msg import Image, PointCloud2
 from std_srvs.srv import Trigger
 
-from ftp_dent_ros.errors import CloudError, PoseError
+from ftp_dent_ros.errors import CloudError, ImageError, PoseError
 from ftp_dent_ros.inspection.dent import Inspection
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.observation import SAME
@@ -37,7 +39,7 @@ from ftp_dent_ros.nodes.inspector_parameters import declare
 from ftp_dent_ros.nodes.matching import Matched, Matching, located
 from ftp_dent_ros.ros.dent_messages import dents_to_message
 from ftp_dent_ros.ros.diagnostics import OK, Diagnostics
-from ftp_dent_ros.ros.messages import cloud_from_message, stamp_to_ns
+from ftp_dent_ros.ros.messages import cloud_from_message, image_from_message, stamp_to_ns
 from ftp_dent_ros.ros.node import run
 from ftp_dent_ros.ros.parameters import Parameters
 from ftp_dent_ros.ros.qos import CLOUDS, DENTS, LATCHED, OVERRIDABLE, POSES
@@ -66,12 +68,16 @@ class DentInspector(Node):
         self._matching = Matching(
             self._hand_over,
             self._diagnostics.refuse,
-            lambda: ('surveyed',) if self.count_publishers('survey/pose') else (),
+            self._expected,
+            posed=self._tagged,
         )
         self._worker = NewestWorker(self._work, 'dent_inspector', _WAITING)
         self.create_service(Trigger, '~/take_list', self._take_list)
         self.create_subscription(
             PointCloud2, 'points', self._on_cloud, CLOUDS, qos_overriding_options=OVERRIDABLE
+        )
+        self.create_subscription(
+            Image, 'skin', self._on_skin, CLOUDS, qos_overriding_options=OVERRIDABLE
         )
         if self._tagged:
             self.create_subscription(
@@ -95,12 +101,12 @@ class DentInspector(Node):
 
     def _on_cloud(self, message: PointCloud2) -> None:
         self._diagnostics.count('clouds')
-        if not self._wanted:
-            return
-        if self._tagged:
+        if self._wanted:
             self._matching.add(cloud=message)
-        else:
-            self._hand_over(Matched(message))
+
+    def _on_skin(self, message: Image) -> None:
+        if self._wanted:
+            self._matching.add(skin=message)
 
     def _on_pose(self, message: PoseWithCovarianceStamped) -> None:
         if self._wanted:
@@ -109,6 +115,10 @@ class DentInspector(Node):
     def _on_surveyed(self, message: PoseWithCovarianceStamped) -> None:
         if self._wanted:
             self._matching.add(surveyed=message)
+
+    def _expected(self) -> list[str]:
+        topics = {'skin': 'skin', 'surveyed': 'survey/pose' if self._tagged else ''}
+        return [part for part, topic in topics.items() if topic and self.count_publishers(topic)]
 
     def _hand_over(self, cloud: Matched) -> None:
         if self._worker.put(cloud):
@@ -136,7 +146,8 @@ class DentInspector(Node):
             frame_id = stated.header.frame_id
         if item.surveyed is not None:
             self._diagnostics.count('placed by the survey')
-        found = inspect(cloud_from_message(item.cloud), settings=self._settings)
+        cloud = cloud_from_message(item.cloud).with_skin(self._skin_of(item))
+        found = inspect(cloud, settings=self._settings)
         dents = [dent.transformed(pose) for dent in (*found.dents, *found.others)]
         alone = DentList()
         alone.add(1, dents, pose, covariance)
@@ -144,6 +155,15 @@ class DentInspector(Node):
         shown = Shown(frame_id, stamp_ns, dents, pose, covariance)
         self._listing.add(shown, partial(self._tell, found, message))
         self._diagnostics.measure('computation', (self._now_ns() - started_ns) / 1e9)
+
+    def _skin_of(self, item: Matched) -> NDArray[np.uint8] | None:
+        if item.skin is None:
+            return None
+        try:
+            return image_from_message(item.skin)[..., 0]
+        except ImageError as error:
+            self._diagnostics.refuse('wrong skin', str(error))
+            return None
 
     def _tell(self, found: Inspection, dents: PointCloud2) -> None:
         """Publish and tell what a cloud shows, whose dents are in the list."""

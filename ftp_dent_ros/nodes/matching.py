@@ -46,6 +46,8 @@ class Matching:
     expects : callable
         What clouds come with at the moment beside their pose, of ``skin`` and ``surveyed``; one
         that is lost holds up its cloud until the next one is whole.
+    posed : bool
+        Whether a cloud is of use with a pose alone.
     """
 
     def __init__(
@@ -53,8 +55,10 @@ class Matching:
         hand_over: Callable[[Matched], Any],
         refuse: Callable[[str, str], Any],
         expects: Callable[[], Collection[str]] = tuple,
+        posed: bool = True,
     ) -> None:
         self._hand_over, self._refuse, self._expects = hand_over, refuse, expects
+        self._posed = posed
         self._waiting: dict[int, dict[str, Any]] = {}
 
     def add(self, **messages: Any) -> None:
@@ -63,25 +67,24 @@ class Matching:
             stamp_ns = stamp_to_ns(message.header.stamp)
             parts = self._waiting.setdefault(stamp_ns, {})
             parts[part] = message
-            if _has_pose(parts) and parts.keys() >= set(self._expects()):
+            if self._is_of_use(parts) and parts.keys() >= set(self._expects()):
                 # Each topic keeps its order: what is still missing before has been lost.
                 for earlier in sorted(each for each in self._waiting if each <= stamp_ns):
-                    if _has_pose(self._waiting[earlier]):
+                    if self._is_of_use(self._waiting[earlier]):
                         self._hand_over(Matched(**self._waiting.pop(earlier)))
         while len(self._waiting) > _WAITING:
             self._give_up(self._waiting.pop(next(iter(self._waiting))))
 
     def _give_up(self, parts: dict[str, Any]) -> None:
-        if _has_pose(parts):
+        if self._is_of_use(parts):
             self._hand_over(Matched(**parts))
             return
         missing = 'pose' if 'cloud' in parts else 'cloud'
         had = 'cloud' if 'cloud' in parts else ' and '.join(sorted(parts))
         self._refuse(f'no {missing}', f'a {had} came without its {missing}')
 
-
-def _has_pose(parts: dict[str, Any]) -> bool:
-    return 'cloud' in parts and not parts.keys().isdisjoint(_POSES)
+    def _is_of_use(self, parts: dict[str, Any]) -> bool:
+        return 'cloud' in parts and not (self._posed and parts.keys().isdisjoint(_POSES))
 
 
 def located(

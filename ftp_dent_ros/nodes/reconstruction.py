@@ -164,10 +164,8 @@ class Reconstruction(Node):
                 'reconstructed: take photographs later after a change'
             )
         # First, so that who has the cloud has its skin.
-        if measurement.skin is not None:
-            self._skin.publish(
-                image_to_message(measurement.skin, stamp_ns, message.header.frame_id)
-            )
+        if cloud.skin.any():
+            self._skin.publish(image_to_message(cloud.skin, stamp_ns, message.header.frame_id))
         self._points.publish(cloud_to_message(cloud, stamp_ns, message.header.frame_id))
         self._diagnostics.count('clouds')
         self._diagnostics.measure('computation', (self._now_ns() - started_ns) / 1e9)

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.profilometry.coverage import Coverage
 from ftp_dent_ros.profilometry.epipolar_check import EpipolarCheck
@@ -23,9 +20,6 @@ class Measurement:
         l_c, the depth of the red stripe and of the virtual reference, metres.
     coverage : Coverage
         What of the lit area has points, and why the rest has none.
-    skin : ndarray, shape (rows, columns), uint8, optional
-        The light without the fringes, on the cloud's grid, 0 where there is no point; where it
-        was asked for.
     epipolar : EpipolarCheck, optional
         How the rig holds, as far as the rows of the projector tell; None where the pattern does
         not tell them, or too little of it is seen.
@@ -34,11 +28,9 @@ class Measurement:
     cloud: Cloud
     stripe_depth: float
     coverage: Coverage
-    skin: NDArray[np.uint8] | None = None
     epipolar: EpipolarCheck | None = None
 
     @property
     def transposed(self) -> Measurement:
         """The same measurement with x for y, and y for x, of pixels as of points."""
-        skin = None if self.skin is None else np.ascontiguousarray(self.skin.T)
-        return replace(self, cloud=self.cloud.transposed, skin=skin)
+        return replace(self, cloud=self.cloud.transposed)

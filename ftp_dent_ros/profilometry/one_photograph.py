@@ -60,4 +60,4 @@ def reconstruct(
     """
     given_rig = rig if isinstance(rig, Rig) else read_rig(find(rig))
     given_pattern = pattern if isinstance(pattern, Pattern) else read_pattern(find(pattern))
-    return Reconstructor(given_rig, given_pattern, Settings(**settings)).measure(image)
+    return Reconstructor(given_rig, given_pattern, Settings(**settings)).measure(image, True)

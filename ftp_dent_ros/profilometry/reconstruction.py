@@ -86,7 +86,7 @@ class Reconstructor:
             As large as the camera's calibration says. An array is RGB, shape (height, width, 3),
             or grey, shape (height, width), of 8 or 16 bits (uint8, uint16).
         skin : bool
-            Whether an image of the skin is made, too.
+            Whether the cloud gets the image of its skin, too.
 
         Returns
         -------
@@ -131,7 +131,8 @@ class Reconstructor:
         if not skin:
             return measured
         imager = SkinImager.of(*self._upright, self.settings.stride)
-        return replace(measured, skin=imager.image(photograph, measured.cloud))
+        cloud = measured.cloud
+        return replace(measured, cloud=replace(cloud, skin=imager.image(photograph, cloud)))
 
     def _check(self, photograph: Photograph) -> None:
         """Raise `ImageError` unless the photograph is of the camera's kind and size."""

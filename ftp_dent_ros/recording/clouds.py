@@ -210,6 +210,10 @@ def _located(message: Any) -> tuple[Pose, NDArray[np.float64]]:
 def _bag_cloud(stamp_ns: int, parts: dict[str, Any]) -> BagCloud:
     photograph = parts.get(PHOTOGRAPHS)
     skin = parts.get(SKIN)
+    for topic in (POINTS, TAGGED):
+        if parts.get(topic) is not None:
+            cloud, frame_id = parts[topic]
+            parts[topic] = cloud.with_skin(skin), frame_id
     if parts.get(CAMERA_POSE) is not None and parts.get(POINTS) is not None:
         pose, covariance, frame_id = parts[CAMERA_POSE]
         cloud, _ = parts[POINTS]

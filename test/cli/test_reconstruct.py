@@ -344,5 +344,5 @@ def test_the_skin_is_written_beside_the_cloud(folder, photograph):
     rig, image = photograph
     assert main([*words(folder), '--skin', str(folder / 'skin.png')]) == 0
     written = cv2.imread(str(folder / 'skin.png'), cv2.IMREAD_UNCHANGED)
-    expected = Reconstructor(rig, PATTERN).measure(image, skin=True).skin
+    expected = Reconstructor(rig, PATTERN).measure(image, skin=True).cloud.skin
     np.testing.assert_array_equal(written, expected)

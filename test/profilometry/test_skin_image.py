@@ -33,8 +33,8 @@ def seen():
 
 def test_skin_lies_on_the_cloud_and_nowhere_else(seen):
     _, measured, _, known = seen
-    assert measured.skin.dtype == np.uint8
-    assert ((measured.skin > 0) == known).all()
+    assert measured.cloud.skin.dtype == np.uint8
+    assert ((measured.cloud.skin > 0) == known).all()
 
 
 def test_skin_shows_the_paint_and_not_the_fringes(seen):
@@ -43,9 +43,11 @@ def test_skin_shows_the_paint_and_not_the_fringes(seen):
     inner[:8] = inner[-8:] = inner[:, :8] = inner[:, -8:] = False
     inner &= np.roll(known, 8, 1) & np.roll(known, -8, 1)
     bare = Scene.of(panel(dents=(), paint=Paint(albedo=0.7)))
-    light = Reconstructor(RIG, PATTERN, Settings(stride=2)).measure(bare.image, skin=True).skin
+    light = (
+        Reconstructor(RIG, PATTERN, Settings(stride=2)).measure(bare.image, skin=True).cloud.skin
+    )
     inner &= light > 0
-    skin = measured.skin[inner] / light[inner]
+    skin = measured.cloud.skin[inner] / light[inner]
     true = paint[inner]
     assert np.corrcoef(skin, true)[0, 1] > 0.95
     # Fringes alone have a contrast of 1.
@@ -60,7 +62,7 @@ def test_the_stripe_leaves_no_mark(seen):
     phase = SkinImager.of(RIG, PATTERN, 2).geometry.phase(
         1 / np.where(known, measured.cloud.points[..., 2], 1)
     )
-    ratio = measured.skin / paint
+    ratio = measured.cloud.skin / paint
     inside = known & (np.abs(phase) < np.pi)
     beside = known & (np.abs(phase) > 2 * np.pi) & (np.abs(phase) < 4 * np.pi)
     assert np.median(ratio[inside]) == pytest.approx(np.median(ratio[beside]), rel=0.03)
@@ -70,11 +72,11 @@ def test_deeper_pixels_give_the_same_skin(seen):
     scene, measured, _, _ = seen
     deep = Photograph(scene.image.astype(np.uint16) * 257, 65535)
     image = SkinImager.of(RIG, PATTERN, 2).image(deep, measured.cloud)
-    assert np.abs(image.astype(int) - measured.skin).max() <= 2
+    assert np.abs(image.astype(int) - measured.cloud.skin).max() <= 2
 
 
 def test_nobody_pays_for_a_skin_that_nobody_asked_for(seen):
     scene, measured, _, _ = seen
     plain = Reconstructor(RIG, PATTERN, Settings(stride=2)).measure(scene.image)
-    assert plain.skin is None
+    assert not plain.cloud.skin.any()
     assert np.array_equal(plain.cloud.points, measured.cloud.points, equal_nan=True)

@@ -127,8 +127,15 @@ def test_a_cloud_comes_with_the_image_of_its_skin(recorded):
     data = serialised(IMAGE, header(7, 'eye'), 3, 4, 'mono8', 0, 4, skin.ravel())
     (item,) = bag_clouds(recorded(('/skin', data), *parts().items()))
     np.testing.assert_array_equal(item.skin, skin)
+    # One of another size is none of the cloud's.
+    assert not item.cloud.skin.any()
     (item,) = bag_clouds(recorded(*parts().items()))
     assert item.skin is None
+    rows, columns = item.cloud.valid.shape
+    skin = np.arange(rows * columns).astype(np.uint8)
+    data = serialised(IMAGE, header(7, 'eye'), rows, columns, 'mono8', 0, columns, skin)
+    (item,) = bag_clouds(recorded(('/skin', data), *parts().items()))
+    np.testing.assert_array_equal(item.cloud.skin, skin.reshape(rows, columns))
 
 
 @pytest.mark.parametrize('topics', [{'/points'}, {'/tagged/points', '/tagged/pose'}])

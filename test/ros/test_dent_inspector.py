@@ -8,12 +8,12 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from dent_samples import DENTED, noisy_cloud
+from dent_samples import DENTED, gouged_cloud, noisy_cloud
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovariance, PoseWithCovarianceStamped
 from nav_msgs.msg import Path
 from rclpy.serialization import serialize_message
-from sensor_msgs.msg import PointCloud2
+from sensor_msgs.msg import Image, PointCloud2
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
@@ -32,6 +32,7 @@ from ftp_dent_ros.recording.writer import BagWriter
 from ftp_dent_ros.ros.dent_messages import dents_from_message, dents_to_message
 from ftp_dent_ros.ros.messages import (
     cloud_to_message,
+    image_to_message,
     make_header,
     pose_to_message,
     stamp_to_ns,
@@ -113,6 +114,24 @@ def test_a_cloud_becomes_its_dents_and_nothing_is_computed_unasked(ros, cloud):
     ros.until(lambda: late and markers)
     assert dents_from_message(late[-1])['number'].tolist() == [1, 2]
     assert len(markers[-1].markers) == 5
+    assert bench.process.stop() == 0
+
+
+def test_a_cloud_with_its_skin_gives_the_gouges_that_the_command_gives(ros):
+    bench = Bench(ros)
+    dents, skins = ros.collect(PointCloud2, 'dents'), ros.publisher(Image, 'skin', CLOUDS)
+    cloud = gouged_cloud()
+    ros.until(lambda: skins.get_subscription_count())
+    bench.says('waiting for clouds')
+    # The skin comes first, as the reconstruction publishes it.
+    skins.publish(image_to_message(cloud.skin, 7, CAMERA))
+    bench.show(cloud, 7)
+    ros.until(lambda: dents)
+    found = inspect(cloud)
+    assert [dent.kind for dent in found.others] == ['gouge']
+    alone = DentList()
+    alone.add(1, [*found.dents, *found.others], SAME, EXACT)
+    assert bytes(dents[0].data) == bytes(dents_to_message(alone.entries, 7, CAMERA).data)
     assert bench.process.stop() == 0
 
 

@@ -44,6 +44,20 @@ def test_what_belongs_together_comes_together(expects, sent, given):
     assert found == given.split()
 
 
+def test_without_poses_a_cloud_waits_for_its_skin_alone():
+    found = []
+    matching = Matching(
+        lambda item: found.append((stamp_to_ns(item.cloud.header.stamp), bool(item.skin))),
+        lambda reason, _: pytest.fail(reason),
+        lambda: ('skin',),
+        posed=False,
+    )
+    for part, stamp in (('c', 1), ('s', 1), ('c', 2), ('s', 3), ('c', 3)):
+        name, message_type = TYPES[part]
+        matching.add(**{name: message_type(header=make_header(stamp, 'camera'))})
+    assert found == [(1, True), (2, False), (3, True)]
+
+
 def test_what_stays_alone_is_given_up_with_its_reason():
     found, refused = [], []
     matching = Matching(found.append, lambda reason, _: refused.append(reason), lambda: ('skin',))

@@ -145,7 +145,7 @@ def test_the_skin_comes_before_its_cloud_to_who_subscribes(ros, rig, rig_file, p
     assert (message.encoding, message.header.frame_id) == ('mono8', 'eye')
     assert stamp_to_ns(message.header.stamp) == 7
     image = np.frombuffer(message.data, np.uint8).reshape(message.height, message.width)
-    np.testing.assert_array_equal(image, expected.skin)
+    np.testing.assert_array_equal(image, expected.cloud.skin)
 
     assert all(result.successful for result in bench.set(stride=4, method='direct'))
     changed = bench.cloud_of(photograph, 3)

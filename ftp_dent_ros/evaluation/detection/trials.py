@@ -139,7 +139,7 @@ def _taken(index: int, smallest_depth: float) -> Trial:
     words = index, distance, skin, light
     try:
         photograph = scene.photograph(abs(index))
-        measured = reconstructor_at(distance).measure(photograph)
+        measured = reconstructor_at(distance).measure(photograph, True)
         found = inspect(measured.cloud, Settings(smallest_depth=smallest_depth))
     except FtpDentError as error:
         missed = [[true.depth, true.width, 0, math.nan] for true in truth]

@@ -13,9 +13,11 @@ from ftp_dent_ros.inspection.clearance import with_clearances
 from ftp_dent_ros.inspection.dent import Inspection, MeasuredDent, Waviness
 from ftp_dent_ros.inspection.measuring.bare_skin import bare_skin
 from ftp_dent_ros.inspection.measuring.detection import find_candidates, findable_depth
+from ftp_dent_ros.inspection.measuring.gouges import gouge_under
 from ftp_dent_ros.inspection.measuring.hidden import hidden_dent
 from ftp_dent_ros.inspection.measuring.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.measurement import CERTAIN, measure
+from ftp_dent_ros.inspection.measuring.narrow_marks import narrow_marks
 from ftp_dent_ros.inspection.measuring.panels import find_panels, seam
 from ftp_dent_ros.inspection.measuring.steps import find_steps
 from ftp_dent_ros.inspection.measuring.surroundings import surroundings_of
@@ -24,6 +26,8 @@ from ftp_dent_ros.inspection.settings import Settings
 
 # Cells beside a border of two panels where the reconstruction blurs one into the other.
 _SEAM = 3
+# Cosine of the angle between two axes that are one.
+_ALONG = 0.9
 
 
 def inspect(
@@ -57,6 +61,8 @@ def inspect(
     seams = seam(labels, _SEAM)
     found: list[MeasuredDent] = find_steps(lattice, panels, labels, seams, settings)
     wavy: list[Waviness] = []
+    marks = narrow_marks(cloud.skin, lattice, settings.smallest_width)
+    gouges: list[MeasuredDent] = []
     shape = cloud.points.shape[:2]
     fine = lattice.spread(labels, shape)
     deviation = np.full(shape, np.nan, np.float32)
@@ -81,6 +87,10 @@ def inspect(
             around = surroundings_of(candidate, at, lattice, skin, relief, seams)
             whole = [] if around is None else measure(candidate, around, skin, settings)
             found += whole or hidden_dent(candidate, lattice, skin, settings)
+        for mark in marks:
+            if fine[mark.rows, mark.columns].min() == fine[mark.rows, mark.columns].max() == index:
+                gouges += gouge_under(mark, cloud, deviation, lattice, skin, settings)
+    found = [dent for dent in found if not _is_gouge(dent, gouges)] + gouges
     found = [dent for dent in found if not _is_part(dent, found)]
     placed = with_clearances([_moved(dent, lattice.origin) for dent in found])
     dents = sorted((d for d in placed if d.kind == 'dent'), key=lambda d: -d.depth.value)
@@ -95,6 +105,15 @@ def _is_part(dent: MeasuredDent, found: list[MeasuredDent]) -> bool:
         and other.length.value > dent.length.value
         for other in found
         if other.kind != 'other' and other.depth.value * dent.depth.value > 0
+    )
+
+
+def _is_gouge(dent: MeasuredDent, gouges: list[MeasuredDent]) -> bool:
+    """Whether something narrow is what a mark tells to be a gouge."""
+    return dent.kind in ('crease', 'gouge', 'other') and any(
+        np.linalg.norm(dent.position - gouge.position) < gouge.length.value / 2
+        and abs(dent.axis @ gouge.axis) > _ALONG
+        for gouge in gouges
     )
 
 

@@ -73,6 +73,18 @@ def restored(patch: Patch, resolution: float, supposed: float) -> Restored:
     return Restored(replace(patch, depth=patch.depth + first + second), doubt)
 
 
+def shown(depth: Field, step: float, resolution: float) -> Field:
+    """What a cloud of a resolution shows of depths along a line, `step` metres apart."""
+    sigma = resolution / _halved(_FITS) / step
+    size = 2 * math.ceil(3 * sigma) + 1
+    seen = np.zeros_like(depth)
+    for _ in range(_FITS):
+        rest = (depth - seen)[None]
+        smooth = cv2.GaussianBlur(rest, (size, 1), sigma, borderType=cv2.BORDER_CONSTANT)
+        seen = seen + smooth[0]
+    return seen
+
+
 def _halved(fits: int) -> float:
     """Wavelength of which half is left, in standard deviations of the Gaussians."""
     gaussian = 1 - 0.5 ** (1 / fits)

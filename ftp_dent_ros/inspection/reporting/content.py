@@ -66,6 +66,8 @@ class Frame:
     waviness : tuple of Waviness
     dents, others : int
         How many it shows.
+    has_skin : bool
+        Whether the image of its skin was there, whose narrow marks tell gouges.
     mesh : Mesh
     pose : Pose, optional
         Of the camera in the report's frame, or of the vehicle where that alone is known.
@@ -88,6 +90,7 @@ class Frame:
     waviness: tuple[Waviness, ...]
     dents: int
     others: int
+    has_skin: bool
     mesh: Mesh
     pose: Pose | None = None
     covariance: NDArray[np.float64] | None = None

@@ -35,6 +35,7 @@ def facts_of(report: Report) -> list[tuple[str, str]]:
         ),
         ('Measured area', f'{area:.0f} cm²' + (', overlaps counted twice' * (len(frames) > 1))),
         ('Looked for', _smallest(report)),
+        ('Marks of gouges', _marks(frames)),
         ('Would have been found', _findable(frames)),
         ('Not measured', _not_measured(report)),
         ('Waviness', _waviness(frames)),
@@ -60,6 +61,14 @@ def _rig(report: Report) -> str:
 def _smallest(report: Report) -> str:
     depth, width = report.settings.smallest_depth, report.settings.smallest_width
     return f'dents of {depth * _MM:g} mm depth and {width * _MM:g} mm width, and larger'
+
+
+def _marks(frames: Sequence[Frame]) -> str:
+    without = sum(not frame.has_skin for frame in frames)
+    if not without:
+        return 'looked for in the image of the skin'
+    clouds = f'{without} of {len(frames)} clouds have' if len(frames) > 1 else 'the cloud has'
+    return f'{clouds} no image of the skin: narrow gouges were not looked for there'
 
 
 def _findable(frames: Sequence[Frame]) -> str:

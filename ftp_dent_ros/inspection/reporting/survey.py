@@ -192,6 +192,7 @@ def _frame(
         waviness=found.waviness,
         dents=len(found.dents),
         others=len(found.others),
+        has_skin=bool(cloud.skin.any()),
         mesh=Mesh.of(cloud.points, found.deviation, observation.pose, vertices),
         pose=observation.vehicle,
         covariance=covariance,

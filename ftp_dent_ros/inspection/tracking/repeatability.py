@@ -56,6 +56,7 @@ def halves(cloud: Cloud) -> tuple[Cloud, ...]:
             cloud.intensity[start:rows:2],
             cloud.sigma[start:rows:2],
             cloud.resolution[start:rows:2],
+            skin=cloud.skin[start:rows:2],
         )
         for start in (0, 1)
     )
