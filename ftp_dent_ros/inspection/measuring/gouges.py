@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.inspection.dent import Estimate, MeasuredDent, orientation_of
 from ftp_dent_ros.inspection.measuring.bare_skin import BareSkin
+from ftp_dent_ros.inspection.measuring.evidence import SUSPECT
 from ftp_dent_ros.inspection.measuring.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.median import median
 from ftp_dent_ros.inspection.measuring.narrow_marks import NarrowMark
@@ -31,14 +32,12 @@ _ALONG, _BESIDE = 0.8, 0.9
 # What paint feigns on whole fringes, as a part of the doubt that the cloud states, about: on marks
 # without a groove 0.35 at most.
 _WHOLE = 0.2
-# Standard deviations from which on a groove is there: one false in 30,000 marks.
-_SURE = 4.0
 # Fringes that a mark crosses, for a groove to be told from what it feigns.
 _CROSSED = 1.0
-# Of the depth of what is narrower than the resolution, as a part of it: calculated of flanks that
-# are hollow (+0.14) and round (-0.21) for straight ones of the same width; and how well marks tell
-# widths, in points.
-_SHAPE, _POINTS = 0.2, 0.7
+# Of the depth of what is narrower than the resolution, as a part of it: evenly spread over what is
+# calculated of flanks that are hollow (+0.14) to round (-0.21), for straight ones of the same
+# width; and how well marks tell widths, in points.
+_SHAPE, _POINTS = 0.1, 0.7
 # A groove runs out of its mark at both ends, or the mark out of it, by so much of its length.
 _RUNS_OUT = 0.08
 _FEWEST = 40
@@ -113,7 +112,7 @@ def gouge_under(
     evened = math.hypot(1 / (math.pi * fringes), _WHOLE)
     ordinary = math.hypot(strays, skin.noise.where(0.0, 0.0)) / math.sqrt(mark.length / finest)
     chance = math.hypot(doubt * evened, ordinary) / highest
-    if found < max(_SURE * chance, settings.smallest_depth):
+    if found < max(SUSPECT * chance, settings.smallest_depth):
         return []
     if not _is_under(mark.width, image, across[asked], bent, depth[asked]):
         return []

@@ -114,8 +114,11 @@ def _bar(rows: NDArray[np.intp], columns: NDArray[np.intp], lattice: Lattice) ->
         return None
     across, down = (each / lattice.block for each in lattice.spacing)
     points = lattice.all_points[rows, columns].astype(float)
-    _, broad, long = np.sqrt(12 * np.maximum(np.linalg.eigvalsh(np.cov(points.T)), 0))
+    middle = points.mean(axis=0)
+    squares, axes = np.linalg.eigh(np.cov((points - middle).T))
+    broad = math.sqrt(12 * max(squares[1], 0.0))
+    long = float(np.ptp(np.percentile((points - middle) @ axes[:, 2], [1, 99]))) / 0.98
     width = len(rows) * across * down / max(long, across)
     if width > _WIDEST or long < _LONG * width or broad > _STRAIGHT * width:
         return None
-    return NarrowMark(rows, columns, float(long), float(width))
+    return NarrowMark(rows, columns, long, float(width))
