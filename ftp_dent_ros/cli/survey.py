@@ -70,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
     bags = [open_bag(path) for path in arguments.bags]
     rig_id = _rig_of(bags, arguments.rig)
     count = sum(count_clouds(bag)[0] for bag in bags)
-    with tqdm(desc='surveying', total=2 * count, unit='cloud', dynamic_ncols=True) as bar:
+    with tqdm(desc='surveying', total=3 * count, unit='cloud', dynamic_ncols=True) as bar:
         survey = survey_bags(bags, arguments.name, settings, rig_id, bar.update)
     result, frame = survey.result, None
     if arguments.points:

@@ -14,6 +14,7 @@ from ftp_dent_ros.errors import BagError, CloudError
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.recording.clouds import bag_clouds
 from ftp_dent_ros.recording.reader import Bag
+from ftp_dent_ros.survey.fusion import Fusion
 from ftp_dent_ros.survey.joining import Joining
 from ftp_dent_ros.survey.mosaic import Mosaic
 from ftp_dent_ros.survey.unrolling import Unrolled
@@ -66,6 +67,10 @@ class Joined:
     def mosaic(self) -> Mosaic:
         """A mosaic that has room for all clouds."""
         return Mosaic(*_skin(self.joining))
+
+    def fusion(self) -> Fusion:
+        """What all clouds tell together, with room for all and none in it yet."""
+        return Fusion(*_skin(self.joining))
 
 
 def join_bags(

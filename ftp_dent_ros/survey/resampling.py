@@ -84,13 +84,13 @@ def cells(
     return u, v
 
 
-def remap(field: Grid, u: Grid, v: Grid) -> Grid:
-    """Values of a field at columns `u` and rows `v`, linearly; NaN beyond it."""
+def remap(field: Grid, u: Grid, v: Grid, how: int = cv2.INTER_LINEAR) -> Grid:
+    """Values of a field at columns `u` and rows `v`, as OpenCV interpolates; NaN beyond it."""
     result: Any = cv2.remap(
         field.astype(np.float32, copy=False),
         np.where(u > -9, u, np.float32(-9)),
         np.where(v > -9, v, np.float32(-9)),
-        cv2.INTER_LINEAR,
+        how,
         borderMode=cv2.BORDER_CONSTANT,
         borderValue=(np.nan,) * 4,
     )

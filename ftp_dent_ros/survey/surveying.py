@@ -1,14 +1,16 @@
-"""Bags to one survey: first all poses, then the dents and the picture of the skin."""
+"""Bags to one survey: all poses, then what clouds tell together, then dents and the picture."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 from ftp_dent_ros import __version__
+from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.errors import FtpDentError
-from ftp_dent_ros.inspection.dent import Inspection
+from ftp_dent_ros.inspection.dent import Estimate, Inspection, MeasuredDent
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.settings import Settings
 from ftp_dent_ros.inspection.tracking.dent_list import DentList
@@ -60,7 +62,7 @@ def survey_bags(
     rig_id : str
         Id of the calibration.
     progress : callable
-        Called after each cloud, twice for each.
+        Called after each cloud, three times for each.
     remark : callable
         Called with each remark as it comes up.
 
@@ -74,21 +76,23 @@ def survey_bags(
     settings = settings or Settings()
     joined = join_bags(bags, progress, remark)
     joining, poses = joined.joining, joined.poses
-    mosaic = joined.mosaic()
+    mosaic, fusion = joined.mosaic(), joined.fusion()
+    for item in _once(bags, joined.numbers):
+        fusion.add(item.cloud, poses[joined.numbers[item.stamp_ns]])
+        progress()
     near, covariances = joined.covariances_among_them, joined.covariances
     dents = DentList()
-    numbers = dict(joined.numbers)
-    for bag in bags:
-        for item in bag_clouds(bag):
-            number = numbers.pop(item.stamp_ns, None)
-            if number is None:
-                continue
-            found = _inspected(item, settings)
-            mosaic.add(number, item.cloud, poses[number], item.skin, found)
-            if found is not None:
-                seen = [each.transformed(poses[number]) for each in (*found.dents, *found.others)]
-                dents.add(number, seen, poses[number], near[number], stamp_ns=item.stamp_ns)
-            progress()
+    for item in _once(bags, joined.numbers):
+        number = joined.numbers[item.stamp_ns]
+        pose = poses[number]
+        cloud = fusion.fused(item.cloud, pose)
+        found = _inspected(cloud, settings)
+        mosaic.add(number, cloud, pose, item.skin, found)
+        if found is not None:
+            seen = [each.transformed(pose) for each in (*found.dents, *found.others)]
+            seen = [_with_shared(each, fusion.shared(each.position)) for each in seen]
+            dents.add(number, seen, pose, near[number], stamp_ns=item.stamp_ns)
+        progress()
     surveyed = tuple(
         SurveyedDent(
             each.number,
@@ -116,8 +120,28 @@ def survey_bags(
     return Surveyed(result, mosaic, joined.remarks, pairs, len(joining.graph.left_out))
 
 
-def _inspected(item: BagCloud, settings: Settings) -> Inspection | None:
+def _once(bags: Sequence[Bag], numbers: Mapping[int, int]) -> Iterator[BagCloud]:
+    """The clouds that were joined, each the first time that it comes."""
+    known = set(numbers)
+    for bag in bags:
+        for item in bag_clouds(bag):
+            if item.stamp_ns in known:
+                known.discard(item.stamp_ns)
+                yield item
+
+
+def _inspected(cloud: Cloud, settings: Settings) -> Inspection | None:
     try:
-        return inspect(item.cloud, settings)
+        return inspect(cloud, settings)
     except FtpDentError:
         return None
+
+
+def _with_shared(dent: MeasuredDent, shared: float) -> MeasuredDent:
+    """The same dent, its depth and volume as uncertain as what all its clouds may share."""
+    part = shared / abs(dent.depth.value)
+    depth, volume = (
+        Estimate(each.value, math.hypot(each.uncertainty, part * each.value))
+        for each in (dent.depth, dent.volume)
+    )
+    return replace(dent, depth=depth, volume=volume)

@@ -28,6 +28,9 @@ from ftp_dent_ros.inspection.settings import Settings
 _SEAM = 3
 # Cosine of the angle between two axes that are one.
 _ALONG = 0.9
+# Middles that are nearer than this part of the narrower one's width are one dent's: of two that
+# touch they are half a width apart.
+_ONE_PLACE = 0.25
 
 
 def inspect(
@@ -99,12 +102,22 @@ def inspect(
 
 
 def _is_part(dent: MeasuredDent, found: list[MeasuredDent]) -> bool:
-    """Whether something in doubt lies within what is listed as a larger one."""
-    return dent.kind == 'other' and any(
-        np.linalg.norm(dent.position - other.position) < other.length.value / 2
-        and other.length.value > dent.length.value
+    """Whether something in doubt lies within what is listed as a larger one, or at its place."""
+    alike = [
+        (other, np.linalg.norm(dent.position - other.position))
         for other in found
-        if other.kind != 'other' and other.depth.value * dent.depth.value > 0
+        if other is not dent and other.kind != 'other' and other.depth.value * dent.depth.value > 0
+    ]
+    if (dent.is_cut or dent.reason) and any(
+        # The rim of what is measured may part a dent into rings about one middle.
+        apart < _ONE_PLACE * min(other.width.value, dent.width.value)
+        and abs(other.depth.value) > abs(dent.depth.value)
+        for other, apart in alike
+    ):
+        return True
+    return dent.kind == 'other' and any(
+        apart < other.length.value / 2 and other.length.value > dent.length.value
+        for other, apart in alike
     )
 
 
