@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -71,7 +72,10 @@ def listed(number: int, sightings: tuple[Sighting, ...]) -> ListedDent:
     if whole:
         best = min(whole, key=lambda item: _rank(item.dent.depth.uncertainty))
     else:
-        best = max(sightings, key=lambda item: _rank(item.dent.length.value, -1.0))
+        # What most take it for: one that runs into something else may be the longest.
+        often = Counter(item.dent.kind for item in sightings)
+        usual = [item for item in sightings if often[item.dent.kind] == max(often.values())]
+        best = max(usual, key=lambda item: _rank(item.dent.length.value, -1.0))
     used = whole or [best]
     dents = [item.dent for item in used]
     spreads = np.stack([item.position_covariance for item in used]) + np.eye(3) * 1e-12

@@ -86,6 +86,13 @@ def test_cut_sightings_alone_stay_a_cut_dent_with_the_largest_extent():
     assert entry.dent.is_cut and entry.dent.length.value == pytest.approx(30e-3)
 
 
+def test_what_is_cut_everywhere_is_of_the_kind_that_most_clouds_say():
+    longest = make_dent(length=60e-3, kind='crease', is_cut=True)
+    cut = make_dent((0.005, 0, 0.6), length=40e-3, is_cut=True)
+    (entry,) = listed([longest], [cut], [cut]).entries
+    assert entry.dent.kind == 'dent' and entry.dent.length.value == pytest.approx(40e-3)
+
+
 def test_a_bump_is_never_the_dent_beside_it():
     assert len(listed([make_dent()], [make_dent(kind='bump', depth=-1e-3)]).entries) == 2
 
