@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 from pathlib import Path
 
 from tqdm import tqdm
@@ -53,7 +54,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'shows the whole skin, and what of it was measured',
     )
     parser.add_argument(
-        '--jobs', type=int, metavar='N', help='inputs inspected at once; default: one a core'
+        '--jobs',
+        type=int,
+        metavar='N',
+        help="inputs, or one bag's clouds, inspected at once; default: one a core",
     )
     parser.add_argument(
         '--scheduler',
@@ -81,7 +85,8 @@ def run(arguments: argparse.Namespace) -> int:
             bar.total = count
             bar.update()
 
-        report = report_of(requests[0], progress)
+        jobs = arguments.jobs or len(os.sched_getaffinity(0))
+        report = report_of(requests[0], progress, jobs)
     page = write_report(output, report)
     print(summary(report))
     print(f'{page}')

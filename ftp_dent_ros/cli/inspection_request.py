@@ -21,6 +21,8 @@ from ftp_dent_ros.ply import read_ply, rig_id_of
 from ftp_dent_ros.rig import Lens, read_rig
 
 _CAMERA_FRAME = 'camera_optical_frame'
+# Clouds that take as long as another process does to begin.
+_WORTH = 10
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,11 @@ class Request:
     joined: bool = False
 
 
-def report_of(request: Request, progress: Callable[[int], object] = lambda count: None) -> Report:
+def report_of(
+    request: Request,
+    progress: Callable[[int], object] = lambda count: None,
+    jobs: int = 1,
+) -> Report:
     """Inspect what is asked for.
 
     Parameters
@@ -57,6 +63,8 @@ def report_of(request: Request, progress: Callable[[int], object] = lambda count
     request : Request
     progress : callable
         Called after each cloud of a bag with how many there are.
+    jobs : int
+        Processes that inspect a bag's clouds.
 
     Raises
     ------
@@ -68,7 +76,7 @@ def report_of(request: Request, progress: Callable[[int], object] = lambda count
     if not path.exists():
         raise ConfigurationError(f'{path}: no such file: check the path')
     if path.is_dir() or path.suffix.lower() == '.mcap':
-        return _of_bag(request, rules, progress)
+        return _of_bag(request, rules, progress, jobs)
     if request.joined:
         raise ConfigurationError(f'{path}: is no bag, whose clouds --survey joins: leave it out')
     if path.suffix.lower() == '.ply':
@@ -80,8 +88,11 @@ def report_of(request: Request, progress: Callable[[int], object] = lambda count
     )
 
 
-def _of_bag(request: Request, rules: Rules | None, progress: Callable[[int], object]) -> Report:
+def _of_bag(
+    request: Request, rules: Rules | None, progress: Callable[[int], object], jobs: int
+) -> Report:
     # Only this needs the libraries of bags.
+    from ftp_dent_ros.fleet.processes import in_order
     from ftp_dent_ros.inspection.reporting.bag import survey_bag
     from ftp_dent_ros.recording import provenance
     from ftp_dent_ros.recording.clouds import count_clouds
@@ -95,8 +106,10 @@ def _of_bag(request: Request, rules: Rules | None, progress: Callable[[int], obj
 
         twice = partial(progress, 2 * count)
         return report_on_skin(bag, inspect, named, camera, rules, request.settings, twice)[0]
-    each = partial(progress, count)
-    return survey_bag(bag, inspect, named, camera, rules, request.settings, each)
+    once, each = partial(progress, count), partial(in_order, jobs=min(jobs, count // _WORTH))
+    return survey_bag(
+        bag, inspect, named, camera, rules, request.settings, progress=once, each=each
+    )
 
 
 def _of_cloud(request: Request, rules: Rules | None) -> Report:

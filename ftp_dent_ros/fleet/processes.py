@@ -8,13 +8,18 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import islice
 from multiprocessing import get_context
-from typing import TypeVar
+from typing import Generic, TypeVar
 
 from ftp_dent_ros.threads import VARIABLES
 
 Item = TypeVar('Item')
 Result = TypeVar('Result')
+
+# Items taken ahead of the results, for each process: as long as another takes to begin.
+_AHEAD = 5
 
 
 class LostWorkerError(Exception):
@@ -74,6 +79,61 @@ def _tried(
                         yield item, future.result() if failure is None else failure
                     else:
                         raise failure
+
+
+def in_order(work: Callable[[Item], Result], items: Iterable[Item], jobs: int) -> Iterator[Result]:
+    """As `map`, by this process and `jobs` - 1 others beside it, which work ahead.
+
+    Parameters
+    ----------
+    work : callable
+        As for `side_by_side`; it does not raise.
+    items : iterable
+        Taken no more than a few ahead of the results.
+    jobs : int
+    """
+    if jobs < 2:
+        yield from map(work, items)
+        return
+    coming, ahead = iter(items), deque[_Ahead[Item, Result]]()
+    with _pool(jobs - 1) as pool:
+        while True:
+            ahead.extend(map(_Ahead, islice(coming, _AHEAD * jobs - len(ahead))))
+            if not ahead:
+                return
+            # One that runs and one that waits for each of the others: they never stand idle.
+            under_way = sum(each.future is not None and not each.future.done() for each in ahead)
+            free = deque(each for each in ahead if each.future is None)
+            while free and under_way < 2 * (jobs - 1):
+                each = free.popleft()
+                each.future = _submitted(pool, work, each.item)
+                under_way += 1
+            first = ahead[0].future
+            if free and (first is None or not first.done()):
+                each = free.popleft()
+                each.future = _ended(work(each.item))
+            elif first is not None:
+                failure = first.exception()
+                if isinstance(failure, BrokenProcessPool):
+                    # It was killed: this process does what is left.
+                    ahead[0].future = _ended(work(ahead[0].item))
+                else:
+                    yield first.result()
+                    ahead.popleft()
+
+
+@dataclass(eq=False)
+class _Ahead(Generic[Item, Result]):
+    """An item, and its result once it has one."""
+
+    item: Item
+    future: Future[Result] | None = None
+
+
+def _ended(result: Result) -> Future[Result]:
+    future: Future[Result] = Future()
+    future.set_result(result)
+    return future
 
 
 def _submitted(

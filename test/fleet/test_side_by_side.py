@@ -2,12 +2,13 @@
 
 import os
 import signal
+import time
 
 import pytest
 
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.fleet.finished import begin, finish, is_made_of, made_of
-from ftp_dent_ros.fleet.processes import LostWorkerError, side_by_side
+from ftp_dent_ros.fleet.processes import LostWorkerError, in_order, side_by_side
 
 
 def square(number):
@@ -25,6 +26,44 @@ def test_one_that_raises_and_one_whose_process_dies_are_told_and_the_rest_is_don
     assert isinstance(results.pop(-1), LostWorkerError)
     assert results == {number: (number**2, '1') for number in (1, 2, 3)}
     assert dict(os.environ) == before
+
+
+def process_of(task):
+    number, first, told = task
+    if os.getpid() != first:
+        told.touch()
+    while not told.exists():
+        time.sleep(0.01)
+    return number, os.getpid()
+
+
+def test_results_come_in_order_by_this_process_and_another_that_work_ahead(tmp_path):
+    read = []
+
+    def items():
+        for number in range(40):
+            read.append(number)
+            yield number, os.getpid(), tmp_path / 'told'
+
+    results = in_order(process_of, items(), jobs=2)
+    assert next(results)[0] == 0
+    assert len(read) < 20
+    rest = list(results)
+    assert [number for number, _ in rest] == list(range(1, 40))
+    assert os.getpid() in {process for _, process in rest}
+    assert [number for number, _ in in_order(process_of, items(), jobs=1)] == list(range(40))
+
+
+def killed_beside(task):
+    number, first = task
+    if os.getpid() != first:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number
+
+
+def test_what_a_killed_process_left_is_done_by_this_one():
+    tasks = [(number, os.getpid()) for number in range(12)]
+    assert list(in_order(killed_beside, tasks, jobs=2)) == list(range(12))
 
 
 def test_a_result_is_whole_only_if_it_was_finished_of_the_same_input_and_settings(tmp_path):

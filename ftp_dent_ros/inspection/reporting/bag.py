@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -13,8 +14,9 @@ from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.inspection.dent import Inspection
 from ftp_dent_ros.inspection.observation import SAME, Observation, viewpoint_of
 from ftp_dent_ros.inspection.reporting.content import Report
+from ftp_dent_ros.inspection.reporting.inspecting import Inspect, Inspected, Task
 from ftp_dent_ros.inspection.reporting.rules import Rules
-from ftp_dent_ros.inspection.reporting.survey import Inspect, Survey
+from ftp_dent_ros.inspection.reporting.survey import Survey
 from ftp_dent_ros.inspection.settings import Settings
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.recording.clouds import BagCloud, Skipped, bag_clouds, count_clouds
@@ -23,6 +25,7 @@ from ftp_dent_ros.recording.reader import Bag
 from ftp_dent_ros.rig import Lens
 
 Placed = Callable[[BagCloud], 'tuple[Pose, NDArray[np.float64]] | None']
+Each = Callable[[Callable[[Task], Inspected], Iterable[Task]], Iterator[Inspected]]
 
 
 def survey_bag(
@@ -35,6 +38,7 @@ def survey_bag(
     progress: Callable[[], Any] = lambda: None,
     placed: Placed = lambda item: None,
     seen: Callable[[BagCloud, Inspection], Any] = lambda item, found: None,
+    each: Each = map,
 ) -> Report:
     """Inspect every cloud of a bag: the tagged ones with their poses, else those of ``points``.
 
@@ -55,6 +59,8 @@ def survey_bag(
         Gives the camera's pose at a cloud, and its covariance, where the bag's is not to be used.
     seen : callable
         Called with each cloud that was inspected, and its inspection.
+    each : callable
+        As `map`: where clouds are inspected, and how many of them at once.
 
     Returns
     -------
@@ -72,8 +78,17 @@ def survey_bag(
     survey = Survey(inspect, count, repeat=tagged, placed=tagged, settings=settings)
     frame_id, in_camera = '', True
     skipped: list[Skipped] = []
-    for item in bag_clouds(bag, skipped.append):
-        found = survey.add(_observation(item, placed(item)))
+    read: deque[tuple[BagCloud, Observation]] = deque()
+
+    def tasks() -> Iterator[Task]:
+        for item in bag_clouds(bag, skipped.append):
+            observation = _observation(item, placed(item))
+            read.append((item, observation))
+            yield survey.task(observation)
+
+    for inspected in each(survey.inspect, tasks()):
+        item, observation = read.popleft()
+        found = survey.take(observation, inspected)
         if found is not None:
             seen(item, found)
         frame_id, in_camera = item.frame_id, in_camera and item.in_camera

@@ -4,25 +4,26 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros import __version__
-from ftp_dent_ros.errors import FtpDentError
-from ftp_dent_ros.inspection.dent import Inspection, MeasuredDent
+from ftp_dent_ros.inspection.dent import Inspection
 from ftp_dent_ros.inspection.observation import Observation
 from ftp_dent_ros.inspection.reporting.content import Frame, Report, View
 from ftp_dent_ros.inspection.reporting.drawing import jpeg
+from ftp_dent_ros.inspection.reporting.inspecting import Inspect, Inspected, Task, inspected
 from ftp_dent_ros.inspection.reporting.mesh import Mesh
 from ftp_dent_ros.inspection.reporting.rules import Rules
 from ftp_dent_ros.inspection.settings import Settings
 from ftp_dent_ros.inspection.tracking.dent_list import DentList
 from ftp_dent_ros.inspection.tracking.pose_errors import EXACT
-from ftp_dent_ros.inspection.tracking.repeatability import halves, repeats_of, study
+from ftp_dent_ros.inspection.tracking.repeatability import repeats_of, study
 from ftp_dent_ros.inspection.tracking.sightings import ListedDent
 from ftp_dent_ros.rig import Lens
 
@@ -33,8 +34,6 @@ _LEAST_VIEWS = 1
 # Clouds whose halves are measured too, evenly over the flight: with a few dents in each they give
 # some 25 degrees of freedom, so the gauge study's standard deviations to a seventh.
 _HALVED = 10
-
-Inspect = Callable[..., Inspection]
 
 
 class Survey:
@@ -62,7 +61,8 @@ class Survey:
         settings: Settings | None = None,
     ) -> None:
         self._settings = settings or Settings()
-        self._inspect = partial(inspect, settings=self._settings)
+        #: Inspects a task, in whatever process.
+        self.inspect = partial(inspected, inspect, self._settings)
         self._repeat, self._placed = repeat, placed
         self._every, self._come = math.ceil(max(clouds, 1) / _HALVED), 0
         self._vertices = max(400, min(_VERTICES, _ALL_VERTICES // max(clouds, 1)))
@@ -78,20 +78,20 @@ class Survey:
         Inspection or None
             In the cloud's own frame.
         """
-        try:
-            found = self._inspect(observation.cloud, viewpoint=observation.viewpoint)
-            again = self._again(observation)
-        except FtpDentError as error:
-            self.refused.append(f'{observation.name}: {error}')
-            return None
-        except Exception as error:
-            # One cloud must not cost the report on all the others.
-            self.refused.append(
-                f'{observation.name}: could not be inspected, by a defect of the software '
-                f'({type(error).__name__}: {error}): report it with the cloud'
-            )
-            return None
+        return self.take(observation, self.inspect(self.task(observation)))
+
+    def task(self, observation: Observation) -> Task:
+        """What is to be inspected of the next cloud."""
+        in_halves = self._repeat and not self._come % self._every
         self._come += 1
+        return Task(observation.cloud, observation.viewpoint, in_halves)
+
+    def take(self, observation: Observation, inspected: Inspected) -> Inspection | None:
+        """Keep what came of a cloud's task; as `add` does. In the order of the tasks."""
+        found, again = inspected.found, inspected.again
+        if found is None:
+            self.refused.append(f'{observation.name}: {inspected.reason}')
+            return None
         number = len(self._frames) + 1
         dents = (*found.dents, *found.others)
         covariance = observation.covariance
@@ -144,15 +144,6 @@ class Survey:
 
     def _entries(self) -> tuple[ListedDent, ...]:
         return tuple(entry for each in self._lists for entry in each.entries)
-
-    def _again(self, observation: Observation) -> list[Sequence[MeasuredDent]]:
-        if not self._repeat or self._come % self._every:
-            return []
-        found: list[Sequence[MeasuredDent]] = []
-        for half in halves(observation.cloud):
-            again = self._inspect(half, viewpoint=observation.viewpoint)
-            found.append((*again.dents, *again.others))
-        return found
 
     def _keep_views(self, observation: Observation, found: Inspection) -> None:
         """Keep the maps of the frames alone that show some dent best, the last one's too."""
@@ -224,6 +215,9 @@ def _area(points: NDArray[np.float32]) -> float:
     """Area of a cloud's whole cells, square metres."""
     if min(points.shape[:2]) < 2:
         return 0.0
-    right, down = np.diff(points, axis=1)[:-1], np.diff(points, axis=0)[:, :-1]
-    cells = np.linalg.norm(np.cross(right, down), axis=-1)
+    # Plane by plane: three times as fast as products of vectors.
+    planes = [np.asarray(plane) for plane in cv2.split(points)]
+    x, y, z = (plane[:-1, 1:] - plane[:-1, :-1] for plane in planes)
+    u, v, w = (plane[1:, :-1] - plane[:-1, :-1] for plane in planes)
+    cells = np.sqrt((y * w - z * v) ** 2 + (z * u - x * w) ** 2 + (x * v - y * u) ** 2)
     return float(np.nansum(cells))
