@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import math
 import time
 
 import numpy as np
 
-from ftp_dent_ros.errors import PoseError
+from ftp_dent_ros.errors import ConfigurationError, PoseError
 from ftp_dent_ros.navigation.autopilot.vehicle_state import Settings
 from ftp_dent_ros.navigation.connection.codec import read_key
 from ftp_dent_ros.navigation.connection.link_state import LinkState
@@ -62,6 +63,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Listen, say what was heard, and judge: 0 go, 1 no go."""
+    if not 0 < arguments.seconds < math.inf:
+        raise ConfigurationError(f'--seconds is {arguments.seconds:g}: give more than 0')
     settings = Settings(
         system_id=arguments.system_id,
         component_id=arguments.component_id,

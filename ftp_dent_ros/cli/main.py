@@ -9,7 +9,7 @@ import sys
 from collections.abc import Sequence
 
 from ftp_dent_ros import __version__
-from ftp_dent_ros.errors import FtpDentError
+from ftp_dent_ros.errors import FtpDentError, printable
 from ftp_dent_ros.threads import one_for_blas
 
 # Each module has add_arguments(parser) and run(arguments) -> exit status.
@@ -65,6 +65,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # Whoever read the output, such as `head`, has seen enough; nothing is left to flush to.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 141
+    except OSError as error:
+        # A file, disk or network that nobody who knows more has spoken for.
+        name = error.filename if error.filename2 is None else error.filename2
+        what = '' if name is None else f'{printable(str(name))}: '
+        reason = f'{what}{error.strerror or error}: check path, permissions and disk'
+        print(f'ftp-dent {chosen}: {reason}', file=sys.stderr)
+        return 2
 
 
 def _module(command: str):

@@ -72,7 +72,7 @@ def recover(
         )
     aside = output.with_name(f'.{output.name}.{os.getpid()}')
     try:
-        recovery = _recover(bag, files, aside, output.resolve().name, progress)
+        recovery = _recover(bag, files, aside, Path(os.path.abspath(output)).name, progress)
         os.rename(aside, output)
     except BagError as error:
         raise BagError(str(error).replace(str(aside), str(output))) from None
