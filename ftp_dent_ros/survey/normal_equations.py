@@ -66,9 +66,12 @@ class NormalEquations:
     def matrix(self) -> csc_matrix:
         """Matrix of the equations, shape (6 count, 6 count)."""
         size = 6 * self._count
-        rows, columns = np.concatenate(self._rows), np.concatenate(self._columns)
+        # Half the memory of whole words, of which there are 72 a block.
+        rows, columns = (
+            np.concatenate(each).astype(np.int32) for each in (self._rows, self._columns)
+        )
         blocks = np.concatenate(self._blocks)
-        inside = np.arange(6)
+        inside = np.arange(6, dtype=np.int32)
         at = np.broadcast_to(6 * rows[:, None, None] + inside[:, None], blocks.shape)
         beside = np.broadcast_to(6 * columns[:, None, None] + inside, blocks.shape)
         entries = (blocks.ravel(), (at.ravel(), beside.ravel()))

@@ -58,6 +58,12 @@ class _Terms:
             equations.add([np.array([number])], [np.eye(6)[None]], np.zeros((1, 6)), information)
         return equations
 
+    def step(self, turns: Array, places: Array, weights: Array) -> Array:
+        """Shift and turn of each pose to where they agree best, shape (count, 6)."""
+        # What they are made of is gone before they are solved again.
+        equations = self.equations(turns, places, weights)
+        return -_factored(equations.matrix()).solve(equations.gradient).reshape(-1, 6)
+
 
 class PoseGraph:
     """Poses of cameras, and what joins them; all that is told is relative or the autopilot's.
@@ -130,8 +136,7 @@ class PoseGraph:
         weights = np.ones(len(terms.links))
         tolerance = math.inf
         for _ in range(_STEPS):
-            equations = terms.equations(turns, places, weights)
-            step = -_factored(equations.matrix()).solve(equations.gradient).reshape(-1, 6)
+            step = terms.step(turns, places, weights)
             turns[fixed:] = Rotation.from_rotvec(step[:, 3:]).as_matrix() @ turns[fixed:]
             places[fixed:] += step[:, :3]
             if tolerance == 1 and np.abs(step).max() < _DONE:
