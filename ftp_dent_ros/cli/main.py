@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 from ftp_dent_ros import __version__
 from ftp_dent_ros.errors import FtpDentError, printable
+from ftp_dent_ros.memory import keep_freed
 from ftp_dent_ros.threads import one_for_blas
 
 # Each module has add_arguments(parser) and run(arguments) -> exit status.
@@ -51,6 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments)
     chosen = next((word for word in words if not word.startswith('-')), None)
     one_for_blas()
+    keep_freed()
     try:
         parsed = build_parser(chosen).parse_args(words)
         status = _module(parsed.command).run(parsed)

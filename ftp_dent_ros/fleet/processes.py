@@ -13,6 +13,7 @@ from itertools import islice
 from multiprocessing import get_context
 from typing import Generic, TypeVar
 
+from ftp_dent_ros.memory import keep_freed
 from ftp_dent_ros.threads import VARIABLES
 
 Item = TypeVar('Item')
@@ -166,7 +167,11 @@ def _pool(jobs: int) -> Iterator[ProcessPoolExecutor]:
 
 
 def one_thread() -> None:
-    """Have OpenCV compute with one thread in this process, as what runs beside it does."""
+    """Have OpenCV compute with one thread in this process, as what runs beside it does.
+
+    And the process keep its memory from item to item.
+    """
     import cv2
 
     cv2.setNumThreads(1)
+    keep_freed()

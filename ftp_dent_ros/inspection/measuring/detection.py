@@ -88,6 +88,10 @@ def find_candidates(
     base = quiet[0] if quiet else len(maps) - 1
     spread = spreads[base]
     ratios = [smooth / unsure for smooth, unsure in zip(maps, spreads, strict=True)]
+    beside = None
+    if gaps.any():
+        told = maps[0], noise, noise.scales[1]
+        beside = beside_gaps(*told, skin.suspect, floor, panel, gaps, lattice)
     for sign in (1, -1):
         values = np.where(panel & np.isfinite(maps[base]), sign * maps[base], 0)
         above = values > np.maximum(_EDGE * spread, floor)
@@ -96,11 +100,10 @@ def find_candidates(
         for smooth, deep, ratio in zip(maps, least, ratios, strict=True):
             deeper = smooth > deep if sign > 0 else smooth < -deep
             np.maximum(evidence, sign * ratio, out=evidence, where=deeper)
-        if gaps.any():
-            told = sign * maps[0], noise, noise.scales[1]
-            beside = beside_gaps(*told, skin.suspect, floor, panel, gaps, lattice)
-            above |= beside
-            evidence[beside] = skin.suspect
+        if beside is not None:
+            near = beside[0 if sign > 0 else 1]
+            above |= near
+            evidence[near] = skin.suspect
             above |= between(above, gaps)
         _, labels, stats, _ = cv2.connectedComponentsWithStats(above.astype(np.uint8))
         seeded = np.unique(labels[(evidence > SUSPECT) & above])

@@ -40,8 +40,10 @@ def beside_gaps(
     panel: Mask,
     gaps: Mask,
     lattice: Lattice,
-) -> Mask:
+) -> tuple[Mask, Mask]:
     """Cells beside gaps that depart from the contour together, if none does for itself.
+
+    Those inward, and those outward.
 
     Parameters
     ----------
@@ -60,17 +62,21 @@ def beside_gaps(
     size = 2 * _BESIDE + 1
     ring = cv2.dilate(gaps.view(np.uint8), np.ones((size, size), np.uint8)) > 0
     ring &= panel & np.isfinite(values)
-    strays = np.where(ring, values, 0.0) / np.where(ring, noise.after(scale), 1.0)
+    strays = np.where(ring, values, np.float32(0)) / np.where(
+        ring, noise.after(scale), np.float32(1)
+    )
     # Noise is alike across the ring, and along it over its reach.
     along = 2 * math.sqrt(math.pi) * math.hypot(noise.reach, scale) / max(lattice.spacing)
     alike = _BESIDE * max(along, 1.0)
-    found = np.zeros_like(ring)
+    inward, outward = np.zeros_like(ring), np.zeros_like(ring)
     for metres in _ALONG:
         (across, down), half = lattice.cells(metres), math.sqrt(0.5)
         total = _summed(strays, across, down)
-        squares = _summed(ring.astype(float), half * across, half * down)
-        found |= total > least * np.sqrt(np.maximum(squares * alike, 1e-9))
-    return ring & found & (values > floor)
+        squares = _summed(ring.astype(np.float32), half * across, half * down)
+        by_chance = least * np.sqrt(np.maximum(squares * alike, 1e-9))
+        inward |= total > by_chance
+        outward |= total < -by_chance
+    return ring & inward & (values > floor), ring & outward & (values < -floor)
 
 
 def between(above: Mask, gaps: Mask) -> Mask:
