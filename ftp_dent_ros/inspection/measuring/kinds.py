@@ -7,7 +7,7 @@ In this order, with sizes on the contour at 10 % of the depth:
 - *gouge*: narrower than `_NARROW`, as far as the reconstruction can show how narrow it is, longer
   than `_LONG` widths, and the light in it differs from that beside it by more than `_MARK` and
   more than that varies: material or paint is gone. A scratch is a shallow gouge.
-- *crease*: longer than `_LONG` widths, and its radius of curvature at the bottom is smaller than
+- *crease*: longer than `_LONG` widths, at half of its depth too, and its radius of curvature at the bottom is smaller than
   `_SHARP` width^2 / (8 depth) (a Gaussian has 0.48 of it, a paraboloid 1.1), or it is so narrow
   that the reconstruction cannot show whether it is; but not where it is not measured all across
   its bottom, for what an edge cuts is long and sharp. Repair manuals treat a crease as a crack.
@@ -65,6 +65,8 @@ class Appearance:
     is_cut : bool
     width_doubt : float
         Standard uncertainty of the width, metres.
+    slender : float
+        Length over width at half of the depth, which noise does not draw out.
     """
 
     depth: float
@@ -76,12 +78,13 @@ class Appearance:
     mottled: float
     is_cut: bool
     width_doubt: float
+    slender: float
 
 
 def kind_of(seen: Appearance, settings: Settings) -> tuple[str, str]:
     """Kind, and the reason where it is in doubt; an empty kind is too small to list."""
     deep = abs(seen.depth)
-    long = seen.length > _LONG * seen.width
+    long = min(seen.length / seen.width, seen.slender) > _LONG
     if deep < settings.smallest_depth or seen.length < settings.smallest_width:
         return '', ''
     narrow = seen.width < settings.smallest_width

@@ -44,6 +44,7 @@ _MM = 1e3
 _HIDDEN = 0.05
 # Maxima are looked for from this part of the smallest depth on.
 _NEARLY = 0.8
+_HALF = 0.5
 # At half of its depth a Gaussian, the most pointed of dents, has 0.55 of its width at 10 %: what
 # is shorter than that part of the smallest width is a rivet, however wide the ripples around it.
 _SPIKE = 0.55
@@ -98,7 +99,7 @@ def _deepest(patch: Patch, own: Mask, least: float) -> list[tuple[int, int]]:
 
 
 def _is_spike(patch: Patch, at: tuple[int, int], settings: Settings) -> bool:
-    length, width, _ = extent(patch, at, 0.5)
+    length, width, _ = extent(patch, at, _HALF)
     # The patch's own smoothing widens what is short.
     least = math.hypot(_SPIKE * settings.smallest_width, 2 * patch.scale)
     return math.sqrt(length * width) < least
@@ -125,6 +126,7 @@ def _one(
     length, width, outline = sizes.length.value, sizes.width.value, sizes.outline
     whole = seen.is_measured_across(at, across, width)
     radius = radius_across(patch, at, sizes.depth.value, across, width) if whole else math.nan
+    half_length, half_width, _ = extent(patch, at, _HALF, region)
     kind, reason = kind_of(
         Appearance(
             sign * sizes.depth.value,
@@ -135,6 +137,7 @@ def _one(
             *mark_in(around, patch, outline),
             outline.is_cut,
             sizes.width.uncertainty,
+            half_length / half_width,
         ),
         settings,
     )

@@ -358,14 +358,20 @@ def test_a_kink_is_deeper_than_smoothing_has_left_it():
 
 
 def test_what_may_be_as_wide_as_the_smallest_dent_is_listed():
-    seen = Appearance(3e-4, 0.012, 0.009, 0.02, 0.01, 0.0, 0.0, False, 0.004)
+    seen = Appearance(3e-4, 0.012, 0.009, 0.02, 0.01, 0.0, 0.0, False, 0.004, 1.3)
     assert kind_of(seen, Settings()) == ('other', 'narrower than the smallest dent')
     assert kind_of(replace(seen, width_doubt=5e-4), Settings()) == ('', '')
 
 
+def test_a_dent_whose_outline_noise_draws_out_is_no_crease():
+    seen = Appearance(4e-4, 0.036, 0.011, 0.004, 0.008, 0.0, 0.0, False, 0.003, 3.0)
+    assert kind_of(seen, Settings())[0] == 'crease'
+    assert kind_of(replace(seen, slender=1.2), Settings()) == ('dent', '')
+
+
 @pytest.mark.parametrize('depth', [0.05, -0.05])
 def test_what_is_too_steep_to_be_dented_is_something_else(depth):
-    corner = Appearance(depth, 0.2, 0.12, 0.02, 0.01, 0.0, 0.0, True, 0.004)
+    corner = Appearance(depth, 0.2, 0.12, 0.02, 0.01, 0.0, 0.0, True, 0.004, 1.7)
     kind, reason = kind_of(corner, Settings())
     assert kind == 'other'
     assert 'too steep' in reason
