@@ -8,6 +8,7 @@ wide: one depth is left to be asked for, of the points along all of it.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -40,6 +41,8 @@ _SHAPE, _POINTS = 0.1, 0.7
 # Standard deviations from which on a groove is there: of some 150 marks without one, on all skins,
 # one reached 3.0.
 _SURE = 3.5
+# Cosine of the angle between two axes that are one.
+_SAME_WAY = 0.9
 # Steeper flanks than 45 degrees, by the depth over the width, are none of a groove.
 _STEEP = 0.5
 # A groove runs out of its mark at both ends, or the mark out of it, by so much of its length.
@@ -82,14 +85,13 @@ def gouge_under(
     settings : Settings
     """
     contour, sigma, resolution = skin.contour, cloud.sigma, cloud.resolution
-    if not np.isfinite(resolution).any():
+    fringes = _fringes(mark, lattice)
+    if not fringes >= _CROSSED:
         return []
     x, y, _ = contour.deviation(lattice.all_points[mark.rows, mark.columns].astype(float))
     middle = np.array([x.mean(), y.mean()])
     _, axes = np.linalg.eigh(np.cov(np.stack([x, y])))
     angle = math.atan2(axes[1, 1], axes[0, 1])
-    place = (x - middle[0]) * math.cos(angle) + (y - middle[1]) * math.sin(angle)
-    crossed = abs(np.polyfit(place, mark.columns, 1)[0]) * mark.length
     reach = mark.length / 2 + _BESIDE * float(np.nanmedian(resolution)) + mark.width
     window = _window(mark, round(reach * lattice.block / min(lattice.spacing)) + 1)
     near = np.isfinite(deviation[window]) & np.isfinite(sigma[window])
@@ -109,9 +111,6 @@ def gouge_under(
     highest = float(image[1].max())
     bent = _bent(along[asked], across[asked])
     found, strays = _fitted(image, across[asked], bent, depth[asked])
-    fringes = crossed * lattice.spacing[0] / lattice.block / (_FRINGE * finest)
-    if fringes < _CROSSED:
-        return []
     doubt = median(sigma[window][near][inside].astype(float))
     evened = math.hypot(1 / (math.pi * fringes), _WHOLE)
     ordinary = math.hypot(strays, skin.noise.where(0.0, 0.0)) / math.sqrt(mark.length / finest)
@@ -155,6 +154,42 @@ def gouge_under(
         width_profile=_profile(across, depth, np.abs(along) < mark.length / 4, mark.width),
     )
     return [gouge]
+
+
+def may_be_feigned(dent: MeasuredDent, marks: Sequence[NarrowMark], lattice: Lattice) -> bool:
+    """Whether something narrow lies on a mark along the fringes, where paint may feign a depth.
+
+    Parameters
+    ----------
+    dent : MeasuredDent
+        Relative to the lattice's origin.
+    marks : sequence of NarrowMark
+    lattice : Lattice
+    """
+    for mark in marks:
+        away = dent.position - mark.middle
+        along = float(away @ mark.axis)
+        aside = float(np.linalg.norm(away - along * mark.axis))
+        if aside > mark.width / 2 or abs(along) > mark.length / 2:
+            continue
+        if is_along(dent.axis, mark.axis) and _fringes(mark, lattice) < _CROSSED:
+            return True
+    return False
+
+
+def is_along(one: Vector, other: Vector) -> bool:
+    """Whether two axes are about the same."""
+    return abs(float(one @ other)) > _SAME_WAY
+
+
+def _fringes(mark: NarrowMark, lattice: Lattice) -> float:
+    """How many fringes a mark crosses; NaN if the cloud does not tell."""
+    if lattice.resolution is None:
+        return math.nan
+    row, column = (int(each.mean()) // lattice.block for each in (mark.rows, mark.columns))
+    last = np.array(lattice.resolution.shape) - 1
+    resolution = float(lattice.resolution[min(row, last[0]), min(column, last[1])])
+    return mark.crossed * lattice.spacing[0] / lattice.block / (_FRINGE * resolution)
 
 
 def _reason(width: float, resolution: float) -> str:

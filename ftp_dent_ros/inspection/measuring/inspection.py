@@ -13,7 +13,7 @@ from ftp_dent_ros.inspection.clearance import with_clearances
 from ftp_dent_ros.inspection.dent import Inspection, MeasuredDent, Waviness
 from ftp_dent_ros.inspection.measuring.bare_skin import bare_skin
 from ftp_dent_ros.inspection.measuring.detection import find_candidates, findable_depth
-from ftp_dent_ros.inspection.measuring.gouges import gouge_under
+from ftp_dent_ros.inspection.measuring.gouges import gouge_under, is_along, may_be_feigned
 from ftp_dent_ros.inspection.measuring.hidden import hidden_dent
 from ftp_dent_ros.inspection.measuring.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.measurement import CERTAIN, measure
@@ -26,8 +26,7 @@ from ftp_dent_ros.inspection.settings import Settings
 
 # Cells beside a border of two panels where the reconstruction blurs one into the other.
 _SEAM = 3
-# Cosine of the angle between two axes that are one.
-_ALONG = 0.9
+_FEIGNED = 'on a light mark along the fringes, where paint may feign a depth'
 # Middles that are nearer than this part of the narrower one's width are one dent's: of two that
 # touch they are half a width apart.
 _ONE_PLACE = 0.25
@@ -93,7 +92,14 @@ def inspect(
         for mark in marks:
             if fine[mark.rows, mark.columns].min() == fine[mark.rows, mark.columns].max() == index:
                 gouges += gouge_under(mark, cloud, deviation, lattice, skin, settings)
-    found = [dent for dent in found if not _is_gouge(dent, gouges)] + gouges
+    found = [
+        replace(dent, kind='other', reason=_FEIGNED)
+        if dent.kind in ('crease', 'gouge') and may_be_feigned(dent, marks, lattice)
+        else dent
+        for dent in found
+        if not _is_gouge(dent, gouges)
+    ]
+    found += gouges
     found = [dent for dent in found if not _is_part(dent, found)]
     placed = with_clearances([_moved(dent, lattice.origin) for dent in found])
     dents = sorted((d for d in placed if d.kind == 'dent'), key=lambda d: -d.depth.value)
@@ -125,7 +131,7 @@ def _is_gouge(dent: MeasuredDent, gouges: list[MeasuredDent]) -> bool:
     """Whether something narrow is what a mark tells to be a gouge."""
     return dent.kind in ('crease', 'gouge', 'other') and any(
         np.linalg.norm(dent.position - gouge.position) < gouge.length.value / 2
-        and abs(dent.axis @ gouge.axis) > _ALONG
+        and is_along(dent.axis, gouge.axis)
         for gouge in gouges
     )
 

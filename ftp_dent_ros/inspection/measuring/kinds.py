@@ -7,10 +7,11 @@ In this order, with sizes on the contour at 10 % of the depth:
 - *gouge*: narrower than `_NARROW`, as far as the reconstruction can show how narrow it is, longer
   than `_LONG` widths, and the light in it differs from that beside it by more than `_MARK` and
   more than that varies: material or paint is gone. A scratch is a shallow gouge.
-- *crease*: longer than `_LONG` widths, at half of its depth too, and its radius of curvature at the bottom is smaller than
-  `_SHARP` width^2 / (8 depth) (a Gaussian has 0.48 of it, a paraboloid 1.1), or it is so narrow
-  that the reconstruction cannot show whether it is; but not where it is not measured all across
-  its bottom, for what an edge cuts is long and sharp. Repair manuals treat a crease as a crack.
+- *crease*: longer than `_LONG` widths, at half of its depth too, and its radius of curvature at
+  the bottom is smaller than `_SHARP` width^2 / (8 depth) (a Gaussian has 0.48 of it, a paraboloid
+  1.1), or it is so narrow that the reconstruction cannot show whether it is; but not where it is
+  not measured all across its bottom, for what an edge cuts is long and sharp. Repair manuals
+  treat a crease as a crack.
 - *dent*: all else that is inward, whole, and as wide as the smallest dent.
 - *other*: significant and deep enough, but it is long and narrower than the smallest dent, or may
   be, the rim of the measured area cuts it, or it lies along that rim; with the reason.

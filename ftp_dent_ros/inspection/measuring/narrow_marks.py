@@ -41,12 +41,19 @@ class NarrowMark:
         Of its points in the cloud.
     length, width : float
         At half of its brightness, metres.
+    middle, axis : ndarray, shape (3,)
+        Relative to the lattice's origin, metres, and a unit vector along the length.
+    crossed : float
+        Columns of the cloud from one end to the other.
     """
 
     rows: NDArray[np.intp]
     columns: NDArray[np.intp]
     length: float
     width: float
+    middle: NDArray[np.float64]
+    axis: NDArray[np.float64]
+    crossed: float
 
 
 def narrow_marks(skin: NDArray[np.uint8], lattice: Lattice, shortest: float) -> list[NarrowMark]:
@@ -117,8 +124,10 @@ def _bar(rows: NDArray[np.intp], columns: NDArray[np.intp], lattice: Lattice) ->
     middle = points.mean(axis=0)
     squares, axes = np.linalg.eigh(np.cov((points - middle).T))
     broad = math.sqrt(12 * max(squares[1], 0.0))
-    long = float(np.ptp(np.percentile((points - middle) @ axes[:, 2], [1, 99]))) / 0.98
+    place = (points - middle) @ axes[:, 2]
+    long = float(np.ptp(np.percentile(place, [1, 99]))) / 0.98
     width = len(rows) * across * down / max(long, across)
     if width > _WIDEST or long < _LONG * width or broad > _STRAIGHT * width:
         return None
-    return NarrowMark(rows, columns, long, float(width))
+    crossed = long * abs(float(place @ columns) / float(place @ place))
+    return NarrowMark(rows, columns, long, float(width), middle, axes[:, 2], crossed)

@@ -52,6 +52,17 @@ def test_nothing_else_is_a_gouge(cloud):
     assert 'gouge' not in kinds(cloud)
 
 
+def test_what_a_mark_along_the_fringes_may_feign_is_in_doubt():
+    cloud = gouged_cloud(0.6e-3, angle=np.pi / 2)
+    (found,) = inspect(cloud).others
+    assert (found.kind, found.reason.partition(',')[0]) == (
+        'other',
+        'on a light mark along the fringes',
+    )
+    (plain,) = inspect(replace(cloud, skin=np.zeros_like(cloud.skin))).others
+    assert plain.kind == 'crease'
+
+
 def test_marks_that_are_no_bars_are_no_marks_of_gouges():
     cloud = gouged_cloud(0.4e-3)
     x, y = cloud.points[..., 0], cloud.points[..., 1]
