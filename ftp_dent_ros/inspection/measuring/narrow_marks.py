@@ -97,7 +97,7 @@ def _beside(
     skin: NDArray[np.uint8], known: Mask, reach: float
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Median within squares of 2 `reach` points, and which share of them is known."""
-    coarse = max(1, int(2 * reach / _COARSE))
+    coarse = max(1, round(2 * reach / _COARSE))
     size = max(1, skin.shape[1] // coarse), max(1, skin.shape[0] // coarse)
     side = 2 * round(reach / coarse) + 1
     few = cv2.medianBlur(cv2.resize(skin, size, interpolation=cv2.INTER_AREA), side)
