@@ -28,7 +28,7 @@ _NODE_ORDER = 3
 # half the sampling frequency beyond, which averages alone let through by a two-hundredth.
 _BETWEEN = np.array([-1, 0, 9, 16, 9, 0, -1]) / 16
 # Nodes that one product of matrices makes, and rows of bins that stay in the cache.
-_BLOCK, _STRIP = 16, 16
+_BLOCK, _STRIP = 16, 24
 
 
 @dataclass(frozen=True)

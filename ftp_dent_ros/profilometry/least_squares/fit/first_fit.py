@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.bins.windows import Windows
+from ftp_dent_ros.profilometry.least_squares.fit.polar import angle, magnitude
 from ftp_dent_ros.profilometry.least_squares.phase_geometry import PhaseGeometry
 
 
@@ -75,13 +76,6 @@ class ReferenceTable:
         return cls(phase, node_phase, cosine, sine, np.ascontiguousarray(inverse))
 
 
-def magnitude(x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Square root of x^2 + y^2; OpenCV's last bit depends on where its arrays lie in memory."""
-    square = np.square(x)
-    square += np.square(y)
-    return np.sqrt(square, out=square)
-
-
 def fit(grid: Grid, windows: Windows, table: ReferenceTable, bins: NDArray[np.float32]) -> Fringes:
     """Fit the fringes in each node's window.
 
@@ -103,4 +97,4 @@ def fit(grid: Grid, windows: Windows, table: ReferenceTable, bins: NDArray[np.fl
     level, cosine, sine = (
         row[0] * sums[0] + row[1] * sums[1] + row[2] * sums[2] for row in table.inverse
     )
-    return Fringes(level, magnitude(cosine, sine), np.arctan2(-sine, cosine))
+    return Fringes(level, magnitude(cosine, sine), angle(-sine, cosine))

@@ -14,7 +14,7 @@ from ftp_dent_ros.profilometry.least_squares.bins.extrapolation import Extrapola
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.bins.windows import Windows
 from ftp_dent_ros.profilometry.least_squares.code.contrast_model import Envelope
-from ftp_dent_ros.profilometry.least_squares.fit.first_fit import magnitude
+from ftp_dent_ros.profilometry.least_squares.fit.polar import angle, magnitude
 
 # Share of a window that must be on the surface for a fit of its own, and of what is left of a
 # fringe's variation then.
@@ -116,4 +116,4 @@ class MaskedFit:
         beyond = Extrapolation(known, self.windows)
         level = beyond.by_slope(mean - x * c - y * s)
         modulation = beyond.by_mean(magnitude(x, y))
-        return level, modulation, beyond.by_mean(np.arctan2(-y, x))
+        return level, modulation, beyond.by_mean(angle(-y, x))

@@ -22,6 +22,7 @@ from ftp_dent_ros.profilometry.least_squares.bins.windows import Windows
 from ftp_dent_ros.profilometry.least_squares.code.contrast_model import Envelope
 from ftp_dent_ros.profilometry.least_squares.fit.camera_effects import lag_of_bins, take_harmonics
 from ftp_dent_ros.profilometry.least_squares.fit.masked_fit import LEAST_SEEN, MaskedFit, enough
+from ftp_dent_ros.profilometry.least_squares.fit.polar import angle
 from ftp_dent_ros.profilometry.least_squares.fit.refined import Refined
 from ftp_dent_ros.profilometry.least_squares.fit.surface_mask import (
     on_surface,
@@ -235,7 +236,7 @@ class Refinement:
         texture = 4 * windows.flat_top(double) / (whole * size)
         if not self.fast:
             in_phase, across = (windows.flat_top(nodes) for nodes in both)
-            step = np.arctan2(-2 * across / whole, modulation + 2 * in_phase / power)
+            step = angle(-2 * across / whole, modulation + 2 * in_phase / power)
             texture += np.float32(2 * second) * step
         spread = windows.gaussian(spread, 2) / whole
         variance = spread / np.square(size)
