@@ -23,6 +23,7 @@ from timing import durations, show
 
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.inspection.measuring.inspection import inspect
+from ftp_dent_ros.memory import keep_freed
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.simulation import Dent, Surface
 from ftp_dent_ros.simulation.shapes import Gaussian
@@ -33,6 +34,8 @@ def main() -> None:
     parser.add_argument('--repetitions', type=int, default=15)
     repetitions = parser.parse_args().repetitions
     cv2.setNumThreads(1)
+    # As the nodes and the commands do.
+    keep_freed()
     one = scene_at(1280, 720)
     image = one.photograph()
     reconstructor = Reconstructor(one.rig, PATTERN, Settings(stride=2))

@@ -31,7 +31,7 @@ def with_clearances(dents: Sequence[MeasuredDent]) -> tuple[MeasuredDent, ...]:
 
     @cache
     def apart(one: int, other: int) -> float:
-        return float(cdist(outlines[one], outlines[other]).min())
+        return math.sqrt(cdist(outlines[one], outlines[other], 'sqeuclidean').min())
 
     result = []
     for index, (dent, bound) in enumerate(zip(dents, bounds, strict=True)):

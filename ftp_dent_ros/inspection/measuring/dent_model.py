@@ -120,7 +120,9 @@ def fit_dent(
             ended = True
             break
     normal, _ = function.normal_equations(left)
-    together = min(max(correlated, 1.0), _HIDDEN * _correlated_cells(left, known))
+    together = max(correlated, 1.0)
+    if together > _HIDDEN:
+        together = min(together, _HIDDEN * _correlated_cells(left, known))
     variance = together * cost / max(len(data) - len(shape), 1)
     inverse, is_regular = _inverse(normal)
     covariance = variance * inverse

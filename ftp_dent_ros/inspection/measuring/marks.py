@@ -22,14 +22,11 @@ def mark_in(around: Surroundings, patch: Patch, outline: Outline) -> tuple[float
 
     Both as parts of the latter.
     """
-    near, margin = np.ones(len(around.x), bool), _AROUND * patch.step
-    for places, edge in ((around.x, outline.x), (around.y, outline.y)):
-        near &= (places > edge.min() - margin) & (places < edge.max() + margin)
-    cells = patch.cells(around.x[near], around.y[near])
+    cells = patch.cells(around.x, around.y)
     column, row = (np.rint(each).astype(int) for each in cells)
     rows, columns = patch.depth.shape
     held = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
-    at, light = (row[held], column[held]), around.light[near][held]
+    at, light = (row[held], column[held]), around.light[held]
     inside = outline.inside > 0.5
     wide = cv2.dilate(inside.astype(np.uint8), np.ones((_AROUND, _AROUND), np.uint8)) > 0
     within, without = light[inside[at]], light[(wide & (outline.inside == 0))[at]]

@@ -21,7 +21,7 @@ from ftp_dent_ros.inspection.measuring.maxima import DROP, maxima_of
 from ftp_dent_ros.inspection.measuring.noise import Noise
 from ftp_dent_ros.inspection.measuring.patch import Patch
 from ftp_dent_ros.inspection.measuring.peak import extent, radius_across
-from ftp_dent_ros.inspection.measuring.placement import axis_along, on_skin, profile_of
+from ftp_dent_ros.inspection.measuring.placement import axis_along, on_skin, profiles_of
 from ftp_dent_ros.inspection.measuring.restoration import restored
 from ftp_dent_ros.inspection.measuring.sampling import own_cells, patch_of
 from ftp_dent_ros.inspection.measuring.sizes import (
@@ -161,6 +161,8 @@ def _one(
     contour, (x, y) = skin.contour, outline.centre
     position, normal, line = on_skin(contour, outline, sign * LEVEL * sizes.depth.value)
     axis = axis_along(contour, normal, outline.axis())
+    both = np.array([length, width])
+    lengthwise, crosswise = profiles_of(seen.measured, sign, x, y, sizes.angle, both)
     model_length, model_width = model_axes(sizes, patch, region, skin.noise.correlated_area)
     return MeasuredDent(
         kind=kind,
@@ -180,8 +182,8 @@ def _one(
         significance=sizes.significance,
         is_cut=outline.is_cut or sizes.hidden > _HIDDEN,
         outline=line,
-        length_profile=profile_of(seen.measured, sign, x, y, sizes.angle, length),
-        width_profile=profile_of(seen.measured, sign, x, y, across, width),
+        length_profile=lengthwise,
+        width_profile=crosswise,
     )
 
 

@@ -77,14 +77,20 @@ def narrow_marks(skin: NDArray[np.uint8], lattice: Lattice, shortest: float) -> 
     some = lighter.ravel()[np.flatnonzero(known)[::_SOME]]
     least = max(_LIGHTER, _STRAYS * _MAD * float(np.median(np.abs(some))))
     above = (lighter > _ALL_OVER * least).astype(np.uint8)
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(above)
+    free, taken, done = 1, 2, 3
     found = []
-    for index in np.unique(labels[lighter > least]):
-        left, top, columns, rows, _ = stats[index]
+    for row, column in np.argwhere(lighter > least).tolist():
+        if above[row, column] != free:
+            continue
+        # What is connected with one that is light enough: few are, of all that are above.
+        _, _, _, (left, top, columns, rows) = cv2.floodFill(
+            above, None, (column, row), taken, flags=8
+        )
+        window = slice(top, top + rows), slice(left, left + columns)
+        part = above[window] == taken
+        above[window][part] = done
         if math.hypot(columns * across, rows * down) < shortest:
             continue
-        window = slice(top, top + rows), slice(left, left + columns)
-        part = labels[window] == index
         bright = part & (lighter[window] > _ALL_OVER * _brightness(lighter[window][part]))
         at = np.nonzero(bright)
         mark = _bar(at[0] + top, at[1] + left, lattice)

@@ -55,6 +55,8 @@ def extent(
     if moments.cells < 2:
         return patch.step, patch.step, False
     along, across = moments.ellipse(patch.step, patch.step)
+    if patch.known.all():
+        return along, across, False
     grown = cv2.dilate(part.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     around = grown & ~part
     return along, across, float(np.mean(~patch.known[around])) > _OPEN
@@ -95,9 +97,9 @@ def bottom_of(
     found: list[tuple[float, float]] = []
     for share in _CAPS:
         cap = part_above(patch, at, share * high, region)
-        rows, columns = np.nonzero(cap)
-        if len(rows) < _ENOUGH:
+        if np.count_nonzero(cap) < _ENOUGH:
             continue
+        rows, columns = np.nonzero(cap)
         found.append(_quadric(patch, rows, columns, at, noise, correlated))
         # Of two good caps the second tells what the choice makes.
         if len(found) == 2 or found[-1][1] > 0.02 * high:

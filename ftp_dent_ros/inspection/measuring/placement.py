@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.inspection.measuring.contour import Contour
 from ftp_dent_ros.inspection.measuring.outline import Outline
+from ftp_dent_ros.inspection.measuring.patch import Patch
 
 # Of a profile, in lengths of the dent.
 _PROFILE = np.linspace(-0.83, 0.83, 81)
@@ -31,15 +32,20 @@ def on_skin(
     Of shapes (3,), (3,) and (n, 3); the line lies `depth` metres below the contour.
     """
     x, y = outline.centre
-    places = np.append(outline.x, (outline.x[0], x)), np.append(outline.y, (outline.y[0], y))
+    places = (
+        np.concatenate([axis, axis[:1], [middle]])
+        for axis, middle in ((outline.x, x), (outline.y, y))
+    )
     feet, outward = contour.foot(*places)
     return feet[-1], outward[-1], feet[:-1] - depth * outward[:-1]
 
 
-def profile_of(patch, sign, x, y, angle, length) -> NDArray[np.float64]:
-    """Depths along a line, shape (n, 2), a third of the length beyond both ends."""
-    along = length * _PROFILE
-    at_x, at_y = x + along * math.cos(angle), y + along * math.sin(angle)
-    depth = sign * patch.at(at_x, at_y)
-    depth[~patch.is_known(at_x, at_y)] = np.nan
-    return np.stack([along, depth], axis=1)
+def profiles_of(
+    patch: Patch, sign: int, x: float, y: float, angle: float, sizes: Vector
+) -> Vector:
+    """Depths along the length and across it, shape (2, n, 2), a third of each beyond both ends."""
+    along = sizes[:, None] * _PROFILE
+    c, s = math.cos(angle), math.sin(angle)
+    at_x, at_y = x + along * [[c], [-s]], y + along * [[s], [c]]
+    depth = np.where(patch.is_known(at_x, at_y), sign * patch.at(at_x, at_y), np.nan)
+    return np.stack([along, depth], axis=-1)
