@@ -170,7 +170,8 @@ class Inspection:
     noise : ndarray, shape (rows, columns)
         Its standard deviation, metres.
     findable : ndarray, shape (rows, columns)
-        Depth from which a dent of the smallest width would have been found there, metres.
+        Depth from which a dent of the smallest width would have been found there, metres, but
+        where the rim of what is measured cuts it: then `kinds.AT_RIM` smallest depths at least.
     """
 
     dents: tuple[MeasuredDent, ...]

@@ -39,9 +39,9 @@ _MARK = 0.06
 _SHARP = 0.33
 # A crease narrower than so many wavelengths of which half is left cannot be told from a valley.
 _UNRESOLVED, _LONGER, _BLUNT = 3.0, 2.5, 1.0
-# Depths, in smallest ones, of what the rim cuts, for the contour is known on one side of it only;
+#: Depths, in smallest ones, of what the rim cuts, for the contour is known on one side of it only;
 # what lies along it, longer than so many widths, is rarely skin.
-_CUT = 4.0
+AT_RIM = 4.0
 _STRIP, _STRIP_CUT = 2.8, 8.0
 
 
@@ -93,7 +93,7 @@ def kind_of(seen: Appearance, settings: Settings) -> tuple[str, str]:
         return 'other', 'too steep for a dent or a bump: the skin turns here, or ends'
     if seen.is_cut:
         strip = seen.length > _STRIP * seen.width
-        if deep < (_STRIP_CUT if strip else _CUT) * settings.smallest_depth or narrow:
+        if deep < (_STRIP_CUT if strip else AT_RIM) * settings.smallest_depth or narrow:
             place = 'lies along' if strip else 'is cut by'
             return 'other', f'{place} the rim of what is measured, where the skin is not known'
     if seen.depth < 0:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ftp_dent_ros.inspection.measuring.kinds import AT_RIM
 from ftp_dent_ros.inspection.reporting.content import Frame, Report
 from ftp_dent_ros.inspection.reporting.records import iso_time
 
@@ -36,7 +37,7 @@ def facts_of(report: Report) -> list[tuple[str, str]]:
         ('Measured area', f'{area:.0f} cm²' + (', overlaps counted twice' * (len(frames) > 1))),
         ('Looked for', _smallest(report)),
         ('Marks of gouges', _marks(frames)),
-        ('Would have been found', _findable(frames)),
+        ('Would have been found', _findable(frames, report.settings.smallest_depth)),
         ('Not measured', _not_measured(report)),
         ('Waviness', _waviness(frames)),
         ('Noise of a point', f'{np.median(noise) * _MM:.3f} mm' if noise else 'not known'),
@@ -71,14 +72,16 @@ def _marks(frames: Sequence[Frame]) -> str:
     return f'{clouds} no image of the skin: narrow gouges were not looked for there'
 
 
-def _findable(frames: Sequence[Frame]) -> str:
+def _findable(frames: Sequence[Frame], smallest_depth: float) -> str:
     known = [f.findable for f in frames if math.isfinite(f.findable[1])]
     if not known:
         return 'not known'
     half, most = (max(each) * _MM for each in zip(*known, strict=True))
+    at_rim = max(AT_RIM * smallest_depth * _MM, most)
     return (
         f'dents of the smallest width from {half:.2f} mm depth on half of the measured area of '
-        f'every cloud, from {most:.2f} mm on 95 % of it'
+        f'every cloud, from {most:.2f} mm on 95 % of it; where its rim cuts them, from '
+        f'{at_rim:.2f} mm, and else in doubt'
     )
 
 
