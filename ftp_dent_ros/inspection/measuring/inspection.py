@@ -20,6 +20,7 @@ from ftp_dent_ros.inspection.measuring.measurement import CERTAIN, measure
 from ftp_dent_ros.inspection.measuring.narrow_marks import narrow_marks
 from ftp_dent_ros.inspection.measuring.panels import find_panels, seam
 from ftp_dent_ros.inspection.measuring.steps import find_steps
+from ftp_dent_ros.inspection.measuring.strips import given_back
 from ftp_dent_ros.inspection.measuring.surroundings import surroundings_of
 from ftp_dent_ros.inspection.measuring.waviness import waviness_of
 from ftp_dent_ros.inspection.settings import Settings
@@ -60,7 +61,8 @@ def inspect(
         raise CloudError(
             'no part of the cloud is large enough to know the skin: come closer, or light more'
         )
-    seams = seam(labels, _SEAM)
+    panels, labels, strips = given_back(lattice, panels, labels, settings)
+    seams = seam(labels, _SEAM) | strips
     found: list[MeasuredDent] = find_steps(lattice, panels, labels, seams, settings)
     wavy: list[Waviness] = []
     marks = narrow_marks(cloud.skin, lattice, settings.smallest_width)

@@ -14,8 +14,8 @@ from ftp_dent_ros.inspection.measuring.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.panels import Panel
 from ftp_dent_ros.inspection.settings import Settings
 
-# Cells on each side of a seam within which its step is measured: some beyond the blurred ones.
-_BESIDE = 8
+# Cells across on which a step is measured, from the first that the seam does not blur.
+_BESIDE = 5
 _NAN = Estimate(math.nan, math.nan)
 
 Mask = NDArray[np.bool_]
@@ -62,9 +62,11 @@ def _apart(
     The contour of a strip is not carried over its blurred edge, for nothing holds it there.
     """
     larger, smaller = (one, other) if one.mask.sum() >= other.mask.sum() else (other, one)
-    size = 2 * _BESIDE + 1
-    near = cv2.dilate(at.astype(np.uint8), np.ones((size, size), np.uint8)) > 0
-    beside = smaller.mask & near & ~seams
+    free = smaller.mask & ~seams
+    if not free.any():
+        return free, np.zeros(0)
+    far = cv2.distanceTransform((~at).astype(np.uint8), cv2.DIST_L2, 3)
+    beside = free & (far <= far[free].min() + _BESIDE)
     return beside, np.abs(larger.contour.deviation(lattice.points[beside])[2])
 
 

@@ -203,6 +203,20 @@ def test_a_lap_whose_edge_rings_at_the_rim_of_the_view_is_a_step_of_its_height(s
     assert step.depth.uncertainty < 5e-5
 
 
+def test_a_strip_between_a_laps_edge_and_a_gap_belongs_to_the_panel_beyond_the_gap():
+    cloud = cloud_of(panel(tilt=(0, 0)))
+    beyond = cloud.points[..., 0] - 0.02
+    # As edge and gap make it: rough.
+    rough = 4e-4 * np.cos(2 * np.pi * beyond / 5e-3) * ((beyond > 3e-3) & (beyond < 0.012))
+    raised_cloud = raised(cloud, -0.0016 * (0.5 + 0.5 * erf(beyond / 2e-3)) + rough)
+    points = raised_cloud.points.copy()
+    points[(beyond > 0.012) & (beyond < 0.019)] = np.nan
+    inspection = inspect(Cloud(points, raised_cloud.intensity))
+    (step,) = inspection.others
+    assert (step.kind, inspection.dents) == ('step', ())
+    assert step.depth.value == pytest.approx(0.0016, abs=2e-5)
+
+
 def test_each_panel_has_its_own_contour():
     left = Dent(-0.08, 0.0, 0.05, 0.04, 0.001)
     right = Dent(0.08, 0.0, 0.05, 0.04, 0.0015)
