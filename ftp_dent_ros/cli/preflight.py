@@ -112,11 +112,19 @@ def _photographs(
     exposure = float(_parameter(entries['camera_capture'], 'device.exposure', 0.0))
     smallest = _smallest(entries.get('dent_inspector'))
     findings = examine(rig, pattern, white, black, fringes, reconstructor, exposure, smallest)
-    age = float(np.median(ages))
-    well = -0.01 <= age <= _LATEST
+    simulated = _parameter(entries['camera_capture'], 'source', '') == 'simulation'
+    return [*findings, _clock(float(np.median(ages)), simulated)]
+
+
+def _clock(age: float, simulated: bool) -> Finding:
+    """Whether the stamps are of this computer's clock, by how old they are when they arrive."""
     text = f'photographs are {1e3 * age:.0f} ms old when they arrive'
-    advice = '' if well else ': set the clock of the camera and of this computer alike'
-    return [*findings, Finding('clock', OK if well else NO, text + advice)]
+    if simulated and age >= 0:
+        return Finding('clock', OK, f"{text}, rendered by this computer's own clock")
+    if -0.01 <= age <= _LATEST:
+        return Finding('clock', OK, text)
+    advice = 'set the clock of the camera and of this computer alike, and let nothing else run'
+    return Finding('clock', NO, f'{text}: {advice}')
 
 
 def _retaken(

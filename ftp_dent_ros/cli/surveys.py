@@ -26,7 +26,10 @@ def run(arguments: argparse.Namespace) -> int:
     store = Store(Path(arguments.file))
     if arguments.add:
         store.add(survey_from_report(arguments.add, arguments.name))
-    for name in store.names():
+    names = store.names()
+    if not names:
+        print(f'{arguments.file}: no survey yet: add one with --add, or `ftp-dent survey --store`')
+    for name in names:
         survey = store.read(name)
         dents = sum(each.dent.kind == 'dent' for each in survey.dents)
         coverage = 'no coverage' if survey.coverage is None else 'with coverage'
