@@ -107,6 +107,7 @@ def summary(report: Report) -> str:
         line += f', seen {len(entry.sightings)} times' if len(report.frames) > 1 else ''
         lines.append(line + (f': {verdict(findings)}' if findings else ''))
     lines += [_other(entry.dent) for entry in report.others]
+    lines += report.remarks
     if report.skipped:
         lines.append(f'{len(report.skipped)} messages skipped, the first: {report.skipped[0]}')
     return '\n'.join(lines)

@@ -38,7 +38,7 @@ from ftp_dent_ros.nodes.dent_listing import DentListing, Shown
 from ftp_dent_ros.nodes.inspector_parameters import declare
 from ftp_dent_ros.nodes.matching import Matched, Matching, located
 from ftp_dent_ros.ros.dent_messages import dents_to_message
-from ftp_dent_ros.ros.diagnostics import OK, Diagnostics
+from ftp_dent_ros.ros.diagnostics import OK, WARN, Diagnostics
 from ftp_dent_ros.ros.messages import cloud_from_message, image_from_message, stamp_to_ns
 from ftp_dent_ros.ros.node import run
 from ftp_dent_ros.ros.parameters import Parameters
@@ -188,7 +188,8 @@ class DentInspector(Node):
             return OK, 'idle: nobody subscribes to dents'
         if not self._diagnostics.recent('clouds'):
             return OK, 'waiting for clouds'
-        return OK, 'working'
+        on_glass = self._listing.on_glass
+        return (WARN, on_glass) if on_glass else (OK, 'working')
 
     def _now_ns(self) -> int:
         return self.get_clock().now().nanoseconds

@@ -21,6 +21,7 @@ from ftp_dent_ros.errors import CloudError, PoseError
 from ftp_dent_ros.inspection.dent import MeasuredDent
 from ftp_dent_ros.inspection.reporting.records import list_record
 from ftp_dent_ros.inspection.reporting.rules import Rules
+from ftp_dent_ros.inspection.tracking.glass import sentence
 from ftp_dent_ros.inspection.tracking.kept_list import KeptList
 from ftp_dent_ros.inspection.tracking.sightings import ListedDent
 from ftp_dent_ros.pose import Pose
@@ -65,6 +66,7 @@ class DentListing:
         self._kept, self._lasting = kept, lasting
         self._lock = threading.Lock()
         self._path = Path()
+        self._on_glass = ''
         self._poses: dict[int, Pose] = {}
         self._list = node.create_publisher(PointCloud2, 'dents/list', LATCHED)
         self._markers = node.create_publisher(MarkerArray, 'dents/markers', LATCHED)
@@ -76,6 +78,11 @@ class DentListing:
     def subscribers(self) -> int:
         """How many listen to the list or its markers."""
         return self._list.get_subscription_count() + self._markers.get_subscription_count()
+
+    @property
+    def on_glass(self) -> str:
+        """What is told of marks on a glass; empty if there is none."""
+        return self._on_glass
 
     def close(self) -> None:
         """End the thread."""
@@ -159,6 +166,9 @@ class DentListing:
         self._list.publish(dents_to_message(entries, *header))
         self._markers.publish(dents_to_markers(entries, *header))
         self._diagnostics.note('dents in the list', _count(entries))
+        marks = self._kept.glass
+        self._on_glass = sentence(marks)
+        self._diagnostics.note('marks on a glass', len(marks))
 
 
 def _count(entries: tuple[ListedDent, ...]) -> int:

@@ -14,6 +14,7 @@ from ftp_dent_ros.inspection.dent import Estimate, Inspection, MeasuredDent
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.settings import Settings
 from ftp_dent_ros.inspection.tracking.dent_list import DentList
+from ftp_dent_ros.inspection.tracking.glass import sentence
 from ftp_dent_ros.inspection.tracking.pose_errors import position_covariance
 from ftp_dent_ros.recording.clouds import BagCloud, bag_clouds
 from ftp_dent_ros.recording.reader import Bag
@@ -117,7 +118,10 @@ def survey_bags(
         software=__version__,
     )
     pairs = len(joining.graph.links)
-    return Surveyed(result, mosaic, joined.remarks, pairs, len(joining.graph.left_out))
+    remarks = joined.remarks
+    if dents.glass:
+        remarks = (*remarks, sentence(dents.glass))
+    return Surveyed(result, mosaic, remarks, pairs, len(joining.graph.left_out))
 
 
 def _once(bags: Sequence[Bag], numbers: Mapping[int, int]) -> Iterator[BagCloud]:

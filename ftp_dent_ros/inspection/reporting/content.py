@@ -133,6 +133,8 @@ class Report:
         Messages of the bag that could not be used: topic, stamp and why.
     skin : Skin, optional
         All of it, where the clouds were joined.
+    remarks : tuple of str
+        What else is to be known of the flight.
     """
 
     source: str
@@ -151,6 +153,7 @@ class Report:
     skipped: tuple[str, ...] = ()
     placed: bool = True
     skin: Skin | None = None
+    remarks: tuple[str, ...] = ()
 
     @property
     def dents(self) -> tuple[ListedDent, ...]:

@@ -47,6 +47,7 @@ def facts_of(report: Report) -> list[tuple[str, str]]:
         ('Software', f'ftp_dent_ros {report.version}'),
         ('Report written', iso_time(report.written_ns)),
     ]
+    facts += [('Note', each) for each in report.remarks]
     if report.rules:
         facts.append(('Limits', report.rules.title or report.rules.reference or 'given'))
     return facts

@@ -42,6 +42,7 @@ def report_record(report: Report) -> dict[str, Any]:
         'frames': [_frame_record(frame) for frame in report.frames],
         'refused': list(report.refused),
         'skipped': list(report.skipped),
+        'remarks': list(report.remarks),
         'gauge': [
             {
                 'quantity': each.quantity,

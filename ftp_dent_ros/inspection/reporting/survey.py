@@ -22,6 +22,7 @@ from ftp_dent_ros.inspection.reporting.mesh import Mesh
 from ftp_dent_ros.inspection.reporting.rules import Rules
 from ftp_dent_ros.inspection.settings import Settings
 from ftp_dent_ros.inspection.tracking.dent_list import DentList
+from ftp_dent_ros.inspection.tracking.glass import sentence
 from ftp_dent_ros.inspection.tracking.pose_errors import EXACT
 from ftp_dent_ros.inspection.tracking.repeatability import repeats_of, study
 from ftp_dent_ros.inspection.tracking.sightings import ListedDent
@@ -140,7 +141,18 @@ class Survey:
             repeatability=study(entries) if several and self._repeat and self._placed else (),
             refused=tuple(self.refused),
             placed=self._placed,
+            remarks=self._remarks(),
         )
+
+    def _remarks(self) -> tuple[str, ...]:
+        marks = tuple(mark for each in self._lists for mark in each.glass)
+        told = [sentence(marks)] if marks else []
+        if not self._placed and len(self._frames) > 1:
+            told.append(
+                'no poses tell how the clouds lie: each is listed by itself, and what several '
+                'show counts several times; `ftp-dent survey` joins them by the skin they share'
+            )
+        return tuple(told)
 
     def _entries(self) -> tuple[ListedDent, ...]:
         return tuple(entry for each in self._lists for entry in each.entries)

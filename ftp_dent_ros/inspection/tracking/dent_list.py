@@ -13,6 +13,8 @@ from ftp_dent_ros.inspection.clearance import with_clearances
 from ftp_dent_ros.inspection.dent import MeasuredDent
 from ftp_dent_ros.inspection.observation import SAME
 from ftp_dent_ros.inspection.tracking.constellation import find_match
+from ftp_dent_ros.inspection.tracking.given import Given
+from ftp_dent_ros.inspection.tracking.glass import Glass, Seen, Spot
 from ftp_dent_ros.inspection.tracking.moves import move_about
 from ftp_dent_ros.inspection.tracking.pairing import Entry, paired
 from ftp_dent_ros.inspection.tracking.pose_errors import (
@@ -41,6 +43,7 @@ class DentList:
 
     A frame lies where its dents lie on those of a group, and the group where its frames' poses
     have it in the mean. Frames that show no known dent begin another group, until one joins both.
+    What keeps its place in the picture while the camera moves is of a glass, and not in the list.
 
     Parameters
     ----------
@@ -55,16 +58,24 @@ class DentList:
         self._begun: dict[tuple[int, int], int] = {}
         self._error: NDArray[np.float64] | None = None
         self._placed: list[_Placed] = []
+        self._glass, self._of_glass = Glass(), frozenset[Seen]()
+        self._given: list[Given] = []
+        self._base = SAME
 
     @property
     def entries(self) -> tuple[ListedDent, ...]:
-        """All that was found, with the clearances of this list."""
+        """All that was found on the skin, with the clearances of this list."""
         known = sorted(self._entries, key=lambda entry: entry.listed.number)
         shifts = {entry.group: self._shift(entry.group) for entry in known}
         dents = with_clearances([_shifted(e.dent, shifts[e.group]) for e in known])
         return tuple(
             replace(each.listed, dent=dent) for each, dent in zip(known, dents, strict=True)
         )
+
+    @property
+    def glass(self) -> tuple[Spot, ...]:
+        """Marks on a glass of the camera or the projector, which are not in the list."""
+        return self._glass.marks
 
     def _shift(self, group: int) -> NDArray[np.float64]:
         """From where a group lies to where its poses have it in the mean."""
@@ -87,6 +98,7 @@ class DentList:
             _Placed(each.group, move.apply(each.stated), move.apply(each.found))
             for each in self._placed
         ]
+        other._glass, other._base = self._glass.moved(move), move @ self._base
         if self._error is not None:
             turned = move.rotation.apply(self._error.reshape(2, 3))
             other._error = turned.ravel()
@@ -147,6 +159,26 @@ class DentList:
         covariance: NDArray[np.float64] | None,
         repeats: Sequence[tuple[MeasuredDent, ...]],
     ) -> None:
+        if pose is not None:
+            stated = known_covariance(covariance)
+            self._glass = self._glass.with_frame(frame, dents, pose, stated)
+        given = Given(frame, dents, pose, covariance, repeats, self._base)
+        self._given.append(given)
+        before, self._of_glass = self._of_glass, self._glass.of_marks
+        if {each for each in self._of_glass if each[0] != frame} == before:
+            self._place(given)
+            return
+        # What is of a glass has had a say in where frames lie: once more without it.
+        self._entries, self._placed, self._groups, self._error = [], [], 0, None
+        for each in self._given:
+            self._place(each.moved(self._base))
+
+    def _place(self, given: Given) -> None:
+        """Put a frame in its place, and pair what it shows of the skin with what is known."""
+        frame, pose, covariance = given.frame, given.pose, given.covariance
+        kept = [i for i in range(len(given.dents)) if (frame, i) not in self._of_glass]
+        dents = [given.dents[index] for index in kept]
+        repeats = [given.repeats[index] for index in kept]
         pivot = np.zeros(3) if pose is None else pose.translation
         doubt = known_covariance(covariance)
         expected = self._expected(pivot)
@@ -170,7 +202,9 @@ class DentList:
         for index, at in pairs:
             self._entries[at] = self._entries[at].with_sightings(seen[index])
         for index in sorted(set(range(len(seen))) - {index for index, _ in pairs}):
-            self._entries.append(Entry(group, listed(self._number(frame, index), (seen[index],))))
+            self._entries.append(
+                Entry(group, listed(self._number(frame, kept[index]), (seen[index],)))
+            )
 
     def _number(self, frame: int, index: int) -> int:
         """Number of the dent that a frame's dent begins."""

@@ -14,6 +14,7 @@ from ftp_dent_ros.errors import ConfigurationError, PoseError
 from ftp_dent_ros.inspection.dent import MeasuredDent
 from ftp_dent_ros.inspection.observation import SAME
 from ftp_dent_ros.inspection.tracking.dent_list import DentList
+from ftp_dent_ros.inspection.tracking.glass import Spot
 from ftp_dent_ros.inspection.tracking.journal import Correction, Entry, Journal
 from ftp_dent_ros.inspection.tracking.sightings import ListedDent
 from ftp_dent_ros.pose import Pose
@@ -137,6 +138,11 @@ class KeptList:
         # Its states before some clouds, and how all has been moved since.
         self._before: list[tuple[DentList, Pose]] = []
         self.frame_id, self.stamp_ns = '', 0
+
+    @property
+    def glass(self) -> tuple[Spot, ...]:
+        """Marks on a glass of the camera or the projector, which are not in the list."""
+        return self._list.glass
 
     @property
     def clouds(self) -> int:
