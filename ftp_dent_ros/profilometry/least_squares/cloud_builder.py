@@ -47,6 +47,9 @@ class CloudBuilder:
         self._work = np.empty((3, strip, self._x.shape[1]), np.float32)
         self._nothing = np.full((strip, self._x.shape[1]), np.nan, np.float32)
         self._zero = np.zeros_like(self._nothing)
+        # Of all pixels that nodes are for, if the cloud has not each of them.
+        whole = grid.shape[0] * grid.pitch[1], grid.shape[1] * grid.pitch[0]
+        self._whole = None if whole == self._x.shape else np.empty(whole, np.float32)
         self._focal = float(rig.camera.camera_matrix[0, 0])
 
     def cloud(self, surfaces: list[Published]) -> Cloud:
@@ -94,13 +97,11 @@ class CloudBuilder:
 
     def _interpolate(self, nodes: NDArray[np.float32], pixels: NDArray[np.float32]) -> None:
         """Values at the nodes to the cloud's pixels, linearly."""
-        grid, stride = self.grid, self.stride
-        size = grid.shape[1] * grid.pitch[0], grid.shape[0] * grid.pitch[1]
-        if pixels.shape == size[::-1]:
-            cv2.resize(nodes, size, dst=pixels, interpolation=cv2.INTER_LINEAR)
-            return
-        wide: Any = cv2.resize(nodes, size, interpolation=cv2.INTER_LINEAR)
-        np.copyto(pixels, wide[: grid.height : stride, : grid.width : stride])
+        whole = pixels if self._whole is None else self._whole
+        cv2.resize(nodes, whole.shape[::-1], dst=whole, interpolation=cv2.INTER_LINEAR)
+        if whole is not pixels:
+            height, width, stride = self.grid.height, self.grid.width, self.stride
+            np.copyto(pixels, whole[:height:stride, :width:stride])
 
     def _of_pixels(self, bins):
         """Mask of the bins at the cloud's columns."""
