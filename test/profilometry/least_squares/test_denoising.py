@@ -40,13 +40,14 @@ def dent(width, depth):
     return (depth * np.exp(-0.5 * square / width**2)).astype(np.float32)
 
 
-def cleaned(values, texture=None, pixels=VARIANCE, variance=VARIANCE):
+def cleaned(values, texture=None, slope=None, pixels=VARIANCE, variance=VARIANCE):
     # Noise that does not depend on the light, at the texture's frequency as at the fringes'.
     known = np.multiply.outer([pixels, 0, pixels / 4], np.ones(GRID.shape)).astype(np.float32)
     variance = np.full(GRID.shape, variance, np.float32)
     texture = np.zeros(GRID.shape, np.float32) if texture is None else texture
+    slope = np.zeros(GRID.shape, np.float32) if slope is None else slope
     inside = np.ones(GRID.shape, bool)
-    return denoise(values, texture, known, variance, inside, WINDOWS, RESPONSE, gain(), 0.0)
+    return denoise(values, texture, slope, known, variance, inside, WINDOWS, RESPONSE, gain(), 0.0)
 
 
 def rms(field):

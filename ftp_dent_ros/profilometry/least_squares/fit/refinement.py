@@ -29,6 +29,7 @@ from ftp_dent_ros.profilometry.least_squares.fit.surface_mask import (
     rim_cover,
     roughness,
 )
+from ftp_dent_ros.profilometry.least_squares.noise.albedo import slope_along_u
 from ftp_dent_ros.profilometry.least_squares.noise.denoising import denoise
 from ftp_dent_ros.profilometry.least_squares.noise.noise_gain import noise_through
 from ftp_dent_ros.profilometry.least_squares.noise.other_light import OtherLight
@@ -149,7 +150,7 @@ class Refinement:
             filled = clipped & body
             rest[filled] = misfit[clipped] = 0
             mask = mask | filled
-        step, texture, variance, support, power = self._correction(
+        step, along, texture, variance, support, power = self._correction(
             rest, cosine, sine, modulation, mask, second, envelope is not None
         )
         if lost is not None:
@@ -163,6 +164,7 @@ class Refinement:
         denoised = denoise(
             beyond.by_slope(shift + step),
             beyond.by_mean(texture),
+            self._contrast_slope(level, beyond.by_mean(along), envelope is not None),
             pixels,
             beyond.by_mean(variance),
             supported,
@@ -173,7 +175,7 @@ class Refinement:
             not relief,
         )
         if envelope is None:
-            # The code is in the contrast, too.
+            # The code is in the contrast.
             other = self._other_light.variance(level, modulation, pixels[0], supported)
             denoised = replace(denoised, variance=denoised.variance + other)
         if self.grid.bin_variance:
@@ -189,6 +191,14 @@ class Refinement:
         return Refined(
             denoised, level, modulation, body, lit, covered, rough, wavelength, bool(is_relief)
         )
+
+    def _contrast_slope(self, level, modulation, coded):
+        """Slope of the logarithm of the contrast along u, over that of the fringes' phase."""
+        if coded:
+            # The code is in the contrast, too.
+            return np.zeros_like(level)
+        contrast = np.log(np.maximum(modulation, 1) / np.maximum(level, 1))
+        return slope_along_u(contrast, self.period / self.grid.bins)
 
     def _of_model(self, phase):
         """Phase at the nodes to the bins, as the photograph has it."""
@@ -232,13 +242,14 @@ class Refinement:
             power, support = np.maximum(support / whole, np.float32(_LEAST_POWER)), share
         whole = np.maximum(support, np.float32(_LEAST_SUPPORT)) * power
         size = np.maximum(modulation, 1)
-        step = np.float32(0)
+        step, along = np.float32(0), modulation
         texture = 4 * windows.flat_top(double) / (whole * size)
         if not self.fast:
             in_phase, across = (windows.flat_top(nodes) for nodes in both)
-            step = angle(-2 * across / whole, modulation + 2 * in_phase / power)
+            along = modulation + 2 * in_phase / power
+            step = angle(-2 * across / whole, along)
             texture += np.float32(2 * second) * step
         spread = windows.gaussian(spread, 2) / whole
         variance = spread / np.square(size)
         variance *= np.float32(_FITTED * self._density)
-        return step, texture, variance, support, power
+        return step, along, texture, variance, support, power

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.profilometry.least_squares.bins.median import median
 from ftp_dent_ros.profilometry.least_squares.bins.windows import Windows, coarsened, interpolated
+from ftp_dent_ros.profilometry.least_squares.noise.albedo import Feigned, without_trend
 from ftp_dent_ros.profilometry.least_squares.noise.bands import SCALES, split
 from ftp_dent_ros.profilometry.least_squares.noise.noise_gain import NoiseGain
 from ftp_dent_ros.profilometry.least_squares.noise.response import Response
@@ -27,13 +28,6 @@ _NEIGHBOURHOOD = 0.75
 NOISE, _HIDDEN = 1.5, 0.25
 # Square of a single value over the noise's variance from which on it is signal: 3 deviations.
 _SURELY = 9.0
-# Width of the neighbourhood that texture is judged over, windows, and the weight of the whole.
-_TEXTURE, _GLOBAL = 11.2, 0.1
-# Phase that texture feigns over the sine of twice the phase that it leaves: 2 by theory (albedo
-# t = 1 + e sin Phi makes e sin Phi + (e / 2) sin 2 Phi of 1 + cos Phi), more behind a lens that
-# shows the double frequency less well.
-_MOST_TEXTURE = 5.0
-_OUTLIER = 4.5
 _MEDIAN_OF_SQUARE = 0.4549  # of normal values
 # Energy beyond the windows' resolution, over that of the finest band, at equal energies of the
 # two finest bands, the power of their ratio that it goes with, and the largest ratio: from the
@@ -68,6 +62,7 @@ class Denoised:
 def denoise(
     values: NDArray[np.float32],
     texture: NDArray[np.float32],
+    contrast_slope: NDArray[np.float32],
     pixels: NDArray[np.float32],
     variance: NDArray[np.float32],
     inside: NDArray[np.bool_],
@@ -83,6 +78,8 @@ def denoise(
     ----------
     values, texture : ndarray, shape (rows, columns), float32
         Phase, and the sine of twice the fringes' phase in the light; continued beyond the region.
+    contrast_slope : ndarray, shape (rows, columns), float32
+        Of the logarithm of the fringes' contrast along u, over that of their phase.
     pixels : ndarray, shape (3, rows, columns), float32
         Variance of the bins by the pixels' noise, in amplitudes, as the means of
         `PixelNoise.of_fringes` tell it: on the phase and, with one and two cosines, on texture.
@@ -102,28 +99,29 @@ def denoise(
     """
     coarse = Windows(windows.sigma_u / _EVERY, windows.sigma_v / _EVERY)
     together = (_EVERY, _EVERY)
-    fine, fine_texture = (
-        each - windows.wide_flat_top(each, SCALES[0]) for each in (values, texture)
-    )
-    share, explained = _share_of_texture(fine, fine_texture, coarse)
-    values = values + interpolated(share, values.shape) * texture
+    slope = without_trend(contrast_slope, windows)
+    feigned = Feigned.of(values, texture, slope, windows, _EVERY)
+    values = values + interpolated(feigned.on_texture, values.shape) * texture
+    values -= interpolated(feigned.on_slope, values.shape) * slope
     bands, base = split(values, windows)
     *shares, rest = gain.shares
     known, with_texture, of_texture = (coarsened(each, together) for each in pixels)
     total = np.maximum(coarsened(variance, together), known)
     # What texture explained is no noise any more.
-    total *= 1 - explained
-    # What is added of the texture has such noise too, in part the same.
-    known += 4 * share * (share * of_texture - with_texture)
+    total *= 1 - feigned.explained
+    # What is added of the texture and the contrast has such noise too, in part the same.
+    by_slope = np.square(feigned.on_slope) * known
+    known += 4 * feigned.on_texture * (feigned.on_texture * of_texture - with_texture)
     np.maximum(known, np.float32(_LEAST), out=known)
     np.maximum(total, known, out=total)
     total *= np.float32(_beyond_white(bands[0], shares[0] * total, inside))
     left = np.float32(rest) * total
     hidden = np.float32(np.inf)
     coarser = beyond_noise = np.float32(np.inf)
-    for band, share, scale in reversed(list(zip(bands, shares, SCALES, strict=True))):
+    of_bands = list(zip(bands, shares, gain.slopes, SCALES, strict=True))
+    for band, share, slope_share, scale in reversed(of_bands):
         energy = coarse.wide(coarsened(band * band, together), _NEIGHBOURHOOD * scale)
-        noise = np.float32(share) * known
+        noise = np.float32(share) * known + np.float32(slope_share) * by_slope
         signal = np.maximum(energy - np.float32(NOISE) * noise, 0)
         coarser = beyond_noise
         beyond_noise = np.maximum(energy - np.float32(NOISE * share) * total, 0)
@@ -132,9 +130,6 @@ def denoise(
         weight = signal / (signal + noise)
         left += np.square(weight) * np.float32(share) * total + np.square(1 - weight) * hidden
         base += band * interpolated(weight, values.shape)
-    # Of the texture about as much is left as was found, which the residuals may show already.
-    found = coarse.wide(coarsened(texture * texture, together), _NEIGHBOURHOOD)
-    np.maximum(left, np.square(share) * found, out=left)
     falling = np.minimum(beyond_noise / np.maximum(coarser, _LEAST), np.float32(_STEEPEST))
     at_peaks = coarsened(np.square(bands[0]), together)
     at_peaks -= np.float32(_SURELY * shares[0]) * total
@@ -167,25 +162,3 @@ def _beyond_white(band, variance, inside):
     if not sample.any():
         return 1.0
     return max(1.0, median(np.square(band[some])[sample] / variance[sample]) / _MEDIAN_OF_SQUARE)
-
-
-def _share_of_texture(fine, texture, coarse):
-    """Factor on the texture that takes what it explains off the finest band, and that share.
-
-    The share is of the band's energy; both are at coarse nodes.
-    """
-    together = (_EVERY, _EVERY)
-    fine, texture = (
-        np.clip(each, -limit, limit)
-        for each in (fine, texture)
-        for limit in (np.float32(_OUTLIER * median(np.abs(each[::3, ::3]))),)
-    )
-    common, power, energy = (
-        coarse.wide(coarsened(product, together), _TEXTURE)
-        for product in (fine * texture, texture * texture, fine * fine)
-    )
-    for mean in (common, power, energy):
-        mean += np.float32(_GLOBAL) * mean.mean()
-    factor = np.clip(-common / (power + np.float32(_LEAST)), 0, _MOST_TEXTURE)
-    explained = factor * (-2 * common - factor * power) / (energy + np.float32(_LEAST))
-    return factor, np.clip(explained, 0, 1)

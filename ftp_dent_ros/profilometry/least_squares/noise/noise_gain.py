@@ -9,11 +9,14 @@ import numpy as np
 
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.bins.windows import Windows
+from ftp_dent_ros.profilometry.least_squares.noise.albedo import slope_along_u, without_trend
 from ftp_dent_ros.profilometry.least_squares.noise.bands import split
 from ftp_dent_ros.profilometry.least_squares.noise.response import Response, over_rows
 
 # Nodes of noise that tell what windows make of it, and of their rim.
 _SAMPLE, _SAMPLE_RIM = (192, 192), 16
+# Variance of a contrast of 0.7 over the amplitude's alone: the level has half of its square.
+_OF_CONTRAST = 1.25
 
 
 @dataclass(frozen=True)
@@ -24,11 +27,14 @@ class NoiseGain:
     ----------
     shares : tuple of float
         Variance of the phase in the bands, from fine to coarse, and below them all.
+    slopes : tuple of float
+        Of the slope of the contrast's logarithm in the bands.
     left_out : float
         Of what the fits leave out of their own result.
     """
 
     shares: tuple[float, ...]
+    slopes: tuple[float, ...]
     left_out: float
 
 
@@ -50,4 +56,7 @@ def noise_through(grid: Grid, windows: Windows, response: Response) -> NoiseGain
         return 2 * float(np.square(piece[inner, inner]).mean())
 
     shares = tuple(variance(each) for each in (*bands, base))
-    return NoiseGain(shares, variance(response.left_out(field)))
+    slope = slope_along_u(windows.gaussian(grid.at_nodes(noise)), response.period / grid.pitch[0])
+    slopes, _ = split(without_trend(slope, windows), windows)
+    of_slope = tuple(_OF_CONTRAST * variance(each) for each in slopes)
+    return NoiseGain(shares, of_slope, variance(response.left_out(field)))

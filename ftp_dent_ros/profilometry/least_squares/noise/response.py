@@ -42,13 +42,14 @@ class Response:
     """
 
     sigma: float
+    period: float
     pitch: tuple[int, int]
     fits: int
 
     @classmethod
     def of(cls, period: float, grid: Grid, fits: int) -> Response:
         """Of fits to fringes of `period` pixels."""
-        return cls(WIDTH * period, grid.pitch, fits)
+        return cls(WIDTH * period, period, grid.pitch, fits)
 
     def left_out(self, nodes: NDArray[np.float32]) -> NDArray[np.float32]:
         """What the fits leave out of a field at the nodes."""
