@@ -30,8 +30,9 @@ NOISE, _HIDDEN = 1.5, 0.25
 _SURELY = 9.0
 _MEDIAN_OF_SQUARE = 0.4549  # of normal values
 # Energy beyond the windows' resolution, over that of the finest band, at equal energies of the
-# two finest bands, the same of two fits instead of four, the power of their ratio that it goes with, and the largest ratio: from the
-# responses of windows and bands to Gaussian dents of 0.8 to 3.5 fringes' width, within a quarter.
+# two finest bands, for four fits and for two; the power of their ratio that it goes with, and the
+# largest ratio: from the responses of windows and bands to Gaussian dents of 0.8 to 3.5 fringes'
+# width, within a quarter.
 _BEYOND, _BEYOND_FAST, _POWER, _STEEPEST = 0.17, 0.6, 1.75, 4.0
 # Energy that the light on slopes feigns, over the finest band's, at equal energies of the two
 # finest; it goes with the root of their ratio. By Lambert's law the light on a wave of L fringes
