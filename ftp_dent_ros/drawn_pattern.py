@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.code_sequences import SEQUENCES
 from ftp_dent_ros.errors import PatternError
-from ftp_dent_ros.pattern import SEQUENCE, Pattern, fringe_order
+from ftp_dent_ros.pattern import Pattern, fringe_order
 
-# Whole fringes that tell which they are: the length of the sequence's words.
+# Whole fringes that tell which they are: the length of the sequences' words.
 _LEAST_FRINGES = 8
-_LAST = len(SEQUENCE) - 1
+_LAST = SEQUENCES.shape[1] - 1
 # Levels by which numbers that are not quite those meant may draw a pixel otherwise.
 _ROUNDING = 2
 # Difference of the contrast from row to row that is rounding.
@@ -31,8 +33,8 @@ def pattern_from_image(image: NDArray[np.uint8]) -> Pattern:
     Returns
     -------
     Pattern
-        The roundest period and centre that draw these pixels; to 1e-4 pixels where they are
-        not round. Of a code without a stripe, the centre is that of the fringe nearest to the
+        The roundest period and centre that draw these pixels; to 1e-4 and 3e-4 pixels where they
+        are not round. Of a code without a stripe, the centre is that of the fringe nearest to the
         image's middle, and the lower contrast is one of whole hundredths.
 
     Raises
@@ -72,27 +74,36 @@ def _upright(image: NDArray[np.uint8]) -> Pattern:
         )
     u = np.arange(width)
     levels = 255 if red.max() > 254 else 254
+    shape = {'width': width, 'height': height, 'levels': levels}
     if len(stripe):
-        fringes, low_contrast = _fit_fringes(u, red, stripe.mean()), None
+        found = [_roundest(shape, _fit_fringes(u, red, stripe.mean()), u, red)]
     else:
-        fringes, low_contrast = _coded_fringes(u, red, levels)
-    # The roundest numbers that draw these very pixels are the ones that were meant.
-    for decimals in range(5):
-        period, center = (round(value, decimals) for value in fringes)
-        pattern = Pattern(width, height, period, center, levels=levels)
-        if low_contrast is not None:
-            pattern = replace(pattern, code='contrast', low_contrast=low_contrast)
-        drawn = pattern.intensity(u)
-        misfit = np.abs(drawn * (drawn @ red) / (drawn @ drawn) - red).max()
-        if misfit < 0.6:
-            break
+        found = [
+            _roundest({**shape, 'code': 'contrast', 'low_contrast': low}, fringes, u, red)
+            for fringes, low in _coded_fringes(u, red, levels)
+        ]
+    pattern, misfit = min(found, key=lambda each: each[1])
     outside = ~pattern.in_stripe(u)
     if misfit > 2 or (row[outside, 1:] != row[outside, :1]).any():
         raise PatternError(
             'the pattern image is not a sinusoid of one period with one red stripe, nor a '
             'coded one: publish the image that pattern_publisher draws'
         )
-    return pattern if low_contrast is None else _with_rows(pattern, image)
+    return pattern if len(stripe) else _with_rows(pattern, image)
+
+
+def _roundest(
+    fields: dict[str, Any], fringes: tuple[float, float], u: NDArray, level: NDArray
+) -> tuple[Pattern, float]:
+    """The pattern of the roundest numbers that draw these very pixels, and its misfit, levels."""
+    for decimals in range(5):
+        period, centre = (round(value, decimals) for value in fringes)
+        pattern = Pattern(period_px=period, stripe_center_px=centre, **fields)
+        drawn = pattern.intensity(u)
+        misfit = float(np.abs(drawn * (drawn @ level) / (drawn @ drawn) - level).max())
+        if misfit < 0.6:
+            break
+    return pattern, misfit
 
 
 def _with_rows(pattern: Pattern, image: NDArray[np.uint8]) -> Pattern:
@@ -130,8 +141,13 @@ def _misfit(pattern: Pattern, image: NDArray[np.uint8]) -> tuple[int, int]:
     return int(away.max()), int(away.sum(dtype=np.int64))
 
 
-def _coded_fringes(u: NDArray, level: NDArray, levels: int) -> tuple[tuple[float, float], float]:
-    """Period and centre of fringes whose contrast is the code, and the lower contrast."""
+def _coded_fringes(
+    u: NDArray, level: NDArray, levels: int
+) -> list[tuple[tuple[float, float], float]]:
+    """Period and centre of fringes whose contrast is a code, and the lower contrast.
+
+    By each of the sequences that the fringes may be: few fringes may be of several.
+    """
     half = levels / 2
     period, centre = _fit_fringes(u, level, len(u) / 2)
     phase = 2 * np.pi / period * (u - centre)
@@ -145,22 +161,30 @@ def _coded_fringes(u: NDArray, level: NDArray, levels: int) -> tuple[tuple[float
     high = whole > 1 - (1 - whole.min(initial=1)) / 2
     index = np.arange(1, len(contrast) - 1)
     # The fit may take the first column for the fringe beside.
-    leads = [lead for lead in (0, 1, -1) if (high == SEQUENCE[index + lead & _LAST]).all()]
-    if len(whole) < _LEAST_FRINGES or not leads:
+    told = [
+        (sequence, lead)
+        for sequence in SEQUENCES
+        for lead in (0, 1, -1)
+        if (high == sequence[index + lead & _LAST]).all()
+    ]
+    if len(whole) < _LEAST_FRINGES or not told:
         raise PatternError(
             'the pattern image shows neither a red stripe nor fringes with the contrast of the '
             'code: publish the image that pattern_publisher draws'
         )
     low_contrast = np.median(whole[~high]) / np.median(whole[high])
-    code = np.where(SEQUENCE, 1, low_contrast)[order - first + leads[0] & _LAST]
-    even = half + (level - half) / code
-    period, centre = _fit_fringes(u, even, centre)
-    cosine = np.cos(2 * np.pi / period * (u - centre))
-    low, full = (
-        ((level - half) * cosine)[chosen].sum() / np.square(cosine[chosen]).sum()
-        for chosen in (code < 1, code == 1)
-    )
-    return (period, centre), round(float(low / full), 2)
+    found = []
+    for sequence, lead in told:
+        code = np.where(sequence, 1, low_contrast)[order - first + lead & _LAST]
+        even = half + (level - half) / code
+        fringes = _fit_fringes(u, even, centre)
+        cosine = np.cos(2 * np.pi / fringes[0] * (u - fringes[1]))
+        low, full = (
+            ((level - half) * cosine)[chosen].sum() / np.square(cosine[chosen]).sum()
+            for chosen in (code < 1, code == 1)
+        )
+        found.append((fringes, round(float(low / full), 2)))
+    return found
 
 
 def _fit_fringes(u: NDArray, level: NDArray, near: float) -> tuple[float, float]:

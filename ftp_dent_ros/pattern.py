@@ -5,23 +5,26 @@ fringe tells which it is, the code says:
 
 - ``stripe``: c_k = 1, and over the one period around ``stripe_center_px`` green and blue are 0.
 - ``contrast``: no colour; the contrast c_k of fringe ``k = floor((Phi + pi / 2) / 2 pi)`` is 1 or
-  ``low_contrast``, after a de Bruijn sequence that begins with the panel's first fringe. It
-  changes where the cosine is zero, so that the light is continuous and its mean the same
-  everywhere. To tell the zero of the phase a whole fringe elsewhere changes no pixel. Along the
-  fringes all contrasts are times ``r(v) = 1 - row_depth (1 - cos(2 pi v / row_period_px)) / 2``,
-  which tells the rows: over the level, a fringe's amplitude is free of paint and dirt.
+  ``low_contrast``, after a sequence that begins with the panel's first fringe and is another one
+  for other periods and zeros. It changes where the cosine is zero, so that the light is
+  continuous and its mean the same everywhere. To tell the zero of the phase a whole fringe
+  elsewhere changes no pixel. Along the fringes all contrasts are times
+  ``r(v) = 1 - row_depth (1 - cos(2 pi v / row_period_px)) / 2``, which tells the rows: over the
+  level, a fringe's amplitude is free of paint and dirt.
 
 Fringes of the axis v are the same, turned: read u for v, and width for height.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from ftp_dent_ros.code_sequences import SEQUENCES
 from ftp_dent_ros.errors import PatternError
 from ftp_dent_ros.rig import Lens
 
@@ -37,21 +40,8 @@ OF_CODE = 'low_contrast', 'row_depth', 'row_period_px'
 _NUMBERS = 'period_px', 'stripe_center_px', *OF_CODE
 
 
-def _de_bruijn_sequence() -> NDArray[np.bool_]:
-    """256 bits in which each word of 8 comes once: which fringes have the full contrast.
-
-    It is the sequence of the shift register x^8 + x^6 + x^4 + x^3 + x^2 + x + 1, with the word of
-    zeros put in. Of all registers of this length and all starts, it is one in whose first 160
-    bits any two words of 10 differ in 2 places, those of 16 in 3, and none of 15 is found in them
-    mirrored.
-    """
-    bits = [0, 0, 0, 0, 0, 0, 0, 1]
-    while len(bits) < 255:
-        bits.append(sum(bits[len(bits) - 8 + tap] for tap in (0, 1, 2, 3, 4, 6)) % 2)
-    return np.roll(np.array([0, *bits], bool), 170)
-
-
-SEQUENCE = _de_bruijn_sequence()
+# Zeros that are told apart within a fringe; and periods, by their logarithm over that of 8 px.
+_ZEROS, _PERIODS, _PERIOD_STEP, _FIRST_PERIOD = 4, 4, 0.02, 8.0
 
 
 @dataclass(frozen=True)
@@ -164,8 +154,20 @@ class Pattern:
         order = np.asarray(order) - self.fringe_orders.start
         if self.code != 'contrast':
             return np.ones(order.shape, np.float32)
-        contrasts = np.where(SEQUENCE, 1, self.low_contrast).astype(np.float32)
-        return contrasts[order & (len(SEQUENCE) - 1)]
+        contrasts = np.where(self.sequence, 1, self.low_contrast).astype(np.float32)
+        return contrasts[order % len(contrasts)]
+
+    @property
+    def sequence(self) -> NDArray[np.bool_]:
+        """Which fringes have the full contrast, from the panel's first on.
+
+        Patterns whose periods differ by 2 % or some more, or their zeros by a quarter of a fringe
+        or more, have others, so that fringes told wrongly show no code.
+        """
+        zero = round(_ZEROS * self.stripe_center_px / self.period_px) % _ZEROS
+        period = round(math.log(self.period_px / _FIRST_PERIOD) / _PERIOD_STEP) % _PERIODS
+        sequence: NDArray[np.bool_] = SEQUENCES[_ZEROS * period + zero]
+        return sequence
 
     @property
     def faintest_contrast(self) -> float:

@@ -57,15 +57,13 @@ def check_pattern(area: LitArea) -> bool:
         lie, all that are in view; or it ends askew to the rims; or the surface would be so steep
         that it could not be seen.
     """
-    pattern, sides = area.pattern, area.sides
+    sides = area.sides
     if sides and min(sides.values()) < -_BEYOND:
         beyond = -min(sides.values())
         raise OtherPatternError(
             f'the fringes go on {beyond + _LACK:.1f} fringes beyond the rim of the frame that '
             f'{told(area.pattern)} has; {_seen(area, sides)}: {ADVICE}'
         )
-    if pattern.code == 'contrast' and len(sides) == 2:
-        _check_zero(area, sides)
     period = _inside(area, sides)
     if period is not None:
         raise OtherPatternError(
@@ -100,14 +98,11 @@ def other_frame(area: LitArea) -> Pattern | None:
     return replace(pattern, period_px=period, stripe_center_px=centre)
 
 
-def check_code(pattern: Pattern, beyond: int) -> None:
-    """Raise `OtherPatternError` if the code goes on so many fringes beyond the frame."""
-    if beyond:
-        period = pattern.width / (len(pattern.fringe_orders) + beyond)
-        raise OtherPatternError(
-            f'the code of the fringes goes on {beyond} fringes beyond the rim of the frame that '
-            f'{told(pattern)} has; seen is a period of {period:.1f} px or less: {ADVICE}'
-        )
+def other_code(pattern: Pattern) -> OtherPatternError:
+    """What is said where the fringes show another code than the pattern's."""
+    return OtherPatternError(
+        f'the code of the fringes is of another pattern than one of {told(pattern)}: {ADVICE}'
+    )
 
 
 def _in_place(pattern: Pattern, sides: dict[bool, float]) -> bool:
@@ -116,21 +111,6 @@ def _in_place(pattern: Pattern, sides: dict[bool, float]) -> bool:
     # A part of a fringe that the zero is off is not the period's.
     loose = _LOOSE if pattern.code == 'stripe' else _LOOSE / 2
     return any(abs(away - _LACK) < loose for away in telling)
-
-
-def _check_zero(area: LitArea, sides: dict[bool, float]) -> None:
-    """Raise if both rims are in view, and both off by the same part of a fringe."""
-    pattern = area.pattern
-    period, centre = _frame(pattern, sides)
-    moved = (centre - pattern.stripe_center_px) / period
-    moved -= round(moved)
-    wide = sides[True] + sides[False] - 2 * _LACK
-    if abs(wide) < _LOOSE and abs(sides[True] - sides[False]) > 2 * _LOOSE:
-        raise OtherPatternError(
-            f'the fringes end {abs(moved):.1f} fringes beside both rims of the frame that '
-            f'{told(pattern)} has; seen is {_zero(pattern)} at '
-            f'{pattern.stripe_center_px + moved * period:.0f}: {ADVICE}'
-        )
 
 
 def _inside(area: LitArea, sides: dict[bool, float]) -> float | None:

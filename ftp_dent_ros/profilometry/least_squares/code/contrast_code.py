@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.code_sequences import SEQUENCES
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.bins.intensity_bins import IntensityBins
@@ -38,8 +39,6 @@ _LEAST_STEP, _MOST_STEP = 0.45, 1.5
 # By how many variances of what an order leaves the next best must be worse; and the most that it
 # may leave, in steps of the code.
 _SIGNIFICANT, _LEFT = 25.0, 0.4
-# Fringes beyond the panel that tell, share of the rows in which each is seen, and sum of these.
-_TELLING, _SEEN, _TOGETHER = 3, 0.25, 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,10 +162,10 @@ class ContrastSteps:
         joint = sums[:, 1:] * sums[:, :-1] / np.maximum(sums[:, 1:] + sums[:, :-1], 1)
         return cls(first, int(top), np.diff(value, axis=1), joint * both)
 
-    def decoded(self, pattern: Pattern, chosen: NDArray[np.bool_] | None = None) -> Decoded:
-        """Order that the chosen steps, or all of them, tell."""
-        weight = self.weight if chosen is None else self.weight * chosen
-        code = code_steps(pattern)
+    def decoded(self, pattern: Pattern, code: NDArray[np.float64] | None = None) -> Decoded:
+        """Order that the steps tell, by those of the pattern or by another code's."""
+        weight = self.weight
+        code = code_steps(pattern) if code is None else code
         size = float(np.abs(code).max())
         rows = np.count_nonzero(weight, axis=0)
         used = np.flatnonzero(rows)
@@ -194,28 +193,12 @@ class ContrastSteps:
             float(scale[best]),
         )
 
-    def beyond(self, pattern: Pattern, order: int) -> int:
-        """Fringes beyond the panel over which the code goes on, by an order; 0 if it does not.
-
-        The sequence is longer than the panel and begins with its first fringe: light that shows
-        more of it comes from another panel than the one told.
-        """
-        place = np.arange(self.step.shape[1]) + self.first + order
-        rows = np.count_nonzero(self.weight, axis=0)
-        # The step from the last fringe of the panel leads to the first beyond it.
-        used = (place >= pattern.fringe_orders.stop - 1) & (rows > _SEEN * len(self.step))
-        if np.count_nonzero(used) < _TELLING or rows[used].sum() < _TOGETHER * len(self.step):
-            return 0
-        weight = self.weight[:, used]
-        size = -math.log(pattern.low_contrast)
-        step = np.clip(self.step[:, used], -_CLIPPED * size, _CLIPPED * size)
-        mean = (weight * step).sum(axis=0) / weight.sum(axis=0)
-        ends = [pattern.fringe_contrast(place[used] + side).astype(float) for side in (0, 1)]
-        code = np.log(ends[1] / ends[0])
-        scale = np.clip(code @ mean / max(code @ code, 1e-6), _LEAST_STEP, _MOST_STEP)
-        left, flat = np.mean(np.square(mean - scale * code)), np.mean(np.square(mean))
-        told = left < np.square(_LEFT * size) and left < flat / 4
-        return int(place[used].max()) + 2 - pattern.fringe_orders.stop if told else 0
+    def of_another_pattern(self, pattern: Pattern) -> bool:
+        """Whether the steps are those of another sequence than the pattern's."""
+        low = math.log(pattern.low_contrast)
+        others = (each for each in SEQUENCES if (each != pattern.sequence).any())
+        codes = (np.diff(np.where(each, 0, low)) for each in others)
+        return any(self.decoded(pattern, code).sure for code in codes)
 
     def misfit(self, pattern: Pattern, order: int, scale: float) -> NDArray[np.float32]:
         """Square of what an order leaves of each step, in steps as they are seen, at most 1."""

@@ -17,7 +17,7 @@ from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.bins.intensity_bins import IntensityBins
 from ftp_dent_ros.profilometry.least_squares.code.contrast_code import WORD, ContrastSteps
 from ftp_dent_ros.profilometry.least_squares.fit.regions import SMALLEST
-from ftp_dent_ros.profilometry.pattern_check import check_code
+from ftp_dent_ros.profilometry.pattern_check import other_code
 
 # Pixel rows that are judged together; of mean square misfit, in steps of the code, that is
 # another order's: a wrong one leaves a half on average.
@@ -86,18 +86,20 @@ class Numbering:
         Raises
         ------
         OtherPatternError
-            The code goes on beyond the panel.
+            The code is another pattern's.
         """
         sizes = np.bincount(part[part >= 0])
-        found = []
+        found, untold = [], []
         for label in np.flatnonzero(sizes >= SMALLEST):
             region = part == label
             steps = self._steps(light, phase, region)
             if steps is not None:
                 divided = self._divided(light, phase, region, steps)
-                for order in {number for _, number in divided}:
-                    check_code(self.pattern, steps.beyond(self.pattern, order))
+                if not divided:
+                    untold.append(steps)
                 found += divided
+        if not found and any(steps.of_another_pattern(self.pattern) for steps in untold):
+            raise other_code(self.pattern)
         return sorted(found, key=lambda each: -np.count_nonzero(each[0]))
 
     def _divided(self, light, phase, region, steps) -> list[tuple[NDArray[np.bool_], int]]:
