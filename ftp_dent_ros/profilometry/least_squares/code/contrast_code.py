@@ -36,6 +36,8 @@ _BEYOND = 2
 WORD = 8
 # Seen steps of the contrast over the code's: blur and a camera's curve make them smaller.
 _LEAST_STEP, _MOST_STEP = 0.45, 1.5
+# Fringes side by side that are asked for another pattern's code: a step may be between others.
+_PART = 40
 # By how many variances of what an order leaves the next best must be worse; and the most that it
 # may leave, in steps of the code.
 _SIGNIFICANT, _LEFT = 25.0, 0.4
@@ -194,11 +196,15 @@ class ContrastSteps:
         )
 
     def of_another_pattern(self, pattern: Pattern) -> bool:
-        """Whether the steps are those of another sequence than the pattern's."""
+        """Whether the steps, or those of a part, are of another code than the pattern's."""
         low = math.log(pattern.low_contrast)
-        others = (each for each in SEQUENCES if (each != pattern.sequence).any())
-        codes = (np.diff(np.where(each, 0, low)) for each in others)
-        return any(self.decoded(pattern, code).sure for code in codes)
+        others = [each for each in SEQUENCES if (each != pattern.sequence).any()]
+        codes = [np.diff(np.where(each, 0, low)) for each in others]
+        parts = [self]
+        for left in range(0, self.step.shape[1] - _PART // 2, _PART // 2):
+            place = slice(None), slice(left, left + _PART)
+            parts.append(ContrastSteps(self.first + left, 0, self.step[place], self.weight[place]))
+        return any(part.decoded(pattern, code).sure for part in parts for code in codes)
 
     def misfit(self, pattern: Pattern, order: int, scale: float) -> NDArray[np.float32]:
         """Square of what an order leaves of each step, in steps as they are seen, at most 1."""

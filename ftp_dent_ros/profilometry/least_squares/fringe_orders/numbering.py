@@ -32,6 +32,8 @@ _MOST = 6
 # Fringes, and pixel rows, that are left out where one order passes into another: the contrasts of
 # both sides are averaged there.
 _BAND, _BAND_ROWS = 2.5, 14.0
+# Share of a part that its code tells at least.
+_TOLD = 0.5
 # Square misfit of one step, in steps of the code, that is nearer to another order's.
 _FOREIGN = 0.5
 
@@ -89,18 +91,23 @@ class Numbering:
             The code is another pattern's.
         """
         sizes = np.bincount(part[part >= 0])
-        found, untold = [], []
+        found, untold = [], {}
         for label in np.flatnonzero(sizes >= SMALLEST):
             region = part == label
             steps = self._steps(light, phase, region)
             if steps is not None:
                 divided = self._divided(light, phase, region, steps)
-                if not divided:
-                    untold.append(steps)
+                if sum(np.count_nonzero(each) for each, _ in divided) < _TOLD * sizes[label]:
+                    untold[sizes[label]] = steps
                 found += divided
-        if not found and any(steps.of_another_pattern(self.pattern) for steps in untold):
+        found.sort(key=lambda each: -np.count_nonzero(each[0]))
+        # Of another code, a few fringes may look like some of this one.
+        most = max(untold, default=0)
+        if most > sum(np.count_nonzero(each) for each, _ in found) and untold[
+            most
+        ].of_another_pattern(self.pattern):
             raise other_code(self.pattern)
-        return sorted(found, key=lambda each: -np.count_nonzero(each[0]))
+        return found
 
     def _divided(self, light, phase, region, steps) -> list[tuple[NDArray[np.bool_], int]]:
         """Surfaces of one part."""
