@@ -101,7 +101,8 @@ def other_frame(area: LitArea) -> Pattern | None:
 def other_code(pattern: Pattern) -> OtherPatternError:
     """What is said where the fringes show another code than the pattern's."""
     return OtherPatternError(
-        f'the code of the fringes is of another pattern than one of {told(pattern)}: {ADVICE}'
+        f'the code of the fringes is of another pattern than one of {told(pattern)}: '
+        f'do not mirror or turn the photograph, and {ADVICE}'
     )
 
 
