@@ -59,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         for name, text in texts.items():
             with written_aside(output / name) as aside:
-                aside.write_text(text, encoding='utf-8')
+                aside.write_text(text, encoding='utf-8', errors='backslashreplace')
     except OSError as reason:
         raise ConfigurationError(
             f'--output {output}: cannot be written ({reason.strerror}): name another folder'

@@ -66,7 +66,7 @@ def write_survey(
         aside.write_text(json.dumps(fields(survey, frame), indent=1), encoding='utf-8')
     files['page'] = folder / 'survey.html'
     with written_aside(files['page']) as aside:
-        aside.write_text(survey_page(survey, frame), encoding='utf-8')
+        aside.write_text(survey_page(survey, frame), encoding='utf-8', errors='backslashreplace')
     return files
 
 

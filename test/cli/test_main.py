@@ -1,13 +1,17 @@
 """What all commands share."""
 
+import os
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 from ftp_dent_ros.cli.main import main
+from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.pattern_file import write_pattern
+from ftp_dent_ros.ply import write_ply
 
 
 def test_a_reader_that_has_seen_enough_ends_a_command_without_a_word(tmp_path):
@@ -36,3 +40,23 @@ def test_what_the_system_refuses_is_one_line_with_the_path(tmp_path, monkeypatch
     (line,) = capsys.readouterr().err.splitlines()
     assert name.partition('/')[0][:20] in line and 'check path' in line
     assert sorted(tmp_path.rglob('*')) == before
+
+
+def test_names_that_are_no_utf_8_are_read_written_and_told(tmp_path):
+    folder = tmp_path / os.fsdecode(b'caf\xe9 \xff')
+    folder.mkdir()
+    points = np.zeros((60, 60, 3), np.float32)
+    points[..., 1], points[..., 0] = np.mgrid[:60, :60] * 2e-3
+    points[..., 2] = 0.8
+    write_ply(folder / 'cloud.ply', Cloud(points, np.full((60, 60), 80, np.float32)), 'camera')
+    done = subprocess.run(
+        [
+            *(sys.executable, '-m', 'ftp_dent_ros.cli.main', 'inspect', folder / 'cloud.ply'),
+            *('--output', folder / 'report'),
+        ],
+        capture_output=True,
+        env={**os.environ, 'PYTHONIOENCODING': 'utf-8:strict'},
+    )
+    assert (done.returncode, done.stderr) == (0, b'')
+    assert (folder / 'report/report.html').exists()
+    assert rb'caf\udce9 \udcff' in done.stdout

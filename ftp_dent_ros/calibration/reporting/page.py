@@ -50,7 +50,7 @@ def write_page(path: Path, solution: Solution, left_out: list[str]) -> None:
         },
     )
     with written_aside(path) as aside:
-        aside.write_text(text, encoding='utf-8')
+        aside.write_text(text, encoding='utf-8', errors='backslashreplace')
 
 
 def depth_words(solution: Solution) -> str:

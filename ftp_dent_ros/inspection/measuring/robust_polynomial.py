@@ -29,7 +29,8 @@ def alike(x: Field, y: Field, left: Field, weight: Field) -> float:
     full = count >= 6
     if full.sum() < 4:
         return 1.0
-    return float(np.clip(np.mean((count * mean**2)[full]) / np.mean(left**2), 1, 16))
+    square = float(np.mean(left**2))
+    return float(np.clip(np.mean((count * mean**2)[full]) / square, 1, 16)) if square else 1.0
 
 
 def redescended(x, y, w, scale, start, noise) -> tuple[float, NDArray[np.float64]]:

@@ -33,7 +33,7 @@ def write_report(folder: str | os.PathLike[str], report: Report) -> Path:
     try:
         for name, text in texts.items():
             with written_aside(folder / name) as aside:
-                aside.write_text(text, encoding='utf-8')
+                aside.write_text(text, encoding='utf-8', errors='backslashreplace')
     except OSError as reason:
         raise ConfigurationError(
             f'{folder}: the report cannot be written ({reason.strerror}): name another folder'
