@@ -162,16 +162,15 @@ def _of_heights(first, second, pose, centre):
     met = np.isfinite(here[:, 0])
     place, here, there = place[met], here[met].astype(float), second.height_values[met]
     normals = _normals(here), pose.rotation.apply(_normals(there))
-    length = np.linalg.norm(normals[0], axis=1)
+    lengths = [np.sqrt(np.square(each).sum(axis=1)) for each in normals]
     sigma = np.maximum(np.hypot(here[:, 3], there[:, 3]), _LEAST_HEIGHT)
-    residual = (place[:, 2] - here[:, 0]) / length / sigma
+    residual = (place[:, 2] - here[:, 0]) / lengths[0] / sigma
     # Clouds may be surer of themselves than they fit.
     spread = max(1.0, _deviation(residual))
     residual /= spread
     rows = [
-        _moved(each / np.linalg.norm(each, axis=1)[:, None], place - centre)
-        / (sigma * spread)[:, None]
-        for each in normals
+        _moved(each / (length * sigma * spread)[:, None], place - centre)
+        for each, length in zip(normals, lengths, strict=True)
     ]
     return (residual, *rows, _cauchy(residual), place), spread
 
@@ -200,14 +199,16 @@ def _of_paint(first, second, pose, centre, coarse):
 
 def _normals(values):
     """Not of unit length, z = 1, shape (n, 3)."""
-    return np.stack([-values[:, 1], -values[:, 2], np.ones(len(values))], axis=-1).astype(float)
+    normals = np.ones((len(values), 3))
+    np.negative(values[:, 1:3], out=normals[:, :2])
+    return normals
 
 
 def _moved(direction, arm):
     """Change along directions with a shift and a turn of what lies at the end of arms."""
     x, y, z = arm.T
     a, b, c = direction.T
-    return np.stack([a, b, c, y * c - z * b, z * a - x * c, x * b - y * a], axis=-1)
+    return np.array([a, b, c, y * c - z * b, z * a - x * c, x * b - y * a]).T
 
 
 def _deviation(residual):

@@ -9,6 +9,7 @@ ways. Source: A. C. Cameron, D. L. Miller, Journal of Human Resources 50, 317 (2
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,13 +105,12 @@ def _strips(place: Array) -> NDArray[np.intp]:
 
 def _products(own: Array, other: Array, strips: NDArray[np.intp]) -> Array:
     """Symmetric sums of products of slopes in each strip, shape (strips, n, n)."""
-    size, count = own.shape[1], int(strips.max()) + 1
-    sums = np.empty((count, size, size))
-    for row in range(size):
-        for column in range(row + 1):
-            both = own[:, row] * other[:, column] + own[:, column] * other[:, row]
-            sums[:, row, column] = sums[:, column, row] = np.bincount(strips, both, count) / 2
-    return sums
+    # One product of matrices a strip takes a tenth of sums over all points for each element.
+    order = np.argsort(strips, kind='stable')
+    ends = np.searchsorted(strips[order], np.arange(strips.max() + 2))
+    own, other = own[order], other[order]
+    sums = np.array([own[a:b].T @ other[a:b] for a, b in pairwise(ends)])
+    return (sums + np.swapaxes(sums, 1, 2)) / 2
 
 
 def _summed(values: NDArray, strips: NDArray[np.intp]) -> NDArray[np.float64]:
