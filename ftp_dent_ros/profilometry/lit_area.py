@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.median import median
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.profilometry.triangulation import triangulate
 from ftp_dent_ros.rig import Rig
@@ -64,7 +65,7 @@ class RimLine:
             slope = float(spread @ away[held]) / max(float(spread @ spread), 1e-12)
             level = middle[1] - slope * middle[0]
             off = np.abs(away - level - slope * along)
-            held = off < max(_SCATTER, 1.5 * float(np.median(off)))
+            held = off < max(_SCATTER, 1.5 * median(off))
         held = off < _SCATTER
         if held.mean() < _MOST:
             return None
@@ -149,13 +150,13 @@ class LitArea:
             far = np.minimum(end, count - 1 - end) * np.abs(step) > _BORDER * fringe * width
             if np.count_nonzero(far) < _LEAST:
                 continue
-            last = bool(np.median(step[far]) < 0)  # else fringes run against the camera's columns
+            last = median(step[far]) < 0  # else fringes run against the camera's columns
             away = (self.pattern.width - 0.5 - u_p if last else u_p + 0.5)[far] / fringe
             away = np.sort(away)
             held = np.searchsorted(away, away + 2 * _PARALLEL) - np.arange(len(away))
             best = int(held.argmax())
             if held[best] >= max(_SHARE * self.lit.shape[0] / _EVERY, _LEAST):
-                found[last] = float(np.median(away[best : best + held[best]]))
+                found[last] = median(away[best : best + held[best]])
         return found
 
     def upper_and_lower(self, period: float) -> dict[str, RimLine]:

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from ftp_dent_ros.inspection.measuring.contour import Contour, refined
 from ftp_dent_ros.inspection.measuring.evidence import suspect
 from ftp_dent_ros.inspection.measuring.lattice import Lattice
-from ftp_dent_ros.inspection.measuring.median import median
 from ftp_dent_ros.inspection.measuring.noise import Noise, measured_noise, smoothed
 from ftp_dent_ros.inspection.measuring.panels import Panel
 from ftp_dent_ros.inspection.measuring.waviness import Relief, is_wavy, relief_of
 from ftp_dent_ros.inspection.settings import Settings
+from ftp_dent_ros.median import median
 
 Mask = NDArray[np.bool_]
 Map = NDArray[np.float32]

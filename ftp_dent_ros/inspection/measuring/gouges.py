@@ -18,11 +18,11 @@ from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.inspection.dent import Estimate, MeasuredDent, orientation_of
 from ftp_dent_ros.inspection.measuring.bare_skin import BareSkin
 from ftp_dent_ros.inspection.measuring.lattice import Lattice
-from ftp_dent_ros.inspection.measuring.median import median
 from ftp_dent_ros.inspection.measuring.narrow_marks import NarrowMark
 from ftp_dent_ros.inspection.measuring.placement import axis_along
 from ftp_dent_ros.inspection.measuring.restoration import shown
 from ftp_dent_ros.inspection.settings import Settings
+from ftp_dent_ros.median import median
 
 # Fringes to the wavelength of which half is left, on bare skin.
 _FRINGE = 1 / 1.64

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.errors import CloudError
-from ftp_dent_ros.inspection.measuring.median import median
 from ftp_dent_ros.inspection.settings import Settings
+from ftp_dent_ros.median import median
 
 _FEWEST_POINTS = 300
 # A cloud whose neighbours lie so far apart is not in metres.

@@ -5,10 +5,10 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from ftp_dent_ros.inspection.measuring.median import median
 from ftp_dent_ros.inspection.measuring.outline import Outline
 from ftp_dent_ros.inspection.measuring.patch import Patch
 from ftp_dent_ros.inspection.measuring.surroundings import Surroundings
+from ftp_dent_ros.median import median
 
 # Cells around an outline that it is held against.
 _AROUND = 7

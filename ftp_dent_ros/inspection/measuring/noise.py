@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.inspection.measuring.lattice import Lattice
-from ftp_dent_ros.inspection.measuring.median import median
+from ftp_dent_ros.median import median
 
 _MAD = 1.4826
 # Cells that a median is taken of, about.

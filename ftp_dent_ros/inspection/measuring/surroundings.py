@@ -12,7 +12,7 @@ from ftp_dent_ros.inspection.measuring.bare_skin import BareSkin
 from ftp_dent_ros.inspection.measuring.contour import Contour
 from ftp_dent_ros.inspection.measuring.detection import Candidate
 from ftp_dent_ros.inspection.measuring.lattice import Lattice
-from ftp_dent_ros.inspection.measuring.median import median
+from ftp_dent_ros.median import median
 
 # Of a candidate's window, as a part of its size.
 _MARGIN = 0.45

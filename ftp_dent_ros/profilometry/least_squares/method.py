@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.median import median
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.photograph import Photograph
 from ftp_dent_ros.profilometry.carrier import ReferencePlane, carrier_on
@@ -174,7 +175,7 @@ class LeastSquares:
             **{reason: ~np.any([part.region for part in fitted], axis=0)},
             off_panel=~on_panel,
         )
-        stripe_depth = float(np.median(depth)) if len(depth) else math.nan
+        stripe_depth = median(depth)
         coverage = replace(coverage, confirmed=confirmed)
         epipolar = check_epipolar(self.rig, self.pattern, rows, WIDTH * self.pattern.period_px)
         if epipolar is not None:

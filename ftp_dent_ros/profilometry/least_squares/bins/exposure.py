@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.errors import NoFringesError, SaturatedError, TooDarkError
+from ftp_dent_ros.median import median
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.bins.intensity_bins import IntensityBins
-from ftp_dent_ros.profilometry.least_squares.bins.median import median
 
 _SMALLEST_SHARE = 0.002
 _LARGEST_CLIPPED_SHARE = 0.5

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.profilometry.least_squares.bins.median import median
+from ftp_dent_ros.median import median
 
 _ROUNDS = 6
 _BISQUARE = 4.7

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.errors import NoStripeError
+from ftp_dent_ros.median import median
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.profilometry.least_squares.bins.exposure import check_fringes
 from ftp_dent_ros.profilometry.least_squares.bins.extrapolation import Extrapolation
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.bins.intensity_bins import IntensityBins
-from ftp_dent_ros.profilometry.least_squares.bins.median import median
 from ftp_dent_ros.profilometry.least_squares.bins.windows import Windows, sighted
 from ftp_dent_ros.profilometry.least_squares.code.contrast_model import ContrastModel
 from ftp_dent_ros.profilometry.least_squares.fit.coded_start import CodedStart

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.median import median
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
-from ftp_dent_ros.profilometry.least_squares.bins.median import median
 from ftp_dent_ros.profilometry.least_squares.bins.windows import Windows
 
 # Misfit of a bin, in fringe amplitudes and in those of all, beyond which it tells of something

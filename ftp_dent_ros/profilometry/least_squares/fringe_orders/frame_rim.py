@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.median import median
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 
@@ -112,9 +113,9 @@ class FrameRim:
                 away = self.away[(labels == label) & (self.right == right)] - _LACK
                 if len(away) < _LEAST_ROWS:
                     continue
-                middle = float(np.median(away))
+                middle = median(away)
                 turns = round(middle)
-                parallel = np.median(np.abs(away - middle)) < _SPREAD
+                parallel = median(np.abs(away - middle)) < _SPREAD
                 if 0 < abs(turns) <= _MOST and parallel and abs(middle - turns) < _WHOLE:
                     found.append(int(label))
                     break

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.median import median
 from ftp_dent_ros.profilometry.least_squares.bins.extrapolation import Extrapolation
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.bins.windows import Windows
@@ -65,9 +66,9 @@ def joined(
             if not seam.any():
                 continue
             ahead_by = (ahead - shift)[seam]
-            if np.median(np.abs(wrap(ahead_by))) < _TIED:
+            if median(np.abs(wrap(ahead_by))) < _TIED:
                 found.append(label)
-                turns[label] = round(float(np.median(ahead_by)) / _TURN)
+                turns[label] = round(median(ahead_by) / _TURN)
                 shift[labels == label] += np.float32(_TURN * turns[label])
         if not found:
             break

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.profilometry.least_squares.bins.median import median
+from ftp_dent_ros.median import median
 from ftp_dent_ros.profilometry.least_squares.bins.windows import Windows, coarsened, interpolated
 from ftp_dent_ros.profilometry.least_squares.noise.albedo import Feigned, without_trend
 from ftp_dent_ros.profilometry.least_squares.noise.bands import SCALES, split

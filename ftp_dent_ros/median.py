@@ -1,0 +1,21 @@
+"""The median, quickly."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def median(values: NDArray[np.number]) -> float:
+    """Median of finite values, of any shape; NaN of none.
+
+    NumPy's takes several times as long over its checks.
+    """
+    half = values.size // 2
+    if not values.size:
+        return math.nan
+    parted = np.partition(values.ravel(), half)
+    high = parted[half]
+    return float(high if values.size % 2 else (parted[:half].max() + high) / 2)
