@@ -2,7 +2,7 @@
 
 python benchmarks/radio.py [--radios 100M 10M 2M 256k 57.6k] [--plain [TOPIC]] [--seconds 40]
                            [--outage 60] [--restart payload|ground] [--grounds 1] [--keys]
-                           [--bag BAG]
+                           [--stream] [--bag BAG]
 
 The payload (real nodes in simulation) and the ground are two network namespaces, joined by a
 simulated radio: it takes root. With `--bag` a recorded flight (``ftp-dent demo`` keeps its own in
@@ -143,6 +143,9 @@ class Run:
             return ['-p', f'keys:={json.dumps(str(self.folder / "keys"))}']
         return ['-p', 'open:=true']
 
+    def address(self) -> str:
+        return f'{"tcp/" if self.arguments.stream else ""}{self.joined.drone.address}:7447'
+
     def start_downlink(self) -> None:
         self.start(
             'downlink',
@@ -158,7 +161,7 @@ class Run:
             self.joined.ground,
             2 + number,
             *('-m', 'ftp_dent_ros.nodes.ground_station', '--ros-args', *self.link()),
-            *('-p', f'address:={self.joined.drone.address}:7447', '-p', f'station:=g{number}'),
+            *('-p', f'address:={self.address()}', '-p', f'station:=g{number}'),
         )
 
 
@@ -290,6 +293,7 @@ def main() -> None:
     parser.add_argument('--restart', choices=('payload', 'ground'))
     parser.add_argument('--grounds', type=int, default=1)
     parser.add_argument('--keys', action='store_true')
+    parser.add_argument('--stream', action='store_true', help='by TCP instead of datagrams')
     parser.add_argument('--bag', type=Path, help='a recorded flight instead of the simulation')
     parser.add_argument('--logs', type=Path, help='a folder that keeps the logs')
     parser.add_argument('--listen', nargs='+', help=argparse.SUPPRESS)

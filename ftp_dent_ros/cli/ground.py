@@ -16,7 +16,7 @@ from ftp_dent_ros.cli.up import keep_running
 from ftp_dent_ros.errors import ConfigurationError, InputError
 from ftp_dent_ros.ground.item import Item
 from ftp_dent_ros.ground.keys import make_keys
-from ftp_dent_ros.ground.link import Link, Security, endpoint
+from ftp_dent_ros.ground.link import Link, Security, endpoints
 from ftp_dent_ros.supervision import transport
 from ftp_dent_ros.supervision.process_log import ProcessLog
 from ftp_dent_ros.supervision.processes import Processes, Program
@@ -33,7 +33,10 @@ _QUEUE = 64  # items that wait to be shown
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument(
-        'address', nargs='?', metavar='ADDRESS', help='HOST or HOST:PORT of the downlink'
+        'address',
+        nargs='?',
+        metavar='ADDRESS',
+        help='HOST or HOST:PORT of the downlink, with tcp/ before it where no datagrams pass',
     )
     parser.add_argument('--keys', type=Path, metavar='DIR', help='keys of the link')
     parser.add_argument(
@@ -73,7 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
         return _make_keys(arguments.make_keys)
     if arguments.address is None:
         raise ConfigurationError("the drone's address is missing: give HOST or HOST:PORT")
-    endpoint(arguments.address, Security(arguments.keys, arguments.open), 'ground')
+    endpoints(arguments.address, Security(arguments.keys, arguments.open), 'ground')
     alone = importlib.util.find_spec('rclpy') is None
     if alone and (arguments.web or arguments.foxglove):
         return _run_shows(arguments)

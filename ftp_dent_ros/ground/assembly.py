@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections import OrderedDict
+from collections import OrderedDict, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from ftp_dent_ros.errors import CodecError
+from ftp_dent_ros.ground import difference
 from ftp_dent_ros.ground.frames import WINDOW, Name, Piece, Report
 from ftp_dent_ros.ground.item import Item
 
@@ -15,6 +16,9 @@ from ftp_dent_ros.ground.item import Item
 _MOST_BYTES = 64 << 20
 _MOST_ITEMS = 64
 _MOST_NAMES = 100_000
+# Topics, and items of each that the drone may refer to: more than can be under way when it learns
+# of the one that it has chosen.
+_MOST_TOPICS, _MOST_REFERENCES = 24, WINDOW
 
 
 @dataclass
@@ -46,6 +50,8 @@ class Assembly:
         self._parts: OrderedDict[Name, _Part] = OrderedDict()
         self._held = 0
         self._done: OrderedDict[Name, None] = OrderedDict()
+        self._references: dict[Name, bytes] = {}
+        self._of_topic: OrderedDict[str, deque[Name]] = OrderedDict()
         self._link = self._sequence = self._received = 0
 
     def add(self, piece: Piece) -> Item | None:
@@ -54,7 +60,8 @@ class Assembly:
         Raises
         ------
         CodecError
-            The item's checksum is wrong, or its pieces do not fit.
+            The item's checksum is wrong, its pieces do not fit, or what it differs from is not
+            here.
         """
         self._note(piece)
         self.pieces += 1
@@ -72,7 +79,7 @@ class Assembly:
             return None
         self._drop(piece.name)
         self._finish(piece.name)
-        return Item.unpack(bytes(part.data))
+        return self._item(piece.name, bytes(part.data))
 
     def report(self) -> Report:
         """What has come so far."""
@@ -82,6 +89,29 @@ class Assembly:
     def unfinished(self) -> int:
         """Items of which some pieces have come."""
         return len(self._parts)
+
+    def _item(self, name: Name, sent: bytes) -> Item:
+        number = difference.reference_number(sent)
+        reference = self._references.get(Name(name.boot, number), b'')
+        if number and not reference:
+            raise CodecError('an item differs from one that never came: it is refused')
+        whole = difference.lengthened(sent, reference)
+        item = Item.unpack(whole)
+        if len(whole) <= difference.LARGEST:
+            self._remember(name, item.topic, whole)
+        return item
+
+    def _remember(self, name: Name, topic: str, whole: bytes) -> None:
+        """Keep an item that later ones of its topic may differ from."""
+        names = self._of_topic.setdefault(topic, deque())
+        self._of_topic.move_to_end(topic)
+        names.append(name)
+        self._references[name] = whole
+        gone = [names.popleft()] if len(names) > _MOST_REFERENCES else []
+        if len(self._of_topic) > _MOST_TOPICS:
+            gone += self._of_topic.popitem(last=False)[1]
+        for each in gone:
+            del self._references[each]
 
     def _note(self, piece: Piece) -> None:
         if piece.link != self._link:

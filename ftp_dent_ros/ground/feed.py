@@ -8,15 +8,16 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from ftp_dent_ros.ground import difference
 from ftp_dent_ros.ground.frames import WINDOW, Name, Piece, Report
 from ftp_dent_ros.ground.item import REPLACED, Importance
 from ftp_dent_ros.ground.pace import Mark, Pace
 from ftp_dent_ros.ground.store import Kept, Store
 
-# Without a report for so long nothing more is sent; what was under way is sent again when
-# reports come but nothing of it arrives.
+# Without a report for so long nothing more is sent.
 SILENCE = 3.0
-_LOST_AFTER = 5.0
+# Seconds that are waited at most for news of what is under way.
+_MOST_PATIENCE = 5.0
 _CROWD = 1000  # items in line before those that are gone are swept out
 
 
@@ -27,6 +28,7 @@ class _Progress:
     kept: Kept
     data: bytes
     gaps: list[tuple[int, int]]
+    whole: bytes
     acknowledged: int = 0
 
 
@@ -83,6 +85,9 @@ class Feed:
         # Of each topic whose items replace each other: its last one's turn, in order of sending.
         self._turns: dict[str, int] = {}
         self._last_news = now()
+        self._trials = 0
+        # The last item of each topic that the ground has, and its number.
+        self._references: dict[str, tuple[int, bytes]] = {}
 
     @property
     def silence(self) -> float:
@@ -122,12 +127,14 @@ class Feed:
         self._under_way.clear()
         self._bytes_under_way = 0
         self._progress.clear()
+        self._references.clear()
 
     def next_piece(self) -> tuple[Piece, float] | None:
         """Piece to send now, or None; with the seconds that its sending has to wait yet.
 
         If those are not 0 the piece is only announced, and has to be asked for again.
         """
+        self._lose_if_old()
         size = self.pace.piece
         full = self._bytes_under_way + size > self.pace.window and self._under_way
         if full or len(self._under_way) >= WINDOW or self.silence > SILENCE:
@@ -168,21 +175,18 @@ class Feed:
         """Learn what has arrived; the items that are whole there now."""
         self._heard = self._now()
         if report.link != self.link:
-            # It has heard nothing of this feed yet.
-            self._lose_if_old()
-            return []
+            return []  # It has heard nothing of this feed yet.
         done: list[Kept] = []
         while self._under_way and self._under_way[0].sequence <= report.sequence:
             flight = self._under_way.popleft()
             self._bytes_under_way -= flight.size
-            self._last_news = self._now()
+            self._last_news, self._trials = self._now(), 0
             age = report.sequence - flight.sequence
             if age < WINDOW and report.received >> age & 1:
                 self.pace.acknowledged(flight.size, flight.mark, flight.was_full)
                 done += self._arrived(flight)
             else:
                 self._send_again(flight)
-        self._lose_if_old()
         return done
 
     def _arrived(self, flight: _UnderWay) -> list[Kept]:
@@ -193,6 +197,8 @@ class Feed:
         if progress.acknowledged < len(progress.data):
             return []
         del self._progress[flight.kept.name]
+        if len(progress.whole) <= difference.LARGEST and flight.kept.name.boot == self._store.boot:
+            self._references[flight.kept.topic] = flight.kept.name.number, progress.whole
         flight.kept.owed.discard(self.ground)
         self.delivered[flight.kept.importance] += 1
         return [flight.kept]
@@ -204,9 +210,13 @@ class Feed:
             progress.gaps.insert(0, (flight.offset, flight.offset + flight.size))
 
     def _lose_if_old(self) -> None:
-        """What was under way when the connection broke never comes."""
-        patience = max(_LOST_AFTER, 10 * self.pace.trip)
-        if self._under_way and self._now() - self._last_news > patience:
+        """Of the last pieces before a pause no later one tells that they were lost.
+
+        The next time twice as much patience is had.
+        """
+        patience = self.pace.patience(self._bytes_under_way) * 2**self._trials
+        if self._under_way and self._now() - self._last_news > min(patience, _MOST_PATIENCE):
+            self._trials += 1
             while self._under_way:
                 self._send_again(self._under_way.pop())
             self._bytes_under_way = 0
@@ -226,7 +236,15 @@ class Feed:
                 kept.begun = True
                 if kept.importance in REPLACED:
                     self._turns[kept.topic] = self._sequence + 1
-                progress = _Progress(kept, data, [(0, len(data))])
+                sent = self._shortened(kept, data)
+                progress = _Progress(kept, sent, [(0, len(sent))], data)
                 self._progress[kept.name] = progress
                 return progress
         return first
+
+    def _shortened(self, kept: Kept, data: bytes) -> bytes:
+        if kept.importance > Importance.PREVIEWS:
+            return difference.as_it_is(data)
+        known = kept.name.boot == self._store.boot
+        number, reference = self._references.get(kept.topic, (0, b'')) if known else (0, b'')
+        return difference.shortened(data, number, reference)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zlib
 from typing import Any
 
 import numpy as np
@@ -10,8 +9,8 @@ import numpy as np
 from ftp_dent_ros.errors import CodecError, ConfigurationError
 from ftp_dent_ros.ground import topics
 from ftp_dent_ros.ground.item import Item
+from ftp_dent_ros.ground.page.content import message_of
 
-_LARGEST = 4 << 20  # bytes of a message that is inflated
 _PICTURE, _CLOUD = 'sensor_msgs/msg/CompressedImage', 'sensor_msgs/msg/PointCloud2'
 _FIELDS = 6  # of a cloud: x, y, z, intensity, sigma, resolution
 _NAMES = {topics.IMAGE: f'{topics.IMAGE}/compressed'}
@@ -70,7 +69,7 @@ class FoxgloveServer:
         """
         try:
             kind, data = self._message(item)
-        except (ValueError, TypeError, KeyError, zlib.error):
+        except (ValueError, TypeError, KeyError):
             raise CodecError(f'an item of {item.topic} is malformed: it is refused') from None
         self._channel(item.topic, kind).log(data, log_time=item.stamp_ns)
 
@@ -97,11 +96,8 @@ class FoxgloveServer:
         kind = item.kind.removeprefix('cdr:')
         if not item.kind.startswith('cdr:') or kind not in self._definitions.typestore().types:
             raise ValueError
-        reader = zlib.decompressobj()
-        data = reader.decompress(item.data, _LARGEST)
-        if not reader.eof:
-            raise ValueError
-        return kind, data
+        message_of(item)  # raises if it is none
+        return kind, item.data
 
     def _header(self, stamp_ns: int, frame: str) -> Any:
         types = self._definitions.typestore().types

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from ftp_dent_ros.errors import CodecError
 
-VERSION = 1
+VERSION = 2
 LARGEST_ITEM = 32 << 20
 LARGEST_PIECE = 1 << 16
 WINDOW = 64  # pieces that may be under way: the bits of a report

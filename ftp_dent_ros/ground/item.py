@@ -71,7 +71,7 @@ class Item:
             'l': self.latest,
             'x': self.extra,
         }
-        text = zlib.compress(json.dumps(header, separators=(',', ':')).encode())
+        text = json.dumps(header, separators=(',', ':')).encode()
         whole = _HEAD.pack(len(text)) + text + self.data
         return whole + _END.pack(zlib.crc32(whole))
 
@@ -90,8 +90,9 @@ class Item:
             raise CodecError("an item's checksum is wrong: ask for it again")
         (size,) = _HEAD.unpack_from(whole)
         try:
-            reader = zlib.decompressobj()
-            header = json.loads(reader.decompress(whole[2 : 2 + size], _LARGEST_HEADER))
+            if size > _LARGEST_HEADER:
+                raise ValueError
+            header = json.loads(whole[2 : 2 + size])
             item = Item(
                 Importance(header['i']),
                 header['t'],
@@ -104,6 +105,6 @@ class Item:
             texts = isinstance(item.topic, str) and isinstance(item.kind, str)
             if not (texts and type(item.stamp_ns) is int and isinstance(item.extra, dict)):
                 raise ValueError
-        except (zlib.error, ValueError, KeyError, TypeError, RecursionError):
+        except (ValueError, KeyError, TypeError, RecursionError):
             raise CodecError('the header of an item is malformed: ask for it again') from None
         return item

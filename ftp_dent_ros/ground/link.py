@@ -1,7 +1,10 @@
-"""The link itself: Zenoh between drone and ground, over TCP or TLS, and who may use it.
+"""The link itself: Zenoh between drone and ground, in datagrams, and who may use it.
 
-The drone listens, the ground connects. Pieces go down and reports up as messages, commands up as
-queries. Nothing is discovered: neither multicast nor gossip leaves the machine.
+The drone listens, the ground connects: by UDP, or with keys by QUIC's datagrams, which nothing
+sends again but `Feed`. A stream (TCP, TLS) is in order: one lost packet holds up all that is
+behind it, for seconds where a radio loses several; it is for networks that let no datagrams pass.
+Pieces go down and reports up as messages, commands up as queries. Nothing is discovered: neither
+multicast nor gossip leaves the machine.
 """
 
 from __future__ import annotations
@@ -19,12 +22,16 @@ from ftp_dent_ros.ground.keys import AUTHORITY, require_pair
 
 PORT = 7447
 _ROOT = 'ftp_dent'
-_ADDRESS = re.compile(r'(?P<host>\[[0-9a-fA-F:.]+\]|[^\s:/\[\]]+)(:(?P<port>\d{1,5}))?')
-# ms without a sign of life after which a connection is given up: a new one is faster than TCP's
-# own patience, which doubles with each loss.
+_ADDRESS = re.compile(
+    r'(?P<stream>tcp/)?(?P<host>\[[0-9a-fA-F:.]+\]|[^\s:/\[\]]+)(:(?P<port>\d{1,5}))?'
+)
+# ms without a sign of life after which a connection is given up: a new one is faster than a
+# stream's own patience, which doubles with each loss.
 _LEASE = 6000
-_OPEN = 4000
-_RETRY = {'period_init_ms': 500, 'period_max_ms': 2000, 'period_increase_factor': 1.5}
+# ms for a connection to be made: of datagrams of the handshake one in some may be lost, and is not
+# sent again; that of keys is longer, and QUIC and TCP send it again.
+_OPEN, _OPEN_PLAIN = 4000, 1500
+_RETRY = {'period_init_ms': 100, 'period_max_ms': 500, 'period_increase_factor': 1.5}
 
 
 @dataclass(frozen=True)
@@ -43,8 +50,11 @@ class Security:
     open: bool = False
 
 
-def endpoint(address: str, security: Security, role: str) -> str:
-    """Zenoh's endpoint of ``HOST``, ``HOST:PORT`` or ``[IPv6]:PORT``.
+def endpoints(address: str, security: Security, role: str) -> list[str]:
+    """Zenoh's endpoints of ``HOST``, ``HOST:PORT`` or ``[IPv6]:PORT``, the ground's with ``tcp/``.
+
+    The drone listens for datagrams and for streams; a ground connects by the ones or, with
+    ``tcp/``, by the others.
 
     Raises
     ------
@@ -54,7 +64,7 @@ def endpoint(address: str, security: Security, role: str) -> str:
     """
     match = _ADDRESS.fullmatch(address)
     port = int(match['port'] or PORT) if match else 0
-    if match is None or not 0 < port < 65536:
+    if match is None or not 0 < port < 65536 or (match['stream'] and role == 'drone'):
         raise ConfigurationError(f'{address}: no address of a link: give HOST or HOST:PORT')
     if security.keys is not None:
         for name in (AUTHORITY, f'{role}.pem', f'{role}.key'):
@@ -69,7 +79,15 @@ def endpoint(address: str, security: Security, role: str) -> str:
             f'{address}: without keys anybody on that network could command the drone: make '
             'keys with `ftp-dent ground --make-keys DIR`, or say plainly that it is to be open'
         )
-    return f'{"tls" if security.keys else "tcp"}/{match["host"]}:{port}'
+    place = f'{match["host"]}:{port}'
+    datagrams, stream = (
+        (f'quic/{place}?rel=0', f'tls/{place}')
+        if security.keys
+        else (f'udp/{place}', f'tcp/{place}')
+    )
+    if role == 'drone':
+        return [datagrams, stream]
+    return [stream if match['stream'] else datagrams]
 
 
 class Link:
@@ -87,7 +105,7 @@ class Link:
     Raises
     ------
     ConfigurationError
-        As `endpoint`; or Zenoh is not installed, or the address cannot be listened on.
+        As `endpoints`; or Zenoh is not installed, or the address cannot be listened on.
     """
 
     def __init__(self, role: str, address: str, security: Security, name: str = 'payload') -> None:
@@ -104,7 +122,7 @@ class Link:
         self._base = f'{_ROOT}/{name}'
         self._held: list[Any] = []
         self._publishers: dict[str, Any] = {}
-        where = endpoint(address, security, role)
+        where = endpoints(address, security, role)
         try:
             self._session = zenoh.open(_configuration(zenoh, role, where, security))
         except zenoh.ZError as reason:
@@ -158,23 +176,23 @@ class Link:
         self._session.close()
 
 
-def _configuration(zenoh: Any, role: str, where: str, security: Security) -> Any:
+def _configuration(zenoh: Any, role: str, where: list[str], security: Security) -> Any:
     settings: dict[str, Any] = {
         'mode': 'peer',
         'scouting/multicast/enabled': False,
         'scouting/gossip/enabled': False,
-        'transport/unicast/open_timeout': _OPEN,
+        'transport/unicast/open_timeout': _OPEN if security.keys else _OPEN_PLAIN,
         'transport/link/tx/lease': _LEASE,
         'transport/link/tx/keep_alive': 3,
         # What waits in queues here cannot be overtaken.
         'transport/link/rx/max_message_size': 1 << 20,
     }
     if role == 'drone':
-        settings['listen/endpoints'] = [where]
+        settings['listen/endpoints'] = where
         settings['transport/unicast/max_sessions'] = 16
     else:
         settings['listen/endpoints'] = []
-        settings['connect/endpoints'] = [where]
+        settings['connect/endpoints'] = where
         settings['connect/exit_on_failure'] = False
         settings['connect/timeout_ms'] = -1
         settings['connect/retry'] = _RETRY

@@ -1,8 +1,8 @@
 """How much may be under way: the rate that a link delivers, and its shortest round trip.
 
-After BBR (Cardwell et al., ACM Queue 14(5), 2016), on whole messages: the transport below has its
-own congestion control, but whatever it has taken can no longer be overtaken by what is more
-important. So no more is handed to it than the link carries in a round trip, and a little.
+After BBR (Cardwell et al., ACM Queue 14(5), 2016), on pieces of items: what is under way can no
+longer be overtaken by what is more important. So no more is than the link carries in a round trip,
+and a little. A loss slows nothing down: radios lose without being full.
 """
 
 from __future__ import annotations
@@ -12,16 +12,26 @@ from collections import deque
 from collections.abc import Callable
 from typing import NamedTuple
 
-# Seconds that the fastest delivery and the shortest round trip count.
-_MEMORY_OF_RATE = 8.0
+# Round trips, and seconds at least, that the fastest delivery counts; seconds that the shortest
+# round trip does.
+_ROUNDS_OF_RATE, _MEMORY_OF_RATE = 10.0, 2.0
 _MEMORY_OF_TRIP = 30.0
-# Over what the link holds in a round trip: to find more, and in the beginning to find it fast.
-_GAIN, _FIRST_GAIN = 1.25, 2.5
-_GROWTH = 1.25
+# Over what the link holds in a round trip: to find more, in the beginning to find it fast, and to
+# see how short a trip is without what waits before it: so often (s), for two trips.
+_GAIN, _FIRST_GAIN, _DRAINING_GAIN = 1.25, 2.0, 0.5
+_DRAIN_EVERY, _SHORTEST_DRAIN = 15.0, 0.1
+# Of the shortest round trip, from which on a piece has waited.
+_WAITED = 2.0
+# The beginning is over when so many round trips have not found so much more.
+_GROWTH, _ROUNDS_WITHOUT = 1.25, 3
 _FIRST_RATE = 6_000.0  # byte/s, below the slowest radio of use
-# Of sending, for one piece; and bytes of the smallest and the largest.
-_PIECE_SECONDS = 0.04
-_SMALLEST_PIECE, _LARGEST_PIECE = 400, 16_000
+# Seconds: how late a busy computer's news may be, and for how long none is waited for before the
+# first has come.
+_BUSY, _FIRST_PATIENCE = 0.2, 5.0
+# Of sending, for one piece; and bytes of the smallest and the largest: of one packet where a link
+# is slow, so that a loss costs little, of six at most.
+_PIECE_SECONDS = 0.02
+_SMALLEST_PIECE, _LARGEST_PIECE = 800, 8_000
 
 
 class Mark(NamedTuple):
@@ -53,7 +63,8 @@ class Pace:
         self._delivered_at = self._first_sent_at = now()
         self._growing = True
         self._best = 0.0
-        self._since_growth = 0
+        self._rounds_without = self._round_end = 0
+        self._drained_at = float('-inf')
         self._budget = 0.0
         self._budget_at = now()
 
@@ -72,12 +83,20 @@ class Pace:
     def window(self) -> int:
         """Bytes that may be under way."""
         gain = _FIRST_GAIN if self._growing else _GAIN
+        if self._now() < self._drained_at + max(2 * self.trip, _SHORTEST_DRAIN):
+            gain = _DRAINING_GAIN
         return max(2 * self.piece, round(gain * self.rate * self.trip) + self.piece)
 
     @property
     def piece(self) -> int:
         """Bytes of a piece: short, so that what is more important need not wait."""
         return round(min(max(self.rate * _PIECE_SECONDS, _SMALLEST_PIECE), _LARGEST_PIECE))
+
+    def patience(self, under_way: int) -> float:
+        """Seconds within which news must come of so many bytes under way, twice over."""
+        if not self._trips:
+            return _FIRST_PATIENCE
+        return _BUSY + 2 * (self.trip + under_way / self.rate)
 
     def wait(self, size: int) -> float:
         """Seconds until so many bytes may go, for the limit's sake."""
@@ -121,7 +140,10 @@ class Pace:
         now = self._now()
         self._delivered += size
         self._delivered_at, self._first_sent_at = now, mark.sent_at
-        self._trips.append((now, max(now - mark.sent_at, 1e-4)))
+        trip = max(now - mark.sent_at, 1e-4)
+        self._trips.append((now, trip))
+        # What had to wait before the link tells its rate, whether more came after it or not.
+        was_full = was_full or trip > _WAITED * self.trip
         # Acknowledgements may come in a heap after a stall, but none faster than it was sent.
         took = max(now - mark.delivered_at, mark.sent_at - mark.first_sent_at, 1e-4)
         rate = (self._delivered - mark.delivered) / took
@@ -129,20 +151,26 @@ class Pace:
             self._rates.append((now, rate))
         while self._trips and self._trips[0][0] < now - _MEMORY_OF_TRIP:
             self._trips.popleft()
-        while len(self._rates) > 1 and self._rates[0][0] < now - _MEMORY_OF_RATE:
+        oldest = now - max(_MEMORY_OF_RATE, _ROUNDS_OF_RATE * self.trip)
+        while len(self._rates) > 1 and self._rates[0][0] < oldest:
             self._rates.popleft()
         # Only what may yet be the best one is kept.
         while len(self._rates) > 1 and self._rates[-2][1] <= self._rates[-1][1]:
             del self._rates[-2]
         while len(self._trips) > 1 and self._trips[-2][1] >= self._trips[-1][1]:
             del self._trips[-2]
-        self._judge_growth(was_full)
+        if mark.delivered >= self._round_end:
+            self._round_end = self._delivered
+            self._judge_growth(was_full)
+        if not self._growing and now > self._drained_at + _DRAIN_EVERY:
+            self._drained_at = now
 
     def _judge_growth(self, was_full: bool) -> None:
+        """Once in a round trip."""
         if not self._growing or not was_full:
             return
         if self.rate > _GROWTH * self._best:
-            self._best, self._since_growth = self.rate, 0
+            self._best, self._rounds_without = self.rate, 0
         else:
-            self._since_growth += 1
-        self._growing = self._since_growth < 12
+            self._rounds_without += 1
+        self._growing = self._rounds_without < _ROUNDS_WITHOUT

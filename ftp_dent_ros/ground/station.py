@@ -18,8 +18,9 @@ from ftp_dent_ros.ground.frames import Piece
 from ftp_dent_ros.ground.item import Item
 from ftp_dent_ros.ground.link import Link
 
-# Reports a second while nothing comes: the drone takes three seconds of silence for an outage.
-_IDLE = 0.7
+# Seconds between reports while nothing comes (the drone takes three of silence for an outage), and
+# while pieces do.
+_IDLE, _PAUSE = 0.7, 0.005
 _WINDOW = 10.0
 # Without anything from the drone for so long (s) the link is told as lost.
 _SILENCE = 3.0
@@ -123,10 +124,15 @@ class Station:
             self._hand_over(item)
 
     def _report(self) -> None:
-        """Report after each piece, or after several that come at once; in a thread of its own."""
-        while not self._stop.is_set():
+        """Report after each piece, or after several that come at once; in a thread of its own.
+
+        The last one is sent at the end: what came before it need not come again.
+        """
+        is_last = False
+        while not is_last:
             self._due.wait(_IDLE)
             self._due.clear()
+            is_last = self._stop.wait(_PAUSE)
             with self._lock:
                 report = self._assembly.report()
             with contextlib.suppress(Exception):  # a connection that is being made anew

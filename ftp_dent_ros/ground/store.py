@@ -89,7 +89,7 @@ class Store:
         self.size = 0
         self._folder = folder
         self._limit = limit
-        self._boot = boot
+        self.boot = boot
         self._number = 0
         self._kept: dict[Name, Kept] = {}
         self._memory: OrderedDict[Name, bytes] = OrderedDict()
@@ -120,7 +120,7 @@ class Store:
         data = item.pack()
         with self._lock:
             self._number += 1
-            name = Name(self._boot, self._number)
+            name = Name(self.boot, self._number)
             kept = Kept(name, item.importance, item.stamp_ns, item.topic, len(data), item.latest)
             if item.latest or item.importance in REPLACED:
                 for other in list(self._kept.values()):

@@ -12,7 +12,6 @@ import struct
 import sys
 import threading
 import time
-import zlib
 from collections.abc import Callable
 from typing import Any
 
@@ -29,6 +28,7 @@ from ftp_dent_ros.decoding.message_types import message_class
 from ftp_dent_ros.errors import InputError
 from ftp_dent_ros.ground import topics
 from ftp_dent_ros.ground.commands import Answer, Executive
+from ftp_dent_ros.ground.difference import shortened
 from ftp_dent_ros.ground.drone import Drone
 from ftp_dent_ros.ground.item import Importance, Item
 from ftp_dent_ros.ground.link import Link
@@ -72,6 +72,7 @@ class Downlink(Node):
         parameters.close(names_of_all)
         self._statuses: dict[str, DiagnosticStatus] = {}
         self._next_state = 0.0
+        self._last_state = b''
         self._diagnostics = Diagnostics(self, self._judge, hardware_id=self._given.link.address)
         self._recordings = Recordings(self._given.recordings, self.get_logger().info)
         self._capture = self.create_client(Trigger, 'camera_capture/capture')
@@ -136,8 +137,7 @@ class Downlink(Node):
 
         def forward(data: bytes) -> None:
             stamp = _stamp_of(data) if topic.stamped else self._now_ns()
-            coded = zlib.compress(data)
-            item = Item(topic.importance, topic.name, kind, stamp, coded, topic.latest)
+            item = Item(topic.importance, topic.name, kind, stamp, data, topic.latest)
             if topic.share:
                 self._thrift.put(item, topic.share)
             else:
@@ -174,11 +174,12 @@ class Downlink(Node):
             return
         array = DiagnosticArray(status=list(self._statuses.values()))
         array.header.stamp = self.get_clock().now().to_msg()
-        coded = zlib.compress(serialize_message(array), 9)
-        pause = pause_after(len(coded), self._drone.rate(), _STATE_SHARE, _STATE_PERIOD)
-        self._next_state = now + pause
+        data = serialize_message(array)
+        size = len(shortened(data, 1, self._last_state))
+        pause = pause_after(size, self._drone.rate(), _STATE_SHARE, _STATE_PERIOD)
+        self._next_state, self._last_state = now + pause, data
         kind = 'cdr:diagnostic_msgs/msg/DiagnosticArray'
-        self._put(Item(Importance.STATE, topics.DIAGNOSTICS, kind, self._now_ns(), coded))
+        self._put(Item(Importance.STATE, topics.DIAGNOSTICS, kind, self._now_ns(), data))
 
     def _hand_over(self, work: Callable[[Any], None], message: Any) -> None:
         try:

@@ -14,6 +14,7 @@ from ftp_dent_ros.coding.cloud_codec import encode, thinned
 from ftp_dent_ros.coding.view import View
 from ftp_dent_ros.errors import FtpDentError, InputError
 from ftp_dent_ros.ground import topics
+from ftp_dent_ros.ground.difference import shortened
 from ftp_dent_ros.ground.item import Importance, Item
 from ftp_dent_ros.nodes.downlink_parameters import DownlinkParameters
 from ftp_dent_ros.rig import Lens
@@ -26,7 +27,7 @@ from ftp_dent_ros.ros.messages import (
 )
 
 # Of the link's rate, what the small ones of a kind may take up, and how often at most (s).
-_PREVIEW_SHARE, _PREVIEW_PERIOD = 0.3, 0.45
+_PREVIEW_SHARE, _PREVIEW_PERIOD = 0.4, 0.45
 # A preview's depth is coarser than a cloud's: 1.3 um at 0.8 m.
 _PREVIEW_PART = 4.0
 _PREVIEW_WIDTH, _PREVIEW_QUALITY = 240, 50
@@ -139,7 +140,8 @@ class Thrift:
         for topic, (item, share) in list(self._waiting.items()):
             if now >= self._due.get(topic, 0.0):
                 del self._waiting[topic]
-                self._due[topic] = now + pause_after(len(item.data), self._rate(), share, 0.0)
+                size = len(shortened(item.data))
+                self._due[topic] = now + pause_after(size, self._rate(), share, 0.0)
                 self._put(item)
 
 

@@ -22,7 +22,10 @@ def declare(parameters: Declarations) -> GroundParameters:
     """Declare them."""
     return GroundParameters(
         link=declare_link(
-            parameters, 'ground', 'The drone: HOST:PORT that its downlink listens on.'
+            parameters,
+            'ground',
+            'The drone: HOST:PORT that its downlink listens on; with tcp/ before it where no '
+            'datagrams pass.',
         ),
         station=parameters.declare(
             'station',

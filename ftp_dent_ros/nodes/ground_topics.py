@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zlib
 from collections import OrderedDict
 from typing import Any
 
@@ -34,7 +33,6 @@ from ftp_dent_ros.ros.messages import (
 )
 from ftp_dent_ros.ros.qos import CLOUDS, DIAGNOSTICS, IMAGES, LATCHED, POSES
 
-_LARGEST = 32 << 20  # bytes of a message that is inflated
 # Clouds that wait for their pose (coded), and poses that wait for their cloud.
 _WAITING = 200, 100_000
 
@@ -168,12 +166,8 @@ def _type_name(kind: Any) -> str:
 
 
 def _deserialised(data: bytes, kind: Any) -> Any:
-    """Message of deflated CDR."""
-    reader = zlib.decompressobj()
+    """Message of CDR."""
     try:
-        raw = reader.decompress(data, _LARGEST)
-        if not reader.eof:
-            raise ValueError
-        return deserialize_message(raw, kind)
+        return deserialize_message(data, kind)
     except Exception:
         raise CodecError(f'an item holds no {_type_name(kind)}: it is refused') from None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from ftp_dent_ros.ground.link import PORT, Security, endpoint
+from ftp_dent_ros.ground.link import PORT, Security, endpoints
 from ftp_dent_ros.parameters import Declarations
 
 
@@ -29,5 +29,5 @@ def declare_link(parameters: Declarations, role: str, what: str) -> LinkParamete
     )
     name = parameters.declare('name', 'payload', 'Name of the payload: the same at both ends.')
     security = Security(Path(keys) if keys else None, is_open)
-    endpoint(address, security, role)
+    endpoints(address, security, role)
     return LinkParameters(address, name, security)

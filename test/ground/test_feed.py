@@ -7,6 +7,12 @@ import pytest
 
 from ftp_dent_ros.errors import CodecError
 from ftp_dent_ros.ground.assembly import Assembly
+from ftp_dent_ros.ground.difference import (
+    as_it_is,
+    lengthened,
+    reference_number,
+    shortened,
+)
 from ftp_dent_ros.ground.feed import SILENCE, Feed
 from ftp_dent_ros.ground.frames import Name, Piece, Report
 from ftp_dent_ros.ground.item import Importance, Item
@@ -149,6 +155,70 @@ def test_it_finds_the_rate_of_the_link_and_does_not_flood_it(rate):
     assert waiting < 0.25
 
 
+def test_minutes_of_a_full_link_do_not_fill_its_buffer():
+    line = Line(rate=30_000.0, delay=0.1)
+    line.put(Importance.CLOUDS, 1, 30_000_000)
+    waits = []
+    for _ in range(120):
+        line.run(1.0, step=0.01)
+        waits.append(line._free - line.time)
+    assert max(waits[10:]) < 0.25 and line.ground.bytes > 0.85 * 120 * line.rate
+
+
+def test_a_link_that_gets_slower_is_known_for_it_in_seconds():
+    line = Line(rate=250_000.0)
+    line.put(Importance.CLOUDS, 1, 30_000_000)
+    line.run(5)
+    line.rate = 30_000.0
+    line.run(10)
+    assert line._free - line.time < 0.25
+
+
+def test_the_last_piece_before_a_pause_is_not_waited_for_long():
+    line = Line(delay=0.1)
+    line.put(Importance.DENTS, 1)
+    line.run(1)
+    line.up = False
+    line.put(Importance.DENTS, 2)
+    line.run(0.1)
+    line.up = True
+    start = line.time
+    line.run(2)
+    assert stamps(line.items, Importance.DENTS) == [1, 2]
+    assert line.arrivals[-1] - start < 1.5
+
+
+def test_what_is_like_the_one_before_it_crosses_as_the_difference():
+    line = Line(loss=0.1)
+    whole = random.Random(1).randbytes(2000)
+    for stamp in range(30):
+        item = Item(Importance.DENTS, 'list', 'k', stamp, whole + bytes([stamp]), latest=True)
+        line.feed.offer(line.store.put(item))
+        line.run(1.0)
+    assert [item.data[-1] for item in line.items] == list(range(30))
+    assert all(item.data[:-1] == whole for item in line.items)
+    assert line.ground.bytes < 3 * len(whole)
+    # A ground that starts anew has nothing to tell it from.
+    line.ground = Assembly(GROUND, 2, line.now)
+    line.feed.restart(2, 12)
+    line.feed.offer(line.store.put(Item(Importance.DENTS, 'list', 'k', 99, whole)))
+    assert line.run(2.0)[-1].stamp_ns == 99
+
+
+def test_differences_that_are_none_are_refused():
+    whole = random.Random(2).randbytes(300) * 4
+    short = shortened(whole + b'x', 7, whole)
+    assert len(short) < 40 and reference_number(short) == 7
+    assert lengthened(short, whole) == whole + b'x'
+    assert lengthened(shortened(whole)) == whole == lengthened(as_it_is(whole))
+    bomb = shortened(bytes(40 << 20))
+    for wrong in (b'', short[:3], short[:-2], short[:4] + b'\xff' * 9, bomb):
+        with pytest.raises(CodecError):
+            lengthened(wrong, whole)
+    with pytest.raises(CodecError, match='never came'):
+        Assembly(GROUND, 1).add(Piece(Name(1, 8), 1, 1, len(short), 0, short))
+
+
 def test_a_limit_is_kept():
     line = Line(rate=1e6, limit=20_000.0)
     line.put(Importance.CLOUDS, 1, 1_000_000)
@@ -245,7 +315,7 @@ def test_a_drone_that_starts_anew_sends_what_it_had_kept(tmp_path):
     (tmp_path / '4_9_7_99.part').write_bytes(b'half')
     (tmp_path / '4_8_7_98.item').write_bytes(b'damaged')
     again = Line(tmp_path)
-    again.store._boot = 8
+    again.store.boot = 8
     for kept in again.store:
         again.feed.offer(kept)
     again.run(5)
@@ -318,7 +388,7 @@ def test_what_the_ground_holds_is_bounded():
     for number in range(500):
         ground.add(Piece(Name(1, number), 1, number + 1, 8_000_000, 0, b'x'))
     assert ground.unfinished <= 64 and ground._held <= 64 << 20
-    replayed = Item(Importance.DENTS, 't', 'k', 1, b'abc').pack()
+    replayed = as_it_is(Item(Importance.DENTS, 't', 'k', 1, b'abc').pack())
     piece = Piece(Name(2, 1), 1, 900, len(replayed), 0, replayed)
     assert ground.add(piece) is not None
     assert [ground.add(piece) for _ in range(5)] == [None] * 5

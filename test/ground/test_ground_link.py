@@ -13,10 +13,11 @@ pytest.importorskip('zenoh', reason='Zenoh is not installed: the link to the gro
 
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.ground.commands import Answer, Executive, command
+from ftp_dent_ros.ground.difference import as_it_is
 from ftp_dent_ros.ground.drone import Drone
 from ftp_dent_ros.ground.frames import Name, Piece, Report
 from ftp_dent_ros.ground.item import Importance, Item
-from ftp_dent_ros.ground.link import Link, Security, endpoint
+from ftp_dent_ros.ground.link import Link, Security, endpoints
 from ftp_dent_ros.ground.station import Station
 
 NO_KEYS = Security()
@@ -169,6 +170,18 @@ def test_with_keys_nobody_else_gets_in(address, keys, tmp_path):
         end.close()
 
 
+@pytest.mark.parametrize('is_secure', [False, True])
+def test_where_no_datagrams_pass_a_stream_does(address, keys, is_secure):
+    got = []
+    security = Security(keys) if is_secure else Security()
+    drone = drone_at(address, security)
+    station = station_at(f'tcp/{address}', got.append, security=security)
+    drone.put(cloud(1))
+    until(lambda: got)
+    station.close()
+    drone.close()
+
+
 def test_noise_and_replays_from_one_who_is_in(address):
     got = []
     drone, station = drone_at(address), station_at(address, got.append)
@@ -186,11 +199,12 @@ def test_noise_and_replays_from_one_who_is_in(address):
         rogue.send('up', Report(number.to_bytes(16, 'big'), 1, 0, 0, 0).pack())
     drone.put(cloud(2))
     until(lambda: len(got) == 2)
-    assert int(drone.state()['refused']) >= 300 and len(drone._feeds) <= 8
+    # Of datagrams some may have been lost.
+    assert int(drone.state()['refused']) >= 200 and len(drone._feeds) <= 8
     # What was heard is played to the station again, truncated, and made up.
     for data in [*pieces, *(each[:40] for each in pieces[:20])]:
         station._take(data)
-    made_up = Item(Importance.STATE, 't', 'k', 1, b'x').pack()[:-1] + b'?'
+    made_up = as_it_is(Item(Importance.STATE, 't', 'k', 1, b'x').pack()[:-1] + b'?')
     station._take(Piece(Name(5, 5), 1, 1, len(made_up), 0, made_up).pack())
     assert len(got) == 2 and station.refused >= 1
     for end in (rogue, station, drone):
@@ -219,22 +233,25 @@ def test_the_link_is_told_as_it_comes_and_goes(address):
 
 
 def test_addresses_and_refusals(keys, tmp_path):
-    assert endpoint('localhost', Security(), 'drone') == 'tcp/localhost:7447'
-    assert endpoint('[::1]:5', Security(), 'drone') == 'tcp/[::1]:5'
-    assert endpoint('10.0.0.1:5', Security(keys), 'drone') == 'tls/10.0.0.1:5'
-    assert endpoint('10.0.0.1:5', Security(open=True), 'drone') == 'tcp/10.0.0.1:5'
-    for wrong in ('', 'a b', 'host:99999', 'host:x', '::1', 'tcp/host:1'):
+    both = ['udp/localhost:7447', 'tcp/localhost:7447']
+    assert endpoints('localhost', Security(), 'drone') == both
+    assert endpoints('[::1]:5', Security(), 'ground') == ['udp/[::1]:5']
+    assert endpoints('tcp/[::1]:5', Security(), 'ground') == ['tcp/[::1]:5']
+    assert endpoints('10.0.0.1:5', Security(keys), 'ground') == ['quic/10.0.0.1:5?rel=0']
+    assert endpoints('tcp/10.0.0.1:5', Security(keys), 'ground') == ['tls/10.0.0.1:5']
+    assert endpoints('10.0.0.1:5', Security(open=True), 'ground') == ['udp/10.0.0.1:5']
+    for wrong in ('', 'a b', 'host:99999', 'host:x', '::1', 'udp/host:1', 'tcp/host:1'):
         with pytest.raises(ConfigurationError, match='no address'):
-            endpoint(wrong, Security(open=True), 'drone')
+            endpoints(wrong, Security(open=True), 'drone')
     with pytest.raises(ConfigurationError, match='without keys anybody'):
-        endpoint('0.0.0.0', Security(), 'drone')
+        endpoints('0.0.0.0', Security(), 'drone')
     with pytest.raises(ConfigurationError, match=r'authority\.pem is not there'):
-        endpoint('10.0.0.1', Security(keys / 'nowhere'), 'ground')
+        endpoints('10.0.0.1', Security(keys / 'nowhere'), 'ground')
     others = (keys / 'drone.pem').read_bytes()
     for spoilt, text in (('ground.key', b'rubbish'), ('ground.pem', others)):
         folder = tmp_path / spoilt
         shutil.copytree(keys, folder)
         (folder / spoilt).write_bytes(text)
         with pytest.raises(ConfigurationError, match='are no keys of one end: copy them anew'):
-            endpoint('10.0.0.1', Security(folder), 'ground')
-        assert endpoint('10.0.0.1', Security(folder), 'drone')
+            endpoints('10.0.0.1', Security(folder), 'ground')
+        assert endpoints('10.0.0.1', Security(folder), 'drone')

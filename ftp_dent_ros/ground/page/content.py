@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import zlib
 from typing import Any
 
 import numpy as np
@@ -13,19 +12,17 @@ from ftp_dent_ros.ground.item import Item
 from ftp_dent_ros.inspection.dent import KINDS
 from ftp_dent_ros.pose import Pose
 
-_LARGEST = 4 << 20  # bytes of a message that is inflated
+_LARGEST = 4 << 20  # bytes of a message
 
 
 def message_of(item: Item) -> Any:
-    """Message of deflated CDR, without ROS."""
+    """Message of CDR, without ROS."""
     from ftp_dent_ros.recording.definitions import typestore
 
-    reader = zlib.decompressobj()
     try:
-        raw = reader.decompress(item.data, _LARGEST)
-        if not reader.eof:
+        if len(item.data) > _LARGEST:
             raise ValueError
-        return typestore().deserialize_cdr(raw, item.kind.removeprefix('cdr:'))
+        return typestore().deserialize_cdr(item.data, item.kind.removeprefix('cdr:'))
     except Exception:
         raise CodecError(f'an item of {item.topic} holds no message: it is refused') from None
 
