@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.profilometry.least_squares.bins.median import median
+from ftp_dent_ros.median import median
 from ftp_dent_ros.profilometry.least_squares.bins.windows import Windows, coarsened
 from ftp_dent_ros.profilometry.least_squares.noise.bands import SCALES
 
