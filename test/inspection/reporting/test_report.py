@@ -19,6 +19,7 @@ from ftp_dent_ros.errors import CloudError, ConfigurationError
 from ftp_dent_ros.inspection.dent import Inspection
 from ftp_dent_ros.inspection.observation import Observation, viewpoint_of
 from ftp_dent_ros.inspection.reporting.drawing import on_grid, on_photograph
+from ftp_dent_ros.inspection.reporting.facts import facts_of
 from ftp_dent_ros.inspection.reporting.files import write_report
 from ftp_dent_ros.inspection.reporting.rules import Limit, Rules
 from ftp_dent_ros.inspection.reporting.sections import sections_of
@@ -124,6 +125,19 @@ def test_a_cloud_with_nothing_measured_is_still_a_report(tmp_path):
     empty = Cloud(np.full((20, 30, 3), np.nan, np.float32), np.zeros((20, 30), np.float32))
     clouds.add(Observation('empty', empty))
     assert 'No dents' in write_report(tmp_path, clouds.report('x', 'y')).read_text()
+
+
+def test_clouds_without_the_image_of_their_skin_are_told(report):
+    told = dict(facts_of(report))['Marks of gouges']
+    assert told == 'the cloud has no image of the skin: narrow gouges were not looked for there'
+    (frame,) = report.frames
+    with_skin = replace(frame, has_skin=True)
+    assert dict(facts_of(replace(report, frames=(with_skin,))))['Marks of gouges'].startswith(
+        'looked for'
+    )
+    assert dict(facts_of(replace(report, frames=(frame, with_skin))))[
+        'Marks of gouges'
+    ].startswith('1 of 2 clouds have no')
 
 
 def test_many_clouds_show_the_maps_of_those_alone_that_show_a_dent_best(tmp_path):
