@@ -1,6 +1,6 @@
 """Hail on 2 square metres, from photographs through `ftp-dent survey`: is each dent counted once?
 
-python benchmarks/survey_hail.py FOLDER [--seed 600] [--dents 120] [--least-depth 0.1]
+python benchmarks/survey_hail.py FOLDER [--seed 600] [--dents 120] [--least-depth 0.1] [--drops 3]
 
 A fuselage of 3 m radius, 2 m along it by 1 m round it, in 40 photographs: five passes to and fro
 that overlap by half, under an autopilot that errs by 3 cm and 0.9 degrees. Dents are 8 to 25 mm
@@ -17,8 +17,10 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import cv2
 import numpy as np
 from flight_bags import EVERY_NS, START_NS, Taken, record
+from glass_drops import drops
 from kind_scenes import by_contour
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -95,13 +97,17 @@ def way(seed: int) -> list[Pose]:
     return poses
 
 
-def photographed(skin: Panel, poses: list[Pose], seed: int) -> Iterator[Taken]:
+def photographed(skin: Panel, poses: list[Pose], seed: int, count: int = 0) -> Iterator[Taken]:
+    """Photographs through so many drops on the camera's glass."""
     rig, pattern = read_rig(find('shipped:rig.yaml')), read_pattern(find('shipped:pattern.yaml'))
     renderer = Renderer(rig, pattern.draw(), Photometry(reference_distance=DISTANCE))
     stated = erring(poses, seed)
+    columns, rows, _ = drops((rig.camera.height, rig.camera.width), count, seed + 101)
     for index, (pose, said) in enumerate(zip(tqdm(poses, 'photographs'), stated, strict=True)):
         seen = Surface((skin,)).transformed(pose.inverse())
         image = renderer.render(seen, np.random.default_rng([seed, index]))
+        if count:
+            image = cv2.remap(image, columns, rows, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
         yield START_NS + EVERY_NS * (index + 1), image, said
 
 
@@ -125,17 +131,20 @@ def main() -> None:
     parser.add_argument('--seed', type=int, default=600)
     parser.add_argument('--dents', type=int, default=120)
     parser.add_argument('--least-depth', type=float, default=0.1, help='millimetres')
+    parser.add_argument('--drops', type=int, default=0, help="on the camera's glass")
     parser.add_argument('--smallest-width', type=float, default=7.0, help='asked for, millimetres')
     parser.add_argument('--smallest-depth', type=float, default=0.06, help='the same')
     arguments = parser.parse_args()
     folder, seed = arguments.folder, arguments.seed
     dents = hailed(np.random.default_rng(seed), arguments.dents, arguments.least_depth / MM)
     poses = way(seed)
-    bag, out = folder / f'hail_{seed}_{arguments.dents}', folder / f'survey_{seed}'
+    named = f'hail_{seed}_{arguments.dents}' + f'_{arguments.drops}' * bool(arguments.drops)
+    bag, out = folder / named, folder / f'survey_{seed}'
     if not bag.exists():
         rig = read_rig(find('shipped:rig.yaml'))
         pattern = read_pattern(find('shipped:pattern.yaml'))
-        record(bag, photographed(panel(seed, dents), poses, seed), rig, pattern)
+        taken = photographed(panel(seed, dents), poses, seed, arguments.drops)
+        record(bag, taken, rig, pattern)
     words = ['survey', str(bag), '--output', str(out)]
     words += ['--smallest-width', str(arguments.smallest_width)]
     words += ['--smallest-depth', str(arguments.smallest_depth)]
