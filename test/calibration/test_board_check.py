@@ -96,9 +96,12 @@ def test_another_board_or_lens_is_told_from_a_turn(rig, pattern, photograph):
     assert 'pixels from where' in found.sentence
     with pytest.raises(CalibrationError, match='no chessboard of 9x6'):
         check_by_board(rig, pattern, Board(9, 6, 0.025), photograph)
-    dark = replace(pattern, code='contrast')
-    with pytest.raises(CalibrationError, match='code of the fringes'):
-        check_by_board(rig, dark, BOARD, photograph)
+    for told, reason in (
+        (replace(pattern, code='stripe'), 'stripe is not seen'),
+        (replace(pattern, period_px=9.0), 'code of the fringes'),
+    ):
+        with pytest.raises(CalibrationError, match=reason):
+            check_by_board(rig, told, BOARD, photograph)
 
 
 def test_the_command_checks_by_a_board(rig, photograph, tmp_path, capsys):
@@ -151,7 +154,7 @@ def test_another_charuco_board_is_told(rig, pattern, charuco, marked, photograph
     with pytest.raises(CalibrationError, match='not the markers'):
         check_by_board(rig, pattern, charuco, photograph)
     with pytest.raises(CalibrationError, match='stripe is not seen'):
-        check_by_board(rig, pattern, charuco, np.repeat(marked[..., :1], 3, axis=2))
+        check_by_board(rig, replace(pattern, code='stripe'), charuco, marked)
 
 
 def test_the_command_checks_by_a_charuco_board(rig, marked, tmp_path, capsys):
