@@ -38,7 +38,11 @@ from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.rig import Lens, Rig, read_rig
 from ftp_dent_ros.simulation import Dent, Panel, Photometry, Surface, render
-from ftp_dent_ros.simulation.boards import photographs, random_pose, true_correspondences
+from ftp_dent_ros.simulation.photography.boards import (
+    photographs,
+    random_pose,
+    true_correspondences,
+)
 
 BOARD = Board(10, 7, 0.025)
 NAMES = (

@@ -23,7 +23,11 @@ from ftp_dent_ros.calibration.observing.sequence import Sequence
 from ftp_dent_ros.files import config_folder
 from ftp_dent_ros.rig import Lens, Rig, read_rig
 from ftp_dent_ros.simulation import Photometry
-from ftp_dent_ros.simulation.boards import photographs, random_pose, true_correspondences
+from ftp_dent_ros.simulation.photography.boards import (
+    photographs,
+    random_pose,
+    true_correspondences,
+)
 
 BOARD = Board(10, 7, 0.025)
 # Of corners in rendered photographs, pixels, standard deviation.

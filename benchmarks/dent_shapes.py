@@ -31,7 +31,7 @@ from ftp_dent_ros.inspection.dent import MeasuredDent
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.simulation import Dent, Dirt, Paint, Panel, Rivet, waviness
-from ftp_dent_ros.simulation.shapes import (
+from ftp_dent_ros.simulation.skin.shapes import (
     SMOOTH,
     Cap,
     Crater,

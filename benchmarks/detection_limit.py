@@ -29,10 +29,10 @@ from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.errors import FtpDentError
 from ftp_dent_ros.evaluation.detection.probability import detection
 from ftp_dent_ros.evaluation.detection.trials import reconstructor_at, scene_of
-from ftp_dent_ros.inspection.measuring.detection import SIGNIFICANT
-from ftp_dent_ros.inspection.measuring.evidence import chance
 from ftp_dent_ros.inspection.measuring.inspection import inspect
-from ftp_dent_ros.inspection.measuring.noise import Noise, reach_of
+from ftp_dent_ros.inspection.measuring.places.detection import SIGNIFICANT
+from ftp_dent_ros.inspection.measuring.places.evidence import chance
+from ftp_dent_ros.inspection.measuring.skin.noise import Noise, reach_of
 from ftp_dent_ros.inspection.settings import Settings
 from ftp_dent_ros.simulation.truth import TrueDent, true_dents
 

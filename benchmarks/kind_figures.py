@@ -17,7 +17,7 @@ from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.rig import Rig
-from ftp_dent_ros.simulation.ground_truth import GroundTruth
+from ftp_dent_ros.simulation.photography.ground_truth import GroundTruth
 from ftp_dent_ros.simulation.truth import TrueDent, true_dents
 
 METHODS = 'default', 'fast', 'virtual-reference'

@@ -17,7 +17,7 @@ from kind_scenes import CAMERA, PATTERN, KindScene, by_contour, make_rig, scene,
 from tqdm import tqdm
 
 from ftp_dent_ros.simulation import Dirt, Paint
-from ftp_dent_ros.simulation.shapes import SMOOTH, Cap, Gaussian, RaisedCosine
+from ftp_dent_ros.simulation.skin.shapes import SMOOTH, Cap, Gaussian, RaisedCosine
 
 SHAPES = {'gaussian': Gaussian(), 'smooth': SMOOTH, 'cosine': RaisedCosine(), 'cap': Cap()}
 # What light and skin are like.

@@ -29,7 +29,7 @@ from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.rig import Lens, Rig, read_rig
 from ftp_dent_ros.simulation import Panel, Photometry, Surface, Wave, render
-from ftp_dent_ros.simulation.boards import board_surface, random_pose
+from ftp_dent_ros.simulation.photography.boards import board_surface, random_pose
 
 RIG = read_rig(config_folder() / 'rig.yaml')
 PATTERN = read_pattern(config_folder() / 'pattern.yaml')

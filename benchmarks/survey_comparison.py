@@ -32,7 +32,7 @@ from ftp_dent_ros.cli.main import main as command
 from ftp_dent_ros.inspection.dent import Estimate
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.simulation.world import read_world
-from ftp_dent_ros.survey.comparison import compare
+from ftp_dent_ros.survey.comparing.comparison import compare
 from ftp_dent_ros.survey.result import CoverageCells, SurveyedDent, SurveyResult
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / 'test'))

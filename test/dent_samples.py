@@ -8,12 +8,12 @@ import numpy as np
 
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.inspection.dent import Estimate, Inspection, MeasuredDent
-from ftp_dent_ros.inspection.measuring.restoration import shown
+from ftp_dent_ros.inspection.measuring.outlines.restoration import shown
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig import Lens
-from ftp_dent_ros.simulation.dent import Dent
-from ftp_dent_ros.simulation.panel import Panel
-from ftp_dent_ros.simulation.surface import Surface
+from ftp_dent_ros.simulation.skin.dent import Dent
+from ftp_dent_ros.simulation.skin.panel import Panel
+from ftp_dent_ros.simulation.skin.surface import Surface
 from ftp_dent_ros.simulation.truth import TrueDent, true_dents
 
 

@@ -11,9 +11,9 @@ from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.files import find, written_aside
 from ftp_dent_ros.inspection.reporting.rules import read_rules
 from ftp_dent_ros.survey.aircraft_frame import aircraft_frame
-from ftp_dent_ros.survey.chart import Row, chart, chart_csv, growth_of
-from ftp_dent_ros.survey.comparison import STATUSES, compare
-from ftp_dent_ros.survey.comparison_page import comparison_page
+from ftp_dent_ros.survey.comparing.chart import Row, chart, chart_csv, growth_of
+from ftp_dent_ros.survey.comparing.comparison import STATUSES, compare
+from ftp_dent_ros.survey.comparing.comparison_page import comparison_page
 from ftp_dent_ros.survey.from_report import survey_from_report
 from ftp_dent_ros.survey.reference_points import read_reference_points
 from ftp_dent_ros.survey.result import SurveyResult

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ftp_dent_ros.survey.chart import date_of
+from ftp_dent_ros.survey.comparing.chart import date_of
 from ftp_dent_ros.survey.from_report import survey_from_report
 from ftp_dent_ros.survey.store import Store
 

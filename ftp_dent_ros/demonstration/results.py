@@ -24,7 +24,7 @@ from ftp_dent_ros.ply import write_ply
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.recording.provenance import rig_id_of
 from ftp_dent_ros.recording.reader import Bag
-from ftp_dent_ros.simulation.surface import Surface
+from ftp_dent_ros.simulation.skin.surface import Surface
 from ftp_dent_ros.simulation.world import World
 
 # First, middle and last are enough to look at; the bag has them all.

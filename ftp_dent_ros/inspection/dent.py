@@ -50,7 +50,7 @@ class MeasuredDent:
     Attributes
     ----------
     kind : str
-        One of `KINDS`; `ftp_dent_ros.inspection.measuring.kinds` states the rules.
+        One of `KINDS`; `ftp_dent_ros.inspection.measuring.places.kinds` states the rules.
     position : ndarray, shape (3,)
         Centre of the 10 % outline, on the undeformed contour, metres.
     normal : ndarray, shape (3,)

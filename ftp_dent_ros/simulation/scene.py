@@ -9,18 +9,17 @@ from typing import Any
 import numpy as np
 
 from ftp_dent_ros.calibration.boards.board import Board
-from ftp_dent_ros.simulation.dent import Dent
-from ftp_dent_ros.simulation.fields import Fields
-from ftp_dent_ros.simulation.fitting import Fitting
-from ftp_dent_ros.simulation.fittings import Bead, DomedRivet, MissingRivet, Rivet
-from ftp_dent_ros.simulation.flight import Flight
-from ftp_dent_ros.simulation.form import Wave
-from ftp_dent_ros.simulation.marks import Dirt, Lettering, Mark, Patch, scratches
-from ftp_dent_ros.simulation.paint import Paint
-from ftp_dent_ros.simulation.panel import Opening, Panel
-from ftp_dent_ros.simulation.photometry import Photometry
-from ftp_dent_ros.simulation.printed import board_print
-from ftp_dent_ros.simulation.shapes import (
+from ftp_dent_ros.simulation.photography.photometry import Photometry
+from ftp_dent_ros.simulation.skin.dent import Dent
+from ftp_dent_ros.simulation.skin.fields import Fields
+from ftp_dent_ros.simulation.skin.fitting import Fitting
+from ftp_dent_ros.simulation.skin.fittings import Bead, DomedRivet, MissingRivet, Rivet
+from ftp_dent_ros.simulation.skin.form import Wave
+from ftp_dent_ros.simulation.skin.marks import Dirt, Lettering, Mark, Patch, scratches
+from ftp_dent_ros.simulation.skin.paint import Paint
+from ftp_dent_ros.simulation.skin.panel import Opening, Panel
+from ftp_dent_ros.simulation.skin.printed import board_print
+from ftp_dent_ros.simulation.skin.shapes import (
     Cap,
     Crater,
     FlatBottomed,
@@ -31,8 +30,9 @@ from ftp_dent_ros.simulation.shapes import (
     Smooth,
     Valley,
 )
-from ftp_dent_ros.simulation.sunlight import Sunlight
-from ftp_dent_ros.simulation.surface import Surface
+from ftp_dent_ros.simulation.skin.sunlight import Sunlight
+from ftp_dent_ros.simulation.skin.surface import Surface
+from ftp_dent_ros.simulation.vehicle.flight import Flight
 
 _MATT = {'albedo': 0.8}
 _RIVETS: dict[str, Any] = {'flush': Rivet, 'domed': DomedRivet, 'missing': MissingRivet}

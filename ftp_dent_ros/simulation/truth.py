@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.simulation.dent import DIRECTIONS
-from ftp_dent_ros.simulation.panel import Panel
-from ftp_dent_ros.simulation.surface import Surface
+from ftp_dent_ros.simulation.skin.dent import DIRECTIONS
+from ftp_dent_ros.simulation.skin.panel import Panel
+from ftp_dent_ros.simulation.skin.surface import Surface
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,14 +15,14 @@ from ftp_dent_ros.files import find, read_yaml
 from ftp_dent_ros.photograph import Photograph
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig import Rig
-from ftp_dent_ros.simulation.estimate import EstimateErrors, Faults
-from ftp_dent_ros.simulation.fields import Fields
-from ftp_dent_ros.simulation.flight import Flight
-from ftp_dent_ros.simulation.motion import Motion
-from ftp_dent_ros.simulation.photometry import Photometry
-from ftp_dent_ros.simulation.renderer import Renderer
+from ftp_dent_ros.simulation.photography.motion import Motion
+from ftp_dent_ros.simulation.photography.photometry import Photometry
+from ftp_dent_ros.simulation.photography.renderer import Renderer
 from ftp_dent_ros.simulation.scene import flight_from, photometry_from, surface_from
-from ftp_dent_ros.simulation.surface import Surface
+from ftp_dent_ros.simulation.skin.fields import Fields
+from ftp_dent_ros.simulation.skin.surface import Surface
+from ftp_dent_ros.simulation.vehicle.estimate import EstimateErrors, Faults
+from ftp_dent_ros.simulation.vehicle.flight import Flight
 
 # The optical frame of a camera that looks along the drone's nose.
 _FORWARD = {'translation': [0.1, 0, 0], 'rpy': [-math.pi / 2, 0, -math.pi / 2]}

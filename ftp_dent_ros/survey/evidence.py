@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.inspection.reporting import drawing
 from ftp_dent_ros.inspection.reporting.skin import Layer, Skin
-from ftp_dent_ros.survey.mosaic import PIXEL, Mosaic
 from ftp_dent_ros.survey.result import CoverageCells, SurveyedDent
+from ftp_dent_ros.survey.skin_map.mosaic import PIXEL, Mosaic
 
 _MM = 1e3
 _SCALE_BARS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)

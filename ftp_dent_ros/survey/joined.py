@@ -14,10 +14,10 @@ from ftp_dent_ros.errors import BagError, CloudError
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.recording.clouds import bag_clouds
 from ftp_dent_ros.recording.reader import Bag
-from ftp_dent_ros.survey.fusion import Fusion
-from ftp_dent_ros.survey.joining import Joining
-from ftp_dent_ros.survey.mosaic import Mosaic
-from ftp_dent_ros.survey.unrolling import Unrolled
+from ftp_dent_ros.survey.poses.joining import Joining
+from ftp_dent_ros.survey.skin_map.fusion import Fusion
+from ftp_dent_ros.survey.skin_map.mosaic import Mosaic
+from ftp_dent_ros.survey.skin_map.unrolling import Unrolled
 
 # Of a pose that says nothing of its accuracy: metres, radians; more than the dent list takes.
 _UNKNOWN = np.diag([0.03**2] * 3 + [0.015**2] * 3)

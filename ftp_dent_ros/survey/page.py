@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.inspection.reporting.figures import interval
 from ftp_dent_ros.survey.aircraft_frame import AircraftFrame
-from ftp_dent_ros.survey.chart import date_of
+from ftp_dent_ros.survey.comparing.chart import date_of
 from ftp_dent_ros.survey.evidence import by_cell, skin_of
-from ftp_dent_ros.survey.mosaic import PIXEL
 from ftp_dent_ros.survey.result import SurveyedDent
+from ftp_dent_ros.survey.skin_map.mosaic import PIXEL
 from ftp_dent_ros.survey.surveying import Surveyed
 
 _MM = 1e3

@@ -19,8 +19,8 @@ from ftp_dent_ros.inspection.tracking.pose_errors import position_covariance
 from ftp_dent_ros.recording.clouds import BagCloud, bag_clouds
 from ftp_dent_ros.recording.reader import Bag
 from ftp_dent_ros.survey.joined import join_bags
-from ftp_dent_ros.survey.mosaic import Mosaic
 from ftp_dent_ros.survey.result import SurveyedDent, SurveyResult
+from ftp_dent_ros.survey.skin_map.mosaic import Mosaic
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from ftp_dent_ros.files import write_png, written_aside
 from ftp_dent_ros.ply import write_ply
 from ftp_dent_ros.survey.aircraft_frame import AircraftFrame
-from ftp_dent_ros.survey.mosaic import PIXEL, PIXELS_A_CELL, Mosaic
 from ftp_dent_ros.survey.page import survey_page
+from ftp_dent_ros.survey.skin_map.mosaic import PIXEL, PIXELS_A_CELL, Mosaic
 from ftp_dent_ros.survey.surveying import Surveyed
 
 # Depth that the picture of the deviation shows at its ends, metres.

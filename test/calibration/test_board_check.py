@@ -18,8 +18,8 @@ from ftp_dent_ros.pattern_file import read_pattern
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig import read_rig, write_rig
 from ftp_dent_ros.simulation import Photometry, Surface, render
-from ftp_dent_ros.simulation.boards import board_surface
-from ftp_dent_ros.simulation.printed import board_print
+from ftp_dent_ros.simulation.photography.boards import board_surface
+from ftp_dent_ros.simulation.skin.printed import board_print
 
 BOARD = Board(10, 7, 0.025)
 POSE = Pose.from_rpy((0.3, -0.2, 0.1), (-0.11, -0.09, 0.75))

@@ -24,7 +24,11 @@ from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.rig import Lens, Rig, read_rig
 from ftp_dent_ros.simulation import Photometry
-from ftp_dent_ros.simulation.boards import photographs, random_pose, true_correspondences
+from ftp_dent_ros.simulation.photography.boards import (
+    photographs,
+    random_pose,
+    true_correspondences,
+)
 
 BOARD = Board(7, 6, 0.03)
 SEQUENCE = Sequence(400, 300, period=16, steps=5)

@@ -26,7 +26,7 @@ from ftp_dent_ros.ros import photographer
 from ftp_dent_ros.ros.messages import cloud_from_message
 from ftp_dent_ros.ros.qos import CLOUDS, LATCHED_INPUT
 from ftp_dent_ros.simulation import Panel, Surface
-from ftp_dent_ros.simulation.boards import random_pose
+from ftp_dent_ros.simulation.photography.boards import random_pose
 
 BOARD = Board(7, 6, 0.03)
 POSES = 4

@@ -10,12 +10,12 @@ from flown_skin import FlownSkin
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.survey.common_errors import COMMON
-from ftp_dent_ros.survey.patch import patch_of
-from ftp_dent_ros.survey.pose_graph import PoseGraph
-from ftp_dent_ros.survey.registration import register
-from ftp_dent_ros.survey.relative_pose import RelativePose
-from ftp_dent_ros.survey.stated_poses import Node
+from ftp_dent_ros.survey.patches.patch import patch_of
+from ftp_dent_ros.survey.poses.pose_graph import PoseGraph
+from ftp_dent_ros.survey.poses.stated_poses import Node
+from ftp_dent_ros.survey.registration.common_errors import COMMON
+from ftp_dent_ros.survey.registration.registration import register
+from ftp_dent_ros.survey.registration.relative_pose import RelativePose
 
 DOUBT = np.diag([3e-4**2] * 6)
 

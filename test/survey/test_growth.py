@@ -7,7 +7,7 @@ import pytest
 from dent_samples import make_dent
 
 from ftp_dent_ros.inspection.dent import Estimate
-from ftp_dent_ros.survey.growth import changes_of
+from ftp_dent_ros.survey.comparing.growth import changes_of
 
 SIGMA = 6e-6
 

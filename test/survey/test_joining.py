@@ -10,7 +10,7 @@ from flown_skin import STATED, FlownSkin, erring
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.survey.joining import Joining
+from ftp_dent_ros.survey.poses.joining import Joining
 
 HALF_S = 500_000_000
 

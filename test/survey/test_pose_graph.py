@@ -7,10 +7,10 @@ from scipy.linalg import logm
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.survey.pose_graph import PoseGraph
-from ftp_dent_ros.survey.relative_pose import RelativePose
-from ftp_dent_ros.survey.stated_poses import Node
-from ftp_dent_ros.survey.twists import changes, spread_of_shift, twists
+from ftp_dent_ros.survey.poses.pose_graph import PoseGraph
+from ftp_dent_ros.survey.poses.stated_poses import Node
+from ftp_dent_ros.survey.registration.relative_pose import RelativePose
+from ftp_dent_ros.survey.registration.twists import changes, spread_of_shift, twists
 
 STATED = np.diag([0.03**2] * 3 + [0.015**2] * 3)
 RADIUS = 2.0

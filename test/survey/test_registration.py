@@ -10,10 +10,10 @@ from scipy.spatial.transform import Rotation
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.survey.folded_patch import FoldedPatch
-from ftp_dent_ros.survey.patch import patch_of
-from ftp_dent_ros.survey.registration import register
-from ftp_dent_ros.survey.relative_pose import UnlikePairError
+from ftp_dent_ros.survey.patches.folded_patch import FoldedPatch
+from ftp_dent_ros.survey.patches.patch import patch_of
+from ftp_dent_ros.survey.registration.registration import register
+from ftp_dent_ros.survey.registration.relative_pose import UnlikePairError
 
 DOUBT = STATED / 4
 

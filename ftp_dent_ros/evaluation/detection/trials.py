@@ -32,7 +32,7 @@ from ftp_dent_ros.simulation import (
     Rivet,
     waviness,
 )
-from ftp_dent_ros.simulation.shapes import SMOOTH, Cap, Gaussian, RaisedCosine, Shape
+from ftp_dent_ros.simulation.skin.shapes import SMOOTH, Cap, Gaussian, RaisedCosine, Shape
 from ftp_dent_ros.simulation.truth import true_dents
 
 DISTANCES = 0.6, 0.8, 1.2

@@ -8,11 +8,11 @@ import cv2
 import numpy as np
 
 from ftp_dent_ros.inspection.dent import Estimate, MeasuredDent, orientation_of
-from ftp_dent_ros.inspection.measuring.bare_skin import BareSkin
-from ftp_dent_ros.inspection.measuring.detection import Candidate
-from ftp_dent_ros.inspection.measuring.lattice import Lattice
-from ftp_dent_ros.inspection.measuring.placement import axis_along
-from ftp_dent_ros.inspection.measuring.surroundings import places
+from ftp_dent_ros.inspection.measuring.places.bare_skin import BareSkin
+from ftp_dent_ros.inspection.measuring.places.detection import Candidate
+from ftp_dent_ros.inspection.measuring.places.placement import axis_along
+from ftp_dent_ros.inspection.measuring.places.surroundings import places
+from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
 from ftp_dent_ros.inspection.settings import Settings
 
 # Part of a candidate that has no points, for that to be why it could not be measured.

@@ -11,18 +11,18 @@ from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.inspection.clearance import with_clearances
 from ftp_dent_ros.inspection.dent import Inspection, MeasuredDent, Waviness
-from ftp_dent_ros.inspection.measuring.bare_skin import bare_skin
-from ftp_dent_ros.inspection.measuring.detection import find_candidates, findable_depth
-from ftp_dent_ros.inspection.measuring.gouges import gouge_under, is_along, may_be_feigned
 from ftp_dent_ros.inspection.measuring.hidden import hidden_dent
-from ftp_dent_ros.inspection.measuring.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.measurement import CERTAIN, measure
-from ftp_dent_ros.inspection.measuring.narrow_marks import narrow_marks
-from ftp_dent_ros.inspection.measuring.panels import find_panels, seam
-from ftp_dent_ros.inspection.measuring.steps import find_steps
-from ftp_dent_ros.inspection.measuring.strips import given_back
-from ftp_dent_ros.inspection.measuring.surroundings import surroundings_of
-from ftp_dent_ros.inspection.measuring.waviness import waviness_of
+from ftp_dent_ros.inspection.measuring.places.bare_skin import bare_skin
+from ftp_dent_ros.inspection.measuring.places.detection import find_candidates, findable_depth
+from ftp_dent_ros.inspection.measuring.places.gouges import gouge_under, is_along, may_be_feigned
+from ftp_dent_ros.inspection.measuring.places.narrow_marks import narrow_marks
+from ftp_dent_ros.inspection.measuring.places.steps import find_steps
+from ftp_dent_ros.inspection.measuring.places.surroundings import surroundings_of
+from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
+from ftp_dent_ros.inspection.measuring.skin.panels import find_panels, seam
+from ftp_dent_ros.inspection.measuring.skin.strips import given_back
+from ftp_dent_ros.inspection.measuring.skin.waviness import waviness_of
 from ftp_dent_ros.inspection.settings import Settings
 
 # Cells beside a border of two panels where the reconstruction blurs one into the other.

@@ -8,22 +8,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.inspection.dent import Estimate, MeasuredDent, orientation_of
-from ftp_dent_ros.inspection.measuring.bare_skin import BareSkin
-from ftp_dent_ros.inspection.measuring.bridging import Bridged, bridged
-from ftp_dent_ros.inspection.measuring.detection import Candidate
-from ftp_dent_ros.inspection.measuring.division import divided, looks_compound, parts_of
-from ftp_dent_ros.inspection.measuring.evidence import SIGNIFICANT, SUSPECT
-from ftp_dent_ros.inspection.measuring.gaps import GAP
 from ftp_dent_ros.inspection.measuring.hidden import not_at_bottom
-from ftp_dent_ros.inspection.measuring.kinds import Appearance, kind_of
-from ftp_dent_ros.inspection.measuring.marks import mark_in
-from ftp_dent_ros.inspection.measuring.maxima import DROP, maxima_of
-from ftp_dent_ros.inspection.measuring.noise import Noise
-from ftp_dent_ros.inspection.measuring.patch import Patch
-from ftp_dent_ros.inspection.measuring.peak import extent, radius_across
-from ftp_dent_ros.inspection.measuring.placement import axis_along, on_skin, profiles_of
-from ftp_dent_ros.inspection.measuring.restoration import restored
-from ftp_dent_ros.inspection.measuring.sampling import own_cells, patch_of
+from ftp_dent_ros.inspection.measuring.outlines.bridging import Bridged, bridged
+from ftp_dent_ros.inspection.measuring.outlines.division import divided, looks_compound, parts_of
+from ftp_dent_ros.inspection.measuring.outlines.maxima import DROP, maxima_of
+from ftp_dent_ros.inspection.measuring.outlines.patch import Patch
+from ftp_dent_ros.inspection.measuring.outlines.peak import extent, radius_across
+from ftp_dent_ros.inspection.measuring.outlines.restoration import restored
+from ftp_dent_ros.inspection.measuring.places.bare_skin import BareSkin
+from ftp_dent_ros.inspection.measuring.places.detection import Candidate
+from ftp_dent_ros.inspection.measuring.places.evidence import SIGNIFICANT, SUSPECT
+from ftp_dent_ros.inspection.measuring.places.kinds import Appearance, kind_of
+from ftp_dent_ros.inspection.measuring.places.marks import mark_in
+from ftp_dent_ros.inspection.measuring.places.placement import axis_along, on_skin, profiles_of
+from ftp_dent_ros.inspection.measuring.places.sampling import own_cells, patch_of
+from ftp_dent_ros.inspection.measuring.places.surroundings import Surroundings
 from ftp_dent_ros.inspection.measuring.sizes import (
     LEVEL,
     Sizes,
@@ -31,7 +30,8 @@ from ftp_dent_ros.inspection.measuring.sizes import (
     of_sharp_bottom,
     sizes_of,
 )
-from ftp_dent_ros.inspection.measuring.surroundings import Surroundings
+from ftp_dent_ros.inspection.measuring.skin.gaps import GAP
+from ftp_dent_ros.inspection.measuring.skin.noise import Noise
 from ftp_dent_ros.inspection.settings import Settings
 
 # A candidate that is so many times longer than wide is a ridge, unless its saddles are so deep.

@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.inspection.dent import Estimate
-from ftp_dent_ros.inspection.measuring.bare_skin import BareSkin
-from ftp_dent_ros.inspection.measuring.bridging import Bridged
-from ftp_dent_ros.inspection.measuring.dent_model import fit_dent
-from ftp_dent_ros.inspection.measuring.evidence import TENTH, chance, fitted_depth
-from ftp_dent_ros.inspection.measuring.outline import Outline, find_outline
-from ftp_dent_ros.inspection.measuring.patch import Patch, sampled
-from ftp_dent_ros.inspection.measuring.peak import bottom_of
-from ftp_dent_ros.inspection.measuring.surroundings import Surroundings
+from ftp_dent_ros.inspection.measuring.outlines.bridging import Bridged
+from ftp_dent_ros.inspection.measuring.outlines.dent_model import fit_dent
+from ftp_dent_ros.inspection.measuring.outlines.outline import Outline, find_outline
+from ftp_dent_ros.inspection.measuring.outlines.patch import Patch, sampled
+from ftp_dent_ros.inspection.measuring.outlines.peak import bottom_of
+from ftp_dent_ros.inspection.measuring.places.bare_skin import BareSkin
+from ftp_dent_ros.inspection.measuring.places.evidence import TENTH, chance, fitted_depth
+from ftp_dent_ros.inspection.measuring.places.surroundings import Surroundings
 
 #: Of the depth, where length, width and area are told.
 LEVEL = 0.1

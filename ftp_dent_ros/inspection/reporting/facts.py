@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ftp_dent_ros.inspection.measuring.kinds import AT_RIM
+from ftp_dent_ros.inspection.measuring.places.kinds import AT_RIM
 from ftp_dent_ros.inspection.reporting.content import Frame, Report
 from ftp_dent_ros.inspection.reporting.records import iso_time
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from ftp_dent_ros.inspection.measuring.dent_model import fit_dent
+from ftp_dent_ros.inspection.measuring.outlines.dent_model import fit_dent
 from ftp_dent_ros.simulation import Dent
 
 X, Y = np.meshgrid(np.linspace(-0.06, 0.06, 61), np.linspace(-0.06, 0.06, 61))

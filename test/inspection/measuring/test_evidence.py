@@ -4,18 +4,18 @@ import pytest
 from small_clouds import cloud_of, panel
 
 from ftp_dent_ros.cloud import Cloud
-from ftp_dent_ros.inspection.measuring.evidence import (
+from ftp_dent_ros.inspection.measuring.inspection import inspect
+from ftp_dent_ros.inspection.measuring.outlines.outline import find_outline
+from ftp_dent_ros.inspection.measuring.outlines.patch import Patch
+from ftp_dent_ros.inspection.measuring.places.evidence import (
     SIGNIFICANT,
     SUSPECT,
     chance,
     fitted_depth,
     suspect,
 )
-from ftp_dent_ros.inspection.measuring.inspection import inspect
-from ftp_dent_ros.inspection.measuring.lattice import Lattice
-from ftp_dent_ros.inspection.measuring.noise import Noise
-from ftp_dent_ros.inspection.measuring.outline import find_outline
-from ftp_dent_ros.inspection.measuring.patch import Patch
+from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
+from ftp_dent_ros.inspection.measuring.skin.noise import Noise
 from ftp_dent_ros.inspection.settings import Settings
 
 STEP = 1e-3

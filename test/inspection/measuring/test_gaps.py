@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from small_clouds import COLUMNS, ROWS, cloud_of, panel
 
-from ftp_dent_ros.inspection.measuring.filling import membrane, plate
-from ftp_dent_ros.inspection.measuring.gaps import between, gaps_of
 from ftp_dent_ros.inspection.measuring.inspection import inspect
+from ftp_dent_ros.inspection.measuring.skin.filling import membrane, plate
+from ftp_dent_ros.inspection.measuring.skin.gaps import between, gaps_of
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.simulation import Dent, Panel
-from ftp_dent_ros.simulation.shapes import Cap, FlatBottomed, Gaussian, Valley
+from ftp_dent_ros.simulation.skin.shapes import Cap, FlatBottomed, Gaussian, Valley
 
 V, U = np.mgrid[:ROWS, :COLUMNS]
 

@@ -1,0 +1,1 @@
+"""Where the skin departs from its contour, how surely, and as what."""

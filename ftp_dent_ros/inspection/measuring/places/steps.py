@@ -1,0 +1,129 @@
+"""Steps between panels: laps and edges of doublers."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.inspection.dent import Estimate, MeasuredDent
+from ftp_dent_ros.inspection.measuring.places.detection import SIGNIFICANT
+from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
+from ftp_dent_ros.inspection.measuring.skin.panels import Panel
+from ftp_dent_ros.inspection.settings import Settings
+
+# Cells across on which a step is measured, from the first that the seam does not blur.
+_BESIDE = 5
+_NAN = Estimate(math.nan, math.nan)
+
+Mask = NDArray[np.bool_]
+
+
+def find_steps(
+    lattice: Lattice,
+    panels: list[Panel],
+    labels: NDArray[np.int32],
+    seams: Mask,
+    settings: Settings,
+) -> list[MeasuredDent]:
+    """Steps where two panels' contours stand apart along their seam."""
+    steps = []
+    kernel = np.ones((3, 3), np.uint8)
+    for first, one in enumerate(panels):
+        near = cv2.dilate(one.mask.astype(np.uint8), kernel) > 0
+        for other in panels[first + 1 :]:
+            at = near & other.mask
+            if at.sum() * max(lattice.spacing) < settings.smallest_width:
+                continue
+            beside, apart = _apart(lattice, one, other, at, seams)
+            if not len(apart):
+                continue
+            height = float(np.median(apart))
+            spread = 1.4826 * float(np.median(np.abs(apart - height)))
+            if height >= max(settings.smallest_depth, SIGNIFICANT * spread):
+                seam = _Seam(one, lattice.points[at])
+                points = lattice.points[beside]
+                along = seam.profile(0, points, apart, settings.smallest_width)
+                across = seam.profile(1, points, apart, max(lattice.spacing))
+                # One stretch's error has nothing to do with the next one's; what the edge rings
+                # by is the same all along it.
+                uncertainty = math.hypot(spread / math.sqrt(len(along)), across[:, 1].std())
+                steps.append(_step(seam, along, Estimate(height, uncertainty), spread))
+    return steps
+
+
+def _apart(
+    lattice: Lattice, one: Panel, other: Panel, at: Mask, seams: Mask
+) -> tuple[Mask, NDArray]:
+    """The smaller panel's cells beside the seam, and how far they lie off the larger's contour.
+
+    The contour of a strip is not carried over its blurred edge, for nothing holds it there.
+    """
+    larger, smaller = (one, other) if one.mask.sum() >= other.mask.sum() else (other, one)
+    free = smaller.mask & ~seams
+    if not free.any():
+        return free, np.zeros(0)
+    far = cv2.distanceTransform((~at).astype(np.uint8), cv2.DIST_L2, 3)
+    beside = free & (far <= far[free].min() + _BESIDE)
+    return beside, np.abs(larger.contour.deviation(lattice.points[beside])[2])
+
+
+class _Seam:
+    """The cells of a border between two panels, as a line on one of them."""
+
+    def __init__(self, panel: Panel, points: NDArray) -> None:
+        self.panel = panel
+        x, y = self._local(points).T
+        self.centre = np.array([x.mean(), y.mean()])
+        _, axes = np.linalg.eigh(np.cov(np.stack([x, y])) + 1e-12 * np.eye(2))
+        # Along it, and across.
+        self.directions = axes[:, 1], axes[:, 0]
+        place = self._places(points, 0)
+        self.length = float(np.ptp(place))
+        order = np.argsort(place)
+        self.outline = panel.contour.point(x[order], y[order])
+
+    def profile(
+        self, way: int, points: NDArray, heights: NDArray, width: float
+    ) -> NDArray[np.float64]:
+        """Places along (0) or across (1) the seam and the medians there, in steps of a width."""
+        stretch = np.floor(self._places(points, way) / width).astype(int)
+        numbers = np.unique(stretch)
+        medians = [float(np.median(heights[stretch == number])) for number in numbers]
+        return np.stack([(numbers + 0.5) * width, medians], axis=1)
+
+    def _places(self, points: NDArray, way: int) -> NDArray[np.float64]:
+        """How far points lie from its middle, metres."""
+        return (self._local(points) - self.centre) @ self.directions[way]
+
+    def _local(self, points: NDArray) -> NDArray[np.float64]:
+        x, y, _ = self.panel.contour.local(points)
+        return np.stack([x, y], axis=1).astype(float)
+
+
+def _step(seam: _Seam, profile: NDArray, height: Estimate, spread: float) -> MeasuredDent:
+    contour = seam.panel.contour
+    at = seam.centre[:1], seam.centre[1:]
+    along, _ = seam.directions
+    return MeasuredDent(
+        kind='step',
+        position=contour.point(*at)[0],
+        normal=contour.normal(*at)[0],
+        axis=along[0] * contour.axes[0] + along[1] * contour.axes[1],
+        depth=height,
+        length=Estimate(seam.length, contour.scale / 100),
+        width=_NAN,
+        model_length=_NAN,
+        model_width=_NAN,
+        orientation=_NAN,
+        area=_NAN,
+        volume=_NAN,
+        bottom_radius=math.nan,
+        significance=height.value / max(spread, 1e-9),
+        is_cut=True,
+        outline=seam.outline,
+        length_profile=profile,
+        width_profile=np.zeros((0, 2)),
+    )

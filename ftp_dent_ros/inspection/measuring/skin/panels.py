@@ -1,0 +1,248 @@
+"""The cloud's panels, each with its own undeformed contour."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.inspection.measuring.skin.continuation import depths_of, islands, joined
+from ftp_dent_ros.inspection.measuring.skin.contour import Contour, first_contour, richer_contour
+from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
+from ftp_dent_ros.inspection.measuring.skin.noise import rough_noise, smoothed
+from ftp_dent_ros.inspection.settings import Settings
+
+# A neighbour so many spacings away is on another panel.
+_JUMP = 4.0
+# Side of the smallest panel in smallest widths.
+_SMALLEST = 3.0
+_SMALLEST_SECOND = 4.0
+# Part of a panel that one plane beside the first panel's contour has to explain.
+_EXPLAINED = 0.6
+# Part of a step by which what is measured with few wavelengths rings beside it (Gibbs).
+_RINGING = 0.09
+# Cells across the middle of the narrowest second panel, without its rim of two.
+_NARROWEST = 5
+_MOST = 8
+# Part of a second panel's height that is risen within a cell's neighbours at its border.
+_STEPPED = 0.55
+# Cells that a first contour is fitted to some of, about.
+_FITTED = 4000
+# Part of the rim that a quadric has to miss before a higher degree is tried.
+_RIM_OFF = 0.3
+
+Mask = NDArray[np.bool_]
+Map = NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """Cells of a lattice that share an undeformed contour.
+
+    Attributes
+    ----------
+    mask : ndarray, shape (rows, columns), bool
+    contour : Contour
+        Relative to the lattice's origin.
+    tolerance : float
+        Deviation within which cells agree with the contour, metres.
+    """
+
+    mask: Mask
+    contour: Contour
+    tolerance: float
+
+
+def find_panels(
+    lattice: Lattice, viewpoint: NDArray[np.float64], settings: Settings
+) -> tuple[list[Panel], NDArray[np.int32]]:
+    """Split the lattice at jumps and steps, and fit a contour to each part.
+
+    What is not measured, as a strip under a shadow's edge, parts no panel if one contour explains
+    both sides of it.
+
+    Parameters
+    ----------
+    lattice : Lattice
+    viewpoint : ndarray, shape (3,)
+        Relative to the lattice's origin.
+    settings : Settings
+
+    Returns
+    -------
+    panels : list of Panel
+    labels : ndarray, shape (rows, columns), int32
+        Index of each cell's panel; -1 where there is none.
+    """
+    rng = np.random.default_rng(0)
+    area = lattice.spacing[0] * lattice.spacing[1]
+    least = (_SMALLEST * settings.smallest_width) ** 2 / area
+    second = (_SMALLEST_SECOND * settings.smallest_width) ** 2 / area
+    seeds: list[Panel] = []
+    labels = np.full(lattice.valid.shape, -1, np.int32)
+    whole = lattice.valid & ~_jumps(lattice)
+    for region in joined(_parts(whole, least), lattice, viewpoint, settings, rng):
+        found = _split(lattice, region, viewpoint, settings, second, rng)
+        marks = np.full(region.shape, -1, np.int32)
+        for index, panel in enumerate(found, len(seeds)):
+            marks[panel.mask] = index
+        labels[region] = (_nearest(marks) if len(found) > 1 else _all(marks, len(seeds)))[region]
+        seeds += found
+        if len(seeds) >= _MOST:
+            break
+    for index, seed in enumerate(seeds):
+        left = whole & (labels < 0)
+        labels[islands(lattice, left, labels == index, seed.contour, seed.tolerance, settings)] = (
+            index
+        )
+    panels = [
+        Panel(labels == index, seed.contour, seed.tolerance) for index, seed in enumerate(seeds)
+    ]
+    return panels, labels
+
+
+def seam(labels: NDArray[np.int32], cells: int) -> Mask:
+    """Cells within some cells of the border between two panels."""
+    tops = cv2.dilate(labels.astype(np.float32), np.ones((3, 3), np.uint8))
+    marked = np.where(labels < 0, 1e6, labels).astype(np.float32)
+    bottoms = cv2.erode(marked, np.ones((3, 3), np.uint8))
+    border = ((tops != bottoms) & (bottoms < 1e6) & (labels >= 0)).astype(np.uint8)
+    size = 2 * cells + 1
+    return cv2.dilate(border, np.ones((size, size), np.uint8)) > 0
+
+
+def _split(lattice, region, viewpoint, settings, second, rng) -> list[Panel]:
+    """Panels within one connected region: laps and steps have no gap."""
+    panels: list[Panel] = []
+    queue = [region]
+    while queue and len(panels) < _MOST:
+        part = queue.pop(0)
+        cells = np.flatnonzero(part)
+        points = lattice.points.reshape(-1, 3)[cells[:: 1 + len(cells) // _FITTED]]
+        contour = first_contour(points, viewpoint, settings.smallest_depth / 10, rng)
+        deviation = depths_of(contour, lattice, part)
+        noise = max(rough_noise(deviation, part), settings.smallest_depth / 20)
+        if noise > settings.smallest_depth / 8:
+            contour = first_contour(points, viewpoint, noise, rng)
+            deviation = depths_of(contour, lattice, part)
+        tolerance = max(5 * noise, settings.smallest_depth / 2)
+        smooth = smoothed(deviation, part, (1.0, 1.0))
+        with np.errstate(invalid='ignore'):
+            off = part & (np.abs(smooth) > tolerance)
+        taken = np.zeros_like(part)
+        for rest in _parts(off, second):
+            agreed = _another_panel(contour, lattice, deviation, rest, part, tolerance)
+            if agreed is not None:
+                queue.append(agreed)
+                taken |= rest
+        if not taken.any():
+            contour = _demanded(contour, lattice, deviation, part, tolerance, points, rng)
+        panels.append(Panel(part & ~taken, contour, tolerance))
+    return panels
+
+
+def _demanded(contour, lattice, deviation, part, tolerance, points, rng) -> Contour:
+    """The quadric, or a contour of degree 4 if most of the rim demands it.
+
+    Dents lie within: a higher degree that is fitted for their sake would swallow them.
+    """
+    before = _rim_off(deviation, part, tolerance)
+    if before < _RIM_OFF:
+        return contour
+    richer = richer_contour(contour, points, tolerance / 5, rng)
+    after = _rim_off(depths_of(richer, lattice, part), part, tolerance)
+    return richer if after < before / 2 else contour
+
+
+def _rim_off(deviation, part, tolerance) -> float:
+    """Part of the rim that deviates."""
+    inner = cv2.erode(part.astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=0) > 0
+    strays = np.abs(deviation[part & ~inner]) > tolerance
+    return float(strays.mean()) if len(strays) else 0.0
+
+
+def _another_panel(contour, lattice, deviation, rest, part, tolerance) -> Mask | None:
+    """Cells of `rest` on a surface parallel or tilted to the contour, if they are its most."""
+    kernel = np.ones((3, 3), np.uint8)
+    outside = cv2.dilate((~part).astype(np.uint8), kernel, borderValue=1) > 0
+    if not (rest & outside).any() and not _at_frame(rest):
+        return None
+    core = cv2.erode(rest.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    if core.sum() < 50:
+        return None
+    if not _is_stepped(deviation, rest, core, part):
+        return None
+    x, y, _ = contour.local(lattice.points[core])
+    depth = deviation[core].astype(float)
+    basis = np.stack([np.ones(len(x)), x, y], axis=1).astype(float)
+    weight = np.ones(len(x))
+    for _ in range(15):
+        weighted = basis * weight[:, None]
+        solution = np.linalg.lstsq(weighted.T @ basis, weighted.T @ depth, rcond=None)[0]
+        left = np.abs(depth - basis @ solution)
+        weight = 1 / np.maximum(left, tolerance / 5)
+    tolerance = max(tolerance, _RINGING * float(np.median(np.abs(depth))))
+    if (left < tolerance).mean() < _EXPLAINED:
+        return None
+    agreed = np.zeros_like(rest)
+    agreed[core] = left < 3 * tolerance
+    # A sliver is the rim's artefact.
+    square = np.ones((_NARROWEST, _NARROWEST), np.uint8)
+    middle = cv2.erode(
+        agreed.astype(np.uint8), square, borderType=cv2.BORDER_CONSTANT, borderValue=0
+    )
+    return agreed if middle.any() else None
+
+
+def _is_stepped(deviation: Map, rest: Mask, core: Mask, part: Mask) -> bool:
+    """Whether cells stand off those around them within a cell or two: waves rise slowly."""
+    kernel = np.ones((3, 3), np.uint8)
+    rise = cv2.dilate(deviation, kernel) - cv2.erode(deviation, kernel)
+    whole = cv2.erode(part.astype(np.uint8), kernel, borderValue=0) > 0
+    steepest = cv2.dilate(np.where(whole, rise, np.float32(0)), np.ones((7, 7), np.uint8))
+    border = (cv2.dilate(rest.astype(np.uint8), kernel) > 0) & ~rest & whole
+    if not border.any():
+        return True
+    return bool(np.median(steepest[border]) > _STEPPED * np.median(np.abs(deviation[core])))
+
+
+def _at_frame(mask: Mask) -> bool:
+    return bool(mask[0].any() or mask[-1].any() or mask[:, 0].any() or mask[:, -1].any())
+
+
+def _jumps(lattice: Lattice) -> Mask:
+    """Cells before a jump to the next one."""
+    cut = np.zeros(lattice.valid.shape, bool)
+    points, valid = lattice.points, lattice.valid
+    limit = (_JUMP * max(lattice.spacing)) ** 2
+    down = points[1:] - points[:-1]
+    cut[1:] |= (np.einsum('ijk,ijk->ij', down, down) > limit) & valid[1:] & valid[:-1]
+    right = points[:, 1:] - points[:, :-1]
+    far = np.einsum('ijk,ijk->ij', right, right) > limit
+    cut[:, 1:] |= far & valid[:, 1:] & valid[:, :-1]
+    return cut
+
+
+def _parts(mask: Mask, least: float) -> list[Mask]:
+    """Connected parts (4 neighbours) of at least so many cells, the largest first."""
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=4)
+    areas = stats[1:, cv2.CC_STAT_AREA]
+    order = np.argsort(-areas, kind='stable')
+    return [labels == index + 1 for index in order if areas[index] >= least]
+
+
+def _nearest(marks: NDArray[np.int32]) -> NDArray[np.int32]:
+    """The mark of the nearest marked cell."""
+    free = (marks < 0).astype(np.uint8)
+    _, labels = cv2.distanceTransformWithLabels(
+        free, cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    table = np.full(labels.max() + 1, -1, np.int32)
+    table[labels[marks >= 0]] = marks[marks >= 0]
+    return table[labels]
+
+
+def _all(marks: NDArray[np.int32], index: int) -> NDArray[np.int32]:
+    return np.full_like(marks, index)

@@ -1,0 +1,1 @@
+"""The radio between drone and ground: a program between two network namespaces."""

@@ -1,0 +1,1 @@
+"""The simulated autopilot: real MAVLink 2 over a real link."""

@@ -1,0 +1,1 @@
+"""A photograph of the skin in the projector's light, by physics alone."""

@@ -1,0 +1,1 @@
+"""The skin: its form, dents, fittings, paint, and what lies on it."""

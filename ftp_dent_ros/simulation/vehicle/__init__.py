@@ -1,0 +1,1 @@
+"""How the drone flies, and how its autopilot's estimate errs."""

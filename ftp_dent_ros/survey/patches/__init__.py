@@ -1,0 +1,1 @@
+"""One cloud as a patch of skin: on a regular grid, with its heights and its paint."""

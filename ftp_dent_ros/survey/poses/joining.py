@@ -1,0 +1,242 @@
+"""Clouds as they come, each laid on those that it overlaps, and all their poses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.survey.patches.folded_patch import Kept
+from ftp_dent_ros.survey.patches.patch import outline_of, patch_of
+from ftp_dent_ros.survey.poses.closures import closures
+from ftp_dent_ros.survey.poses.pose_graph import PoseGraph
+from ftp_dent_ros.survey.poses.stated_poses import Node
+from ftp_dent_ros.survey.registration.alignment import Samples, samples_of
+from ftp_dent_ros.survey.registration.registration import register
+from ftp_dent_ros.survey.registration.relative_pose import UnlikePairError
+
+# Earlier clouds that each is laid on: the one before, and one some clouds back.
+_BACK = (1, 3)
+# A cloud is kept for later passes where the last that was kept is this part of a patch away.
+_KEPT = 0.3
+# Poses that move as clouds come; all move at once after so many clouds, and so much more of them.
+_WINDOW, _EVERY, _GROWN = 20, 100, 1.25
+# Clouds before the newest, and about another, by which the doubt of these two is known.
+_NEARBY = 4
+# Of a cloud's place seen from the one before, where no autopilot tells it: metres, radians.
+_BLIND = np.diag([0.08**2] * 3 + [0.03**2] * 3)
+
+
+class Joining:
+    """Joins clouds to one skin.
+
+    Attributes
+    ----------
+    graph : PoseGraph
+    stamps_ns : list of int
+    remarks : list of str
+        What could not be used, and why.
+    without_skin : int
+        Clouds without an image of the skin.
+    outlines : list of ndarray, shape (n, 3)
+        Some points of each cloud, its rim's among them, in its camera's frame, metres.
+    normals : list of ndarray, shape (3,)
+        Of each cloud's plane, outward, in its camera's frame.
+    """
+
+    def __init__(self, remark: Callable[[str], Any] = lambda text: None) -> None:
+        self.graph = PoseGraph()
+        self.stamps_ns: list[int] = []
+        self.remarks: list[str] = []
+        self.without_skin = 0
+        self._remark = remark
+        self._kept: dict[int, Kept] = {}
+        self._last_key, self._all_at = -1, _EVERY
+        self._last_closed = -1
+        self.outlines: list[NDArray[np.float64]] = []
+        self.normals: list[NDArray[np.float64]] = []
+
+    def add(
+        self,
+        stamp_ns: int,
+        cloud: Cloud,
+        skin: NDArray[np.uint8] | None = None,
+        pose: Pose | None = None,
+        covariance: NDArray[np.float64] | None = None,
+        flight: int = 0,
+    ) -> Pose:
+        """Where another cloud's camera was.
+
+        Parameters
+        ----------
+        stamp_ns : int
+        cloud : Cloud
+            In its camera's frame.
+        skin : ndarray, shape (rows, columns), uint8, optional
+        pose : Pose, optional
+            Of the camera, as the autopilot says.
+        covariance : ndarray, shape (6, 6), optional
+            Of that pose.
+        flight : int
+            Number of the flight: the autopilot's errors of two are not alike.
+
+        Raises
+        ------
+        CloudError
+            The cloud has too few points.
+        """
+        patch = patch_of(cloud, skin)
+        self.without_skin += not patch.has_paint
+        number = len(self.stamps_ns)
+        node = Node(pose, covariance if pose is not None else None, stamp_ns / 1e9, flight)
+        self.graph.add(node, self._guess(node))
+        self.stamps_ns.append(stamp_ns)
+        samples = samples_of(patch)
+        size = float(np.ptp(samples.heights[:, :2], axis=0).min())
+        self.outlines.append(patch.frame.apply(outline_of(samples.heights)))
+        self.normals.append(patch.frame.rotation.apply([0.0, 0.0, 1.0]))
+        self._kept[number] = Kept(patch, size)
+        for other in self._neighbours(number):
+            if self._join(other, number, samples) and other == number - 1:
+                # A guess for the others that is nearly right.
+                self.graph.follow(number)
+        before = len(self.graph.links)
+        for other in closures(self.graph, self._kept, number, self._last_closed):
+            is_joined = self._join(other, number, samples)
+            if is_joined and self.graph.links[-1].relative.told == 6:
+                self._last_closed = number
+        closing = range(before, len(self.graph.links))
+        self.graph.solve(fixed=max(0, number - _WINDOW))
+        # What the last poses cannot take up moves all.
+        if number >= self._all_at or self.graph.strained(closing):
+            self.graph.solve()
+            self._all_at = max(number + _EVERY, round(_GROWN * number))
+        self._forget(number)
+        return self.graph.poses[number]
+
+    def finish(self) -> None:
+        """Move all poses to where they agree best, and tell what was left out.
+
+        No cloud is to come: what later ones could be laid on is forgotten.
+        """
+        self._kept.clear()
+        self.graph.solve()
+        for text in self.contradicting().values():
+            self._remark_on(text)
+
+    def contradicting(self) -> dict[int, str]:
+        """Which pairs are left out at the moment, by their number."""
+        links = self.graph.links
+        return {
+            index: self._about(
+                links[index].first, links[index].second, 'contradicts the others, and is left out'
+            )
+            for index in sorted(self.graph.left_out)
+        }
+
+    def newest_covariance(self) -> NDArray[np.float64]:
+        """Covariance of the newest pose in the map, shape (6, 6), by the last clouds alone.
+
+        That is no less than it is: what is known from before is not counted, as poses before the
+        last ones are only moved now and then.
+        """
+        count = len(self.graph.nodes)
+        last = self.graph.part(range(max(0, count - _WINDOW), count))
+        return last.covariances(only=[len(last.nodes) - 1])[0]
+
+    def _guess(self, node: Node) -> Pose:
+        graph = self.graph
+        if not graph.nodes:
+            return node.stated or Pose(Rotation.identity(), np.zeros(3))
+        last, there = graph.nodes[-1], graph.poses[-1]
+        if node.stated is None:
+            if len(graph.poses) < 2:
+                return there
+            return there @ (graph.poses[-2].inverse() @ there)
+        if last.stated is None or last.flight != node.flight:
+            return node.stated
+        return there @ last.stated.inverse() @ node.stated
+
+    def _neighbours(self, number: int) -> list[int]:
+        same = self.graph.nodes[number].flight
+        numbers = (number - back for back in _BACK)
+        return [n for n in numbers if n >= 0 and self.graph.nodes[n].flight == same]
+
+    def _flight(self, number: int) -> int:
+        return self.graph.nodes[number].flight
+
+    def _middle(self, number: int) -> NDArray[np.float64]:
+        return self.graph.poses[number].apply(self._kept[number].whole.frame.translation)
+
+    def _join(self, first: int, second: int, samples: Samples) -> bool:
+        """Lay a cloud on an earlier one; False if it does not fit."""
+        if first not in self._kept:
+            return False
+        patches = self._kept[first].patch, self._kept[second].patch
+        guess = self.graph.poses[first].inverse() @ self.graph.poses[second]
+        is_known = bool(self.graph.links) and self.graph.links[-1].second == second
+        doubt = (self._known_doubt if is_known else self._doubt)(first, second)
+        try:
+            relative = register(*patches, guess, doubt, samples)
+            if is_known and relative.remark and patches[1].has_paint:
+                # What was known may be wrong.
+                relative = register(*patches, guess, self._doubt(first, second), samples)
+        except UnlikePairError as reason:
+            if second - first == 1:
+                self._tell(first, second, str(reason))
+            return False
+        self.graph.link(first, second, relative)
+        if relative.remark and second - first == 1 and patches[1].has_paint:
+            self._tell(first, second, relative.remark)
+        return relative.told > 0
+
+    def _known_doubt(self, first: int, second: int) -> NDArray[np.float64]:
+        """Covariance of a camera's place seen from another, by all that joins them nearby."""
+        links = self.graph.links
+        near = {first, *range(max(0, second - _NEARBY), second + 1)}
+        start = self.graph.first_link(max(0, second - _NEARBY))
+        near |= {link.first for link in links[start:] if abs(link.first - first) <= _NEARBY}
+        numbers = sorted(near)
+        part = self.graph.part(numbers)
+        at = numbers.index(first)
+        covariance = part.covariances(anchor=at, only=[numbers.index(second)])[0]
+        turn = np.kron(np.eye(2), self.graph.poses[first].rotation.as_matrix())
+        return turn.T @ covariance @ turn
+
+    def _doubt(self, first: int, second: int) -> NDArray[np.float64]:
+        """The same by the autopilot alone."""
+        a, b = self.graph.nodes[first], self.graph.nodes[second]
+        if a.covariance is None or b.covariance is None:
+            return _BLIND * max(1, min(second - first, 3))
+        return self.graph.relative_doubt(first, second)
+
+    def _forget(self, number: int) -> None:
+        """Keep the last patches, and of the others as many as later passes need."""
+        old = number - max(_BACK)
+        if old < 0 or old not in self._kept:
+            return
+        kept = self._kept[old]
+        last = self._last_key
+        if last >= 0 and last in self._kept:
+            apart = np.linalg.norm(self._middle(last) - self._middle(old))
+            if apart < _KEPT * kept.size and self._flight(last) == self._flight(old):
+                del self._kept[old]
+                return
+        self._last_key = old
+        self._kept[old] = kept.folded()
+
+    def _tell(self, first: int, second: int, what: str) -> None:
+        self._remark_on(self._about(first, second, what))
+
+    def _about(self, first: int, second: int, what: str) -> str:
+        a, b = (self.stamps_ns[number] / 1e9 for number in (first, second))
+        return f'clouds {first + 1} and {second + 1} ({a:.3f} s and {b:.3f} s): {what}'
+
+    def _remark_on(self, text: str) -> None:
+        self.remarks.append(text)
+        self._remark(text)

@@ -1,0 +1,1 @@
+"""Two overlapping patches to their relative pose, and how well it is known."""

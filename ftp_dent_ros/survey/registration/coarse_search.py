@@ -1,0 +1,167 @@
+"""Where the paint of one patch may lie on another's: correlation over all shifts at once.
+
+Source of the correlation of partly known images: D. Padfield, IEEE Transactions on Image
+Processing 21, 2706 (2012).
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.survey.patches.patch import Patch
+from ftp_dent_ros.survey.patches.resampling import Grid
+from ftp_dent_ros.survey.registration.alignment import moved
+
+# Of the cells that are correlated, metres: marks are a few millimetres wide.
+_CELL = 0.003
+# Standard deviations of the guess within which is looked for, and the least and most, metres.
+_WITHIN, _LEAST_REACH, _MOST_REACH = 4.0, 0.006, 0.2
+# About the normal: what moves no mark farther than it is wide, radians.
+_TURN = 0.008
+# Of a guess that is right to less than this, metres, nothing is looked for: half of what the
+# coarse paint is smoothed by.
+_RIGHT = 0.001
+# Share of a cell that is known if it is.
+_KNOWN = 0.99
+# Of the smaller image, that has to overlap.
+_LEAST_OVERLAP = 0.1
+# Correlation that leaves no doubt that the turn is nearly right.
+_PLAIN = 0.6
+# A peak's correlation by the highest one's from which on both are looked at, and how many.
+_RIVAL, _MOST_PEAKS = 0.75, 3
+
+
+def is_right(doubt: NDArray[np.float64]) -> bool:
+    """Whether a guess with a covariance of the shift and the turn needs no search."""
+    return bool(_WITHIN * np.sqrt(np.diag(doubt)[:2].max()) < _RIGHT)
+
+
+def candidates(
+    first: Patch,
+    second: Patch,
+    guess: Pose,
+    centre: NDArray[np.float64],
+    doubt: NDArray[np.float64],
+) -> list[Pose]:
+    """Poses of the second patch in the first at which their paints look alike, the best first.
+
+    Parameters
+    ----------
+    guess : Pose
+        Of the second patch in the first, right along the normal and in tilt.
+    centre : ndarray, shape (3,)
+        About which `doubt` turns, in the first patch's frame, metres.
+    doubt : ndarray, shape (6, 6)
+        Covariance of the guess: shift of the centre, and turn.
+    """
+    across = np.sqrt(np.diag(doubt))
+    reach = np.clip(_WITHIN * across[:2], _LEAST_REACH, _MOST_REACH)
+    turns = np.arange(-3, 4) * _TURN
+    turns = turns[np.abs(turns) <= max(_WITHIN * across[5], _TURN / 2)]
+    turns = turns[np.argsort(np.abs(turns), kind='stable')]
+    found: list[tuple[float, Pose]] = []
+    for turn in turns:
+        if found and found[0][0] > _PLAIN:
+            break
+        pose = moved(guess, np.array([0, 0, 0, 0, 0, turn]), centre)
+        for height, shift in _peaks(first, second, pose, reach):
+            step = np.array([*shift, 0, 0, 0, 0])
+            found.append((height, moved(pose, step, centre)))
+        found.sort(key=lambda each: -each[0])
+    kept: list[tuple[float, Pose]] = []
+    for height, pose in found:
+        place = pose.apply(centre)
+        if height < _RIVAL * found[0][0] or len(kept) == _MOST_PEAKS:
+            break
+        if all(np.linalg.norm(other.apply(centre) - place) > 2 * _CELL for _, other in kept):
+            kept.append((height, pose))
+    return [pose for _, pose in kept]
+
+
+def _peaks(first: Patch, second: Patch, pose: Pose, reach: NDArray) -> list[tuple[float, NDArray]]:
+    """Correlations and shifts of the best maxima within reach."""
+    size = max(1, round(_CELL / first.pitch)) * first.pitch
+    steps = np.ceil(reach / size).astype(int)
+    cells = [-(-n // round(size / first.pitch)) for n in first.height.shape]
+    # As far beyond the first patch as the second may lie off: nothing comes round the other side.
+    rows, columns = (
+        fft.next_fast_len(int(n + 2 * s), real=True)
+        for n, s in zip(cells, steps[::-1], strict=True)
+    )
+    still = _spectra_of_first(first, size, (rows, columns))
+    image = _seen_by_first(first, second, pose, size, steps, (rows, columns))
+    others = _spectra(image[..., 0], image[..., 1])
+
+    def correlated(a: int, b: int) -> NDArray[np.float32]:
+        whole = np.asarray(fft.irfft2(still[a] * np.conj(others[b]), (rows, columns)))
+        # The second image begins so many steps earlier.
+        down, across = (np.arange(-2 * s, 1) for s in steps[::-1])
+        return whole[np.ix_(down % rows, across % columns)]
+
+    count = correlated(2, 2)
+    least = _LEAST_OVERLAP * min(float(still[2][0, 0].real), float(others[2][0, 0].real))
+    power = np.sqrt(np.maximum(correlated(1, 2) * correlated(2, 1), 1e-12))
+    # Of two that are as alike, the one with more in common.
+    value = np.where(count > max(least, 1), correlated(0, 0) / power, 0) * np.sqrt(
+        np.clip(count / max(float(count.max()), 1.0), 0, 1)
+    )
+    value = value.astype(np.float32)
+    highest = cv2.dilate(value, np.ones((5, 5), np.uint8))
+    peaks = [
+        (float(value[row, column]), (np.array([column, row]) - steps) * size)
+        for row, column in np.argwhere((value >= highest) & (value > 0))
+    ]
+    peaks.sort(key=lambda each: -each[0])
+    return peaks[:_MOST_PEAKS]
+
+
+def _spectra(values: Grid, known: Grid) -> tuple[NDArray[np.complex64], ...]:
+    return tuple(fft.rfft2(each) for each in (values, values * values, known))
+
+
+@lru_cache(maxsize=4)
+def _spectra_of_first(
+    patch: Patch, size: float, shape: tuple[int, int]
+) -> tuple[NDArray[np.complex64], ...]:
+    """Spectra of the coarse paint of a patch, of its squares and of where it is known."""
+    step = round(size / patch.pitch)
+    layer = patch.coarse[::step, ::step]
+    wide = np.zeros((*shape, 2), np.float32)
+    wide[: layer.shape[0], : layer.shape[1]] = layer[..., [0, 3]]
+    return _spectra(wide[..., 0], wide[..., 1])
+
+
+def _seen_by_first(
+    first: Patch, second: Patch, pose: Pose, size: float, steps: NDArray, shape: tuple[int, int]
+) -> Grid:
+    """Coarse paint of the second patch, and where it is known, on the grid of the first one.
+
+    The grid begins so many steps before the first patch. Both are taken for flat: what their
+    heights shift by their difference in tilt is less than a cell.
+    """
+    step = max(1, round(size / second.pitch))
+    layer = np.ascontiguousarray(second.coarse[::step, ::step][..., [0, 3]])
+    back = np.linalg.inv(pose.rotation.as_matrix()[:2, :2])
+    start = first.corner - steps * size - pose.translation[:2]
+    pitch = second.pitch * step
+    offset = (back @ start - second.corner) / pitch
+    matrix = np.column_stack([back * (size / pitch), offset])
+    rows, columns = shape
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    seen: Any = cv2.warpAffine(layer, matrix, (columns, rows), flags=flags)
+    # What lies beyond is not known; a cell beside it is not, either.
+    seen[..., 1] = seen[..., 1] > _KNOWN
+    seen[..., 0] *= seen[..., 1]
+    beyond = np.array([math.ceil(n / round(size / first.pitch)) for n in first.height.shape])
+    last = beyond + 2 * steps[::-1]
+    seen[last[0] :] = 0
+    seen[:, last[1] :] = 0
+    return seen
