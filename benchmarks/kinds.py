@@ -1,6 +1,6 @@
 """Every kind of skin, light and sensor: coverage, errors over sigma, dents, false calls.
 
-python benchmarks/kinds.py [--only dirt] [--seeds 2] [--jobs 2] [--json kinds.json]
+python benchmarks/kinds.py [--only dirt] [--seeds 2] [--code contrast] [--jobs 2] [--json out.json]
 python benchmarks/kinds.py --unseen      # the hold-out: look at it last, choose nothing on it
 python benchmarks/kinds.py --dent-free --seeds 25 --method default    # false calls a square metre
 
@@ -28,18 +28,21 @@ from kind_verdict import verdict
 from kinds_unseen import UNSEEN
 from tqdm import tqdm
 
+from ftp_dent_ros.pattern import CODES
+
 COLUMNS = 'cover', 'MAE', '>0.1', 'z', '<4', 'edge z', '<4', 'centre', 'found', 'sizes u', 'false'
 
-Task = tuple[str, bool, bool, int, tuple[str, ...], int]
+Task = tuple[str, bool, bool, int, tuple[str, ...], int, str]
 
 
 def one(task: Task) -> list[Figures]:
     """All methods on one photograph."""
-    name, unseen, dent_free, seed, methods, stride = task
+    name, unseen, dent_free, seed, methods, stride, code = task
     cv2.setNumThreads(1)
     kinds: dict[str, Kind] = UNSEEN if unseen else KINDS
     # A kind's name, not its place in a list, decides what is drawn.
     scene = kinds[name](np.random.default_rng([seed, *name.encode()]))
+    scene = replace(scene, pattern=replace(scene.pattern, code=code))
     if dent_free:
         scene = replace(scene, panels=scene.bare.panels)
     truth = scene.truth(stride)
@@ -91,7 +94,7 @@ def tasks(arguments: argparse.Namespace) -> Iterator[Task]:
         if any(part in name for part in arguments.only.split(',')):
             for seed in range(arguments.first_seed, arguments.first_seed + arguments.seeds):
                 hold, free = arguments.unseen, arguments.dent_free
-                yield name, hold, free, seed, methods, arguments.stride
+                yield name, hold, free, seed, methods, arguments.stride, arguments.code
 
 
 def main() -> None:
@@ -102,6 +105,7 @@ def main() -> None:
     parser.add_argument('--seeds', type=int, default=1, help='photographs a kind')
     parser.add_argument('--first-seed', type=int, default=0)
     parser.add_argument('--method', action='append', choices=METHODS)
+    parser.add_argument('--code', choices=CODES, default='stripe', help='of the pattern')
     parser.add_argument('--stride', type=int, default=2)
     parser.add_argument('--jobs', type=int, default=1, help='processes')
     parser.add_argument('--json', type=Path, help='where all figures go')
@@ -118,7 +122,8 @@ def main() -> None:
     if arguments.json:
         text = json.dumps([r.as_dict() for r in results], indent=1)
         arguments.json.write_text(text)
-    print(f'stride {arguments.stride}, {arguments.seeds} photographs a kind; millimetres')
+    print(f'code {arguments.code}, stride {arguments.stride}; millimetres')
+    print(f'{arguments.seeds} photographs a kind')
     print(f'{"":36}' + ''.join(f'{column:>9}' for column in (*COLUMNS, 'verdict')))
     for name in dict.fromkeys(r.kind for r in results):
         of_kind = [r for r in results if r.kind == name]

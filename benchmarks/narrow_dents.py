@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -16,6 +16,7 @@ from kind_figures import METHODS, measured_dent, reconstructor, visible
 from kind_scenes import CAMERA, PATTERN, KindScene, by_contour, make_rig, scene, skin
 from tqdm import tqdm
 
+from ftp_dent_ros.pattern import CODES
 from ftp_dent_ros.simulation import Dirt, Paint
 from ftp_dent_ros.simulation.skin.shapes import SMOOTH, Cap, Gaussian, RaisedCosine
 
@@ -125,17 +126,21 @@ def main() -> None:
     parser.add_argument('--seeds', type=int, default=2, help='photographs a kind')
     parser.add_argument('--first-seed', type=int, default=0)
     parser.add_argument('--method', choices=METHODS, default='default')
+    parser.add_argument('--code', choices=CODES, default='stripe', help='of the pattern')
     arguments = parser.parse_args()
     chosen = {name: light for name, light in KINDS.items() if arguments.only in name}
     if not chosen:
         parser.error(f'no kind has {arguments.only!r} in its name: give one of {", ".join(KINDS)}')
-    print(f'{arguments.method}: millimetres, and errors over sigma (z), in dents and beside')
+    print(f'{arguments.method}, code {arguments.code}')
+    print('millimetres, and errors over sigma (z), in dents and beside')
     print(f'{"":18}' + ''.join(f'{column:>10}' for column in COLUMNS))
     for name, light in chosen.items():
         errors = Errors()
         seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)
         for seed in tqdm(seeds, desc=name, unit='photograph', leave=False):
-            errors.add(narrow(seed, arguments.shapes, **light), seed, arguments.method)
+            photographed = narrow(seed, arguments.shapes, **light)
+            pattern = replace(photographed.pattern, code=arguments.code)
+            errors.add(replace(photographed, pattern=pattern), seed, arguments.method)
         print(f'{name:18}' + ''.join(f'{value:>10}' for value in errors.row()))
 
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 import argparse
 import math
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -27,6 +27,7 @@ from tqdm import tqdm
 
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.inspection.measuring.inspection import inspect
+from ftp_dent_ros.pattern import CODES
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.profilometry.measurement import Measurement
 
@@ -95,11 +96,13 @@ def truth(world: World, stride: int) -> tuple[NDArray, NDArray[np.bool_], NDArra
     return depth[::stride, ::stride], lit[::stride, ::stride], far[::stride, ::stride]
 
 
-def outcome(kind: str, seed: int, method: str, stride: int = 1) -> Outcome:
+def outcome(kind: str, seed: int, method: str, code: str, stride: int = 1) -> Outcome:
     """Photograph a kind by a seed, measure it, and compare."""
     rng = np.random.default_rng([seed, *kind.encode()])
     outside = (MENDING | HELD)[kind](rng)
-    world, result = outside.world, Outcome(kind, seed)
+    world = outside.world
+    world = replace(world, pattern=replace(world.pattern, code=code))
+    outside, result = replace(outside, world=world), Outcome(kind, seed)
     picture = outside.picture(rng)
     settings = Settings(stride=stride, fast=method == 'fast' or None)
 
@@ -245,6 +248,7 @@ def main() -> None:
     parser.add_argument('--seeds', type=int, default=1, help='photographs a kind')
     parser.add_argument('--first-seed', type=int, default=0)
     parser.add_argument('--method', default='default', choices=('default', 'fast'))
+    parser.add_argument('--code', choices=CODES, default='stripe', help='of the pattern')
     parser.add_argument('--details', action='store_true', help='all that is amiss')
     parser.add_argument('--save', help='folder that pictures go to, to be looked at')
     arguments = parser.parse_args()
@@ -271,7 +275,7 @@ def main() -> None:
     lines = [f'{"":18}' + ''.join(f'{column:>9}' for column in columns) + '  amiss']
     for name in tqdm(kinds, unit='kind'):
         seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)
-        some = [outcome(name, seed, arguments.method) for seed in seeds]
+        some = [outcome(name, seed, arguments.method, arguments.code) for seed in seeds]
         lines.append(f'{name:18}{row(some)}')
         for r in some if arguments.details else ():
             told = (r.crashed, r.refused, *r.remarks)
