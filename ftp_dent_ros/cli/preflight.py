@@ -15,6 +15,7 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from numpy.typing import NDArray
 from rclpy.node import Node
+from rclpy.time import Time
 
 from ftp_dent_ros.calibration.checking.preflight import NO, OK, WARN, Finding, examine, sharpness
 from ftp_dent_ros.drawn_pattern import pattern_from_image
@@ -41,6 +42,8 @@ _HEARD = 10.0
 _LATEST = 2.0
 _LEVEL = {OK: '  ok ', WARN: 'WARN ', NO: 'NO GO'}
 _BAR = '\u2588'
+# Last state of every node, and its time, ns.
+States = dict[str, tuple[int, DiagnosticStatus]]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -71,6 +74,9 @@ def run(arguments: argparse.Namespace) -> int:
             if arguments.watch:
                 return _watch(photographer, size, stop.is_set)
             findings = _photographs(photographer, size, entries)
+            # What a node said before it saw the pattern tells nothing of it now.
+            end = photographer.now_ns()
+            photographer.waited_for(lambda: all(_heard(states, entries, end)), _HEARD)
         except CameraError as reason:
             findings = [Finding('payload', NO, str(reason))]
         finally:
@@ -172,31 +178,33 @@ def bar(value: float, best: float, columns: int) -> str:
     return '\n'.join([*rows, words]) + '\x1b[4A\r'
 
 
-def _listen(node: Node) -> dict[str, DiagnosticStatus]:
-    """Last state of every node, by its name, as they come."""
-    states: dict[str, DiagnosticStatus] = {}
+def _listen(node: Node) -> States:
+    """Last state of every node and its time (ns), by its name, as they come."""
+    states: States = {}
 
     def on_array(array: DiagnosticArray) -> None:
-        states.update({status.name: status for status in array.status})
+        stamp = Time.from_msg(array.header.stamp).nanoseconds
+        states.update({status.name: (stamp, status) for status in array.status})
 
     node.create_subscription(DiagnosticArray, '/diagnostics', on_array, DIAGNOSTICS)
     return states
 
 
-def _heard(states: Mapping[str, DiagnosticStatus], entries: Mapping[str, Entry]) -> Iterable[bool]:
-    """Of every node that tells its state, whether it has."""
-    return (e.name in states for e in entries.values() if e.executable != 'simulated_autopilot')
+def _heard(states: States, entries: Mapping[str, Entry], since_ns: int = 0) -> Iterable[bool]:
+    """Of every node that tells its state, whether it has since a moment."""
+    telling = (e.name for e in entries.values() if e.executable != 'simulated_autopilot')
+    return (name in states and states[name][0] >= since_ns for name in telling)
 
 
-def _nodes(states: Mapping[str, DiagnosticStatus], entries: Mapping[str, Entry]) -> list[Finding]:
+def _nodes(states: States, entries: Mapping[str, Entry]) -> list[Finding]:
     findings = []
     for entry in entries.values():
         if entry.executable == 'simulated_autopilot':
             continue
-        state = states.get(entry.name)
-        if state is None:
+        if entry.name not in states:
             findings.append(Finding(entry.name, NO, 'says nothing: is it running?'))
             continue
+        _, state = states[entry.name]
         verdict = OK
         if state.level == DiagnosticStatus.ERROR:
             verdict = NO
