@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -21,6 +21,8 @@ _LEAST_COVER = 0.3
 # Share of a bin at the rim from which on it counts as covered.
 _WHOLE = 0.98
 _INSIDE = np.uint8(255)
+# A bin and those beside it.
+_BIN = np.ones((3, 3), np.uint8)
 
 
 class CloudBuilder:
@@ -139,6 +141,31 @@ class Published:
     wavelength: NDArray[np.float32]
     measured: NDArray[np.bool_]
     covered: NDArray[np.float32]
+
+
+def parted(surfaces: list[Published], reach: tuple[int, int]) -> list[Published]:
+    """The surfaces without their outermost bins where another is near.
+
+    The fringes tell where one surface ends and the other begins to a bin; what a pixel there
+    shows may be of either.
+
+    Parameters
+    ----------
+    surfaces : list of Published
+    reach : (int, int)
+        How near the other is, bins along v and u.
+    """
+    count = np.sum([each.measured for each in surfaces], axis=0, dtype=np.uint8)
+    near = np.ones([2 * bins + 1 for bins in reach], np.uint8)
+    result = []
+    for each in surfaces:
+        others: Any = count - each.measured
+        measured: Any = each.measured.view(np.uint8)
+        inner = cv2.erode(measured, _BIN, borderValue=1) > 0
+        meeting = (cv2.dilate(others, near) > 0) & ~inner
+        covered = np.where(meeting, np.float32(0), each.covered)
+        result.append(replace(each, measured=each.measured & ~meeting, covered=covered))
+    return result
 
 
 def _rows_in(surface: Published, count: int) -> NDArray[np.uint8]:

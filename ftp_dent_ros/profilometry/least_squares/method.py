@@ -20,7 +20,11 @@ from ftp_dent_ros.profilometry.least_squares.bins.exposure import check_exposure
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.bins.intensity_bins import IntensityBins
 from ftp_dent_ros.profilometry.least_squares.bins.windows import WIDTH, Windows
-from ftp_dent_ros.profilometry.least_squares.cloud_builder import CloudBuilder, Published
+from ftp_dent_ros.profilometry.least_squares.cloud_builder import (
+    CloudBuilder,
+    Published,
+    parted,
+)
 from ftp_dent_ros.profilometry.least_squares.code.camera_curve import light_power
 from ftp_dent_ros.profilometry.least_squares.fit.first_fit import ReferenceTable, fit
 from ftp_dent_ros.profilometry.least_squares.fit.regions import (
@@ -42,6 +46,8 @@ from ftp_dent_ros.rig import Rig
 # Standard deviation of a phase that is published, radians: three are the jump between nodes
 # beyond which unwrapping takes the next fringe.
 _LARGEST_DEVIATION = math.pi / 6
+# Fringes between two surfaces whose ends are each other's: the margins of both, and the blur.
+_NEAR = 2.0
 
 
 class LeastSquares:
@@ -136,7 +142,7 @@ class LeastSquares:
         around: Any = np.ones((5, 2 * math.ceil(period) + 1), np.uint8)
         beside_dark = cv2.dilate(grid.to_bins(~lit).view(np.uint8), around)
         surfaces, depths, rows = [], [], []
-        published, on_panel = np.zeros(grid.shape, bool), np.zeros(grid.shape, bool)
+        on_panel = np.zeros(grid.shape, bool)
         for part in fitted:
             refined, region = part.refined, part.region
             inverse_depth, v_p = self._nodes.meet(part.phase)
@@ -164,8 +170,10 @@ class LeastSquares:
                 rows.append(self._rows(part, v_p, measured))
             at_stripe = region & (np.abs(part.phase) < math.pi)
             depths.append(1 / inverse_depth[at_stripe])
-            published |= self._any_bin(measured)
             on_panel |= region & self._any_bin(within)
+        reach = math.ceil(_NEAR * self.period / grid.rows), math.ceil(_NEAR * period)
+        surfaces = parted(surfaces, reach)
+        published = np.any([self._any_bin(each.measured) for each in surfaces], axis=0)
         depth = np.concatenate(depths)
         reason = 'unnumbered' if self.pattern.code == 'contrast' else 'untied'
         coverage = Coverage.of(
