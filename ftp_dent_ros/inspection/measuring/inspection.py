@@ -31,9 +31,6 @@ _FEIGNED = 'on a light mark along the fringes, where paint may feign a depth'
 # Middles that are nearer than this part of the narrower one's width are one dent's: of two that
 # touch they are half a width apart.
 _ONE_PLACE = 0.25
-# Part of its panel's area from which on what the rim cuts may be another panel: of a skin that is
-# hidden by more, the contour is a guess.
-_LARGE = 0.15
 
 
 def inspect(
@@ -93,9 +90,7 @@ def inspect(
         for candidate in find_candidates(skin, panel.mask & ~seams, lattice, settings):
             around = surroundings_of(candidate, at, lattice, skin, relief, seams)
             whole = [] if around is None else measure(candidate, around, skin, settings)
-            area = np.count_nonzero(panel.mask) * float(np.prod(lattice.spacing))
-            found += [_unless_large(each, area) for each in whole]
-            found += [] if whole else hidden_dent(candidate, lattice, skin, settings)
+            found += whole or hidden_dent(candidate, lattice, skin, settings)
         for mark in marks:
             if fine[mark.rows, mark.columns].min() == fine[mark.rows, mark.columns].max() == index:
                 gouges += gouge_under(mark, cloud, deviation, lattice, skin, settings)
@@ -112,15 +107,6 @@ def inspect(
     dents = sorted((d for d in placed if d.kind == 'dent'), key=lambda d: -d.depth.value)
     others = tuple(dent for dent in placed if dent.kind != 'dent')
     return Inspection(tuple(dents), others, tuple(wavy), deviation, spread, findable)
-
-
-def _unless_large(dent: MeasuredDent, panel_area: float) -> MeasuredDent:
-    """A dent or bump, in doubt if the rim cuts it and it takes a large part of its panel."""
-    if dent.kind not in ('dent', 'bump') or not dent.is_cut:
-        return dent
-    if dent.area.value < _LARGE * panel_area:
-        return dent
-    return replace(dent, kind='other', reason='is cut by the rim and may be another panel')
 
 
 def _is_part(dent: MeasuredDent, found: list[MeasuredDent]) -> bool:

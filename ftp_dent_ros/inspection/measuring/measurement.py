@@ -138,6 +138,7 @@ def _one(
             outline.is_cut,
             sizes.width.uncertainty,
             half_length / half_width,
+            outline.area / skin.area,
         ),
         settings,
     )

@@ -383,6 +383,14 @@ def test_a_dent_whose_outline_noise_draws_out_is_no_crease():
     assert kind_of(replace(seen, slender=1.2), Settings()) == ('dent', '')
 
 
+@pytest.mark.parametrize(('depth', 'kind'), [(1.6e-3, 'dent'), (-1.6e-3, 'bump')])
+def test_what_the_rim_cuts_and_is_a_large_part_of_its_panel_may_be_another_one(depth, kind):
+    seen = Appearance(depth, 0.37, 0.136, 1.0, 0.01, 0.0, 0.0, True, 5e-4, 2.0, 0.2)
+    assert kind_of(seen, Settings()) == ('other', 'is cut by the rim and may be another panel')
+    assert kind_of(replace(seen, share=0.1), Settings()) == (kind, '')
+    assert kind_of(replace(seen, is_cut=False), Settings()) == (kind, '')
+
+
 @pytest.mark.parametrize('depth', [0.05, -0.05])
 def test_what_is_too_steep_to_be_dented_is_something_else(depth):
     corner = Appearance(depth, 0.2, 0.12, 0.02, 0.01, 0.0, 0.0, True, 0.004, 1.7)

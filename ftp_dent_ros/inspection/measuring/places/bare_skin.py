@@ -52,6 +52,8 @@ class BareSkin:
         Deviation smoothed at the noise's scales but for the first, 0.
     suspect : float
         Standard deviations of what the cloud tells of its points from which on a place is listed.
+    area : float
+        Of the panel, as far as it is measured, square metres.
     """
 
     contour: Contour
@@ -60,6 +62,7 @@ class BareSkin:
     noise: Noise
     maps: list[Map]
     suspect: float
+    area: float
 
     def uncertainty(self, x: float, y: float, width: float) -> float:
         """Standard uncertainty of the skin under the middle of a dent, metres."""
@@ -105,7 +108,9 @@ def bare_skin(lattice: Lattice, panel: Panel, seams: Mask, settings: Settings) -
             maps = [smoothed(flat, known, lattice.cells(scale)) for scale in scales]
             noise = measured_noise(flat, maps, bare, lattice, scales)
             bare = usable & ~_off(maps, noise, settings, relief.lacks)
-    return BareSkin(contour, wide, relief, noise, maps, suspect(noise, panel.mask, lattice))
+    area = np.count_nonzero(panel.mask) * lattice.spacing[0] * lattice.spacing[1]
+    doubted = suspect(noise, panel.mask, lattice)
+    return BareSkin(contour, wide, relief, noise, maps, doubted, area)
 
 
 def _off(maps: list[Map], noise: Noise, settings: Settings, lacks: Map | float = 0.0) -> Mask:

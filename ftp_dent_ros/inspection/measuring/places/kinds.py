@@ -14,7 +14,8 @@ In this order, with sizes on the contour at 10 % of the depth:
   treat a crease as a crack.
 - *dent*: all else that is inward, whole, and as wide as the smallest dent.
 - *other*: significant and deep enough, but it is long and narrower than the smallest dent, or may
-  be, the rim of the measured area cuts it, or it lies along that rim; with the reason.
+  be, the rim of the measured area cuts it, or it lies along that rim, or it is so large a part of
+  its panel besides that it may be another one; with the reason.
 """
 
 from __future__ import annotations
@@ -43,6 +44,10 @@ _UNRESOLVED, _LONGER, _BLUNT = 3.0, 2.5, 1.0
 # what lies along it, longer than so many widths, is rarely skin.
 AT_RIM = 4.0
 _STRIP, _STRIP_CUT = 2.8, 8.0
+# Part of its panel from which on what the rim cuts may be another panel: of a skin that is hidden
+# by more, the contour is a guess. Looked at on one strip beyond a lap, which took 0.2.
+_PANEL = 0.15
+_ANOTHER = 'other', 'is cut by the rim and may be another panel'
 
 
 @dataclass(frozen=True)
@@ -68,6 +73,8 @@ class Appearance:
         Standard uncertainty of the width, metres.
     slender : float
         Length over width at half of the depth, which noise does not draw out.
+    share : float
+        Part of its panel's area that it takes.
     """
 
     depth: float
@@ -80,6 +87,7 @@ class Appearance:
     is_cut: bool
     width_doubt: float
     slender: float
+    share: float = 0.0
 
 
 def kind_of(seen: Appearance, settings: Settings) -> tuple[str, str]:
@@ -89,6 +97,7 @@ def kind_of(seen: Appearance, settings: Settings) -> tuple[str, str]:
     if deep < settings.smallest_depth or seen.length < settings.smallest_width:
         return '', ''
     narrow = seen.width < settings.smallest_width
+    vast = seen.is_cut and seen.share >= _PANEL
     if deep > _STEEP * seen.width and not narrow:
         return 'other', 'too steep for a dent or a bump: the skin turns here, or ends'
     if seen.is_cut:
@@ -99,7 +108,7 @@ def kind_of(seen: Appearance, settings: Settings) -> tuple[str, str]:
     if seen.depth < 0:
         if narrow:
             return ('other', 'a narrow ridge') if long else ('', '')
-        return 'bump', ''
+        return _ANOTHER if vast else ('bump', '')
     widened = _WIDENED * seen.resolution if math.isfinite(seen.resolution) else 0.0
     thin = seen.width < math.hypot(_NARROW, widened) and widened < _SHOWN * _NARROW
     if long and thin and abs(seen.mark) > max(_MARK, seen.mottled):
@@ -114,4 +123,4 @@ def kind_of(seen: Appearance, settings: Settings) -> tuple[str, str]:
     if narrow:
         doubtful = seen.width + seen.width_doubt > settings.smallest_width
         return ('other', 'narrower than the smallest dent') if long or doubtful else ('', '')
-    return 'dent', ''
+    return _ANOTHER if vast else ('dent', '')
