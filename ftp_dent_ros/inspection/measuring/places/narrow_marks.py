@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
+from ftp_dent_ros.median import median
 
 # Half the side of the square whose median is the skin beside a mark, metres.
 _BESIDE = 0.01
@@ -75,7 +76,7 @@ def narrow_marks(skin: NDArray[np.uint8], lattice: Lattice, shortest: float) -> 
         return []
     lighter = np.where(known, skin / np.maximum(usual, 1) - 1, np.float32(0))
     some = lighter.ravel()[np.flatnonzero(known)[::_SOME]]
-    least = max(_LIGHTER, _STRAYS * _MAD * float(np.median(np.abs(some))))
+    least = max(_LIGHTER, _STRAYS * _MAD * median(np.abs(some)))
     above = (lighter > _ALL_OVER * least).astype(np.uint8)
     free, taken, done = 1, 2, 3
     found = []

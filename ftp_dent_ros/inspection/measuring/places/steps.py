@@ -13,6 +13,7 @@ from ftp_dent_ros.inspection.measuring.places.detection import SIGNIFICANT
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.skin.panels import Panel
 from ftp_dent_ros.inspection.settings import Settings
+from ftp_dent_ros.median import median
 
 # Cells across on which a step is measured, from the first that the seam does not blur.
 _BESIDE = 5
@@ -40,8 +41,8 @@ def find_steps(
             beside, apart = _apart(lattice, one, other, at, seams)
             if not len(apart):
                 continue
-            height = float(np.median(apart))
-            spread = 1.4826 * float(np.median(np.abs(apart - height)))
+            height = median(apart)
+            spread = 1.4826 * median(np.abs(apart - height))
             if height >= max(settings.smallest_depth, SIGNIFICANT * spread):
                 seam = _Seam(one, lattice.points[at])
                 points = lattice.points[beside]
@@ -91,7 +92,7 @@ class _Seam:
         """Places along (0) or across (1) the seam and the medians there, in steps of a width."""
         stretch = np.floor(self._places(points, way) / width).astype(int)
         numbers = np.unique(stretch)
-        medians = [float(np.median(heights[stretch == number])) for number in numbers]
+        medians = [median(heights[stretch == number]) for number in numbers]
         return np.stack([(numbers + 0.5) * width, medians], axis=1)
 
     def _places(self, points: NDArray, way: int) -> NDArray[np.float64]:

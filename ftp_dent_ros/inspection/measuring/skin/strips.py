@@ -13,6 +13,7 @@ from ftp_dent_ros.inspection.measuring.skin.continuation import depths_of
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.skin.panels import Panel
 from ftp_dent_ros.inspection.settings import Settings
+from ftp_dent_ros.median import median
 
 # Part of a strip's deviation from the panel that it hangs on that is left from its own.
 _LEFT = 0.33
@@ -51,7 +52,7 @@ def given_back(
             for number in np.unique(parts[reach[other] & (off > 0)]):
                 part = parts == number
                 theirs = np.abs(beyond.contour.deviation(lattice.points[part])[2])
-                if np.median(theirs) < _LEFT * np.median(own[part]):
+                if median(theirs) < _LEFT * median(own[part]):
                     labels[part] = other
                     strips |= part
     panels = [replace(each, mask=labels == number) for number, each in enumerate(panels)]
