@@ -2,7 +2,11 @@ import numpy as np
 import pytest
 
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
-from ftp_dent_ros.profilometry.least_squares.cloud_builder import CloudBuilder, Published
+from ftp_dent_ros.profilometry.least_squares.cloud_builder import (
+    CloudBuilder,
+    Published,
+    parted,
+)
 from ftp_dent_ros.rig import Lens, Rig
 
 WIDTH, HEIGHT = 211, 137
@@ -44,3 +48,27 @@ def test_points_have_what_lies_between_their_nodes(stride):
     for name in ('points', 'sigma', 'resolution'):
         assert np.isnan(getattr(cloud, name)[dark]).all(), name
     assert not cloud.intensity[dark].any()
+
+
+def surface(left: int, right: int) -> Published:
+    """One whose bins are measured from a column on, to before another."""
+    measured = np.zeros((12, 30), bool)
+    measured[:, left:right] = True
+    node = np.zeros((12, 10), np.float32)
+    return Published(node, node, node, node, measured, measured.astype(np.float32))
+
+
+@pytest.mark.parametrize(('start', 'near'), [(14, True), (20, False)])
+def test_surfaces_end_a_bin_before_each_other_and_nowhere_else(start, near):
+    one, other = parted([surface(3, 12), surface(start, 27)], (2, 4))
+    assert np.flatnonzero(one.measured.any(axis=0)).tolist() == list(range(3, 12 - near))
+    assert np.flatnonzero(other.measured.any(axis=0)).tolist() == list(range(start + near, 27))
+    # What is left out is not taken back in as partly covered.
+    assert one.covered[:, 11].any() != near
+    assert other.covered[:, 26].all()
+
+
+def test_a_surface_alone_is_whole():
+    alone = surface(3, 12)
+    (whole,) = parted([alone], (2, 4))
+    np.testing.assert_array_equal(whole.measured, alone.measured)
