@@ -11,7 +11,7 @@
      │   ├─ CodecError            an encoded cloud or frame that is damaged, or of another version
      │   ├─ ConfigurationError    a configuration or scene file, or a parameter
      │   ├─ BagError              a bag that cannot be read or written
- │   └─ CalibrationError      photographs of a board that do not give a rig
+     │   └─ CalibrationError      photographs of a board that do not give a rig
      ├─ RefusedFrameError         a photograph that gives no measurement; `reason` names why
      │   ├─ NoCalibrationError    no rig is set
      │   ├─ WrongCalibrationError the rig is not that of the camera

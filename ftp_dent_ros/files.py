@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import math
 import os
+import tempfile
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -197,6 +199,30 @@ def write_png(path: str | os.PathLike[str], image: NDArray[Any]) -> None:
         raise InputError(
             f'{path}: cannot be written ({reason.strerror}): check the path'
         ) from None
+
+
+def check_writable(path: str | os.PathLike[str]) -> None:
+    """See, before minutes of work, whether a file can be written; nothing is left of the trial.
+
+    Raises
+    ------
+    ConfigurationError
+        It cannot be written, or a folder has its name.
+    """
+    try:
+        if Path(path).is_dir():
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+        with tempfile.TemporaryFile(dir=nearest_folder(path)):
+            pass
+    except OSError as reason:
+        raise ConfigurationError(
+            f'{path}: cannot be written ({reason.strerror}): give another place'
+        ) from None
+
+
+def nearest_folder(path: str | os.PathLike[str]) -> Path:
+    """What of the folders above a file is there: the file is going to be on its disk."""
+    return next(each for each in Path(path).absolute().parents if each.exists())
 
 
 @contextmanager

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -19,7 +18,8 @@ from ftp_dent_ros.cli.board_arguments import (
     add_sequence_arguments,
     session_of,
 )
-from ftp_dent_ros.errors import CalibrationError, ConfigurationError
+from ftp_dent_ros.errors import CalibrationError
+from ftp_dent_ros.files import check_writable
 from ftp_dent_ros.rig import write_rig
 
 
@@ -48,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
     page = arguments.page or output.with_suffix('.html')
     count = len(find_poses(arguments.folder))
     for path in (output, page):
-        _check_writable(path)
+        check_writable(path)
     with tqdm(total=count, desc='reading poses', unit='pose') as bar:
         sights, left_out, size = see_poses(arguments.folder, session, _shown_on(bar))
     for sight in sights:
@@ -75,18 +75,6 @@ def run(arguments: argparse.Namespace) -> int:
     write_rig(output, solution.rig)
     sys.stdout.write('\n'.join(_summary(solution, output, page)) + '\n')
     return 0
-
-
-def _check_writable(path: Path) -> None:
-    """Raise `ConfigurationError` before minutes of solving if a file cannot be written."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=path.parent):
-            pass
-    except OSError as reason:
-        raise ConfigurationError(
-            f'{path}: cannot be written ({reason.strerror}): give another with --output and --page'
-        ) from None
 
 
 def _shown_on(bar: tqdm) -> Callable[[str], None]:

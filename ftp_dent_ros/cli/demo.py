@@ -103,7 +103,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _refuse_to_replace_others(output: Path) -> None:
-    """Only a demonstration's folder, or an empty one, is replaced."""
+    """Only a demonstration's folder, or an empty one, is replaced; none that this runs in."""
+    if Path(os.path.abspath(output)) in (Path.cwd(), *Path.cwd().parents):
+        raise ConfigurationError(
+            f'--output {output} holds the folder that this runs in: name one of its own'
+        )
     if output.is_dir() and ((output / SUMMARY).exists() or not any(output.iterdir())):
         return
     if output.exists() or output.is_symlink():

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
+from ftp_dent_ros.cli.inspection_arguments import output_folder
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.evaluation.page import write_pages
 from ftp_dent_ros.evaluation.study import steps, study
@@ -51,13 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Measure, and write the pages: 0."""
-    folder = arguments.output
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigurationError(
-            f'--output {folder} cannot be made ({error.strerror}): name another folder'
-        ) from None
+    folder = output_folder(arguments)
     if arguments.pod:
         return _detect(arguments, folder)
     with tqdm(total=steps(arguments.quick), unit='cloud', dynamic_ncols=True) as bar:

@@ -12,7 +12,6 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ftp_dent_ros.cli.up import keep_running
 from ftp_dent_ros.errors import ConfigurationError, InputError
 from ftp_dent_ros.ground.item import Item
 from ftp_dent_ros.ground.keys import make_keys
@@ -20,6 +19,7 @@ from ftp_dent_ros.ground.link import Link, Security, endpoints
 from ftp_dent_ros.supervision import transport
 from ftp_dent_ros.supervision.process_log import ProcessLog
 from ftp_dent_ros.supervision.processes import Processes, Program
+from ftp_dent_ros.supervision.respawn import keep_running
 from ftp_dent_ros.supervision.signals import stop_event
 
 if TYPE_CHECKING:

@@ -122,6 +122,7 @@ def _settings(request: Request) -> dict[str, Any]:
         **{name: content_id(find(file)) if file else None for name, file in files.items()},
         **asdict(request.settings),
         'stride': request.stride,
+        'joined': request.joined,
     }
 
 

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.files import check_writable
 from ftp_dent_ros.inspection.settings import Settings
 
 _MM = 1e3
@@ -36,8 +37,15 @@ def settings_of(arguments: argparse.Namespace) -> Settings:
 
 
 def output_folder(arguments: argparse.Namespace) -> Path:
-    """Folder of ``--output``, which need not be there; raises `ConfigurationError` for a file."""
+    """Folder of ``--output``, which need not be there yet.
+
+    Raises
+    ------
+    ConfigurationError
+        It is a file, or cannot be written.
+    """
     output = Path(arguments.output)
     if output.exists() and not output.is_dir():
         raise ConfigurationError(f'--output {output} is a file: name a folder')
+    check_writable(output / 'any')
     return output

@@ -20,7 +20,7 @@ from rclpy.time import Time
 from ftp_dent_ros.calibration.checking.preflight import NO, OK, WARN, Finding, examine, sharpness
 from ftp_dent_ros.drawn_pattern import pattern_from_image
 from ftp_dent_ros.errors import CameraError, ConfigurationError
-from ftp_dent_ros.files import find
+from ftp_dent_ros.files import find, nearest_folder
 from ftp_dent_ros.inspection.settings import Settings as Smallest
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.rig import read_rig
@@ -215,7 +215,7 @@ def _nodes(states: States, entries: Mapping[str, Entry]) -> list[Finding]:
 
 
 def _disk(folder: Path) -> Finding:
-    free = shutil.disk_usage(folder if folder.exists() else Path()).free
+    free = shutil.disk_usage(nearest_folder(folder / 'bag')).free
     minutes = free / 15e6 / 60
     verdict = OK if free > _ROOM else WARN if free > _LITTLE_ROOM else NO
     return Finding('disk', verdict, f'{free / 1e9:.0f} GB free, some {minutes:.0f} minutes of bag')

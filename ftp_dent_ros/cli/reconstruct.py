@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ftp_dent_ros.errors import CloudError
-from ftp_dent_ros.files import find, write_png
+from ftp_dent_ros.files import check_writable, find, write_png
 from ftp_dent_ros.pattern_file import read_pattern
 from ftp_dent_ros.photograph_file import read_photograph
 from ftp_dent_ros.ply import write_ply
@@ -71,14 +71,16 @@ def run(arguments: argparse.Namespace) -> int:
     rig = read_rig(find(arguments.rig))
     reconstructor = Reconstructor(rig, read_pattern(find(arguments.pattern)), settings)
     photograph = read_photograph(arguments.image, arguments.encoding)
+    for path in filter(None, (output, arguments.skin)):
+        check_writable(path)
     measurement = reconstructor.measure(photograph, True)
     cloud = measurement.cloud
     if photograph.encoding != 'rgb8':
         told = 'as told' if arguments.encoding else 'tell by --encoding if it is not'
         print(f'{arguments.image}: taken for {photograph.encoding} ({told})')
-    write_ply(output, cloud, _FRAME, rig.id)
     if arguments.skin:
         write_png(arguments.skin, cloud.skin)
+    write_ply(output, cloud, _FRAME, rig.id)
     depth = cloud.points[..., 2][cloud.valid]
     print(f'{output}: {len(depth)} points, {cloud.valid.mean():.1%} of the image')
     if len(depth):

@@ -69,15 +69,20 @@ def run(arguments: argparse.Namespace) -> int:
     settings = settings_of(arguments)
     bags = [open_bag(path) for path in arguments.bags]
     rig_id = _rig_of(bags, arguments.rig)
+    name = arguments.name or bags[0].path.stem
+    points = find(arguments.points) if arguments.points else None
+    store = Store(arguments.store) if arguments.store else None
+    if store:
+        store.check_new(name)
     count = sum(count_clouds(bag)[0] for bag in bags)
     with tqdm(desc='surveying', total=3 * count, unit='cloud', dynamic_ncols=True) as bar:
-        survey = survey_bags(bags, arguments.name, settings, rig_id, bar.update)
+        survey = survey_bags(bags, name, settings, rig_id, bar.update)
     result, frame = survey.result, None
-    if arguments.points:
-        frame = aircraft_frame(read_reference_points(find(arguments.points), result))
+    if points:
+        frame = aircraft_frame(read_reference_points(points, result))
     files = write_survey(output, survey, frame)
-    if arguments.store:
-        Store(arguments.store).add(result)
+    if store:
+        store.add(result)
     used = survey.pairs - survey.left_out
     print(f'{len(result.stamps_ns)} clouds, joined by {used} pairs; {survey.left_out} left out')
     for text in survey.remarks[:_REMARKS]:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.files import check_writable
 from ftp_dent_ros.inspection.plain import dent_from_plain, dent_to_plain
 from ftp_dent_ros.inspection.settings import Settings
 from ftp_dent_ros.pose import Pose
@@ -60,12 +61,8 @@ class Store:
         ConfigurationError
             There is one of that name, or the file cannot be written, or is something else.
         """
-        if result.name in self.names():
-            raise ConfigurationError(
-                f'{self.path}: has a survey {result.name!r} already, and none is ever changed: '
-                'give this one another name'
-            )
         with self._opened() as file:
+            _refuse_known(self.path, result.name, _names(file))
             settings = json.dumps(asdict(result.settings))
             row = (
                 *(result.name, result.taken_ns, time.time_ns(), result.frame_id),
@@ -108,8 +105,19 @@ class Store:
         if not self.path.exists():
             return ()
         with self._opened() as file:
-            rows = file.execute('SELECT name FROM surveys ORDER BY taken_ns, number').fetchall()
-        return tuple(name for (name,) in rows)
+            return _names(file)
+
+    def check_new(self, name: str) -> None:
+        """See, before hours of work, that a survey of a name can be added.
+
+        Raises
+        ------
+        ConfigurationError
+            As for `add`.
+        """
+        if not self.path.exists():
+            check_writable(self.path)
+        _refuse_known(self.path, name, self.names())
 
     def read(self, name: str) -> SurveyResult:
         """A survey.
@@ -182,6 +190,19 @@ class Store:
                 f'{self.path}: has the version {version} of its tables, and this software reads '
                 f'{VERSION}: use the software that wrote it'
             )
+
+
+def _names(file: sqlite3.Connection) -> tuple[str, ...]:
+    rows = file.execute('SELECT name FROM surveys ORDER BY taken_ns, number').fetchall()
+    return tuple(name for (name,) in rows)
+
+
+def _refuse_known(path: Path, name: str, known: tuple[str, ...]) -> None:
+    if name in known:
+        raise ConfigurationError(
+            f'{path}: has a survey {name!r} already, and none is ever changed: give this one '
+            'another name (--name)'
+        )
 
 
 def _dent_row(each: SurveyedDent) -> tuple[Any, ...]:

@@ -14,6 +14,7 @@ import numpy as np
 
 from ftp_dent_ros.errors import ConfigurationError, FtpDentError
 from ftp_dent_ros.evaluation.scenes import PATTERN, Scene, make_rig
+from ftp_dent_ros.files import written_aside
 from ftp_dent_ros.inspection.dent import Inspection
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.settings import Settings
@@ -120,12 +121,15 @@ def _taken_before(path: Path, head: str) -> dict[int, Trial]:
     try:
         whole = path.read_text() if path.exists() else ''
         lines = whole.split('\n')[:-1] or [head]
+        kept = '\n'.join(lines) + '\n'
         if lines[0] != head:
             raise ConfigurationError(
                 f'{path}: is of other settings ({lines[0]}): remove it, or name another folder'
             )
         found = [Trial(**json.loads(line)) for line in lines[1:]]
-        path.write_text('\n'.join(lines) + '\n')
+        if kept != whole:
+            with written_aside(path) as aside:
+                aside.write_text(kept)
     except (OSError, ValueError, TypeError) as reason:
         raise ConfigurationError(
             f'{path}: holds no trials ({reason}): remove it, or name another folder'
