@@ -3,7 +3,15 @@ import re
 import pytest
 
 from ftp_dent_ros.errors import ConfigurationError, printable
-from ftp_dent_ros.files import config_folder, content_id, find, read_yaml, written_aside
+from ftp_dent_ros.files import (
+    check_writable,
+    config_folder,
+    content_id,
+    find,
+    nearest_folder,
+    read_yaml,
+    written_aside,
+)
 
 
 def test_a_file_is_whole_or_not_there(tmp_path):
@@ -26,6 +34,16 @@ def test_an_old_result_survives_a_failure(tmp_path):
         aside.write_text('half')
         raise RuntimeError
     assert path.read_text() == 'old'
+
+
+def test_what_cannot_be_written_is_told_before_and_nothing_is_made(tmp_path):
+    (tmp_path / 'file').write_text('mine')
+    for path in (tmp_path, tmp_path / 'file/cloud.ply', '/proc/cloud.ply'):
+        with pytest.raises(ConfigurationError, match='cannot be written .*: give another place'):
+            check_writable(path)
+    check_writable(tmp_path / 'new/folder/cloud.ply')
+    assert nearest_folder(tmp_path / 'new/folder/cloud.ply') == tmp_path
+    assert [path.name for path in tmp_path.iterdir()] == ['file']
 
 
 def test_a_shipped_file_is_found_by_its_prefix_alone(tmp_path, monkeypatch):

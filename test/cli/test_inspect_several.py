@@ -44,6 +44,8 @@ def test_several_inputs_are_inspected_as_each_alone_and_not_twice(tmp_path, caps
     assert told[0].startswith(f'{paths[0]}: done before')
     assert told[-1] == '1 inspected, 1 done before, 1 failed'
     assert (folders[0] / 'dents.json').read_bytes() == kept
+    assert main([*words, '--survey']) == 2
+    assert capsys.readouterr().out.splitlines()[-1] == '0 inspected, 0 done before, 3 failed'
 
 
 def test_the_same_input_twice_and_no_jobs_are_refused(tmp_path, capsys):

@@ -346,3 +346,10 @@ def test_the_skin_is_written_beside_the_cloud(folder, photograph):
     written = cv2.imread(str(folder / 'skin.png'), cv2.IMREAD_UNCHANGED)
     expected = Reconstructor(rig, PATTERN).measure(image, skin=True).cloud.skin
     np.testing.assert_array_equal(written, expected)
+
+
+@pytest.mark.parametrize('skin', ['image.png/skin.png', 'folder.png'])
+def test_a_skin_that_cannot_be_written_is_refused_before_a_cloud_is(folder, capfd, skin):
+    (folder / 'folder.png').mkdir()
+    assert 'cannot be written' in refused(folder, capfd, '--skin', str(folder / skin))
+    assert not (folder / 'cloud.ply').exists()

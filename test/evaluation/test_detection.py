@@ -73,5 +73,11 @@ def test_a_run_goes_on_where_it_ended(tmp_path, capsys):
     assert record['sentence'] in capsys.readouterr().out
     assert sum(row['detection']['dents'] for row in record['rows']) == 8
     assert 'MIL-HDBK-1823A' in page and 'data:image/png' in page
+    before = (tmp_path / 'trials.jsonl').stat()
+    assert main([*words, '8']) == 0
+    after = (tmp_path / 'trials.jsonl').stat()
+    # What is whole is not written again, or a full disk would take hours of trials with it.
+    assert (before.st_ino, before.st_mtime_ns) == (after.st_ino, after.st_mtime_ns)
+    capsys.readouterr()
     assert main([*words, '4', '--smallest-depth', '0.2']) == 2
     assert 'other settings' in capsys.readouterr().err

@@ -61,6 +61,9 @@ def test_nothing_that_is_there_is_changed_and_nothing_half_is_added(tmp_path):
     store.add(survey())
     with pytest.raises(ConfigurationError, match=r'has a survey .* already'):
         store.add(survey())
+    with pytest.raises(ConfigurationError, match=r'has a survey .* already'):
+        store.check_new('2026-03')
+    store.check_new('2026-04')
     bad = replace(survey('bad'), stamps_ns=())
     with pytest.raises(ValueError, match='zip'):
         store.add(bad)
@@ -91,3 +94,5 @@ def test_other_files_are_refused(tmp_path):
     file.close()
     with pytest.raises(ConfigurationError, match='has the version 9'):
         store.names()
+    with pytest.raises(ConfigurationError, match='cannot be written'):
+        Store(tmp_path / 'text/aircraft.sqlite').check_new('2026-03')
