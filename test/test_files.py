@@ -39,7 +39,7 @@ def test_an_old_result_survives_a_failure(tmp_path):
 def test_what_cannot_be_written_is_told_before_and_nothing_is_made(tmp_path):
     (tmp_path / 'file').write_text('mine')
     for path in (tmp_path, tmp_path / 'file/cloud.ply', '/proc/cloud.ply'):
-        with pytest.raises(ConfigurationError, match='cannot be written .*: give another place'):
+        with pytest.raises(ConfigurationError, match=r'cannot be written .*: give another place'):
             check_writable(path)
     check_writable(tmp_path / 'new/folder/cloud.ply')
     assert nearest_folder(tmp_path / 'new/folder/cloud.ply') == tmp_path
