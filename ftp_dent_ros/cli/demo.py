@@ -156,7 +156,7 @@ def _inspect(
     calibrated = read_rig(file)
     named, camera = (file.name, calibrated.id), calibrated.camera
     count = bag.metadata.message_counts['/points']
-    with _bar('inspecting', 2 * count, 'cloud') as bar:
+    with _bar('inspecting', 3 * count, 'cloud') as bar:
         report, joined = report_on_skin(bag, inspect, named, camera, progress=bar.update)
     write_report(folder, dataclasses.replace(report, source='flight of the demonstration'))
     onto = onto_truth(bag, joined, world)

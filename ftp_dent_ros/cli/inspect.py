@@ -16,10 +16,10 @@ from ftp_dent_ros.cli.inspection_arguments import (
 )
 from ftp_dent_ros.cli.inspection_request import Request, report_of
 from ftp_dent_ros.errors import ConfigurationError
-from ftp_dent_ros.inspection.dent import MeasuredDent
 from ftp_dent_ros.inspection.reporting.content import Report
 from ftp_dent_ros.inspection.reporting.files import write_report
 from ftp_dent_ros.inspection.reporting.rules import verdict
+from ftp_dent_ros.inspection.tracking.sightings import ListedDent
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -103,16 +103,17 @@ def summary(report: Report) -> str:
             f'length {dent.length.value * 1e3:.1f} mm, width {dent.width.value * 1e3:.1f} mm'
         )
         line += ', cut' if dent.is_cut else ''
-        line += f', {dent.reason}' if dent.reason else ''
+        line += f', {entry.reason}' if entry.reason else ''
         line += f', seen {len(entry.sightings)} times' if len(report.frames) > 1 else ''
         lines.append(line + (f': {verdict(findings)}' if findings else ''))
-    lines += [_other(entry.dent) for entry in report.others]
+    lines += [_other(entry) for entry in report.others]
     lines += report.remarks
     if report.skipped:
         lines.append(f'{len(report.skipped)} messages skipped, the first: {report.skipped[0]}')
     return '\n'.join(lines)
 
 
-def _other(dent: MeasuredDent) -> str:
+def _other(entry: ListedDent) -> str:
+    dent = entry.dent
     sizes = f'{dent.depth.value * 1e3:.3f} mm, length {dent.length.value * 1e3:.1f} mm'
-    return f'      {dent.kind} {sizes}' + (f': {dent.reason}' if dent.reason else '')
+    return f'      {dent.kind} {sizes}' + (f': {entry.reason}' if entry.reason else '')

@@ -104,8 +104,8 @@ def _of_bag(
     if request.joined:
         from ftp_dent_ros.survey.reporting import report_on_skin
 
-        twice = partial(progress, 2 * count)
-        return report_on_skin(bag, inspect, named, camera, rules, request.settings, twice)[0]
+        thrice = partial(progress, 3 * count)
+        return report_on_skin(bag, inspect, named, camera, rules, request.settings, thrice)[0]
     once, each = partial(progress, count), partial(in_order, jobs=min(jobs, count // _WORTH))
     return survey_bag(
         bag, inspect, named, camera, rules, request.settings, progress=once, each=each

@@ -97,7 +97,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(
             f'{each.number:4}  x {x:7.3f} m, y {y:7.3f} m, depth {dent.depth.value * _MM:.3f} mm, '
             f'length {dent.length.value * _MM:.1f} mm, width {dent.width.value * _MM:.1f} mm, '
-            f'seen {each.sightings} times'
+            f'seen {each.sightings} times' + (f', {dent.reason}' if dent.reason else '')
         )
     if result.coverage is not None:
         area = len(result.coverage.views) * result.coverage.size**2

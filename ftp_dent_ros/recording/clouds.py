@@ -111,7 +111,9 @@ def count_clouds(bag: Bag) -> tuple[int, bool]:
 
 
 def bag_clouds(
-    bag: Bag, skip: Callable[[Skipped], object] = lambda skipped: None
+    bag: Bag,
+    skip: Callable[[Skipped], object] = lambda skipped: None,
+    photographs: bool = True,
 ) -> Iterator[BagCloud]:
     """Clouds of a bag in the order of their arrival: the tagged ones, else those of `POINTS`.
 
@@ -121,6 +123,8 @@ def bag_clouds(
     skip : callable
         Called with each message that cannot be used. A cloud or its pose costs that cloud, a
         photograph nothing else.
+    photographs : bool
+        Whether they are asked for.
 
     Raises
     ------
@@ -130,6 +134,7 @@ def bag_clouds(
     wanted = _wanted(bag)
     # With the camera's pose, nothing is asked of the tagged clouds, the largest of all messages.
     unused = {TAGGED, POSE} if CAMERA_POSE in wanted else set()
+    unused |= set() if photographs else {PHOTOGRAPHS}
     topics = [topic for topic, count in _counts(bag).items() if count and topic not in unused]
     waiting: dict[int, dict[str, Any]] = {}
     done: set[int] = set()

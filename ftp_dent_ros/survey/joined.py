@@ -105,7 +105,7 @@ def join_bags(
     frame_id, known = '', set[int]()
     unplaced = without_covariance = 0
     for flight, bag in enumerate(bags):
-        for item in bag_clouds(bag, lambda skipped: say(str(skipped))):
+        for item in bag_clouds(bag, lambda skipped: say(str(skipped)), False):
             if not item.in_camera:
                 raise BagError(
                     f'{bag.path}: has its clouds in {item.frame_id} alone: record /points too'

@@ -75,6 +75,7 @@ def _dent(each: SurveyedDent, survey: Surveyed, frame: AircraftFrame | None) -> 
         'number': each.number,
         'kind': dent.kind,
         'cut': dent.is_cut,
+        'reason': dent.reason,
         'sightings': each.sightings,
         'unrolled': ', '.join(f'{v:.3f}' for v in survey.mosaic.skin.place(dent.position)[:2]),
         'position': ', '.join(f'{value:.3f}' for value in dent.position),

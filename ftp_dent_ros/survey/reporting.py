@@ -6,9 +6,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ftp_dent_ros.inspection.dent import Inspection
 from ftp_dent_ros.inspection.reporting.bag import survey_bag
 from ftp_dent_ros.inspection.reporting.content import Report
@@ -16,11 +13,11 @@ from ftp_dent_ros.inspection.reporting.rules import Rules
 from ftp_dent_ros.inspection.reporting.survey import Inspect
 from ftp_dent_ros.inspection.settings import Settings
 from ftp_dent_ros.inspection.tracking.pose_errors import position_covariance
-from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.recording.clouds import BagCloud
 from ftp_dent_ros.recording.reader import Bag
 from ftp_dent_ros.rig import Lens
 from ftp_dent_ros.survey.evidence import skin_of
+from ftp_dent_ros.survey.fused_skin import FusedSkin
 from ftp_dent_ros.survey.joined import Joined, join_bags
 from ftp_dent_ros.survey.result import SurveyedDent
 
@@ -34,7 +31,7 @@ def report_on_skin(
     settings: Settings | None = None,
     progress: Callable[[], Any] = lambda: None,
 ) -> tuple[Report, Joined]:
-    """Join a bag's clouds, inspect each in its place, and show the whole skin.
+    """Join a bag's clouds, inspect each with what all tell of its place, and show the whole skin.
 
     Parameters
     ----------
@@ -44,7 +41,7 @@ def report_on_skin(
     rig, camera, rules, settings
         As `ftp_dent_ros.inspection.reporting.bag.survey_bag` has them.
     progress : callable
-        Called after each cloud, twice for each.
+        Called after each cloud, three times for each.
 
     Raises
     ------
@@ -54,20 +51,13 @@ def report_on_skin(
         No cloud in it could be used.
     """
     joined = join_bags([bag], progress)
-    mosaic, numbers = joined.mosaic(), joined.numbers
+    skin = FusedSkin([bag], joined, progress)
 
-    def placed(item: BagCloud) -> tuple[Pose, NDArray[np.float64]] | None:
-        number = numbers.get(item.stamp_ns)
-        if number is None:
-            return None
-        return joined.poses[number], joined.covariances_among_them[number]
+    def told(item: BagCloud, found: Inspection) -> Inspection:
+        skin.shown(item, found)
+        return skin.told(item, found)
 
-    def seen(item: BagCloud, found: Inspection) -> None:
-        number = numbers.get(item.stamp_ns)
-        if number is not None:
-            mosaic.add(number, item.cloud, joined.poses[number], item.skin, found)
-
-    report = survey_bag(bag, inspect, rig, camera, rules, settings, progress, placed, seen)
+    report = survey_bag(bag, inspect, rig, camera, rules, settings, progress, skin.prepared, told)
     report = replace(_in_the_map(report, joined), frame_id=joined.frame_id)
     dents = [
         SurveyedDent(each.number, each.dent, each.position_covariance, len(each.sightings))
@@ -77,7 +67,7 @@ def report_on_skin(
     facts = [
         ('Joined by', f'{len(links) - len(left_out)} pairs of clouds, {len(left_out)} left out')
     ]
-    return replace(report, skin=skin_of(mosaic, dents, facts, joined.remarks)), joined
+    return replace(report, skin=skin_of(skin.mosaic, dents, facts, joined.remarks)), joined
 
 
 def _in_the_map(report: Report, joined: Joined) -> Report:

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from ftp_dent_ros import __version__
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.errors import FtpDentError
-from ftp_dent_ros.inspection.dent import Estimate, Inspection, MeasuredDent
+from ftp_dent_ros.inspection.dent import Inspection
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.settings import Settings
 from ftp_dent_ros.inspection.tracking.dent_list import DentList
 from ftp_dent_ros.inspection.tracking.glass import sentence
 from ftp_dent_ros.inspection.tracking.pose_errors import position_covariance
-from ftp_dent_ros.recording.clouds import BagCloud, bag_clouds
 from ftp_dent_ros.recording.reader import Bag
+from ftp_dent_ros.survey.fused_skin import FusedSkin
 from ftp_dent_ros.survey.joined import join_bags
 from ftp_dent_ros.survey.result import SurveyedDent, SurveyResult
 from ftp_dent_ros.survey.skin_map.mosaic import Mosaic
@@ -77,27 +76,23 @@ def survey_bags(
     settings = settings or Settings()
     joined = join_bags(bags, progress, remark)
     joining, poses = joined.joining, joined.poses
-    mosaic, fusion = joined.mosaic(), joined.fusion()
-    for item in _once(bags, joined.numbers):
-        fusion.add(item.cloud, poses[joined.numbers[item.stamp_ns]])
-        progress()
-    near, covariances = joined.covariances_among_them, joined.covariances
+    skin = FusedSkin(bags, joined, progress)
     dents = DentList()
-    for item in _once(bags, joined.numbers):
-        number = joined.numbers[item.stamp_ns]
-        pose = poses[number]
-        cloud = fusion.fused(item.cloud, pose)
-        found = _inspected(cloud, settings)
-        mosaic.add(number, cloud, pose, item.skin, found)
-        if found is not None:
-            seen = [each.transformed(pose) for each in (*found.dents, *found.others)]
-            seen = [_with_shared(each, fusion.shared(each.position)) for each in seen]
-            dents.add(number, seen, pose, near[number], stamp_ns=item.stamp_ns)
+    for raw in skin.clouds():
+        item = skin.prepared(raw)
+        found = _inspected(item.cloud, settings)
+        skin.shown(item, found)
+        if found is not None and item.pose is not None:
+            found = skin.told(item, found)
+            seen = [each.transformed(item.pose) for each in (*found.dents, *found.others)]
+            number = joined.numbers[item.stamp_ns]
+            dents.add(number, seen, item.pose, item.covariance, stamp_ns=item.stamp_ns)
         progress()
+    covariances, mosaic = joined.covariances, skin.mosaic
     surveyed = tuple(
         SurveyedDent(
             each.number,
-            each.dent,
+            replace(each.dent, reason=each.reason),
             position_covariance(each.dent.position, poses[each.best], covariances[each.best]),
             len(each.sightings),
         )
@@ -124,28 +119,8 @@ def survey_bags(
     return Surveyed(result, mosaic, remarks, pairs, len(joining.graph.left_out))
 
 
-def _once(bags: Sequence[Bag], numbers: Mapping[int, int]) -> Iterator[BagCloud]:
-    """The clouds that were joined, each the first time that it comes."""
-    known = set(numbers)
-    for bag in bags:
-        for item in bag_clouds(bag):
-            if item.stamp_ns in known:
-                known.discard(item.stamp_ns)
-                yield item
-
-
 def _inspected(cloud: Cloud, settings: Settings) -> Inspection | None:
     try:
         return inspect(cloud, settings)
     except FtpDentError:
         return None
-
-
-def _with_shared(dent: MeasuredDent, shared: float) -> MeasuredDent:
-    """The same dent, its depth and volume as uncertain as what all its clouds may share."""
-    part = shared / abs(dent.depth.value)
-    depth, volume = (
-        Estimate(each.value, math.hypot(each.uncertainty, part * each.value))
-        for each in (dent.depth, dent.volume)
-    )
-    return replace(dent, depth=depth, volume=volume)

@@ -120,6 +120,7 @@ def fields(survey: Surveyed, frame: AircraftFrame | None = None) -> dict[str, An
                 },
                 'sightings': each.sightings,
                 'cut': bool(each.dent.is_cut),
+                'reason': each.dent.reason,
             }
             for each in result.dents
         ],

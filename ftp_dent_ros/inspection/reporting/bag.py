@@ -7,9 +7,6 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.inspection.dent import Inspection
 from ftp_dent_ros.inspection.observation import SAME, Observation, viewpoint_of
@@ -18,13 +15,11 @@ from ftp_dent_ros.inspection.reporting.inspecting import Inspect, Inspected, Tas
 from ftp_dent_ros.inspection.reporting.rules import Rules
 from ftp_dent_ros.inspection.reporting.survey import Survey
 from ftp_dent_ros.inspection.settings import Settings
-from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.recording.clouds import BagCloud, Skipped, bag_clouds, count_clouds
 from ftp_dent_ros.recording.coverages import coverages_of
 from ftp_dent_ros.recording.reader import Bag
 from ftp_dent_ros.rig import Lens
 
-Placed = Callable[[BagCloud], 'tuple[Pose, NDArray[np.float64]] | None']
 Each = Callable[[Callable[[Task], Inspected], Iterable[Task]], Iterator[Inspected]]
 
 
@@ -36,8 +31,8 @@ def survey_bag(
     rules: Rules | None = None,
     settings: Settings | None = None,
     progress: Callable[[], Any] = lambda: None,
-    placed: Placed = lambda item: None,
-    seen: Callable[[BagCloud, Inspection], Any] = lambda item, found: None,
+    prepared: Callable[[BagCloud], BagCloud] | None = None,
+    told: Callable[[BagCloud, Inspection], Inspection] = lambda item, found: found,
     each: Each = map,
 ) -> Report:
     """Inspect every cloud of a bag: the tagged ones with their poses, else those of ``points``.
@@ -55,10 +50,11 @@ def survey_bag(
     settings : Settings, optional
     progress : callable
         Called after each cloud.
-    placed : callable
-        Gives the camera's pose at a cloud, and its covariance, where the bag's is not to be used.
-    seen : callable
-        Called with each cloud that was inspected, and its inspection.
+    prepared : callable, optional
+        Gives a cloud as it is to be inspected, with what others tell of its place: then clouds
+        are no measurements by themselves, of whose repeatability anything could be said.
+    told : callable
+        Gives what is told of such a cloud, from its inspection.
     each : callable
         As `map`: where clouds are inspected, and how many of them at once.
 
@@ -75,22 +71,24 @@ def survey_bag(
         No cloud in it could be inspected.
     """
     count, tagged = count_clouds(bag)
-    survey = Survey(inspect, count, repeat=tagged, placed=tagged, settings=settings)
+    repeat = tagged and prepared is None
+    survey = Survey(inspect, count, repeat=repeat, placed=tagged, settings=settings)
     frame_id, in_camera = '', True
     skipped: list[Skipped] = []
     read: deque[tuple[BagCloud, Observation]] = deque()
 
     def tasks() -> Iterator[Task]:
         for item in bag_clouds(bag, skipped.append):
-            observation = _observation(item, placed(item))
+            item = item if prepared is None else prepared(item)
+            observation = _observation(item)
             read.append((item, observation))
             yield survey.task(observation)
 
     for inspected in each(survey.inspect, tasks()):
         item, observation = read.popleft()
-        found = survey.take(observation, inspected)
-        if found is not None:
-            seen(item, found)
+        if inspected.found is not None:
+            inspected = replace(inspected, found=told(item, inspected.found))
+        survey.take(observation, inspected)
         frame_id, in_camera = item.frame_id, in_camera and item.in_camera
         progress()
     report = survey.report(str(bag.path), frame_id, rig, camera if in_camera else None, rules)
@@ -100,18 +98,15 @@ def survey_bag(
         raise CloudError(
             f'{bag.path}: no cloud in it could be inspected{reason}: check the clouds'
         )
-    told = coverages_of(bag)
+    covered = coverages_of(bag)
     frames = tuple(
-        frame if frame.stamp_ns is None else replace(frame, coverage=told.get(frame.stamp_ns))
+        frame if frame.stamp_ns is None else replace(frame, coverage=covered.get(frame.stamp_ns))
         for frame in report.frames
     )
     return replace(report, frames=frames, skipped=tuple(map(str, skipped)))
 
 
-def _observation(item: BagCloud, placed: tuple[Pose, NDArray[np.float64]] | None) -> Observation:
-    if placed is not None:
-        pose, covariance = placed
-        item = replace(item, pose=pose, vehicle=pose, covariance=covariance)
+def _observation(item: BagCloud) -> Observation:
     return Observation(
         name=f'{item.stamp_ns / 1e9:.3f} s',
         cloud=item.cloud,

@@ -126,7 +126,7 @@ def _dent(entry: ListedDent, findings: Sequence[Finding], limit: float) -> dict[
         'sightings': len(entry.sightings),
         'frame': entry.best,
         'cut': dent.is_cut,
-        'reason': dent.reason,
+        'reason': entry.reason,
         'verdict': verdict(findings),
         'findings': [_finding(finding) for finding in findings],
         'sections': sections_of(dent, limit),

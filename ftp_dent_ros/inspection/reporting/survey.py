@@ -173,7 +173,15 @@ class Survey:
 def _renumbered(entries: Sequence[ListedDent]) -> tuple[ListedDent, ...]:
     """From 1, the deepest dent first, what is no dent after them."""
     in_order = sorted(entries, key=lambda e: (e.dent.kind != 'dent', -e.dent.depth.value))
-    return tuple(replace(entry, number=i) for i, entry in enumerate(in_order, start=1))
+    numbers = {entry.number: i for i, entry in enumerate(in_order, start=1)}
+    return tuple(
+        replace(
+            entry,
+            number=numbers[entry.number],
+            maybe=tuple(sorted(numbers[each] for each in entry.maybe)),
+        )
+        for entry in in_order
+    )
 
 
 def _frame(

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
+from scipy.special import logsumexp
 
 from ftp_dent_ros.inspection.dent import MeasuredDent
 from ftp_dent_ros.inspection.observation import SAME
@@ -27,8 +28,9 @@ _PLACE, _OF_WIDTH = 4e-4, 0.015
 _GATE, _NEAR = 3.75, 4.0
 # Moves that are tried, at most.
 _TRIED = 400
-# Natural logarithm of the odds from which on a match is believed.
-_BELIEVED = 0.0
+# Natural logarithm of the odds from which on a match is believed: against none, and against all
+# others that put every dent elsewhere (20 to 1).
+_BELIEVED, _SURE = 0.0, 3.0
 # Square metres that a frame's dents are counted on, at least.
 _LEAST_AREA = 0.05
 
@@ -72,7 +74,7 @@ def find_match(
     pivot: Field,
     covariance: Field,
 ) -> Match | None:
-    """The move that puts a frame's dents onto known ones, if it is likelier than chance.
+    """The move that puts a frame's dents onto known ones, likelier than chance and than others.
 
     Parameters
     ----------
@@ -107,13 +109,17 @@ def find_match(
     sizes = np.array([d.width.value for d in seen]), np.array([d.width.value for d in known])
     place = np.hypot(_PLACE, _OF_WIDTH * np.nan_to_num(np.minimum(sizes[0][:, None], sizes[1])))
     rows, columns = np.nonzero(possible & whole)
-    best: Match | None = None
+    judged: list[Match] = []
     tried: set[tuple[tuple[int, int], ...]] = set()
     for angle, move in _moves(a, b, rows, columns, place, turn):
         found = _judged(a, b, agree, possible, place, angle, move, shift, turn, tried)
-        if found is not None and (best is None or found[0] > best.odds):
-            best = Match(SAME, found[1], found[0])
+        if found is not None:
+            judged.append(Match(SAME, found[1], found[0]))
+    best = max(judged, key=lambda each: each.odds, default=None)
     if best is None or best.odds <= _BELIEVED:
+        return None
+    rivals = [each.odds for each in judged if not set(each.pairs) & set(best.pairs)]
+    if rivals and best.odds - logsumexp(rivals) < _SURE:
         return None
     i, j = np.array(best.pairs).T
     return replace(best, move=fit_in_space(places[i], there[j], place[i, j], pivot, covariance))

@@ -13,6 +13,7 @@ from ftp_dent_ros.inspection.clearance import with_clearances
 from ftp_dent_ros.inspection.dent import MeasuredDent
 from ftp_dent_ros.inspection.observation import SAME
 from ftp_dent_ros.inspection.tracking.constellation import find_match
+from ftp_dent_ros.inspection.tracking.doubles import doubles
 from ftp_dent_ros.inspection.tracking.given import Given
 from ftp_dent_ros.inspection.tracking.glass import Glass, Seen, Spot
 from ftp_dent_ros.inspection.tracking.moves import move_about
@@ -69,7 +70,8 @@ class DentList:
         shifts = {entry.group: self._shift(entry.group) for entry in known}
         dents = with_clearances([_shifted(e.dent, shifts[e.group]) for e in known])
         return tuple(
-            replace(each.listed, dent=dent) for each, dent in zip(known, dents, strict=True)
+            replace(each.listed, dent=dent, maybe=maybe)
+            for each, dent, maybe in zip(known, dents, doubles(dents, known), strict=True)
         )
 
     @property

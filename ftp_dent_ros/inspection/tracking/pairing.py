@@ -16,7 +16,7 @@ from ftp_dent_ros.inspection.tracking.sightings import ListedDent, Sighting, lis
 from ftp_dent_ros.pose import Pose
 
 # Chi of three axes that holds 99.7 %.
-_GATE = 3.75
+GATE = 3.75
 # Off a known dent within a frame that is matched, metres, and as a part of the width.
 _PLACE, _OF_WIDTH = 2e-3, 0.06
 # Or farther, where its sizes agree, but no farther than this part of the way to the next dent:
@@ -116,5 +116,5 @@ def _misfit(dent: MeasuredDent, sighting: Sighting, entry: Entry, reach: float |
     if not partly:
         return np.inf
     spread = entry.listed.position_covariance + sighting.position_covariance
-    spread = spread + np.eye(3) * (own / _GATE) ** 2
-    return float(np.sqrt(apart @ np.linalg.solve(spread, apart)) / _GATE)
+    spread = spread + np.eye(3) * (own / GATE) ** 2
+    return float(np.sqrt(apart @ np.linalg.solve(spread, apart)) / GATE)

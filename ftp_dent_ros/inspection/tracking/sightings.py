@@ -57,6 +57,8 @@ class ListedDent:
         In the order of the frames.
     best : int
         Number of the frame that shows it best.
+    maybe : tuple of int
+        Numbers of dents of other parts of the flight that may be the same one.
     """
 
     number: int
@@ -64,6 +66,19 @@ class ListedDent:
     position_covariance: NDArray[np.float64]
     sightings: tuple[Sighting, ...]
     best: int
+    maybe: tuple[int, ...] = ()
+
+    @property
+    def reason(self) -> str:
+        """What is in doubt of the dent, and whether it may have two numbers."""
+        if not self.maybe:
+            return self.dent.reason
+        others = ' or '.join(map(str, self.maybe))
+        twice = (
+            f'may be the same as number {others}: only the poses tell how these parts of the '
+            'flight lie to each other'
+        )
+        return '; '.join(filter(None, (self.dent.reason, twice)))
 
 
 def listed(number: int, sightings: tuple[Sighting, ...]) -> ListedDent:

@@ -122,3 +122,31 @@ def test_orientations_on_both_sides_of_the_half_turn_agree():
     ]
     (entry,) = listed(*([dent] for dent in dents)).entries
     assert abs(entry.dent.orientation.value) == pytest.approx(np.pi / 2, abs=1e-9)
+
+
+def test_parts_that_only_poses_tie_have_one_number_or_say_that_two_may_be_one():
+    # As hail: a single dent is among too many that fit it to be sure of.
+    rng = np.random.default_rng(5)
+    places = [(x, y, 0.6) for x in np.arange(0, 0.3, 0.05) for y in np.arange(0, 0.3, 0.05)]
+    hail = [
+        make_dent(each, depth, 0.02, 0.018, sigma=3e-5)
+        for each, depth in zip(places, rng.uniform(3e-4, 5e-4, len(places)), strict=True)
+    ]
+    poses = np.diag([0.03**2] * 3 + [1e-8] * 3)
+    off = np.array([0.02, -0.015, 0.01])
+    seen = replace(hail[14], position=hail[14].position + off)
+    alone = listed(hail, [seen], covariance=poses).entries
+    last = alone[-1]
+    assert len(alone) == len(hail) + 1 and 15 in last.maybe
+    assert f'may be the same as number {last.maybe[0]} or ' in last.reason
+    assert all(last.number in alone[number - 1].maybe for number in last.maybe)
+    # What lies too far away, or is of another size, is no such dent.
+    maybe = [hail[number - 1].position for number in last.maybe]
+    assert np.linalg.norm(np.subtract(maybe, seen.position), axis=1).max() < 0.03 * 3.75 * 1.5
+    elsewhere = replace(seen, position=np.add(seen.position, [2.0, 0, 0]))
+    *_, other = listed(hail, [elsewhere], covariance=poses).entries
+    assert other.maybe == () and other.reason == ''
+    # Several are a constellation, which is one in the list.
+    several = [replace(dent, position=dent.position + off) for dent in hail[8:20]]
+    together = listed(hail, several, covariance=poses).entries
+    assert len(together) == len(hail) and not any(each.maybe for each in together)
