@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from ftp_dent_ros.calibration.checking.verdict import adjusted, turned
-from ftp_dent_ros.calibration.checking.wall_check import check
+from ftp_dent_ros.calibration.checking.verdict import adjusted, judged, turned
+from ftp_dent_ros.calibration.checking.wall_check import check, scatter
 from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.files import config_folder
@@ -144,3 +144,22 @@ def test_the_command_checks_and_adjusts_but_overwrites_nothing(
     )
     assert 'never overwritten' in capsys.readouterr().err
     assert new.read_bytes() == before
+
+
+def test_few_places_of_a_rim_promise_less():
+    rng, few, many = np.random.default_rng(0), 12, 400
+    spread = np.array([scatter(rng.normal(0, 0.1, few), 0.0) for _ in range(300)])
+    assert np.sqrt(np.mean(spread**2)) == pytest.approx(0.1, rel=0.1)
+    # Another thing's edge among the places does not widen it.
+    assert scatter(np.append(rng.normal(0, 0.1, many), [5.0, -7.0]), 0.0) == pytest.approx(
+        0.1, rel=0.15
+    )
+
+
+def test_a_scale_told_by_few_needs_more_to_be_sure(rig, pattern):
+    turn, middle = np.array([0.0, 0.002, 0.0]), np.array([0.0, 0.0, 0.75])
+    covariance = np.diag([1e-8, (0.002 / 5) ** 2, 1e-8])
+    bare = replace(rig, record=None)
+    assert judged(bare, pattern, turn, covariance, middle).moved == ('yaw',)
+    assert judged(bare, pattern, turn, covariance, middle, freedom=100).moved == ('yaw',)
+    assert judged(bare, pattern, turn, covariance, middle, 16, freedom=12).moved == ()

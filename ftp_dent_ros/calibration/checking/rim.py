@@ -101,7 +101,7 @@ def find_rim(rig: Rig, pattern: Pattern, levels: NDArray, shape: NDArray) -> Rim
             profile_at[inside],
             strict=True,
         ):
-            profile = map_coordinates(levels, where[:, ::-1].T, order=1)
+            profile = map_coordinates(levels, where[:, ::-1].T, order=3)
             offset, blur = _step(profile, offsets)
             if np.isfinite(offset):
                 pixels.append(place + offset * way)

@@ -7,16 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-from scipy.stats import norm
+from scipy.stats import norm, t
 
 from ftp_dent_ros.calibration.adjustment.uncertainty import depth_deviation
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.rig import Rig
 
-# False alarms wanted, of all photographs of true rigs, and the deviations of one of three axes
-# beyond which that leads.
+# False alarms wanted, of all photographs of true rigs.
 _FALSE_ALARMS = 1e-4
-_SURE = float(norm.isf(_FALSE_ALARMS / 2 / 3))
 # Smaller drifts, projector pixels, are not worth another calibration: they leave dents as deep as
 # they are and move a cloud at 0.75 m by half a millimetre.
 _DRIFT_PX = 0.4
@@ -104,6 +102,7 @@ def judged(
     covariance: NDArray,
     middle: NDArray,
     rim_points: int = 0,
+    freedom: int | None = None,
 ) -> Check:
     """What an estimated turn says.
 
@@ -116,7 +115,12 @@ def judged(
     middle : ndarray, shape (3,)
         A point in the middle of what was measured, metres.
     rim_points : int
+    freedom : int, optional
+        Degrees of freedom that the covariance's scale was told by; as good as known without.
     """
+    # Either way about one of three axes: a scale that few places tell needs Student's t.
+    chance = _FALSE_ALARMS / 2 / 3
+    sure = float(norm.isf(chance) if freedom is None else t.isf(chance, freedom))
     if rig.record is not None and rig.record.covariance is not None:
         covariance = covariance + rig.record.covariance[18:21, 18:21]
     deviation = np.sqrt(np.diag(covariance))
@@ -127,7 +131,7 @@ def judged(
     moved = tuple(
         axis
         for axis, each, spread in zip(AXES, np.abs(drift), doubt, strict=True)
-        if axis not in unknown and each > max(_DRIFT_PX, _SURE * spread)
+        if axis not in unknown and each > max(_DRIFT_PX, sure * spread)
     )
     error = 0.0
     if moved:

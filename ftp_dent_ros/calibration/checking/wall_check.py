@@ -36,6 +36,10 @@ _RESPONSE = 0.09
 # A rim's places are known to this at best, projector rows, and at first.
 _RIM_LEAST, _RIM_FIRST = 0.01, 0.15
 _ROUNDS = 3
+# A residual beyond so many standard deviations is another thing's edge: 1 of 16,000 of noise is.
+_FAR = 4.0
+# Numbers that the places of the rims tell beside their own noise: three turns, the response.
+_RIM_UNKNOWN = 4
 # Neighbours err together: as if there were a tenth as many (its square).
 _ALIKE = np.sqrt(10)
 _MOST_POINTS = 1500
@@ -104,7 +108,9 @@ def check(
         for side in rim.sides():
             rim_noise[side] = scatter(off[side], _RIM_LEAST)
     middle = np.median(seen, axis=0)
-    return judged(rig, pattern, found.x[:3], turn_covariance(found.jac), middle, len(rim))
+    freedom = max(1, len(rim) - _RIM_UNKNOWN) if len(rim) else None
+    covariance = turn_covariance(found.jac)
+    return judged(rig, pattern, found.x[:3], covariance, middle, len(rim), freedom)
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,8 +186,10 @@ def _rays(rig: Rig, rim: Rim) -> NDArray[np.float64]:
 
 
 def scatter(off: NDArray, least: float) -> float:
-    """Standard deviation of residuals, told by their quartiles."""
-    return max(least, float(np.diff(np.percentile(off, [25, 75]))[0]) / 1.349)
+    """Standard deviation of residuals, without those that are far off by their quartiles."""
+    low, middle, high = np.percentile(off, [25, 50, 75])
+    near = np.abs(off - middle) <= _FAR * (high - low) / 1.349
+    return max(least, float(np.std(off[near])))
 
 
 def linear_photograph(image: Photograph | NDArray, rig: Rig) -> Photograph:
