@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.photograph import Photograph
+from ftp_dent_ros.profilometry.least_squares.code.contrast_model import ContrastModel
 from ftp_dent_ros.profilometry.least_squares.phase_geometry import PhaseGeometry
 from ftp_dent_ros.rig import Rig
 
@@ -39,6 +40,9 @@ _BESIDE = 3
 _LEAST_TOLD = 0.2
 # Modulation over level can be no more; and the least share of a window that is measured.
 _WHOLE, _LEAST_SHARE = 1.0, 0.05
+# Variances of the blur between which the one that is seen is looked for, radians^2 of phase; rows
+# that tell it, about; and the most that a mark's light counts for, by that of the skin.
+_BLURS, _ROWS, _OF_MARKS = np.linspace(0.1, 1.7, 5), 32, 0.1
 # Grey levels: 1 is the darkest skin, 0 no skin. Twice the mean level is the brightest fringe's.
 _BRIGHTEST, _LEAST = 2.0, 1e-6
 
@@ -87,18 +91,9 @@ class SkinImager:
         phase = self.geometry.phase(np.reciprocal(depth, dtype=np.float32))
         period = self._period(phase, known)
         light = self._light(photograph, phase, known, period)
-        cosine = self.geometry.pattern.contrast(phase) * np.cos(phase)
+        cosine = self._fringes(light, phase, share, period)
         wide = _WIDE * period
-        weighted = share * light
-        sums = (share, share * cosine, share * cosine * cosine, weighted, weighted * cosine)
-        n, c, cc, s, sc = (_blurred(each, wide, wide) for each in sums)
-        determinant = n * cc - c * c
-        told = determinant > _LEAST_TOLD / 2 * n * n
-        safe = np.where(told, determinant, 1)
-        level = np.where(told, (s * cc - sc * c) / safe, s / np.maximum(n, _LEAST_SHARE))
-        modulation = np.where(told, (sc * n - s * c) / safe, 0)
-        contrast = np.clip(modulation / np.maximum(level, _LEAST), 0, _WHOLE)
-        model = share * (1 + contrast * cosine)
+        model = share * (1 + _contrast(light, cosine, share, wide, wide)[1] * cosine)
         along_u, along_v = _NARROW * period, _ALONG
         seen = _blurred(model * light, along_u, along_v)
         skin = seen / np.maximum(_blurred(model * model, along_u, along_v), _LEAST)
@@ -106,6 +101,35 @@ class SkinImager:
         skin += rest / (_blurred(model * model, _OWN, _OWN) + np.float32(_HALF))
         grey = np.clip(np.rint(_BRIGHTEST * skin), 1, 255)
         return np.where(known, grey, 0).astype(np.uint8)
+
+    def _fringes(
+        self,
+        light: NDArray[np.float32],
+        phase: NDArray[np.float32],
+        share: NDArray[np.float32],
+        period: float,
+    ) -> NDArray[np.float32]:
+        """The fringes as they are seen: of a code, blurred by as much as leaves least of them."""
+        if self.geometry.pattern.code == 'stripe':
+            return np.cos(phase)
+        some = slice(None, None, max(1, len(phase) // _ROWS))
+        phases, lights, shares = phase[some], light[some], share[some]
+        left = []
+        for variance in _BLURS:
+            cosine = self._blurred_fringes(phases, variance)
+            level, contrast = _contrast(lights, cosine, shares, _WIDE * period, 0)
+            rest = lights - level * (1 + contrast * cosine)
+            part = np.abs(rest[shares > 0]) / np.maximum(level[shares > 0], _LEAST)
+            left.append(float(np.mean(np.minimum(part, _OF_MARKS) ** 2)) if len(part) else 0.0)
+        return self._blurred_fringes(phase, _lowest(_BLURS, left))
+
+    def _blurred_fringes(self, phase: NDArray[np.float32], variance: float) -> NDArray[np.float32]:
+        cosine, sine = np.cos(phase), np.sin(phase)
+        envelope = _contrast_model(self.geometry.pattern).envelope(
+            np.full(phase.shape, variance, np.float32)
+        )
+        envelope.turn(phase, cosine, sine, slice(None))
+        return cosine
 
     def _period(self, phase: NDArray[np.float32], known: NDArray[np.bool_]) -> float:
         """Grid points a fringe, of most of the cloud."""
@@ -148,7 +172,41 @@ class SkinImager:
         return light
 
 
+def _contrast(
+    light: NDArray[np.float32],
+    cosine: NDArray[np.float32],
+    share: NDArray[np.float32],
+    along_u: float,
+    along_v: float,
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Level, and the fringes' contrast, in windows."""
+    weighted = share * light
+    sums = (share, share * cosine, share * cosine * cosine, weighted, weighted * cosine)
+    n, c, cc, s, sc = (_blurred(each, along_u, along_v) for each in sums)
+    determinant = n * cc - c * c
+    told = determinant > _LEAST_TOLD / 2 * n * n
+    safe = np.where(told, determinant, 1)
+    level = np.where(told, (s * cc - sc * c) / safe, s / np.maximum(n, _LEAST_SHARE))
+    modulation = np.where(told, (sc * n - s * c) / safe, 0)
+    return level, np.clip(modulation / np.maximum(level, _LEAST), 0, _WHOLE)
+
+
+def _lowest(places: NDArray[np.float64], values: list[float]) -> float:
+    """Where a parabola through the lowest of some values and its neighbours is lowest."""
+    at = min(max(int(np.argmin(values)), 1), len(values) - 2)
+    below, here, above = values[at - 1 : at + 2]
+    bend = below - 2 * here + above
+    step = 0.5 * (below - above) / bend if bend > 0 else 0.0
+    return float(places[at] + np.clip(step, -1, 1) * (places[at + 1] - places[at]))
+
+
+@lru_cache(maxsize=2)
+def _contrast_model(pattern: Pattern) -> ContrastModel:
+    return ContrastModel(pattern)
+
+
 def _blurred(plane: NDArray, along_u: float, along_v: float) -> Any:
-    return cv2.GaussianBlur(
-        plane.astype(np.float32), (0, 0), along_u, sigmaY=along_v, borderType=cv2.BORDER_CONSTANT
-    )
+    """Gaussian means, along v only where that is asked for; what is outside is zero."""
+    size = (0, 0) if along_v else (2 * round(4 * along_u) + 1, 1)
+    plane = plane.astype(np.float32)
+    return cv2.GaussianBlur(plane, size, along_u, sigmaY=along_v, borderType=cv2.BORDER_CONSTANT)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import cv2
 import numpy as np
 import pytest
 from small_scenes import PATTERN, RIG, Scene, panel
@@ -80,3 +83,24 @@ def test_nobody_pays_for_a_skin_that_nobody_asked_for(seen):
     plain = Reconstructor(RIG, PATTERN, Settings(stride=2)).measure(scene.image)
     assert not plain.cloud.skin.any()
     assert np.array_equal(plain.cloud.points, measured.cloud.points, equal_nan=True)
+
+
+@pytest.mark.parametrize('blur', [0.4, 0.9])
+def test_coded_fringes_leave_no_stripes_whatever_the_lenses_blur(blur):
+    coded = replace(PATTERN, code='contrast')
+    bare = panel(dents=(), paint=Paint(albedo=0.7))
+    scene = Scene.of(bare, projected=coded.draw(), psf_px=blur)
+    skin = Reconstructor(RIG, coded, Settings(stride=2)).measure(scene.image, skin=True).cloud
+    known = skin.valid
+    inner = cv2.erode(known.astype(np.uint8), np.ones((25, 25), np.uint8)) > 0
+    light = np.where(known, np.log(np.maximum(skin.skin, 1.0)), 0)
+    around = cv2.blur(light, (25, 25)) / np.maximum(cv2.blur(1.0 * known, (25, 25)), 1e-3)
+    # Stripes belong to the projector: what its columns have in common is of the fringes.
+    phase = SkinImager.of(RIG, coded, 2).geometry.phase(
+        1 / np.where(known, skin.points[..., 2], 1)
+    )
+    column = np.rint(phase[inner] / (2 * np.pi) * coded.period_px).astype(int)
+    column -= column.min()
+    count = np.bincount(column)
+    mean = np.bincount(column, (light - around)[inner])[count > 50] / count[count > 50]
+    assert np.std(mean) < 0.002
