@@ -1,7 +1,7 @@
 """Time from the publication of an image to the arrival of its cloud, between two processes.
 
 python benchmarks/node_latency.py [--rate 20] [--seconds 60] [--size 1280x720] [--stride 2]
-                                  [--dead-link]
+                                  [--code contrast] [--dead-link]
 
 Over the transport that `ftp-dent up` selects. With ``--dead-link`` every other ten seconds a
 `downlink` runs that no ground ever reaches, and both halves are told, with what it takes of the
@@ -26,7 +26,7 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image, PointCloud2
 from timing import processor_time
 
-from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.pattern import CODES, Pattern
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.rig import Lens, Rig, write_rig
@@ -58,11 +58,13 @@ def main() -> None:
     parser.add_argument('--seconds', type=float, default=60.0)
     parser.add_argument('--size', default='1280x720')
     parser.add_argument('--stride', type=int, default=2)
+    parser.add_argument('--code', choices=CODES, default='stripe')
     parser.add_argument('--dead-link', action='store_true')
     arguments = parser.parse_args()
     width, height = map(int, arguments.size.split('x'))
     images = round(arguments.rate * arguments.seconds)
-    rig, pattern = make_rig(width, height), Pattern(width, height, width / 70, width / 2)
+    rig = make_rig(width, height)
+    pattern = Pattern(width, height, width / 70, width / 2, code=arguments.code)
     skin = Surface((Panel(Pose.from_rpy([0, 0.1, 0], [0, 0, 0.65]), (-1, 1, -1, 1), 2.0),))
     image = Renderer(rig, pattern.draw()).render(skin)
 
@@ -95,7 +97,8 @@ def main() -> None:
         reconstructor.reconstruct(image)
         durations.append(time.perf_counter() - start)
     print(
-        f'{arguments.size}, stride {arguments.stride}, {arguments.rate:g} a second: '
+        f'{arguments.size}, {arguments.code}, stride {arguments.stride}, '
+        f'{arguments.rate:g} a second: '
         f'{images - len(latencies) - len(beside)} of {images} lost'
     )
     rows = [('image to cloud', latencies), ('reconstruct() alone', durations)]

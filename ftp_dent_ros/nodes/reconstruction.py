@@ -88,6 +88,7 @@ class Reconstruction(Node):
     def destroy_node(self) -> None:
         """Finish the image in work first."""
         self._worker.stop()
+        self._watch.end()
         super().destroy_node()
 
     def _change(self, values: dict[str, Any]) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections import deque
 from typing import Any
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo
 
+from ftp_dent_ros.calibration.checking.check_aside import CheckAside
 from ftp_dent_ros.errors import CalibrationError, RigError
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.photograph import Photograph
@@ -22,8 +22,9 @@ from ftp_dent_ros.profilometry.rig_alarm import LAST, rig_alarm
 from ftp_dent_ros.rig import Lens, Rig
 from ftp_dent_ros.ros.diagnostics import Diagnostics
 from ftp_dent_ros.ros.messages import lens_from_message
+from ftp_dent_ros.ros.worker import NewestWorker
 
-# Seconds between checks of the rig: each takes some 0.1 s.
+# Seconds between checks of the rig's turn: each takes a second of the processor, aside.
 _CHECK_PERIOD = 30.0
 
 
@@ -57,6 +58,8 @@ class RigWatch:
         self._lights: deque[NDArray] = deque(maxlen=FLICKER_LAST)
         self._epipolar_trouble, self._turned = '', ''
         self._check_due = 0.0
+        self._aside = CheckAside()
+        self._worker = NewestWorker(self._check_turn, 'rig check', room=1)
         diagnostics.note('rig', rig.id if rig else 'none')
 
     @property
@@ -88,6 +91,11 @@ class RigWatch:
         except RigError as error:
             self.wrong_calibration = str(error)
 
+    def end(self) -> None:
+        """End the check under way."""
+        self._aside.end()
+        self._worker.stop()
+
     def pattern_changed(self) -> None:
         """Forget what clouds of another pattern told: of this rig, but not by these rows."""
         self._epipolar.clear()
@@ -98,7 +106,9 @@ class RigWatch:
             self._warn_of_no_info()
         self._note_flicker(photograph, measurement.cloud.points)
         self._note_epipolar(measurement.epipolar)
-        self._check_turn(pattern, photograph, measurement.cloud.points)
+        if self._rig is not None and time.monotonic() >= self._check_due:
+            self._check_due = time.monotonic() + _CHECK_PERIOD
+            self._worker.put((self._rig, pattern, photograph, measurement.cloud.points))
 
     def _warn_of_no_info(self) -> None:
         without = "none came: the rig's own camera is believed"
@@ -128,18 +138,15 @@ class RigWatch:
         if self._epipolar_trouble:
             self._logger.error(self._epipolar_trouble, throttle_duration_sec=_CHECK_PERIOD)
 
-    def _check_turn(self, pattern: Pattern, photograph: Photograph, points: NDArray) -> None:
-        """Now and then: whether the projector has turned, as far as a curved skin tells."""
-        if self._rig is None or time.monotonic() < self._check_due:
-            return
-        self._check_due = time.monotonic() + _CHECK_PERIOD
-        # Imported only here: it takes SciPy's optimisers.
-        from ftp_dent_ros.calibration.checking.wall_check import check
-
+    def _check_turn(self, given: tuple[Rig, Pattern, Photograph, NDArray]) -> None:
+        """Whether the projector has turned, as far as a curved skin tells."""
         try:
-            found = check(self._rig, pattern, photograph, points, flatness=math.inf)
-        except (CalibrationError, np.linalg.LinAlgError, ValueError) as reason:
+            found = self._aside.check(*given)
+        except CalibrationError as reason:
             self._diagnostics.note('rig check', f'not possible: {reason}')
+            return
+        except Exception as error:
+            self._diagnostics.fail_by_defect('the rig could not be checked', error)
             return
         self._diagnostics.note('rig check', found.sentence)
         self._turned = '' if found.holds else found.sentence

@@ -6,12 +6,14 @@ import cv2
 import numpy as np
 import pytest
 
+from ftp_dent_ros.calibration.checking.check_aside import CheckAside
 from ftp_dent_ros.calibration.checking.verdict import adjusted, judged, turned
 from ftp_dent_ros.calibration.checking.wall_check import check, scatter
 from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.files import config_folder
 from ftp_dent_ros.pattern_file import read_pattern
+from ftp_dent_ros.photograph import Photograph
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.rig import read_rig, write_rig
@@ -163,3 +165,18 @@ def test_a_scale_told_by_few_needs_more_to_be_sure(rig, pattern):
     assert judged(bare, pattern, turn, covariance, middle).moved == ('yaw',)
     assert judged(bare, pattern, turn, covariance, middle, freedom=100).moved == ('yaw',)
     assert judged(bare, pattern, turn, covariance, middle, 16, freedom=12).moved == ()
+
+
+def test_a_check_aside_says_what_the_check_says(rig, pattern, wall):
+    wrong = turned(rig, np.radians([0.05, 0, 0]))
+    measured = Reconstructor(wrong, pattern, Settings(stride=4)).measure(wall)
+    here = check(wrong, pattern, wall, measured.cloud.points, np.inf)
+    aside = CheckAside()
+    found = aside.check(wrong, pattern, Photograph.of(wall), measured.cloud.points)
+    assert (found.holds, found.sentence) == (here.holds, here.sentence)
+    nothing = np.full((4, 4, 3), np.nan)
+    with pytest.raises(CalibrationError, match='fewer than 200'):
+        aside.check(rig, pattern, Photograph.of(wall), nothing)
+    aside.end()
+    with pytest.raises(CalibrationError, match='ended'):
+        aside.check(rig, pattern, Photograph.of(wall), nothing)

@@ -351,3 +351,5 @@ def test_a_rig_that_has_moved_is_told_by_three_clouds_of_coded_fringes(ros, tmp_
     assert 'the cloud is off by' in bench.value('epipolar lines')
     assert float(bench.value('beside epipolar lines (px)')) == pytest.approx(1.66, abs=0.1)
     assert float(bench.value('its uncertainty (px)')) < 0.05
+    ros.until(lambda: bench.value('rig check'))
+    assert bench.value('rig check').startswith('the rig does not hold: the projector has turned')
