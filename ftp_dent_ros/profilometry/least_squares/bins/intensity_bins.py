@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.photograph import FULL, Photograph
+from ftp_dent_ros.profilometry.least_squares.bins.compression import jpeg_variance
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.bins.pixel_noise import PixelNoise
 from ftp_dent_ros.profilometry.least_squares.bins.windows import blurred
@@ -127,6 +128,8 @@ def _of_planes(photograph: Photograph, grid: Grid) -> tuple[Any, ...]:
     else:
         plane = cv2.cvtColor(photograph.pixels, cv2.COLOR_RGB2GRAY)
     noise = PixelNoise.of(plane, unit=photograph.unit, step=photograph.step)
+    if plane.dtype == np.uint8:
+        noise = noise.at_least(jpeg_variance(plane) * photograph.unit**2)
     grey = grid.binned(plane) * unit
     red = (
         grey

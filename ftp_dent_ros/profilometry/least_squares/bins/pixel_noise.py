@@ -74,6 +74,10 @@ class PixelNoise:
         known = np.interp(np.arange(256), levels or [0], variances or [0])
         return cls(np.maximum(known, (unit * step) ** 2 / 12).astype(np.float32))
 
+    def at_least(self, variance: float) -> PixelNoise:
+        """The same, but nowhere less than a variance, grey levels^2."""
+        return PixelNoise(np.maximum(self.variance, np.float32(variance)))
+
     def of_fringes(
         self, level: NDArray[np.float32], modulation: NDArray[np.float32]
     ) -> NDArray[np.float32]:
