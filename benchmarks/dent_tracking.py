@@ -1,6 +1,7 @@
 """Dents of many clouds as one list, under an erring autopilot: counted once each, or not.
 
 python benchmarks/dent_tracking.py [--flights 20] [--dents 120] [--error 0.025] [--yaw 0.6]
+                                   [--alike]
 
 A camera goes to and fro over 2 square metres of hail in 40 clouds; each dent is found in 95 % of
 the clouds that show it. Poses are off by a wander (root mean square along x and y in metres, and
@@ -48,12 +49,15 @@ class Outcome:
     seconds: float  # processor time a cloud
 
 
-def flight(seed: int, dents: int, error: float, yaw: float) -> Outcome:
+def flight(seed: int, dents: int, error: float, yaw: float, alike: bool) -> Outcome:
     """Fly, and hold the list against what was there."""
     rng = np.random.default_rng(seed)
     places = _places(rng, dents)
     depth, width = rng.uniform(1.5e-4, 6e-4, dents), rng.uniform(0.01, 0.025, dents)
     length = width * rng.uniform(1, 1.3, dents)
+    if alike:
+        depth, width = rng.uniform(3e-4, 3.3e-4, dents), rng.uniform(0.018, 0.02, dents)
+        length = 1.1 * width
     listed = DentList()
     covariance = np.diag([error**2] * 3 + [math.radians(yaw) ** 2] * 3)
     shift, turn = rng.normal(0, error, 3), rng.normal(0, math.radians(yaw), 3)
@@ -122,10 +126,15 @@ def main() -> None:
     parser.add_argument('--dents', type=int, default=120)
     parser.add_argument('--error', type=float, default=0.025, help='metres, root mean square')
     parser.add_argument('--yaw', type=float, default=0.6, help='degrees, root mean square')
+    parser.add_argument(
+        '--alike', action='store_true', help='all dents within 10 % of one size, as no hail is'
+    )
     parser.add_argument('--seed', type=int, default=100)
     arguments = parser.parse_args()
     outcomes = [
-        flight(arguments.seed + k, arguments.dents, arguments.error, arguments.yaw)
+        flight(
+            arguments.seed + k, arguments.dents, arguments.error, arguments.yaw, arguments.alike
+        )
         for k in tqdm(range(arguments.flights), unit='flight')
     ]
     exact = sum(o.true == o.listed and not o.merged and not o.twice for o in outcomes)

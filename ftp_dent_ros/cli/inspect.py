@@ -8,6 +8,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
+from ftp_dent_ros import profilometry
 from ftp_dent_ros.cli.inspect_several import inspect_several
 from ftp_dent_ros.cli.inspection_arguments import (
     add_settings_arguments,
@@ -72,6 +73,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.jobs is not None and arguments.jobs < 1:
         raise ConfigurationError(f'--jobs is {arguments.jobs}: give at least 1')
     settings = settings_of(arguments)
+    # Before minutes of the other inputs.
+    profilometry.Settings(stride=arguments.stride)
     files = arguments.rig, arguments.pattern, arguments.rules
     requests = [
         Request(Path(name), *files, settings, arguments.stride, arguments.survey)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.files import check_writable
-from ftp_dent_ros.inspection.settings import Settings
+from ftp_dent_ros.inspection.settings import RANGES, Settings
 
 _MM = 1e3
 
@@ -32,7 +32,20 @@ def add_settings_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def settings_of(arguments: argparse.Namespace) -> Settings:
-    """Settings of an inspection that the arguments ask for."""
+    """Settings of an inspection that the arguments ask for.
+
+    Raises
+    ------
+    ConfigurationError
+        A size is out of its range; it is told in millimetres, as it was given.
+    """
+    for name, (least, most) in RANGES.items():
+        value = getattr(arguments, name)
+        if not least <= value / _MM <= most:
+            raise ConfigurationError(
+                f'--{name.replace("_", "-")} is {value:g}: give millimetres, {least * _MM:g} to '
+                f'{most * _MM:g}'
+            )
     return Settings(arguments.smallest_depth / _MM, arguments.smallest_width / _MM)
 
 
@@ -47,5 +60,6 @@ def output_folder(arguments: argparse.Namespace) -> Path:
     output = Path(arguments.output)
     if output.exists() and not output.is_dir():
         raise ConfigurationError(f'--output {output} is a file: name a folder')
-    check_writable(output / 'any')
+    # Of any file in it.
+    check_writable(output / 'report')
     return output

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 from ftp_dent_ros.errors import ConfigurationError
+
+# Metres: below, nothing is resolved by any camera; beyond, it is no dent or fills the view.
+RANGES = {'smallest_depth': (1e-6, 0.1), 'smallest_width': (1e-4, 1.0)}
 
 
 @dataclass(frozen=True)
@@ -23,15 +25,17 @@ class Settings:
     Raises
     ------
     ConfigurationError
-        A value is not a positive number.
+        A value is no number, or outside `RANGES`.
     """
 
     smallest_depth: float = 1e-4
     smallest_width: float = 0.01
 
     def __post_init__(self) -> None:
-        for name in ('smallest_depth', 'smallest_width'):
+        for name, (least, most) in RANGES.items():
             value = getattr(self, name)
             number = isinstance(value, (int, float)) and not isinstance(value, bool)
-            if not number or not 0 < value < math.inf:
-                raise ConfigurationError(f'{name} is {value!r}: give metres, above 0')
+            if not number or not least <= value <= most:
+                raise ConfigurationError(
+                    f'{name} is {value!r}: give metres, {least:g} to {most:g}'
+                )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ftp_dent_ros.inspection.reporting.rules import Rules, read_rules
-from ftp_dent_ros.inspection.settings import Settings
+from ftp_dent_ros.inspection.settings import RANGES, Settings
 from ftp_dent_ros.parameters import Declarations
 
 TAGGED = 'tagged'
@@ -26,6 +26,7 @@ class InspectorParameters:
 def declare(parameters: Declarations) -> InspectorParameters:
     """Declare them."""
     default = Settings()
+    depths, widths = RANGES['smallest_depth'], RANGES['smallest_width']
     rules = parameters.file('rules', '', 'File of limits to judge the list by.')
     return InspectorParameters(
         is_tagged=parameters.declare(
@@ -44,15 +45,15 @@ def declare(parameters: Declarations) -> InspectorParameters:
                 'smallest_depth',
                 default.smallest_depth,
                 'Shallower dents are not reported, metres.',
-                minimum=1e-6,
-                maximum=0.1,
+                minimum=depths[0],
+                maximum=depths[1],
             ),
             smallest_width=parameters.declare(
                 'smallest_width',
                 default.smallest_width,
                 'Narrower ones are rivets, scratches and gaps: not reported, metres.',
-                minimum=1e-4,
-                maximum=1.0,
+                minimum=widths[0],
+                maximum=widths[1],
             ),
         ),
         rules=read_rules(rules) if rules else None,

@@ -55,6 +55,11 @@ def survey_from_report(path: str | os.PathLike[str], name: str = '') -> SurveyRe
             software=record['software'],
         )
     except OSError as reason:
+        if (file.parent / 'survey.json').exists():
+            raise ConfigurationError(
+                f'{path}: is of `ftp-dent survey`, which keeps what can be compared in the file '
+                'of --store: give FILE.sqlite:NAME'
+            ) from None
         raise ConfigurationError(
             f'{file}: cannot be read ({reason.strerror}): give what `ftp-dent inspect` has written'
         ) from None

@@ -85,6 +85,9 @@ def test_each_wrong_input_is_one_sentence(tmp_path, capsys, kept):
     (tmp_path / 'text').write_text('text')
     text = refusal(capsys, 'compare', tmp_path / 'text', both[1], *out)
     assert 'is no dents.json' in text
+    (tmp_path / 'skin').mkdir()
+    (tmp_path / 'skin/survey.json').write_text('{}')
+    assert '--store' in refusal(capsys, 'compare', tmp_path / 'skin', both[1], *out)
     assert 'give the earlier survey first' in refusal(capsys, 'compare', *both[::-1], *out)
     _, later = pair()
     file = tmp_path / 'points.yaml'

@@ -18,7 +18,7 @@ from scipy.special import logsumexp
 
 from ftp_dent_ros.inspection.dent import MeasuredDent
 from ftp_dent_ros.inspection.observation import SAME
-from ftp_dent_ros.inspection.tracking.agreement import agreement
+from ftp_dent_ros.inspection.tracking.agreement import agreement, coincidence
 from ftp_dent_ros.inspection.tracking.moves import about, fit_in_space
 from ftp_dent_ros.pose import Pose
 
@@ -96,7 +96,8 @@ def find_match(
     shift, turn = spread[:2, :2] + 1e-12 * np.eye(2), float(normal @ covariance[3:, 3:] @ normal)
     turn = math.sqrt(turn / (normal @ normal)) + 1e-6
     a, b = plane.flat(places), plane.flat(there)
-    agree = agreement(seen, known)
+    # Twice the logarithm of how much less likely the sizes are of one dent than of two.
+    agree = agreement(seen, known) - 2 * coincidence(seen, known)
     # Sightings of what the frame cuts have their centre anywhere.
     whole = np.array([not d.is_cut for d in seen])[:, None] & [not d.is_cut for d in known]
     offset = b[None, :, :2] - a[:, None, :2]

@@ -5,6 +5,7 @@ import pytest
 from dent_samples import make_dent
 
 from ftp_dent_ros.inspection.dent import Estimate
+from ftp_dent_ros.inspection.tracking.agreement import coincidence
 from ftp_dent_ros.inspection.tracking.dent_list import DentList
 from ftp_dent_ros.inspection.tracking.pose_errors import position_covariance
 from ftp_dent_ros.inspection.tracking.sightings import combined
@@ -150,3 +151,14 @@ def test_parts_that_only_poses_tie_have_one_number_or_say_that_two_may_be_one():
     several = [replace(dent, position=dent.position + off) for dent in hail[8:20]]
     together = listed(hail, several, covariance=poses).entries
     assert len(together) == len(hail) and not any(each.maybe for each in together)
+
+
+def test_one_dent_alone_is_known_again_by_its_sizes():
+    unsure = np.diag([0.15**2] * 3 + [0.01**2] * 3)
+    first, again = make_dent((0, 0, 0.6), 9e-4), make_dent((0.1, -0.07, 0.6), 9.1e-4)
+    (entry,) = listed([first], [again], covariance=unsure).entries
+    assert len(entry.sightings) == 2
+    other = make_dent((0.1, -0.07, 0.6), 1.8e-3)
+    assert len(listed([first], [other], covariance=unsure).entries) == 2
+    # What the frame cuts has no size to be known by.
+    assert not coincidence([first], [replace(again, is_cut=True)]).any()
