@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 _PARTICIPANTS = 4  # the node, a recorder and two viewers, for the share of the shared memory
 _QUEUE = 64  # items that wait to be shown
+_LAST_DOMAIN = 232  # the ports of others are beyond 65535 (DDSI-RTPS, 9.6.1)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -74,6 +75,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Run until SIGINT or SIGTERM."""
     if arguments.make_keys is not None:
         return _make_keys(arguments.make_keys)
+    if arguments.domain is not None and not 0 <= arguments.domain <= _LAST_DOMAIN:
+        raise ConfigurationError(f'--domain is {arguments.domain}: give 0 to {_LAST_DOMAIN}')
     if arguments.address is None:
         raise ConfigurationError("the drone's address is missing: give HOST or HOST:PORT")
     endpoints(arguments.address, Security(arguments.keys, arguments.open), 'ground')

@@ -16,7 +16,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from ftp_dent_ros.errors import InputError, PoseError
+from ftp_dent_ros.errors import ConfigurationError, InputError, PoseError
 from ftp_dent_ros.ground.foxglove_server import FoxgloveServer
 from ftp_dent_ros.ground.item import Item
 from ftp_dent_ros.ground.link import Link
@@ -61,10 +61,15 @@ class GroundStation(Node):
             given.station,
         )
         self._shows: list[Page | FoxgloveServer] = []
-        if given.web:
-            self._shows.append(Page(given.web, self._station))
-        if given.foxglove:
-            self._shows.append(FoxgloveServer(given.foxglove))
+        try:
+            if given.web:
+                self._shows.append(Page(given.web, self._station))
+            if given.foxglove:
+                self._shows.append(FoxgloveServer(given.foxglove))
+        except ConfigurationError:
+            # The link's threads would keep the process.
+            self._close()
+            raise
         for show in self._shows:
             self.get_logger().info(f'what comes is shown at {show.url}')
         self._worker = threading.Thread(target=self._run, name='decoding', daemon=True)
@@ -78,10 +83,13 @@ class GroundStation(Node):
         self._ending.set()
         self._queue.put(None)
         self._worker.join(5.0)
+        self._close()
+        super().destroy_node()
+
+    def _close(self) -> None:
         for show in self._shows:
             show.close()
         self._station.close()
-        super().destroy_node()
 
     def _commander(self, command: str):
         def do(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

@@ -8,6 +8,9 @@ from dataclasses import dataclass
 
 from ftp_dent_ros.errors import ConfigurationError
 
+# Of an absolute topic, as ROS 2 takes them.
+_NAME = re.compile(r'(/[A-Za-z_][A-Za-z0-9_]*)+')
+
 
 @dataclass(frozen=True)
 class Selection:
@@ -25,7 +28,7 @@ class Selection:
     Raises
     ------
     ConfigurationError
-        An expression is malformed.
+        A name or an expression is malformed.
     """
 
     names: tuple[str, ...] = ()
@@ -40,7 +43,13 @@ class Selection:
     @classmethod
     def of(cls, names: Sequence[str], **others: bool | str) -> Selection:
         """Selection with the names made absolute."""
-        absolute = (name if name.startswith('/') else f'/{name}' for name in names)
+        absolute = [name if name.startswith('/') else f'/{name}' for name in names]
+        for name in absolute:
+            if not _NAME.fullmatch(name):
+                raise ConfigurationError(
+                    f'{name!r} is no name of a topic: give letters, digits, _ and / alone, or a '
+                    'regular expression with --regex'
+                )
         return cls(tuple(dict.fromkeys(absolute)), **others)  # type: ignore[arg-type]
 
     def wants(self, topic: str) -> bool:

@@ -126,6 +126,12 @@ def test_selection_by_name_expression_and_exclusion():
     assert not Selection().wants('/points')
 
 
+@pytest.mark.parametrize('name', ['a b', '', '/a//b', '/a/', '/1a', 'a-b'])
+def test_selection_refuses_what_no_topic_is_called(name):
+    with pytest.raises(ConfigurationError, match='is no name of a topic'):
+        Selection.of([name])
+
+
 def test_selection_refuses_a_malformed_expression():
     with pytest.raises(ConfigurationError, match='is no regular expression'):
         Selection.of([], regex='(')

@@ -64,8 +64,9 @@ class PageServer:
         try:
             self._server = _Server((host or '127.0.0.1', int(port)), _Handler)
         except (OSError, ValueError, OverflowError) as reason:
+            why = reason.strerror if isinstance(reason, OSError) else 'no port of 0 to 65535'
             raise ConfigurationError(
-                f'{address}: the page cannot be served there ({reason}): give HOST:PORT'
+                f'{address}: the page cannot be served there ({why}): give another HOST:PORT'
             ) from None
         server = self._server
         server.scene, server.link, server.command = scene, link, command
