@@ -7,10 +7,17 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from ftp_dent_ros.inspection.dent import Estimate, Inspection, MeasuredDent
 from ftp_dent_ros.recording.clouds import BagCloud, bag_clouds
 from ftp_dent_ros.recording.reader import Bag
 from ftp_dent_ros.survey.joined import Joined
+from ftp_dent_ros.survey.result import Relief
+from ftp_dent_ros.survey.skin_map.fusion import PIXEL
+
+# Of the skin about a dent: by the dent's own sizes, beside that, metres; and points across it.
+_BEYOND, _BESIDE, _POINTS = 1.5, 0.006, 80
 
 
 class FusedSkin:
@@ -59,6 +66,20 @@ class FusedSkin:
             vehicle=pose,
             covariance=self._joined.covariances_among_them[number],
         )
+
+    def relief(self, dent: MeasuredDent) -> Relief | None:
+        """The skin about a dent; None where its sizes are not known."""
+        if dent.is_cut or not (dent.length.is_measured and dent.width.is_measured):
+            return None
+        halves = np.array([dent.length.value, dent.width.value]) / 2 * _BEYOND + _BESIDE
+        spacing = max(PIXEL, 2 * float(halves.max()) / _POINTS)
+        columns, rows = np.ceil(halves / spacing).astype(int)
+        empty = np.full((2 * rows + 1, 2 * columns + 1), np.nan, np.float32)
+        a, b = Relief(spacing, empty).places()
+        across = np.cross(dent.normal, dent.axis)
+        plane = dent.position + a[..., None] * dent.axis + b[..., None] * across
+        heights = (self._fusion.heights(plane) - dent.position) @ dent.normal
+        return Relief(spacing, heights.astype(np.float32))
 
     def shown(self, item: BagCloud, found: Inspection | None) -> None:
         """Draw a prepared cloud into the picture, with what its inspection tells."""

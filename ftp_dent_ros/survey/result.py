@@ -18,6 +18,30 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
+class Relief:
+    """The skin about a dent as all clouds tell it together.
+
+    Attributes
+    ----------
+    spacing : float
+        Of the grid, metres.
+    heights : ndarray, shape (2 n + 1, 2 m + 1), float32
+        Along the dent's normal, above the plane through its position, which is in the middle;
+        columns go along its axis, rows along normal x axis. Metres; NaN where fewer than two
+        clouds tell of it.
+    """
+
+    spacing: float
+    heights: NDArray[np.float32]
+
+    def places(self) -> tuple[Array, Array]:
+        """Places of the grid's points along the columns' axis and the rows', metres."""
+        rows, columns = self.heights.shape
+        v, u = np.mgrid[:rows, :columns].astype(float)
+        return (u - columns // 2) * self.spacing, (v - rows // 2) * self.spacing
+
+
+@dataclass(frozen=True, eq=False)
 class SurveyedDent:
     """One dent of a survey.
 
@@ -30,12 +54,15 @@ class SurveyedDent:
     position_covariance : ndarray, shape (3, 3)
         Square metres: with what all dents of the survey have in common.
     sightings : int
+    relief : Relief, optional
+        For the comparison with another survey.
     """
 
     number: int
     dent: MeasuredDent
     position_covariance: Array
     sightings: int
+    relief: Relief | None = None
 
 
 @dataclass(frozen=True, eq=False)

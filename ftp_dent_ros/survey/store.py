@@ -7,7 +7,7 @@ import os
 import sqlite3
 import time
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -21,10 +21,10 @@ from ftp_dent_ros.files import check_writable
 from ftp_dent_ros.inspection.plain import dent_from_plain, dent_to_plain
 from ftp_dent_ros.inspection.settings import Settings
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.survey.result import CoverageCells, SurveyedDent, SurveyResult
+from ftp_dent_ros.survey.result import CoverageCells, Relief, SurveyedDent, SurveyResult
 
 # "FtpD", in the file's header; and of the tables below.
-_APPLICATION, VERSION = 0x46747044, 1
+_APPLICATION, VERSION = 0x46747044, 2
 _TABLES = {
     'surveys': """number INTEGER PRIMARY KEY, name TEXT NOT NULL UNIQUE, taken_ns INTEGER NOT NULL,
         added_ns INTEGER NOT NULL, frame_id TEXT NOT NULL, sources TEXT NOT NULL,
@@ -37,7 +37,11 @@ _TABLES = {
         PRIMARY KEY (survey, number)""",
     'coverage': """survey INTEGER PRIMARY KEY REFERENCES surveys, size REAL, positions BLOB,
         findable BLOB, noise BLOB, views BLOB, best BLOB""",
+    'reliefs': """survey INTEGER NOT NULL REFERENCES surveys, number INTEGER NOT NULL,
+        spacing REAL, columns INTEGER, heights BLOB, PRIMARY KEY (survey, number)""",
 }
+# Those that files of the version before lack, which are read as they are.
+_SINCE_1 = ('reliefs',)
 _CELLS = {'positions': '<f4', 'findable': '<f4', 'noise': '<f4', 'views': '<i8', 'best': '<i8'}
 
 
@@ -82,6 +86,14 @@ class Store:
             file.executemany(
                 f'INSERT INTO dents VALUES ({", ".join("?" * 12)})',
                 [(survey, *_dent_row(each)) for each in result.dents],
+            )
+            reliefs = [(d.number, d.relief) for d in result.dents if d.relief is not None]
+            file.executemany(
+                'INSERT INTO reliefs VALUES (?, ?, ?, ?, ?)',
+                [
+                    (survey, number, each.spacing, each.heights.shape[1], _packed(each.heights))
+                    for number, each in reliefs
+                ],
             )
             cells = result.coverage
             if cells is not None:
@@ -138,7 +150,7 @@ class Store:
                 table: file.execute(
                     f'SELECT * FROM {table} WHERE survey = ? ORDER BY rowid', (survey['number'],)
                 ).fetchall()
-                for table in ('poses', 'dents', 'coverage')
+                for table in ('poses', 'dents', 'coverage', 'reliefs')
             }
         try:
             return _result(survey, **found)
@@ -174,17 +186,14 @@ class Store:
         if not (application or version or tables):
             file.execute(f'PRAGMA application_id = {_APPLICATION}')
             file.execute(f'PRAGMA user_version = {VERSION}')
-            for table, columns in _TABLES.items():
-                file.execute(f'CREATE TABLE {table} ({columns})')
-                for change in ('UPDATE', 'DELETE'):
-                    file.execute(
-                        f'CREATE TRIGGER no_{change}_of_{table} BEFORE {change} ON {table} '
-                        "BEGIN SELECT RAISE(ABORT, 'surveys are never changed'); END"
-                    )
+            _make(file, _TABLES)
         elif application != _APPLICATION:
             raise ConfigurationError(
                 f'{self.path}: is a database of something else: name another file'
             )
+        elif version == 1:
+            file.execute(f'PRAGMA user_version = {VERSION}')
+            _make(file, _SINCE_1)
         elif version != VERSION:
             raise ConfigurationError(
                 f'{self.path}: has the version {version} of its tables, and this software reads '
@@ -205,6 +214,16 @@ def _refuse_known(path: Path, name: str, known: tuple[str, ...]) -> None:
         )
 
 
+def _make(file: sqlite3.Connection, tables: Iterable[str]) -> None:
+    for table in tables:
+        file.execute(f'CREATE TABLE {table} ({_TABLES[table]})')
+        for change in ('UPDATE', 'DELETE'):
+            file.execute(
+                f'CREATE TRIGGER no_{change}_of_{table} BEFORE {change} ON {table} '
+                "BEGIN SELECT RAISE(ABORT, 'surveys are never changed'); END"
+            )
+
+
 def _dent_row(each: SurveyedDent) -> tuple[Any, ...]:
     dent = each.dent
     sizes = (dent.length.value, dent.width.value, dent.depth.value)
@@ -214,7 +233,10 @@ def _dent_row(each: SurveyedDent) -> tuple[Any, ...]:
     return (each.number, dent.kind, *place, *map(float, sizes), each.sightings, spread, record)
 
 
-def _result(survey: Any, poses: list[Any], dents: list[Any], coverage: list[Any]) -> SurveyResult:
+def _result(
+    survey: Any, poses: list[Any], dents: list[Any], coverage: list[Any], reliefs: list[Any]
+) -> SurveyResult:
+    about = {row['number']: _relief(row) for row in reliefs}
     return SurveyResult(
         name=survey['name'],
         sources=tuple(json.loads(survey['sources'])),
@@ -226,6 +248,7 @@ def _result(survey: Any, poses: list[Any], dents: list[Any], coverage: list[Any]
                 dent_from_plain(json.loads(row['record'])),
                 _floats(row['position_covariance']).reshape(3, 3),
                 row['sightings'],
+                about.get(row['number']),
             )
             for row in dents
         ),
@@ -246,6 +269,15 @@ def _cells(row: Any) -> CoverageCells:
     values = {name: np.frombuffer(zlib.decompress(row[name]), k) for name, k in _CELLS.items()}
     values['positions'] = values['positions'].reshape(-1, 3)
     return CoverageCells(row['size'], **values)
+
+
+def _relief(row: Any) -> Relief:
+    heights = np.frombuffer(zlib.decompress(row['heights']), '<f4')
+    return Relief(row['spacing'], heights.reshape(-1, row['columns']))
+
+
+def _packed(values: NDArray[np.float32]) -> bytes:
+    return zlib.compress(np.asarray(values, '<f4').tobytes())
 
 
 def _bytes(values: NDArray[np.float64]) -> bytes:

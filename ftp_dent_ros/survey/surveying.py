@@ -95,6 +95,7 @@ def survey_bags(
             replace(each.dent, reason=each.reason),
             position_covariance(each.dent.position, poses[each.best], covariances[each.best]),
             len(each.sightings),
+            skin.relief(each.dent),
         )
         for each in dents.entries
     )

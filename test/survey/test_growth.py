@@ -56,3 +56,18 @@ def test_a_cut_dent_is_not_compared_and_one_without_uncertainty_never_grows():
     changes, _ = changes_of(earlier, later)
     assert changes[0] == ()
     assert changes[1][0].verdict == 0
+
+
+def test_what_the_skins_tell_of_a_depth_counts_and_not_the_depths():
+    rng = np.random.default_rng(8)
+    earlier, later = pairs(rng, 12, off=1.0)
+    grown = 2e-5
+    deeper = [
+        Estimate((grown if index < 2 else 0) + 1e-6 * rng.normal(), 1e-6) for index in range(11)
+    ]
+    changes, (depth, *_) = changes_of(earlier, later, [*deeper, None])
+    assert [each[0].verdict for each in changes] == [1, 1] + [0] * 10
+    for each, direct in zip(changes, deeper, strict=False):
+        assert each[0].estimate.value == pytest.approx(direct.value, abs=2e-6)
+        assert each[0].half < 5e-6
+    assert changes[-1][0].half > 5e-6 and depth.quantity == 'depth'

@@ -11,13 +11,15 @@ from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.inspection.plain import dent_to_plain
 from ftp_dent_ros.inspection.settings import Settings
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.survey.result import CoverageCells, SurveyedDent, SurveyResult
+from ftp_dent_ros.survey.result import CoverageCells, Relief, SurveyedDent, SurveyResult
 from ftp_dent_ros.survey.store import Store
 
 
 def survey(name='2026-03', taken_ns=5):
+    heights = np.array([[np.nan, 1e-4, 2e-4], [0, -1e-4, 0], [1, 2, 3]], np.float32)
     dents = tuple(
-        SurveyedDent(k, make_dent((0.1 * k, 0, 0.6)), np.eye(3) * 1e-6, 4) for k in (1, 2)
+        SurveyedDent(k, make_dent((0.1 * k, 0, 0.6)), np.eye(3) * 1e-6, 4, relief)
+        for k, relief in ((1, Relief(2e-3, heights)), (2, None))
     )
     cells = np.arange(12, dtype=np.float32).reshape(4, 3)
     return SurveyResult(
@@ -48,12 +50,26 @@ def test_a_survey_comes_back_as_it_was(tmp_path):
         assert dent_to_plain(one.dent) == dent_to_plain(other.dent)
         assert (one.number, one.sightings) == (other.number, other.sightings)
         np.testing.assert_array_equal(one.position_covariance, other.position_covariance)
+    (one, none), (written_one, _) = read.dents, written.dents
+    assert none.relief is None and one.relief.spacing == written_one.relief.spacing
+    np.testing.assert_array_equal(one.relief.heights, written_one.relief.heights)
     np.testing.assert_allclose(read.poses[0].quaternion, written.poses[0].quaternion)
     np.testing.assert_array_equal(read.covariances, written.covariances)
     for name in ('positions', 'findable', 'noise', 'views', 'best'):
         np.testing.assert_array_equal(
             getattr(read.coverage, name), getattr(written.coverage, name)
         )
+
+
+def test_a_file_of_the_version_before_is_read_and_added_to(tmp_path):
+    store = Store(tmp_path / 'aircraft.sqlite')
+    store.add(survey())
+    with sqlite3.connect(store.path) as file:
+        file.execute('DROP TABLE reliefs')
+        file.execute('PRAGMA user_version = 1')
+    assert all(each.relief is None for each in store.read('2026-03').dents)
+    store.add(survey('2027-03'))
+    assert store.read('2027-03').dents[0].relief is not None
 
 
 def test_nothing_that_is_there_is_changed_and_nothing_half_is_added(tmp_path):

@@ -99,7 +99,13 @@ def test_a_flight_becomes_one_skin_with_each_dent_once(tmp_path, skin, capsys):
     picture = cv2.imread(str(tmp_path / 'out' / 'skin.png'), cv2.IMREAD_UNCHANGED)
     assert (picture > 0).sum() * 4e-6 == pytest.approx(found['coverage']['area_m2'], rel=0.03)
     assert found['coverage']['gaps'] == []
-    assert Store(store).read('first').stamps_ns[0] == START_NS
+    kept = Store(store).read('first')
+    assert kept.stamps_ns[0] == START_NS
+    # The skin about each dent, on a cylinder of 2 m, for the comparison with another survey.
+    for each in kept.dents:
+        heights = each.relief.heights
+        assert np.isfinite(heights).mean() > 0.9
+        assert -np.nanmin(heights) == pytest.approx(each.dent.depth.value, abs=1e-4)
 
 
 def test_the_report_on_a_bag_shows_the_whole_skin(tmp_path, skin, capsys):

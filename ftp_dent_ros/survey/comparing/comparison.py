@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
+from ftp_dent_ros.inspection.dent import Estimate
+from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.survey.comparing.growth import Change, Scale, changes_of
 from ftp_dent_ros.survey.comparing.matching import Matching, match
+from ftp_dent_ros.survey.comparing.relief_growth import growth_of
 from ftp_dent_ros.survey.result import SurveyedDent, SurveyResult
 
 Status = Literal[
@@ -94,7 +97,8 @@ def compare(earlier: SurveyResult, later: SurveyResult) -> Comparison:
     before, after = _compared(earlier), _compared(later)
     matching = match([each.dent for each in before], [each.dent for each in after])
     same = [(before[i], after[j]) for i, j in matching.pairs]
-    changes, scales = changes_of([a.dent for a, _ in same], [b.dent for _, b in same])
+    deeper = [_deeper(a, b, matching) for a, b in same]
+    changes, scales = changes_of([a.dent for a, _ in same], [b.dent for _, b in same], deeper)
     found = [
         _matched(a, b, change)
         for (a, b), change in zip(same, changes, strict=True)
@@ -107,6 +111,17 @@ def compare(earlier: SurveyResult, later: SurveyResult) -> Comparison:
     order = list(STATUSES)
     found.sort(key=lambda each: (order.index(each.status), -_depth(each)))
     return Comparison(earlier, later, tuple(found), matching, scales)
+
+
+def _deeper(earlier: SurveyedDent, later: SurveyedDent, matching: Matching) -> Estimate | None:
+    """How much deeper a dent is by the skin about it, outward for what stands out."""
+    turn = matching.motion.rotation.inv()
+    places, _ = matching.in_later(earlier.dent.position[None])
+    to_later = Pose(turn, places[0] - turn.apply(earlier.dent.position))
+    deeper = growth_of(earlier, later, to_later)
+    if deeper is None:
+        return None
+    return replace(deeper, value=float(np.sign(earlier.dent.depth.value)) * deeper.value)
 
 
 def _depth(each: ComparedDent) -> float:

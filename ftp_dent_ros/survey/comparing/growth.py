@@ -5,7 +5,8 @@ beyond any single test's limit: limits are those of Holm's step-down procedure (
 6, 65, 1979) for all dents of a comparison together. What two surveys have in common (what the
 reconstruction smooths, how an outline is drawn) drops out of their difference, which is therefore
 less uncertain than both figures are stated to be: by how much is learnt from the dents themselves,
-most of which have not grown.
+most of which have not grown. Where both surveys keep the skin about a dent, its depth's change is
+that of the skin itself (`relief_growth`), and the factor on its uncertainty is learnt from such.
 """
 
 from __future__ import annotations
@@ -68,7 +69,9 @@ class Scale:
 
 
 def changes_of(
-    earlier: Sequence[MeasuredDent], later: Sequence[MeasuredDent]
+    earlier: Sequence[MeasuredDent],
+    later: Sequence[MeasuredDent],
+    deeper: Sequence[Estimate | None] = (),
 ) -> tuple[list[tuple[Change, ...]], tuple[Scale, ...]]:
     """Changes of dents that are the same, in their order, and the surveys' common factors.
 
@@ -76,21 +79,43 @@ def changes_of(
     ----------
     earlier, later : sequence of MeasuredDent
         The same dents. One that is cut in either has no changes: its sizes are bounds.
+    deeper : sequence of Estimate or None, optional
+        Change of each dent's depth, where the skins themselves tell it.
     """
-    scales, values, freedoms = [], {}, {}
     usable = np.array([not (a.is_cut or b.is_cut) for a, b in zip(earlier, later, strict=True)])
+    known: dict[str, Sequence[Estimate | None]] = {'depth': deeper or [None] * len(earlier)}
+    scales, values, freedoms = [], {}, {}
     for quantity in QUANTITIES:
         one, two = (
             [_magnitude(getattr(dent, quantity)) for dent in dents] for dents in (earlier, later)
         )
-        scale, freedom = _scale(quantity, one, two, usable)
-        scales.append(scale)
-        freedoms[quantity] = freedom
-        values[quantity] = [_difference(a, b, scale) for a, b in zip(one, two, strict=True)]
+        given = known.get(quantity, [None] * len(earlier))
+        two = [b if d is None else _grown(a, d) for a, b, d in zip(one, two, given, strict=True)]
+        stated = np.array(
+            [
+                np.hypot(a.uncertainty, b.uncertainty) if d is None else d.uncertainty
+                for a, b, d in zip(one, two, given, strict=True)
+            ]
+        )
+        directly = np.array([each is not None for each in given], bool)
+        changes: list[Estimate] = [Estimate(np.nan, np.nan)] * len(one)
+        freedom = np.full(len(one), _TRUST)
+        parts = []
+        for part in (directly, ~directly):
+            scale, of_part = _scale(quantity, one, two, stated, usable & part)
+            parts.append((int((usable & part).sum()), scale))
+            for index in np.flatnonzero(part).tolist():
+                changes[index] = _difference(one[index], two[index], stated[index], scale)
+                freedom[index] = of_part
+        # How most of them compare.
+        scales.append(max(parts, key=lambda each: each[0])[1])
+        values[quantity], freedoms[quantity] = changes, freedom
     told = set()
     for quantity in QUANTITIES:
         indices = np.flatnonzero(usable)
-        chances = [_chance(values[quantity][index], freedoms[quantity]) for index in indices]
+        chances = [
+            _chance(values[quantity][index], freedoms[quantity][index]) for index in indices
+        ]
         significant = _holm(chances, FALSE_ALARM * _SHARE[quantity])
         told |= {(index, quantity) for index in indices[significant]}
     result = []
@@ -99,7 +124,7 @@ def changes_of(
         for quantity in QUANTITIES if usable[index] else ():
             estimate = values[quantity][index]
             sign = int(np.sign(estimate.value)) if (index, quantity) in told else 0
-            half = float(student.ppf(0.975, freedoms[quantity]) * estimate.uncertainty)
+            half = float(student.ppf(0.975, freedoms[quantity][index]) * estimate.uncertainty)
             found.append(Change(quantity, estimate, half, sign))
         result.append(tuple(found))
     return result, tuple(scales)
@@ -110,19 +135,23 @@ def _magnitude(estimate: Estimate) -> Estimate:
     return Estimate(abs(estimate.value), estimate.uncertainty)
 
 
+def _grown(earlier: Estimate, deeper: Estimate) -> Estimate:
+    return Estimate(earlier.value + deeper.value, earlier.uncertainty)
+
+
 def _scale(
     quantity: str,
     earlier: Sequence[Estimate],
     later: Sequence[Estimate],
+    stated: NDArray[np.float64],
     usable: NDArray[np.bool_],
 ) -> tuple[Scale, float]:
     """Factor of later over earlier values, the factor on their noise, and its freedom."""
     a, b = (np.array([[e.value, e.uncertainty] for e in each]) for each in (earlier, later))
     known = usable & np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
-    known &= (a[:, 1] > 0) & (b[:, 1] > 0)
-    a, b = a[known], b[known]
+    known &= stated > 0
+    a, b, stated = a[known], b[known], stated[known]
     factor, spread, noise, freedom = 1.0, _SCALE, 1.0, _TRUST
-    stated = np.hypot(a[:, 1], b[:, 1])
     for _ in range(_ROUNDS if len(a) else 0):
         off = (b[:, 0] - factor * a[:, 0]) / stated
         unchanged = np.abs(off) < _FAR * max(_TO_SIGMA * float(np.median(np.abs(off))), 0.1)
@@ -137,9 +166,9 @@ def _scale(
     return Scale(quantity, factor, spread, noise), freedom
 
 
-def _difference(earlier: Estimate, later: Estimate, scale: Scale) -> Estimate:
-    noise = scale.noise * float(np.hypot(earlier.uncertainty, later.uncertainty))
+def _difference(earlier: Estimate, later: Estimate, stated: float, scale: Scale) -> Estimate:
     value = later.value / scale.factor - earlier.value
+    noise = scale.noise * stated
     return Estimate(value, float(np.hypot(noise, earlier.value * scale.uncertainty)))
 
 

@@ -140,6 +140,20 @@ class Fusion:
             resolution=resolution.astype(np.float32),
         )
 
+    def heights(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Points of the skin above or below places, shape (..., 3), in the frame of the poses.
+
+        NaN where fewer than two clouds tell of one.
+        """
+        flat = self._skin.place(places)[..., :2]
+        window = self._window(flat.reshape(-1, 2))
+        if window is None:
+            return np.full(places.shape, np.nan)
+        corner = self._low + PIXEL * (np.array([window[1].start, window[0].start]) + 0.5)
+        u, v = np.moveaxis(((flat - corner) / PIXEL).astype(np.float32), -1, 0)
+        height = remap(self._told(window).mean, u, v, cv2.INTER_CUBIC)
+        return self._skin.points(flat, height.astype(float))
+
     def shared(self, place: NDArray[np.float64]) -> float:
         """What the clouds of a place claim in the mean, and may have in common, metres.
 
