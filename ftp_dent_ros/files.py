@@ -108,8 +108,10 @@ def read_yaml(path: str | os.PathLike[str], error: type[InputError]) -> dict[str
     try:
         with Path(path).open('rb') as file:
             text = file.read(_LARGEST_YAML + 1).decode('utf-8')
-    except (OSError, UnicodeDecodeError) as reason:
-        raise error(f'{path}: cannot be read ({reason}): check the path') from None
+    except OSError as reason:
+        raise error(f'{path}: cannot be read ({reason.strerror}): check the path') from None
+    except UnicodeDecodeError:
+        raise error(f'{path}: cannot be read (not text in UTF-8): check the path') from None
     if len(text) > _LARGEST_YAML:
         raise error(f'{path}: larger than {_LARGEST_YAML >> 20} MB: give a file of settings')
     try:
@@ -227,12 +229,23 @@ def nearest_folder(path: str | os.PathLike[str]) -> Path:
 
 @contextmanager
 def written_aside(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Yield a temporary path beside `path` that takes its name only if all went well."""
+    """Yield a temporary path beside `path` that takes its name only if all went well.
+
+    Raises
+    ------
+    OSError
+        It cannot be written; `filename` is `path`.
+    """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     aside = path.with_name(f'.{path.stem}.{os.getpid()}{path.suffix}')
     try:
         yield aside
         os.replace(aside, path)
+    except OSError as reason:
+        # A full disk names no file, and nobody knows the one aside.
+        if reason.filename in (None, str(aside), aside):
+            reason.filename, reason.filename2 = str(path), None
+        raise
     finally:
         aside.unlink(missing_ok=True)

@@ -1,3 +1,4 @@
+import errno
 import re
 
 import pytest
@@ -34,6 +35,13 @@ def test_an_old_result_survives_a_failure(tmp_path):
         aside.write_text('half')
         raise RuntimeError
     assert path.read_text() == 'old'
+
+
+def test_a_full_disk_is_told_with_the_name_that_was_given(tmp_path):
+    full = OSError(errno.ENOSPC, 'No space left on device')
+    with pytest.raises(OSError, match='No space') as told, written_aside(tmp_path / 'a.txt'):
+        raise full
+    assert told.value.filename == str(tmp_path / 'a.txt')
 
 
 def test_what_cannot_be_written_is_told_before_and_nothing_is_made(tmp_path):

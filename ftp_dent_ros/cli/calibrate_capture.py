@@ -65,6 +65,8 @@ def run(arguments: argparse.Namespace) -> int:
     from ftp_dent_ros.ros.session import session as ros_session
 
     folder = arguments.folder
+    if arguments.poses < 1:
+        raise ConfigurationError(f'--poses is {arguments.poses}: give at least 1')
     if folder.exists() and not folder.is_dir():
         raise ConfigurationError(f'{folder}: is a file: give a new folder')
     if arguments.resume:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.survey.comparing.chart import date_of
 from ftp_dent_ros.survey.from_report import survey_from_report
 from ftp_dent_ros.survey.store import Store
@@ -23,6 +24,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Add one if asked to, and list them."""
+    if arguments.name and not arguments.add:
+        raise ConfigurationError('--name is of the survey that --add adds: give both, or none')
     store = Store(Path(arguments.file))
     if arguments.add:
         store.add(survey_from_report(arguments.add, arguments.name))

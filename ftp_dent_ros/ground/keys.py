@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import os
+import shutil
 import ssl
 from pathlib import Path
 
@@ -23,7 +24,7 @@ def make_keys(folder: Path) -> list[Path]:
     Raises
     ------
     ConfigurationError
-        The folder holds keys already or cannot be written, or `cryptography` is not installed.
+        The folder is not empty or cannot be written, or `cryptography` is not installed.
     """
     try:
         from cryptography import x509
@@ -35,8 +36,8 @@ def make_keys(folder: Path) -> list[Path]:
             "keys need the Python package cryptography: install it with `pip install '.[ground]'` "
             'or, on Ubuntu, `apt install python3-cryptography`'
         ) from None
-    if any((folder / name).exists() for name in (AUTHORITY, *(f'{r}.key' for r in ROLES))):
-        raise ConfigurationError(f'{folder}: holds keys already: choose another folder')
+    if folder.is_dir() and any(folder.iterdir()):
+        raise ConfigurationError(f'{folder}: holds files already: choose a new folder')
 
     now = datetime.datetime.now(datetime.timezone.utc)
 
@@ -78,16 +79,23 @@ def make_keys(folder: Path) -> list[Path]:
             serialization.PrivateFormat.PKCS8,
             serialization.NoEncryption(),
         )
+    # All of them are there under the folder's name, of one authority, or none.
+    whole = Path(os.path.abspath(folder))
+    aside = whole.with_name(f'.{whole.name}.{os.getpid()}')
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        whole.parent.mkdir(parents=True, exist_ok=True)
+        aside.mkdir(mode=0o700)
         for file, data in contents.items():
-            descriptor = os.open(folder / file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+            descriptor = os.open(aside / file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
             with os.fdopen(descriptor, 'wb') as written:
                 written.write(data)
+        aside.rename(whole)
     except OSError as reason:
         raise ConfigurationError(
             f'{folder}: keys cannot be written ({reason.strerror}): choose another folder'
         ) from None
+    finally:
+        shutil.rmtree(aside, ignore_errors=True)
     return [folder / file for file in contents]
 
 

@@ -85,6 +85,7 @@ def test_each_wrong_input_is_one_sentence(tmp_path, capsys, kept):
     (tmp_path / 'text').write_text('text')
     text = refusal(capsys, 'compare', tmp_path / 'text', both[1], *out)
     assert 'is no dents.json' in text
+    assert '--add' in refusal(capsys, 'surveys', kept, '--name', 'x')
     (tmp_path / 'skin').mkdir()
     (tmp_path / 'skin/survey.json').write_text('{}')
     assert '--store' in refusal(capsys, 'compare', tmp_path / 'skin', both[1], *out)

@@ -11,7 +11,7 @@ def test_keys_are_made_once(tmp_path, capsys):
     assert main(['ground', '--make-keys', str(tmp_path / 'keys')]) == 0
     assert 'Copy authority.pem, drone.pem and drone.key to the drone' in capsys.readouterr().out
     assert main(['ground', '--make-keys', str(tmp_path / 'keys')]) == 2
-    assert 'holds keys already' in capsys.readouterr().err
+    assert 'holds files already' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

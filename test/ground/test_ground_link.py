@@ -37,7 +37,7 @@ def keys(tmp_path_factory):
 
     folder = tmp_path_factory.mktemp('keys')
     make_keys(folder)
-    with pytest.raises(ConfigurationError, match='holds keys already'):
+    with pytest.raises(ConfigurationError, match='holds files already'):
         make_keys(folder)
     assert all(path.stat().st_mode & 0o77 == 0 for path in folder.iterdir())
     return folder

@@ -35,6 +35,7 @@ from ftp_dent_ros.profilometry.least_squares.fit.surface_fit import FittedSurfac
 from ftp_dent_ros.profilometry.least_squares.fit.surface_mask import beside_steep_rim, between_lit
 from ftp_dent_ros.profilometry.least_squares.fringe_orders.coded_surfaces import CodedSurfaces
 from ftp_dent_ros.profilometry.least_squares.fringe_orders.stripe_surfaces import StripeSurfaces
+from ftp_dent_ros.profilometry.least_squares.fringe_orders.surfaces import Surfaces
 from ftp_dent_ros.profilometry.least_squares.phase_geometry import PhaseGeometry
 from ftp_dent_ros.profilometry.lit_area import LitArea
 from ftp_dent_ros.profilometry.measurement import Measurement
@@ -79,7 +80,7 @@ class LeastSquares:
         fit = SurfaceFit(
             pattern, self.period, self.grid, self.windows, self._nodes, self._table, fast
         )
-        self._surfaces: CodedSurfaces | StripeSurfaces = (
+        self._surfaces: Surfaces = (
             CodedSurfaces(fit) if pattern.code == 'contrast' else StripeSurfaces(fit)
         )
         self._builder = CloudBuilder(rig, self.grid, stride)

@@ -156,6 +156,8 @@ def first_contour(
         Of the camera, on the outer side.
     noise : float
         Standard deviation that points of the skin have, metres.
+    rng : numpy.random.Generator
+        Draws the points that are looked at, of many.
     """
     points = some(points, _SAMPLES, rng)
     contour = _plane(points, viewpoint)

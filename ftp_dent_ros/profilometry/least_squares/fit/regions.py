@@ -109,6 +109,9 @@ def edges(
         The region, and nodes in it that were left out because they see two surfaces.
     rough : ndarray, shape (rows, columns), float32
         Misfit around each node, in fringe amplitudes.
+    grid : Grid
+    period : float
+        Of the fringes, pixels.
     faint : bool
         Take faint edges too, which dents and glare may also leave.
     """

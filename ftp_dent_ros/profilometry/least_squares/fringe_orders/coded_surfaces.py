@@ -42,21 +42,7 @@ class CodedSurfaces:
         lit: NDArray[np.bool_],
         seams: NDArray[np.bool_],
     ) -> list[FittedSurface]:
-        """Surfaces in a photograph, each numbered and fitted by itself.
-
-        Parameters
-        ----------
-        light : IntensityBins
-        fringes : Fringes
-            The first fit.
-        lit, seams : ndarray, shape (rows, columns), bool
-            Nodes that see fringes of one surface, and those in between that see two.
-
-        Raises
-        ------
-        NoStripeError, NoFringesError
-            No surface can be measured; the reason is that of the last one.
-        """
+        """See `Surfaces.fitted`."""
         unwrapped = unwrap(fringes.shift, lit, jump=_JUMP)
         phase = self._table.node_phase + unwrapped.phase
         waiting = self._numbering.surfaces(light, phase, unwrapped.part)

@@ -44,6 +44,10 @@ def joined(
         Other regions, from 1.
     shift : ndarray, shape (rows, columns), float32
         Phase less that of a smooth reference, radians.
+    windows : Windows
+    grid : Grid
+    period : float
+        Of the fringes, pixels.
 
     Returns
     -------
@@ -94,6 +98,10 @@ def untied(
         The region, the edges in it, and the nodes on the stripe.
     shift : ndarray, shape (rows, columns), float32
         Phase less that of a smooth reference, radians.
+    windows : Windows
+    grid : Grid
+    period : float
+        Of the fringes, pixels.
     """
     labels, home = _beyond(region, lines, at_stripe)
     alone = np.bincount(labels.ravel()) >= SMALLEST

@@ -54,21 +54,7 @@ class StripeSurfaces:
         lit: NDArray[np.bool_],
         seams: NDArray[np.bool_],
     ) -> list[FittedSurface]:
-        """Surfaces in a photograph, each fitted by itself.
-
-        Parameters
-        ----------
-        light : IntensityBins
-        fringes : Fringes
-            The first fit.
-        lit, seams : ndarray, shape (rows, columns), bool
-            Nodes that see fringes of one surface, and those in between that see two.
-
-        Raises
-        ------
-        NoStripeError, NoFringesError
-            No surface can be measured; the reason is that of the last one.
-        """
+        """See `Surfaces.fitted`."""
         phase, part, orders = self._absolute(light, fringes, lit, seams)
         foreign = np.arange(1, part.max() + 3)
         foreign[list(orders)], foreign[-1] = 0, 0
