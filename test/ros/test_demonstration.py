@@ -92,8 +92,8 @@ def test_it_ends_with_the_report_on_the_dents_that_are_there(flight):
     drawn = page[page.index('id="skin"') : page.index('The skin in three dimensions')]
     assert 'Smallest dent that would have been found' in drawn and 'Signature' in drawn
     assert drawn.count('<polygon class="edge') >= 3 * len(found)
-    # A slow machine's photographs may lie too far apart for a dent to be seen again.
-    assert max(sightings) == 1 or 'Repeatability' in page
+    # Clouds that all tell of each other's points are no measurements that could repeat.
+    assert 'Repeatability' not in page
     assert figures['dents_in_list'] >= 1, 'the node saw them in flight'
 
 
