@@ -65,7 +65,9 @@ class RimLine:
             slope = float(spread @ away[held]) / max(float(spread @ spread), 1e-12)
             level = middle[1] - slope * middle[0]
             off = np.abs(away - level - slope * along)
-            held = off < max(_SCATTER, 1.5 * median(off))
+            before, held = held, off < max(_SCATTER, 1.5 * median(off))
+            if (held == before).all():
+                break
         held = off < _SCATTER
         if held.mean() < _MOST:
             return None

@@ -155,6 +155,8 @@ def parted(surfaces: list[Published], reach: tuple[int, int]) -> list[Published]
     reach : (int, int)
         How near the other is, bins along v and u.
     """
+    if len(surfaces) == 1:
+        return surfaces
     count = np.sum([each.measured for each in surfaces], axis=0, dtype=np.uint8)
     near = np.ones([2 * bins + 1 for bins in reach], np.uint8)
     result = []
@@ -176,14 +178,14 @@ def _rows_in(surface: Published, count: int) -> NDArray[np.uint8]:
     mask = wide.reshape(bins, count, columns)
     rim = np.flatnonzero(measured[1:] != measured[:-1])
     below = measured.ravel()[rim + columns]
+    away = np.arange(count)[:, None]
     for surface_below in (True, False):
         row, column = np.divmod(rim[below == surface_below], columns)
         inside, outside = row + surface_below, row + (not surface_below)
         at_rim = covered[inside, column]
         seen = count * covered[outside, column] / np.maximum(at_rim, _LEAST_COVER) - _BLURRED
         lacking = np.where(seen < 1, count * (_WHOLE - at_rim), 0)
-        for away in range(count):
-            pixel = count - 1 - away if surface_below else away
-            mask[outside, pixel, column] |= (seen >= away + 1) * _INSIDE
-            mask[inside, count - 1 - pixel, column] &= (lacking <= away) * _INSIDE
+        pixel = count - 1 - away if surface_below else away
+        mask[outside, pixel, column] |= (seen >= away + 1) * _INSIDE
+        mask[inside, count - 1 - pixel, column] &= (lacking <= away) * _INSIDE
     return wide

@@ -164,7 +164,7 @@ class LeastSquares:
                     deviation,
                     refined.wavelength,
                     measured,
-                    np.where(doubtful, np.float32(0), refined.covered),
+                    refined.covered * ~doubtful,
                 )
             )
             if self.pattern.tells_rows:

@@ -121,13 +121,11 @@ class PhaseGeometry:
         phase, variance : ndarray, shape (rows, columns), float32
             Absolute phase, radians, and its variance.
         """
-        rows, columns = (np.arange(0, size, _EVERY) for size in phase.shape)
-        row, column = (each.ravel() for each in np.meshgrid(rows, columns, indexing='ij'))
-        points, here = self.at(row, column), phase[row, column][None]
+        rays, here, *along = (each[::_EVERY, ::_EVERY] for each in (self.rays, phase, *self.along))
+        points = PhaseGeometry(self.rig, self.pattern, rays, along)
         (near, _), (there, _) = points.meet(here), points.meet(here + np.float32(_STEP))
-        length = np.sqrt(1 + np.square(points.rays).sum(axis=-1))
+        length = np.sqrt(1 + np.square(rays).sum(axis=-1))
         slope = np.nan_to_num(np.abs(1 / there - 1 / near) * length / np.float32(_STEP))
         # Slopes change little from node to node; they belong to the first of each few.
-        size = len(columns) * _EVERY, len(rows) * _EVERY
-        smooth: Any = cv2.resize(slope.reshape(len(rows), len(columns)), size)
+        smooth: Any = cv2.resize(slope, None, fx=_EVERY, fy=_EVERY)
         return smooth[: phase.shape[0], : phase.shape[1]] * np.sqrt(variance)

@@ -39,6 +39,12 @@ def test_jpeg_tells_the_noise_that_fringes_have_by_it(fringes, quality):
     assert told == pytest.approx(on_fringes(through_jpeg(seen, quality) - true), rel=0.35)
 
 
+def test_of_colours_luma_tells_it(fringes):
+    _, seen = fringes
+    plane = through_jpeg(seen, 50)
+    assert jpeg_variance(cv2.cvtColor(plane, cv2.COLOR_GRAY2RGB)) == jpeg_variance(plane)
+
+
 def test_what_saw_no_jpeg_has_no_such_noise(fringes):
     true, seen = fringes
     assert jpeg_variance(seen) == 0

@@ -122,20 +122,16 @@ class IntensityBins:
 
 def _of_planes(photograph: Photograph, grid: Grid) -> tuple[Any, ...]:
     """Red, grey, noise, clipping and red's share of whole planes of pixels."""
-    unit = np.float32(photograph.unit)
+    pixels, unit = photograph.pixels, np.float32(photograph.unit)
+    noise = PixelNoise.of(pixels, unit=photograph.unit, step=photograph.step)
+    if pixels.dtype == np.uint8:
+        noise = noise.at_least(jpeg_variance(pixels) * photograph.unit**2)
+    lines = grid.binned_along_v(pixels)
     if photograph.is_flat:
-        plane: Any = photograph.pixels
+        red = grey = grid.binned_along_u(lines) * unit
     else:
-        plane = cv2.cvtColor(photograph.pixels, cv2.COLOR_RGB2GRAY)
-    noise = PixelNoise.of(plane, unit=photograph.unit, step=photograph.step)
-    if plane.dtype == np.uint8:
-        noise = noise.at_least(jpeg_variance(plane) * photograph.unit**2)
-    grey = grid.binned(plane) * unit
-    red = (
-        grey
-        if photograph.is_flat
-        else grid.binned(cv2.extractChannel(photograph.pixels, 0)) * unit
-    )
+        grey = grid.binned_along_u(cv2.cvtColor(lines, cv2.COLOR_RGB2GRAY)) * unit
+        red = grid.binned_along_u(cv2.extractChannel(lines, 0)) * unit
     full = _full(photograph)
     if full is None:
         clipping = np.zeros(grid.bin_shape, np.float32)

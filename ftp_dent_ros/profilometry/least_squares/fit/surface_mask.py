@@ -94,9 +94,11 @@ def beside_steep_rim(body: NDArray[np.bool_], period: float) -> NDArray[np.bool_
         Of the fringes, bins.
     """
     along: Any = np.ones((1, 4 * math.ceil(period / 2) + 2), np.uint8)
-    near: Any = np.pad(cv2.dilate(body.view(np.uint8), along), ((1, 1), (0, 0)))
+    near = cv2.dilate(body.view(np.uint8), along) > 0
     filled = cv2.morphologyEx(body.view(np.uint8), cv2.MORPH_CLOSE, along) > 0
-    return ((near[:-2] & near[2:]) > 0) & ~filled
+    between = np.zeros_like(body)
+    np.greater(near[:-2] & near[2:], filled[1:-1], out=between[1:-1])
+    return between
 
 
 def _across(period: float) -> int:

@@ -13,6 +13,8 @@ changes; where it is even, the contrast c changes where the amplitude B does, by
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -81,10 +83,8 @@ class OtherLight:
         )
         contrast = np.clip(modulation / np.maximum(level, 1), _LEAST, 1)
         beyond = Extrapolation(inside, self._coarse)
-        changed, brighter = (
-            self._uneven(np.log(np.maximum(each, _LEAST)), inside, beyond)
-            for each in (contrast, modulation)
-        )
+        logarithms = np.log(np.maximum(np.stack([contrast, modulation]), _LEAST))
+        changed, brighter = self._uneven(logarithms, inside, beyond)
         energy = np.minimum(np.square(changed), np.square(brighter))
         energy -= np.square((1 - contrast) * brighter)
         energy -= self._noise * pixels * (1 + np.square(contrast) / 2)
@@ -94,12 +94,17 @@ class OtherLight:
         )
         return interpolated(np.maximum(mean, 0) / np.maximum(share, _LEAST_SHARE), shape)
 
-    def _uneven(self, values, inside, beyond: Extrapolation) -> NDArray[np.float32]:
-        """A field less its trend over the surface, and less what of it is smooth."""
-        y, x = np.ogrid[tuple(slice(-1, 1, 1j * length) for length in values.shape)]
-        terms = np.stack(np.broadcast_arrays(1.0, x, y, x * x, x * y, y * y)).astype(np.float32)
-        chosen = inside[::_EVERY, ::_EVERY]
+    def _uneven(self, fields, inside, beyond: Extrapolation) -> list[NDArray[np.float32]]:
+        """Fields less their trends over the surface, and less what of them is smooth."""
+        terms, chosen = _terms(inside.shape), inside[::_EVERY, ::_EVERY]
         known = terms[:, ::_EVERY, ::_EVERY][:, chosen].T
-        trend, *_ = np.linalg.lstsq(known, values[::_EVERY, ::_EVERY][chosen], rcond=None)
-        rest = beyond.by_mean(values - np.tensordot(trend.astype(np.float32), terms, 1))
-        return rest - self._coarse.wide_flat_top(rest, SCALES[_BANDS - 1])
+        trends, *_ = np.linalg.lstsq(known, fields[:, ::_EVERY, ::_EVERY][:, chosen].T, rcond=None)
+        rests = map(beyond.by_mean, fields - np.tensordot(trends.astype(np.float32).T, terms, 1))
+        return [rest - self._coarse.wide_flat_top(rest, SCALES[_BANDS - 1]) for rest in rests]
+
+
+@lru_cache(maxsize=4)
+def _terms(shape: tuple[int, int]) -> NDArray[np.float32]:
+    """Of a quadric trend over a field, shape (terms, rows, columns)."""
+    y, x = np.ogrid[tuple(slice(-1, 1, 1j * length) for length in shape)]
+    return np.stack(np.broadcast_arrays(1.0, x, y, x * x, x * y, y * y)).astype(np.float32)
