@@ -53,6 +53,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments)
     chosen = next((word for word in words if not word.startswith('-')), None)
     one_for_blas()
+    for name in ('stdout', 'stderr'):
+        if getattr(sys, name) is None:
+            # Closed by who started us (`>&-`): what is said goes nowhere.
+            setattr(sys, name, open(os.devnull, 'w', encoding='utf-8'))  # noqa: SIM115
     # Names of files may hold what the terminal's encoding does not.
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors='backslashreplace')

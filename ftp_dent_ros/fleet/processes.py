@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -141,12 +142,17 @@ def _submitted(
     pool: ProcessPoolExecutor, work: Callable[[Item], Result], item: Item
 ) -> Future[Result]:
     """The item's future, that of a broken pool ended already."""
+    # The first one begins the processes, which inherit what is blocked: Ctrl-C reaches them when
+    # they can end without a word.
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         return pool.submit(work, item)
     except BrokenProcessPool as reason:
         future: Future[Result] = Future()
         future.set_exception(reason)
         return future
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager
@@ -155,7 +161,7 @@ def _pool(jobs: int) -> Iterator[ProcessPoolExecutor]:
     # As many processes as cores, and no two ways to add up.
     before = {name: os.environ.get(name) for name in VARIABLES}
     os.environ.update(dict.fromkeys(VARIABLES, '1'))
-    pool = ProcessPoolExecutor(jobs, get_context('spawn'), one_thread)
+    pool = ProcessPoolExecutor(jobs, get_context('spawn'), _begin)
     try:
         yield pool
     finally:
@@ -164,6 +170,13 @@ def _pool(jobs: int) -> Iterator[ProcessPoolExecutor]:
             os.environ.pop(name)
             if value is not None:
                 os.environ[name] = value
+
+
+def _begin() -> None:
+    """Make a fresh process ready: Ctrl-C, which the terminal sends it too, ends it silently."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    one_thread()
 
 
 def one_thread() -> None:

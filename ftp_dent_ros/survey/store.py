@@ -207,6 +207,11 @@ def _names(file: sqlite3.Connection) -> tuple[str, ...]:
 
 
 def _refuse_known(path: Path, name: str, known: tuple[str, ...]) -> None:
+    if not name or any('\ud800' <= each <= '\udfff' for each in name):
+        raise ConfigurationError(
+            f'{path}: no survey can be called {name!r}, which is no text: give another name '
+            '(--name)'
+        )
     if name in known:
         raise ConfigurationError(
             f'{path}: has a survey {name!r} already, and none is ever changed: give this one '

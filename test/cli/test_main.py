@@ -29,6 +29,14 @@ def test_a_reader_that_has_seen_enough_ends_a_command_without_a_word(tmp_path):
     assert (tmp_path / 'pattern.png').exists()
 
 
+def test_without_any_output_a_command_does_its_work(tmp_path):
+    write_pattern(tmp_path / 'pattern.yaml', Pattern(640, 480, 10.0, 320.0))
+    words = f'{sys.executable} -m ftp_dent_ros.cli.main pattern pattern.yaml --output a.png'
+    done = subprocess.run(['sh', '-c', f'{words} >&- 2>&-'], cwd=tmp_path)
+    assert done.returncode == 0
+    assert (tmp_path / 'a.png').exists()
+
+
 @pytest.mark.parametrize('name', ['x' * 300 + '.png', 'file/pattern.png', 'folder.png'])
 def test_what_the_system_refuses_is_one_line_with_the_path(tmp_path, monkeypatch, capsys, name):
     monkeypatch.chdir(tmp_path)

@@ -82,6 +82,19 @@ def test_a_result_is_whole_only_if_it_was_finished_of_the_same_input_and_setting
     assert not is_made_of(folder, origin)
 
 
+def ends_at_once(_):
+    """Whether Ctrl-C ends this process, without a word of Python's."""
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    return signal.getsignal(signal.SIGINT) is signal.SIG_DFL and signal.SIGINT not in blocked
+
+
+def test_an_interruption_ends_the_processes_without_a_word_and_reaches_this_one():
+    before = signal.getsignal(signal.SIGINT), signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    assert list(side_by_side(ends_at_once, [1], 1)) == [(1, True)]
+    after = signal.getsignal(signal.SIGINT), signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    assert before == after and signal.SIGINT not in after[1]
+
+
 def test_on_a_cluster_results_are_the_same_and_a_failure_is_told(monkeypatch):
     distributed = pytest.importorskip('distributed', reason='needs Dask')
     from ftp_dent_ros.fleet import cluster as ours

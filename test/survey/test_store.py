@@ -80,6 +80,9 @@ def test_nothing_that_is_there_is_changed_and_nothing_half_is_added(tmp_path):
     with pytest.raises(ConfigurationError, match=r'has a survey .* already'):
         store.check_new('2026-03')
     store.check_new('2026-04')
+    for name in ('', 'Flug \udcc3'):
+        with pytest.raises(ConfigurationError, match='is no text: give another name'):
+            store.check_new(name)
     bad = replace(survey('bad'), stamps_ns=())
     with pytest.raises(ValueError, match='zip'):
         store.add(bad)
