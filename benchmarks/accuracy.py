@@ -1,6 +1,6 @@
 """Accuracy of a method on simulated photographs, scene by scene.
 
-python benchmarks/accuracy.py [--method least-squares] [--code contrast] [--fast] [--only fuselage]
+python benchmarks/accuracy.py [--method least-squares] [--code contrast] [--only fuselage]
 """
 
 from __future__ import annotations
@@ -70,7 +70,6 @@ def main() -> None:
     parser.add_argument('--method', choices=tuple(METHODS), default=Settings().method)
     parser.add_argument('--unwrapping', choices=UNWRAPPINGS, default='itoh')
     parser.add_argument('--code', choices=CODES, default=PATTERN.code)
-    parser.add_argument('--fast', action='store_true')
     parser.add_argument('--stride', type=int, default=1)
     parser.add_argument('--only', default='', help='part of the names of the scenes wanted')
     arguments = parser.parse_args()
@@ -78,7 +77,6 @@ def main() -> None:
         arguments.method,
         arguments.stride,
         unwrapping=arguments.unwrapping,
-        fast=arguments.fast,
     )
     pattern = replace(PATTERN, code=arguments.code)
     wanted = [scene for scene in SCENES if arguments.only in scene.name]

@@ -20,7 +20,7 @@ from ftp_dent_ros.rig import Rig
 from ftp_dent_ros.simulation.photography.ground_truth import GroundTruth
 from ftp_dent_ros.simulation.truth import TrueDent, true_dents
 
-METHODS = 'default', 'fast', 'virtual-reference'
+METHODS = 'default', 'virtual-reference'
 # Fringes from an edge within which errors are told apart.
 EDGE = 2.0
 # A wrong point, metres.
@@ -108,7 +108,6 @@ def reconstructor(rig: Rig, pattern: Pattern, method: str, stride: int) -> Recon
     """One of the methods of `METHODS`."""
     settings = {
         'default': Settings(stride=stride),
-        'fast': Settings(stride=stride, fast=True),
         'virtual-reference': Settings('virtual-reference', stride=stride),
     }[method]
     return Reconstructor(rig, pattern, settings)

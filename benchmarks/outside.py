@@ -96,7 +96,7 @@ def truth(world: World, stride: int) -> tuple[NDArray, NDArray[np.bool_], NDArra
     return depth[::stride, ::stride], lit[::stride, ::stride], far[::stride, ::stride]
 
 
-def outcome(kind: str, seed: int, method: str, code: str, stride: int = 1) -> Outcome:
+def outcome(kind: str, seed: int, code: str, stride: int = 1) -> Outcome:
     """Photograph a kind by a seed, measure it, and compare."""
     rng = np.random.default_rng([seed, *kind.encode()])
     outside = (MENDING | HELD)[kind](rng)
@@ -104,7 +104,7 @@ def outcome(kind: str, seed: int, method: str, code: str, stride: int = 1) -> Ou
     world = replace(world, pattern=replace(world.pattern, code=code))
     outside, result = replace(outside, world=world), Outcome(kind, seed)
     picture = outside.picture(rng)
-    settings = Settings(stride=stride, fast=method == 'fast' or None)
+    settings = Settings(stride=stride)
 
     def measured() -> Measurement:
         return Reconstructor(world.rig, world.pattern, settings).measure(picture)
@@ -247,7 +247,6 @@ def main() -> None:
     parser.add_argument('--held', action='store_true', help='the kinds that are held out')
     parser.add_argument('--seeds', type=int, default=1, help='photographs a kind')
     parser.add_argument('--first-seed', type=int, default=0)
-    parser.add_argument('--method', default='default', choices=('default', 'fast'))
     parser.add_argument('--code', choices=CODES, default='stripe', help='of the pattern')
     parser.add_argument('--details', action='store_true', help='all that is amiss')
     parser.add_argument('--save', help='folder that pictures go to, to be looked at')
@@ -275,7 +274,7 @@ def main() -> None:
     lines = [f'{"":18}' + ''.join(f'{column:>9}' for column in columns) + '  amiss']
     for name in tqdm(kinds, unit='kind'):
         seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)
-        some = [outcome(name, seed, arguments.method, arguments.code) for seed in seeds]
+        some = [outcome(name, seed, arguments.code) for seed in seeds]
         lines.append(f'{name:18}{row(some)}')
         for r in some if arguments.details else ():
             told = (r.crashed, r.refused, *r.remarks)

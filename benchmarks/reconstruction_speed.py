@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import time
 from dataclasses import replace
+from itertools import product
 
 import cv2
 import numpy as np
@@ -49,11 +50,10 @@ def main() -> None:
             scipy.fft.irfft(scipy.fft.rfft(rows, workers=1), workers=1)
 
         print(f'{size[0]}x{size[1]}, median of {repetitions}')
-        choices = [(method, stride, False) for method in METHODS for stride in STRIDES]
-        for method, stride, fast in (*choices, ('least-squares', 1, True)):
+        for method, stride in product(METHODS, STRIDES):
             rig = scene_at(*size).rig
-            reconstructor = Reconstructor(rig, PATTERN, Settings.chosen(method, stride, fast=fast))
-            name = f'{method}, stride {stride}' + fast * ', fast'
+            reconstructor = Reconstructor(rig, PATTERN, Settings.chosen(method, stride))
+            name = f'{method}, stride {stride}'
             work = {
                 'rfft + irfft of the frame': transform,
                 name: lambda one=reconstructor, image=image: one.reconstruct(image),

@@ -48,12 +48,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--stride', type=int, default=default.stride, metavar='N', help='every N-th pixel only'
     )
-    parser.add_argument(
-        '--fast',
-        action='store_true',
-        default=None,
-        help='least squares: correct once, not twice',
-    )
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -63,7 +57,6 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.unwrapping,
         arguments.tau,
         arguments.stride,
-        arguments.fast,
     )
     output = Path(arguments.output)
     if output.suffix.lower() != '.ply':

@@ -99,10 +99,4 @@ def _declare_choices(parameters: Declarations) -> dict[str, Any]:
             maximum=16,
             changeable=True,
         ),
-        'fast': parameters.declare(
-            'fast',
-            bool(default.fast),
-            'Whether least squares correct their model once instead of twice.',
-            changeable=True,
-        ),
     }

@@ -37,7 +37,7 @@ class Method(Protocol):
 def method_for(rig: Rig, pattern: Pattern, settings: Settings) -> Method:
     """Method of the settings, with its tables."""
     if settings.method == 'least-squares':
-        return LeastSquares(rig, pattern, settings.stride, bool(settings.fast))
+        return LeastSquares(rig, pattern, settings.stride)
     if pattern.code != 'stripe':
         raise PatternError(
             f'the method {settings.method} numbers fringes by a red stripe, and the pattern has '

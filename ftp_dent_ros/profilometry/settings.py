@@ -10,7 +10,7 @@ from ftp_dent_ros.errors import ConfigurationError
 UNWRAPPINGS = ('itoh', 'estrada')
 # The options that each method has.
 METHODS = {
-    'least-squares': ('fast',),
+    'least-squares': (),
     'virtual-reference': ('unwrapping', 'tau'),
     'direct': ('unwrapping', 'tau'),
 }
@@ -34,8 +34,6 @@ class Settings:
         Gain of Estrada's system, above 0 and up to 1 (0.8): smaller smooths more.
     stride : int
         The cloud has every `stride`-th pixel of the image, along rows and columns.
-    fast : bool, optional
-        Whether least squares correct their model once instead of twice.
 
     Raises
     ------
@@ -47,7 +45,6 @@ class Settings:
     unwrapping: str | None = None
     tau: float | None = None
     stride: int = 1
-    fast: bool | None = None
 
     def __post_init__(self) -> None:
         for name, value, choices in (
@@ -66,13 +63,11 @@ class Settings:
         stride = self.stride
         if isinstance(stride, bool) or not isinstance(stride, int) or not 1 <= stride <= 16:
             raise ConfigurationError(f'stride is {stride!r}: set it to a whole number, 1 to 16')
-        if self.fast is not None and not isinstance(self.fast, bool):
-            raise ConfigurationError(f'fast is {self.fast!r}: set it to true or false')
         self._check_options()
 
     def _check_options(self) -> None:
         """Raise `ConfigurationError` for what the method would ignore."""
-        for name in ('unwrapping', 'tau', 'fast'):
+        for name in ('unwrapping', 'tau'):
             if getattr(self, name) is not None and name not in METHODS[self.method]:
                 others = ', '.join(other for other, names in METHODS.items() if name in names)
                 raise ConfigurationError(

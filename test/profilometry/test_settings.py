@@ -7,10 +7,9 @@ from ftp_dent_ros.profilometry import METHODS, UNWRAPPINGS, Settings
 def test_every_choice_is_taken():
     for method, options in METHODS.items():
         for unwrapping in UNWRAPPINGS:
-            settings = Settings.chosen(method, 16, unwrapping=unwrapping, tau=1, fast=True)
+            settings = Settings.chosen(method, 16, unwrapping=unwrapping, tau=1)
             assert (settings.method, settings.stride) == (method, 16)
             assert settings.unwrapping == (unwrapping if 'unwrapping' in options else None)
-            assert settings.fast == (True if 'fast' in options else None)
 
 
 @pytest.mark.parametrize(
@@ -18,7 +17,6 @@ def test_every_choice_is_taken():
     [
         {'unwrapping': 'itoh'},
         {'tau': 0.5},
-        {'method': 'direct', 'fast': True},
         {'method': 'direct', 'tau': 0.5},
         {'method': 'direct', 'unwrapping': 'itoh', 'tau': 0.5},
     ],

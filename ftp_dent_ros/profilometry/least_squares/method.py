@@ -63,23 +63,19 @@ class LeastSquares:
     pattern : Pattern
     stride : int
         The cloud has every `stride`-th pixel, along rows and columns.
-    fast : bool
-        Correct the model once, not twice.
     """
 
-    def __init__(self, rig: Rig, pattern: Pattern, stride: int = 1, fast: bool = False) -> None:
+    def __init__(self, rig: Rig, pattern: Pattern, stride: int = 1) -> None:
         self.rig, self.pattern = rig, pattern
         self._depth = 4 * float(np.linalg.norm(rig.translation))
         self.period = carrier_on(rig, pattern, ReferencePlane(self._depth)).period
-        self.grid = Grid.for_fringes(rig.camera.width, rig.camera.height, self.period, fast)
+        self.grid = Grid.for_fringes(rig.camera.width, rig.camera.height, self.period)
         self.windows = Windows.for_fringes(self.period, self.grid)
         bins = PhaseGeometry.of(rig, pattern, *self.grid.bin_positions())
         self._bin_rays = bins.rays
         self._nodes = PhaseGeometry.of(rig, pattern, *self.grid.node_positions())
         self._table = ReferenceTable.of(self.grid, self.windows, bins, self._nodes, self._depth)
-        fit = SurfaceFit(
-            pattern, self.period, self.grid, self.windows, self._nodes, self._table, fast
-        )
+        fit = SurfaceFit(pattern, self.period, self.grid, self.windows, self._nodes, self._table)
         self._surfaces: Surfaces = (
             CodedSurfaces(fit) if pattern.code == 'contrast' else StripeSurfaces(fit)
         )

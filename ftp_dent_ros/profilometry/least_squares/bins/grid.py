@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 # Pixels a bin holds along v, along which the fringes hardly change: as a share of a fringe.
-_LEAST_ROWS, _MOST_ROWS, _MOST_FAST = 4, 6, 8
-_ROWS, _FAST_ROWS = 0.85, 1.0
+_LEAST_ROWS, _MOST_ROWS = 4, 6
+_ROWS = 0.85
 # Fringes between nodes along u, about.
 _PITCH = 0.6
 # Bins a fringe must at least have.
@@ -54,11 +54,10 @@ class Grid:
     rows: int = _LEAST_ROWS
 
     @classmethod
-    def for_fringes(cls, width: int, height: int, period: float, fast: bool = False) -> Grid:
-        """Grid for fringes of `period` pixels, coarser if it is to be fast."""
+    def for_fringes(cls, width: int, height: int, period: float) -> Grid:
+        """Grid for fringes of `period` pixels."""
         step = max(1, int(period / _PER_FRINGE))
-        rows = int((_FAST_ROWS if fast else _ROWS) * period)
-        rows = min(max(rows, _LEAST_ROWS), _MOST_FAST if fast else _MOST_ROWS)
+        rows = min(max(int(_ROWS * period), _LEAST_ROWS), _MOST_ROWS)
         pitch = _PITCH * period
         return cls(width, height, step, max(2, int(pitch / step)), rows)
 

@@ -63,15 +63,11 @@ class Refinement:
     windows : Windows
     period : float
         Of the fringes, pixels.
-    fast : bool
-        Leave out the correction through flat-top windows.
     """
 
-    def __init__(
-        self, grid: Grid, windows: Windows, period: float, fast: bool, systematic: float
-    ) -> None:
+    def __init__(self, grid: Grid, windows: Windows, period: float, systematic: float) -> None:
         self._systematic = systematic
-        self.grid, self.windows, self.fast = grid, windows, fast
+        self.grid, self.windows = grid, windows
         self.period = period / grid.step
         rows, columns = grid.bin_shape
         strip = grid.strips()[0].stop
@@ -80,7 +76,7 @@ class Refinement:
         self._turns = np.empty((2, strip, columns), np.float32)
         self._sums = np.empty((_SUMS, *grid.shape), np.float32)
         self._work = np.empty((4, rows, columns), np.float32)
-        self._response = Response.of(period, grid, _FITS - 2 * fast)
+        self._response = Response.of(period, grid, _FITS)
         self._noise = noise_through(grid, windows, self._response)
         self._other_light = OtherLight(windows, self._noise)
         pixel, self._density = grid.noise_at(self.period)
@@ -215,10 +211,10 @@ class Refinement:
         contrast there.
         """
         grid, windows = self.grid, self.windows
-        count = 3 + 2 * (not self.fast)
-        nodes = self._sums[: count + coded]
+        count = _SUMS - 1 + coded
+        nodes = self._sums[:count]
         for rows in grid.strips():
-            products = self._products[: count + coded, : rows.stop - rows.start]
+            products = self._products[:count, : rows.stop - rows.start]
             seen, weight = self._turns[:, : rows.stop - rows.start]
             np.copyto(weight, mask[rows])
             np.multiply(rest[rows], weight, out=seen)
@@ -228,27 +224,23 @@ class Refinement:
             np.multiply(seen, seen, out=products[1])
             np.multiply(seen, sine[rows], out=weight)
             np.multiply(weight, cosine[rows], out=products[2])
-            if not self.fast:
-                np.multiply(seen, cosine[rows], out=products[3])
-                np.copyto(products[4], weight)
+            np.multiply(seen, cosine[rows], out=products[3])
+            np.copyto(products[4], weight)
             if coded:
-                np.copyto(products[count], mask[rows])
+                np.copyto(products[5], mask[rows])
             nodes[:, rows] = grid.at_nodes(products)
-        support, spread, double, *both = nodes[:count]
+        support, spread, double, in_phase, across, *share_of_nodes = nodes
         support, power = windows.flat_top(support), np.float32(1)
         if coded:
-            share = windows.flat_top(nodes[count])
+            share = windows.flat_top(*share_of_nodes)
             whole = np.maximum(share, np.float32(_LEAST_SUPPORT))
             power, support = np.maximum(support / whole, np.float32(_LEAST_POWER)), share
         whole = np.maximum(support, np.float32(_LEAST_SUPPORT)) * power
         size = np.maximum(modulation, 1)
-        step, along = np.float32(0), modulation
+        along = modulation + 2 * windows.flat_top(in_phase) / power
+        step = angle(-2 * windows.flat_top(across) / whole, along)
         texture = 4 * windows.flat_top(double) / (whole * size)
-        if not self.fast:
-            in_phase, across = (windows.flat_top(nodes) for nodes in both)
-            along = modulation + 2 * in_phase / power
-            step = angle(-2 * across / whole, along)
-            texture += np.float32(2 * second) * step
+        texture += np.float32(2 * second) * step
         spread = windows.gaussian(spread, 2) / whole
         variance = spread / np.square(size)
         variance *= np.float32(_FITTED * self._density)

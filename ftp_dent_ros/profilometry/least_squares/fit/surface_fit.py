@@ -82,7 +82,6 @@ class SurfaceFit:
     windows : Windows
     nodes : PhaseGeometry
     table : ReferenceTable
-    fast : bool
     """
 
     def __init__(
@@ -93,10 +92,9 @@ class SurfaceFit:
         windows: Windows,
         nodes: PhaseGeometry,
         table: ReferenceTable,
-        fast: bool,
     ) -> None:
         self.pattern, self.period, self.grid, self.windows = pattern, period, grid, windows
-        self.nodes, self.table, self._fast = nodes, table, fast
+        self.nodes, self.table = nodes, table
         self._code = ContrastModel(pattern) if pattern.code == 'contrast' else None
         self._refinement = lru_cache(maxsize=4)(self._refinement_at)
         self._start = lru_cache(maxsize=4)(self._start_at)
@@ -242,7 +240,7 @@ class SurfaceFit:
     def _refinement_at(self, step: int) -> Refinement:
         period = self.period * _PERIOD_STEP**step
         windows = Windows.for_fringes(period, self.grid)
-        return Refinement(self.grid, windows, period, self._fast, self.pattern.rounding_variance)
+        return Refinement(self.grid, windows, period, self.pattern.rounding_variance)
 
     def _start_at(self, step: int) -> CodedStart:
         period = self.period * _PERIOD_STEP**step

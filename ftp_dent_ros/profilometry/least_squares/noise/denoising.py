@@ -30,10 +30,10 @@ NOISE, _HIDDEN = 1.5, 0.25
 _SURELY = 9.0
 _MEDIAN_OF_SQUARE = 0.4549  # of normal values
 # Energy beyond the windows' resolution, over that of the finest band, at equal energies of the
-# two finest bands, for four fits and for two; the power of their ratio that it goes with, and the
+# two finest bands; the power of their ratio that it goes with, and the
 # largest ratio: from the responses of windows and bands to Gaussian dents of 0.8 to 3.5 fringes'
 # width, within a quarter.
-_BEYOND, _BEYOND_FAST, _POWER, _STEEPEST = 0.17, 0.6, 1.75, 4.0
+_BEYOND, _POWER, _STEEPEST = 0.17, 1.75, 4.0
 # Energy that the light on slopes feigns, over the finest band's, at equal energies of the two
 # finest; it goes with the root of their ratio. By Lambert's law the light on a wave of L fringes
 # passes for one of L / (L - 1) fringes, 1 / L as high, as windows and bands let both through.
@@ -134,8 +134,7 @@ def denoise(
     falling = np.minimum(beyond_noise / np.maximum(coarser, _LEAST), np.float32(_STEEPEST))
     at_peaks = coarsened(np.square(bands[0]), together)
     at_peaks -= np.float32(_SURELY * shares[0]) * total
-    beyond = _BEYOND if response.fits > 2 else _BEYOND_FAST
-    amiss = np.float32(beyond) * falling**_POWER + np.float32(_LIGHT) * np.sqrt(falling)
+    amiss = np.float32(_BEYOND) * falling**_POWER + np.float32(_LIGHT) * np.sqrt(falling)
     left += amiss * np.maximum(at_peaks, beyond_noise)
     left += np.float32(systematic)
     lack = response.left_out(base)
