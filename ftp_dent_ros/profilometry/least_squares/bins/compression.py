@@ -45,8 +45,8 @@ def jpeg_variance(pixels: NDArray[np.uint8]) -> float:
         return 0.0
     transform = _cosines()
     along_u = np.abs(blocks.sum(axis=1) @ (transform[0, 0] * transform[1:]).T)
-    reach = np.quantile(along_u, 0.9, axis=0) / _TEETH
-    steps = np.array([_step(*each) for each in zip(along_u.T, reach, strict=True)])
+    reach = np.partition(along_u, int(0.9 * len(along_u)), axis=0)[int(0.9 * len(along_u))]
+    steps = _steps(along_u, np.minimum(reach / _TEETH, _LARGEST_STEP))
     if not steps.any():
         return 0.0
     energy = np.square(along_u).sum(axis=0)
@@ -78,21 +78,29 @@ def _blocks(pixels: NDArray[np.uint8]) -> NDArray[np.float32]:
     return tiles.reshape(-1, _BLOCK, _BLOCK).astype(np.float32)
 
 
-def _step(coefficients: NDArray[np.float32], most: float = _LARGEST_STEP) -> int:
-    """Largest step, up to `most`, whose multiples coefficients are; 0 if of none."""
-    place = np.minimum(coefficients * _PER_LEVEL + 0.5, _PER_LEVEL * _LARGEST).astype(np.intp)
-    counts = np.bincount(place, minlength=_PER_LEVEL * _LARGEST + 1).astype(np.float32)
+def _steps(coefficients: NDArray[np.float32], most: NDArray[np.floating]) -> NDArray[np.intp]:
+    """Largest steps, up to `most`, whose multiples coefficients are; 0 if of none.
+
+    Parameters
+    ----------
+    coefficients : ndarray, shape (n, frequencies)
+    most : ndarray, shape (frequencies,)
+    """
+    size = _PER_LEVEL * _LARGEST + 1
+    place = np.minimum(coefficients * _PER_LEVEL + 0.5, size - 1).astype(np.intp)
+    place += size * np.arange(len(most))
+    counts = np.bincount(place.ravel(), minlength=size * len(most)).reshape(-1, size)
     # Beyond half of each step, from 2 on.
-    beyond = len(coefficients) - np.cumsum(counts)[_PER_LEVEL : _PER_LEVEL + _LARGEST_STEP - 1]
+    beyond = len(coefficients) - np.cumsum(counts, axis=1)[:, _PER_LEVEL:][:, : _LARGEST_STEP - 1]
     least = np.maximum(_COMB * beyond, _SURELY * np.sqrt(beyond / 2))
-    found = np.flatnonzero(_combs() @ counts > least)
-    found = found[found + 2 <= most]
-    return int(found[-1]) + 2 if len(found) else 0
+    step = np.arange(2, _LARGEST_STEP + 1)
+    found = (counts.astype(np.float32) @ _combs().T > least) & (step <= most[:, None])
+    return np.where(found, step, 0).max(axis=1)
 
 
 def _deviation(coefficients: NDArray[np.float32]) -> float:
     """Standard deviation of noise by how often it is rounded to no zero; 0 if that is not seen."""
-    step = _step(coefficients)
+    (step,) = _steps(coefficients[:, None], np.array([_LARGEST_STEP]))
     if not step:
         return 0.0
     share = float(np.count_nonzero(coefficients > step / 2)) / len(coefficients)
