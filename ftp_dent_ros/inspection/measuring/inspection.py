@@ -20,14 +20,15 @@ from ftp_dent_ros.inspection.measuring.places.narrow_marks import narrow_marks
 from ftp_dent_ros.inspection.measuring.places.steps import find_steps
 from ftp_dent_ros.inspection.measuring.places.surroundings import surroundings_of
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
-from ftp_dent_ros.inspection.measuring.skin.panels import find_panels, seam
+from ftp_dent_ros.inspection.measuring.skin.panels import Panel, find_panels, seam
 from ftp_dent_ros.inspection.measuring.skin.strips import given_back
-from ftp_dent_ros.inspection.measuring.skin.waviness import waviness_of
+from ftp_dent_ros.inspection.measuring.skin.waviness import CUTOFF, waviness_of
 from ftp_dent_ros.inspection.settings import Settings
 
 # Cells beside a border of two panels where the reconstruction blurs one into the other.
 _SEAM = 3
 _FEIGNED = 'on a light mark along the fringes, where paint may feign a depth'
+_SHAPE = "may be the panel's own shape, which no simple contour meets"
 # Middles that are nearer than this part of the narrower one's width are one dent's: of two that
 # touch they are half a width apart.
 _ONE_PLACE = 0.25
@@ -90,6 +91,7 @@ def inspect(
         for candidate in find_candidates(skin, panel.mask & ~seams, lattice, settings):
             around = surroundings_of(candidate, at, lattice, skin, relief, seams)
             whole = [] if around is None else measure(candidate, around, skin, settings)
+            whole = [_unless_shape(dent, panel, settings) for dent in whole]
             found += whole or hidden_dent(candidate, lattice, skin, settings)
         for mark in marks:
             if fine[mark.rows, mark.columns].min() == fine[mark.rows, mark.columns].max() == index:
@@ -107,6 +109,17 @@ def inspect(
     dents = sorted((d for d in placed if d.kind == 'dent'), key=lambda d: -d.depth.value)
     others = tuple(dent for dent in placed if dent.kind != 'dent')
     return Inspection(tuple(dents), others, tuple(wavy), deviation, spread, findable)
+
+
+def _unless_shape(dent: MeasuredDent, panel: Panel, settings: Settings) -> MeasuredDent:
+    """A place, in doubt where it is as long as waves and may be the panel's own shape.
+
+    No contour is met there, or it is one of the fourth degree, which errs at its rim.
+    """
+    unknown = not panel.is_met or (panel.contour.is_rich and dent.is_cut)
+    if not unknown or dent.length.value < CUTOFF * settings.smallest_width:
+        return dent
+    return replace(dent, kind='other', reason=_SHAPE)
 
 
 def _is_part(dent: MeasuredDent, found: list[MeasuredDent]) -> bool:

@@ -27,3 +27,8 @@ def cloud_of(*panels, noise=5e-6, seed=0):
     depth = Surface(panels).intersect(rays) + noise * smooth
     points = (rays * depth[..., None]).astype(np.float32)
     return Cloud(points, np.full(depth.shape, 80, np.float32))
+
+
+def raised(cloud, depths):
+    """The cloud with points further away by so many metres, as if nothing but that had changed."""
+    return Cloud(cloud.points * (1 + depths[..., None] / 0.7).astype(np.float32), cloud.intensity)

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 from scipy.special import erf
-from small_clouds import COLUMNS, ROWS, cloud_of, panel
+from small_clouds import COLUMNS, ROWS, cloud_of, panel, raised
 
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.errors import CloudError
@@ -92,11 +92,6 @@ def test_bare_skin_has_no_dents(radius):
         noisy = cloud_of(panel(radius=radius, rivets=rivets), noise=3e-5, seed=seed)
         inspection = inspect(noisy)
         assert inspection.dents == inspection.others == ()
-
-
-def raised(cloud, depths):
-    """The cloud with points further away by so many metres, as if nothing but that had changed."""
-    return Cloud(cloud.points * (1 + depths[..., None] / 0.7).astype(np.float32), cloud.intensity)
 
 
 # Wavelength of which half is left, in standard deviations of the Gaussians.

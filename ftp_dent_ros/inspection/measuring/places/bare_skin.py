@@ -81,11 +81,11 @@ def bare_skin(lattice: Lattice, panel: Panel, seams: Mask, settings: Settings) -
     contour = panel.contour
     usable = panel.mask & ~seams
     deviation = _deviation(contour, lattice, panel.mask)
-    bare = usable & (np.abs(deviation) < panel.tolerance)
+    bare = usable & (np.abs(deviation) < panel.tolerance) if panel.is_met else usable
     known = np.isfinite(deviation)
     maps = [smoothed(deviation, known, lattice.cells(scale)) for scale in scales]
     noise = measured_noise(deviation, maps, bare, lattice, scales)
-    off = _off(maps, noise, settings)
+    off = _off(maps, noise, settings) if panel.is_met else np.zeros_like(usable)
     bare = usable & ~off
     contour = _fitted(contour, lattice, bare, panel.tolerance, settings)
     wider = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (_FARTHER, _FARTHER))
@@ -98,7 +98,8 @@ def bare_skin(lattice: Lattice, panel: Panel, seams: Mask, settings: Settings) -
     maps = [smooth + (deviation - before) for smooth in maps]
     noise = measured_noise(deviation, maps, bare, lattice, scales)
     relief = None
-    if is_wavy(noise, settings):
+    # Where no contour is met, what is wide is as likely the panel's own shape as a dent.
+    if not panel.is_met or is_wavy(noise, settings):
         for _ in range(_PASSES):
             found = relief_of(deviation, bare & known, lattice, settings.smallest_width)
             if found is None:

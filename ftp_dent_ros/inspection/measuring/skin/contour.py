@@ -25,7 +25,8 @@ _TUKEY = 4.7
 _SAMPLES = 1500
 _FEW = 300
 _STEEPEST = 0.9
-_RICH = 15
+# Terms of the second and of the fourth degree.
+_QUADRIC, _RICH = 6, 15
 # Cost of a fit that is good enough to be the only one: most of the points lie on it.
 _AGREED = 0.3
 # Points at once: few such arrays of single precision fit a core's cache; of fewer points, calls
@@ -137,6 +138,11 @@ class Contour:
         columns = basis(x / self.scale, y / self.scale, self.terms)
         square = ((columns @ self.covariance) * columns).sum(axis=-1)
         return self.scale * np.sqrt(np.maximum(square, 0))
+
+    @property
+    def is_rich(self) -> bool:
+        """Whether its degree is more than the second."""
+        return self.terms > _QUADRIC
 
     @property
     def terms(self) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -32,6 +32,8 @@ _STEPPED = 0.55
 _FITTED = 4000
 # Part of the rim that a quadric has to miss before a higher degree is tried.
 _RIM_OFF = 0.3
+# Part of a panel whose contour it is.
+_MOST_AGREE = 0.5
 
 Mask = NDArray[np.bool_]
 Map = NDArray[np.float32]
@@ -48,11 +50,15 @@ class Panel:
         Relative to the lattice's origin.
     tolerance : float
         Deviation within which cells agree with the contour, metres.
+    is_met : bool
+        Whether most of the panel or of its rim agrees with the contour: else what departs from it
+        may be the panel's own shape.
     """
 
     mask: Mask
     contour: Contour
     tolerance: float
+    is_met: bool = True
 
 
 def find_panels(
@@ -97,9 +103,7 @@ def find_panels(
         labels[islands(lattice, left, labels == index, seed.contour, seed.tolerance, settings)] = (
             index
         )
-    panels = [
-        Panel(labels == index, seed.contour, seed.tolerance) for index, seed in enumerate(seeds)
-    ]
+    panels = [replace(seed, mask=labels == index) for index, seed in enumerate(seeds)]
     return panels, labels
 
 
@@ -139,7 +143,9 @@ def _split(lattice, region, viewpoint, settings, second, rng) -> list[Panel]:
                 taken |= rest
         if not taken.any():
             contour = _demanded(contour, lattice, deviation, part, tolerance, points, rng)
-        panels.append(Panel(part & ~taken, contour, tolerance))
+            deviation = depths_of(contour, lattice, part)
+        is_met = taken.any() or _is_met(deviation, part, tolerance, second)
+        panels.append(Panel(part & ~taken, contour, tolerance, bool(is_met)))
     return panels
 
 
@@ -154,6 +160,21 @@ def _demanded(contour, lattice, deviation, part, tolerance, points, rng) -> Cont
     richer = richer_contour(contour, points, tolerance / 5, rng)
     after = _rim_off(depths_of(richer, lattice, part), part, tolerance)
     return richer if after < before / 2 else contour
+
+
+def _is_met(deviation, part, tolerance, least) -> bool:
+    """Whether most of a panel agrees with a contour, or what does not lies within it.
+
+    What is stepped is another panel's, whatever the contour.
+    """
+    if _rim_off(deviation, part, tolerance) < _RIM_OFF:
+        return True
+    off = part & (np.abs(deviation) > tolerance)
+    if off.sum() < _MOST_AGREE * part.sum():
+        return True
+    kernel = np.ones((5, 5), np.uint8)
+    cores = ((rest, cv2.erode(rest.astype(np.uint8), kernel) > 0) for rest in _parts(off, least))
+    return any(core.any() and _is_stepped(deviation, rest, core, part) for rest, core in cores)
 
 
 def _rim_off(deviation, part, tolerance) -> float:

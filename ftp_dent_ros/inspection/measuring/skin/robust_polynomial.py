@@ -77,7 +77,12 @@ def polished(x, y, w, scale, coefficients, noise) -> NDArray[np.float64]:
 
 
 def solved(columns, left, weight, coefficients) -> NDArray[np.float64]:
-    """Weighted least squares from what coefficients leave, the sagitta's excess as with them."""
+    """Weighted least squares from what coefficients leave, the sagitta's excess as with them.
+
+    Where fewer points bear weight than there are unknowns, the coefficients stay.
+    """
+    if np.count_nonzero(weight) < len(coefficients):
+        return coefficients
     weighted = columns * weight[:, None]
     normal = weighted.T @ columns
     right = weighted.T @ left + normal @ coefficients

@@ -15,8 +15,8 @@ from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.skin.noise import Map, Mask, Noise, median_of
 from ftp_dent_ros.inspection.settings import Settings
 
-# The relief takes half of waves so many smallest widths long, and nearly all of longer ones.
-_CUTOFF = 6.0
+#: The relief takes half of waves so many smallest widths long, and nearly all of longer ones.
+CUTOFF = 6.0
 # Cells of the relief's grid to the smallest width.
 _GRID = 2.0
 # Rounds to the fixed point, and of them those between new weights.
@@ -111,7 +111,7 @@ def relief_of(deviation: Map, bare: Mask, lattice: Lattice, smallest: float) -> 
     values = total / np.maximum(weight, 1e-3)
     weight[weight < 0.3] = 0
     spacing = columns * lattice.spacing[0] / size[0], rows * lattice.spacing[1] / size[1]
-    penalty = _penalty(size, spacing, _CUTOFF * smallest)
+    penalty = _penalty(size, spacing, CUTOFF * smallest)
     smooth = _fitted_twice(values, weight, penalty)
     left = np.abs(values - smooth)[weight > 0.9]
     before = np.abs(values)[weight > 0.9]
