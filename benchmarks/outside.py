@@ -21,8 +21,10 @@ import cv2
 import numpy as np
 from attempts import attempt
 from numpy.typing import NDArray
-from outside_kinds import HELD, MENDING, Outside
-from outside_renderer import Dimple, World
+from outside_kinds import HELD, MENDING
+from outside_panels import Outside
+from outside_parts import Dimple
+from outside_renderer import World
 from tqdm import tqdm
 
 from ftp_dent_ros.cloud import Cloud
@@ -80,7 +82,8 @@ def truth(world: World, stride: int) -> tuple[NDArray, NDArray[np.bool_], NDArra
     """Depth of what a pixel shows, whether the projector lights it, and pixels to an edge."""
     camera = world.rig.camera
     shape = camera.height, camera.width
-    points, _, what = world.seen(camera.rays(camera.pixel_grid().reshape(-1, 2)))
+    grid = camera.pixel_grid().reshape(-1, 2)
+    points, _, what = world.seen(camera.rays(grid), world.begun(grid[:, 1]))
     depth = points[:, 2].reshape(shape)
     hits = world.hits(np.nan_to_num(points, nan=1.0), np.zeros_like(points), points[:, 0], 0.0)
     lit = (hits.u > 0) & (hits.u < world.pattern.width - 1) & (hits.v > 0)
@@ -169,7 +172,8 @@ def _dents(result: Outcome, world: World, cloud: Cloud, stride: int, listed) -> 
         if near.sum() < 3 or dimple.depth < _WHOLE:
             continue
         points = cloud.points[near].astype(float)
-        error = float(np.mean(points[:, 2] - world.depth(points[:, 0], points[:, 1])))
+        moment = world.begun(stride * grid[near][:, 1])
+        error = float(np.mean(points[:, 2] - world.depth(points[:, 0], points[:, 1], moment)))
         sigma = float(np.sqrt(np.mean(cloud.sigma[near].astype(float) ** 2)))
         if -error > 2 * sigma:
             result.flat.append(

@@ -8,19 +8,17 @@ simulation does not know.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from outside_parts import Array, Dimple, Hits, Screen
 
 from ftp_dent_ros.evaluation.scenes import make_rig
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.rig import Rig
-
-Array = NDArray[np.float64]
 
 DISTANCE = 0.8
 RIG = make_rig(DISTANCE, 0.24, (800, 450, 1200.0), 1890.0)
@@ -37,58 +35,14 @@ _REMAPPED = 30_000
 _BLUR, _BLACK = 0.7, 0.01
 
 
-@dataclass(frozen=True)
-class Dimple:
-    """A dent in the skin, ``depth 10^(-r^2)``: its axes are those at 10 % of the depth, metres."""
-
-    x: float
-    y: float
-    length: float
-    width: float
-    depth: float
-    angle: float = 0.0
-
-    def height(self, x: Array, y: Array) -> Array:
-        """Depth at places, along the camera's axis."""
-        along = math.cos(self.angle) * (x - self.x) + math.sin(self.angle) * (y - self.y)
-        across = math.cos(self.angle) * (y - self.y) - math.sin(self.angle) * (x - self.x)
-        square = (2 * along / self.length) ** 2 + (2 * across / self.width) ** 2
-        return self.depth * np.exp(-math.log(10) * np.minimum(square, 60))
-
-
-@dataclass(frozen=True)
-class Screen:
-    """Something thin before the skin: metres from the camera, where it is, and its albedo."""
-
-    distance: float
-    covers: Callable[[Array, Array], NDArray[np.bool_]]
-    albedo: float = 0.5
-
-
-@dataclass(frozen=True, eq=False)
-class Hits:
-    """What rays meet: points and unit vectors of shape (n, 3), the rest (n,)."""
-
-    points: Array
-    normals: Array
-    view: Array
-    lamp: Array
-    squared_distance: Array
-    u: Array
-    v: Array
-    rows: Array
-    moment: float
-
-    def half(self) -> Array:
-        """Cosine between the normal and the mirror of lamp and camera."""
-        middle = self.view + self.lamp
-        middle /= np.linalg.norm(middle, axis=1, keepdims=True)
-        return np.clip(np.einsum('ij,ij->i', middle, self.normals), 0, 1)
-
-
-def flat(x: Array, y: Array, moment: float) -> Array:
+def flat(x: Array, y: Array, moment: Array | float) -> Array:
     """A panel tilted by two degrees or so."""
     return DISTANCE + 0.03 * x - 0.02 * y
+
+
+def slide(drawn: NDArray[np.float32]) -> NDArray[np.float32]:
+    """What an ordinary projector makes of its image, 0 to 1."""
+    return np.float32(_BLACK) + np.float32(1 - _BLACK) * cv2.GaussianBlur(drawn, (0, 0), _BLUR)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +52,7 @@ class World:
     Attributes
     ----------
     skin : callable
-        Depth at x and y, at a moment of -0.5 to 0.5 exposures.
+        Depth at x and y, at a moment: -0.5 to 0.5 exposures, from when the middle row was seen.
     dimples : tuple of Dimple
     albedo : callable
         Of (n, 2) places: (n, 3), or (n, 1) of grey.
@@ -108,6 +62,8 @@ class World:
         Light from elsewhere on (n, 2) places and sensor rows (n,).
     lamp : callable
         Factor on the projector's light at its (u, v) and the sensor's rows: (n, 3) or (n, 1).
+    slide : callable
+        What the projector makes of its image, of shape (rows, columns, 3).
     more : callable, optional
         Light of `Hits` by other ways, (n, 3).
     bend : callable, optional
@@ -116,30 +72,44 @@ class World:
     things : tuple of (x, y, radius)
         What stands on the skin and may be listed: metres.
     exposure : float
+    drift : tuple of float
+        Way of the skin, with all that is on it, to the right and down in an exposure, metres.
+    readout : float
+        Exposures that pass between the first row and the last.
     rig : Rig
     pattern : Pattern
     """
 
-    skin: Callable[[Array, Array, float], Array] = flat
+    skin: Callable[[Array, Array, Array | float], Array] = flat
     dimples: tuple[Dimple, ...] = ()
     albedo: Callable[[Array], Array] = lambda place: np.full((len(place), 1), 0.75)
     gloss: float = 0.0
     roughness: float = 0.1
     ambient: Callable[[Array, Array], Array | float] = lambda place, rows: 0.03
     lamp: Callable[[Array, Array, Array], Array | float] = lambda u, v, rows: 1.0
+    slide: Callable[[NDArray[np.float32]], NDArray[np.float32]] = slide
     more: Callable[[World, Hits], Array] | None = None
     bend: Callable[[World, Hits], Array] | None = None
     screens: tuple[Screen, ...] = ()
     things: tuple[tuple[float, float, float], ...] = ()
     exposure: float = 1.0
+    drift: tuple[float, float] = (0.0, 0.0)
+    readout: float = 0.0
     rig: Rig = field(default_factory=lambda: RIG)
     pattern: Pattern = PATTERN
 
-    def depth(self, x: Array, y: Array, moment: float = 0.0) -> Array:
+    def begun(self, rows: Array) -> Array | float:
+        """Exposures from the middle row's moment to that of rows of the sensor."""
+        return self.readout * (rows / self.rig.camera.height - 0.5) if self.readout else 0.0
+
+    def depth(self, x: Array, y: Array, moment: Array | float = 0.0) -> Array:
         """Depth of the dented skin."""
+        x, y = x - self.drift[0] * moment, y - self.drift[1] * moment
         return self.skin(x, y, moment) + sum(d.height(x, y) for d in self.dimples)
 
-    def meet(self, rays: Array, moment: float = 0.0, start: Array | float = DISTANCE) -> Array:
+    def meet(
+        self, rays: Array, moment: Array | float = 0.0, start: Array | float = DISTANCE
+    ) -> Array:
         """z where rays of z = 1, shape (n, 3), meet the skin, by Newton's method; NaN far away."""
         x, y = rays[:, 0], rays[:, 1]
         z = np.full(len(rays), start) if np.isscalar(start) else np.array(start)
@@ -151,7 +121,7 @@ class World:
         met = np.abs(self.depth(x * z, y * z, moment) - z) < 1e-6
         return np.where(met & (z < 0.9 * _FAR), z, np.nan)
 
-    def normals(self, points: Array, moment: float = 0.0) -> Array:
+    def normals(self, points: Array, moment: Array | float = 0.0) -> Array:
         """Unit normals towards the camera."""
         x, y, e = points[:, 0], points[:, 1], 1e-5
         across = (self.depth(x + e, y, moment) - self.depth(x - e, y, moment)) / (2 * e)
@@ -159,7 +129,7 @@ class World:
         normal = np.stack([across, along, -np.ones_like(across)], axis=1)
         return normal / np.linalg.norm(normal, axis=1, keepdims=True)
 
-    def hits(self, points: Array, normals: Array, rows: Array, moment: float) -> Hits:
+    def hits(self, points: Array, normals: Array, rows: Array, moment: Array | float) -> Hits:
         """Where light comes from at points."""
         centre = self.rig.projector_centre
         lamp = centre - points
@@ -180,7 +150,7 @@ class World:
             dark |= behind & screen.covers(place[:, 0], place[:, 1])
         return dark
 
-    def seen(self, rays: Array, moment: float = 0.0, start: Array | float = DISTANCE):
+    def seen(self, rays: Array, moment: Array | float = 0.0, start: Array | float = DISTANCE):
         """Points of shape (n, 3), normals, and which screen is met; 0 for the skin, -1 nothing."""
         z = self.meet(rays, moment, start)
         points = rays * z[:, None]
@@ -196,8 +166,7 @@ class World:
 def photograph(world: World) -> NDArray[np.float32]:
     """Light on the sensor, shape (rows, columns, 3): 1 saturates; no lens's blur, no noise."""
     camera = world.rig.camera
-    drawn = world.pattern.draw().astype(np.float32) / 255
-    image = np.float32(_BLACK) + np.float32(1 - _BLACK) * cv2.GaussianBlur(drawn, (0, 0), _BLUR)
+    image = world.slide(world.pattern.draw().astype(np.float32) / 255)
     grid = camera.pixel_grid().reshape(-1, 2)
     offsets = (np.arange(_SAMPLES) + 0.5) / _SAMPLES - 0.5
     total = np.zeros((len(grid), 3))
@@ -206,9 +175,10 @@ def photograph(world: World) -> NDArray[np.float32]:
     moments = (np.argsort([4, 0, 7, 2, 8, 3, 6, 1, 5]) + 0.5) / _SAMPLES**2 - 0.5
     for number, (du, dv) in enumerate((a, b) for a in offsets for b in offsets):
         rays = camera.rays(grid + np.array([du, dv]))
-        points, normals, what = world.seen(rays, moments[number], start)
-        total += _light(world, image, points, normals, what, grid[:, 1], moments[number])
-        z = world.meet(rays, moments[number], start) if world.screens else points[:, 2]
+        moment = moments[number] + world.begun(grid[:, 1])
+        points, normals, what = world.seen(rays, moment, start)
+        total += _light(world, image, points, normals, what, grid[:, 1], moment)
+        z = world.meet(rays, moment, start) if world.screens else points[:, 2]
         start = np.nan_to_num(z, nan=DISTANCE)
     return (total / _SAMPLES**2).reshape(camera.height, camera.width, 3).astype(np.float32)
 
@@ -223,7 +193,8 @@ def _light(world, image, points, normals, what, rows, moment) -> Array:
     lit *= DISTANCE**2 / hits.squared_distance[:, None]
     lit[world.shadow(points)] = 0
     facing = np.clip(np.einsum('ij,ij->i', hits.normals, hits.lamp), 0, None)[:, None]
-    albedo = np.broadcast_to(world.albedo(points[:, :2]), lit.shape)
+    place = points[:, :2] - np.multiply.outer(moment, world.drift)
+    albedo = np.broadcast_to(world.albedo(place), lit.shape)
     for number, screen in enumerate(world.screens, 1):
         albedo = np.where(what[:, None] == number, screen.albedo, albedo)
     around = np.broadcast_to(np.asarray(world.ambient(points[:, :2], rows)).T, lit.T.shape).T

@@ -170,3 +170,69 @@ def fog(share: float, back: float) -> Step:
         return (1 - share) * light + 0.4 * share * wide + back * near_projector
 
     return step
+
+
+def denoised(picture: NDArray, rng: Generator) -> NDArray:
+    """What a camera for people makes of a picture: noise filtered away, then edges sharpened."""
+    smooth = cv2.bilateralFilter(picture, 5, 12, 1.5).astype(np.float32)
+    sharp = smooth + 0.8 * (smooth - cv2.GaussianBlur(smooth, (0, 0), 1.2))
+    return np.clip(np.rint(sharp), 0, 255).astype(np.uint8)
+
+
+def enlarged(picture: NDArray, rng: Generator) -> NDArray:
+    """A picture of 70 % of the pixels, enlarged by the driver."""
+    height, width = picture.shape[:2]
+    small = cv2.resize(picture, None, fx=0.7, fy=0.7, interpolation=cv2.INTER_AREA)
+    return cv2.resize(small, (width, height), interpolation=cv2.INTER_CUBIC)
+
+
+def tone_mapped(picture: NDArray, rng: Generator) -> NDArray:
+    """A phone's local contrast: levels stretched by what is around them."""
+    luma, *chroma = cv2.split(cv2.cvtColor(picture, cv2.COLOR_RGB2YCrCb))
+    stretched = cv2.createCLAHE(clipLimit=1.5, tileGridSize=(6, 4)).apply(luma)
+    return cv2.cvtColor(cv2.merge([stretched, *chroma]), cv2.COLOR_YCrCb2RGB)
+
+
+def fixed_pattern(signal: Image, rng: Generator) -> Image:
+    """Columns with gains of their own by 1.5 %, rows with offsets of 1.5 levels."""
+    columns = 1 + 0.015 * rng.standard_normal((1, signal.shape[1], 1))
+    rows = 1.5 / 255 * rng.standard_normal((signal.shape[0], 1, 1))
+    return (signal * columns + rows).astype(np.float32)
+
+
+def gain_jump(signal: Image, rng: Generator) -> Image:
+    """The automatic exposure changes its gain while rows are read: by a half from one on."""
+    row = int(rng.uniform(0.3, 0.7) * signal.shape[0])
+    return np.concatenate([0.6 * signal[:row], 0.9 * signal[row:]])
+
+
+def strap(light: Image, rng: Generator) -> Image:
+    """A strap before a part of the lens, far out of focus: it hides, and glows a little."""
+    height, width = light.shape[:2]
+    rows, columns = np.mgrid[:height, :width].astype(np.float32)
+    slope, at = rng.uniform(-0.3, 0.3), rng.uniform(0.25, 0.4) * width
+    share = 1 / (1 + np.exp(-(at - columns - slope * (rows - height / 2)) / 18))[..., None]
+    return light * (1 - share) + 0.02 * share
+
+
+def snowflakes(light: Image, rng: Generator) -> Image:
+    """Snow between drone and skin in the projector's light: bright streaks and soft discs."""
+    height, width = light.shape[:2]
+    discs = 0.5 * blobs(light.shape, rng, 25, (3, 14))
+    streaks = np.zeros((height, width), np.float32)
+    for _ in range(40):
+        start = rng.uniform(0, (width, height))
+        stop = start + rng.uniform(5, 25) * np.array([0.3, 1.0])
+        cv2.line(streaks, *(tuple(int(a) for a in p) for p in (start, stop)), 1.0, 2)
+    streaks = 0.35 * cv2.GaussianBlur(streaks, (0, 0), 1.2)
+    return light + (discs * rng.uniform(0.3, 1) + streaks)[..., None] * 0.6
+
+
+def turned(picture: NDArray, rng: Generator) -> NDArray:
+    """A camera mounted head over, whose driver does not know it."""
+    return np.ascontiguousarray(picture[::-1, ::-1])
+
+
+def mirrored(picture: NDArray, rng: Generator) -> NDArray:
+    """A driver that mirrors, as for people who look at themselves."""
+    return np.ascontiguousarray(picture[:, ::-1])
