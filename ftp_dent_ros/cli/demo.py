@@ -207,7 +207,10 @@ def _table(appraisal: Appraisal, dents: DentAppraisal, skin: SkinAppraisal) -> s
             + (f'; {s.skin_parts} parts' if s.skin_parts > 1 else ''),
         ),
         ('clouds not inspected', f'{d.clouds_not_inspected}'),
-        ('true dents in view', f'{d.dents}, missed {d.dents_missed}, false {d.dents_false}'),
+        (
+            'true dents in view',
+            f'{d.dents}, missed {d.dents_missed}, false {d.dents_false}, twice {d.dents_twice}',
+        ),
         ('their sightings', f'{d.sightings}, missed {d.sightings_missed}'),
         (
             'largest error of a dent',

@@ -44,8 +44,8 @@ class DentAppraisal:
         Those of them that no cloud shows.
     sightings, sightings_missed : int
         How often a true dent lies wholly inside a cloud, and is not found in it.
-    dents_false : int
-        Found, and not there; in any cloud.
+    dents_false, dents_twice : int
+        Listed, and not there; and one that is listed already, whole or a part of it.
     depth_error_mm, length_error_mm, width_error_mm : float
         Largest absolute error of the combined measurements of dents that were seen whole.
     dents_in_list, dents_false_in_list, dents_twice_in_list : int
@@ -63,6 +63,7 @@ class DentAppraisal:
     sightings: int
     sightings_missed: int
     dents_false: int
+    dents_twice: int
     depth_error_mm: float
     length_error_mm: float
     width_error_mm: float
@@ -108,6 +109,7 @@ def appraise_dents(
     stamps = {frame.number: frame.stamp_ns for frame in report.frames}
     found: set[tuple[int, int]] = set()
     false = 0
+    listed: list[int] = []
     errors = []
     others_false = 0
     for entry in report.entries:
@@ -129,6 +131,8 @@ def appraise_dents(
         if entry.dent.depth.value > 0:
             # A crease is listed as one, and what is in doubt as something else.
             found |= {(index, sighting.frame) for sighting in entry.sightings}
+        if is_dent:
+            listed.append(index)
         if is_dent and not entry.dent.is_cut:
             errors.append(_errors(entry, truth[index]))
     whole = {index for index, _ in expected}
@@ -141,6 +145,7 @@ def appraise_dents(
         sightings=len(expected),
         sightings_missed=len(expected - found),
         dents_false=false,
+        dents_twice=len(listed) - len(set(listed)),
         depth_error_mm=float(worst[0]),
         length_error_mm=float(worst[1]),
         width_error_mm=float(worst[2]),
