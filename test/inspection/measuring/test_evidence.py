@@ -23,7 +23,8 @@ X, Y = np.meshgrid(STEP * np.arange(-60, 61), STEP * np.arange(-60, 61))
 
 
 def patch_of(depth):
-    return Patch((X[0, 0], Y[0, 0]), STEP, depth, np.ones(depth.shape, bool), STEP)
+    every = np.ones(depth.shape, bool)
+    return Patch((X[0, 0], Y[0, 0]), STEP, depth, every, STEP, np.zeros(depth.shape))
 
 
 def gaussian(length, width, angle, depth):

@@ -84,21 +84,18 @@ class Outline:
         sign = math.copysign(1, cross.sum())
         return math.atan2(2 * sign * xy, sign * (xx - yy)) / 2
 
-    def length(self) -> tuple[float, float, float]:
-        """Longest distance between two points, its angle, and the mean of 1/slope at its ends."""
+    def length(self) -> tuple[float, float, list[int]]:
+        """Longest distance between two points, its angle, and which they are."""
         apart = (self.x[:, None] - self.x) ** 2 + (self.y[:, None] - self.y) ** 2
         i, j = np.unravel_index(np.argmax(apart), apart.shape)
         angle = math.atan2(self.y[j] - self.y[i], self.x[j] - self.x[i])
-        return math.sqrt(apart[i, j]), angle, self._flatness(i, j)
+        return math.sqrt(apart[i, j]), angle, [int(i), int(j)]
 
-    def width(self, angle: float) -> tuple[float, float]:
-        """Extent at 90 degrees to an angle, and the mean of 1/slope at its ends."""
+    def width(self, angle: float) -> tuple[float, list[int]]:
+        """Extent at 90 degrees to an angle, and the points at its ends."""
         across = math.cos(angle) * self.y - math.sin(angle) * self.x
         i, j = int(np.argmax(across)), int(np.argmin(across))
-        return float(across[i] - across[j]), self._flatness(i, j)
-
-    def _flatness(self, i, j) -> float:
-        return float((1 / self.slope[i] + 1 / self.slope[j]) / 2)
+        return float(across[i] - across[j]), [i, j]
 
     @cached_property
     def _next(self) -> tuple[Vector, Vector]:

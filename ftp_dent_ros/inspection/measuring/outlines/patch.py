@@ -32,6 +32,8 @@ class Patch:
         Where points lie close enough.
     scale : float
         Of the smoothing, metres.
+    told : ndarray, shape (rows, columns)
+        Noise of the points beyond the common one, as they were before the smoothing, metres.
     """
 
     corner: tuple[float, float]
@@ -39,6 +41,7 @@ class Patch:
     depth: Map
     known: Mask
     scale: float
+    told: Map
 
     @classmethod
     def of(
@@ -46,21 +49,22 @@ class Patch:
         x: Map,
         y: Map,
         depth: Map,
+        told: Map,
         bounds: tuple[float, float, float, float],
         step: float,
         scale: float,
     ) -> Patch:
         """Resample scattered depths, each of shape (n,), within (x_min, x_max, y_min, y_max).
 
-        A Gaussian mean of standard deviation `scale` and, once more, that of what it left over:
-        together they keep a surface's curvature.
+        Of the depths, a Gaussian mean of standard deviation `scale` and, once more, that of what
+        it left over: together they keep a surface's curvature.
         """
         x_min, x_max, y_min, y_max = bounds
         columns = math.ceil((x_max - x_min) / step) + 1
         rows = math.ceil((y_max - y_min) / step) + 1
         at_x, at_y = (x - x_min) / step, (y - y_min) / step
         inside = (at_x > 0) & (at_x < columns - 1) & (at_y > 0) & (at_y < rows - 1)
-        at_x, at_y, depth = at_x[inside], at_y[inside], depth[inside]
+        at_x, at_y, depth, told = (each[inside] for each in (at_x, at_y, depth, told))
         splat = _Splat(at_x, at_y, (rows, columns))
         sigma = math.hypot(scale / step, 1e-6)
         size = 2 * math.ceil(3 * sigma) + 1
@@ -81,6 +85,7 @@ class Patch:
             np.where(known, first + blur(splat.add(over)) / divisor, 0.0),
             known,
             scale,
+            blur(splat.add(told)) / divisor,
         )
 
     @cached_property

@@ -77,7 +77,7 @@ def part_above(
 
 
 def bottom_of(
-    patch: Patch, at: tuple[int, int], noise: float, correlated: float, region: Mask | None
+    patch: Patch, at: tuple[int, int], noise: Vector, correlated: float, region: Mask | None
 ) -> Bottom:
     """Depth by a quadric through the cap around the deepest cell.
 
@@ -86,7 +86,7 @@ def bottom_of(
     patch : Patch
     at : (int, int)
         The deepest cell.
-    noise : float
+    noise : ndarray, shape (rows, columns)
         Standard deviation of the patch's depths, metres.
     correlated : float
         Number of cells whose noise is one independent value.
@@ -100,12 +100,14 @@ def bottom_of(
         if np.count_nonzero(cap) < _ENOUGH:
             continue
         rows, columns = np.nonzero(cap)
-        found.append(_quadric(patch, rows, columns, at, noise, correlated))
+        here = noise[rows, columns]
+        usual = math.sqrt(float(here @ here) / len(here))
+        found.append(_quadric(patch, rows, columns, at, usual, correlated))
         # Of two good caps the second tells what the choice makes.
         if len(found) == 2 or found[-1][1] > 0.02 * high:
             break
     if not found:
-        return Bottom(high, math.hypot(noise, 0.02 * high))
+        return Bottom(high, math.hypot(noise[at], 0.02 * high))
     depth, spread = found[0]
     other = found[-1][0] if len(found) > 1 else depth
     return Bottom(depth, math.hypot(spread, depth - other))

@@ -37,6 +37,8 @@ class Surroundings:
         Feet on the contour and depths below the skin, metres.
     light : ndarray, shape (n,)
         Modulation of the fringes, grey levels.
+    told : ndarray, shape (n,)
+        Noise beyond the common one of each point, metres.
     cells : ndarray, shape (2, cells)
         x, y of the candidate's own cells, metres.
     cell : float
@@ -46,7 +48,7 @@ class Surroundings:
     bounds : tuple of 4 floats
         x_min, x_max, y_min, y_max.
     extra : float
-        Noise beyond the common one here, metres.
+        Noise beyond the common one here, the median of the candidate's cells, metres.
     resolution : float
         Wavelength of which half is left here, metres; NaN if it is not known.
     """
@@ -55,6 +57,7 @@ class Surroundings:
     y: Vector
     depth: Vector
     light: Vector
+    told: Vector
     cells: Vector
     cell: float
     spacing: float
@@ -98,7 +101,8 @@ def surroundings_of(
     usable = at[window]
     if seams.any():
         usable = usable & ~lattice.spread(seams, at.shape)[window]
-    images: list[NDArray] = [lattice.all_points[window], lattice.light[window]]
+    told = lattice.spread(skin.noise.extra, at.shape)[window]
+    images: list[NDArray] = [lattice.all_points[window], lattice.light[window], told]
     images += [] if relief is None else [relief[window]]
     spacing = max(lattice.spacing) / block
     every = max(1, min(max(usable.shape) // _WINDOW, int(candidate.width / spacing / _ACROSS)))
@@ -121,7 +125,7 @@ def surroundings_of(
     contour = skin.contour
     x, y, depth = (axis.astype(float) for axis in contour.deviation(values))
     if relief is not None:
-        depth = depth - rest[1]
+        depth = depth - rest[2]
     around_x, around_y = places(candidate, lattice, contour)
     (x_min, x_max), (y_min, y_max) = _range(around_x), _range(around_y)
     pad = 0.35 * max(x_max - x_min, y_max - y_min) + 4 * max(lattice.spacing)
@@ -134,6 +138,7 @@ def surroundings_of(
         y=y,
         depth=depth,
         light=rest[0].astype(float),
+        told=rest[1].astype(float),
         cells=np.stack([around_x, around_y]).astype(float),
         cell=max(lattice.spacing),
         spacing=every * spacing,

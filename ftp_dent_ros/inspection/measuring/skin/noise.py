@@ -67,6 +67,10 @@ class Noise:
         """The same where the first part is `extra`."""
         return math.hypot(self._alike(scale), _left(scale, self.reach) * extra)
 
+    def over(self, extra: NDArray[np.float64], scale: float) -> NDArray[np.float64]:
+        """The same where the first part is each of `extra`."""
+        return np.hypot(self._alike(scale), _left(scale, self.reach) * extra)
+
     def _alike(self, scale: float) -> float:
         for (left, low), (right, high) in self._levels:
             if scale <= right:
