@@ -1,6 +1,7 @@
 """Seconds a photograph takes, method by method, beside a Fourier transform of the same frame.
 
 OPENBLAS_NUM_THREADS=1 python benchmarks/reconstruction_speed.py [--repetitions 15]
+                                                                 [--code contrast]
 
 Processor time of one thread. The yardstick is one scipy.fft.rfft and irfft of the rows, float32,
 one worker, measured in turn with each method, so that what else the machine does falls on both
@@ -20,6 +21,7 @@ import scipy.fft
 from scenes import FIELD, PATTERN, Scene, fuselage, scene
 from timing import durations, show
 
+from ftp_dent_ros.pattern import CODES
 from ftp_dent_ros.profilometry import METHODS, Reconstructor, Settings
 from ftp_dent_ros.rig import Lens
 
@@ -40,19 +42,22 @@ def scene_at(width: int, height: int) -> Scene:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition('\n')[0])
     parser.add_argument('--repetitions', type=int, default=15)
-    repetitions = parser.parse_args().repetitions
+    parser.add_argument('--code', choices=CODES, default=PATTERN.code, help='of the pattern')
+    arguments = parser.parse_args()
+    repetitions, pattern = arguments.repetitions, replace(PATTERN, code=arguments.code)
+    methods = METHODS if pattern.code == 'stripe' else ['least-squares']
     cv2.setNumThreads(1)
     for size in SIZES:
-        image = scene_at(*size).photograph()
+        image = scene_at(*size).photograph(pattern=pattern)
         rows = image[..., 0].astype(np.float32)
 
         def transform(rows=rows):
             scipy.fft.irfft(scipy.fft.rfft(rows, workers=1), workers=1)
 
         print(f'{size[0]}x{size[1]}, median of {repetitions}')
-        for method, stride in product(METHODS, STRIDES):
+        for method, stride in product(methods, STRIDES):
             rig = scene_at(*size).rig
-            reconstructor = Reconstructor(rig, PATTERN, Settings.chosen(method, stride))
+            reconstructor = Reconstructor(rig, pattern, Settings.chosen(method, stride))
             name = f'{method}, stride {stride}'
             work = {
                 'rfft + irfft of the frame': transform,
