@@ -1,6 +1,7 @@
 """Two surveys of one skin compared: is every dent told right, and no growth that is none?
 
 python benchmarks/survey_comparison.py [--seeds 20] [--first 700] [--drift 0.3] [--off 0.6]
+                                       [--depths]
 python benchmarks/survey_comparison.py --rendered FOLDER [--first 7]
 
 A fuselage of 2 m radius, 6 m by 2.4 m of it, with 60 dents: 3 grow by 0.05 mm, 2 are repaired, 5
@@ -9,7 +10,9 @@ over the first metre), and misses a strip. Depths, lengths and widths are stated
 two rendered flights at 0.8 m stated them (depth 0.2 mm over the width in millimetres, length and
 width 10 mm over it), and are off by --off times as much: what those flights' 11 dents differed by
 was 0.6 of what was stated, for what both have in common drops out. --tail is the degrees of
-freedom of the errors' Student t (0: Gaussian). The later rig sees everything 0.3 % larger.
+freedom of the errors' Student t (0: Gaussian). The later rig sees everything 0.3 % larger. Each
+survey keeps the skin about its dents, with as much noise as those flights' skins differed by; with
+--depths it does not, as what `ftp-dent inspect` writes, and depths are compared.
 
 --rendered photographs the shipped scene twice instead, from other places, in other light, by an
 autopilot that errs otherwise, with one dent gone and three grown by 0.05 mm; the surveys are those
@@ -26,6 +29,7 @@ from itertools import count
 from pathlib import Path
 
 import numpy as np
+from scipy.ndimage import gaussian_filter
 from tqdm import tqdm
 
 from ftp_dent_ros.cli.main import main as command
@@ -33,7 +37,7 @@ from ftp_dent_ros.inspection.dent import Estimate
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.simulation.world import read_world
 from ftp_dent_ros.survey.comparing.comparison import compare
-from ftp_dent_ros.survey.result import CoverageCells, SurveyedDent, SurveyResult
+from ftp_dent_ros.survey.result import CoverageCells, Relief, SurveyedDent, SurveyResult
 from ftp_dent_ros.survey.store import Store
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / 'test'))
@@ -44,6 +48,9 @@ DENTS, GROWN, REPAIRED, NEW = 60, 3, 2, 5
 GROWTH = 5e-5
 PLACE, FINDABLE, CELL = 2e-4, 6e-5, 0.01
 LARGER = 1.003
+# Of the skin about a dent: its points, metres, and the noise of a survey, which is correlated over
+# so many of them.
+POINT, NOISE, CORRELATED = 1e-3, 3e-6, 2.5
 RENDERED_CLOUDS = 41
 STORE = 'aircraft.sqlite'
 OPEN = ('known', 'first seen', 'not seen')
@@ -56,6 +63,7 @@ class Errors:
     drift: float
     off: float
     tail: float
+    depths: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +149,8 @@ def survey(
         sizes = skin.depth[index], skin.length[index], width
         depth, length, across = (off(size, s) for size, s in zip(sizes, sigmas, strict=True))
         dent = replace(dent, depth=depth, length=length, width=across)
-        dents.append(SurveyedDent(int(index), dent, np.eye(3) * 1e-6, 5))
+        about = None if errors.depths else relief(rng, sizes, larger, PLACE)
+        dents.append(SurveyedDent(int(index), dent, np.eye(3) * 1e-6, 5, about))
     grid = np.stack(
         np.meshgrid(*(np.arange(CELL / 2, size, CELL) for size in SKIN), indexing='ij'), -1
     ).reshape(-1, 2)
@@ -157,6 +166,19 @@ def survey(
         np.zeros(count, int),
     )
     return SurveyResult(name, (), 0, 'map', tuple(dents), coverage=coverage)
+
+
+def relief(rng: np.random.Generator, sizes: tuple, larger: float, place: float) -> Relief:
+    """The skin about a dent of a depth, length and width, seen from a little beside it."""
+    depth, length, width = sizes
+    columns, rows = (round((0.75 * size + 0.006) / POINT) for size in (length, width))
+    a, b = Relief(POINT, np.zeros((2 * rows + 1, 2 * columns + 1), np.float32)).places()
+    x, y = (each + off for each, off in zip((a, b), rng.normal(0, place, 2), strict=True))
+    form = np.exp(-4 * np.log(10) * ((x / length) ** 2 + (y / width) ** 2))
+    noise = gaussian_filter(rng.normal(size=a.shape), CORRELATED)
+    noise *= NOISE * 2 * np.sqrt(np.pi) * CORRELATED
+    heights = -(y**2) / (2 * RADIUS) - larger * depth * form + noise
+    return Relief(POINT, heights.astype(np.float32))
 
 
 def trial(seed: int, errors: Errors) -> Counter:
@@ -244,11 +266,12 @@ def main() -> None:
     parser.add_argument('--drift', type=float, default=0.3, help='mm over the first metre')
     parser.add_argument('--off', type=float, default=0.6, help='parts of what is stated')
     parser.add_argument('--tail', type=float, default=0.0, help='degrees of freedom')
+    parser.add_argument('--depths', action='store_true', help='no skin is kept about the dents')
     parser.add_argument('--rendered', type=Path, metavar='FOLDER')
     arguments = parser.parse_args()
     if arguments.rendered:
         rendered(arguments.rendered, arguments.first)
-    errors = Errors(arguments.drift * 1e-3, arguments.off, arguments.tail)
+    errors = Errors(arguments.drift * 1e-3, arguments.off, arguments.tail, arguments.depths)
     told: Counter = Counter()
     for seed in tqdm(range(arguments.first, arguments.first + arguments.seeds), unit='pair'):
         told += trial(seed, errors)

@@ -8,6 +8,7 @@ from dent_samples import make_dent
 
 from ftp_dent_ros.inspection.dent import Estimate
 from ftp_dent_ros.survey.comparing.growth import changes_of
+from ftp_dent_ros.survey.comparing.relief_growth import Growth
 
 SIGMA = 6e-6
 
@@ -63,11 +64,12 @@ def test_what_the_skins_tell_of_a_depth_counts_and_not_the_depths():
     earlier, later = pairs(rng, 12, off=1.0)
     grown = 2e-5
     deeper = [
-        Estimate((grown if index < 2 else 0) + 1e-6 * rng.normal(), 1e-6) for index in range(11)
+        Growth(Estimate((grown if index < 2 else 0) + 1e-6 * rng.normal(), 1e-6), 30.0)
+        for index in range(11)
     ]
     changes, (depth, *_) = changes_of(earlier, later, [*deeper, None])
     assert [each[0].verdict for each in changes] == [1, 1] + [0] * 10
     for each, direct in zip(changes, deeper, strict=False):
-        assert each[0].estimate.value == pytest.approx(direct.value, abs=2e-6)
+        assert each[0].estimate.value == pytest.approx(direct.estimate.value, abs=2e-6)
         assert each[0].half < 5e-6
     assert changes[-1][0].half > 5e-6 and depth.quantity == 'depth'

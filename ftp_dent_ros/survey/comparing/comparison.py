@@ -11,7 +11,7 @@ from ftp_dent_ros.inspection.dent import Estimate
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.survey.comparing.growth import Change, Scale, changes_of
 from ftp_dent_ros.survey.comparing.matching import Matching, match
-from ftp_dent_ros.survey.comparing.relief_growth import growth_of
+from ftp_dent_ros.survey.comparing.relief_growth import Growth, growth_of
 from ftp_dent_ros.survey.result import SurveyedDent, SurveyResult
 
 Status = Literal[
@@ -113,7 +113,7 @@ def compare(earlier: SurveyResult, later: SurveyResult) -> Comparison:
     return Comparison(earlier, later, tuple(found), matching, scales)
 
 
-def _deeper(earlier: SurveyedDent, later: SurveyedDent, matching: Matching) -> Estimate | None:
+def _deeper(earlier: SurveyedDent, later: SurveyedDent, matching: Matching) -> Growth | None:
     """How much deeper a dent is by the skin about it, outward for what stands out."""
     turn = matching.motion.rotation.inv()
     places, _ = matching.in_later(earlier.dent.position[None])
@@ -121,7 +121,10 @@ def _deeper(earlier: SurveyedDent, later: SurveyedDent, matching: Matching) -> E
     deeper = growth_of(earlier, later, to_later)
     if deeper is None:
         return None
-    return replace(deeper, value=float(np.sign(earlier.dent.depth.value)) * deeper.value)
+    sign = float(np.sign(earlier.dent.depth.value))
+    return replace(
+        deeper, estimate=Estimate(sign * deeper.estimate.value, deeper.estimate.uncertainty)
+    )
 
 
 def _depth(each: ComparedDent) -> float:

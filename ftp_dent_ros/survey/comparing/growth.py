@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from ftp_dent_ros.inspection.dent import Estimate, MeasuredDent
+from ftp_dent_ros.survey.comparing.relief_growth import Growth
 
 QUANTITIES = ('depth', 'length', 'width')
 # Chance that a comparison tells any change where there is none, and how it is shared out: depth is
@@ -71,7 +72,7 @@ class Scale:
 def changes_of(
     earlier: Sequence[MeasuredDent],
     later: Sequence[MeasuredDent],
-    deeper: Sequence[Estimate | None] = (),
+    deeper: Sequence[Growth | None] = (),
 ) -> tuple[list[tuple[Change, ...]], tuple[Scale, ...]]:
     """Changes of dents that are the same, in their order, and the surveys' common factors.
 
@@ -79,37 +80,19 @@ def changes_of(
     ----------
     earlier, later : sequence of MeasuredDent
         The same dents. One that is cut in either has no changes: its sizes are bounds.
-    deeper : sequence of Estimate or None, optional
+    deeper : sequence of Growth or None, optional
         Change of each dent's depth, where the skins themselves tell it.
     """
     usable = np.array([not (a.is_cut or b.is_cut) for a, b in zip(earlier, later, strict=True)])
-    known: dict[str, Sequence[Estimate | None]] = {'depth': deeper or [None] * len(earlier)}
+    known: dict[str, Sequence[Growth | None]] = {'depth': deeper or [None] * len(earlier)}
     scales, values, freedoms = [], {}, {}
     for quantity in QUANTITIES:
         one, two = (
             [_magnitude(getattr(dent, quantity)) for dent in dents] for dents in (earlier, later)
         )
         given = known.get(quantity, [None] * len(earlier))
-        two = [b if d is None else _grown(a, d) for a, b, d in zip(one, two, given, strict=True)]
-        stated = np.array(
-            [
-                np.hypot(a.uncertainty, b.uncertainty) if d is None else d.uncertainty
-                for a, b, d in zip(one, two, given, strict=True)
-            ]
-        )
-        directly = np.array([each is not None for each in given], bool)
-        changes: list[Estimate] = [Estimate(np.nan, np.nan)] * len(one)
-        freedom = np.full(len(one), _TRUST)
-        parts = []
-        for part in (directly, ~directly):
-            scale, of_part = _scale(quantity, one, two, stated, usable & part)
-            parts.append((int((usable & part).sum()), scale))
-            for index in np.flatnonzero(part).tolist():
-                changes[index] = _difference(one[index], two[index], stated[index], scale)
-                freedom[index] = of_part
-        # How most of them compare.
-        scales.append(max(parts, key=lambda each: each[0])[1])
-        values[quantity], freedoms[quantity] = changes, freedom
+        scale, values[quantity], freedoms[quantity] = _compared(quantity, one, two, given, usable)
+        scales.append(scale)
     told = set()
     for quantity in QUANTITIES:
         indices = np.flatnonzero(usable)
@@ -124,19 +107,54 @@ def changes_of(
         for quantity in QUANTITIES if usable[index] else ():
             estimate = values[quantity][index]
             sign = int(np.sign(estimate.value)) if (index, quantity) in told else 0
+            if quantity == 'depth' and known['depth'][index] is not None:
+                estimate = _with_scale(estimate, earlier[index].depth)
             half = float(student.ppf(0.975, freedoms[quantity][index]) * estimate.uncertainty)
             found.append(Change(quantity, estimate, half, sign))
         result.append(tuple(found))
     return result, tuple(scales)
 
 
+def _compared(
+    quantity: str,
+    earlier: Sequence[Estimate],
+    later: Sequence[Estimate],
+    given: Sequence[Growth | None],
+    usable: NDArray[np.bool_],
+) -> tuple[Scale, list[Estimate], list[float]]:
+    """How most dents compare; each one's difference, and its degrees of freedom."""
+    later = [
+        b if d is None else Estimate(a.value + d.estimate.value, a.uncertainty)
+        for a, b, d in zip(earlier, later, given, strict=True)
+    ]
+    stated = np.array(
+        [
+            np.hypot(a.uncertainty, b.uncertainty) if d is None else d.estimate.uncertainty
+            for a, b, d in zip(earlier, later, given, strict=True)
+        ]
+    )
+    directly = np.array([each is not None for each in given], bool)
+    by_skin, by_size = (
+        _scale(quantity, earlier, later, stated, usable & part) for part in (directly, ~directly)
+    )
+    differences, freedoms = [], []
+    for a, b, spread, direct in zip(earlier, later, stated, given, strict=True):
+        scale, freedom = by_size if direct is None else by_skin
+        differences.append(_difference(a, b, spread, scale))
+        freedoms.append(freedom if direct is None else min(freedom, direct.freedom))
+    most = by_skin if (usable & directly).sum() > (usable & ~directly).sum() else by_size
+    return most[0], differences, freedoms
+
+
+def _with_scale(growth: Estimate, depth: Estimate) -> Estimate:
+    """A growth as uncertain as its dent's depth is, too: windows take of both alike."""
+    part = growth.value * depth.uncertainty / depth.value
+    return Estimate(growth.value, float(np.hypot(growth.uncertainty, part)))
+
+
 def _magnitude(estimate: Estimate) -> Estimate:
     """A bump grows outward."""
     return Estimate(abs(estimate.value), estimate.uncertainty)
-
-
-def _grown(earlier: Estimate, deeper: Estimate) -> Estimate:
-    return Estimate(earlier.value + deeper.value, earlier.uncertainty)
 
 
 def _scale(

@@ -9,6 +9,7 @@ deeper as it has grown.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -25,13 +26,30 @@ Array = NDArray[np.float64]
 _OUTSIDE = 1.25
 # Of the dent's points, that both surveys must have; and so many beside it, by those of the dent.
 _LEAST_SHARE, _LEAST_BESIDE = 0.95, 0.3
-# A slide is found in so many steps; of the points' freedom, that a fit leaves at least.
-_ROUNDS, _LEAST_FREE = 3, 0.1
+# A slide is found in so many steps.
+_ROUNDS = 3
 # Within so much of the relief what its points differ by is correlated at most.
 _CORRELATED = 0.25
 
 
-def growth_of(earlier: SurveyedDent, later: SurveyedDent, to_later: Pose) -> Estimate | None:
+@dataclass(frozen=True)
+class Growth:
+    """How much deeper a dent is.
+
+    Attributes
+    ----------
+    estimate : Estimate
+        Metres, inward positive.
+    freedom : float
+        Degrees of freedom of its uncertainty: how many places of the difference that are not
+        correlated tell it, less what is fitted.
+    """
+
+    estimate: Estimate
+    freedom: float
+
+
+def growth_of(earlier: SurveyedDent, later: SurveyedDent, to_later: Pose) -> Growth | None:
     """Depth of a dent in the later survey less that in the earlier one, metres, inward positive.
 
     Parameters
@@ -43,7 +61,7 @@ def growth_of(earlier: SurveyedDent, later: SurveyedDent, to_later: Pose) -> Est
 
     Returns
     -------
-    Estimate or None
+    Growth or None
         None where not both surveys tell of the skin about it.
     """
     if earlier.relief is None or later.relief is None:
@@ -60,7 +78,7 @@ def growth_of(earlier: SurveyedDent, later: SurveyedDent, to_later: Pose) -> Est
 
 def _fitted(
     earlier: SurveyedDent, later: SurveyedDent, to_later: Pose, slide: Array
-) -> tuple[Estimate, Array] | None:
+) -> tuple[Growth, Array] | None:
     """Growth, and how far off the later skin lies from where it is taken, along and across."""
     assert earlier.relief is not None
     a, b = earlier.relief.places()
@@ -88,9 +106,11 @@ def _fitted(
     rest = np.zeros(used.shape)
     rest[used] = off - terms @ fit
     area = _correlated(rest, used)
-    free = max(1 - terms.shape[1] * area / used.sum(), _LEAST_FREE)
-    variance = float(rest[used].var()) / free * area * float((inverse[0] ** 2).sum())
-    return Estimate(float(fit[0]), math.sqrt(variance)), -fit[1:3] / steepest
+    places = float(used.sum()) / area
+    freedom = max(places - terms.shape[1], 1.0)
+    variance = float(rest[used].var()) * places / freedom * area * float((inverse[0] ** 2).sum())
+    estimate = Estimate(float(fit[0]), math.sqrt(variance))
+    return Growth(estimate, freedom), -fit[1:3] / steepest
 
 
 def _after(
