@@ -82,3 +82,17 @@ def test_lengths_are_as_uncertain_as_the_rim_that_they_end_at():
     assert dent.length.value < length + 2 * dent.length.uncertainty
     assert abs(dent.width.value - width) < 2 * dent.width.uncertainty
     assert abs(dent.depth.value - DENT.depth) < 2 * dent.depth.uncertainty
+
+
+def test_what_is_doubted_and_cut_by_what_was_not_measured_is_listed_in_doubt():
+    across, down = off_middle()
+    sigma = np.hypot(NOISE, 3e-4 * np.exp(-np.square(across / 0.012)))
+    cloud = told(sigma * correlated(2), sigma)
+    points = cloud.points.copy()
+    points[np.abs(across - 0.004) < 0.003] = np.nan
+    points[down > 0.012] = np.nan
+    dent = measured(replace(cloud, points=points))
+    assert dent.kind == 'other'
+    assert dent.is_cut
+    assert 'not sure' in dent.reason or 'not measured' in dent.reason
+    assert abs(dent.depth.value - DENT.depth) < 2.5 * dent.depth.uncertainty
