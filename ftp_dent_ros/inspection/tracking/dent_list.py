@@ -18,6 +18,7 @@ from ftp_dent_ros.inspection.tracking.given import Given
 from ftp_dent_ros.inspection.tracking.glass import Glass, Seen, Spot
 from ftp_dent_ros.inspection.tracking.moves import move_about
 from ftp_dent_ros.inspection.tracking.pairing import Entry, paired
+from ftp_dent_ros.inspection.tracking.parts import without_parts
 from ftp_dent_ros.inspection.tracking.pose_errors import (
     error_of,
     known_covariance,
@@ -66,7 +67,7 @@ class DentList:
     @property
     def entries(self) -> tuple[ListedDent, ...]:
         """All that was found on the skin, with the clearances of this list."""
-        known = sorted(self._entries, key=lambda entry: entry.listed.number)
+        known = sorted(without_parts(self._entries), key=lambda entry: entry.listed.number)
         shifts = {entry.group: self._shift(entry.group) for entry in known}
         dents = with_clearances([_shifted(e.dent, shifts[e.group]) for e in known])
         return tuple(

@@ -162,3 +162,23 @@ def test_one_dent_alone_is_known_again_by_its_sizes():
     assert len(listed([first], [other], covariance=unsure).entries) == 2
     # What the frame cuts has no size to be known by.
     assert not coincidence([first], [replace(again, is_cut=True)]).any()
+
+
+def test_a_part_of_what_more_clouds_show_whole_is_no_dent_of_its_own():
+    # By which the clouds know where they lie.
+    anchor = make_dent((0.2, 0, 0.6), 5e-4, 0.03, 0.02)
+    whole = [make_dent((0, 0, 0.6), 1e-3, 0.1, 0.067), anchor]
+    left, right, beside = (
+        make_dent(place, 0.97e-3, 0.05, 0.05, is_cut=True)
+        for place in ((-0.02, 0.004, 0.6), (0.016, 0.004, 0.6), (0.0, 0.06, 0.6))
+    )
+    parts = [left, right, anchor]
+    first, second = listed(whole, whole, parts).entries
+    assert first.dent.depth.value == pytest.approx(1e-3) and not first.dent.is_cut
+    assert len(second.sightings) == 3
+    # Whichever comes first; and beside it, or as often as the whole, it is a dent.
+    assert len(listed(parts, whole, whole).entries) == 2
+    assert len(listed(whole, whole, [left, beside, anchor]).entries) == 3
+    assert len(listed(whole, parts, parts).entries) == 3
+    outward = replace(right, depth=Estimate(-1e-3, 1e-5), kind='bump')
+    assert len(listed(whole, whole, [left, outward, anchor]).entries) == 3
