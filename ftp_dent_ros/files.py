@@ -204,22 +204,23 @@ def write_png(path: str | os.PathLike[str], image: NDArray[Any]) -> None:
 
 
 def check_writable(path: str | os.PathLike[str]) -> None:
-    """See, before minutes of work, whether a file can be written; nothing is left of the trial.
+    """Raise `ConfigurationError`, before minutes of work, if a file cannot be written."""
+    if why := why_not_writable(path):
+        raise ConfigurationError(f'{path}: cannot be written ({why}): give another place')
 
-    Raises
-    ------
-    ConfigurationError
-        It cannot be written, or a folder has its name.
+
+def why_not_writable(path: str | os.PathLike[str]) -> str:
+    """Why a file cannot be written, or a folder has its name; empty if it can.
+
+    Nothing is left of the trial.
     """
+    if Path(path).is_dir():
+        return os.strerror(errno.EISDIR)
     try:
-        if Path(path).is_dir():
-            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
         with tempfile.TemporaryFile(dir=nearest_folder(path)):
-            pass
+            return ''
     except OSError as reason:
-        raise ConfigurationError(
-            f'{path}: cannot be written ({reason.strerror}): give another place'
-        ) from None
+        return str(reason.strerror)
 
 
 def nearest_folder(path: str | os.PathLike[str]) -> Path:

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from ftp_dent_ros.errors import ConfigurationError
-from ftp_dent_ros.files import check_writable
+from ftp_dent_ros.files import why_not_writable
 from ftp_dent_ros.inspection.settings import RANGES, Settings
 
 _MM = 1e3
@@ -60,6 +60,8 @@ def output_folder(arguments: argparse.Namespace) -> Path:
     output = Path(arguments.output)
     if output.exists() and not output.is_dir():
         raise ConfigurationError(f'--output {output} is a file: name a folder')
-    # Of any file in it.
-    check_writable(output / 'report')
+    if why := why_not_writable(output / 'report'):
+        raise ConfigurationError(
+            f'--output {output} cannot be written ({why}): name another folder'
+        )
     return output
