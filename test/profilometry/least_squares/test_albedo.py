@@ -44,7 +44,9 @@ def test_the_contrast_tells_what_dirt_feigns():
     columns, _ = GRID.bin_positions()
     phase = np.broadcast_to(2 * np.pi / PERIOD * columns, bins.shape).astype(np.float32)
     everywhere = np.ones(bins.shape, bool)
-    level, modulation, step = MaskedFit(GRID, WINDOWS).fit(bins, phase, everywhere, None)
+    level, modulation, step = (
+        MaskedFit(GRID, WINDOWS).equations(phase, everywhere, None).solved(bins)
+    )
     slope = slope_along_u(np.log(modulation / level), PERIOD / GRID.pitch[0])
     feigned, told = finest(step), finest(without_trend(slope, WINDOWS))
     assert np.corrcoef(feigned.ravel(), told.ravel())[0, 1] > 0.6

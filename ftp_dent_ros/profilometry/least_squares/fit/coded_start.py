@@ -108,7 +108,8 @@ class CodedStart:
         for _ in range(_FITS):
             envelope = model.envelope(grid.to_bins(blur))
             at_bins = grid.at_bins(shift)
-            _, _, step = self._masked.fit(levelled, base + at_bins, mask, clipped, envelope)
+            equations = self._masked.equations(base + at_bins, mask, clipped, envelope)
+            _, _, step = equations.solved(levelled)
             # A window that ends at the rim speaks for a place that is not its node's.
             shift = beyond.by_slope(self._mean(weight * at_bins) / share + step)
             phase = base + grid.at_bins(shift)

@@ -7,6 +7,8 @@ Cosine and sine of coded fringes are those that their envelope makes of them.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,7 +24,8 @@ _LEAST_SHARE, _LEAST_VARIATION = 0.7, 0.05
 # Share of a window that must be seen all the same for a point, and its variation, where crests
 # are clipped: what is left of them are flanks.
 LEAST_SEEN, _LEAST_CLIPPED = 0.25, 0.005
-_SUMS = 8
+# Products of cosine and sine, of coded fringes.
+_SQUARES = 3
 
 
 def enough(share: NDArray[np.float32], clipped: NDArray[np.float32] | None) -> NDArray[np.bool_]:
@@ -38,8 +41,56 @@ def enough(share: NDArray[np.float32], clipped: NDArray[np.float32] | None) -> N
     return (share + clipped > _LEAST_SHARE) & (share > LEAST_SEEN)
 
 
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """Normal equations of the fringes of one phase in one mask, for levels of any brightness.
+
+    Attributes
+    ----------
+    weighted : ndarray, shape (3, rows, bins), float32
+        The mask, and cosine and sine in it.
+    scale : ndarray, shape (rows, columns), float32
+        Makes means of sums in the windows; `means` are those of cosine and sine.
+    inverse : ndarray, shape (3, rows, columns), float32
+        Of the equations for their amplitudes: first, mixed and last element.
+    beyond : Extrapolation
+        From the nodes that have a fit of their own.
+    """
+
+    grid: Grid
+    windows: Windows
+    weighted: NDArray[np.float32]
+    scale: NDArray[np.float32]
+    means: tuple[NDArray[np.float32], NDArray[np.float32]]
+    inverse: NDArray[np.float32]
+    beyond: Extrapolation
+
+    def solved(
+        self, levels: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+        """Level, modulation and step of the phase at the nodes, continued to where none is.
+
+        Parameters
+        ----------
+        levels : ndarray, shape (rows, bins), float32
+            Grey levels, or multiples of them.
+        """
+        c, s = self.means
+        nodes = np.empty((len(self.weighted), *self.grid.shape), np.float32)
+        for rows in self.grid.strips():
+            nodes[:, rows] = self.grid.at_nodes(self.weighted[:, rows] * levels[rows])
+        mean, p, q = (self.windows.gaussian(total) * self.scale for total in nodes)
+        p -= mean * c
+        q -= mean * s
+        first, mixed, last = self.inverse
+        x = first * p + mixed * q
+        y = mixed * p + last * q
+        level = self.beyond.by_slope(mean - x * c - y * s)
+        return level, self.beyond.by_mean(magnitude(x, y)), self.beyond.by_mean(angle(-y, x))
+
+
 class MaskedFit:
-    """Fits in windows; its workspace is kept.
+    """Fits in windows; its workspace is kept, so that each fit's equations end those before.
 
     Parameters
     ----------
@@ -50,70 +101,57 @@ class MaskedFit:
     def __init__(self, grid: Grid, windows: Windows) -> None:
         self.grid, self.windows = grid, windows
         strip, columns = grid.strips()[0].stop, grid.bin_shape[1]
-        self._products = np.empty((_SUMS + 1, strip, columns), np.float32)
-        self._turns = np.empty((2, strip, columns), np.float32)
-        self._sums = np.empty((_SUMS + 1, *grid.shape), np.float32)
+        self._products = np.empty((_SQUARES, strip, columns), np.float32)
+        self._weighted = np.empty((3, *grid.bin_shape), np.float32)
+        self._sums = np.empty((3 + _SQUARES, *grid.shape), np.float32)
 
-    def fit(
+    def equations(
         self,
-        levels: NDArray[np.float32],
         phase: NDArray[np.float32],
         mask: NDArray[np.bool_],
         clipped: NDArray[np.float32] | None,
         envelope: Envelope | None = None,
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
-        """Level, modulation and step of the phase at the nodes, continued to where none is.
+    ) -> Equations:
+        """Equations of the fringes in a mask.
 
         Parameters
         ----------
-        levels, phase, mask : ndarray, shape (rows, bins)
-            Grey levels, phase about which is fitted, radians, and the bins that count.
+        phase, mask : ndarray, shape (rows, bins)
+            Phase about which is fitted, radians, and the bins that count.
         clipped : ndarray, shape (rows, columns), optional
             Share of each node's window that is clipped.
         envelope : Envelope, optional
             Of coded fringes.
         """
-        count = _SUMS + (envelope is not None)
-        nodes = self._sums[:count]
+        squares = _SQUARES - (envelope is None)
+        nodes = self._sums[: 3 + squares]
         for rows in self.grid.strips():
-            products = self._products[:count, : rows.stop - rows.start]
-            weight, seen, in_phase, across, *rest = products
-            cosine, sine = self._turns[:, : rows.stop - rows.start]
+            weighted, products = self._weighted[:, rows], self._products[:squares]
+            products = products[:, : rows.stop - rows.start]
+            weight, cosine, sine = weighted
             np.cos(phase[rows], out=cosine)
             np.sin(phase[rows], out=sine)
             if envelope is not None:
                 envelope.turn(phase[rows], cosine, sine, rows)
             np.copyto(weight, mask[rows])
-            np.multiply(weight, levels[rows], out=seen)
-            np.multiply(weight, cosine, out=in_phase)
-            np.multiply(weight, sine, out=across)
-            factors = (
-                (in_phase, cosine),
-                (in_phase, sine),
-                (seen, cosine),
-                (seen, sine),
-                (across, sine),
-            )
-            for out, factor in zip(rest, factors, strict=False):
+            cosine *= weight
+            sine *= weight
+            factors = (cosine, cosine), (cosine, sine), (sine, sine)
+            for out, factor in zip(products, factors, strict=False):
                 np.multiply(*factor, out=out)
-            nodes[:, rows] = self.grid.at_nodes(products)
+            nodes[:3, rows] = self.grid.at_nodes(weighted)
+            nodes[3:, rows] = self.grid.at_nodes(products)
         share, *sums = (self.windows.gaussian(total) for total in nodes)
         known = enough(share, clipped)
         scale = 1 / np.maximum(share, np.float32(_LEAST_SHARE if clipped is None else LEAST_SEEN))
-        mean, c, s, cc, cs, p, q, *square = (total * scale for total in sums)
+        c, s, cc, cs, *square = (total * scale for total in sums)
         # Of sines without a code, the mean square is what that of the cosines leaves.
         ss = (square[0] if square else 1 - cc) - s * s
         cs -= c * s
         cc -= c * c
-        p -= mean * c
-        q -= mean * s
         determinant = cc * ss - cs * cs
         least = _LEAST_VARIATION if clipped is None else _LEAST_CLIPPED
         known &= determinant > least
-        inverse = 1 / np.maximum(determinant, np.float32(least))
-        x = (ss * p - cs * q) * inverse
-        y = (cc * q - cs * p) * inverse
+        inverse = np.stack([ss, -cs, cc]) / np.maximum(determinant, np.float32(least))
         beyond = Extrapolation(known, self.windows)
-        level = beyond.by_slope(mean - x * c - y * s)
-        modulation = beyond.by_mean(magnitude(x, y))
-        return level, modulation, beyond.by_mean(angle(-y, x))
+        return Equations(self.grid, self.windows, self._weighted, scale, (c, s), inverse, beyond)

@@ -21,6 +21,7 @@ from ftp_dent_ros.profilometry.least_squares.bins.intensity_bins import Intensit
 from ftp_dent_ros.profilometry.least_squares.bins.windows import Windows
 from ftp_dent_ros.profilometry.least_squares.code.contrast_model import Envelope
 from ftp_dent_ros.profilometry.least_squares.fit.camera_effects import lag_of_bins, take_harmonics
+from ftp_dent_ros.profilometry.least_squares.fit.even_light import brightness, evened
 from ftp_dent_ros.profilometry.least_squares.fit.masked_fit import LEAST_SEEN, MaskedFit, enough
 from ftp_dent_ros.profilometry.least_squares.fit.polar import angle
 from ftp_dent_ros.profilometry.least_squares.fit.refined import Refined
@@ -123,22 +124,27 @@ class Refinement:
         allowed = (cv2.dilate(inside, np.ones((3, 5))) > 0) & ~clipped
         lost = self._share_of(clipped & (core > 0)) if clipped.any() else None
         for _ in range(_ROUNDS):
-            level, modulation, step = self._masked.fit(levels, phase, mask, lost, envelope)
+            equations = self._masked.equations(phase, mask, lost, envelope)
+            level, modulation, step = equations.solved(levels)
             shift = shift + step
             phase = np.add(base, self._of_model(reference + shift), out=phase)
-            cosine, sine = (np.cos(phase, out=self._work[0]), np.sin(phase, out=self._work[1]))
-            if envelope is not None:
-                for rows in self.grid.strips():
-                    envelope.turn(phase[rows], cosine[rows], sine[rows], rows)
-            amplitude = self.grid.at_bins(modulation)
-            rest = np.subtract(levels, self.grid.at_bins(level), out=self._work[2])
+            cosine, sine = self._fringes(phase, envelope)
+            rest, amplitude = self._rest(levels, level, modulation, cosine)
             misfit = self._work[3]
-            rest -= np.multiply(amplitude, cosine, out=misfit)
-            second = take_harmonics(rest, amplitude, cosine, mask, self.grid, self._turns[0])
+            take_harmonics(rest, amplitude, cosine, mask, self.grid, self._turns[0])
             np.divide(rest, np.maximum(amplitude, 1, out=misfit), out=misfit)
             mask, body, lit = on_surface(misfit, mask, allowed, clipped, cosine, self.period)
             if np.count_nonzero(mask) > _EXPLAINED * np.count_nonzero(allowed):
                 break
+        seen_fringes = amplitude * cosine
+        bright = brightness(level, region)
+        even = evened(levels, bright, self.grid)
+        level, modulation, again = equations.solved(even)
+        shift = shift + (again - step)
+        phase = np.add(base, self._of_model(reference + shift), out=phase)
+        cosine, sine = self._fringes(phase, envelope)
+        rest, amplitude = self._rest(even, level, modulation, cosine)
+        second = take_harmonics(rest, amplitude, cosine, mask, self.grid, self._turns[0])
         seen = self._share_of(mask)
         told = seen > np.float32(_LEAST_TOLD) * self._share_of(body & ~clipped)
         if lost is not None:
@@ -154,13 +160,15 @@ class Refinement:
             variance /= np.square(np.maximum(1 - lost, np.float32(LEAST_SEEN)))
         supported = enough(support, lost)
         body &= self.grid.to_bins(told & (seen > LEAST_SEEN))
+        level *= bright
+        modulation = modulation * bright
         noise = light.noise.of_fringes(level, modulation) * self._of_pixels
         pixels = noise / (np.square(np.maximum(modulation, 1)) * power)
         beyond = Extrapolation(supported, self.windows)
         denoised = denoise(
             beyond.by_slope(shift + step),
             beyond.by_mean(texture),
-            self._contrast_slope(level, beyond.by_mean(along), envelope is not None),
+            self._contrast_slope(level, beyond.by_mean(along) * bright),
             pixels,
             beyond.by_mean(variance),
             supported,
@@ -177,7 +185,7 @@ class Refinement:
         if self.grid.bin_variance:
             lag = lag_of_bins(modulation, phase, self.grid, self.windows)
             denoised = replace(denoised, values=denoised.values - lag)
-        covered = rim_cover(levels, amplitude * cosine, body, allowed, self.period)
+        covered = rim_cover(levels, seen_fringes, body, allowed, self.period)
         rough = roughness(misfit, self.windows, self.grid)
         explained = median(np.sqrt(pixels[0][supported])) if supported.any() else 0.0
         is_relief = supported.any() and median(rough[supported]) > max(
@@ -188,11 +196,23 @@ class Refinement:
             denoised, level, modulation, body, lit, covered, rough, wavelength, bool(is_relief)
         )
 
-    def _contrast_slope(self, level, modulation, coded):
+    def _fringes(self, phase, envelope):
+        """Cosine and sine of a phase, as a code's envelope makes them, in the workspace."""
+        cosine, sine = (np.cos(phase, out=self._work[0]), np.sin(phase, out=self._work[1]))
+        if envelope is not None:
+            for rows in self.grid.strips():
+                envelope.turn(phase[rows], cosine[rows], sine[rows], rows)
+        return cosine, sine
+
+    def _rest(self, levels, level, modulation, cosine):
+        """What fringes leave of levels, in the workspace, and their amplitude at the bins."""
+        amplitude = self.grid.at_bins(modulation)
+        rest = np.subtract(levels, self.grid.at_bins(level), out=self._work[2])
+        rest -= amplitude * cosine
+        return rest, amplitude
+
+    def _contrast_slope(self, level, modulation):
         """Slope of the logarithm of the contrast along u, over that of the fringes' phase."""
-        if coded:
-            # The code is in the contrast, too.
-            return np.zeros_like(level)
         contrast = np.log(np.maximum(modulation, 1) / np.maximum(level, 1))
         return slope_along_u(contrast, self.period / self.grid.bins)
 

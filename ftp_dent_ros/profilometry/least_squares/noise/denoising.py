@@ -102,9 +102,11 @@ def denoise(
     together = (_EVERY, _EVERY)
     slope = without_trend(contrast_slope, windows)
     feigned = Feigned.of(values, texture, slope, windows, _EVERY)
-    values = values + interpolated(feigned.on_texture, values.shape) * texture
-    values -= interpolated(feigned.on_slope, values.shape) * slope
-    bands, base = split(values, windows)
+    by_albedo = interpolated(feigned.on_texture, values.shape) * texture
+    by_albedo -= interpolated(feigned.on_slope, values.shape) * slope
+    bands, base = split(values + by_albedo, windows)
+    feigned_bands, feigned_base = split(by_albedo, windows)
+    missed = np.float32(_missed(bands[0], feigned_bands[0], inside))
     *shares, rest = gain.shares
     known, with_texture, of_texture = (coarsened(each, together) for each in pixels)
     total = np.maximum(coarsened(variance, together), known)
@@ -117,11 +119,12 @@ def denoise(
     np.maximum(total, known, out=total)
     total *= np.float32(_beyond_white(bands[0], shares[0] * total, inside))
     left = np.float32(rest) * total
+    left += missed * _energy(feigned_base, coarse, SCALES[-1])
     hidden = np.float32(np.inf)
     coarser = beyond_noise = np.float32(np.inf)
-    of_bands = list(zip(bands, shares, gain.slopes, SCALES, strict=True))
-    for band, share, slope_share, scale in reversed(of_bands):
-        energy = coarse.wide(coarsened(band * band, together), _NEIGHBOURHOOD * scale)
+    of_bands = list(zip(bands, feigned_bands, shares, gain.slopes, SCALES, strict=True))
+    for band, taken, share, slope_share, scale in reversed(of_bands):
+        energy = _energy(band, coarse, scale)
         noise = np.float32(share) * known + np.float32(slope_share) * by_slope
         signal = np.maximum(energy - np.float32(NOISE) * noise, 0)
         coarser = beyond_noise
@@ -130,6 +133,9 @@ def denoise(
         hidden = signal + np.minimum(np.float32(_HIDDEN) * noise, hidden)
         weight = signal / (signal + noise)
         left += np.square(weight) * np.float32(share) * total + np.square(1 - weight) * hidden
+        if band is not bands[0]:
+            # What is missed of the finest band, that band itself shows.
+            left += np.square(weight) * missed * _energy(taken, coarse, scale)
         base += band * interpolated(weight, values.shape)
     falling = np.minimum(beyond_noise / np.maximum(coarser, _LEAST), np.float32(_STEEPEST))
     at_peaks = coarsened(np.square(bands[0]), together)
@@ -149,9 +155,24 @@ def denoise(
     return Denoised(base, interpolated(left, values.shape), put_back)
 
 
+def _energy(band, coarse, scale):
+    """Mean square of a band around, at coarse nodes."""
+    return coarse.wide(coarsened(band * band, (_EVERY, _EVERY)), _NEIGHBOURHOOD * scale)
+
+
+def _missed(finest, feigned, inside):
+    """What of an albedo's energy the correction misses, over what it takes, in the finest band."""
+    some = (slice(None, None, _EVERY), slice(None, None, _EVERY))
+    sample = inside[some]
+    if not sample.any():
+        return 0.0
+    left, before = (median(np.square(each[some][sample])) for each in (finest, finest - feigned))
+    return min(left / max(before - left, _LEAST), 1.0)
+
+
 def _share_of_signal(field, noise, coarse):
     """Wiener's gain on fine detail, at coarse nodes."""
-    energy = coarse.wide(coarsened(field * field, (_EVERY, _EVERY)), _NEIGHBOURHOOD * SCALES[0])
+    energy = _energy(field, coarse, SCALES[0])
     signal = np.maximum(energy - np.float32(NOISE) * noise, 0)
     return signal / (signal + noise + np.float32(_LEAST))
 

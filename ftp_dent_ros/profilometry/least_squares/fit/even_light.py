@@ -1,0 +1,42 @@
+"""Light over the skin's brightness: what is left of an albedo does not pass for fringes.
+
+An albedo multiplies the fringes. Where it grows within a window, a fit of level and amplitude
+takes the growth of the fringes for a phase, the more where their contrast changes as well.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.median import median
+from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
+
+# Of the surface's own: what is darker is taken to be no darker, and its noise not for light.
+_DARKEST = np.float32(0.02)
+
+
+def brightness(level: NDArray[np.float32], region: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Level of the fringes at the nodes over that of most of a region, above zero.
+
+    Parameters
+    ----------
+    level : ndarray, shape (rows, columns), float32
+    region : ndarray, shape (rows, columns), bool
+    """
+    usual = max(median(level[region]), 1.0) if region.any() else 1.0
+    return np.maximum(level * np.float32(1 / usual), _DARKEST)
+
+
+def evened(
+    levels: NDArray[np.float32], bright: NDArray[np.float32], grid: Grid
+) -> NDArray[np.float32]:
+    """Bins over the brightness at the nodes around them.
+
+    Parameters
+    ----------
+    levels : ndarray, shape (rows, bins), float32
+    bright : ndarray, shape (rows, columns), float32
+    grid : Grid
+    """
+    return levels / np.maximum(grid.at_bins(bright), _DARKEST)
