@@ -103,3 +103,22 @@ def test_of_a_texture_that_says_nothing_nothing_is_taken():
     shape = dent(6.0, 1.0)
     values = shape + through_windows(8)
     assert rms(cleaned(values, texture=other).values - cleaned(values).values) < 0.01
+
+
+def test_what_is_missed_of_coarse_dirt_is_told():
+    # Grains of all sizes; their sign is half another's, which no pixel's noise tells.
+    grain, other = (
+        sum(
+            size * WINDOWS.gaussian(white, size)
+            for size in (1.0, 3.0, 8.0)
+            for white in [np.random.default_rng(seed).standard_normal(GRID.shape, np.float32)]
+        )
+        for seed in (9, 10)
+    )
+    scale = np.float32(0.05 / grain.std())
+    noise = through_windows(11, scale=0.02)
+    few = 0.0004 * VARIANCE
+    sign = (grain + np.float32(0.4) * other) * scale / 2
+    done = cleaned(noise - grain * scale, texture=sign, pixels=few, variance=few)
+    assert rms(done.values) < 0.6 * rms(grain * scale)
+    assert 0.7 < rms(done.values / np.sqrt(done.variance)) < 1.4

@@ -1,0 +1,42 @@
+import numpy as np
+import pytest
+
+from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
+from ftp_dent_ros.profilometry.least_squares.bins.windows import Windows
+from ftp_dent_ros.profilometry.least_squares.fit.even_light import brightness, evened
+from ftp_dent_ros.profilometry.least_squares.fit.masked_fit import MaskedFit
+from ftp_dent_ros.simulation import Dirt
+
+PERIOD = 10.4
+GRID = Grid.for_fringes(640, 360, PERIOD)
+WINDOWS = Windows.for_fringes(PERIOD, GRID)
+INNER = slice(8, -8), slice(8, -8)
+EVERYWHERE = np.ones(GRID.shape, bool)
+
+
+def test_dirt_feigns_less_of_a_phase_over_its_brightness():
+    # A plane under dirt, fitted about its true phase: the step is all the dirt's.
+    v, u = np.mgrid[:360, :640].astype(np.float32)
+    scale = np.float32(4e-4)  # metres a pixel
+    light = Dirt(0.25, seed=3).factor(u * scale, v * scale)
+    light *= 1 + np.float32(0.7) * np.cos(np.float32(2 * np.pi / PERIOD) * u)
+    bins = GRID.binned(np.round(100 * light).astype(np.uint8))
+    columns, _ = GRID.bin_positions()
+    phase = np.broadcast_to(2 * np.pi / PERIOD * columns, bins.shape).astype(np.float32)
+    equations = MaskedFit(GRID, WINDOWS).equations(phase, np.ones(bins.shape, bool), None)
+    level, _, feigned = equations.solved(bins)
+    bright = brightness(level, EVERYWHERE)
+    even_level, _, left = equations.solved(evened(bins, bright, GRID))
+    assert left[INNER].std() < 0.95 * feigned[INNER].std()
+    assert even_level[INNER].std() < 0.2 * level[INNER].std()
+
+
+def test_a_growth_of_the_light_is_taken_off():
+    nodes = np.tile(np.linspace(20, 120, GRID.shape[1], dtype=np.float32), (GRID.shape[0], 1))
+    even = evened(GRID.at_bins(nodes), brightness(nodes, EVERYWHERE), GRID)
+    assert even == pytest.approx(np.median(nodes), rel=1e-3)
+
+
+def test_what_is_black_or_unknown_is_no_division_by_zero():
+    level = np.zeros(GRID.shape, np.float32)
+    assert np.isfinite(evened(GRID.at_bins(level), brightness(level, ~EVERYWHERE), GRID)).all()
