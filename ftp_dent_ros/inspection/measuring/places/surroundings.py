@@ -101,7 +101,7 @@ def surroundings_of(
     usable = at[window]
     if seams.any():
         usable = usable & ~lattice.spread(seams, at.shape)[window]
-    told = lattice.spread(skin.noise.extra, at.shape)[window]
+    told = lattice.spread(skin.noise.extra[top:bottom, left:right], usable.shape)
     images: list[NDArray] = [lattice.all_points[window], lattice.light[window], told]
     images += [] if relief is None else [relief[window]]
     spacing = max(lattice.spacing) / block
