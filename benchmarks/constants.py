@@ -47,7 +47,8 @@ OF_CODE = (
     'rows_check',
     'least_squares/code/',
     *('least_squares/fit/coded_start', 'least_squares/fit/surface_fit'),
-    *('least_squares/fringe_orders/coded_surfaces', 'least_squares/fringe_orders/numbering'),
+    *('least_squares/fringe_orders/coded_surfaces', 'least_squares/fringe_orders/doubted_pieces'),
+    *('least_squares/fringe_orders/numbering', 'least_squares/fringe_orders/pieces'),
 )
 # Not free: numbers that follow from a definition, and what the reader of a table reads.
 EXACT = {

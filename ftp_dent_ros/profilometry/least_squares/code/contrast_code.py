@@ -41,6 +41,8 @@ _PART = 40
 # By how many variances of what an order leaves the next best must be worse; and the most that it
 # may leave, in steps of the code.
 _SIGNIFICANT, _LEFT = 25.0, 0.4
+# Square misfit of one step, in steps of the code, that is nearest to its own order.
+_FITS = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,6 +166,14 @@ class ContrastSteps:
         joint = sums[:, 1:] * sums[:, :-1] / np.maximum(sums[:, 1:] + sums[:, :-1], 1)
         return cls(first, int(top), np.diff(value, axis=1), joint * both)
 
+    def averaged(self, rows: int) -> ContrastSteps:
+        """The same steps, each the mean of so many rows: fringes go on along v."""
+        weight: Any = cv2.blur(self.weight, (1, rows), borderType=cv2.BORDER_CONSTANT)
+        total: Any = cv2.blur(self.weight * self.step, (1, rows), borderType=cv2.BORDER_CONSTANT)
+        step = total / np.maximum(weight, np.float32(1e-6))
+        # Steps of one row are means of several already: how many are new is as good as the rest.
+        return ContrastSteps(self.first, self.top, step, weight * (self.weight > 0) * rows)
+
     def decoded(self, pattern: Pattern, code: NDArray[np.float64] | None = None) -> Decoded:
         """Order that the steps tell, by those of the pattern or by another code's."""
         weight = self.weight
@@ -215,7 +225,32 @@ class ContrastSteps:
         expected = np.where(on_panel, code[np.clip(place, 0, len(code) - 1)], 0)
         size = np.float32(scale * np.abs(code).max())
         expected *= scale
-        return np.minimum(np.square((self.step - expected.astype(np.float32)) / size), 1)
+        rest = (self.step - expected.astype(np.float32)) / size
+        misfit = np.minimum(np.square(rest), 1)
+        misfit[self._lone(rest, misfit)] = 0
+        return misfit
+
+    def _lone(self, rest: NDArray[np.float32], misfit: NDArray[np.float32]) -> NDArray[np.bool_]:
+        """Steps to and from a fringe that alone is amiss, for an edge runs through it.
+
+        Over it, from the fringe before to the one after, the code is right, and so are two steps
+        on either side.
+        """
+        lone = np.zeros(misfit.shape, bool)
+        if misfit.shape[1] < 6:
+            return lone
+        fits = (misfit < _FITS) & (self.weight > 0)
+        over = (np.square(rest[:, 2:-3] + rest[:, 3:-2]) < _FITS) & (self.weight[:, 2:-3] > 0)
+        over &= fits[:, :-5] & fits[:, 1:-4] & fits[:, 4:-1] & fits[:, 5:]
+        over &= ~(fits[:, 2:-3] & fits[:, 3:-2])
+        lone[:, 2:-3] = over
+        lone[:, 3:-2] |= over
+        return lone
+
+    def noise(self, pattern: Pattern) -> NDArray[np.float32]:
+        """Misfit that the steps' own scatter leads to expect, as `misfit`, but for a factor."""
+        size = float(np.abs(code_steps(pattern)).max())
+        return np.float32(1 / size**2) / np.maximum(self.weight, np.float32(1e-6))
 
 
 def code_steps(pattern: Pattern) -> NDArray[np.float64]:

@@ -13,7 +13,8 @@ from ftp_dent_ros.profilometry.least_squares.fit.first_fit import Fringes
 from ftp_dent_ros.profilometry.least_squares.fit.regions import edges
 from ftp_dent_ros.profilometry.least_squares.fit.surface_fit import FittedSurface, SurfaceFit
 from ftp_dent_ros.profilometry.least_squares.fringe_orders.fringe_order import untied
-from ftp_dent_ros.profilometry.least_squares.fringe_orders.numbering import Numbering, pieces
+from ftp_dent_ros.profilometry.least_squares.fringe_orders.numbering import Numbering
+from ftp_dent_ros.profilometry.least_squares.fringe_orders.pieces import pieces
 from ftp_dent_ros.profilometry.unwrapping import unwrap
 
 # Between nodes one above the other, radians: a quarter of a fringe.

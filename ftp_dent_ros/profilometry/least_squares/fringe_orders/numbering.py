@@ -15,18 +15,29 @@ from numpy.typing import NDArray
 from ftp_dent_ros.pattern import Pattern, fringe_order
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.bins.intensity_bins import IntensityBins
-from ftp_dent_ros.profilometry.least_squares.code.contrast_code import WORD, ContrastSteps
+from ftp_dent_ros.profilometry.least_squares.code.contrast_code import WORD, ContrastSteps, Decoded
 from ftp_dent_ros.profilometry.least_squares.fit.regions import SMALLEST
+from ftp_dent_ros.profilometry.least_squares.fringe_orders.doubted_pieces import (
+    SCATTER,
+    around,
+    most_of,
+    settle,
+)
+from ftp_dent_ros.profilometry.least_squares.fringe_orders.pieces import (
+    continuous,
+    pieces,
+    touching,
+)
 from ftp_dent_ros.profilometry.pattern_check import other_code
 
 # Pixel rows that are judged together; of mean square misfit, in steps of the code, that is
 # another order's: a wrong one leaves a half on average.
 _ROWS, _WRONG = 20.0, 0.3
-# Times what the better quarter of the places leaves, and times what the best twentieth leaves less
-# than that, beyond it, that is another order's: 3.7 standard deviations above the middle.
-_NOISE, _SCATTER = 2.0, 4.5
 # Fringes and rows by which the blocks that are asked overlap, over their length.
 _BLOCK, _OVERLAP = 16, 2
+# Misfit from which on another order may leave no more, and times as many rows for less.
+_BLIND, _TIMES = 0.5, (1, 3, 9)
+_WRONG_IN_NOISE = 0.45
 # Orders of one part.
 _MOST = 6
 # Fringes, and pixel rows, that are left out where one order passes into another: the contrasts of
@@ -99,7 +110,7 @@ class Numbering:
                 divided = self._divided(light, phase, region, steps)
                 if sum(np.count_nonzero(each) for each, _ in divided) < _TOLD * sizes[label]:
                     untold[sizes[label]] = steps
-                found += divided
+                found += [(piece, n) for each, n in divided for piece in continuous(each, phase)]
         found.sort(key=lambda each: -np.count_nonzero(each[0]))
         # Of another code, a few fringes may look like some of this one.
         most = max(untold, default=0)
@@ -113,9 +124,11 @@ class Numbering:
         """Surfaces of one part."""
         decoded = steps.decoded(self.pattern)
         scales = {decoded.order: decoded.scale} if decoded.sure else {}
+        times = 1
         if scales:
+            steps, times = self._averaged(steps, decoded)
             local = self._local(steps, *next(iter(scales.items())))
-            if not self._wrong(steps, local, self._least(steps, local)).any():
+            if not self._wrong(steps, local, self._least(steps, local, times=times)).any():
                 return [(region, decoded.order)]
         # Blocks of one order each tell its scale better than a mixture does.
         scales |= self._asked(steps)
@@ -124,17 +137,18 @@ class Numbering:
         orders = list(scales)
         each = np.stack([self._local(steps, *one) for one in scales.items()])
         choice, best = each.argmin(axis=0), each.min(axis=0)
-        least = self._least(steps, best, _SCATTER)
+        least = self._least(steps, best, SCATTER, times)
         if decoded.sure:
             # Another order than the whole part's is believed only around where that one is wrong.
             index = orders.index(decoded.order)
             wrong: Any = self._wrong(steps, each[index], least).view(np.uint8)
             choice[cv2.dilate(wrong, np.ones((self._rows, WORD - 1), np.uint8)) == 0] = index
         choice[self._wrong(steps, best, least)] = -1
+        settle(steps, self.pattern, orders, choice, best, self._rows)
         misfit = self._of_choice(steps, scales, choice)
         # Single steps tell where noise leaves less than another order would.
         foreign = (misfit > _FOREIGN) & (least <= _WRONG)
-        label = self._at_nodes(choice, foreign, steps, phase, region)
+        label = self._at_nodes(choice, foreign, steps, phase, region, times)
         regions = []
         for index in range(len(orders)):
             for piece in pieces(label == index):
@@ -143,25 +157,32 @@ class Numbering:
                     regions.append((piece, order))
         return regions
 
+    def _averaged(self, steps: ContrastSteps, decoded: Decoded) -> tuple[ContrastSteps, int]:
+        """The steps, over so many times the rows that noise leaves less than another order."""
+        for times in _TIMES:
+            some = steps.averaged(times * self._rows) if times > 1 else steps
+            least = self._least(some, self._local(some, decoded.order, decoded.scale))
+            if least < _BLIND:
+                break
+        return some, times
+
     def _local(self, steps: ContrastSteps, order: int, scale: float) -> NDArray[np.float32]:
         """Mean square misfit of an order around each step."""
-        known = (steps.weight > 0).astype(np.float32)
-        size = WORD - 1, self._rows
-        both = [
-            cv2.blur(each, size, borderType=cv2.BORDER_CONSTANT)
-            for each in (known * steps.misfit(self.pattern, order, scale), known)
-        ]
-        return both[0] / np.maximum(both[1], np.float32(1e-3))
+        return around(steps.misfit(self.pattern, order, scale), steps.weight > 0, self._rows)
 
     def _least(
-        self, steps: ContrastSteps, local: NDArray[np.float32], scatter: float = 0.0
+        self,
+        steps: ContrastSteps,
+        local: NDArray[np.float32],
+        scatter: float = 0.0,
+        times: int = 1,
     ) -> float:
         """Misfit around a step that is another order's.
 
         What noise leaves of a right order, and how that scatters, the better quarter shows.
         """
-        low, quarter = np.quantile(local[steps.weight > 0], (0.05, 0.25))
-        return max(_WRONG, float(_NOISE * quarter), float(quarter + scatter * (quarter - low)))
+        least = _WRONG if times == 1 else _WRONG_IN_NOISE
+        return max(least, most_of(local[steps.weight > 0], scatter))
 
     def _wrong(
         self, steps: ContrastSteps, local: NDArray[np.float32], least: float
@@ -192,7 +213,7 @@ class Numbering:
             np.copyto(misfit, steps.misfit(self.pattern, order, scale), where=choice == index)
         return misfit * (steps.weight > 0)
 
-    def _at_nodes(self, choice, foreign, steps, phase, region) -> NDArray[np.intp]:
+    def _at_nodes(self, choice, foreign, steps, phase, region, times) -> NDArray[np.intp]:
         """Choice at the nodes of a region; -1 where it changes, and where there is none.
 
         Steps that are foreign to their choice and hang together with a change are left out too:
@@ -203,12 +224,12 @@ class Numbering:
             np.pad((choice[:, 1:] != choice[:, :-1]).astype(np.uint8), ((0, 0), (0, 1))),
             np.ones((1, 2 * round(_BAND) + 1), np.uint8),
         )
-        rows = 2 * max(round(_BAND_ROWS / self.grid.rows), 1) + 1
+        rows = 2 * max(round(times * _BAND_ROWS / self.grid.rows), 1) + 1
         band |= cv2.dilate(
             np.pad((choice[1:] != choice[:-1]).astype(np.uint8), ((0, 1), (0, 0))),
             np.ones((rows, 1), np.uint8),
         )
-        corners = _touching(foreign, band > 0).view(np.uint8)
+        corners = touching(foreign, band > 0).view(np.uint8)
         band |= cv2.dilate(corners, np.ones((rows, 3), np.uint8))
         choice = np.where(band > 0, -1, choice)
         label = np.full(region.shape, -1, np.intp)
@@ -228,21 +249,3 @@ class Numbering:
             beside = np.roll(region, shift, axis=1) & ~region
             values = np.where(beside, np.roll(values, shift, axis=1), values)
         return ContrastSteps.of(light, self.grid.at_bins(values), inside, self.grid)
-
-
-def _touching(mask: NDArray[np.bool_], others: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """What of a mask hangs together with others."""
-    labels: Any
-    count, labels = cv2.connectedComponents((mask | others).view(np.uint8), connectivity=4)
-    touching = np.zeros(count, bool)
-    touching[labels[others]] = True
-    touching[0] = False
-    return mask & touching[labels]
-
-
-def pieces(mask: NDArray[np.bool_]) -> list[NDArray[np.bool_]]:
-    """Connected pieces of a mask that are large enough for a surface."""
-    labels: Any
-    count, labels = cv2.connectedComponents(mask.view(np.uint8), connectivity=4)
-    sizes = np.bincount(labels.ravel(), minlength=count)
-    return [labels == label for label in range(1, count) if sizes[label] >= SMALLEST]

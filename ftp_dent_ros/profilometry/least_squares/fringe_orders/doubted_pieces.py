@@ -1,0 +1,83 @@
+"""Pieces of a surface that no order fits well: whether they are of the order around them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.profilometry.least_squares.code.contrast_code import WORD, ContrastSteps
+
+# Times what the better quarter of the places leaves, and times what the best twentieth leaves less
+# than that, beyond it, that is another order's: 3.7 standard deviations above the middle.
+_NOISE, SCATTER = 2.0, 4.5
+# Share of a piece's steps that misfit by no more than noise that is usual: their middle does.
+_HALF = 0.5
+_FAINT = 1e-6  # to divide by
+
+
+def around(
+    values: NDArray[np.float32], known: NDArray[np.bool_], rows: int
+) -> NDArray[np.float32]:
+    """Mean of what is known around each step, over a word and so many rows."""
+    weight = known.astype(np.float32)
+    total, count = (
+        cv2.blur(each, (WORD - 1, rows), borderType=cv2.BORDER_CONSTANT)
+        for each in (weight * values, weight)
+    )
+    mean: Any = total / np.maximum(count, np.float32(1e-3))
+    return mean
+
+
+def most_of(values: NDArray[np.float32], scatter: float) -> float:
+    """What most values stay below, as their better quarter shows."""
+    low, quarter = np.quantile(values, (0.05, 0.25))
+    return max(float(_NOISE * quarter), float(quarter + scatter * (quarter - low)))
+
+
+def settle(
+    steps: ContrastSteps,
+    pattern: Pattern,
+    orders: list[int],
+    choice: NDArray[np.intp],
+    misfit: NDArray[np.float32],
+    rows: int,
+) -> None:
+    """Give pieces without an order that of what lies beside them, if it can be theirs.
+
+    Noise and dirt may hide it in every word. It is theirs if of all the panel's orders it fits all
+    their steps together best, which by chance it does in one of a hundred pieces; or if nothing
+    else lies beside and their steps misfit by no more than their own scatter leads to expect.
+
+    Parameters
+    ----------
+    steps : ContrastSteps
+    pattern : Pattern
+    orders : list of int
+    choice : ndarray, shape (rows, fringes)
+        Index of each step's order, -1 for none; changed in place.
+    misfit : ndarray, shape (rows, fringes)
+        Of the best order around each step, as `around` tells it.
+    rows : int
+        That are judged together.
+    """
+    known = steps.weight > 0
+    ratio = misfit / np.maximum(around(steps.noise(pattern), known, rows), np.float32(_FAINT))
+    usual = ratio < most_of(ratio[known], SCATTER)
+    labels: Any
+    count, labels = cv2.connectedComponents((choice < 0).view(np.uint8), connectivity=4)
+    for label in range(1, count):
+        piece = labels == label
+        seen = usual[piece & known]
+        rim: Any = cv2.dilate(piece.view(np.uint8), np.ones((3, 3), np.uint8))
+        beside = np.unique(choice[(rim > 0) & ~piece])
+        weight = np.where(piece, steps.weight, np.float32(0))
+        told = ContrastSteps(steps.first, 0, steps.step, weight).decoded(pattern)
+        fitting = [each for each in beside if orders[each] == told.order]
+        if fitting:
+            choice[piece] = fitting[0]
+        elif len(beside) == 1 and len(seen) and seen.mean() > _HALF:
+            choice[piece] = beside[0]
