@@ -218,34 +218,38 @@ class ContrastSteps:
 
     def misfit(self, pattern: Pattern, order: int, scale: float) -> NDArray[np.float32]:
         """Square of what an order leaves of each step, in steps as they are seen, at most 1."""
-        code = code_steps(pattern)
-        place = np.arange(self.step.shape[1]) + self.first + order
-        place -= pattern.fringe_orders.start - _BEYOND
-        on_panel = (place >= 0) & (place < len(code))
-        expected = np.where(on_panel, code[np.clip(place, 0, len(code) - 1)], 0)
-        size = np.float32(scale * np.abs(code).max())
-        expected *= scale
-        rest = (self.step - expected.astype(np.float32)) / size
-        misfit = np.minimum(np.square(rest), 1)
-        misfit[self._lone(rest, misfit)] = 0
-        return misfit
+        return np.minimum(np.square(self._rest(pattern, order, scale)), 1)
 
-    def _lone(self, rest: NDArray[np.float32], misfit: NDArray[np.float32]) -> NDArray[np.bool_]:
-        """Steps to and from a fringe that alone is amiss, for an edge runs through it.
+    def misfit_but_for_edges(
+        self, pattern: Pattern, order: int, scale: float
+    ) -> NDArray[np.float32]:
+        """As `misfit`, but 0 for the steps to and from a fringe that alone is amiss.
 
-        Over it, from the fringe before to the one after, the code is right, and so are two steps
-        on either side.
+        An edge runs through it: over it, from the fringe before to the one after, the code is
+        right, and so are two steps on either side.
         """
-        lone = np.zeros(misfit.shape, bool)
+        rest = self._rest(pattern, order, scale)
+        misfit = np.minimum(np.square(rest), 1)
         if misfit.shape[1] < 6:
-            return lone
+            return misfit
         fits = (misfit < _FITS) & (self.weight > 0)
         over = (np.square(rest[:, 2:-3] + rest[:, 3:-2]) < _FITS) & (self.weight[:, 2:-3] > 0)
         over &= fits[:, :-5] & fits[:, 1:-4] & fits[:, 4:-1] & fits[:, 5:]
         over &= ~(fits[:, 2:-3] & fits[:, 3:-2])
-        lone[:, 2:-3] = over
-        lone[:, 3:-2] |= over
-        return lone
+        misfit[:, 2:-3][over] = 0
+        misfit[:, 3:-2][over] = 0
+        return misfit
+
+    def _rest(self, pattern: Pattern, order: int, scale: float) -> NDArray[np.float32]:
+        """What an order leaves of each step, in steps as they are seen."""
+        code = code_steps(pattern)
+        place = np.arange(self.step.shape[1]) + self.first + order
+        place -= pattern.fringe_orders.start - _BEYOND
+        on_panel = (place >= 0) & (place < len(code))
+        expected = scale * np.where(on_panel, code[np.clip(place, 0, len(code) - 1)], 0)
+        size = np.float32(scale * np.abs(code).max())
+        rest: Any = (self.step - expected.astype(np.float32)) / size
+        return rest
 
     def noise(self, pattern: Pattern) -> NDArray[np.float32]:
         """Misfit that the steps' own scatter leads to expect, as `misfit`, but for a factor."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ftp_dent_ros.pattern import Pattern, fringe_order
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.bins.intensity_bins import IntensityBins
-from ftp_dent_ros.profilometry.least_squares.code.contrast_code import WORD, ContrastSteps, Decoded
+from ftp_dent_ros.profilometry.least_squares.code.contrast_code import WORD, ContrastSteps
 from ftp_dent_ros.profilometry.least_squares.fit.regions import SMALLEST
 from ftp_dent_ros.profilometry.least_squares.fringe_orders.doubted_pieces import (
     SCATTER,
@@ -123,20 +123,25 @@ class Numbering:
     def _divided(self, light, phase, region, steps) -> list[tuple[NDArray[np.bool_], int]]:
         """Surfaces of one part."""
         decoded = steps.decoded(self.pattern)
-        scales = {decoded.order: decoded.scale} if decoded.sure else {}
-        times = 1
-        if scales:
-            steps, times = self._averaged(steps, decoded)
-            local = self._local(steps, *next(iter(scales.items())))
-            if not self._wrong(steps, local, self._least(steps, local, times=times)).any():
-                return [(region, decoded.order)]
-        # Blocks of one order each tell its scale better than a mixture does.
-        scales |= self._asked(steps)
-        if not scales:
-            return []
-        orders = list(scales)
-        each = np.stack([self._local(steps, *one) for one in scales.items()])
-        choice, best = each.argmin(axis=0), each.min(axis=0)
+        # Where noise leaves no less than another order would, more rows are judged together.
+        for times in _TIMES:
+            some = steps.averaged(times * self._rows) if times > 1 else steps
+            scales = {decoded.order: decoded.scale} if decoded.sure else {}
+            if scales:
+                local = self._local(some, *next(iter(scales.items())))
+                least = self._least(some, local, times=times)
+                told = least < _BLIND or times == _TIMES[-1]
+                if told and not self._wrong(some, local, least).any():
+                    return [(region, decoded.order)]
+            # Blocks of one order each tell its scale better than a mixture does.
+            scales |= self._asked(some)
+            if not scales:
+                return []
+            each = np.stack([self._local(some, *one) for one in scales.items()])
+            choice, best = each.argmin(axis=0), each.min(axis=0)
+            if self._least(some, best) < _BLIND:
+                break
+        steps, orders = some, list(scales)
         least = self._least(steps, best, SCATTER, times)
         if decoded.sure:
             # Another order than the whole part's is believed only around where that one is wrong.
@@ -157,18 +162,17 @@ class Numbering:
                     regions.append((piece, order))
         return regions
 
-    def _averaged(self, steps: ContrastSteps, decoded: Decoded) -> tuple[ContrastSteps, int]:
-        """The steps, over so many times the rows that noise leaves less than another order."""
-        for times in _TIMES:
-            some = steps.averaged(times * self._rows) if times > 1 else steps
-            least = self._least(some, self._local(some, decoded.order, decoded.scale))
-            if least < _BLIND:
-                break
-        return some, times
-
     def _local(self, steps: ContrastSteps, order: int, scale: float) -> NDArray[np.float32]:
         """Mean square misfit of an order around each step."""
-        return around(steps.misfit(self.pattern, order, scale), steps.weight > 0, self._rows)
+        known = steps.weight > 0
+        own, before, after = (
+            around(steps.misfit(self.pattern, order + more, scale), known, self._rows)
+            for more in (0, -1, 1)
+        )
+        # One fringe on, a change of the code looks like an edge in its place.
+        edges = steps.misfit_but_for_edges(self.pattern, order, scale)
+        sure = own < np.minimum(before, after)
+        return np.where(sure, around(edges, known, self._rows), own)
 
     def _least(
         self,
