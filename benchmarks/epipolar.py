@@ -2,6 +2,7 @@
 
 python benchmarks/epipolar.py [--seeds 2] [--kinds clean,dirt25] [--jobs 1] [--first 0]
                               [--sequences 10000]
+python benchmarks/epipolar.py --information
 
 Scenes of all kinds under coded fringes, five photographs a seed, each of a skin of its own. A line
 a kind: clouds; standard deviation of shift and turn over the stated ones; the stated one of the
@@ -11,6 +12,11 @@ shift; alarms of the true rig; and of rigs off by 0.02 degrees of pitch, by 0.3 
 At the end so many clouds of a true rig are drawn, with replacement, from those that were seen, in
 sequences of five: half of them of one kind, as of a flight along one skin (a cloud that is drawn
 twice is one that the drone hovers over), half of all kinds.
+
+With ``--information`` no photograph is taken: of the shipped rig before a flat skin, a line a
+parameter of the projector tells how far its change moves the cloud and leads the light off the
+epipolar lines, and at the end the directions of the Fisher information, over all parameters, by
+shift, turn and stretch known to 0.02 pixels each.
 """
 
 from __future__ import annotations
@@ -30,11 +36,13 @@ from tqdm import tqdm
 
 from ftp_dent_ros.calibration.checking.verdict import turned
 from ftp_dent_ros.errors import RefusedFrameError
+from ftp_dent_ros.files import find
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.profilometry.epipolar_check import EpipolarCheck
 from ftp_dent_ros.profilometry.rig_alarm import LAST, ONE_IN, off, rig_alarm
-from ftp_dent_ros.rig import Rig
+from ftp_dent_ros.profilometry.triangulation import triangulate
+from ftp_dent_ros.rig import Rig, read_rig
 
 # Turns of the projector about its x, y and z, by name; pixels of pitch are those of the lens.
 _OFF = 'pitch 0.02', '0.3 px', 'roll 0.02', 'yaw 0.1'
@@ -109,6 +117,70 @@ def _all(cases: list[tuple[str, int]], jobs: int) -> Iterator:
         yield from pool.map(_work, cases)
 
 
+# Of the projector, by name: what it changes by, and its unit. Changes are such as a knock makes.
+_PARAMETERS = {
+    'pitch': (math.radians(0.02), '0.02 degrees'),
+    'yaw': (math.radians(0.02), '0.02 degrees'),
+    'roll': (math.radians(0.02), '0.02 degrees'),
+    'centre along x': (1e-4, '0.1 mm'),
+    'centre along y': (1e-4, '0.1 mm'),
+    'centre along z': (1e-4, '0.1 mm'),
+    'focal length u': (1e-3, '0.1 %'),
+    'focal length v': (1e-3, '0.1 %'),
+    'middle u': (0.3, '0.3 px'),
+    'middle v': (0.3, '0.3 px'),
+}
+# By one cloud of a clean skin; pixels.
+_KNOWN_TO = 0.02
+
+
+def changed(rig: Rig, name: str, by: float) -> Rig:
+    """The rig with one parameter of the projector changed."""
+    index = list(_PARAMETERS).index(name)
+    if index < 3:
+        return turned(rig, by * np.eye(3)[index])
+    if index < 6:
+        return replace(rig, translation=rig.translation - by * np.eye(3)[index - 3])
+    matrix = rig.projector.camera_matrix.copy()
+    if index < 8:
+        matrix[index - 6, index - 6] *= 1 + by
+    else:
+        matrix[index - 8, 2] += by
+    return replace(rig, projector=replace(rig.projector, camera_matrix=matrix))
+
+
+def information() -> None:
+    """Print what each parameter of the projector shows of itself in one cloud."""
+    rig = read_rig(find('shipped:rig.yaml'))
+    pixels = rig.camera.pixel_grid(16)
+    rays = rig.camera.rays(pixels).astype(np.float32)
+    points = 0.8 * rays.astype(float)
+    u, v = np.moveaxis(rig.projector.project(rig.to_projector(points)), -1, 0)
+    lit = (u > 0) & (u < rig.projector.width) & (v > 0) & (v < rig.projector.height)
+    along, across = u[lit] - u[lit].mean(), v[lit] - v[lit].mean()
+    terms = np.stack([np.ones_like(along), along / along.std(), across / across.std()], axis=1)
+    print(f'{"":16}{"changed by":>14}{"cloud":>9}{"shift":>8}{"turn":>8}{"stretch":>8}{"rest":>8}')
+    shown = []
+    for name, (by, unit) in _PARAMETERS.items():
+        depth, row = triangulate(changed(rig, name, by), rays, u.astype(np.float32))
+        beside = (v - row)[lit]
+        found, *_ = np.linalg.lstsq(terms, beside, rcond=None)
+        rest = beside - terms @ found
+        error = 1e3 * float(np.sqrt(np.mean(np.square(depth[lit] - points[lit][:, 2]))))
+        shown.append(found)
+        print(
+            f'{name:16}{unit:>14}{error:6.2f} mm'
+            + ''.join(f'{abs(each):8.3f}' for each in (*found, rest.std()))
+        )
+    jacobian = np.array(shown).T / _KNOWN_TO
+    strength, directions = np.linalg.eigh(jacobian.T @ jacobian)
+    print('Fisher information, root, and its direction in units of these changes:')
+    for value, direction in zip(strength[::-1], directions.T[::-1], strict=True):
+        parts = sorted(zip(-np.abs(direction), direction, _PARAMETERS, strict=True))[:3]
+        told = ', '.join(f'{part:+.2f} {name}' for _, part, name in parts)
+        print(f'{math.sqrt(max(value, 0)):8.2f}  {told}')
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition('\n')[0])
     parser.add_argument('--seeds', type=int, default=1)
@@ -116,7 +188,11 @@ def main() -> None:
     parser.add_argument('--kinds', default=','.join(KINDS))
     parser.add_argument('--jobs', type=int, default=1)
     parser.add_argument('--sequences', type=int, default=10_000, help='clouds that are drawn')
+    parser.add_argument('--information', action='store_true')
     arguments = parser.parse_args()
+    if arguments.information:
+        information()
+        return
     warnings.simplefilter('ignore', RuntimeWarning)
     seeds = range(arguments.first, arguments.first + arguments.seeds)
     header = f'{"kind":16}{"clouds":>7}{"refused":>8}{"silent":>7}{"z shift":>8}{"z turn":>7}'
