@@ -5,7 +5,11 @@ import pytest
 
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.profilometry.least_squares.code.contrast_code import ContrastSteps, code_steps
-from ftp_dent_ros.profilometry.least_squares.fringe_orders.doubted_pieces import around, settle
+from ftp_dent_ros.profilometry.least_squares.fringe_orders.doubted_pieces import (
+    around,
+    drop_unsure,
+    settle,
+)
 from ftp_dent_ros.profilometry.least_squares.fringe_orders.pieces import continuous
 
 PATTERN = Pattern(1280, 800, 10.0, 640.0, code='contrast')
@@ -106,3 +110,15 @@ def test_a_surface_does_not_go_on_through_a_neck():
     region, phase = plane()
     region[0, ::3] = False
     assert (continuous(region, phase)[0] == region).all()
+
+
+def test_an_order_that_a_piece_does_not_tell_for_sure_is_taken_from_it(clean):
+    sure, unsure = slice(0, 20), slice(40, 60)
+    clean.step[sure] = steps_of(-27, 0.02).step[sure]
+    choice = np.zeros((ROWS, FRINGES), np.intp)
+    choice[sure] = 1
+    choice[unsure, 20:25] = 1
+    drop_unsure(clean, PATTERN, [-30, -27], choice)
+    assert (choice[sure] == 1).all()
+    assert (choice[unsure, 20:25] == -1).all()
+    assert (choice[unsure, :20] == 0).all()

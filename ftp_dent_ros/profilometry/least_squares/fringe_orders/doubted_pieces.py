@@ -38,6 +38,27 @@ def most_of(values: NDArray[np.float32], scatter: float) -> float:
     return max(float(_NOISE * quarter), float(quarter + scatter * (quarter - low)))
 
 
+def drop_unsure(
+    steps: ContrastSteps, pattern: Pattern, orders: list[int], choice: NDArray[np.intp]
+) -> None:
+    """Take their order from pieces whose steps do not tell it for sure, but for the commonest.
+
+    Parameters
+    ----------
+    steps, pattern, orders, choice
+        As of `settle`.
+    """
+    commonest = np.bincount(choice[choice >= 0], minlength=len(orders)).argmax()
+    for index in np.flatnonzero(np.arange(len(orders)) != commonest):
+        labels: Any
+        count, labels = cv2.connectedComponents((choice == index).view(np.uint8), connectivity=4)
+        for label in range(1, count):
+            weight = np.where(labels == label, steps.weight, np.float32(0))
+            told = ContrastSteps(steps.first, 0, steps.step, weight).decoded(pattern)
+            if not told.sure or told.order != orders[index]:
+                choice[labels == label] = -1
+
+
 def settle(
     steps: ContrastSteps,
     pattern: Pattern,

@@ -20,6 +20,7 @@ from ftp_dent_ros.profilometry.least_squares.fit.regions import SMALLEST
 from ftp_dent_ros.profilometry.least_squares.fringe_orders.doubted_pieces import (
     SCATTER,
     around,
+    drop_unsure,
     most_of,
     settle,
 )
@@ -149,6 +150,8 @@ class Numbering:
             wrong: Any = self._wrong(steps, each[index], least).view(np.uint8)
             choice[cv2.dilate(wrong, np.ones((self._rows, WORD - 1), np.uint8)) == 0] = index
         choice[self._wrong(steps, best, least)] = -1
+        if times > 1:
+            drop_unsure(steps, self.pattern, orders, choice)
         settle(steps, self.pattern, orders, choice, best, self._rows)
         misfit = self._of_choice(steps, scales, choice)
         # Single steps tell where noise leaves less than another order would.
