@@ -129,21 +129,20 @@ class Refinement:
             shift = shift + step
             phase = np.add(base, self._of_model(reference + shift), out=phase)
             cosine, sine = self._fringes(phase, envelope)
-            rest, amplitude = self._rest(levels, level, modulation, cosine)
+            rest, amplitude, fringes = self._rest(levels, level, modulation, cosine)
             misfit = self._work[3]
             take_harmonics(rest, amplitude, cosine, mask, self.grid, self._turns[0])
             np.divide(rest, np.maximum(amplitude, 1, out=misfit), out=misfit)
             mask, body, lit = on_surface(misfit, mask, allowed, clipped, cosine, self.period)
             if np.count_nonzero(mask) > _EXPLAINED * np.count_nonzero(allowed):
                 break
-        seen_fringes = amplitude * cosine
         bright = brightness(level, region)
         even = evened(levels, bright, self.grid)
         level, modulation, again = equations.solved(even)
         shift = shift + (again - step)
         phase = np.add(base, self._of_model(reference + shift), out=phase)
         cosine, sine = self._fringes(phase, envelope)
-        rest, amplitude = self._rest(even, level, modulation, cosine)
+        rest, amplitude, _ = self._rest(even, level, modulation, cosine)
         second = take_harmonics(rest, amplitude, cosine, mask, self.grid, self._turns[0])
         seen = self._share_of(mask)
         told = seen > np.float32(_LEAST_TOLD) * self._share_of(body & ~clipped)
@@ -185,7 +184,7 @@ class Refinement:
         if self.grid.bin_variance:
             lag = lag_of_bins(modulation, phase, self.grid, self.windows)
             denoised = replace(denoised, values=denoised.values - lag)
-        covered = rim_cover(levels, seen_fringes, body, allowed, self.period)
+        covered = rim_cover(levels, fringes, body, allowed, self.period)
         rough = roughness(misfit, self.windows, self.grid)
         explained = median(np.sqrt(pixels[0][supported])) if supported.any() else 0.0
         is_relief = supported.any() and median(rough[supported]) > max(
@@ -205,11 +204,12 @@ class Refinement:
         return cosine, sine
 
     def _rest(self, levels, level, modulation, cosine):
-        """What fringes leave of levels, in the workspace, and their amplitude at the bins."""
+        """What fringes leave of levels, in the workspace, their amplitude, and their light."""
         amplitude = self.grid.at_bins(modulation)
         rest = np.subtract(levels, self.grid.at_bins(level), out=self._work[2])
-        rest -= amplitude * cosine
-        return rest, amplitude
+        fringes = amplitude * cosine
+        rest -= fringes
+        return rest, amplitude, fringes
 
     def _contrast_slope(self, level, modulation):
         """Slope of the logarithm of the contrast along u, over that of the fringes' phase."""
