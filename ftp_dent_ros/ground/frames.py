@@ -13,6 +13,7 @@ from typing import NamedTuple
 from ftp_dent_ros.errors import CodecError
 
 VERSION = 2
+# Bytes: a whole cloud is coded in 0.1 MB, a picture in 0.3; and what a datagram holds.
 LARGEST_ITEM = 32 << 20
 LARGEST_PIECE = 1 << 16
 WINDOW = 64  # pieces that may be under way: the bits of a report

@@ -13,6 +13,7 @@ from ftp_dent_ros.errors import CodecError
 
 _HEAD = struct.Struct('<H')
 _END = struct.Struct('<I')
+# Bytes: names of topics and types are far shorter.
 _LARGEST_HEADER = 4096
 
 

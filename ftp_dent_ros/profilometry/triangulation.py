@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.rig import Rig
 
+# Of Newton's method for the projector's distortion; and rows that stay in the cache.
 _NEWTON_STEPS = 3
 _STRIP = 32
 

@@ -17,6 +17,7 @@ from ftp_dent_ros.ros.qos import DIAGNOSTICS
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
+# Seconds that rates are of, and between two lines in the log on one matter.
 _WINDOW = 10.0
 # A longer time since the exposure is no latency, seconds: what came is of a recording.
 _LONGEST_LATENCY = 60.0

@@ -25,6 +25,7 @@ from ftp_dent_ros.survey.result import SurveyedDent
 
 Array = NDArray[np.float64]
 
+# Points that tell a frame, and rounds of its adjustment.
 _NEEDED = 3
 _ROUNDS = 4
 # A turn that the points leave open by more than this standard deviation, radians, is no frame:

@@ -12,6 +12,7 @@ from ftp_dent_ros.calibration.adjustment.bundle import Estimate, adjust
 from ftp_dent_ros.calibration.adjustment.model import DISTORTIONS, Model
 from ftp_dent_ros.calibration.observing.observation import Observation
 
+# Parts of the poses, each of which is held out in turn.
 _FOLDS = 4
 # Fewer poses than this left for fitting do not hold a rig down.
 _FEWEST_TO_FIT = 3

@@ -22,6 +22,7 @@ from ftp_dent_ros.profilometry.rig_alarm import LAST, rig_alarm
 from ftp_dent_ros.rig import Rig
 
 OK, WARN, NO = 'ok', 'warn', 'no'
+# Grey level of 255 from which on a pixel is clipped.
 _CLIPPED = 250
 # Grey level of the white that is projected.
 _WHITE = 254

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq, minimize
 from scipy.stats import chi2
 
+# The probability of detection that a90 has its name from (MIL-HDBK-1823A).
 _POD = 0.9
 # Of the profile likelihood: one-sided 95 %.
 _DEVIANCE = float(chi2.ppf(0.90, 1))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.pose import Pose
 
+# What stands for no measurement among 16 bits of micrometres.
 _MISSING = -32768
 _MICROMETRES = 1e6
 

@@ -8,6 +8,9 @@ import numpy as np
 
 from ftp_dent_ros.inspection.tracking.pairing import Entry
 
+# Of a dent's width: better than that a place must be known to lie in it, where poses alone tell.
+_KNOWN = 0.25
+
 
 def without_parts(entries: Sequence[Entry]) -> list[Entry]:
     """Entries but for those that lie in a dent which more clouds show whole than show them.
@@ -27,7 +30,7 @@ def _is_part(each: Entry, other: Entry) -> bool:
     dent = other.dent
     whole = sum(not sighting.dent.is_cut for sighting in other.listed.sightings)
     if (
-        other.group != each.group
+        not (other.group == each.group or _is_known(each, other))
         or whole <= len(each.listed.sightings)
         or each.dent.kind == 'step'
         or dent.depth.value * each.dent.depth.value < 0
@@ -37,3 +40,9 @@ def _is_part(each: Entry, other: Entry) -> bool:
     along, across = away @ dent.axis, away @ np.cross(dent.normal, dent.axis)
     # A step has no width, and nothing lies in it.
     return bool(np.hypot(2 * along / dent.length.value, 2 * across / dent.width.value) < 1)
+
+
+def _is_known(each: Entry, other: Entry) -> bool:
+    """Whether poses tell where one entry lies to the other, as those of a survey do."""
+    spread = each.listed.position_covariance + other.listed.position_covariance
+    return bool(np.sqrt(np.linalg.eigvalsh(spread)[-1]) < _KNOWN * other.dent.width.value)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.errors import NoStripeError
 
+# Share of the stripe's points in a part that must agree on its order, and the fewest of them.
 _AGREEMENT = 0.7
 _FEWEST_POINTS = 3
 _TURN = np.float32(2 * np.pi)

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from ftp_dent_ros.profilometry.carrier import Carrier
 from ftp_dent_ros.profilometry.fourier import analytic_signal, background, spectrum
 
+# Rounds in which what lies beside the region, and what is strange in it, is filled.
 _ROUNDS = 4
 # Rounds until the fringes can tell which pixels are strange to them.
 _SETTLED = 2

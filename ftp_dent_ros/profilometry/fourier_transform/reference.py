@@ -10,6 +10,7 @@ from ftp_dent_ros.profilometry.carrier import Carrier, ReferencePlane
 from ftp_dent_ros.profilometry.fourier import analytic_signal, phase_of, spectrum
 from ftp_dent_ros.rig import Rig
 
+# Rays nearly along a turned plane: it is taken to be no more than ten times as far there.
 _FARTHEST = 0.1
 
 

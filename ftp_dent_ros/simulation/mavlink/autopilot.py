@@ -24,6 +24,7 @@ from ftp_dent_ros.simulation.mavlink.telemetry import Telemetry
 from ftp_dent_ros.simulation.world import World, read_world
 
 _SECOND_US = 1_000_000
+# Microseconds between two messages of a kind: 250 a second.
 _SHORTEST_US = 4_000
 _DEFAULTS_US = {
     mavlink.MAVLINK_MSG_ID_HEARTBEAT: _SECOND_US,

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.simulation.skin.panel import Panel
 
+# Of Gauss and Newton.
 _ITERATIONS = 12
 # Metres on the panel.
 _CONVERGED = 1e-11

@@ -182,3 +182,7 @@ def test_a_part_of_what_more_clouds_show_whole_is_no_dent_of_its_own():
     assert len(listed(whole, parts, parts).entries) == 3
     outward = replace(right, depth=Estimate(-1e-3, 1e-5), kind='bump')
     assert len(listed(whole, whole, [left, outward, anchor]).entries) == 3
+    # Where no other dent ties the clouds, poses as good as a survey's do.
+    alone = [whole[0]], [whole[0]], [left, right]
+    assert len(listed(*alone).entries) == 1
+    assert len(listed(*alone, covariance=100 * KNOWN).entries) == 2

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.inspection.measuring.skin.equations import solved
 
+# Of Levenberg and Marquardt, at most.
 _ROUNDS = 25
 # Of one round at most, in the order of the parameters: logarithms of the half axes, radians.
 _STRIDES = np.array([math.inf, math.inf, 0.3, 0.3, 0.5, math.inf])

@@ -13,6 +13,7 @@ from ftp_dent_ros.median import median
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.bins.intensity_bins import IntensityBins
 
+# Of the image, that fringes or clipping take at least; and of the lit area, that may be clipped.
 _SMALLEST_SHARE = 0.002
 _LARGEST_CLIPPED_SHARE = 0.5
 # Share of a fringe: what is left of it then, less than its trough and flanks, gives no phase.
