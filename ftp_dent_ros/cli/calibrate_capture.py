@@ -101,8 +101,11 @@ def run(arguments: argparse.Namespace) -> int:
             taken = _take_poses(rig, session, folder, arguments.poses, stop)
         finally:
             rig.close()
+    if taken < arguments.poses:
+        print(f'\n{folder}: {taken} poses of {arguments.poses}. Go on with the same and --resume')
+        return 1
     print(f'\n{folder}: {taken} poses. Now: ftp-dent calibrate solve {folder}')
-    return 0 if taken >= arguments.poses else 1
+    return 0
 
 
 def _measured(rig: Photographer, session: Session) -> Session:
