@@ -97,8 +97,8 @@ def door_seal(rng: Generator) -> Outside:
     x0, y0 = rng.uniform(0.0, 0.05), rng.uniform(-0.02, 0.03)
 
     def off(x, y):
-        far = np.maximum(np.abs(np.stack([x - x0, y - y0])) - np.array([[0.07], [0.04]]), 0)
-        return np.abs(np.hypot(*far) - 0.03) / 0.0045
+        far_x, far_y = np.abs(x - x0) - 0.07, np.abs(y - y0) - 0.04
+        return np.abs(np.hypot(np.maximum(far_x, 0), np.maximum(far_y, 0)) - 0.03) / 0.0045
 
     def skin(x, y, moment):
         return flat(x, y, moment) + 0.0015 * np.clip(2 - 2 * off(x, y), 0, 1)
@@ -255,10 +255,10 @@ def rolling(rng: Generator) -> Outside:
 
 
 def shaken(rng: Generator) -> Outside:
-    """A drone that shakes by 0.1 mm at four times the rate of its rolling shutter's pictures."""
+    """A drone that shakes by 0.1 mm, four times while its rolling shutter reads a picture."""
     shift = rng.uniform(0, 6)
 
     def skin(x, y, moment):
-        return flat(x, y, moment) + 1e-4 * np.sin(2 * math.pi * moment + shift)
+        return flat(x, y, moment) + 1e-4 * np.sin(8 * math.pi * moment / 40 + shift)
 
-    return plain(rng, skin=skin, readout=4.0)
+    return plain(rng, skin=skin, readout=40.0)
