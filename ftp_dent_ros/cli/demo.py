@@ -15,11 +15,12 @@ from typing import Any
 
 from tqdm import tqdm
 
-from ftp_dent_ros.demonstration.appraisal import Appraisal, appraise
+from ftp_dent_ros.demonstration.appraisal import appraise
 from ftp_dent_ros.demonstration.dents import DentAppraisal, appraise_dents
 from ftp_dent_ros.demonstration.flight import FlightError, fly, simulation_parameters
 from ftp_dent_ros.demonstration.results import write_results
 from ftp_dent_ros.demonstration.skin import SkinAppraisal, appraise_skin, onto_truth
+from ftp_dent_ros.demonstration.summary import BOUNDS, summary_of
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.files import find
 from ftp_dent_ros.inspection.measuring.inspection import inspect
@@ -34,23 +35,6 @@ from ftp_dent_ros.survey.reporting import report_on_skin
 OUT_OF_BOUND = 1
 SUMMARY = 'summary.json'
 REPORT = 'report'
-
-# What the payload promises in this simulation.
-BOUNDS = {
-    'images_lost': 0,
-    'clouds_lost': 0,
-    'tagged_clouds_lost': 0,
-    'poses_lost': 0,
-    'camera_mae_mm': 0.1,
-    # By the autopilot's poses, which err as a real one's: 7 cm and 1.1 degrees at most.
-    'map_mae_mm': 100.0,
-    'skin_mae_mm': 0.1,
-    'clouds_not_inspected': 0,
-    'dents_missed': 0,
-    'sightings_missed': 0,
-    'dents_false': 0,
-    'dents_false_in_list': 0,
-}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -133,7 +117,7 @@ def _demonstrate(arguments: argparse.Namespace, folder: Path) -> tuple[dict[str,
     with _bar('comparing with the truth', count, 'cloud') as bar:
         appraisal = appraise(bag, world, camera['rate'], link['rate'], bar.update)
     dents, skin, poses = _inspect(bag, world, camera['rig'], folder / REPORT)
-    summary = _table(appraisal, dents, skin)
+    summary = summary_of(appraisal, dents, skin)
     (folder / 'summary.txt').write_text(f'{summary}\n', encoding='utf-8')
     figures: dict[str, Any] = {}
     for each in (appraisal, dents, skin):
@@ -167,68 +151,6 @@ def _inspect(
 
 def _bar(what: str, total: int | None, unit: str) -> tqdm:
     return tqdm(desc=what, total=total, unit=unit, dynamic_ncols=True)
-
-
-def _table(appraisal: Appraisal, dents: DentAppraisal, skin: SkinAppraisal) -> str:
-    """Summary as people read it."""
-    a, d, s = appraisal, dents, skin
-    rows = [
-        ('images', f'{a.images}, lost {a.images_lost}{_too_slow(a.images_not_taken, "taken")}'),
-        ('clouds', f'{a.clouds}, lost {a.clouds_lost}'),
-        (
-            'tagged clouds',
-            f'{a.tagged_clouds}, lost {a.tagged_clouds_lost}'
-            f'{_too_slow(a.tagged_clouds_late, "tagged")}',
-        ),
-        ('autopilot poses', f'{a.poses}, lost {a.poses_lost}{_too_slow(a.poses_not_had, "had")}'),
-        (
-            'exposure to tagged cloud',
-            f'{a.latency_median_ms:.0f} ms median, {a.latency_maximum_ms:.0f} ms at most',
-        ),
-        (
-            'MAE in the camera frame',
-            f'{a.camera_mae_mm:.4f} mm, worst cloud {a.camera_mae_worst_mm:.4f} mm '
-            f'(bound {BOUNDS["camera_mae_mm"]} mm)',
-        ),
-        (
-            "by the autopilot's poses",
-            f'{a.map_mae_mm:.1f} mm in the map, worst cloud {a.map_mae_worst_mm:.1f} mm '
-            f'(bound {BOUNDS["map_mae_mm"]:g} mm)',
-        ),
-        (
-            "by the skin's own poses",
-            f'{s.skin_mae_mm:.4f} mm against itself, worst cloud {s.skin_mae_worst_mm:.4f} mm '
-            f'(bound {BOUNDS["skin_mae_mm"]} mm)',
-        ),
-        (
-            'the skin',
-            f'points {s.skin_place_mm:.3f} mm from their places on it, the whole '
-            f'{s.skin_off_mm:.0f} mm off in the map'
-            + (f'; {s.skin_parts} parts' if s.skin_parts > 1 else ''),
-        ),
-        ('clouds not inspected', f'{d.clouds_not_inspected}'),
-        (
-            'true dents in view',
-            f'{d.dents}, missed {d.dents_missed}, false {d.dents_false}, twice {d.dents_twice}',
-        ),
-        ('their sightings', f'{d.sightings}, missed {d.sightings_missed}'),
-        (
-            'largest error of a dent',
-            f'depth {d.depth_error_mm:.3f} mm, length {d.length_error_mm:.2f} mm, '
-            f'width {d.width_error_mm:.2f} mm',
-        ),
-        ('listed as others', f'{d.others}, where there is none {d.others_false}'),
-        (
-            "dents in the node's list",
-            f'{d.dents_in_list}, false {d.dents_false_in_list}, twice {d.dents_twice_in_list}',
-        ),
-    ]
-    return '\n'.join(f'{name:26}{value}' for name, value in rows)
-
-
-def _too_slow(count: int, what: str) -> str:
-    """What this machine could not do in time: no fault of the payload, but worth to be known."""
-    return f'; {count} more not {what} in time, for this machine is too slow' if count else ''
 
 
 def _files(output: Path) -> str:

@@ -13,8 +13,8 @@ pytest.importorskip('mcap', reason='the demonstration records a bag')
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import PointCloud2
 
-from ftp_dent_ros.cli.demo import BOUNDS
 from ftp_dent_ros.cli.main import main
+from ftp_dent_ros.demonstration.summary import BOUNDS
 from ftp_dent_ros.files import find
 from ftp_dent_ros.ply import read_ply, rig_id_of
 from ftp_dent_ros.recording.reader import open_bag, read_messages
