@@ -64,7 +64,7 @@ def test_what_the_skins_tell_of_a_depth_counts_and_not_the_depths():
     earlier, later = pairs(rng, 12, off=1.0)
     grown = 2e-5
     deeper = [
-        Growth(Estimate((grown if index < 2 else 0) + 1e-6 * rng.normal(), 1e-6), 30.0)
+        Growth(Estimate((grown if index < 2 else 0) + 1e-6 * rng.normal(), 1e-6), 30.0, 1e-9)
         for index in range(11)
     ]
     changes, (depth, *_) = changes_of(earlier, later, [*deeper, None])

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from ftp_dent_ros.inspection.dent import Estimate, MeasuredDent
+from ftp_dent_ros.median import median
 from ftp_dent_ros.survey.comparing.relief_growth import Growth
 
 QUANTITIES = ('depth', 'length', 'width')
@@ -35,6 +36,8 @@ _TO_SIGMA, _FAR = 1.4826, 3.0
 # Two calibrations' common factor on sizes, before there are dents: within 1 %.
 _SCALE = 0.01
 _ROUNDS = 20
+# Of a skin's difference, metres squared: what is less is none.
+_LEAST_NOISE = 1e-15
 
 
 @dataclass(frozen=True)
@@ -127,13 +130,14 @@ def _compared(
         b if d is None else Estimate(a.value + d.estimate.value, a.uncertainty)
         for a, b, d in zip(earlier, later, given, strict=True)
     ]
+    directly = np.array([each is not None for each in given], bool)
+    noise = median(np.array([each.noise for each in given if each is not None] or [0.0]))
     stated = np.array(
         [
-            np.hypot(a.uncertainty, b.uncertainty) if d is None else d.estimate.uncertainty
+            np.hypot(a.uncertainty, b.uncertainty) if d is None else _uncertainty(d, noise)
             for a, b, d in zip(earlier, later, given, strict=True)
         ]
     )
-    directly = np.array([each is not None for each in given], bool)
     by_skin, by_size = (
         _scale(quantity, earlier, later, stated, usable & part) for part in (directly, ~directly)
     )
@@ -144,6 +148,11 @@ def _compared(
         freedoms.append(freedom if direct is None else min(freedom, direct.freedom))
     most = by_skin if (usable & directly).sum() > (usable & ~directly).sum() else by_size
     return most[0], differences, freedoms
+
+
+def _uncertainty(growth: Growth, usual: float) -> float:
+    """Of a growth, whose few places may be quieter than the surveys' skins are by chance alone."""
+    return growth.estimate.uncertainty * max(1.0, usual / max(growth.noise, _LEAST_NOISE))
 
 
 def _with_scale(growth: Estimate, depth: Estimate) -> Estimate:

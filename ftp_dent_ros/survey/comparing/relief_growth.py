@@ -43,10 +43,13 @@ class Growth:
     freedom : float
         Degrees of freedom of its uncertainty: how many places of the difference that are not
         correlated tell it, less what is fitted.
+    noise : float
+        Of the difference, as a mean over a square of one metre would have it, metres squared.
     """
 
     estimate: Estimate
     freedom: float
+    noise: float
 
 
 def growth_of(earlier: SurveyedDent, later: SurveyedDent, to_later: Pose) -> Growth | None:
@@ -108,9 +111,10 @@ def _fitted(
     area = _correlated(rest, used)
     places = float(used.sum()) / area
     freedom = max(places - terms.shape[1], 1.0)
-    variance = float(rest[used].var()) * places / freedom * area * float((inverse[0] ** 2).sum())
-    estimate = Estimate(float(fit[0]), math.sqrt(variance))
-    return Growth(estimate, freedom), -fit[1:3] / steepest
+    noise = math.sqrt(float(rest[used].var()) * places / freedom * area)
+    estimate = Estimate(float(fit[0]), noise * math.sqrt(float((inverse[0] ** 2).sum())))
+    noise *= earlier.relief.spacing
+    return Growth(estimate, freedom, noise), -fit[1:3] / steepest
 
 
 def _after(
