@@ -78,6 +78,7 @@ def main() -> None:
             bench = Bench(image, pattern)
             every = round(_TURN * arguments.rate) if arguments.dead_link else images
             latencies, beside = [], []
+            used = processor_time(process.pid)
             for number, begin in enumerate(range(0, images, every)):
                 count = min(every, images - begin)
                 if number % 2:
@@ -85,6 +86,7 @@ def main() -> None:
                         beside += bench.latencies(count, arguments.rate)
                 else:
                     latencies += bench.latencies(count, arguments.rate)
+            used = processor_time(process.pid) - used
             bench.close()
         finally:
             process.terminate()
@@ -99,7 +101,8 @@ def main() -> None:
     print(
         f'{arguments.size}, {arguments.code}, stride {arguments.stride}, '
         f'{arguments.rate:g} a second: '
-        f'{images - len(latencies) - len(beside)} of {images} lost'
+        f'{images - len(latencies) - len(beside)} of {images} lost; '
+        f'{1e3 * used / max(len(latencies) + len(beside), 1):.0f} ms of the processor a cloud'
     )
     rows = [('image to cloud', latencies), ('reconstruct() alone', durations)]
     if beside:
