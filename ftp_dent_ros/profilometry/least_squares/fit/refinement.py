@@ -152,7 +152,7 @@ class Refinement:
             rest[filled] = misfit[clipped] = 0
             mask = mask | filled
         step, along, texture, variance, support, power = self._correction(
-            rest, cosine, sine, modulation, mask, second, envelope is not None
+            rest, misfit, cosine, sine, modulation, mask, second, envelope is not None
         )
         if lost is not None:
             # Less is seen, and flanks alone tell phase from level less well.
@@ -224,7 +224,7 @@ class Refinement:
         """Share of each node's window that a mask has."""
         return self.windows.gaussian(self.grid.at_nodes(mask.astype(np.float32)))
 
-    def _correction(self, rest, cosine, sine, modulation, mask, second, coded):
+    def _correction(self, rest, misfit, cosine, sine, modulation, mask, second, coded):
         """Phase step by what is left of the photograph, and its predicted variance.
 
         Beside them: texture, the share of each window that is seen, and the mean square of the
@@ -241,7 +241,8 @@ class Refinement:
             np.multiply(weight, sine[rows], out=products[0])
             products[0] *= sine[rows]
             products[0] *= 2
-            np.multiply(seen, seen, out=products[1])
+            np.multiply(misfit[rows], weight, out=products[1])
+            products[1] *= products[1]
             np.multiply(seen, sine[rows], out=weight)
             np.multiply(weight, cosine[rows], out=products[2])
             np.multiply(seen, cosine[rows], out=products[3])
@@ -261,7 +262,7 @@ class Refinement:
         step = angle(-2 * windows.flat_top(across) / whole, along)
         texture = 4 * windows.flat_top(double) / (whole * size)
         texture += np.float32(2 * second) * step
-        spread = windows.gaussian(spread, 2) / whole
-        variance = spread / np.square(size)
+        # Evening the light takes a leap of the albedo off its misfit, but not off the phase.
+        variance = windows.gaussian(spread, 2) / whole
         variance *= np.float32(_FITTED * self._density)
         return step, along, texture, variance, support, power
