@@ -10,6 +10,7 @@ import numpy as np
 from ftp_dent_ros.inspection.dent import Estimate, MeasuredDent, orientation_of
 from ftp_dent_ros.inspection.measuring.places.bare_skin import BareSkin
 from ftp_dent_ros.inspection.measuring.places.detection import Candidate
+from ftp_dent_ros.inspection.measuring.places.evidence import SUSPECT
 from ftp_dent_ros.inspection.measuring.places.placement import axis_along
 from ftp_dent_ros.inspection.measuring.places.surroundings import places
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
@@ -19,6 +20,8 @@ from ftp_dent_ros.inspection.settings import Settings
 _HIDDEN = 0.1
 # Standard deviations of a one-sided bound that holds in 97.5 %.
 _COVERED = 1.96
+# Of what is a valley, in widths.
+_LONG = 1.8
 _NAN = Estimate(math.nan, math.nan)
 
 
@@ -33,11 +36,13 @@ def hidden_dent(
 ) -> list[MeasuredDent]:
     """What departs from the skin beside places without points, with what is known of it.
 
-    Its depth is the largest that was measured, its sizes are those of the cells that depart and
-    of those between them that have no points.
+    So does a valley that is significant along its length alone. Its depth is the largest that was
+    measured, its sizes are those of the cells that depart and of those between them that have no
+    points.
     """
     cells = len(candidate.rows) + candidate.gap.shape[1]
-    if candidate.gap.shape[1] < _HIDDEN * cells or candidate.height < settings.smallest_depth:
+    hidden = candidate.is_valley or candidate.gap.shape[1] >= _HIDDEN * cells
+    if not hidden or candidate.height < settings.smallest_depth:
         return []
     contour = skin.contour
     x, y = places(candidate, lattice, contour)
@@ -46,10 +51,19 @@ def hidden_dent(
     noise = skin.noise.after(skin.noise.scales[1])[candidate.rows, candidate.columns]
     smooth = skin.maps[0][candidate.rows, candidate.columns]
     deepest = int(np.argmax(np.nan_to_num(candidate.sign * smooth, nan=-math.inf)))
+    unsure = float(np.median(noise))
     # Beside a hole the cloud is in doubt, the more the nearer.
-    significance = candidate.height / float(max(np.median(noise), noise[deepest]))
+    significance = candidate.height / max(unsure, float(noise[deepest]))
     length, width = max(sides) + cell, min(sides) + cell
-    if length < settings.smallest_width or significance < skin.suspect:
+    if length < settings.smallest_width:
+        return []
+    if candidate.is_valley:
+        least = candidate.height - _COVERED * unsure
+        if length < _LONG * width or least < settings.smallest_depth:
+            return []
+    elif significance < skin.suspect:
+        return []
+    if skin.relief and candidate.height < SUSPECT * skin.relief.uncertainty(width):
         return []
     corners = cv2.convexHull(across)[:, 0].astype(float)
     centre = across.mean(axis=0, dtype=float)[:, None]
@@ -59,7 +73,7 @@ def hidden_dent(
     return [
         MeasuredDent(
             kind='other',
-            reason=not_at_bottom(candidate.height, float(np.median(noise))),
+            reason=not_at_bottom(candidate.height, unsure),
             position=contour.point(*centre)[0],
             normal=normal,
             axis=axis,

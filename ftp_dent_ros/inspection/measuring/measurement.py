@@ -45,6 +45,8 @@ _HIDDEN = 0.05
 # Maxima are looked for from this part of the smallest depth on.
 _NEARLY = 0.8
 _HALF = 0.5
+# Noise makes marks that are up to so many times longer than wide.
+_NOISY = 2.0
 # At half of its depth a Gaussian, the most pointed of dents, has 0.55 of its width at 10 %: what
 # is shorter than that part of the smallest width is a rivet, however wide the ripples around it.
 _SPIKE = 0.55
@@ -85,7 +87,7 @@ def measure(
     peaks = [at for at in peaks if own[at] and not _is_spike(seen.patch, at, settings)]
     dents = []
     for peak, region in zip(peaks, divided(seen.patch, peaks, LEVEL), strict=True):
-        found = _one(candidate.sign, seen, raw, peak, region, around, skin, settings)
+        found = _one(candidate, seen, raw, peak, region, around, skin, settings)
         if found is not None:
             dents.append(found)
     return dents
@@ -106,7 +108,7 @@ def _is_spike(patch: Patch, at: tuple[int, int], settings: Settings) -> bool:
 
 
 def _one(
-    sign: int,
+    candidate: Candidate,
     seen: Bridged,
     plain: Patch,
     at: tuple[int, int],
@@ -115,9 +117,13 @@ def _one(
     skin: BareSkin,
     settings: Settings,
 ) -> MeasuredDent | None:
-    patch = seen.patch
+    patch, sign = seen.patch, candidate.sign
     sizes = sizes_of(seen, plain, at, region, around, skin)
-    if sizes is None or not sizes.significance >= skin.suspect:
+    if sizes is None:
+        return None
+    slender = sizes.length.value / (_NOISY * sizes.width.value)
+    along = candidate.is_valley and slender > 1
+    if sizes.significance < (skin.along(slender) if along else skin.suspect):
         return None
     if skin.relief and sizes.depth.value < SUSPECT * skin.relief.uncertainty(sizes.width.value):
         # It may well be one of the waves, which are told by themselves.

@@ -10,9 +10,10 @@ from ftp_dent_ros.inspection.measuring.outlines.patch import Patch
 from ftp_dent_ros.inspection.measuring.places.evidence import (
     SIGNIFICANT,
     SUSPECT,
+    by_chance,
     chance,
     fitted_depth,
-    suspect,
+    threshold,
 )
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.skin.noise import Noise
@@ -85,5 +86,15 @@ def test_more_doubtful_places_ask_for_more_evidence():
     for part in (0.001, 0.01, 0.03, 1.0):
         extra = np.where(np.arange(skin.size).reshape(skin.shape) < part * skin.size, 5e-5, 1e-7)
         noise = Noise(np.full(3, 1e-6), np.array([0, 2e-3, 1e-2]), extra.astype('f4'), 1.5e-3)
-        asked.append(suspect(noise, skin, lattice))
+        asked.append(threshold(by_chance(noise, skin, lattice)))
     assert SUSPECT < asked[0] < asked[1] < asked[2] <= asked[3] == SIGNIFICANT
+
+
+@pytest.mark.parametrize('places', [1, 2, 3, 5, 8])
+def test_means_over_several_places_ask_for_what_sums_of_laplace_variates_do(places):
+    rng = np.random.default_rng(places)
+    sums = rng.gamma(places, size=400_000) - rng.gamma(places, size=400_000)
+    sums = np.abs(sums) / np.sqrt(2 * places)
+    for share in (2e-3, 5e-4):
+        beyond = np.mean(sums > threshold(share, places))
+        assert share / 3 < beyond < 1.2 * share

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ftp_dent_ros.inspection.measuring.outlines.moments import Moments
 from ftp_dent_ros.inspection.measuring.places.bare_skin import BareSkin
 from ftp_dent_ros.inspection.measuring.places.evidence import SIGNIFICANT, SUSPECT
+from ftp_dent_ros.inspection.measuring.places.lines import valleys
 from ftp_dent_ros.inspection.measuring.places.paint_edges import along_paint
 from ftp_dent_ros.inspection.measuring.skin.gaps import GAP, beside_gaps, between, gaps_of
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
@@ -47,6 +48,8 @@ class Candidate:
         Axes of the ellipse with its second moments, metres.
     gap : ndarray, shape (2, cells)
         Rows and columns of cells without points that it surrounds or borders on.
+    is_valley : bool
+        Whether it is significant along its length, whatever single places of it are.
     """
 
     sign: int
@@ -57,6 +60,7 @@ class Candidate:
     length: float
     width: float
     gap: NDArray[np.intp]
+    is_valley: bool = False
 
 
 def find_candidates(
@@ -105,8 +109,15 @@ def find_candidates(
             above |= near
             evidence[near] = skin.suspect
             above |= between(above, gaps)
+        lines = np.zeros_like(above)
+        if sign > 0:
+            # It stands out of what all of the skin strays by, whatever is in doubt there.
+            stands = panel & (maps[0] > max(SIGNIFICANT * typical[0], settings.smallest_depth))
+            stands &= ~_connected(above, evidence >= skin.suspect)
+            lines = valleys(skin, panel, stands, lattice, settings.smallest_width, floor)
+            above |= lines
         _, labels, stats, _ = cv2.connectedComponentsWithStats(above.astype(np.uint8))
-        seeded = np.unique(labels[(evidence > SUSPECT) & above])
+        seeded = np.unique(labels[((evidence > SUSPECT) | lines) & above])
         for index in seeded[seeded > 0]:
             left, top, width, height, _ = stats[index]
             window = slice(top, top + height), slice(left, left + width)
@@ -119,15 +130,26 @@ def find_candidates(
             rows, columns = np.nonzero(part)
             # What is long has so many places that tell the same, if no paint does.
             seen, alike = evidence[window][known].max(), max(size[1] / (_ROUND * size[2]), 1.0)
+            valley = bool(lines[window][part].any())
+            valley &= size[1] > settings.smallest_width
+            together = valley or seen >= skin.suspect / math.sqrt(alike)
             if seen < skin.suspect and (
-                seen < skin.suspect / math.sqrt(alike)
-                or along_paint(rows + top, columns + left, lattice)
+                not together or along_paint(rows + top, columns + left, lattice)
             ):
                 continue
             cells = np.array(np.nonzero(known)) + corner
             gap = np.array(np.nonzero(part & gaps[window])) + corner
-            found.append(Candidate(sign, cells[0], cells[1], height, *size, gap))
+            found.append(Candidate(sign, cells[0], cells[1], height, *size, gap, valley))
     return found
+
+
+def _connected(marked: Mask, seeds: Mask) -> Mask:
+    """Cells of the marked parts that have a seed."""
+    _, labels = cv2.connectedComponents(marked.view(np.uint8))
+    chosen = np.zeros(labels.max() + 1, bool)
+    chosen[labels[seeds & marked]] = True
+    chosen[0] = False
+    return np.asarray(chosen[labels])
 
 
 def _highest(values: Map) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,22 +29,54 @@ _FALSE = 0.05
 _DOUBTFUL = 2.0
 
 
-def suspect(noise: Noise, panel: NDArray[np.bool_], lattice: Lattice) -> float:
+def by_chance(
+    noise: Noise, panel: NDArray[np.bool_], lattice: Lattice, least: float = 0.0
+) -> float:
+    """Share of the places where the cloud is in doubt that chance alone may list.
+
+    What is looked for at many such places is seen at one of them by chance: the more there are,
+    the less often it may.
+
+    Parameters
+    ----------
+    noise : Noise
+    panel : ndarray, shape (rows, columns), bool
+    lattice : Lattice
+    least : float
+        Metres: where the light is even, or noise is no depth to be listed, it is not looked for.
+    """
+    scale = float(noise.scales[1])
+    unsure = noise.after(scale)
+    doubtful = panel & (unsure > max(_DOUBTFUL * noise.where(0.0, scale), least / SIGNIFICANT))
+    if least:
+        doubtful &= lattice.is_uneven
+    cell = lattice.spacing[0] * lattice.spacing[1]
+    looks = float(doubtful.sum()) * cell / (4 * math.pi * (noise.reach**2 + scale**2))
+    allowed = _FALSE * max(float(panel.sum()), 1.0) * cell
+    return min(allowed / max(looks, 1.0), 0.5)
+
+
+def threshold(share: float, places: float = 1.0) -> float:
     """Standard deviations of what the cloud tells of its points from which on a place is listed.
 
     A cloud's uncertainty beside paint is an estimate from that place alone. If its square is known
     by its order of magnitude (exponentially distributed about the truth), the errors in units of
     it follow Laplace's distribution: exp(-sqrt(2) t) of them are beyond t. On blank photographs
-    of eight skins they do from 2 to 6. What is looked for at many such places is seen at one of
-    them by chance: the threshold grows with the logarithm of their number, and where that is
-    large, the ordinary one of the bare skin holds.
+    of eight skins they do from 2 to 6. Where the share that chance may list is small, the ordinary
+    threshold of the bare skin holds. The mean over several such places comes the nearer to a
+    normal one the more they are: in between with the root of their number, which is 0.1 to 0.3
+    more than differences of gamma variates, their sums, ask for.
+
+    Parameters
+    ----------
+    share : float
+        Of the places, that chance may list.
+    places : float
+        Independent ones that are asked together.
     """
-    scale = float(noise.scales[1])
-    doubtful = panel & (noise.after(scale) > _DOUBTFUL * noise.where(0.0, scale))
-    cell = lattice.spacing[0] * lattice.spacing[1]
-    looks = float(doubtful.sum()) * cell / (4 * math.pi * (noise.reach**2 + scale**2))
-    allowed = _FALSE * max(float(panel.sum()), 1.0) * cell
-    return min(max(math.log(max(looks, 1.0) / allowed) / math.sqrt(2), SUSPECT), SIGNIFICANT)
+    one = -math.log(share) / math.sqrt(2)
+    many = NormalDist().inv_cdf(1 - share / 2)
+    return min(max(many + (one - many) / math.sqrt(max(places, 1.0)), SUSPECT), SIGNIFICANT)
 
 
 def chance(noise: Noise, width: float, extra: float) -> float:
