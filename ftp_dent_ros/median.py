@@ -1,4 +1,4 @@
-"""The median, quickly."""
+"""The median, quickly, and what the median absolute deviation tells of a spread."""
 
 from __future__ import annotations
 
@@ -6,6 +6,10 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+
+# Standard deviation of a normal distribution over its median absolute deviation: 1 over its upper
+# quartile.
+NORMAL_SPREAD = 1.4826
 
 
 def median(values: NDArray[np.number]) -> float:

@@ -21,6 +21,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.median import NORMAL_SPREAD
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.profilometry.projector_rows import Blocks, Rows, blocks_of
 from ftp_dent_ros.profilometry.triangulation import triangulate
@@ -141,7 +142,7 @@ def check_epipolar(
         step = inverse @ (terms.T @ (weight * beside))
         found = found + step
         rest = beside - terms @ step
-        held = np.abs(rest) <= _MOST_OFF * 1.4826 * np.median(np.abs(rest))
+        held = np.abs(rest) <= _MOST_OFF * NORMAL_SPREAD * np.median(np.abs(rest))
         if (held == trusted).all() and np.abs(step[0]) < _SETTLED:
             break
         trusted = held.astype(float)

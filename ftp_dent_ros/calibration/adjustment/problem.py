@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from ftp_dent_ros.calibration.adjustment.model import DISTORTIONS, LENS, RIG, Model
 from ftp_dent_ros.calibration.adjustment.projection import cross_matrices, left_jacobian, project
 from ftp_dent_ros.calibration.observing.observation import Observation
+from ftp_dent_ros.median import NORMAL_SPREAD
 from ftp_dent_ros.rig import Rig
 
 # What a print or a plate may be off without being another board; metres, standard deviation.
@@ -166,6 +167,8 @@ class Problem:
         result = []
         for part in (slice(0, 2), slice(2, 4)):
             known = np.abs(difference[:, part][self.known[:, part]])
-            deviation = 1.4826 * float(np.median(known)) if len(known) else FIRST_DEVIATIONS[0]
+            deviation = (
+                NORMAL_SPREAD * float(np.median(known)) if len(known) else FIRST_DEVIATIONS[0]
+            )
             result.append(max(_LEAST_DEVIATION, deviation / np.sqrt(max(1 - spent, 0.1))))
         return result[0], result[1]

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.calibration.observing.decoding import Codes
+from ftp_dent_ros.median import NORMAL_SPREAD
 
 # A window reaches this part of the way to the nearest corner. Beyond it a quadratic no longer
 # follows the perspective of a tilted board.
@@ -64,6 +65,6 @@ def _at(values: NDArray, centre: NDArray, radius: float) -> tuple[float, float]:
             return np.nan, np.nan
         coefficients, *_ = np.linalg.lstsq(basis[kept], value[kept], rcond=None)
         off = np.abs(basis @ coefficients - value)
-        kept = off <= _OUTLYING * 1.4826 * np.median(off[kept]) + 1e-3
+        kept = off <= _OUTLYING * NORMAL_SPREAD * np.median(off[kept]) + 1e-3
     scatter = float(np.median(off))
     return (float(coefficients[0]) if kept.mean() > 0.5 else np.nan), scatter

@@ -10,6 +10,7 @@ import numpy as np
 
 from ftp_dent_ros.evaluation.detection.probability import Detection, detection, most_calls
 from ftp_dent_ros.evaluation.detection.trials import DENTED, DISTANCES, SKINS, Trial
+from ftp_dent_ros.median import NORMAL_SPREAD
 
 #: Width that depths are told for, metres.
 WIDTH = 0.03
@@ -74,7 +75,9 @@ def rows_of(trials: Sequence[Trial]) -> list[Row]:
             depth, width, hit, measured = values.T
             ratio = (measured / depth)[hit > 0] - 1
             bias = float(np.median(ratio)) if len(ratio) else math.nan
-            scatter = 1.4826 * float(np.median(np.abs(ratio - bias))) if len(ratio) else math.nan
+            scatter = (
+                NORMAL_SPREAD * float(np.median(np.abs(ratio - bias))) if len(ratio) else math.nan
+            )
             rows.append(Row(distance, skin, detection(depth, width, hit, WIDTH), bias, scatter))
     return rows
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.median import NORMAL_SPREAD
 
 _ROUND = 32  # points of an outline
 
@@ -46,7 +47,7 @@ def relief(cloud: Cloud) -> bytes:
     for _ in range(3):  # without the dents themselves
         coefficients, *_ = np.linalg.lstsq(basis[use], z[use], rcond=None)
         off = z - basis @ coefficients
-        use = np.abs(off) <= 2.5 * max(1.4826 * float(np.median(np.abs(off))), 1e-7)
+        use = np.abs(off) <= 2.5 * max(NORMAL_SPREAD * float(np.median(np.abs(off))), 1e-7)
     # Away from the camera is into the skin: a dent is positive.
     values = np.column_stack([points - centre, 1e3 * off])
     return values.astype('<f4').tobytes()

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from ftp_dent_ros.inspection.dent import Estimate, MeasuredDent
-from ftp_dent_ros.median import median
+from ftp_dent_ros.median import NORMAL_SPREAD, median
 from ftp_dent_ros.survey.comparing.relief_growth import Growth
 
 QUANTITIES = ('depth', 'length', 'width')
@@ -31,8 +31,8 @@ _SHARE = {'depth': 0.9, 'length': 0.05, 'width': 0.05}
 # (it is 1, within a factor of two), and as how many at most all dents count: errors are not
 # quite Gaussian far out.
 _TRUST, _MOST = 4.0, 40.0
-# The median deviation's ratio to a standard deviation; beyond so many of them a dent has changed.
-_TO_SIGMA, _FAR = 1.4826, 3.0
+# Standard deviations beyond which a dent has changed.
+_FAR = 3.0
 # Two calibrations' common factor on sizes, before there are dents: within 1 %.
 _SCALE = 0.01
 _ROUNDS = 20
@@ -181,7 +181,7 @@ def _scale(
     factor, spread, noise, freedom = 1.0, _SCALE, 1.0, _TRUST
     for _ in range(_ROUNDS if len(a) else 0):
         off = (b[:, 0] - factor * a[:, 0]) / stated
-        unchanged = np.abs(off) < _FAR * max(_TO_SIGMA * float(np.median(np.abs(off))), 0.1)
+        unchanged = np.abs(off) < _FAR * max(NORMAL_SPREAD * float(np.median(np.abs(off))), 0.1)
         count = int(unchanged.sum())
         noise = float(np.sqrt((_TRUST + (off[unchanged] ** 2).sum()) / (_TRUST + count)))
         freedom = min(_TRUST + count, _MOST)

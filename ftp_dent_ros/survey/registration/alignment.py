@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from ftp_dent_ros.median import NORMAL_SPREAD
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.survey.patches.patch import Patch
 
@@ -27,8 +28,6 @@ _MOST_HEIGHTS, _MOST_PAINT = 3000, 4000
 _FEW = 4
 # Cauchy's weight: residuals, in standard deviations, that count half.
 _CAUCHY = 2.385
-# Standard deviation by the median of absolute values.
-_OF_MEDIAN = 1.4826
 # No two clouds fit each other better: a height's and a paint's standard deviation.
 _LEAST_HEIGHT, _LEAST_PAINT = 2e-6, 1e-3
 
@@ -212,7 +211,7 @@ def _moved(direction, arm):
 
 
 def _deviation(residual):
-    return float(_OF_MEDIAN * np.median(np.abs(residual))) if len(residual) else 1.0
+    return float(NORMAL_SPREAD * np.median(np.abs(residual))) if len(residual) else 1.0
 
 
 def _cauchy(residual):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.median import NORMAL_SPREAD
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.survey.patches.patch import Patch
 from ftp_dent_ros.survey.registration.alignment import (
@@ -228,4 +229,4 @@ def _misfit(first: Patch, samples: Samples, pose: Pose) -> float:
     here = first.looked_up(first.surface, place)
     off = place[:, 2] - here[:, 0]
     off = off[np.isfinite(off)]
-    return float(1.4826 * np.median(np.abs(off)))
+    return float(NORMAL_SPREAD * np.median(np.abs(off)))

@@ -16,7 +16,7 @@ from ftp_dent_ros.inspection.measuring.skin.noise import Noise, measured_noise, 
 from ftp_dent_ros.inspection.measuring.skin.panels import Panel
 from ftp_dent_ros.inspection.measuring.skin.waviness import Relief, is_wavy, relief_of
 from ftp_dent_ros.inspection.settings import Settings
-from ftp_dent_ros.median import median
+from ftp_dent_ros.median import NORMAL_SPREAD, median
 
 Mask = NDArray[np.bool_]
 Map = NDArray[np.float32]
@@ -29,7 +29,6 @@ _AROUND = 15
 _FARTHER = 25
 # Of the relief: with weights alone, then with what they found left out.
 _PASSES = 2
-_MAD = 1.4826
 _LEAST = 1e-6
 # Squares that a contour is fitted to.
 _FEWEST = 30
@@ -152,7 +151,7 @@ def _fitted(
         covariance[0, 0] = (tolerance / contour.scale) ** 2
         return replace(contour, covariance=covariance)
     _, _, left = contour.deviation(points)
-    noise = max(_MAD * median(np.abs(left)), _LEAST)
+    noise = max(NORMAL_SPREAD * median(np.abs(left)), _LEAST)
     return refined(contour, points, noise)
 
 

@@ -8,13 +8,12 @@ import numpy as np
 from ftp_dent_ros.inspection.measuring.outlines.outline import Outline
 from ftp_dent_ros.inspection.measuring.outlines.patch import Patch
 from ftp_dent_ros.inspection.measuring.places.surroundings import Surroundings
-from ftp_dent_ros.median import median
+from ftp_dent_ros.median import NORMAL_SPREAD, median
 
 # Cells around an outline that it is held against.
 _AROUND = 7
 # Points that a median is taken of, at least.
 _FEWEST = 5
-_MAD = 1.4826
 
 
 def mark_in(around: Surroundings, patch: Patch, outline: Outline) -> tuple[float, float]:
@@ -35,5 +34,5 @@ def mark_in(around: Surroundings, patch: Patch, outline: Outline) -> tuple[float
     usual = median(without)
     if not usual > 0:
         return 0.0, 0.0
-    varies = _MAD * median(np.abs(without - usual))
+    varies = NORMAL_SPREAD * median(np.abs(without - usual))
     return (median(within) - usual) / usual, varies / usual

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
-from ftp_dent_ros.median import median
+from ftp_dent_ros.median import NORMAL_SPREAD, median
 
 # Half the side of the square whose median is the skin beside a mark, metres.
 _BESIDE = 0.01
@@ -18,7 +18,6 @@ _BESIDE = 0.01
 # (1.4826 times the median absolute deviation), and by half of that all over. The fringes leave
 # 3 %.
 _LIGHTER, _STRAYS, _ALL_OVER = 0.05, 4.0, 0.5
-_MAD = 1.4826
 # Widest, metres, and how much longer than wide at least.
 _WIDEST, _LONG = 0.008, 1.8
 # The breadth that a mark's cells scatter over, by the one that their number gives: of a bar 1, of
@@ -76,7 +75,7 @@ def narrow_marks(skin: NDArray[np.uint8], lattice: Lattice, shortest: float) -> 
         return []
     lighter = np.where(known, skin / np.maximum(usual, 1) - 1, np.float32(0))
     some = lighter.ravel()[np.flatnonzero(known)[::_SOME]]
-    least = max(_LIGHTER, _STRAYS * _MAD * median(np.abs(some)))
+    least = max(_LIGHTER, _STRAYS * NORMAL_SPREAD * median(np.abs(some)))
     above = (lighter > _ALL_OVER * least).astype(np.uint8)
     free, taken, done = 1, 2, 3
     found = []

@@ -13,7 +13,7 @@ from ftp_dent_ros.inspection.measuring.places.detection import SIGNIFICANT
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.skin.panels import Panel
 from ftp_dent_ros.inspection.settings import Settings
-from ftp_dent_ros.median import median
+from ftp_dent_ros.median import NORMAL_SPREAD, median
 
 # Cells across on which a step is measured, from the first that the seam does not blur.
 _BESIDE = 5
@@ -42,7 +42,7 @@ def find_steps(
             if not len(apart):
                 continue
             height = median(apart)
-            spread = 1.4826 * median(np.abs(apart - height))
+            spread = NORMAL_SPREAD * median(np.abs(apart - height))
             if height >= max(settings.smallest_depth, SIGNIFICANT * spread):
                 seam = _Seam(one, lattice.points[at])
                 points = lattice.points[beside]

@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
-from ftp_dent_ros.median import median
+from ftp_dent_ros.median import NORMAL_SPREAD, median
 
-_MAD = 1.4826
 # Cells that a median is taken of, about.
 _ENOUGH = 5000
 # Below this no cloud is trusted, metres.
@@ -130,7 +129,7 @@ def rough_noise(height: Map, valid: Mask) -> float:
         if len(bend) > 50:
             # The skin's own curvature is their median.
             spreads.append(median_of(np.abs(bend - median_of(bend))))
-    return max(_MAD * float(min(spreads, default=0)) / math.sqrt(6), _LEAST)
+    return max(NORMAL_SPREAD * float(min(spreads, default=0)) / math.sqrt(6), _LEAST)
 
 
 def measured_noise(
@@ -166,14 +165,14 @@ def measured_noise(
         rough = np.flatnonzero(sample & (told >= usual))
         rough = rough[:: 1 + len(rough) // _ENOUGH]
         strayed = np.abs(deviation.ravel()[rough]) / told.ravel()[rough]
-        really = float(np.clip(_MAD * median(strayed), *_TOLD))
+        really = float(np.clip(NORMAL_SPREAD * median(strayed), *_TOLD))
         extra = np.float32(really) * told
         explained = median(extra.ravel()[calm])
     common = []
     for values, scale in zip((deviation, *maps), (0.0, *scales), strict=True):
         strayed = np.abs(values.ravel()[calm])
         strayed = strayed[np.isfinite(strayed)]
-        spread = _MAD * median(strayed) if len(strayed) else _LEAST
+        spread = NORMAL_SPREAD * median(strayed) if len(strayed) else _LEAST
         common.append(math.sqrt(max(spread**2 - (explained * _left(scale, reach)) ** 2, 0)))
     falling = np.minimum.accumulate(np.maximum(common, _LEAST))
     return Noise(falling, np.array((0.0, *scales)), extra, reach)
@@ -181,7 +180,7 @@ def measured_noise(
 
 def _local(deviation: Map, bare: Mask, lattice: Lattice) -> Map:
     """What the noise has beyond its median, from the deviations around each cell."""
-    usual = max(_MAD * median_of(np.abs(deviation[bare])), _LEAST)
+    usual = max(NORMAL_SPREAD * median_of(np.abs(deviation[bare])), _LEAST)
     clipped = np.minimum(np.abs(np.where(bare, deviation, 0)), 4 * usual)
     across, down = lattice.cells(0.02)
     wide = min(12.0, across), min(12.0, down)

@@ -14,6 +14,7 @@ from ftp_dent_ros.inspection.dent import Waviness
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.skin.noise import Map, Mask, Noise, median_of
 from ftp_dent_ros.inspection.settings import Settings
+from ftp_dent_ros.median import NORMAL_SPREAD
 
 #: The relief takes half of waves so many smallest widths long, and nearly all of longer ones.
 CUTOFF = 6.0
@@ -24,7 +25,6 @@ _ROUNDS, _WEIGHTED = 50, 10
 _TUKEY = 4.7
 # At the cutoff the fit leaves half of a wave, and takes half of that when it is fitted again.
 _LACKS = 2.0
-_MAD = 1.4826
 # Waviness is evident where means over the smallest width stray nearly as much as single cells,
 # and a relief leaves less than this part of that.
 _SLOW = 0.6
@@ -150,7 +150,7 @@ def _fitted(values: Field, weight: Field, penalty: Field) -> Field:
     for turn in range(_ROUNDS):
         if turn % _WEIGHTED == 0 and turn:
             left = np.abs(values - smooth)
-            spread = _MAD * median_of(left[weight > 0]) + 1e-9
+            spread = NORMAL_SPREAD * median_of(left[weight > 0]) + 1e-9
             # Of waves down to the cutoff the fit lacks no more than this: they are no outliers.
             lacks = _LACKS * np.abs(smooth - _passed(smooth, penalty))
             ratio = np.minimum(np.maximum(left - lacks, 0) / (_TUKEY * spread), 1)
@@ -184,7 +184,7 @@ def _under_holes(
     if middle.sum() < _FEWEST // 4:
         return math.inf
     missed = (_fitted_twice(values, cut, penalty) - values)[middle]
-    return _MAD * float(np.median(np.abs(missed)))
+    return NORMAL_SPREAD * float(np.median(np.abs(missed)))
 
 
 def waviness_of(relief: Relief, mask: Mask, lattice: Lattice) -> Waviness:

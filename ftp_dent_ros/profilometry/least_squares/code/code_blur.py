@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.median import median
+from ftp_dent_ros.median import NORMAL_SPREAD, median
 from ftp_dent_ros.pattern import fringe_order
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.bins.windows import Windows
@@ -33,7 +33,6 @@ _LEAST_SHARE, _LEAST_VARIATION = 0.7, 0.05
 # Times the median misfit from which on a place counts for less: paint and edges lean it.
 _OUTLIER = 2.0
 _FITS = 4
-_MAD = 1.4826
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +125,7 @@ def _plane(terms, values, weight) -> tuple[Any, Any]:
     plane = np.zeros(3)
     for _ in range(_FITS):
         rest = np.sqrt(weight) * (values - terms @ plane)
-        scatter = max(_MAD * median(np.abs(rest)), 1e-6)
+        scatter = max(NORMAL_SPREAD * median(np.abs(rest)), 1e-6)
         robust = 1 / np.maximum(np.abs(rest) / (_OUTLIER * scatter), 1)
         normal = (terms.T * (weight * robust)) @ terms / scatter**2 + prior
         plane = np.linalg.solve(normal, (terms.T * (weight * robust)) @ values / scatter**2)

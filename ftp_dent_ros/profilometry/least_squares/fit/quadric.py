@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.median import median
+from ftp_dent_ros.median import NORMAL_SPREAD, median
 
 # Of the reweighting, by Tukey's biweight of 95 % efficiency for normal errors.
 _ROUNDS = 6
 _BISQUARE = 4.7
-_MAD = 1.4826
 
 
 def basis(rays: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -40,7 +39,7 @@ def robust_quadric(
         normal = weighted.T @ terms + 1e-9 * len(values) * np.eye(6)
         fitted = np.linalg.solve(normal, weighted.T @ values)
         misfit = values - terms @ fitted
-        spread = _MAD * median(np.abs(misfit)) + 1e-9
+        spread = NORMAL_SPREAD * median(np.abs(misfit)) + 1e-9
         weight = np.square(np.clip(1 - np.square(misfit / (_BISQUARE * spread)), 0, None))
     x, y = scale
     return fitted / [1, x, y, x * x, x * y, y * y]

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.median import median
+from ftp_dent_ros.median import NORMAL_SPREAD, median
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.bins.windows import Windows
 
@@ -17,7 +17,6 @@ from ftp_dent_ros.profilometry.least_squares.bins.windows import Windows
 # else than fringes; at the rim, where it may lie half beside the surface, less is allowed.
 _MISFIT, _MISFIT_NOISE = 0.25, 4.0
 _RIM_MISFIT, _RIM_NOISE = 0.08, 4.0
-_MAD = 1.4826
 # Times the misfit allowed at the rim by which a bin's light must differ from the dark, and the
 # most of that, amplitudes.
 _LIT, _LIT_MOST = 2.0, 1.0
@@ -55,7 +54,7 @@ def on_surface(
     """
     size = np.abs(misfit)
     sample = size[::_EVERY, ::_EVERY_COLUMN][mask[::_EVERY, ::_EVERY_COLUMN]]
-    noise = _MAD * median(sample) if len(sample) else 0.0
+    noise = NORMAL_SPREAD * median(sample) if len(sample) else 0.0
     good = (size < max(_MISFIT, _MISFIT_NOISE * noise)) & allowed
     closing = np.ones((5, _across(period)), np.uint8)
     body: Any = (good | (clipped & allowed)).view(np.uint8)
