@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
-from scipy.spatial.distance import cdist
 from sensor_msgs.msg import PointCloud2
 
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.demonstration.appraisal import clouds_of
+from ftp_dent_ros.demonstration.list_check import check_list
 from ftp_dent_ros.inspection.reporting.content import Report
 from ftp_dent_ros.inspection.tracking.sightings import ListedDent
 from ftp_dent_ros.pose import Pose
@@ -24,12 +25,8 @@ from ftp_dent_ros.simulation.truth import TrueDent, is_at_lap, true_dents
 from ftp_dent_ros.simulation.world import World
 
 _MM = 1e3
-# Standard uncertainties that a place may be off by: of three axes, 97 in 100 are not.
-_SIGMAS = 3.0
 # How far a step may be told beside the lap's edge, metres: a row of rivets' step.
 _SEAM = 0.025
-# After so many, whose dent is whose changes no more.
-_ROUNDS = 4
 
 
 @dataclass(frozen=True)
@@ -49,9 +46,9 @@ class DentAppraisal:
     depth_error_mm, length_error_mm, width_error_mm : float
         Largest absolute error of the combined measurements of dents that were seen whole.
     dents_in_list, dents_false_in_list, dents_twice_in_list : int
-        What the node's own list held at the end; what of it is no true dent, within what the list
-        states of its places; and what is one that it has already: where photographs lie too far
-        apart, the autopilot's poses alone do not tell that.
+        What the node's own list held at the end; what of it is no true dent by its place and
+        sizes; and what is one that it has already: where photographs lie too far apart, the
+        autopilot's poses alone do not tell that.
     clouds_not_inspected : int
     others, others_false : int
         Reported as something else than a dent, and of these where there is neither a dent nor,
@@ -136,8 +133,8 @@ def appraise_dents(
         if is_dent and not entry.dent.is_cut:
             errors.append(_errors(entry, truth[index]))
     whole = {index for index, _ in expected}
-    places, deviations = _last_list(bag)
-    false_in_list, twice_in_list = _against(places, deviations, truth)
+    listed_by_node = _last_list(bag)
+    false_in_list, twice_in_list = check_list(listed_by_node, truth)
     worst = np.abs(errors).max(axis=0) * _MM if errors else np.full(3, np.nan)
     return DentAppraisal(
         dents=len(whole),
@@ -149,7 +146,7 @@ def appraise_dents(
         depth_error_mm=float(worst[0]),
         length_error_mm=float(worst[1]),
         width_error_mm=float(worst[2]),
-        dents_in_list=len(places),
+        dents_in_list=len(listed_by_node),
         dents_false_in_list=false_in_list,
         dents_twice_in_list=twice_in_list,
         clouds_not_inspected=len(report.refused),
@@ -197,35 +194,10 @@ def _errors(entry: ListedDent, true: TrueDent) -> tuple[float, float, float]:
     )
 
 
-def _against(
-    places: NDArray[np.float64], deviations: NDArray[np.float64], truth: Sequence[TrueDent]
-) -> tuple[int, int]:
-    """How many places are of no true dent, within what they state, and of one that has another.
-
-    The autopilot's error that all have in common is taken off before the nearest is looked for.
-    """
-    if not len(places) or not truth:
-        return len(places), 0
-    true = np.stack([each.position for each in truth])
-    shift = np.zeros(3)
-    for _ in range(_ROUNDS):
-        nearest = cdist(places - shift, true).argmin(axis=1)
-        shift = np.median(places - true[nearest], axis=0)
-    apart = np.linalg.norm(places - true[nearest], axis=1)
-    is_false = apart > np.array([truth[i].length / 2 for i in nearest]) + _SIGMAS * deviations
-    told = nearest[~is_false]
-    return int(is_false.sum()), len(told) - len(set(told.tolist()))
-
-
-def _last_list(bag: Bag) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Dents in the last list that the node published: places, (n, 3), and their deviations, (n,).
-
-    A deviation is a place's standard uncertainty in the map along one axis, metres.
-    """
+def _last_list(bag: Bag) -> NDArray[Any]:
+    """Dents in the last list that the node published, as of `dents_from_message`; none before."""
     if not bag.metadata.message_counts.get('/dents/list', 0):
-        return np.zeros((0, 3)), np.zeros(0)
+        return np.zeros(0)
     *_, last = bag.messages(['/dents/list'])
     dents = dents_from_message(deserialize_message(last.data, PointCloud2))
-    dents = dents[dents['kind'] == KINDS.index('dent')]
-    places = np.stack([dents[axis] for axis in 'xyz'], axis=-1).astype(float)
-    return places, dents['position_uncertainty'].astype(float)
+    return dents[dents['kind'] == KINDS.index('dent')]
