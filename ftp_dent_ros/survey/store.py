@@ -2,26 +2,18 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sqlite3
-import time
 import zlib
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.files import check_writable
-from ftp_dent_ros.inspection.plain import dent_from_plain, dent_to_plain
-from ftp_dent_ros.inspection.settings import Settings
-from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.survey.result import CoverageCells, Relief, SurveyedDent, SurveyResult
+from ftp_dent_ros.survey.result import SurveyResult
+from ftp_dent_ros.survey.store_rows import result_of, rows_of, survey_row
 
 # "FtpD", in the file's header; and of the tables below.
 _APPLICATION, VERSION = 0x46747044, 2
@@ -42,7 +34,6 @@ _TABLES = {
 }
 # Those that files of the version before lack, which are read as they are.
 _SINCE_1 = ('reliefs',)
-_CELLS = {'positions': '<f4', 'findable': '<f4', 'noise': '<f4', 'views': '<i8', 'best': '<i8'}
 
 
 class Store:
@@ -67,44 +58,9 @@ class Store:
         """
         with self._opened() as file:
             _refuse_known(self.path, result.name, _names(file))
-            settings = json.dumps(asdict(result.settings))
-            row = (
-                *(result.name, result.taken_ns, time.time_ns(), result.frame_id),
-                *(json.dumps(result.sources), settings, result.rig_id, result.software),
-            )
-            marks = ', '.join('?' * len(row))
-            added = file.execute(f'INSERT INTO surveys VALUES (NULL, {marks})', row)
-            survey = added.lastrowid
-            poses = zip(result.stamps_ns, result.poses, result.covariances, strict=True)
-            file.executemany(
-                f'INSERT INTO poses VALUES ({", ".join("?" * 10)})',
-                [
-                    (survey, stamp, *p.translation.tolist(), *p.quaternion.tolist(), _bytes(c))
-                    for stamp, p, c in poses
-                ],
-            )
-            file.executemany(
-                f'INSERT INTO dents VALUES ({", ".join("?" * 12)})',
-                [(survey, *_dent_row(each)) for each in result.dents],
-            )
-            reliefs = [(d.number, d.relief) for d in result.dents if d.relief is not None]
-            file.executemany(
-                'INSERT INTO reliefs VALUES (?, ?, ?, ?, ?)',
-                [
-                    (survey, number, each.spacing, each.heights.shape[1], _packed(each.heights))
-                    for number, each in reliefs
-                ],
-            )
-            cells = result.coverage
-            if cells is not None:
-                packed = [
-                    zlib.compress(np.asarray(getattr(cells, name), kind).tobytes())
-                    for name, kind in _CELLS.items()
-                ]
-                marks = ', '.join('?' * (2 + len(packed)))
-                file.execute(
-                    f'INSERT INTO coverage VALUES ({marks})', (survey, cells.size, *packed)
-                )
+            survey = _insert(file, 'surveys', (None,), [survey_row(result)])
+            for table, rows in rows_of(result).items():
+                _insert(file, table, (survey,), rows)
 
     def names(self) -> tuple[str, ...]:
         """Names of the surveys, in the order of their flights.
@@ -153,7 +109,7 @@ class Store:
                 for table in ('poses', 'dents', 'coverage', 'reliefs')
             }
         try:
-            return _result(survey, **found)
+            return result_of(survey, **found)
         except (ValueError, KeyError, TypeError, zlib.error) as reason:
             raise ConfigurationError(
                 f'{self.path}: the survey {name!r} is damaged ({reason}): take a copy of the file'
@@ -229,65 +185,13 @@ def _make(file: sqlite3.Connection, tables: Iterable[str]) -> None:
             )
 
 
-def _dent_row(each: SurveyedDent) -> tuple[Any, ...]:
-    dent = each.dent
-    sizes = (dent.length.value, dent.width.value, dent.depth.value)
-    place = (float(value) for value in dent.position)
-    spread = _bytes(each.position_covariance)
-    record = json.dumps(dent_to_plain(dent))
-    return (each.number, dent.kind, *place, *map(float, sizes), each.sightings, spread, record)
-
-
-def _result(
-    survey: Any, poses: list[Any], dents: list[Any], coverage: list[Any], reliefs: list[Any]
-) -> SurveyResult:
-    about = {row['number']: _relief(row) for row in reliefs}
-    return SurveyResult(
-        name=survey['name'],
-        sources=tuple(json.loads(survey['sources'])),
-        taken_ns=survey['taken_ns'],
-        frame_id=survey['frame_id'],
-        dents=tuple(
-            SurveyedDent(
-                row['number'],
-                dent_from_plain(json.loads(row['record'])),
-                _floats(row['position_covariance']).reshape(3, 3),
-                row['sightings'],
-                about.get(row['number']),
-            )
-            for row in dents
-        ),
-        stamps_ns=tuple(row['stamp_ns'] for row in poses),
-        poses=tuple(
-            Pose.from_quaternion([row[f'q{axis}'] for axis in 'xyzw'], [row[a] for a in 'xyz'])
-            for row in poses
-        ),
-        covariances=np.array([_floats(row['covariance']) for row in poses]).reshape(-1, 6, 6),
-        coverage=_cells(coverage[0]) if coverage else None,
-        settings=Settings(**json.loads(survey['settings'])),
-        rig_id=survey['rig_id'],
-        software=survey['software'],
-    )
-
-
-def _cells(row: Any) -> CoverageCells:
-    values = {name: np.frombuffer(zlib.decompress(row[name]), k) for name, k in _CELLS.items()}
-    values['positions'] = values['positions'].reshape(-1, 3)
-    return CoverageCells(row['size'], **values)
-
-
-def _relief(row: Any) -> Relief:
-    heights = np.frombuffer(zlib.decompress(row['heights']), '<f4')
-    return Relief(row['spacing'], heights.reshape(-1, row['columns']))
-
-
-def _packed(values: NDArray[np.float32]) -> bytes:
-    return zlib.compress(np.asarray(values, '<f4').tobytes())
-
-
-def _bytes(values: NDArray[np.float64]) -> bytes:
-    return np.asarray(values, '<f8').tobytes()
-
-
-def _floats(data: bytes) -> NDArray[np.float64]:
-    return np.frombuffer(data, '<f8').copy()
+def _insert(
+    file: sqlite3.Connection, table: str, first: tuple[Any, ...], rows: Iterable[tuple[Any, ...]]
+) -> int | None:
+    """Add rows, each after the same first values; the number of the last one."""
+    last = None
+    for row in rows:
+        values = (*first, *row)
+        marks = ', '.join('?' * len(values))
+        last = file.execute(f'INSERT INTO {table} VALUES ({marks})', values).lastrowid
+    return last

@@ -4,23 +4,20 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.errors import ConfigurationError, PoseError
 from ftp_dent_ros.inspection.dent import MeasuredDent
 from ftp_dent_ros.inspection.observation import SAME
+from ftp_dent_ros.inspection.tracking.corrections import common_move, is_off, placed, unmoved
 from ftp_dent_ros.inspection.tracking.dent_list import DentList
 from ftp_dent_ros.inspection.tracking.glass import Spot
 from ftp_dent_ros.inspection.tracking.journal import Correction, Entry, Journal
 from ftp_dent_ros.inspection.tracking.sightings import ListedDent
 from ftp_dent_ros.pose import Pose
 
-# What a dent has to be off by for its frame to be placed anew: no pose is better, metres.
-_OFF = 1e-3
 # A state of the list is kept before every so many frames: to begin a correction there.
 _EVERY = 8
 
@@ -154,30 +151,30 @@ class KeptList:
         used = {
             entry.stamp_ns: poses[entry.stamp_ns]
             for entry in self._taken
-            if entry.stamp_ns in poses and _is_off(entry, poses[entry.stamp_ns])
+            if entry.stamp_ns in poses and is_off(entry, poses[entry.stamp_ns])
         }
         if not used:
             return used
-        placed = [_placed(entry, used.get(entry.stamp_ns, entry.pose)) for entry in self._taken]
+        there = [placed(entry, used.get(entry.stamp_ns, entry.pose)) for entry in self._taken]
         # Either the first ones stay where they are, or all move as one.
         move, same = max(
             (
-                (move, _alike(self._taken, placed, move))
-                for move in (SAME, _common(self._taken, placed))
+                (move, unmoved(self._taken, there, move))
+                for move in (SAME, common_move(self._taken, there))
             ),
             key=lambda each: each[1],
         )
-        if same == len(placed):
+        if same == len(there):
             self._list = self._list.moved(move)
             self._before = [(each, move @ moved) for each, moved in self._before]
-            self._taken = placed
+            self._taken = there
             return used
         first = same // _EVERY
         start, moved = self._before[first]
         self._list = start.moved(move @ moved).numbered_as(self._list)
         self._before = [(each, move @ moved) for each, moved in self._before[:first]]
-        self._taken = placed[: first * _EVERY]
-        for entry in placed[first * _EVERY :]:
+        self._taken = there[: first * _EVERY]
+        for entry in there[first * _EVERY :]:
             self._add(entry)
         return used
 
@@ -202,47 +199,6 @@ class KeptList:
                 'already seen',
             )
         self.frame_id, self.stamp_ns = entry.frame_id, entry.stamp_ns
-
-
-def _is_off(entry: Entry, pose: Pose) -> bool:
-    """Whether another pose puts a cloud's dents elsewhere."""
-    move = pose @ entry.pose.inverse()
-    places = _places([entry])
-    return bool((np.linalg.norm(move.apply(places) - places, axis=1) > _OFF).any())
-
-
-def _placed(entry: Entry, pose: Pose) -> Entry:
-    if pose is entry.pose:
-        return entry
-    move = pose @ entry.pose.inverse()
-    dents = tuple(dent.transformed(move) for dent in entry.dents)
-    return replace(entry, dents=dents, pose=pose)
-
-
-def _places(entries: Sequence[Entry]) -> NDArray[np.float64]:
-    """Of all dents, shape (n, 3)."""
-    return np.array([dent.position for each in entries for dent in each.dents]).reshape(-1, 3)
-
-
-def _common(before: Sequence[Entry], after: Sequence[Entry]) -> Pose:
-    """The move that carries all dents as one, in the mean."""
-    old, new = _places(before), _places(after)
-    middle, there = old.mean(axis=0), new.mean(axis=0)
-    # A turn that nothing tells is none.
-    held = 1e-3 * np.eye(3)
-    turn, _ = Rotation.align_vectors(
-        np.concatenate([new - there, held]), np.concatenate([old - middle, held])
-    )
-    return Pose(turn, there - turn.apply(middle))
-
-
-def _alike(before: Sequence[Entry], after: Sequence[Entry], move: Pose) -> int:
-    """How many of the first clouds a move of all puts where they are to be."""
-    for index, (old, new) in enumerate(zip(before, after, strict=True)):
-        off = move.apply(_places([old])) - _places([new])
-        if (np.linalg.norm(off, axis=1) > _OFF).any():
-            return index
-    return len(before)
 
 
 def _other_frame(what: str, frame_id: str, own: str) -> PoseError:

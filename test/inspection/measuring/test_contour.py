@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from ftp_dent_ros.inspection.measuring.skin.contour import first_contour
+from ftp_dent_ros.inspection.measuring.skin.contour_fit import first_contour
 
 
 def patch(radius):

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.inspection.measuring.places.evidence import by_chance, threshold
-from ftp_dent_ros.inspection.measuring.skin.contour import Contour, refined
+from ftp_dent_ros.inspection.measuring.skin.contour import Contour
+from ftp_dent_ros.inspection.measuring.skin.contour_fit import refined
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.skin.noise import Noise, measured_noise, smoothed
 from ftp_dent_ros.inspection.measuring.skin.panels import Panel

@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.inspection.measuring.skin.contour import Contour, first_contour
+from ftp_dent_ros.inspection.measuring.skin.contour import Contour
+from ftp_dent_ros.inspection.measuring.skin.contour_fit import first_contour
 from ftp_dent_ros.inspection.measuring.skin.gaps import GAP, gaps_of
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.skin.noise import median_of

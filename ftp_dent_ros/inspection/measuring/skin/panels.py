@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.inspection.measuring.skin.continuation import depths_of, islands, joined
-from ftp_dent_ros.inspection.measuring.skin.contour import Contour, first_contour, richer_contour
+from ftp_dent_ros.inspection.measuring.skin.contour import Contour
+from ftp_dent_ros.inspection.measuring.skin.contour_fit import first_contour, richer_contour
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.skin.noise import rough_noise, smoothed
 from ftp_dent_ros.inspection.settings import Settings
