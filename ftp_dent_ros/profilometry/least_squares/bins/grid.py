@@ -7,12 +7,13 @@ fine enough to hold what is left of them after demodulation.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from ftp_dent_ros.profilometry.least_squares.bins.averages import boxes, weights_in_blocks
 
 # Pixels a bin holds along v, along which the fringes hardly change: as a share of a fringe.
 _LEAST_ROWS, _MOST_ROWS = 4, 6
@@ -27,8 +28,8 @@ _NODE_ORDER = 3
 # A lattice has every second pixel along u: cubics through four keep its fringes off those of
 # half the sampling frequency beyond, which averages alone let through by a two-hundredth.
 _BETWEEN = np.array([-1, 0, 9, 16, 9, 0, -1]) / 16
-# Nodes that one product of matrices makes, and rows of bins that stay in the cache.
-_BLOCK, _STRIP = 16, 24
+# Rows of bins that stay in the cache.
+_STRIP = 24
 
 
 @dataclass(frozen=True)
@@ -113,7 +114,7 @@ class Grid:
         """Averages of one channel of `binned_along_v` over the bins along u."""
         if self.step == 1:
             return lines
-        return self._averaged_along_u(lines, _boxes(self.step, _ORDER))
+        return self._averaged_along_u(lines, boxes(self.step, _ORDER))
 
     def binned_lattice(
         self, mosaic: NDArray, first_row: int, first_column: int
@@ -154,7 +155,7 @@ class Grid:
         sparse = np.zeros((rows + 1, columns * self.step), np.float32)
         sparse[:-1, first_column::2] = mean
         sparse[-1, first_column::2] = 1
-        taps = np.convolve(_BETWEEN, _boxes(self.step, _ORDER))
+        taps = np.convolve(_BETWEEN, boxes(self.step, _ORDER))
         averages = self._averaged_along_u(sparse, taps)
         return averages[:-1] / averages[-1]
 
@@ -176,7 +177,7 @@ class Grid:
         density : float
             Power density at `period` bins, over the mean of all: averages are not white.
         """
-        taps = _boxes(self.step, _ORDER)
+        taps = boxes(self.step, _ORDER)
         turn = 2 * np.pi / (self.step * period) * np.arange(len(taps))
         power = np.square(taps @ np.cos(turn)) + np.square(taps @ np.sin(turn))
         square = np.square(taps).sum()
@@ -201,7 +202,7 @@ class Grid:
         rows = bins.reshape(-1, columns)
         result = np.empty((len(rows), columns // self.bins), np.float32)
         # Products of matrices decimate as they average.
-        for nodes, needed, weights in _averages(self.bins, columns):
+        for nodes, needed, weights in weights_in_blocks(self.bins, columns, _NODE_ORDER):
             np.matmul(rows[:, needed], weights, out=result[:, nodes])
         return result.reshape(*bins.shape[:-1], -1)
 
@@ -228,32 +229,3 @@ class Grid:
 
 def _centres(count: int, pitch: int) -> NDArray[np.float64]:
     return pitch * np.arange(count, dtype=float) + (pitch - 1) / 2
-
-
-@lru_cache(maxsize=16)
-def _averages(bins: int, columns: int) -> tuple[tuple[slice, slice, NDArray[np.float32]], ...]:
-    """For blocks of nodes: the nodes, the bins that they need, and the weights."""
-    taps = _boxes(bins, _NODE_ORDER)
-    before = len(taps) // 2 - bins // 2
-    blocks = []
-    for first in range(0, columns // bins, _BLOCK):
-        count = min(_BLOCK, columns // bins - first)
-        weights = np.zeros((columns + 2 * len(taps), count), np.float32)
-        for node in range(count):
-            start = (first + node) * bins - before + len(taps)
-            weights[start : start + len(taps), node] = taps
-        weights = weights[len(taps) : -len(taps)]
-        used = np.flatnonzero(weights.any(axis=1))
-        needed = slice(int(used[0]), int(used[-1]) + 1)
-        nodes = slice(first, first + count)
-        blocks.append((nodes, needed, np.ascontiguousarray(weights[needed])))
-    return tuple(blocks)
-
-
-@lru_cache(maxsize=16)
-def _boxes(size: int, order: int) -> NDArray[np.floating]:
-    """Weights of averages over `size`, taken `order` times."""
-    taps = np.ones(1)
-    for _ in range(order):
-        taps = np.convolve(taps, np.full(size, 1 / size))
-    return taps

@@ -20,10 +20,8 @@ from ftp_dent_ros.code_sequences import SEQUENCES
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.bins.intensity_bins import IntensityBins
+from ftp_dent_ros.profilometry.least_squares.code.fringe_contrast import fringe_contrasts
 
-_TURN = 2 * math.pi
-# Share of a fringe that must be seen for a contrast, and of a cosine's variation that is left.
-_WHOLE, _VARIATION = 0.8, 0.15
 # Pixel rows whose contrasts are averaged.
 _AVERAGED = 20.0
 # Standard deviation of the contrast's logarithm by what is no noise: dirt, blur, a camera's curve.
@@ -118,45 +116,16 @@ class ContrastSteps:
         top, bottom = rows[0], rows[-1] + 1
         columns = np.flatnonzero(inside.any(axis=0))
         part = slice(top, bottom), slice(columns[0], columns[-1] + 1)
-        phase, inside, grey = phase[part], inside[part], light.grey[part]
-        turns = np.floor(phase * np.float32(1 / _TURN) + np.float32(0.25)).astype(np.int32)
-        seen = inside & ~light.clipped[part]
-        begins = np.ones(phase.shape, bool)
-        begins[:, 1:] = (turns[:, 1:] != turns[:, :-1]) | (inside[:, 1:] != inside[:, :-1])
-        start = np.flatnonzero(begins)
-        last = np.append(start[1:], phase.size) - 1
-        in_region = inside.ravel()[start]
-        weight = seen.astype(np.float32)
-        cosine = np.cos(phase) * weight
-        level = grey * weight
-
-        def total(values):
-            return np.add.reduceat(values.ravel(), start)[in_region]
-
-        n, c, cc = total(weight), total(cosine), total(cosine * cosine)
-        i, ic, ii = total(level), total(level * cosine), total(level * level)
-        start, last = start[in_region], last[in_region]
-        bins = last - start + 1
-        ends = phase.ravel()
-        span = np.abs(ends[last] - ends[start]) * bins / np.maximum(bins - 1, 1)
-        n = np.maximum(n, 1)
-        variation = cc - c * c / n
-        amplitude = (ic - i * c / n) / np.maximum(variation, 1e-3)
-        mean = (i - amplitude * c) / n
-        good = (span > _WHOLE * _TURN) & (n > _WHOLE * bins) & (variation > _VARIATION * n)
-        good &= (amplitude > 1) & (mean > 1)
-        rest = ii - i * i / n - amplitude * amplitude * variation
-        variance = np.maximum(rest, 0) / np.maximum(n - 2, 1) / np.maximum(variation, 1e-3)
-        if not good.any():
+        seen = inside[part] & ~light.clipped[part]
+        found = fringe_contrasts(light.grey[part], phase[part], inside[part], seen)
+        if not len(found.row):
             return None
-        amplitude, mean, variance = amplitude[good], mean[good], variance[good]
-        start, last = start[good], last[good]
-        row, order = start // phase.shape[1], turns.ravel()[start]
+        row, order = found.row, found.order
         first = int(order.min())
-        shape = len(phase), int(order.max()) - first + 1
-        inverse = 1 / (variance / np.square(amplitude) + _SCATTER**2)
+        shape = int(bottom - top), int(order.max()) - first + 1
+        inverse = 1 / (found.variance + _SCATTER**2)
         contrast, weight = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
-        contrast[row, order - first] = inverse * np.log(amplitude / mean)
+        contrast[row, order - first] = inverse * found.logarithm
         weight[row, order - first] = inverse
         size = 2 * int(_AVERAGED / grid.rows / 2) + 1
         sums: Any = cv2.blur(weight, (1, size), borderType=cv2.BORDER_CONSTANT)

@@ -12,11 +12,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.pattern import Pattern, fringe_order
+from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.bins.intensity_bins import IntensityBins
 from ftp_dent_ros.profilometry.least_squares.code.contrast_code import WORD, ContrastSteps
 from ftp_dent_ros.profilometry.least_squares.fit.regions import SMALLEST
+from ftp_dent_ros.profilometry.least_squares.fringe_orders.choices import at_nodes, parted
 from ftp_dent_ros.profilometry.least_squares.fringe_orders.doubted_pieces import (
     SCATTER,
     around,
@@ -27,7 +28,6 @@ from ftp_dent_ros.profilometry.least_squares.fringe_orders.doubted_pieces import
 from ftp_dent_ros.profilometry.least_squares.fringe_orders.pieces import (
     continuous,
     pieces,
-    touching,
 )
 from ftp_dent_ros.profilometry.pattern_check import other_code
 
@@ -41,9 +41,6 @@ _BLIND, _TIMES = 0.5, (1, 3, 9)
 _WRONG_IN_NOISE = 0.45
 # Orders of one part.
 _MOST = 6
-# Fringes, and pixel rows, that are left out where one order passes into another: the contrasts of
-# both sides are averaged there.
-_BAND, _BAND_ROWS = 2.5, 14.0
 # Share of a part that its code tells at least.
 _TOLD = 0.5
 # Square misfit of one step, in steps of the code, that is nearer to another order's.
@@ -156,7 +153,8 @@ class Numbering:
         misfit = self._of_choice(steps, scales, choice)
         # Single steps tell where noise leaves less than another order would.
         foreign = (misfit > _FOREIGN) & (least <= _WRONG)
-        label = self._at_nodes(choice, foreign, steps, phase, region, times)
+        choice = parted(choice, foreign, self.grid, times)
+        label = at_nodes(choice, steps, phase, region)
         regions = []
         for index in range(len(orders)):
             for piece in pieces(label == index):
@@ -219,33 +217,6 @@ class Numbering:
         for index, (order, scale) in enumerate(scales.items()):
             np.copyto(misfit, steps.misfit(self.pattern, order, scale), where=choice == index)
         return misfit * (steps.weight > 0)
-
-    def _at_nodes(self, choice, foreign, steps, phase, region, times) -> NDArray[np.intp]:
-        """Choice at the nodes of a region; -1 where it changes, and where there is none.
-
-        Steps that are foreign to their choice and hang together with a change are left out too:
-        a corner is finer than what is judged together.
-        """
-        height, fringes = choice.shape
-        band: Any = cv2.dilate(
-            np.pad((choice[:, 1:] != choice[:, :-1]).astype(np.uint8), ((0, 0), (0, 1))),
-            np.ones((1, 2 * round(_BAND) + 1), np.uint8),
-        )
-        rows = 2 * max(round(times * _BAND_ROWS / self.grid.rows), 1) + 1
-        band |= cv2.dilate(
-            np.pad((choice[1:] != choice[:-1]).astype(np.uint8), ((0, 1), (0, 0))),
-            np.ones((rows, 1), np.uint8),
-        )
-        corners = touching(foreign, band > 0).view(np.uint8)
-        band |= cv2.dilate(corners, np.ones((rows, 3), np.uint8))
-        choice = np.where(band > 0, -1, choice)
-        label = np.full(region.shape, -1, np.intp)
-        row, column = np.nonzero(region)
-        place = fringe_order(phase[row, column]) - steps.first
-        inside = (row >= steps.top) & (row < steps.top + height)
-        row, column, place = (each[inside] for each in (row, column, place))
-        label[row, column] = choice[row - steps.top, np.clip(place, 0, fringes - 1)]
-        return label
 
     def _steps(self, light, phase, region) -> ContrastSteps | None:
         """Steps of the contrast in a region."""
