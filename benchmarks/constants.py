@@ -47,12 +47,13 @@ OF_CODE = (
     'rows_check',
     'least_squares/code/',
     *('least_squares/fit/coded_start', 'least_squares/fit/surface_fit'),
-    *('least_squares/fringe_orders/coded_surfaces', 'least_squares/fringe_orders/doubted_pieces'),
+    *('least_squares/fringe_orders/choices', 'least_squares/fringe_orders/coded_surfaces'),
+    'least_squares/fringe_orders/doubted_pieces',
     *('least_squares/fringe_orders/numbering', 'least_squares/fringe_orders/pieces'),
 )
 # Not free: numbers that follow from a definition, and what the reader of a table reads.
 EXACT = {
-    *('_TURN', '_MAD', '_MEDIAN_OF_SQUARE', '_SQUARES', '_INSIDE', '_BESIDE', '_BETWEEN'),
+    *('_TURN', '_MEDIAN_OF_SQUARE', '_SQUARES', '_INSIDE', '_BESIDE', '_BETWEEN'),
     *('_RED_IN_LUMA', '_RED_IN_MOSAIC', '_REMARKABLE', '_WEIGHTS', '_SUMS', 'DIM'),
 }
 
