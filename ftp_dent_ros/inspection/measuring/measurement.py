@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.inspection.dent import Estimate, MeasuredDent, orientation_of
 from ftp_dent_ros.inspection.measuring.hidden import not_at_bottom
+from ftp_dent_ros.inspection.measuring.model_axes import model_axes
 from ftp_dent_ros.inspection.measuring.outlines.bridging import Bridged, bridged
 from ftp_dent_ros.inspection.measuring.outlines.division import divided, looks_compound, parts_of
 from ftp_dent_ros.inspection.measuring.outlines.maxima import DROP, maxima_of
@@ -23,13 +24,7 @@ from ftp_dent_ros.inspection.measuring.places.marks import mark_in
 from ftp_dent_ros.inspection.measuring.places.placement import axis_along, on_skin, profiles_of
 from ftp_dent_ros.inspection.measuring.places.sampling import own_cells, patch_of
 from ftp_dent_ros.inspection.measuring.places.surroundings import Surroundings
-from ftp_dent_ros.inspection.measuring.sizes import (
-    LEVEL,
-    Sizes,
-    model_axes,
-    of_sharp_bottom,
-    sizes_of,
-)
+from ftp_dent_ros.inspection.measuring.sizes import LEVEL, Sizes, of_sharp_bottom, sizes_of
 from ftp_dent_ros.inspection.measuring.skin.gaps import GAP
 from ftp_dent_ros.inspection.measuring.skin.noise import Noise
 from ftp_dent_ros.inspection.settings import Settings

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.inspection.dent import Estimate
 from ftp_dent_ros.inspection.measuring.outlines.bridging import Bridged
-from ftp_dent_ros.inspection.measuring.outlines.dent_model import fit_dent
 from ftp_dent_ros.inspection.measuring.outlines.outline import Outline, find_outline
 from ftp_dent_ros.inspection.measuring.outlines.patch import Patch, sampled
 from ftp_dent_ros.inspection.measuring.outlines.peak import bottom_of
@@ -45,10 +44,7 @@ _DEEPER, _PARTED = 1.5, 0.6
 # flanks that are straight (0.13) and that die out with their square (0.20); and, if it cannot be
 # seen whether they meet, of anything from a round bottom (0) on. Middle and half of the range.
 _KINK, _ANY = (0.18, 0.04), (0.11, 0.11)
-_MODEL_CELLS = 22
 _LEAST = 1e-12  # metres: no division by zero
-# Eq. 18 at 10 % of its depth, as a part of its axes.
-_OF_AXES = 0.835
 
 Vector = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -197,30 +193,6 @@ def of_sharp_bottom(sizes: Sizes, resolution: float, is_resolved: bool) -> Sizes
     # A range is its half over the root of three uncertain.
     unsure = math.hypot(sizes.depth.uncertainty, within / math.sqrt(3) * part * value)
     return replace(sizes, depth=Estimate(value, unsure))
-
-
-def model_axes(
-    sizes: Sizes, patch: Patch, region: Mask | None, correlated_area: float
-) -> tuple[Estimate, Estimate]:
-    """Full axes of the dent function (eq. 18) that lies closest to the patch, the longer first.
-
-    Neighbours are left out. Not measured where the patch does not determine the function.
-    """
-    every = math.ceil(max(patch.depth.shape) / _MODEL_CELLS)
-    thin = slice(None, None, every), slice(None, None, every)
-    known = patch.known if region is None else patch.known & region
-    x, y = np.meshgrid(patch.x[thin[1]], patch.y[thin[0]])
-    half = [math.log(each.value / 2 / _OF_AXES) for each in (sizes.length, sizes.width)]
-    start = np.array([*sizes.outline.centre, *half, sizes.angle, sizes.depth.value])
-    cells = correlated_area / (every * patch.step) ** 2
-    model = fit_dent(x, y, patch.depth[thin], known[thin], start, cells)
-    if not model.is_determined:
-        return Estimate(math.nan, math.nan), Estimate(math.nan, math.nan)
-    (length, width), (length_error, width_error) = model.axes, model.axes_uncertainty
-    return (
-        Estimate(length, math.hypot(length_error, sizes.length.uncertainty)),
-        Estimate(width, math.hypot(width_error, sizes.width.uncertainty)),
-    )
 
 
 def _turn(length: float, width: float, u_length: float, u_width: float) -> float:

@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 from ftp_dent_ros.inspection.clearance import with_clearances
 from ftp_dent_ros.inspection.dent import MeasuredDent
 from ftp_dent_ros.inspection.observation import SAME
-from ftp_dent_ros.inspection.tracking.constellation import find_match
 from ftp_dent_ros.inspection.tracking.doubles import doubles
 from ftp_dent_ros.inspection.tracking.given import Given
 from ftp_dent_ros.inspection.tracking.glass import Glass, Seen, Spot
-from ftp_dent_ros.inspection.tracking.moves import move_about
+from ftp_dent_ros.inspection.tracking.groups import expected_move, groups_shown
 from ftp_dent_ros.inspection.tracking.pairing import Entry, paired
 from ftp_dent_ros.inspection.tracking.parts import without_parts
 from ftp_dent_ros.inspection.tracking.pose_errors import (
@@ -26,9 +25,6 @@ from ftp_dent_ros.inspection.tracking.pose_errors import (
 )
 from ftp_dent_ros.inspection.tracking.sightings import ListedDent, Sighting, listed
 from ftp_dent_ros.pose import Pose
-
-# Part of a pose's error that the frame before had too: estimators drift, they do not jump.
-_SHARED = 0.8
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,9 +180,12 @@ class DentList:
         repeats = [given.repeats[index] for index in kept]
         pivot = np.zeros(3) if pose is None else pose.translation
         doubt = known_covariance(covariance)
-        expected = self._expected(pivot)
-        matches = self._matches(dents, pivot, doubt, expected)
-        move = matches[0][1] if matches else expected
+        expected = expected_move(self._error, pivot)
+        known: dict[int, list[MeasuredDent]] = {}
+        for entry in self._entries:
+            known.setdefault(entry.group, []).append(entry.dent)
+        matches = groups_shown(dents, known, pivot, doubt, expected)
+        move = matches[0][1] if matches else SAME if expected is None else expected
         self._error = error_of(move, pivot)
         seen = [
             Sighting(
@@ -215,36 +214,6 @@ class DentList:
             self._numbers += 1
             self._begun[frame, index] = self._numbers
         return self._begun[frame, index]
-
-    def _expected(self, pivot: NDArray[np.float64]) -> Pose:
-        """Where a frame lies if its pose errs as the one before did."""
-        if self._error is None or not self._error.any():
-            return SAME
-        return move_about(_SHARED * self._error, pivot)
-
-    def _matches(
-        self,
-        dents: Sequence[MeasuredDent],
-        pivot: NDArray[np.float64],
-        doubt: NDArray[np.float64],
-        expected: Pose,
-    ) -> list[tuple[int, Pose]]:
-        """Groups that the frame shows, and the move onto each, the surest first."""
-        found = []
-        # This pose errs nearly as the one before; or both err, each by itself.
-        ways = [(expected, (1 - _SHARED**2) * doubt)] if self._error is not None else []
-        ways.append((SAME, 2 * doubt))
-        for group in sorted({entry.group for entry in self._entries}):
-            known = [entry.dent for entry in self._entries if entry.group == group]
-            for start, spread in ways:
-                moved = dents if start is SAME else [dent.transformed(start) for dent in dents]
-                match = find_match(moved, known, pivot, spread)
-                if match is not None:
-                    found.append((match.odds, group, match.move @ start))
-        best = {group: max(o for o, g, _ in found if g == group) for _, group, _ in found}
-        found = [each for each in found if each[0] == best[each[1]]]
-        found.sort(key=lambda each: -each[0])
-        return [(group, move) for _, group, move in found]
 
     def _joined(self, matches: list[tuple[int, Pose]]) -> int:
         """The group that a frame belongs to, after it has made one of all those that it shows."""

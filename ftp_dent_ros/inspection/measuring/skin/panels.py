@@ -13,6 +13,11 @@ from ftp_dent_ros.inspection.measuring.skin.contour import Contour
 from ftp_dent_ros.inspection.measuring.skin.contour_fit import first_contour, richer_contour
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.skin.noise import rough_noise, smoothed
+from ftp_dent_ros.inspection.measuring.skin.second_panel import (
+    Mask,
+    another_panel,
+    is_stepped,
+)
 from ftp_dent_ros.inspection.settings import Settings
 
 # A neighbour so many spacings away is on another panel.
@@ -20,24 +25,13 @@ _JUMP = 4.0
 # Side of the smallest panel in smallest widths.
 _SMALLEST = 3.0
 _SMALLEST_SECOND = 4.0
-# Part of a panel that one plane beside the first panel's contour has to explain.
-_EXPLAINED = 0.6
-# Part of a step by which what is measured with few wavelengths rings beside it (Gibbs).
-_RINGING = 0.09
-# Cells across the middle of the narrowest second panel, without its rim of two.
-_NARROWEST = 5
 _MOST = 8
-# Part of a second panel's height that is risen within a cell's neighbours at its border.
-_STEPPED = 0.55
 # Cells that a first contour is fitted to some of, about.
 _FITTED = 4000
 # Part of the rim that a quadric has to miss before a higher degree is tried.
 _RIM_OFF = 0.3
 # Part of a panel whose contour it is.
 _MOST_AGREE = 0.5
-
-Mask = NDArray[np.bool_]
-Map = NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +132,7 @@ def _split(lattice, region, viewpoint, settings, second, rng) -> list[Panel]:
             off = part & (np.abs(smooth) > tolerance)
         taken = np.zeros_like(part)
         for rest in _parts(off, second):
-            agreed = _another_panel(contour, lattice, deviation, rest, part, tolerance)
+            agreed = another_panel(contour, lattice, deviation, rest, part, tolerance)
             if agreed is not None:
                 queue.append(agreed)
                 taken |= rest
@@ -175,7 +169,7 @@ def _is_met(deviation, part, tolerance, least) -> bool:
         return True
     kernel = np.ones((5, 5), np.uint8)
     cores = ((rest, cv2.erode(rest.astype(np.uint8), kernel) > 0) for rest in _parts(off, least))
-    return any(core.any() and _is_stepped(deviation, rest, core, part) for rest, core in cores)
+    return any(core.any() and is_stepped(deviation, rest, core, part) for rest, core in cores)
 
 
 def _rim_off(deviation, part, tolerance) -> float:
@@ -183,55 +177,6 @@ def _rim_off(deviation, part, tolerance) -> float:
     inner = cv2.erode(part.astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=0) > 0
     strays = np.abs(deviation[part & ~inner]) > tolerance
     return float(strays.mean()) if len(strays) else 0.0
-
-
-def _another_panel(contour, lattice, deviation, rest, part, tolerance) -> Mask | None:
-    """Cells of `rest` on a surface parallel or tilted to the contour, if they are its most."""
-    kernel = np.ones((3, 3), np.uint8)
-    outside = cv2.dilate((~part).astype(np.uint8), kernel, borderValue=1) > 0
-    if not (rest & outside).any() and not _at_frame(rest):
-        return None
-    core = cv2.erode(rest.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
-    if core.sum() < 50:
-        return None
-    if not _is_stepped(deviation, rest, core, part):
-        return None
-    x, y, _ = contour.local(lattice.points[core])
-    depth = deviation[core].astype(float)
-    basis = np.stack([np.ones(len(x)), x, y], axis=1).astype(float)
-    weight = np.ones(len(x))
-    for _ in range(15):
-        weighted = basis * weight[:, None]
-        solution = np.linalg.lstsq(weighted.T @ basis, weighted.T @ depth, rcond=None)[0]
-        left = np.abs(depth - basis @ solution)
-        weight = 1 / np.maximum(left, tolerance / 5)
-    tolerance = max(tolerance, _RINGING * float(np.median(np.abs(depth))))
-    if (left < tolerance).mean() < _EXPLAINED:
-        return None
-    agreed = np.zeros_like(rest)
-    agreed[core] = left < 3 * tolerance
-    # A sliver is the rim's artefact.
-    square = np.ones((_NARROWEST, _NARROWEST), np.uint8)
-    middle = cv2.erode(
-        agreed.astype(np.uint8), square, borderType=cv2.BORDER_CONSTANT, borderValue=0
-    )
-    return agreed if middle.any() else None
-
-
-def _is_stepped(deviation: Map, rest: Mask, core: Mask, part: Mask) -> bool:
-    """Whether cells stand off those around them within a cell or two: waves rise slowly."""
-    kernel = np.ones((3, 3), np.uint8)
-    rise = cv2.dilate(deviation, kernel) - cv2.erode(deviation, kernel)
-    whole = cv2.erode(part.astype(np.uint8), kernel, borderValue=0) > 0
-    steepest = cv2.dilate(np.where(whole, rise, np.float32(0)), np.ones((7, 7), np.uint8))
-    border = (cv2.dilate(rest.astype(np.uint8), kernel) > 0) & ~rest & whole
-    if not border.any():
-        return True
-    return bool(np.median(steepest[border]) > _STEPPED * np.median(np.abs(deviation[core])))
-
-
-def _at_frame(mask: Mask) -> bool:
-    return bool(mask[0].any() or mask[-1].any() or mask[:, 0].any() or mask[:, -1].any())
 
 
 def _jumps(lattice: Lattice) -> Mask:
