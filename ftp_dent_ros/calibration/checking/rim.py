@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
+from scipy.ndimage import map_coordinates, spline_filter
 
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.rig import Rig
@@ -82,6 +82,8 @@ def find_rim(rig: Rig, pattern: Pattern, levels: NDArray, shape: NDArray) -> Rim
     bright = np.arange(
         pattern.stripe_center_px % pattern.period_px, across_fringes, pattern.period_px
     )
+    # Once for all profiles: SciPy would filter the whole photograph for each.
+    cubic = spline_filter(levels)
     pixels, rows, blurs = [], [], []
     for row, inward in ((-0.5, 1.0), (along_fringes - 0.5, -1.0)):
         edge = np.column_stack([bright, np.full(len(bright), row)])
@@ -101,7 +103,9 @@ def find_rim(rig: Rig, pattern: Pattern, levels: NDArray, shape: NDArray) -> Rim
             profile_at[inside],
             strict=True,
         ):
-            profile = map_coordinates(levels, where[:, ::-1].T, order=3)
+            profile = map_coordinates(
+                cubic, where[:, ::-1].T, output=levels.dtype, prefilter=False
+            )
             offset, blur = _step(profile, offsets)
             if np.isfinite(offset):
                 pixels.append(place + offset * way)
