@@ -16,7 +16,8 @@ from ftp_dent_ros.survey.joined import Joined
 from ftp_dent_ros.survey.result import Relief
 from ftp_dent_ros.survey.skin_map.fusion import PIXEL
 
-# Of the skin about a dent: by the dent's own sizes, beside that, metres; and points across it.
+# Of the skin that is kept about a dent: times the dent's own sizes, metres beside them, and points
+# across, at most.
 _BEYOND, _BESIDE, _POINTS = 1.5, 0.006, 80
 
 

@@ -22,11 +22,11 @@ from ftp_dent_ros.survey.result import SurveyedDent
 
 Array = NDArray[np.float64]
 
-# Of the ellipse of the dent's sizes, from which on the skin is undeformed.
+# Times the ellipse of the dent's sizes, from which on the skin is undeformed.
 _OUTSIDE = 1.25
 # Of the dent's points, that both surveys must have; and so many beside it, by those of the dent.
 _LEAST_SHARE, _LEAST_BESIDE = 0.95, 0.3
-# A slide is found in so many steps.
+# Steps in which a slide is found.
 _ROUNDS = 3
 # Within so much of the relief what its points differ by is correlated at most.
 _CORRELATED = 0.25

@@ -23,6 +23,7 @@ def brightness(level: NDArray[np.float32], region: NDArray[np.bool_]) -> NDArray
     Parameters
     ----------
     level : ndarray, shape (rows, columns), float32
+        Grey levels.
     region : ndarray, shape (rows, columns), bool
     """
     sample = level[::_EVERY, ::_EVERY][region[::_EVERY, ::_EVERY]]
@@ -38,7 +39,9 @@ def evened(
     Parameters
     ----------
     levels : ndarray, shape (rows, bins), float32
+        Light of the bins, grey levels.
     bright : ndarray, shape (rows, columns), float32
+        As `brightness` tells it of the nodes.
     grid : Grid
     """
     return levels / np.maximum(grid.at_bins(bright), _DARKEST)

@@ -16,13 +16,21 @@ from ftp_dent_ros.profilometry.least_squares.code.contrast_code import WORD, Con
 _NOISE, SCATTER = 2.0, 4.5
 # Share of a piece's steps that misfit by no more than noise that is usual: their middle does.
 _HALF = 0.5
-_FAINT = 1e-6  # to divide by
+# Least misfit that is divided by, square steps of the code.
+_FAINT = 1e-6
 
 
 def around(
     values: NDArray[np.float32], known: NDArray[np.bool_], rows: int
 ) -> NDArray[np.float32]:
-    """Mean of what is known around each step, over a word and so many rows."""
+    """Mean of what is known around each step, over a word and so many rows.
+
+    Parameters
+    ----------
+    values : ndarray, shape (rows, fringes), float32
+    known : ndarray, shape (rows, fringes), bool
+    rows : int
+    """
     weight = known.astype(np.float32)
     total, count = (
         cv2.blur(each, (WORD - 1, rows), borderType=cv2.BORDER_CONSTANT)
@@ -33,7 +41,15 @@ def around(
 
 
 def most_of(values: NDArray[np.float32], scatter: float) -> float:
-    """What most values stay below, as their better quarter shows."""
+    """What most values stay below, as their better quarter shows.
+
+    Parameters
+    ----------
+    values : ndarray
+        Misfits, none of them negative; at least one.
+    scatter : float
+        Times what the best twentieth leaves less than that quarter, as of `SCATTER`.
+    """
     low, quarter = np.quantile(values, (0.05, 0.25))
     return max(float(_NOISE * quarter), float(quarter + scatter * (quarter - low)))
 

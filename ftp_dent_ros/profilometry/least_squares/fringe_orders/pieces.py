@@ -16,7 +16,12 @@ _JUMP = np.pi / 2
 
 
 def touching(mask: NDArray[np.bool_], others: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """What of a mask hangs together with others."""
+    """What of a mask hangs together with others, by its sides.
+
+    Parameters
+    ----------
+    mask, others : ndarray, shape (rows, columns), bool
+    """
     labels: Any
     count, labels = cv2.connectedComponents((mask | others).view(np.uint8), connectivity=4)
     touching = np.zeros(count, bool)
@@ -29,6 +34,13 @@ def continuous(region: NDArray[np.bool_], phase: NDArray[np.float32]) -> list[ND
     """A region cut where its phase leaps from one row to the next, and at necks of a node or two.
 
     What lies beyond may be numbered rightly all the same, but no one surface goes through both.
+
+    Parameters
+    ----------
+    region : ndarray, shape (rows, columns), bool
+        Nodes.
+    phase : ndarray, shape (rows, columns), float32
+        Of the fringes at the nodes, radians.
     """
     both = region[1:] & region[:-1]
     if not both.any():
@@ -51,7 +63,7 @@ def continuous(region: NDArray[np.bool_], phase: NDArray[np.float32]) -> list[ND
 
 
 def pieces(mask: NDArray[np.bool_]) -> list[NDArray[np.bool_]]:
-    """Connected pieces of a mask that are large enough for a surface."""
+    """Connected pieces of a mask of nodes that are large enough for a surface, of its shape."""
     labels: Any
     count, labels = cv2.connectedComponents(mask.view(np.uint8), connectivity=4)
     sizes = np.bincount(labels.ravel(), minlength=count)
