@@ -11,6 +11,9 @@ from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.median import NORMAL_SPREAD
 
 _ROUND = 32  # points of an outline
+# Standard deviations of the points off a quadric beyond which one is a dent's; the least such
+# deviation, metres.
+_OUTLYING, _LEAST = 2.5, 1e-7
 
 
 def ring(dent: dict[str, Any]) -> NDArray[np.float64]:
@@ -47,7 +50,7 @@ def relief(cloud: Cloud) -> bytes:
     for _ in range(3):  # without the dents themselves
         coefficients, *_ = np.linalg.lstsq(basis[use], z[use], rcond=None)
         off = z - basis @ coefficients
-        use = np.abs(off) <= 2.5 * max(NORMAL_SPREAD * float(np.median(np.abs(off))), 1e-7)
+        use = np.abs(off) <= _OUTLYING * max(NORMAL_SPREAD * float(np.median(np.abs(off))), _LEAST)
     # Away from the camera is into the skin: a dent is positive.
     values = np.column_stack([points - centre, 1e3 * off])
     return values.astype('<f4').tobytes()

@@ -16,6 +16,8 @@ from ftp_dent_ros.inspection.measuring.skin.equations import solved
 # Parts of the depth above which a quadric is fitted, the first that has cells enough.
 _CAPS = 0.9, 0.8, 0.7, 0.6
 _ENOUGH = 24
+# Part of the depth that a good cap's is uncertain by at most, and the deepest cell's without one.
+_GOOD = 0.02
 # Part of what lies around a dent that is not measured, from which on it is cut.
 _OPEN = 0.05
 # Of the depth, for the radius at the bottom, and places along a profile to it.
@@ -104,10 +106,10 @@ def bottom_of(
         usual = math.sqrt(float(here @ here) / len(here))
         found.append(_quadric(patch, rows, columns, at, usual, correlated))
         # Of two good caps the second tells what the choice makes.
-        if len(found) == 2 or found[-1][1] > 0.02 * high:
+        if len(found) == 2 or found[-1][1] > _GOOD * high:
             break
     if not found:
-        return Bottom(high, math.hypot(noise[at], 0.02 * high))
+        return Bottom(high, math.hypot(noise[at], _GOOD * high))
     depth, spread = found[0]
     other = found[-1][0] if len(found) > 1 else depth
     return Bottom(depth, math.hypot(spread, depth - other))

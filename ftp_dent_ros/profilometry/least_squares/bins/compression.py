@@ -25,11 +25,14 @@ _PER_LEVEL = 2
 # Mean cosine of coefficients beyond half a step that are multiples of one: of none it is 0, but
 # for chance, by so many standard deviations.
 _COMB, _SURELY = 0.4, 6.0
-# Steps up to which a tenth of the coefficients of fringes reach at least: fewer teeth are no comb.
-_TEETH = 2.5
+# Steps up to which fringes' coefficients beyond this quantile reach at least: fewer teeth are no
+# comb.
+_TEETH, _STRONG = 2.5, 0.9
 # First frequency along v that fringes hardly have, and how many along v, and along u from 1 on: by
 # how often noise exceeds half a step there. Aslant fringes and dirt add to it: which of it counts.
 _QUIET, _MANY, _LOW = 2, 3, 0.25
+# Share of coefficients beyond half a step from which on they do not tell how noisy they are.
+_MOST_BEYOND = 0.9
 
 
 def jpeg_variance(pixels: NDArray[np.uint8]) -> float:
@@ -45,7 +48,8 @@ def jpeg_variance(pixels: NDArray[np.uint8]) -> float:
         return 0.0
     transform = _cosines()
     along_u = np.abs(blocks.sum(axis=1) @ (transform[0, 0] * transform[1:]).T)
-    reach = np.partition(along_u, int(0.9 * len(along_u)), axis=0)[int(0.9 * len(along_u))]
+    strong = int(_STRONG * len(along_u))
+    reach = np.partition(along_u, strong, axis=0)[strong]
     steps = _steps(along_u, np.minimum(reach / _TEETH, _LARGEST_STEP))
     if not steps.any():
         return 0.0
@@ -104,7 +108,7 @@ def _deviation(coefficients: NDArray[np.float32]) -> float:
     if not step:
         return 0.0
     share = float(np.count_nonzero(coefficients > step / 2)) / len(coefficients)
-    return step / 2 / NormalDist().inv_cdf(1 - min(share, 0.9) / 2)
+    return step / 2 / NormalDist().inv_cdf(1 - min(share, _MOST_BEYOND) / 2)
 
 
 @lru_cache(maxsize=1)
