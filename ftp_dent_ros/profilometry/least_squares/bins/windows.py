@@ -63,6 +63,14 @@ class Windows:
         )
         return mean
 
+    def along_v(self, nodes: NDArray, scale: float) -> NDArray[np.float32]:
+        """Mean weighted by a Gaussian `scale` times as wide as the windows, along v alone."""
+        along_u = np.ones(1, np.float32)
+        mean: Any = cv2.sepFilter2D(
+            nodes, -1, along_u, _kernel(scale * self.sigma_v), borderType=cv2.BORDER_REPLICATE
+        )
+        return mean
+
     def flat_top(self, nodes: NDArray) -> NDArray[np.float32]:
         """Mean weighted by 2 G_s - G_(sqrt(2) s), which leaves cubics as they are."""
         return 2 * self.gaussian(nodes) - self.gaussian(nodes, math.sqrt(2))

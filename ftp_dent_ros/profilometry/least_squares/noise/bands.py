@@ -12,6 +12,9 @@ from ftp_dent_ros.profilometry.least_squares.bins.windows import Windows
 # Standard deviations of the bands' edges, in those of the windows. The bands are differences of
 # flat-tops, which leave nothing of a smooth dent in the finer ones.
 SCALES = (1.4, 2.8, 5.6, 11.2)
+# Standard deviation of the mean along the fringes that leaves a seventeenth of white noise in the
+# finest band, and all of what goes along them; in those of the windows.
+ALONG = 5.6
 
 
 def split(

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ftp_dent_ros.median import median
 from ftp_dent_ros.profilometry.least_squares.bins.windows import Windows, coarsened, interpolated
 from ftp_dent_ros.profilometry.least_squares.noise.albedo import Feigned, without_trend
-from ftp_dent_ros.profilometry.least_squares.noise.bands import SCALES, split
+from ftp_dent_ros.profilometry.least_squares.noise.bands import ALONG, SCALES, split
 from ftp_dent_ros.profilometry.least_squares.noise.noise_gain import NoiseGain
 from ftp_dent_ros.profilometry.least_squares.noise.response import Response
 
@@ -96,7 +96,8 @@ def denoise(
     systematic : float
         Variance that no average lessens, radians^2.
     restoring : bool
-        Whether what the fits leave out is put back where it stands out.
+        Whether the surface is smooth but for some places: what the fits leave out is put back
+        where it stands out, and what goes along the fringes everywhere is noise.
     """
     coarse = Windows(windows.sigma_u / _EVERY, windows.sigma_v / _EVERY)
     together = (_EVERY, _EVERY)
@@ -108,6 +109,7 @@ def denoise(
     feigned_bands, feigned_base = split(by_albedo, windows)
     missed = np.float32(_missed(bands[0], feigned_bands[0], inside))
     *shares, rest = gain.shares
+    *lines, line_rest = gain.lines
     known, with_texture, of_texture = (coarsened(each, together) for each in pixels)
     total = np.maximum(coarsened(variance, together), known)
     # What texture explained is no noise any more.
@@ -117,22 +119,26 @@ def denoise(
     known += 4 * feigned.on_texture * (feigned.on_texture * of_texture - with_texture)
     np.maximum(known, np.float32(_LEAST), out=known)
     np.maximum(total, known, out=total)
+    along = 0.0
+    if restoring:
+        along = _along_fringes_beyond_white(bands, total, inside, windows, gain)
     total *= np.float32(_beyond_white(bands[0], shares[0] * total, inside))
-    left = np.float32(rest) * total
+    left = np.float32(rest + along * line_rest) * total
     left += missed * _energy(feigned_base, coarse, SCALES[-1])
     hidden = np.float32(np.inf)
     coarser = beyond_noise = np.float32(np.inf)
-    of_bands = list(zip(bands, feigned_bands, shares, gain.slopes, SCALES, strict=True))
-    for band, taken, share, slope_share, scale in reversed(of_bands):
+    of_all = (share + along * line for share, line in zip(shares, lines, strict=True))
+    of_bands = list(zip(bands, feigned_bands, shares, of_all, gain.slopes, SCALES, strict=True))
+    for band, taken, share, by_all, slope_share, scale in reversed(of_bands):
         energy = _energy(band, coarse, scale)
         noise = np.float32(share) * known + np.float32(slope_share) * by_slope
         signal = np.maximum(energy - np.float32(NOISE) * noise, 0)
         coarser = beyond_noise
-        beyond_noise = np.maximum(energy - np.float32(NOISE * share) * total, 0)
+        beyond_noise = np.maximum(energy - np.float32(NOISE * by_all) * total, 0)
         # A surface's spectrum falls: no more is hidden in a band than may be in the coarser one.
         hidden = signal + np.minimum(np.float32(_HIDDEN) * noise, hidden)
         weight = signal / (signal + noise)
-        left += np.square(weight) * np.float32(share) * total + np.square(1 - weight) * hidden
+        left += np.square(weight) * np.float32(by_all) * total + np.square(1 - weight) * hidden
         if band is not bands[0]:
             # What is missed of the finest band, that band itself shows.
             left += np.square(weight) * missed * _energy(taken, coarse, scale)
@@ -175,6 +181,24 @@ def _share_of_signal(field, noise, coarse):
     energy = _energy(field, coarse, SCALES[0])
     signal = np.maximum(energy - np.float32(NOISE) * noise, 0)
     return signal / (signal + noise + np.float32(_LEAST))
+
+
+def _along_fringes_beyond_white(bands, variance, inside, windows, gain):
+    """Variance of noise that goes all along the fringes, over that of what is white.
+
+    A mean along the fringes lessens white noise by what is known, and such noise not at all. It
+    shows in both of the finest bands; ripples of the fringes' own period show in one.
+    """
+    some = (slice(None, None, _EVERY), slice(None, None, _EVERY))
+    sample = inside[some]
+    if not sample.any():
+        return 0.0
+    told = []
+    for band, averaged, line in zip(bands, gain.averaged, gain.lines, strict=False):
+        mean = windows.along_v(band[:, some[1]], ALONG)[some[0]]
+        energy = median(np.square(mean[sample]) / variance[sample]) / _MEDIAN_OF_SQUARE
+        told.append(max(energy - averaged, 0.0) / line)
+    return min(told)
 
 
 def _beyond_white(band, variance, inside):

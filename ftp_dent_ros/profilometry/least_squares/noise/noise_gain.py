@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -10,11 +10,13 @@ import numpy as np
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.bins.windows import Windows
 from ftp_dent_ros.profilometry.least_squares.noise.albedo import slope_along_u, without_trend
-from ftp_dent_ros.profilometry.least_squares.noise.bands import split
+from ftp_dent_ros.profilometry.least_squares.noise.bands import ALONG, split
 from ftp_dent_ros.profilometry.least_squares.noise.response import Response, over_rows
 
 # Nodes of noise that tell what windows make of it, and of their rim.
 _SAMPLE, _SAMPLE_RIM = (192, 192), 16
+# A window's standard deviation that is no average, nodes.
+_NOWHERE = 1e-3
 # Variance of a contrast of 0.7 over the amplitude's alone: the level has half of its square.
 _OF_CONTRAST = 1.25
 
@@ -31,24 +33,29 @@ class NoiseGain:
         Of the slope of the contrast's logarithm in the bands.
     left_out : float
         Of what the fits leave out of their own result.
+    lines : tuple of float
+        Variance of the phase in the bands, and below them all, by noise that is white along u and
+        the same all along v.
+    averaged : tuple of float
+        Of the two finest bands averaged along v, by white noise.
     """
 
     shares: tuple[float, ...]
     slopes: tuple[float, ...]
     left_out: float
+    lines: tuple[float, ...]
+    averaged: tuple[float, ...]
 
 
 def noise_through(grid: Grid, windows: Windows, response: Response) -> NoiseGain:
     """Send noise through fits, each of which corrects the ones before."""
     rows, columns = _SAMPLE
     noise = np.random.default_rng(0).standard_normal((rows, columns * grid.bins), np.float32)
-    bin_size = noise.shape[::-1]
-    field = np.zeros(_SAMPLE, np.float32)
-    for _ in range(response.fits):
-        known = cv2.resize(over_rows(field, grid.rows), bin_size, interpolation=cv2.INTER_LINEAR)
-        rest = grid.at_nodes(noise - known)
-        field = field + windows.gaussian(rest)
+    field = _through(noise, grid, windows, response, grid.rows)
     bands, base = split(field, windows)
+    # Each row is one sample of what is the same all along v.
+    of_row = replace(windows, sigma_v=_NOWHERE)
+    of_lines, below = split(_through(noise, grid, of_row, response, 1), of_row)
     inner = slice(_SAMPLE_RIM, -_SAMPLE_RIM)
 
     def variance(piece):
@@ -59,4 +66,17 @@ def noise_through(grid: Grid, windows: Windows, response: Response) -> NoiseGain
     slope = slope_along_u(windows.gaussian(grid.at_nodes(noise)), response.period / grid.pitch[0])
     slopes, _ = split(without_trend(slope, windows), windows)
     of_slope = tuple(_OF_CONTRAST * variance(each) for each in slopes)
-    return NoiseGain(shares, of_slope, variance(response.left_out(field)))
+    lines = tuple(variance(each) for each in (*of_lines, below))
+    averaged = tuple(variance(windows.along_v(each, ALONG)) for each in bands[:2])
+    return NoiseGain(shares, of_slope, variance(response.left_out(field)), lines, averaged)
+
+
+def _through(noise, grid, windows, response, rows):
+    """A field that fits to noise in the bins make, of means over so many rows."""
+    bin_size = noise.shape[::-1]
+    field = np.zeros(_SAMPLE, np.float32)
+    for _ in range(response.fits):
+        known = cv2.resize(over_rows(field, rows), bin_size, interpolation=cv2.INTER_LINEAR)
+        rest = grid.at_nodes(noise - known)
+        field = field + windows.gaussian(rest)
+    return field
