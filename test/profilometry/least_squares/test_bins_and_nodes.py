@@ -75,13 +75,3 @@ def test_noise_is_what_the_averages_leave_of_it(grid):
 def test_strips_are_all_rows_once(grid):
     rows = np.concatenate([np.arange(grid.bin_shape[0])[strip] for strip in grid.strips()])
     np.testing.assert_array_equal(rows, np.arange(grid.bin_shape[0]))
-
-
-def test_channels_are_averaged_each_by_itself(grid):
-    pixels = np.random.default_rng(0).integers(0, 256, (grid.height, grid.width, 3), np.uint8)
-    lines = grid.binned_along_v(pixels)
-    for channel in range(3):
-        whole = grid.binned(np.ascontiguousarray(pixels[..., channel]))
-        np.testing.assert_array_equal(
-            grid.binned_along_u(np.ascontiguousarray(lines[..., channel])), whole
-        )

@@ -10,9 +10,7 @@ from __future__ import annotations
 import math
 from functools import lru_cache
 from statistics import NormalDist
-from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -35,15 +33,15 @@ _QUIET, _MANY, _LOW = 2, 3, 0.25
 _MOST_BEYOND = 0.9
 
 
-def jpeg_variance(pixels: NDArray[np.uint8]) -> float:
+def jpeg_variance(plane: NDArray[np.uint8]) -> float:
     """Variance of white noise that errs as much at the fringes' frequency, levels^2; 0 if no JPEG.
 
     Parameters
     ----------
-    pixels : ndarray, shape (height, width) or (height, width, 3), uint8
-        Luma, or RGB, their blocks as JPEG has them.
+    plane : ndarray, shape (height, width), uint8
+        Luma, its blocks as JPEG has them.
     """
-    blocks = _blocks(pixels)
+    blocks = _blocks(plane)
     if not len(blocks):
         return 0.0
     transform = _cosines()
@@ -69,17 +67,12 @@ def jpeg_variance(pixels: NDArray[np.uint8]) -> float:
     return rounded / 12 + noise * noise
 
 
-def _blocks(pixels: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Luma of some blocks, shape (n, 8, 8)."""
-    height, width = (size // _BLOCK for size in pixels.shape[:2])
-    whole = pixels[: height * _BLOCK, : width * _BLOCK]
-    if not whole.size:
-        return np.empty((0, _BLOCK, _BLOCK), np.float32)
-    tiles: Any = whole.reshape(height, _BLOCK, width, _BLOCK, -1)[::_EVERY, :, ::_EVERY]
-    tiles = tiles.swapaxes(1, 2).reshape(-1, _BLOCK, tiles.shape[-1])
-    if pixels.ndim == 3:
-        tiles = cv2.cvtColor(tiles, cv2.COLOR_RGB2GRAY)
-    return tiles.reshape(-1, _BLOCK, _BLOCK).astype(np.float32)
+def _blocks(plane: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Some blocks, shape (n, 8, 8)."""
+    height, width = (size // _BLOCK for size in plane.shape)
+    whole = plane[: height * _BLOCK, : width * _BLOCK]
+    tiles = whole.reshape(height, _BLOCK, width, _BLOCK)[::_EVERY, :, ::_EVERY]
+    return tiles.swapaxes(1, 2).reshape(-1, _BLOCK, _BLOCK).astype(np.float32)
 
 
 def _steps(coefficients: NDArray[np.float32], most: NDArray[np.floating]) -> NDArray[np.intp]:

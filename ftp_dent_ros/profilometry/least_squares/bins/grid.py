@@ -96,25 +96,17 @@ class Grid:
 
     def binned(self, plane: NDArray) -> NDArray[np.float32]:
         """Averages of a plane of pixels over the bins, shape `bin_shape`, float32."""
-        return self.binned_along_u(self.binned_along_v(plane))
-
-    def binned_along_v(self, pixels: NDArray) -> Any:
-        """Averages over the bins' rows of pixels, of each channel, float32."""
         rows, columns = self.bin_shape
         missing = rows * self.rows - self.height, columns * self.step - self.width
         if any(missing):
-            pixels = cv2.copyMakeBorder(pixels, 0, missing[0], 0, missing[1], cv2.BORDER_REPLICATE)
-        mean = np.zeros((rows, *pixels.shape[1:]), np.float32)
+            plane = cv2.copyMakeBorder(plane, 0, missing[0], 0, missing[1], cv2.BORDER_REPLICATE)
+        mean: Any = np.zeros((rows, plane.shape[1]), np.float32)
         for row in range(self.rows):
-            cv2.accumulate(pixels[row :: self.rows], mean)
+            cv2.accumulate(plane[row :: self.rows], mean)
         mean *= np.float32(1 / self.rows)
-        return mean
-
-    def binned_along_u(self, lines: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Averages of one channel of `binned_along_v` over the bins along u."""
         if self.step == 1:
-            return lines
-        return self._averaged_along_u(lines, boxes(self.step, _ORDER))
+            return mean
+        return self._averaged_along_u(mean, boxes(self.step, _ORDER))
 
     def binned_lattice(
         self, mosaic: NDArray, first_row: int, first_column: int

@@ -122,16 +122,17 @@ class IntensityBins:
 
 def _of_planes(photograph: Photograph, grid: Grid) -> tuple[Any, ...]:
     """Red, grey, noise, clipping and red's share of whole planes of pixels."""
-    pixels, unit = photograph.pixels, np.float32(photograph.unit)
-    noise = PixelNoise.of(pixels, unit=photograph.unit, step=photograph.step)
-    if pixels.dtype == np.uint8:
-        noise = noise.at_least(jpeg_variance(pixels) * photograph.unit**2)
-    lines = grid.binned_along_v(pixels)
-    if photograph.is_flat:
-        red = grey = grid.binned_along_u(lines) * unit
-    else:
-        grey = grid.binned_along_u(cv2.cvtColor(lines, cv2.COLOR_RGB2GRAY)) * unit
-        red = grid.binned_along_u(cv2.extractChannel(lines, 0)) * unit
+    unit = np.float32(photograph.unit)
+    plane: Any = photograph.pixels
+    if not photograph.is_flat:
+        # Whole levels, as JPEG has its luma: what its decoding rounded in each colour goes again.
+        plane = cv2.cvtColor(plane, cv2.COLOR_RGB2GRAY)
+    noise = PixelNoise.of(plane, unit=photograph.unit, step=photograph.step)
+    if plane.dtype == np.uint8:
+        noise = noise.at_least(jpeg_variance(plane) * photograph.unit**2)
+    red = grey = grid.binned(plane) * unit
+    if not photograph.is_flat:
+        red = grid.binned(cv2.extractChannel(photograph.pixels, 0)) * unit
     full = _full(photograph)
     if full is None:
         clipping = np.zeros(grid.bin_shape, np.float32)

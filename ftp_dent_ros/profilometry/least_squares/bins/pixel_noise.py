@@ -49,10 +49,9 @@ class PixelNoise:
 
         Parameters
         ----------
-        *planes : ndarray, shape (height, width), or of one plane (height, width, 3)
-            One, of colours their grey level, or the lattices of a mosaic, each of which is an
-            equal part of the light: what counts is the mean of their variances, by the mean of
-            their levels.
+        *planes : ndarray, shape (height, width)
+            One, or the lattices of a mosaic, each of which is an equal part of the light: what
+            counts is the mean of their variances, by the mean of their levels.
         unit : float
             Factor from levels to grey levels.
         step : int
@@ -113,10 +112,8 @@ class PixelNoise:
 def _sampled(plane: NDArray, every: int) -> NDArray[np.float32]:
     """Rows and those after them, shape (differences, samples along v, along u), float32."""
     count = (len(plane) - len(_WEIGHTS)) // every
-    rows: list[Any] = [
+    rows = [
         plane[first : first + count * every : every, ::_EVERY_COLUMN]
         for first in range(len(_WEIGHTS))
     ]
-    if plane.ndim == 3 and count > 0:
-        rows = [cv2.cvtColor(each, cv2.COLOR_RGB2GRAY) for each in rows]
     return np.stack(rows).astype(np.float32)
