@@ -40,3 +40,18 @@ def test_a_growth_of_the_light_is_taken_off():
 def test_what_is_black_or_unknown_is_no_division_by_zero():
     level = np.zeros(GRID.shape, np.float32)
     assert np.isfinite(evened(GRID.at_bins(level), brightness(level, ~EVERYWHERE), GRID)).all()
+
+
+def test_where_most_crests_are_clipped_the_usual_light_is_that_of_what_is_told():
+    columns, _ = GRID.bin_positions()
+    phase = np.broadcast_to(2 * np.pi / PERIOD * columns, GRID.bin_shape).astype(np.float32)
+    light = 100 + 60 * np.cos(phase)
+    # Nothing is seen but in a strip: the level goes to zero away from it.
+    mask = np.zeros(GRID.bin_shape, bool)
+    mask[:, : GRID.bin_shape[1] // 4] = True
+    equations = MaskedFit(GRID, WINDOWS).equations(phase, mask, None)
+    level, _, _ = equations.solved(light)
+    assert np.median(level) < 10
+    bright = brightness(level, equations.told)
+    assert equations.told.mean() == pytest.approx(0.25, abs=0.03)
+    assert bright[equations.told] == pytest.approx(1.0, abs=0.02)

@@ -25,6 +25,7 @@ def brightness(level: NDArray[np.float32], region: NDArray[np.bool_]) -> NDArray
     level : ndarray, shape (rows, columns), float32
         Grey levels.
     region : ndarray, shape (rows, columns), bool
+        Where it is told: carried on from there it goes to zero.
     """
     sample = level[::_EVERY, ::_EVERY][region[::_EVERY, ::_EVERY]]
     usual = max(median(sample), 1.0) if len(sample) else 1.0

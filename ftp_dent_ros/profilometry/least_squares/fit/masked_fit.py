@@ -53,8 +53,10 @@ class Equations:
         Makes means of sums in the windows; `means` are those of cosine and sine.
     inverse : ndarray, shape (3, rows, columns), float32
         Of the equations for their amplitudes: first, mixed and last element.
+    told : ndarray, shape (rows, columns), bool
+        Nodes that have a fit of their own.
     beyond : Extrapolation
-        From the nodes that have a fit of their own.
+        From these.
     """
 
     grid: Grid
@@ -63,6 +65,7 @@ class Equations:
     scale: NDArray[np.float32]
     means: tuple[NDArray[np.float32], NDArray[np.float32]]
     inverse: NDArray[np.float32]
+    told: NDArray[np.bool_]
     beyond: Extrapolation
 
     def solved(
@@ -153,5 +156,7 @@ class MaskedFit:
         least = _LEAST_VARIATION if clipped is None else _LEAST_CLIPPED
         known &= determinant > least
         inverse = np.stack([ss, -cs, cc]) / np.maximum(determinant, np.float32(least))
-        beyond = Extrapolation(known, self.windows)
-        return Equations(self.grid, self.windows, self._weighted, scale, (c, s), inverse, beyond)
+        beyond, means = Extrapolation(known, self.windows), (c, s)
+        return Equations(
+            self.grid, self.windows, self._weighted, scale, means, inverse, known, beyond
+        )

@@ -136,7 +136,7 @@ class Refinement:
             mask, body, lit = on_surface(misfit, mask, allowed, clipped, cosine, self.period)
             if np.count_nonzero(mask) > _EXPLAINED * np.count_nonzero(allowed):
                 break
-        bright = brightness(level, region)
+        bright = brightness(level, region & equations.told)
         even = evened(levels, bright, self.grid)
         level, modulation, again = equations.solved(even)
         shift = shift + (again - step)
