@@ -7,6 +7,7 @@ disk is full, and loses nothing to a kill: see `mcap_file`.
 from __future__ import annotations
 
 import errno
+import math
 from collections import defaultdict
 from collections.abc import Iterable
 from pathlib import Path
@@ -101,7 +102,7 @@ class BagWriter:
         for message in messages:
             batch.append(message)
             size += len(message.data)
-            if size >= min(_AT_ONCE, self._max_file_size or _AT_ONCE):
+            if size >= min(_AT_ONCE, self._room()):
                 self._write(batch)
                 batch, size = [], 0
         self._write(batch)
@@ -182,6 +183,10 @@ class BagWriter:
         self.message_count += len(messages)
         if 0 < self._max_file_size <= self._file.size:
             self.split()
+
+    def _room(self) -> float:
+        """Bytes of messages after which the file is full, however they were handed over."""
+        return self._max_file_size - self._file.size if self._max_file_size else math.inf
 
     def _next_file(self) -> McapFile:
         self._channels.clear()

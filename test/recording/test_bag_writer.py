@@ -253,6 +253,17 @@ def test_files_are_split_by_size(tmp_path):
     assert parts == messages
 
 
+@pytest.mark.parametrize('handed_over', [(10,), (1,) * 10, (1, 2, 7), (3, 7), (9, 1)])
+def test_a_file_ends_with_the_message_that_fills_it(tmp_path, handed_over):
+    data = string_data('x' * 3000)
+    with BagWriter(tmp_path / 'bag', max_file_size=10_240) as writer:
+        writer.add_topic(WORDS)
+        for count in handed_over:
+            writer.write([Message('/words', STRING, START_NS, 0, data)] * count)
+    counts = [file.message_count for file in open_bag(tmp_path / 'bag').metadata.files]
+    assert counts == [4, 4, 2]
+
+
 def test_a_bag_without_messages_is_a_bag(tmp_path):
     write_sample(tmp_path / 'bag', [])
     bag = open_bag(tmp_path / 'bag')
