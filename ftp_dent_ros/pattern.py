@@ -19,10 +19,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import gaussian_filter1d
 
 from ftp_dent_ros.code_sequences import SEQUENCES
 from ftp_dent_ros.errors import PatternError
@@ -33,13 +34,13 @@ from ftp_dent_ros.rig import Lens
 _LEVELS = 254
 # Levels by which two flanks that are meant alike may differ as they are computed.
 _TIE = 1e-6
+# Standard deviations of a Gaussian window beyond which it is cut off.
+_REACH = 4.0
 CODES = 'stripe', 'contrast'
 AXES = 'u', 'v'
 # What the contrast's code needs, and the stripe does not.
 OF_CODE = 'low_contrast', 'row_depth', 'row_period_px'
 _NUMBERS = 'period_px', 'stripe_center_px', *OF_CODE
-
-
 # Zeros that are told apart within a fringe; and periods, by their logarithm over that of 8 px.
 _ZEROS, _PERIODS, _PERIOD_STEP, _FIRST_PERIOD = 4, 4, 0.02, 8.0
 
@@ -217,8 +218,12 @@ class Pattern:
         scale = 4 / (self.period_px * self.levels)
         shift = scale * np.add.reduceat(np.where(halfway, 0, error) * sine, begins, axis=1)
         chance = scale * np.add.reduceat(halfway * np.abs(sine), begins, axis=1) / 2
-        shift = gaussian_filter1d(shift, self.period_px / 2, axis=0, mode='nearest')
-        return float(np.mean(np.square(shift[:, 1:-1])) + np.mean(np.square(chance[:, 1:-1])))
+        sigma = self.period_px / 2
+        size = 1, 2 * math.ceil(_REACH * sigma) + 1
+        mean: Any = cv2.GaussianBlur(
+            shift, size, sigmaX=1, sigmaY=sigma, borderType=cv2.BORDER_REPLICATE
+        )
+        return float(np.mean(np.square(mean[:, 1:-1])) + np.mean(np.square(chance[:, 1:-1])))
 
     def draw(self) -> NDArray[np.uint8]:
         """Draw the pattern's pixels, RGB, shape (height, width, 3)."""

@@ -9,8 +9,11 @@ from typing import Any
 import yaml
 
 from ftp_dent_ros.errors import PatternError
-from ftp_dent_ros.files import read_yaml, written_aside
+from ftp_dent_ros.files import written_aside
 from ftp_dent_ros.pattern import OF_CODE, Pattern
+from ftp_dent_ros.yaml_file import read_yaml
+
+_REQUIRED = ('width', 'height', 'period_px', 'stripe_center_px')
 
 
 def read_pattern(path: str | os.PathLike[str]) -> Pattern:
@@ -20,7 +23,10 @@ def read_pattern(path: str | os.PathLike[str]) -> Pattern:
 
 def pattern_from_fields(data: dict[str, Any], where: str) -> Pattern:
     """Pattern of the fields of ``pattern.yaml``; errors name `where` they came from."""
-    for name in ('width', 'height', 'period_px', 'stripe_center_px'):
+    if data.keys().isdisjoint(_REQUIRED):
+        needed = ', '.join(_REQUIRED)
+        raise PatternError(f"{where}: holds none of a pattern's fields ({needed}): check the path")
+    for name in _REQUIRED:
         if name not in data:
             raise PatternError(f'{where}: {name} is missing: add it')
     unknown = data.keys() - Pattern.__dataclass_fields__.keys()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import cv2
@@ -152,10 +153,15 @@ class Photograph:
         """Of each level."""
         return self.white.bit_length()
 
+    @cached_property
+    def highest(self) -> int:
+        """Highest level."""
+        return int(self.pixels.max(initial=0))
+
     @property
     def brightest(self) -> float:
         """Highest level as a share of white."""
-        return float(self.pixels.max(initial=0)) / self.white
+        return self.highest / self.white
 
     @property
     def encoding(self) -> str:

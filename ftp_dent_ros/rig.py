@@ -18,13 +18,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from ftp_dent_ros.calibration_record import CalibrationRecord, record_from_fields
 from ftp_dent_ros.errors import RigError
-from ftp_dent_ros.files import read_yaml, written_aside
+from ftp_dent_ros.files import written_aside
 from ftp_dent_ros.lens import Lens
 from ftp_dent_ros.rig_fields import lens_fields, lens_from, matrix_of, numbers_of, response_from
 from ftp_dent_ros.rig_geometry import check_geometry
+from ftp_dent_ros.yaml_file import read_yaml
 
 # Far below what a calibration knows, and far above rounding in a hand-copied file.
 _ORTHONORMAL = 1e-6
+_BLOCKS = ('camera', 'projector', 'extrinsics')
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +96,10 @@ def read_rig(path: str | os.PathLike[str]) -> Rig:
         names the field.
     """
     data = read_yaml(path, RigError)
+    if data.keys().isdisjoint(_BLOCKS):
+        raise RigError(
+            f"{path}: holds none of a rig's blocks ({', '.join(_BLOCKS)}): check the path"
+        )
     try:
         rotation = matrix_of(data, 'extrinsics', 'rotation', (3, 3))
         with np.errstate(over='ignore', invalid='ignore'):

@@ -10,7 +10,6 @@ from ftp_dent_ros.files import (
     content_id,
     find,
     nearest_folder,
-    read_yaml,
     written_aside,
 )
 
@@ -82,50 +81,6 @@ def test_the_id_of_a_file_is_that_of_its_content(tmp_path):
     assert content_id(a) == content_id(b) and re.fullmatch('[0-9a-f]{12}', content_id(a))
     b.write_text('two')
     assert content_id(a) != content_id(b)
-
-
-LAUGHS = 'a0: &a0 [x, x]\n' + ''.join(
-    f'a{k}: &a{k} [{", ".join([f"*a{k - 1}"] * 10)}]\n' for k in range(1, 13)
-)
-
-
-@pytest.mark.parametrize(
-    ('text', 'said'),
-    [
-        ('a: 1\nb: 2024-02-31', "line 2 ('2024-02-31' is no timestamp)"),
-        ('a: [1, !!int abc]', "line 1 ('abc' is no int)"),
-        ('a: !!bool maybe', 'is no bool'),
-        ('a: !!timestamp now', 'is no timestamp'),
-        ('a: !!int ""', 'is no int'),
-        ('a: !!python/object/apply:os.getcwd []', 'python/object'),
-        ('a: ' + '[' * 1000, 'nested too deeply'),
-        ('\n'.join(' ' * k + 'a:' for k in range(1200)), 'nested too deeply'),
-        (f'a: {"9" * 401}', 'more than 64 bits'),
-        (f'a: {"9" * 5000}', 'is no int'),
-        (LAUGHS, 'aliases'),
-        ('a: &a [*a]', 'aliases'),
-        ('1: x', 'the key 1 is no text'),
-        ('? [x]\n: 1', 'unhashable'),
-        ('a: 1\na: 2', "'a' is there 2 times"),
-        ('a: \0', 'not valid YAML'),
-        ('- a', 'no mapping'),
-        ('a: ' + 'x' * (1 << 22), 'larger than 4 MB'),
-    ],
-)
-def test_hostile_yaml_is_refused_with_one_short_sentence(tmp_path, text, said):
-    path = tmp_path / 'settings.yaml'
-    path.write_text(text)
-    with pytest.raises(ConfigurationError) as caught:
-        read_yaml(path, ConfigurationError)
-    sentence = str(caught.value)
-    assert said in sentence and sentence.startswith(f'{path}: ')
-    assert '\n' not in sentence and len(sentence) < len(str(path)) + 200
-
-
-def test_harmless_aliases_are_read(tmp_path):
-    path = tmp_path / 'settings.yaml'
-    path.write_text('a: &a {x: [1, 2]}\nb: {<<: *a, y: *a}')
-    assert read_yaml(path, ConfigurationError)['b'] == {'x': [1, 2], 'y': {'x': [1, 2]}}
 
 
 def test_what_a_terminal_would_obey_is_shown_instead():

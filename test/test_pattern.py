@@ -8,6 +8,7 @@ import yaml
 from ftp_dent_ros.code_sequences import SEQUENCES
 from ftp_dent_ros.drawn_pattern import pattern_from_image
 from ftp_dent_ros.errors import PatternError
+from ftp_dent_ros.files import config_folder
 from ftp_dent_ros.pattern import Pattern, fringe_order
 from ftp_dent_ros.pattern_file import read_pattern, write_pattern
 from ftp_dent_ros.rig import Lens
@@ -255,6 +256,11 @@ def test_each_wrong_field_is_named(tmp_path, field, value):
         read_pattern(path)
     assert str(path) in str(error.value)
     assert field in str(error.value)
+
+
+def test_a_file_of_something_else_is_no_pattern():
+    with pytest.raises(PatternError, match=r"rig.yaml: holds none of a pattern's fields"):
+        read_pattern(config_folder() / 'rig.yaml')
 
 
 def test_a_pattern_must_fit_its_projector():

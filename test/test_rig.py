@@ -185,6 +185,11 @@ def test_a_missing_file(tmp_path):
         read_rig(tmp_path / 'none.yaml')
 
 
+def test_a_file_of_something_else_is_no_rig():
+    with pytest.raises(RigError, match=r"pattern.yaml: holds none of a rig's blocks"):
+        read_rig(config_folder() / 'pattern.yaml')
+
+
 def test_a_binary_file(tmp_path):
     (tmp_path / 'rig.yaml').write_bytes(b'\x89PNG\xff\xfe')
     with pytest.raises(RigError, match='cannot be read'):

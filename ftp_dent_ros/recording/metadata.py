@@ -15,8 +15,9 @@ from typing import Any
 import yaml
 
 from ftp_dent_ros.errors import BagError
-from ftp_dent_ros.files import read_yaml, written_aside
+from ftp_dent_ros.files import written_aside
 from ftp_dent_ros.recording.topic import Topic, qos_from, qos_to_list
+from ftp_dent_ros.yaml_file import read_yaml
 
 VERSION = 9
 METADATA_FILE = 'metadata.yaml'

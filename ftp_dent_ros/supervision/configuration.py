@@ -28,6 +28,7 @@ from ftp_dent_ros import files
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.supervision.executables import EXECUTABLES, NODES
 from ftp_dent_ros.supervision.processes import Program
+from ftp_dent_ros.yaml_file import read_yaml
 
 _BLOCK = (dict, type(None))
 _NAME = re.compile(r'(/?[A-Za-z_]\w*)(/[A-Za-z_]\w*)*')
@@ -113,7 +114,7 @@ def read_configuration(path: str | Path) -> tuple[Entry, ...]:
     """
     file = files.find(path).resolve()
     entries = []
-    blocks = files.read_yaml(file, ConfigurationError)
+    blocks = read_yaml(file, ConfigurationError)
     for key, block in blocks.items():
         if not isinstance(block, dict) or not isinstance(block.get('ros__parameters', 0), _BLOCK):
             raise ConfigurationError(

@@ -24,9 +24,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.errors import ConfigurationError
-from ftp_dent_ros.files import read_yaml
 from ftp_dent_ros.survey.aircraft_frame import ReferencePoint
 from ftp_dent_ros.survey.result import SurveyResult
+from ftp_dent_ros.yaml_file import read_yaml
 
 _UNITS = {'mm': 1e-3, 'in': 25.4e-3}
 # Millimetres: of a drawing's coordinates as they are found on the skin; and of a place in a map, a

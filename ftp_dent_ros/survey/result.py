@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -176,8 +175,3 @@ class SurveyResult:
     settings: Settings = field(default_factory=Settings)
     rig_id: str = ''
     software: str = ''
-
-
-def positions_of(dents: Iterable[SurveyedDent]) -> Array:
-    """Places of dents, shape (n, 3), metres."""
-    return np.array([each.dent.position for each in dents], float).reshape(-1, 3)

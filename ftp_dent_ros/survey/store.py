@@ -32,7 +32,7 @@ _TABLES = {
     'reliefs': """survey INTEGER NOT NULL REFERENCES surveys, number INTEGER NOT NULL,
         spacing REAL, columns INTEGER, heights BLOB, PRIMARY KEY (survey, number)""",
 }
-# Those that files of the version before lack, which are read as they are.
+# Those that files of the version before lack: they are added, empty, when one is opened.
 _SINCE_1 = ('reliefs',)
 
 

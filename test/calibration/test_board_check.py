@@ -14,9 +14,8 @@ from ftp_dent_ros.calibration.checking.verdict import turned
 from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.files import config_folder
-from ftp_dent_ros.pattern_file import read_pattern
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.rig import read_rig, write_rig
+from ftp_dent_ros.rig import write_rig
 from ftp_dent_ros.simulation import Photometry, Surface, render
 from ftp_dent_ros.simulation.photography.boards import board_surface
 from ftp_dent_ros.simulation.skin.printed import board_print
@@ -25,16 +24,6 @@ BOARD = Board(10, 7, 0.025)
 POSE = Pose.from_rpy((0.3, -0.2, 0.1), (-0.11, -0.09, 0.75))
 LIGHT = Photometry(reference_distance=0.75, read_noise=1.5, defocus_px=1.2)
 OPTIONS = ['--board', '10x7', '--square', '25', '--pattern', str(config_folder() / 'pattern.yaml')]
-
-
-@pytest.fixture(scope='module')
-def rig():
-    return read_rig(config_folder() / 'rig.yaml')
-
-
-@pytest.fixture(scope='module')
-def pattern():
-    return read_pattern(config_folder() / 'pattern.yaml')
 
 
 @pytest.fixture(scope='module')

@@ -12,24 +12,13 @@ from ftp_dent_ros.calibration.checking.wall_check import check, scatter
 from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.files import config_folder
-from ftp_dent_ros.pattern_file import read_pattern
 from ftp_dent_ros.photograph import Photograph
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
-from ftp_dent_ros.rig import read_rig, write_rig
+from ftp_dent_ros.rig import write_rig
 from ftp_dent_ros.simulation import Panel, Photometry, Surface, render
 
 TURNS = ((0.05, 0, 0), (0, -0.05, 0), (0, 0, 0.05), (0.02, 0, 0))
-
-
-@pytest.fixture(scope='module')
-def rig():
-    return read_rig(config_folder() / 'rig.yaml')
-
-
-@pytest.fixture(scope='module')
-def pattern():
-    return read_pattern(config_folder() / 'pattern.yaml')
 
 
 @pytest.fixture(scope='module')

@@ -15,7 +15,8 @@ from ftp_dent_ros.calibration.observing.observing import Sight, observe
 from ftp_dent_ros.calibration.observing.photographs import find_poses, read_pose
 from ftp_dent_ros.calibration.observing.sequence import Sequence
 from ftp_dent_ros.errors import CalibrationError, ConfigurationError
-from ftp_dent_ros.files import read_yaml, written_aside
+from ftp_dent_ros.files import written_aside
+from ftp_dent_ros.yaml_file import read_yaml
 
 FILE = 'calibration.yaml'
 
