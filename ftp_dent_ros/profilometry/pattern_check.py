@@ -30,6 +30,9 @@ _BEYOND = 0.5
 # and that it lies beyond the rim, or both ends rise, where the geometry is another: far more than
 # what a calibration errs by.
 _RISE, ASKEW = 3.0, 8.0
+# Of how far inside the rim the light's end is seen: blur hides that much, and not the same at
+# both ends.
+_UNEVEN = 0.5
 # Of periods: no surface looks as if it were more than so many times the one told.
 _LARGEST_RATIO = 2.0
 # Degrees by which a surface must face camera and projector the better for a period to be
@@ -134,7 +137,8 @@ def _inside(area: LitArea, sides: dict[bool, float]) -> float | None:
     lines, seen = (area.upper_and_lower(each) for each in (pattern.period_px, period))
     for side in lines.keys() & seen.keys():
         straightened = seen[side].rise < lines[side].rise / 2
-        if lines[side].on_rim and lines[side].rise > _RISE and straightened:
+        least = max(_RISE, _UNEVEN * lines[side].level)
+        if lines[side].on_rim and lines[side].rise > least and straightened:
             return period
     return None
 

@@ -128,7 +128,7 @@ class SkinImager:
         envelope = _contrast_model(self.geometry.pattern).envelope(
             np.full(phase.shape, variance, np.float32)
         )
-        envelope.turn(phase, cosine, sine, slice(None))
+        envelope.turn(phase, cosine, sine)
         return cosine
 
     def _period(self, phase: NDArray[np.float32], known: NDArray[np.bool_]) -> float:

@@ -83,10 +83,11 @@ def unwrap(
 def _itoh(wrapped, region):
     """Integrate the wrapped differences along each run."""
     both = region[:, 1:] & region[:, :-1]
-    step = np.rint(np.diff(wrapped, axis=1) * np.float32(-1 / _TURN))
+    step = np.rint(np.diff(wrapped, axis=1) * np.float32(-1 / _TURN)).astype(np.int32)
     step *= both
     along = wrapped.copy()
-    along[:, 1:] += _TURN * np.cumsum(step, axis=1)
+    # Whole numbers are summed several times as fast.
+    along[:, 1:] += _TURN * np.cumsum(step, axis=1, dtype=np.int32).astype(np.float32)
     return along
 
 

@@ -158,7 +158,7 @@ def test_how_much_more_the_light_is_blurred_is_told_as_a_plane():
     expected = np.full(grid.shape, 0.6, np.float32)
     more = np.linspace(-0.02, 0.1, grid.shape[1], dtype=np.float32)
     cosine, sine = np.cos(phase), np.sin(phase)
-    model.envelope(grid.to_bins(expected + more)).turn(phase, cosine, sine, slice(None))
+    model.envelope(grid.to_bins(expected + more)).turn(phase, cosine, sine)
     noise = np.random.default_rng(3).standard_normal(phase.shape)
     levels = (100 + 60 * cosine + 0.5 * noise).astype(np.float32)
     seen = np.ones(phase.shape, bool)
@@ -195,7 +195,7 @@ def test_the_envelope_is_that_of_blurred_fringes():
     expected = np.interp(phase[0], fine, blurred)
     cosine, sine = np.cos(phase), np.sin(phase)
     envelope = ContrastModel(CODED).envelope(np.full(phase.shape, variance))
-    envelope.turn(phase, cosine, sine, slice(None))
+    envelope.turn(phase, cosine, sine)
     scale = (cosine[0] @ expected) / (cosine[0] @ cosine[0])
     assert scale == pytest.approx(np.exp(-variance / 2) * np.sinc(1 / 8), rel=2e-3)
     assert np.abs(scale * cosine[0] - expected).max() < 0.006

@@ -1,14 +1,17 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 from small_scenes import PATTERN, RIG, Scene, panel
 
 from ftp_dent_ros.errors import OtherPatternError
+from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.profilometry import Reconstructor, Settings
+from ftp_dent_ros.profilometry.lit_area import RimLine
+from ftp_dent_ros.profilometry.pattern_check import _inside
 
 
 @pytest.fixture(scope='module')
@@ -116,3 +119,28 @@ def test_panels_that_end_along_the_fringes_are_not_refused():
         scene = Scene.of(panel(tilt=(0.0, 0.0), half=half, centre=(centre, 0.0)))
         cloud = Reconstructor(scene.rig, PATTERN, Settings(stride=2)).reconstruct(scene.image)
         assert np.median(scene.errors_mm(cloud)) < 0.1
+
+
+@dataclass(frozen=True)
+class SeenRims:
+    """What `_inside` asks of a lit area: rims as they were seen, and the surface's tilts."""
+
+    told: RimLine
+    straightened: RimLine
+    pattern: Pattern = PATTERN
+
+    def tilt(self, period):
+        return 8.0 if period == self.pattern.period_px else 4.0
+
+    def upper_and_lower(self, period):
+        return {'upper': self.told if period == self.pattern.period_px else self.straightened}
+
+
+@pytest.mark.parametrize(
+    ('level', 'rise', 'told'),
+    # A period 5 % off in a sharp picture, and the right one where blur hides 11 px of the rim.
+    [(5.9, 3.4, True), (11.5, 3.7, False)],
+)
+def test_what_blur_hides_of_a_rim_may_be_uneven(level, rise, told):
+    area = SeenRims(RimLine(level, rise, level - rise / 2), RimLine(level, 1.0, level))
+    assert (_inside(area, {True: 2.1}) is not None) == told

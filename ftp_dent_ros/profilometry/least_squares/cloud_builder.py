@@ -49,9 +49,6 @@ class CloudBuilder:
         self._work = np.empty((3, strip, self._x.shape[1]), np.float32)
         self._nothing = np.full((strip, self._x.shape[1]), np.nan, np.float32)
         self._zero = np.zeros_like(self._nothing)
-        # Of all pixels that nodes are for, if the cloud has not each of them.
-        whole = grid.shape[0] * grid.pitch[1], grid.shape[1] * grid.pitch[0]
-        self._whole = None if whole == self._x.shape else np.empty(whole, np.float32)
         self._focal = float(rig.camera.camera_matrix[0, 0])
 
     def cloud(self, surfaces: list[Published]) -> Cloud:
@@ -99,11 +96,18 @@ class CloudBuilder:
 
     def _interpolate(self, nodes: NDArray[np.float32], pixels: NDArray[np.float32]) -> None:
         """Values at the nodes to the cloud's pixels, linearly."""
-        whole = pixels if self._whole is None else self._whole
-        cv2.resize(nodes, whole.shape[::-1], dst=whole, interpolation=cv2.INTER_LINEAR)
-        if whole is not pixels:
-            height, width, stride = self.grid.height, self.grid.width, self.stride
-            np.copyto(pixels, whole[:height:stride, :width:stride])
+        grid, stride = self.grid, self.stride
+        # Of all pixels that nodes are for, the cloud may not have each.
+        width, height = (
+            count * pitch for count, pitch in zip(grid.shape[::-1], grid.pitch, strict=True)
+        )
+        if (height, width) == pixels.shape:
+            cv2.resize(nodes, (width, height), dst=pixels, interpolation=cv2.INTER_LINEAR)
+            return
+        wide = cv2.resize(nodes, (width, len(nodes)), interpolation=cv2.INTER_LINEAR)
+        wide = np.ascontiguousarray(wide[:, : grid.width : stride])
+        high = cv2.resize(wide, (wide.shape[1], height), interpolation=cv2.INTER_LINEAR)
+        np.copyto(pixels, high[: grid.height : stride])
 
     def _of_pixels(self, bins):
         """Mask of the bins at the cloud's columns."""
@@ -143,8 +147,18 @@ class Published:
     covered: NDArray[np.float32]
 
 
-def parted(surfaces: list[Published], reach: tuple[int, int]) -> list[Published]:
-    """The surfaces without their outermost bins where another is near.
+def near(bins: NDArray[np.bool_], reach: tuple[int, int]) -> NDArray[np.bool_]:
+    """Bins so near to those of a mask, bins along v and u."""
+    if not bins.any():
+        return bins
+    size = [2 * each + 1 for each in reach]
+    return cv2.dilate(bins.view(np.uint8), np.ones(size, np.uint8)) > 0
+
+
+def parted(
+    surfaces: list[Published], doubted: list[NDArray[np.bool_]], reach: tuple[int, int]
+) -> list[Published]:
+    """The surfaces without their outermost bins that are doubted, or that another is near.
 
     The fringes tell where one surface ends and the other begins to a bin; what a pixel there
     shows may be of either.
@@ -152,21 +166,21 @@ def parted(surfaces: list[Published], reach: tuple[int, int]) -> list[Published]
     Parameters
     ----------
     surfaces : list of Published
+    doubted : list of ndarray, shape (rows, bins), bool
+        Bins of each that may be of a surface that is not published.
     reach : (int, int)
         How near the other is, bins along v and u.
     """
-    if len(surfaces) == 1:
-        return surfaces
     count = np.sum([each.measured for each in surfaces], axis=0, dtype=np.uint8)
-    near = np.ones([2 * bins + 1 for bins in reach], np.uint8)
     result = []
-    for each in surfaces:
-        others: Any = count - each.measured
-        measured: Any = each.measured.view(np.uint8)
-        inner = cv2.erode(measured, _BIN, borderValue=1) > 0
-        meeting = (cv2.dilate(others, near) > 0) & ~inner
-        covered = np.where(meeting, np.float32(0), each.covered)
-        result.append(replace(each, measured=each.measured & ~meeting, covered=covered))
+    for each, either in zip(surfaces, doubted, strict=True):
+        meeting = either | near(count > each.measured, reach)
+        if meeting.any():
+            measured: Any = each.measured.view(np.uint8)
+            meeting = meeting & (cv2.erode(measured, _BIN, borderValue=1) == 0)
+            covered = np.where(meeting, np.float32(0), each.covered)
+            each = replace(each, measured=each.measured & ~meeting, covered=covered)
+        result.append(each)
     return result
 
 

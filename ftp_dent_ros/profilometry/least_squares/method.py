@@ -23,19 +23,19 @@ from ftp_dent_ros.profilometry.least_squares.bins.windows import WIDTH, Windows
 from ftp_dent_ros.profilometry.least_squares.cloud_builder import (
     CloudBuilder,
     Published,
+    near,
     parted,
 )
 from ftp_dent_ros.profilometry.least_squares.code.camera_curve import light_power
+from ftp_dent_ros.profilometry.least_squares.fit.colours import in_register
 from ftp_dent_ros.profilometry.least_squares.fit.first_fit import ReferenceTable, fit
-from ftp_dent_ros.profilometry.least_squares.fit.regions import (
-    eroded,
-    fringe_region,
-)
+from ftp_dent_ros.profilometry.least_squares.fit.regions import eroded, fringe_region, surfaces_in
 from ftp_dent_ros.profilometry.least_squares.fit.surface_fit import FittedSurface, SurfaceFit
 from ftp_dent_ros.profilometry.least_squares.fit.surface_mask import beside_steep_rim, between_lit
 from ftp_dent_ros.profilometry.least_squares.fringe_orders.coded_surfaces import CodedSurfaces
 from ftp_dent_ros.profilometry.least_squares.fringe_orders.stripe_surfaces import StripeSurfaces
 from ftp_dent_ros.profilometry.least_squares.fringe_orders.surfaces import Surfaces
+from ftp_dent_ros.profilometry.least_squares.mirror_check import check_upright
 from ftp_dent_ros.profilometry.least_squares.phase_geometry import PhaseGeometry
 from ftp_dent_ros.profilometry.lit_area import LitArea
 from ftp_dent_ros.profilometry.measurement import Measurement
@@ -92,6 +92,7 @@ class LeastSquares:
         power = self._light_power(photograph, light, surfaces)
         if power != 1:
             light, lit, seams, surfaces = self._fitted(photograph.to_the_power(power))
+        surfaces = in_register(surfaces, photograph, self.grid, self.windows, self.pattern)
         return self._result(light, lit, seams, surfaces, self._lit_area(surfaces))
 
     def _fitted(
@@ -135,6 +136,8 @@ class LeastSquares:
     def _result(self, light, lit, seams, fitted, area) -> Measurement:
         """Publish the surfaces together."""
         confirmed = check_pattern(area)
+        if self.pattern.code == 'stripe' and not confirmed:
+            check_upright(area)
         grid, period = self.grid, self.period / self.grid.step
         around: Any = np.ones((5, 2 * math.ceil(period) + 1), np.uint8)
         beside_dark = cv2.dilate(grid.to_bins(~lit).view(np.uint8), around)
@@ -152,7 +155,8 @@ class LeastSquares:
             measured = refined.measured & within & told & sure
             steep = beside_steep_rim(measured | at_end, period) & ~at_end
             doubtful = steep | (refined.measured & within & ~measured)
-            deviation = self._nodes.deviation(part.phase, refined.shift.variance)
+            variance = refined.shift.variance + refined.shift.foreign
+            deviation = self._nodes.deviation(part.phase, variance)
             surfaces.append(
                 Published(
                     np.nan_to_num(inverse_depth, nan=1.0),
@@ -169,7 +173,12 @@ class LeastSquares:
             depths.append(1 / inverse_depth[at_stripe])
             on_panel |= region & self._any_bin(within)
         reach = math.ceil(_NEAR * self.period / grid.rows), math.ceil(_NEAR * period)
-        surfaces = parted(surfaces, reach)
+        beyond = [(lit | seams) & ~part.region for part in fitted]
+        doubted = [
+            near(grid.to_bins(surfaces_in(each)), reach) & part.refined.astray
+            for each, part in zip(beyond, fitted, strict=True)
+        ]
+        surfaces = parted(surfaces, doubted, reach)
         published = np.any([self._any_bin(each.measured) for each in surfaces], axis=0)
         depth = np.concatenate(depths)
         reason = 'unnumbered' if self.pattern.code == 'contrast' else 'untied'

@@ -70,8 +70,3 @@ def test_noise_is_what_the_averages_leave_of_it(grid):
     variance, density = tall.noise_at(PERIODS[-1] / grid.step)
     assert bins.var() / 400 == pytest.approx(variance, rel=0.12)
     assert (density == pytest.approx(1.0)) == (grid.step == 1)
-
-
-def test_strips_are_all_rows_once(grid):
-    rows = np.concatenate([np.arange(grid.bin_shape[0])[strip] for strip in grid.strips()])
-    np.testing.assert_array_equal(rows, np.arange(grid.bin_shape[0]))

@@ -3,11 +3,13 @@ import pytest
 
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.bins.windows import Windows
-from ftp_dent_ros.profilometry.least_squares.fit.camera_effects import lag_of_bins, take_harmonics
+from ftp_dent_ros.profilometry.least_squares.fit.camera_effects import lag_of_blur, take_harmonics
 
 PERIOD = 11.7
 GRID = Grid.for_fringes(640, 240, PERIOD)
 WINDOWS = Windows.for_fringes(PERIOD, GRID)
+# Blur of the bins alone, radians^2.
+USUAL = np.full(GRID.shape, (2 * np.pi / PERIOD) ** 2 * GRID.bin_variance, np.float32)
 
 
 @pytest.fixture
@@ -18,9 +20,8 @@ def fringes():
 
 
 def taken(rest, amplitude, phase):
-    work = np.empty((GRID.strips()[0].stop, GRID.bin_shape[1]), np.float32)
     mask = np.ones(phase.shape, bool)
-    return take_harmonics(rest, amplitude, np.cos(phase), mask, GRID, work)
+    return take_harmonics(rest, amplitude, np.cos(phase), mask)
 
 
 def test_harmonics_of_a_curve_are_taken_off(fringes):
@@ -55,8 +56,49 @@ def test_averages_lead_towards_the_light():
     led = np.angle(np.exp(1j * (seen - true)))[inner].mean()
     nodes = np.tile(60 * np.exp(0.002 * (GRID.node_positions()[0] - 320)), (GRID.shape[0], 1))
     plane = np.tile(true, (GRID.bin_shape[0], 1)).astype(np.float32)
-    lag = lag_of_bins(nodes.astype(np.float32), plane, GRID, WINDOWS)
+    nodes = nodes.astype(np.float32)
+    lag, _ = lag_of_blur(nodes, np.ones(GRID.shape, bool), plane, GRID, WINDOWS, 0.0, USUAL)
     assert lag[5, 20:-20].mean() == pytest.approx(
         0.002 * 2 * np.pi / PERIOD * GRID.bin_variance, rel=0.02
     )
     assert led == pytest.approx(lag[5, 20:-20].mean(), rel=0.25)
+
+
+def test_the_end_of_a_surface_is_no_change_of_light():
+    # The light grows by 0.05 % a pixel up to where the surface ends, and is carried on to zero.
+    u, _ = GRID.node_positions()
+    on_it = np.tile(u < 300, (GRID.shape[0], 1))
+    light = np.where(on_it, 60 * np.exp(0.0005 * u), 0).astype(np.float32)
+    phase = np.tile(2 * np.pi * GRID.bin_positions()[0] / PERIOD, (GRID.bin_shape[0], 1))
+    lag, _ = lag_of_blur(light, on_it, phase.astype(np.float32), GRID, WINDOWS, 0.0, USUAL)
+    true = 0.0005 * 2 * np.pi / PERIOD * GRID.bin_variance
+    np.testing.assert_allclose(lag[on_it], true, rtol=0.02)
+
+
+@pytest.mark.parametrize('of_camera', [1.0, 0.0])
+def test_blur_leads_towards_the_light_and_the_longer_fringes(of_camera):
+    # Light and fringes grow along the row, and the camera blurs them by 2.5 pixels, or not at all.
+    blur = 2.5**2
+    u = np.arange(0, 680, 0.25)
+    slow = 2 * np.pi / PERIOD * (u - 1e-4 * np.square(u - 320))
+    signal = np.exp(0.001 * (u - 320) + 1j * slow)
+    sigma = np.sqrt(of_camera * blur) / 0.25
+    away = np.arange(-60, 61)
+    kernel = np.exp(-0.5 * np.square(away / max(sigma, 1e-3)))
+    blurred = np.convolve(signal, kernel / kernel.sum(), 'same')
+    nodes, bins = (
+        np.searchsorted(u, each) for each in (GRID.node_positions()[0], GRID.bin_positions()[0])
+    )
+    led = np.angle(blurred * signal.conj())[nodes]
+    light = np.tile(60 * np.abs(blurred)[nodes], (GRID.shape[0], 1)).astype(np.float32)
+    phase = np.tile(np.unwrap(np.angle(blurred))[bins], (GRID.shape[0], 1)).astype(np.float32)
+    everywhere = np.ones(GRID.shape, bool)
+    whole = GRID.bin_variance + blur
+    lag, variance = lag_of_blur(light, everywhere, phase, GRID, WINDOWS, whole, USUAL)
+    alone, sure = lag_of_blur(light, everywhere, phase, GRID, WINDOWS, 0.0, USUAL)
+    inner = slice(25, -25)
+    error = (lag - alone - led)[5, inner]
+    deviation = np.sqrt(variance[5, inner])
+    assert not sure.any()
+    assert np.abs(error / deviation).max() < 1.3
+    assert np.abs(error / deviation).mean() > 0.7

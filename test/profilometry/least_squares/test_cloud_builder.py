@@ -7,9 +7,11 @@ from ftp_dent_ros.profilometry.least_squares.cloud_builder import (
     Published,
     parted,
 )
+from ftp_dent_ros.profilometry.least_squares.fit.regions import surfaces_in
 from ftp_dent_ros.rig import Lens, Rig
 
 WIDTH, HEIGHT = 211, 137
+NOTHING = np.zeros((12, 30), bool)
 MATRIX = np.array([[200.0, 0, 105], [0, 200, 68], [0, 0, 1]])
 
 
@@ -60,7 +62,7 @@ def surface(left: int, right: int) -> Published:
 
 @pytest.mark.parametrize(('start', 'near'), [(14, True), (20, False)])
 def test_surfaces_end_a_bin_before_each_other_and_nowhere_else(start, near):
-    one, other = parted([surface(3, 12), surface(start, 27)], (2, 4))
+    one, other = parted([surface(3, 12), surface(start, 27)], [NOTHING, NOTHING], (2, 4))
     assert np.flatnonzero(one.measured.any(axis=0)).tolist() == list(range(3, 12 - near))
     assert np.flatnonzero(other.measured.any(axis=0)).tolist() == list(range(start + near, 27))
     # What is left out is not taken back in as partly covered.
@@ -70,5 +72,25 @@ def test_surfaces_end_a_bin_before_each_other_and_nowhere_else(start, near):
 
 def test_a_surface_alone_is_whole():
     alone = surface(3, 12)
-    (whole,) = parted([alone], (2, 4))
+    (whole,) = parted([alone], [NOTHING], (2, 4))
     np.testing.assert_array_equal(whole.measured, alone.measured)
+
+
+def test_of_bins_that_may_be_of_an_unpublished_surface_the_outermost_are_left_out():
+    doubted = NOTHING.copy()
+    doubted[3:6, 8:20] = True
+    (left,) = parted([surface(3, 12)], [doubted], (2, 4))
+    lost = surface(3, 12).measured & ~left.measured
+    np.testing.assert_array_equal(np.argwhere(lost), [[3, 11], [4, 11], [5, 11]])
+    assert not left.covered[lost].any()
+
+
+def test_strips_are_no_surface_and_what_is_beside_one_is():
+    lit = np.zeros((40, 60), bool)
+    lit[10:30, 10:30] = lit[12:14, 30:50] = lit[36:38] = True
+    found = surfaces_in(lit)
+    assert found[10:30, 10:30].all()
+    # A tip of the surface is its own as far as windows on it reach; a strip apart is none.
+    np.testing.assert_array_equal(np.flatnonzero(found[12, 30:]), [0, 1, 2])
+    assert found.sum() == 20 * 20 + 2 * 3
+    assert not surfaces_in(lit & (np.arange(40)[:, None] > 32)).any()

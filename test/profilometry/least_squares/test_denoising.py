@@ -6,6 +6,7 @@ import pytest
 
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.bins.windows import Windows
+from ftp_dent_ros.profilometry.least_squares.noise.bands import split
 from ftp_dent_ros.profilometry.least_squares.noise.denoising import denoise
 from ftp_dent_ros.profilometry.least_squares.noise.noise_gain import noise_through
 from ftp_dent_ros.profilometry.least_squares.noise.response import Response
@@ -44,14 +45,18 @@ def dent(width, depth):
     return (depth * np.exp(-0.5 * square / width**2)).astype(np.float32)
 
 
-def cleaned(values, texture=None, slope=None, pixels=VARIANCE, variance=VARIANCE):
+def cleaned(values, texture=None, contrast=None, pixels=VARIANCE, variance=VARIANCE, doubt=0.0):
     # Noise that does not depend on the light, at the texture's frequency as at the fringes'.
     known = np.multiply.outer([pixels, 0, pixels / 4], np.ones(GRID.shape)).astype(np.float32)
     variance = np.full(GRID.shape, variance, np.float32)
     texture = np.zeros(GRID.shape, np.float32) if texture is None else texture
-    slope = np.zeros(GRID.shape, np.float32) if slope is None else slope
+    contrast = np.zeros(GRID.shape, np.float32) if contrast is None else contrast
     inside = np.ones(GRID.shape, bool)
-    return denoise(values, texture, slope, known, variance, inside, WINDOWS, RESPONSE, gain(), 0.0)
+    doubt = np.full(GRID.shape, doubt, np.float32)
+    return denoise(
+        *(values, texture, contrast, known, variance, doubt, inside),
+        *(WINDOWS, RESPONSE, gain(), 0.0),
+    )
 
 
 def rms(field):
@@ -86,6 +91,12 @@ def test_normalised_errors(depth):
     shape = dent(6.0, depth)
     done = cleaned(shape + through_windows(4))
     assert 0.4 < rms((done.values - shape) / np.sqrt(done.variance)) < 1.2
+
+
+def test_the_noise_below_all_bands_is_that_of_many_samples():
+    below = [split(through_windows(seed), WINDOWS)[1] for seed in range(40, 60)]
+    sampled = np.square(np.array(below)[:, 20:-20, 20:-20]).mean() / VARIANCE
+    assert gain().shares[-1] == pytest.approx(sampled, rel=0.25)
 
 
 @pytest.mark.parametrize('lines', [0.0, 2.0])
@@ -140,4 +151,31 @@ def test_what_is_missed_of_coarse_dirt_is_told():
     sign = (grain + np.float32(0.4) * other) * scale / 2
     done = cleaned(noise - grain * scale, texture=sign, pixels=few, variance=few)
     assert rms(done.values) < 0.6 * rms(grain * scale)
+    assert 0.7 < rms(done.values / np.sqrt(done.variance)) < 1.4
+
+
+def test_detail_in_doubt_is_told_and_nothing_smooth():
+    sharp = cleaned(dent(3.0, 0.5), doubt=1.0)
+    middle = tuple(size // 2 for size in GRID.shape)
+    assert np.sqrt(sharp.foreign[middle]) > 0.4 * 0.5
+    assert cleaned(dent(3.0, 0.5)).foreign.max() == 0
+    smooth = cleaned(dent(40.0, 0.5), doubt=1.0)
+    assert np.sqrt(smooth.foreign[middle]) < 0.03
+
+
+def test_light_of_one_side_band_is_told_by_the_contrast():
+    # About the fringes' frequency, less of it above than below: smooth grains in sunlight.
+    white = np.random.default_rng(13).standard_normal((2, *GRID.shape), np.float32)
+    spectrum = np.fft.fft(white[0] + 1j * white[1], axis=1)
+    spectrum[:, np.fft.fftfreq(GRID.shape[1]) > 0] *= 0.2
+    both = np.fft.ifft(spectrum, axis=1)
+    amplitude, phase = (
+        WINDOWS.gaussian(each.astype(np.float32)) * np.float32(0.2)
+        for each in (both.real, both.imag)
+    )
+    contrast = amplitude + np.float32(np.log(0.2))
+    few = 0.01 * VARIANCE
+    noise, texture = through_windows(14, scale=0.1), through_windows(15, scale=0.05)
+    done = cleaned(noise + phase, texture, contrast, pixels=few, variance=few)
+    assert rms(done.values) < 0.75 * rms(phase)
     assert 0.7 < rms(done.values / np.sqrt(done.variance)) < 1.4

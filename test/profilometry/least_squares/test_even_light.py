@@ -1,29 +1,16 @@
 import numpy as np
 import pytest
+from dirty_fringes import GRID, PERIOD, WINDOWS, dirty_fringes
 
-from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
-from ftp_dent_ros.profilometry.least_squares.bins.windows import Windows
 from ftp_dent_ros.profilometry.least_squares.fit.even_light import brightness, evened
 from ftp_dent_ros.profilometry.least_squares.fit.masked_fit import MaskedFit
-from ftp_dent_ros.simulation import Dirt
 
-PERIOD = 10.4
-GRID = Grid.for_fringes(640, 360, PERIOD)
-WINDOWS = Windows.for_fringes(PERIOD, GRID)
 INNER = slice(8, -8), slice(8, -8)
 EVERYWHERE = np.ones(GRID.shape, bool)
 
 
 def test_dirt_feigns_less_of_a_phase_over_its_brightness():
-    # A plane under dirt, fitted about its true phase: the step is all the dirt's.
-    v, u = np.mgrid[:360, :640].astype(np.float32)
-    scale = np.float32(4e-4)  # metres a pixel
-    light = Dirt(0.25, seed=3).factor(u * scale, v * scale)
-    light *= 1 + np.float32(0.7) * np.cos(np.float32(2 * np.pi / PERIOD) * u)
-    bins = GRID.binned(np.round(100 * light).astype(np.uint8))
-    columns, _ = GRID.bin_positions()
-    phase = np.broadcast_to(2 * np.pi / PERIOD * columns, bins.shape).astype(np.float32)
-    equations = MaskedFit(GRID, WINDOWS).equations(phase, np.ones(bins.shape, bool), None)
+    bins, equations = dirty_fringes()
     level, _, feigned = equations.solved(bins)
     bright = brightness(level, EVERYWHERE)
     even_level, _, left = equations.solved(evened(bins, bright, GRID))

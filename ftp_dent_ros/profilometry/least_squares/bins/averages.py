@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 # Averages that one product of matrices makes.
-_BLOCK = 16
+_BLOCK = 8
 
 
 @lru_cache(maxsize=16)

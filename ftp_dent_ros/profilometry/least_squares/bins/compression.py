@@ -91,7 +91,9 @@ def _steps(coefficients: NDArray[np.float32], most: NDArray[np.floating]) -> NDA
     beyond = len(coefficients) - np.cumsum(counts, axis=1)[:, _PER_LEVEL:][:, : _LARGEST_STEP - 1]
     least = np.maximum(_COMB * beyond, _SURELY * np.sqrt(beyond / 2))
     step = np.arange(2, _LARGEST_STEP + 1)
-    found = (counts.astype(np.float32) @ _combs().T > least) & (step <= most[:, None])
+    used = int(np.flatnonzero(counts.any(axis=0))[-1]) + 1
+    sums = counts[:, :used].astype(np.float32) @ _combs()[:used]
+    found = (sums > least) & (step <= most[:, None])
     return np.where(found, step, 0).max(axis=1)
 
 
@@ -115,7 +117,7 @@ def _cosines() -> NDArray[np.float32]:
 
 @lru_cache(maxsize=1)
 def _combs() -> NDArray[np.float32]:
-    """Cosine of a histogram's bins over each step, from 2 on; 0 up to half a step."""
-    value = np.arange(_PER_LEVEL * _LARGEST + 1) / _PER_LEVEL
-    step = np.arange(2, _LARGEST_STEP + 1)[:, None]
+    """Cosine of a histogram's bins, over each step from 2 on; 0 up to half a step."""
+    value = np.arange(_PER_LEVEL * _LARGEST + 1)[:, None] / _PER_LEVEL
+    step = np.arange(2, _LARGEST_STEP + 1)
     return np.where(value > step / 2, np.cos(2 * math.pi * value / step), 0).astype(np.float32)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.profilometry.least_squares.bins.limits import at_least
 from ftp_dent_ros.profilometry.least_squares.bins.windows import (
     Windows,
     blurred,
@@ -45,7 +47,7 @@ class Extrapolation:
         self._sigmas = [sigma / step for sigma, step in zip(sigmas, self._steps, strict=True)]
         self._weight = self._coarse(self._share)
         self._total = self._blur(self._weight)
-        self._scale = 1 / np.maximum(self._total, _LEAST)
+        self._scale = 1 / at_least(self._total, _LEAST)
 
     def by_mean(self, field: NDArray[np.float32]) -> NDArray[np.float32]:
         """Continue a field by the weighted mean of what is known around, to zero far away."""
@@ -73,18 +75,16 @@ class Extrapolation:
             return field
         values = self._coarse(field * self._share)
         mean = self._mean(values)
-        values = values / np.maximum(self._weight, _WHOLE)
-        rows, columns = self._shape
+        values = values / at_least(self._weight, _WHOLE)
         result = None
-        for axis, positions in enumerate(np.ogrid[:rows, :columns]):
-            position = positions.astype(np.float32)
+        for axis in (0, 1):
             slope = self._slope(values, axis)
-            mean -= slope * self._mean(self._coarse(position * self._share))
+            mean -= slope * self._centres[axis]
             carried = self._fine(slope)
-            carried *= position
+            carried *= self._positions[axis]
             result = carried if result is None else np.add(result, carried, out=result)
         result += self._fine(mean)
-        result *= self._near()
+        result *= self._near
         return self._with_known(result, field)
 
     def _coarse(self, field):
@@ -98,20 +98,38 @@ class Extrapolation:
 
     def _slope(self, values, axis):
         """Mean of the central differences between known neighbours."""
-        ahead, behind, inner = (
-            tuple(part if one == axis else slice(None) for one in (0, 1))
-            for part in (slice(2, None), slice(None, -2), slice(1, -1))
-        )
-        whole = self._weight > _WHOLE
-        pairs = (whole[ahead] & whole[behind]).astype(np.float32)
-        slope, seen = np.zeros_like(values), np.zeros_like(values)
-        scale = np.float32(0.5 * self._weight.shape[axis] / self._shape[axis])
+        inner, pairs, scale = self._pairs[axis]
+        ahead, behind, _ = _neighbours(axis)
+        slope = np.zeros_like(values)
         np.subtract(values[ahead], values[behind], out=slope[inner])
-        slope[inner] *= scale
         slope[inner] *= pairs
-        seen[inner] = pairs
-        return self._blur(slope) / np.maximum(self._blur(seen), _LEAST)
+        return self._blur(slope) * scale
 
+    @cached_property
+    def _pairs(self):
+        """Of each axis, where differences are, their pitch if they are known, and their scale."""
+        whole = self._weight > _WHOLE
+        found = []
+        for axis in (0, 1):
+            ahead, behind, inner = _neighbours(axis)
+            seen = np.zeros_like(self._weight)
+            seen[inner] = whole[ahead] & whole[behind]
+            pitch = np.float32(0.5 * self._weight.shape[axis] / self._shape[axis])
+            found.append((inner, pitch * seen[inner], 1 / at_least(self._blur(seen), _LEAST)))
+        return found
+
+    @cached_property
+    def _positions(self):
+        """Rows and columns of the nodes."""
+        rows, columns = self._shape
+        return [each.astype(np.float32) for each in np.ogrid[:rows, :columns]]
+
+    @cached_property
+    def _centres(self):
+        """Row and column of the centre of gravity of what is known around."""
+        return [self._mean(self._coarse(each * self._share)) for each in self._positions]
+
+    @cached_property
     def _near(self):
         """1 at nodes of which any neighbour is known, else 0."""
         near: Any = (self._total >= _LEAST).astype(np.float32)
@@ -125,3 +143,12 @@ class Extrapolation:
 
     def _fine(self, coarse):
         return interpolated(coarse, self._shape)
+
+
+def _neighbours(axis: int) -> tuple[tuple[slice, ...], ...]:
+    """Ahead, behind and in between along an axis."""
+    ahead, behind, inner = (
+        tuple(part if one == axis else slice(None) for one in (0, 1))
+        for part in (slice(2, None), slice(None, -2), slice(1, -1))
+    )
+    return ahead, behind, inner

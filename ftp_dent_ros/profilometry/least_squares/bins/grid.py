@@ -28,8 +28,6 @@ _NODE_ORDER = 3
 # A lattice has every second pixel along u: cubics through four keep its fringes off those of
 # half the sampling frequency beyond, which averages alone let through by a two-hundredth.
 _BETWEEN = np.array([-1, 0, 9, 16, 9, 0, -1]) / 16
-# Rows of bins that stay in the cache.
-_STRIP = 24
 
 
 @dataclass(frozen=True)
@@ -175,18 +173,12 @@ class Grid:
         square = np.square(taps).sum()
         return float(square / self.rows), float(power / (self.step * square))
 
-    def strips(self) -> list[slice]:
-        """Rows of bins, so few at a time that what is made of them stays in the cache."""
-        rows = self.bin_shape[0]
-        return [slice(first, min(first + _STRIP, rows)) for first in range(0, rows, _STRIP)]
-
     def to_bins(self, nodes: NDArray) -> NDArray:
         """Values at the nodes, repeated for each of their bins."""
-        # Strided copies take half the time of NumPy's repetition.
-        bins = np.empty((*nodes.shape, self.bins), nodes.dtype)
-        for each in range(self.bins):
-            bins[..., each] = nodes
-        return bins.reshape(len(nodes), -1)
+        # OpenCV's channels take a seventh of the time of NumPy's repetition.
+        kind = np.uint8 if nodes.dtype == bool else nodes.dtype
+        bins: Any = cv2.merge([nodes.view(kind)] * self.bins)
+        return bins.reshape(len(nodes), -1).view(nodes.dtype)
 
     def at_nodes(self, bins: NDArray[np.float32]) -> NDArray[np.float32]:
         """Averages of bins over the nodes, along the last axis."""
@@ -205,8 +197,9 @@ class Grid:
         return along_u, (self.rows**2 - 1) / 12
 
     def at_bins(self, nodes: NDArray) -> NDArray:
-        """Values at the nodes, interpolated to the bins, and extrapolated to the outer ones."""
-        values: Any = cv2.resize(nodes, self.bin_shape[::-1], interpolation=cv2.INTER_LINEAR)
+        """Values at nodes of some rows, interpolated to the bins, extrapolated to outer ones."""
+        size = self.bin_shape[1], len(nodes)
+        values: Any = cv2.resize(nodes, size, interpolation=cv2.INTER_LINEAR)
         if nodes.shape[1] > 1:
             outer = self.bins // 2
             away = ((self.bins - 1) / 2 - np.arange(outer, dtype=np.float32)) / self.bins

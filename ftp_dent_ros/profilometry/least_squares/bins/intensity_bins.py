@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -15,19 +14,13 @@ from ftp_dent_ros.photograph import FULL, Photograph
 from ftp_dent_ros.profilometry.least_squares.bins.compression import jpeg_variance
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.bins.pixel_noise import PixelNoise
-from ftp_dent_ros.profilometry.least_squares.bins.windows import blurred
 
-# Of red in luma (ITU-R BT.601), in which the errors of demosaicing and of JPEG cancel, and in
-# the mean of a mosaic's pixels.
-_RED_IN_LUMA, _RED_IN_MOSAIC = 0.299, 0.25
+# Shares of red, green and blue in luma (ITU-R BT.601), in which the errors of demosaicing and of
+# JPEG cancel, and in the mean of a mosaic's pixels.
+IN_LUMA, IN_MOSAIC = (0.299, 0.587, 0.114), (0.25, 0.5, 0.25)
 # Share of a bin, in light, that may be clipped: noise clips some pixels below that level, by no
 # more than its own standard deviation.
 _FEW = 0.1
-# Phase up to which green and blue are missing, and a little of their blur, radians.
-_STRIPE = math.pi + 0.9
-_LEAST = 1e-3
-# Standard deviation over rows of bins of the ratio of the colours.
-_ROWS = 2.5
 
 
 @dataclass(frozen=True)
@@ -66,8 +59,11 @@ class IntensityBins:
             Whether one fringe has no green and blue. If not, all that the sensor sees shows all
             fringes; if so, the photograph must have colours.
         """
-        light = _of_mosaic if photograph.mosaic else _of_planes
-        red, grey, noise, clipping, share = light(photograph, grid)
+        if photograph.mosaic:
+            light = _of_mosaic(photograph, grid)
+        else:
+            light = _of_planes(photograph, grid, stripe)
+        red, grey, noise, clipping, share = light
         return cls(red if stripe else grey, grey, noise, clipping, share if stripe else 1.0)
 
     @cached_property
@@ -80,48 +76,9 @@ class IntensityBins:
         share = np.float32(self.red_share)
         return (self.grey[rows] - share * self.red[rows]) / (1 - share)
 
-    def filled(
-        self, phase: NDArray[np.float32], inside: NDArray[np.bool_], period: float
-    ) -> NDArray[np.float32]:
-        """Grey levels in which the stripe is a fringe like the others.
 
-        In a red stripe, the red level is taken to the grey that goes with it around.
-
-        Parameters
-        ----------
-        phase : ndarray, shape (rows, columns), float32
-            Absolute phase of the bins, radians.
-        inside : ndarray, shape (rows, columns), bool
-            Bins with fringes.
-        period : float
-            Of the fringes, bins.
-        """
-        if self.red is self.grey:
-            return self.grey
-        stripe = np.abs(phase) < _STRIPE
-        columns = np.flatnonzero((stripe & inside).any(axis=0))
-        if not len(columns):
-            return self.grey
-        beside = 3 * math.ceil(period)
-        band = (slice(None), slice(max(columns[0] - beside, 0), columns[-1] + beside + 1))
-        red, grey, stripe = self.red[band], self.grey[band], stripe[band]
-        weight = (inside[band] & ~stripe).astype(np.float32)
-
-        def mean(values):
-            return blurred(weight * values, (period, _ROWS), cv2.BORDER_CONSTANT)
-
-        total = np.maximum(mean(np.float32(1)), _LEAST)
-        mean_red, mean_grey = mean(red) / total, mean(grey) / total
-        variance = mean(red * red) / total - mean_red * mean_red
-        covariance = mean(red * grey) / total - mean_red * mean_grey
-        slope = covariance / np.maximum(variance, _LEAST)
-        filled = self.grey.copy()
-        filled[band] = np.where(stripe, mean_grey + slope * (red - mean_red), grey)
-        return filled
-
-
-def _of_planes(photograph: Photograph, grid: Grid) -> tuple[Any, ...]:
-    """Red, grey, noise, clipping and red's share of whole planes of pixels."""
+def _of_planes(photograph: Photograph, grid: Grid, stripe: bool) -> tuple[Any, ...]:
+    """Red, for a stripe alone, grey, noise, clipping and red's share of whole planes of pixels."""
     unit = np.float32(photograph.unit)
     plane: Any = photograph.pixels
     if not photograph.is_flat:
@@ -131,7 +88,7 @@ def _of_planes(photograph: Photograph, grid: Grid) -> tuple[Any, ...]:
     if plane.dtype == np.uint8:
         noise = noise.at_least(jpeg_variance(plane) * photograph.unit**2)
     red = grey = grid.binned(plane) * unit
-    if not photograph.is_flat:
+    if stripe and not photograph.is_flat:
         red = grid.binned(cv2.extractChannel(photograph.pixels, 0)) * unit
     full = _full(photograph)
     if full is None:
@@ -139,7 +96,7 @@ def _of_planes(photograph: Photograph, grid: Grid) -> tuple[Any, ...]:
     else:
         seen: Any = full if photograph.is_flat else cv2.cvtColor(full, cv2.COLOR_RGB2GRAY)
         clipping = grid.binned(seen) / np.float32(255)
-    return red, grey, noise, clipping, _RED_IN_LUMA
+    return red, grey, noise, clipping, IN_LUMA[0]
 
 
 def _of_mosaic(photograph: Photograph, grid: Grid) -> tuple[Any, ...]:
@@ -160,12 +117,12 @@ def _of_mosaic(photograph: Photograph, grid: Grid) -> tuple[Any, ...]:
     if full is not None:
         clipping = grid.binned(full) / np.float32(255)
     noise = PixelNoise.of(*planes, unit=unit, step=photograph.step)
-    return red, grey, noise, clipping, _RED_IN_MOSAIC
+    return red, grey, noise, clipping, IN_MOSAIC[0]
 
 
 def _full(photograph: Photograph) -> NDArray[np.uint8] | None:
     """255 for each level that is clipped, else 0; None if none is."""
     highest = FULL * photograph.white
-    if photograph.pixels.max() <= highest:
+    if photograph.highest <= highest:
         return None
     return (photograph.pixels > highest).view(np.uint8) * np.uint8(255)

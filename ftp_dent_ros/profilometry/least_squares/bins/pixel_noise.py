@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.median import median
+from ftp_dent_ros.median import MEDIAN_OF_SQUARE, median
 
 # Rows of which one is looked at, and columns.
 _EVERY, _EVERY_COLUMN = 16, 5
@@ -25,8 +25,6 @@ _BINS = 16
 # Levels beyond which some pixels are clipped, and have no noise.
 _DARKEST, _BRIGHTEST = 2, 250
 _FEWEST = 40  # differences that tell the noise of a level
-# Of squares of normal values: the median.
-_MEDIAN_OF_SQUARE = 0.4549
 _COARSE = 4  # nodes along u and v that it is told for together
 _PHASES = 4  # of half a fringe, that a mean is taken over
 
@@ -74,7 +72,7 @@ class PixelNoise:
             if inside.stop - inside.start >= _FEWEST:
                 levels.append(float(level[inside].mean()))
                 middle = np.mean([median(square[inside]) for square in squares])
-                variances.append(middle / (_SQUARES * _MEDIAN_OF_SQUARE))
+                variances.append(middle / (_SQUARES * MEDIAN_OF_SQUARE))
         known = np.interp(np.arange(256), levels or [0], variances or [0])
         return cls(np.maximum(known, (unit * step) ** 2 / 12).astype(np.float32))
 

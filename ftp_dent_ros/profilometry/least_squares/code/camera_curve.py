@@ -51,7 +51,7 @@ def light_power(
         Bins of the surface.
     """
     rows = sampled_rows(len(phase))[::_EVERY]
-    at_bins = grid.at_bins(phase)[rows]
+    at_bins = grid.at_bins(phase[rows])
     contrast = pattern.contrast(at_bins)
     fringes, shift = contrast * np.cos(at_bins), contrast * np.sin(at_bins)
     mask = measured[rows] & ~light.clipped[rows]

@@ -136,12 +136,10 @@ def _told(
     model, grid, windows, levels, phase, mask, variance
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """What each node's window tells of the excess, and how well."""
-    basis = []
-    for side in (-_CHANGE / 2, _CHANGE / 2):
-        cosine, sine = np.cos(phase), np.sin(phase)
-        model.envelope(variance + np.float32(side)).turn(phase, cosine, sine, slice(None))
-        basis.append((cosine, sine))
-    (fringes, shift), (wider, more) = basis
+    fringes, shift = np.cos(phase), np.sin(phase)
+    wider, more = fringes.copy(), shift.copy()
+    for side, basis in ((-_CHANGE / 2, (fringes, shift)), (_CHANGE / 2, (wider, more))):
+        model.envelope(variance + np.float32(side)).turn(phase, *basis)
     told, power = told_of(
         grid, windows, levels, mask, (fringes + wider) / 2, (shift + more) / 2, wider - fringes
     )

@@ -15,7 +15,6 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import convolve1d
 
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.profilometry.least_squares.bins.windows import WIDTH
@@ -62,18 +61,14 @@ class Envelope:
         phase: NDArray[np.float32],
         cosine: NDArray[np.float32],
         sine: NDArray[np.float32],
-        rows: slice,
     ) -> None:
-        """Multiply cosine and sine of a phase, as a complex number, by the envelope, in place.
-
-        `rows` are those of the bins.
-        """
+        """Multiply cosine and sine of a phase, as a complex number, by the envelope, in place."""
         scale = _SAMPLES / _TURN
         place = phase * np.float32(scale)
         place -= np.float32(self.start * scale - 0.5)
         np.clip(place, 0, self.samples - 1, out=place)
         index = place.astype(np.int32)
-        index += self.table[rows]
+        index += self.table
         real, imaginary = self.real.take(index), self.imaginary.take(index)
         across = imaginary * cosine
         imaginary *= sine
@@ -147,10 +142,10 @@ class ContrastModel:
         change, sine = blurred.real - fringes.real, fringes.imag
         reach = np.arange(-2 * _SAMPLES, 2 * _SAMPLES + 1)
         window = np.exp(-0.5 * np.square(reach / (WIDTH * _SAMPLES)))
-        power = convolve1d(np.square(sine), window, mode='constant')
+        power = np.convolve(np.square(sine), window, mode='same')
         shift = np.zeros_like(change)
         for _ in range(_FITS):
-            shift += convolve1d((change - sine * shift) * sine, window, mode='constant') / power
+            shift += np.convolve((change - sine * shift) * sine, window, mode='same') / power
         inner = slice(_BEYOND * _SAMPLES, -_BEYOND * _SAMPLES)
         return float(np.sqrt(np.mean(np.square(shift[inner]))) / _STEP)
 

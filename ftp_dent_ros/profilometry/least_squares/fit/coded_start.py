@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ftp_dent_ros.profilometry.least_squares.bins.extrapolation import Extrapolation
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.bins.intensity_bins import IntensityBins
+from ftp_dent_ros.profilometry.least_squares.bins.limits import at_least
 from ftp_dent_ros.profilometry.least_squares.bins.windows import Windows
 from ftp_dent_ros.profilometry.least_squares.code.code_blur import excess_blur
 from ftp_dent_ros.profilometry.least_squares.code.contrast_model import ContrastModel, Envelope
@@ -103,13 +104,13 @@ class CodedStart:
         weight = mask.astype(np.float32)
         share = self._mean(weight)
         beyond = Extrapolation(self._sure(share), self.windows)
-        share = np.maximum(share, np.float32(_LEAST_SHARE))
+        share = at_least(share, _LEAST_SHARE)
         levelled = self._levelled(light, weight)
         for _ in range(_FITS):
             envelope = model.envelope(grid.to_bins(blur))
             at_bins = grid.at_bins(shift)
             equations = self._masked.equations(base + at_bins, mask, clipped, envelope)
-            _, _, step = equations.solved(levelled)
+            step = equations.step(levelled)
             # A window that ends at the rim speaks for a place that is not its node's.
             shift = beyond.by_slope(self._mean(weight * at_bins) / share + step)
             phase = base + grid.at_bins(shift)
@@ -137,7 +138,7 @@ class CodedStart:
             self.windows.gaussian(self.grid.at_nodes(each), _LIGHT)
             for each in (weight * light.grey, weight)
         )
-        return light.grey - self.grid.at_bins(mean / np.maximum(share, np.float32(_LEAST)))
+        return light.grey - self.grid.at_bins(mean / at_least(share, _LEAST))
 
     def _mean(self, bins) -> NDArray[np.float32]:
         """Mean of bins in the windows."""

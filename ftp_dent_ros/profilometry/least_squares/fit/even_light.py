@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.median import median
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
+from ftp_dent_ros.profilometry.least_squares.bins.limits import at_least
 
 # Of the surface's own: what is darker is taken to be no darker, and its noise not for light.
-_DARKEST = np.float32(0.02)
+_DARKEST = 0.02
 _EVERY = 2  # nodes along u and v that are looked at
 
 
@@ -29,7 +30,7 @@ def brightness(level: NDArray[np.float32], region: NDArray[np.bool_]) -> NDArray
     """
     sample = level[::_EVERY, ::_EVERY][region[::_EVERY, ::_EVERY]]
     usual = max(median(sample), 1.0) if len(sample) else 1.0
-    return np.maximum(level * np.float32(1 / usual), _DARKEST)
+    return at_least(level * np.float32(1 / usual), _DARKEST)
 
 
 def evened(
@@ -45,4 +46,4 @@ def evened(
         As `brightness` tells it of the nodes.
     grid : Grid
     """
-    return levels / np.maximum(grid.at_bins(bright), _DARKEST)
+    return levels / at_least(grid.at_bins(bright), _DARKEST)

@@ -84,16 +84,11 @@ def fit(grid: Grid, windows: Windows, table: ReferenceTable, bins: NDArray[np.fl
     bins : ndarray, shape (rows, columns), float32
         Grey levels of one colour.
     """
-    nodes = np.empty((3, *grid.shape), np.float32)
-    strips = grid.strips()
-    work = np.empty((3, strips[0].stop, bins.shape[1]), np.float32)
-    for rows in strips:
-        products = work[:, : rows.stop - rows.start]
-        np.copyto(products[0], bins[rows])
-        np.multiply(bins[rows], table.cosine[rows], out=products[1])
-        np.multiply(bins[rows], table.sine[rows], out=products[2])
-        nodes[:, rows] = grid.at_nodes(products)
-    sums = [windows.gaussian(one) for one in nodes]
+    products = np.empty((3, *bins.shape), np.float32)
+    products[0] = bins
+    np.multiply(bins, table.cosine, out=products[1])
+    np.multiply(bins, table.sine, out=products[2])
+    sums = [windows.gaussian(one) for one in grid.at_nodes(products)]
     level, cosine, sine = (
         row[0] * sums[0] + row[1] * sums[1] + row[2] * sums[2] for row in table.inverse
     )

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.profilometry.least_squares.bins.extrapolation import Extrapolation
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
+from ftp_dent_ros.profilometry.least_squares.bins.limits import at_least
 from ftp_dent_ros.profilometry.least_squares.bins.windows import Windows
 from ftp_dent_ros.profilometry.least_squares.code.contrast_model import Envelope
 from ftp_dent_ros.profilometry.least_squares.fit.polar import angle, magnitude
@@ -78,18 +79,25 @@ class Equations:
         levels : ndarray, shape (rows, bins), float32
             Grey levels, or multiples of them.
         """
+        mean, x, y = self._found(levels)
         c, s = self.means
-        nodes = np.empty((len(self.weighted), *self.grid.shape), np.float32)
-        for rows in self.grid.strips():
-            nodes[:, rows] = self.grid.at_nodes(self.weighted[:, rows] * levels[rows])
+        level = self.beyond.by_slope(mean - x * c - y * s)
+        return level, self.beyond.by_mean(magnitude(x, y)), self.beyond.by_mean(angle(-y, x))
+
+    def step(self, levels: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The step of the phase alone, as `solved` has it."""
+        _, x, y = self._found(levels)
+        return self.beyond.by_mean(angle(-y, x))
+
+    def _found(self, levels) -> tuple[NDArray[np.float32], ...]:
+        """Mean of levels, and amplitudes of cosine and sine, at the nodes."""
+        c, s = self.means
+        nodes = self.grid.at_nodes(self.weighted * levels)
         mean, p, q = (self.windows.gaussian(total) * self.scale for total in nodes)
         p -= mean * c
         q -= mean * s
         first, mixed, last = self.inverse
-        x = first * p + mixed * q
-        y = mixed * p + last * q
-        level = self.beyond.by_slope(mean - x * c - y * s)
-        return level, self.beyond.by_mean(magnitude(x, y)), self.beyond.by_mean(angle(-y, x))
+        return mean, first * p + mixed * q, mixed * p + last * q
 
 
 class MaskedFit:
@@ -103,10 +111,11 @@ class MaskedFit:
 
     def __init__(self, grid: Grid, windows: Windows) -> None:
         self.grid, self.windows = grid, windows
-        strip, columns = grid.strips()[0].stop, grid.bin_shape[1]
-        self._products = np.empty((_SQUARES, strip, columns), np.float32)
-        self._weighted = np.empty((3, *grid.bin_shape), np.float32)
-        self._sums = np.empty((3 + _SQUARES, *grid.shape), np.float32)
+        self._terms = np.empty((3 + _SQUARES, *grid.bin_shape), np.float32)
+
+    def share_of(self, mask: NDArray[np.bool_]) -> NDArray[np.float32]:
+        """Share of each node's window that a mask of the bins has."""
+        return self.windows.gaussian(self.grid.at_nodes(mask.astype(np.float32)))
 
     def equations(
         self,
@@ -126,27 +135,21 @@ class MaskedFit:
         envelope : Envelope, optional
             Of coded fringes.
         """
-        squares = _SQUARES - (envelope is None)
-        nodes = self._sums[: 3 + squares]
-        for rows in self.grid.strips():
-            weighted, products = self._weighted[:, rows], self._products[:squares]
-            products = products[:, : rows.stop - rows.start]
-            weight, cosine, sine = weighted
-            np.cos(phase[rows], out=cosine)
-            np.sin(phase[rows], out=sine)
-            if envelope is not None:
-                envelope.turn(phase[rows], cosine, sine, rows)
-            np.copyto(weight, mask[rows])
-            cosine *= weight
-            sine *= weight
-            factors = (cosine, cosine), (cosine, sine), (sine, sine)
-            for out, factor in zip(products, factors, strict=False):
-                np.multiply(*factor, out=out)
-            nodes[:3, rows] = self.grid.at_nodes(weighted)
-            nodes[3:, rows] = self.grid.at_nodes(products)
-        share, *sums = (self.windows.gaussian(total) for total in nodes)
+        terms = self._terms[: 3 + _SQUARES - (envelope is None)]
+        weight, cosine, sine, *squares = terms
+        np.cos(phase, out=cosine)
+        np.sin(phase, out=sine)
+        if envelope is not None:
+            envelope.turn(phase, cosine, sine)
+        np.copyto(weight, mask)
+        cosine *= weight
+        sine *= weight
+        factors = (cosine, cosine), (cosine, sine), (sine, sine)
+        for out, factor in zip(squares, factors, strict=False):
+            np.multiply(*factor, out=out)
+        share, *sums = (self.windows.gaussian(total) for total in self.grid.at_nodes(terms))
         known = enough(share, clipped)
-        scale = 1 / np.maximum(share, np.float32(_LEAST_SHARE if clipped is None else LEAST_SEEN))
+        scale = 1 / at_least(share, _LEAST_SHARE if clipped is None else LEAST_SEEN)
         c, s, cc, cs, *square = (total * scale for total in sums)
         # Of sines without a code, the mean square is what that of the cosines leaves.
         ss = (square[0] if square else 1 - cc) - s * s
@@ -155,8 +158,18 @@ class MaskedFit:
         determinant = cc * ss - cs * cs
         least = _LEAST_VARIATION if clipped is None else _LEAST_CLIPPED
         known &= determinant > least
-        inverse = np.stack([ss, -cs, cc]) / np.maximum(determinant, np.float32(least))
+        inverse = np.stack([ss, -cs, cc]) / at_least(determinant, least)
         beyond, means = Extrapolation(known, self.windows), (c, s)
         return Equations(
-            self.grid, self.windows, self._weighted, scale, means, inverse, known, beyond
+            self.grid, self.windows, self._terms[:3], scale, means, inverse, known, beyond
         )
+
+
+def fringes_at(
+    phase: NDArray[np.float32], envelope: Envelope | None
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Cosine and sine of a phase, radians, as a code's envelope makes them."""
+    cosine, sine = np.cos(phase), np.sin(phase)
+    if envelope is not None:
+        envelope.turn(phase, cosine, sine)
+    return cosine, sine

@@ -30,6 +30,8 @@ class Refined:
         Root mean square misfit of the bins around each node, in amplitudes.
     wavelength : ndarray, shape (rows, columns), float32
         At which half of a detail's depth is left, pixels.
+    astray : ndarray, shape (rows, columns), bool
+        Bins on the surface that the fringes explain less well than noise allows.
     relief : bool
         Whether most of the surface is rougher than skin, and than the pixels' noise makes it.
     """
@@ -42,4 +44,5 @@ class Refined:
     covered: NDArray[np.float32]
     roughness: NDArray[np.float32]
     wavelength: NDArray[np.float32]
+    astray: NDArray[np.bool_]
     relief: bool

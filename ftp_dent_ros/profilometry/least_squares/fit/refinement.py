@@ -18,26 +18,34 @@ from ftp_dent_ros.median import median
 from ftp_dent_ros.profilometry.least_squares.bins.extrapolation import Extrapolation
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.bins.intensity_bins import IntensityBins
+from ftp_dent_ros.profilometry.least_squares.bins.limits import at_least
+from ftp_dent_ros.profilometry.least_squares.bins.red_stripe import without_stripe
 from ftp_dent_ros.profilometry.least_squares.bins.windows import Windows
 from ftp_dent_ros.profilometry.least_squares.code.contrast_model import Envelope
-from ftp_dent_ros.profilometry.least_squares.fit.camera_effects import lag_of_bins, take_harmonics
+from ftp_dent_ros.profilometry.least_squares.fit.camera_effects import lag_of_blur, take_harmonics
+from ftp_dent_ros.profilometry.least_squares.fit.correction import Correction
 from ftp_dent_ros.profilometry.least_squares.fit.even_light import brightness, evened
-from ftp_dent_ros.profilometry.least_squares.fit.masked_fit import LEAST_SEEN, MaskedFit, enough
-from ftp_dent_ros.profilometry.least_squares.fit.polar import angle
+from ftp_dent_ros.profilometry.least_squares.fit.masked_fit import (
+    LEAST_SEEN,
+    MaskedFit,
+    enough,
+    fringes_at,
+)
 from ftp_dent_ros.profilometry.least_squares.fit.refined import Refined
+from ftp_dent_ros.profilometry.least_squares.fit.shadow_fit import ShadowFit
 from ftp_dent_ros.profilometry.least_squares.fit.surface_mask import (
+    astray,
     on_surface,
     rim_cover,
     roughness,
 )
-from ftp_dent_ros.profilometry.least_squares.noise.albedo import slope_along_u
+from ftp_dent_ros.profilometry.least_squares.fit.two_sided_fit import OneLight, TwoSidedFit
+from ftp_dent_ros.profilometry.least_squares.noise.between_crests import doubt_in_dark
 from ftp_dent_ros.profilometry.least_squares.noise.denoising import denoise
 from ftp_dent_ros.profilometry.least_squares.noise.noise_gain import noise_through
 from ftp_dent_ros.profilometry.least_squares.noise.other_light import OtherLight
 from ftp_dent_ros.profilometry.least_squares.noise.response import Response, over_rows
 
-# Of the normal equations by missing bins, beyond which their lack is not made up for.
-_LEAST_SUPPORT = 0.5
 # Fringes along u, and bins along v, by which the first mask's rim is uncertain.
 _RIM_U, _RIM_V = 0.6, 1
 # Misfit of most of a surface, in amplitudes, that is none of skin, and over that by noise.
@@ -48,11 +56,6 @@ _FITS = 4
 _ROUNDS, _EXPLAINED = 2, 0.9
 # Of what is lit in a window, that must be explained for a point: no edge is filled from around.
 _LEAST_TOLD = 0.75
-# Variance of noise over what a fit's residual shows of it.
-_FITTED = 1.45
-# Mean square of the lowest contrast, seen through noise.
-_LEAST_POWER = 0.1
-_SUMS = 6
 
 
 class Refinement:
@@ -70,13 +73,9 @@ class Refinement:
         self._systematic = systematic
         self.grid, self.windows = grid, windows
         self.period = period / grid.step
-        rows, columns = grid.bin_shape
-        strip = grid.strips()[0].stop
-        self._masked = MaskedFit(grid, windows)
-        self._products = np.empty((_SUMS, strip, columns), np.float32)
-        self._turns = np.empty((2, strip, columns), np.float32)
-        self._sums = np.empty((_SUMS, *grid.shape), np.float32)
-        self._work = np.empty((4, rows, columns), np.float32)
+        self._masked = masked = MaskedFit(grid, windows)
+        sides = TwoSidedFit(grid, windows, masked, self.period)
+        self._edges = ShadowFit(grid, windows, masked, sides)
         self._response = Response.of(period, grid, _FITS)
         self._noise = noise_through(grid, windows, self._response)
         self._other_light = OtherLight(windows, self._noise)
@@ -93,6 +92,7 @@ class Refinement:
         reference: NDArray[np.float32],
         shift: NDArray[np.float32],
         region: NDArray[np.bool_],
+        usual_blur: NDArray[np.float32],
         envelope: Envelope | None = None,
         relief: bool = False,
     ) -> Refined:
@@ -109,6 +109,8 @@ class Refinement:
             Phase less the reference's at the nodes, continued beyond the region.
         region : ndarray, shape (rows, columns), bool
             Nodes of the surface, to a node or so.
+        usual_blur : ndarray, shape (rows, columns), float32
+            Variance of the blur of bins and usual lenses, radians^2.
         envelope : Envelope, optional
             Of coded fringes.
         relief : bool
@@ -117,152 +119,128 @@ class Refinement:
         inside = self.grid.to_bins(region).view(np.uint8)
         phase = base + self._of_model(reference + shift)
         clipped = light.clipped
-        levels = light.filled(phase, inside > 0, self.period)
+        striped = without_stripe(light, phase, inside > 0, self.period)
+        levels = striped.levels
         rim = math.ceil(self.grid.bins / 2 + _RIM_U * self.period)
         core = cv2.erode(inside, np.ones((2 * _RIM_V + 1, 2 * rim + 1)), borderValue=0)
         mask = (core > 0) & ~clipped
         allowed = (cv2.dilate(inside, np.ones((3, 5))) > 0) & ~clipped
-        lost = self._share_of(clipped & (core > 0)) if clipped.any() else None
+        lost = self._masked.share_of(clipped & (core > 0)) if clipped.any() else None
         for _ in range(_ROUNDS):
             equations = self._masked.equations(phase, mask, lost, envelope)
             level, modulation, step = equations.solved(levels)
             shift = shift + step
             phase = np.add(base, self._of_model(reference + shift), out=phase)
-            cosine, sine = self._fringes(phase, envelope)
+            cosine = np.cos(phase) if envelope is None else fringes_at(phase, envelope)[0]
             rest, amplitude, fringes = self._rest(levels, level, modulation, cosine)
-            misfit = self._work[3]
-            take_harmonics(rest, amplitude, cosine, mask, self.grid, self._turns[0])
-            np.divide(rest, np.maximum(amplitude, 1, out=misfit), out=misfit)
+            take_harmonics(rest, amplitude, cosine, mask)
+            misfit = rest / at_least(amplitude, 1)
             mask, body, lit = on_surface(misfit, mask, allowed, clipped, cosine, self.period)
             if np.count_nonzero(mask) > _EXPLAINED * np.count_nonzero(allowed):
                 break
         bright = brightness(level, region & equations.told)
         even = evened(levels, bright, self.grid)
+        ordinary = level, modulation
         level, modulation, again = equations.solved(even)
         shift = shift + (again - step)
-        phase = np.add(base, self._of_model(reference + shift), out=phase)
-        cosine, sine = self._fringes(phase, envelope)
+
+        def fringes_of(shift):
+            phase = base + self._of_model(reference + shift)
+            return phase, *fringes_at(phase, envelope)
+
+        phase, cosine, sine = fringes_of(shift)
+        one = OneLight(*(levels, even, *ordinary, bright, shift, cosine, mask, core > 0, clipped))
+        # What is no skin has edges of its own everywhere.
+        sides = None if relief else self._edges.fitted(one, fringes_of, envelope, lost)
+        if sides is not None:
+            shift, level, modulation = sides.shift, sides.level, sides.modulation
+            even, mask, clipped = sides.even, sides.mask, clipped | sides.crossed
+            lost = self._masked.share_of(clipped & (core > 0))
+            phase, cosine, sine = fringes_of(shift)
         rest, amplitude, _ = self._rest(even, level, modulation, cosine)
-        second = take_harmonics(rest, amplitude, cosine, mask, self.grid, self._turns[0])
-        seen = self._share_of(mask)
-        told = seen > np.float32(_LEAST_TOLD) * self._share_of(body & ~clipped)
+        second = take_harmonics(rest, amplitude, cosine, mask)
+        if sides is not None:
+            np.divide(rest, at_least(amplitude, 1), out=misfit, where=sides.beside)
+            mask, body, lit = on_surface(misfit, mask, allowed, clipped, cosine, self.period)
+        seen = self._masked.share_of(mask)
+        told = seen > np.float32(_LEAST_TOLD) * self._masked.share_of(body & ~clipped)
         if lost is not None:
             # What is clipped is taken to be as the model says, so that windows stay whole.
             filled = clipped & body
             rest[filled] = misfit[clipped] = 0
             mask = mask | filled
-        step, along, texture, variance, support, power = self._correction(
-            rest, misfit, cosine, sine, modulation, mask, second, envelope is not None
+        found = Correction.of(
+            *(rest, misfit, (cosine, sine), modulation, mask, second, envelope is not None),
+            *(self.grid, self.windows, self._density),
         )
+        variance = found.variance
         if lost is not None:
             # Less is seen, and flanks alone tell phase from level less well.
-            variance /= np.square(np.maximum(1 - lost, np.float32(LEAST_SEEN)))
-        supported = enough(support, lost)
+            variance = variance / np.square(at_least(1 - lost, LEAST_SEEN))
+        if sides is not None:
+            variance = variance + sides.variance
+        supported = enough(found.support, lost)
         body &= self.grid.to_bins(told & (seen > LEAST_SEEN))
         level *= bright
         modulation = modulation * bright
         noise = light.noise.of_fringes(level, modulation) * self._of_pixels
-        pixels = noise / (np.square(np.maximum(modulation, 1)) * power)
+        pixels = noise / (np.square(at_least(modulation, 1)) * found.power)
+        contrast = modulation * np.sqrt(found.power) / at_least(level, 1)
+        doubt = doubt_in_dark(found.in_dark, found.variance, pixels[0], contrast, supported)
+        amplitude = modulation
+        if sides is not None and sides.known is not None:
+            # What its light leaves between crests is no other surface's.
+            doubt, amplitude = doubt * (1 - sides.known), sides.amplitude
         beyond = Extrapolation(supported, self.windows)
         denoised = denoise(
-            beyond.by_slope(shift + step),
-            beyond.by_mean(texture),
-            self._contrast_slope(level, beyond.by_mean(along) * bright),
+            beyond.by_slope(shift + found.step),
+            beyond.by_mean(found.texture),
+            _contrast(level, beyond.by_mean(found.along) * bright),
             pixels,
             beyond.by_mean(variance),
+            doubt,
             supported,
             self.windows,
             self._response,
             self._noise,
             self._systematic,
             not relief,
+            envelope is None,
         )
         if envelope is None:
             # The code is in the contrast.
-            other = self._other_light.variance(level, modulation, pixels[0], supported)
+            other = self._other_light.variance(level, amplitude, pixels[0], supported)
             denoised = replace(denoised, variance=denoised.variance + other)
-        if self.grid.bin_variance:
-            lag = lag_of_bins(modulation, phase, self.grid, self.windows)
-            denoised = replace(denoised, values=denoised.values - lag)
-        covered = rim_cover(levels, fringes, body, allowed, self.period)
+        blur = striped.blur * self.grid.step**2
+        if self.grid.bin_variance or blur:
+            place = phase, self.grid, self.windows
+            lag, either = lag_of_blur(modulation, equations.told, *place, blur, usual_blur)
+            denoised = replace(
+                denoised, values=denoised.values - lag, variance=denoised.variance + either
+            )
+        covered = rim_cover(levels, fringes, body, allowed, self.period, alone=relief)
         rough = roughness(misfit, self.windows, self.grid)
-        explained = median(np.sqrt(pixels[0][supported])) if supported.any() else 0.0
-        is_relief = supported.any() and median(rough[supported]) > max(
-            _RELIEF, _RELIEF_NOISE * explained
-        )
+        noisy = _RELIEF_NOISE * median(np.sqrt(pixels[0][supported])) if supported.any() else 0.0
+        is_relief = bool(supported.any() and median(rough[supported]) > max(_RELIEF, noisy))
         wavelength = self._response.wavelength(denoised.put_back)
         return Refined(
-            denoised, level, modulation, body, lit, covered, rough, wavelength, bool(is_relief)
+            *(denoised, level, modulation, body, lit, covered, rough, wavelength),
+            *(astray(misfit, mask, body, self.period), is_relief),
         )
 
-    def _fringes(self, phase, envelope):
-        """Cosine and sine of a phase, as a code's envelope makes them, in the workspace."""
-        cosine, sine = (np.cos(phase, out=self._work[0]), np.sin(phase, out=self._work[1]))
-        if envelope is not None:
-            for rows in self.grid.strips():
-                envelope.turn(phase[rows], cosine[rows], sine[rows], rows)
-        return cosine, sine
-
     def _rest(self, levels, level, modulation, cosine):
-        """What fringes leave of levels, in the workspace, their amplitude, and their light."""
+        """What fringes leave of levels, their amplitude, and their light."""
         amplitude = self.grid.at_bins(modulation)
-        rest = np.subtract(levels, self.grid.at_bins(level), out=self._work[2])
+        rest = levels - self.grid.at_bins(level)
         fringes = amplitude * cosine
         rest -= fringes
         return rest, amplitude, fringes
-
-    def _contrast_slope(self, level, modulation):
-        """Slope of the logarithm of the contrast along u, over that of the fringes' phase."""
-        contrast = np.log(np.maximum(modulation, 1) / np.maximum(level, 1))
-        return slope_along_u(contrast, self.period / self.grid.bins)
 
     def _of_model(self, phase):
         """Phase at the nodes to the bins, as the photograph has it."""
         return self.grid.at_bins(over_rows(phase, self.grid.rows))
 
-    def _share_of(self, mask):
-        """Share of each node's window that a mask has."""
-        return self.windows.gaussian(self.grid.at_nodes(mask.astype(np.float32)))
 
-    def _correction(self, rest, misfit, cosine, sine, modulation, mask, second, coded):
-        """Phase step by what is left of the photograph, and its predicted variance.
-
-        Beside them: texture, the share of each window that is seen, and the mean square of the
-        contrast there.
-        """
-        grid, windows = self.grid, self.windows
-        count = _SUMS - 1 + coded
-        nodes = self._sums[:count]
-        for rows in grid.strips():
-            products = self._products[:count, : rows.stop - rows.start]
-            seen, weight = self._turns[:, : rows.stop - rows.start]
-            np.copyto(weight, mask[rows])
-            np.multiply(rest[rows], weight, out=seen)
-            np.multiply(weight, sine[rows], out=products[0])
-            products[0] *= sine[rows]
-            products[0] *= 2
-            np.multiply(misfit[rows], weight, out=products[1])
-            products[1] *= products[1]
-            np.multiply(seen, sine[rows], out=weight)
-            np.multiply(weight, cosine[rows], out=products[2])
-            np.multiply(seen, cosine[rows], out=products[3])
-            np.copyto(products[4], weight)
-            if coded:
-                np.copyto(products[5], mask[rows])
-            nodes[:, rows] = grid.at_nodes(products)
-        support, spread, double, in_phase, across, *share_of_nodes = nodes
-        support, power = windows.flat_top(support), np.float32(1)
-        if coded:
-            share = windows.flat_top(*share_of_nodes)
-            whole = np.maximum(share, np.float32(_LEAST_SUPPORT))
-            power, support = np.maximum(support / whole, np.float32(_LEAST_POWER)), share
-        whole = np.maximum(support, np.float32(_LEAST_SUPPORT)) * power
-        size = np.maximum(modulation, 1)
-        along = modulation + 2 * windows.flat_top(in_phase) / power
-        step = angle(-2 * windows.flat_top(across) / whole, along)
-        texture = 4 * windows.flat_top(double) / (whole * size)
-        texture += np.float32(2 * second) * step
-        # Evening the light takes a leap of the albedo off its misfit, but not off the phase.
-        variance = windows.gaussian(spread, 2) / whole
-        variance *= np.float32(_FITTED * self._density)
-        return step, along, texture, variance, support, power
+def _contrast(level, modulation):
+    """Logarithm of the fringes' contrast."""
+    return np.log(at_least(modulation, 1) / at_least(level, 1))

@@ -157,3 +157,16 @@ def eroded(region: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """The nodes of a region whose windows do not see its rim."""
     size = 2 * _RIM_NODES + 1
     return cv2.erode(region.view(np.uint8), np.ones((size, size), np.uint8), borderValue=0) > 0
+
+
+def surfaces_in(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The nodes of a mask where it is wide enough for a surface, and those beside that see it.
+
+    What is left out are strips, as fits leave them along the dark.
+    """
+    wide = eroded(mask)
+    if not wide.any():
+        return wide
+    # Grown back to the surface, and on to the nodes whose windows it is in.
+    size = 4 * _RIM_NODES + 1
+    return mask & (cv2.dilate(wide.view(np.uint8), np.ones((size, size), np.uint8)) > 0)

@@ -24,11 +24,7 @@ from ftp_dent_ros.profilometry.least_squares.fit.first_fit import ReferenceTable
 from ftp_dent_ros.profilometry.least_squares.fit.quadric import evaluate, robust_quadric
 from ftp_dent_ros.profilometry.least_squares.fit.refined import Refined
 from ftp_dent_ros.profilometry.least_squares.fit.refinement import Refinement
-from ftp_dent_ros.profilometry.least_squares.fit.regions import (
-    apart,
-    eroded,
-    rim_strips,
-)
+from ftp_dent_ros.profilometry.least_squares.fit.regions import apart, eroded, rim_strips
 from ftp_dent_ros.profilometry.least_squares.phase_geometry import PhaseGeometry
 
 # The nodes of a region that are not its surface's, by the seams in it, its fit and its phase.
@@ -135,12 +131,14 @@ class SurfaceFit:
             shift = refinement.windows.flat_top(shift)
         table, whole = self.table, region | strips
         start, envelope, unsure = reference - table.node_phase, None, None
+        blur = self._expected_blur(reference)
         if self._code is not None:
             base = table.phase + self.grid.at_bins(start)
-            blur = self._expected_blur(reference)
             decoded = self._start(step - _FINER * relief).decoded(light, base, shift, whole, blur)
             shift, envelope, unsure = decoded.shift, decoded.envelope, decoded.variance
-        refined = refinement.refine(light, table.phase, start, shift, whole, envelope, relief)
+        refined = refinement.refine(
+            *(light, table.phase, start, shift, whole, blur, envelope, relief)
+        )
         if unsure is not None:
             refined.shift.variance[:] += unsure
         check_fringes(refined.roughness[region])

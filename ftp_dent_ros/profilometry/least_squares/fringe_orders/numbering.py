@@ -25,10 +25,7 @@ from ftp_dent_ros.profilometry.least_squares.fringe_orders.doubted_pieces import
     most_of,
     settle,
 )
-from ftp_dent_ros.profilometry.least_squares.fringe_orders.pieces import (
-    continuous,
-    pieces,
-)
+from ftp_dent_ros.profilometry.least_squares.fringe_orders.pieces import continuous, pieces
 from ftp_dent_ros.profilometry.pattern_check import other_code
 
 # Pixel rows that are judged together; of mean square misfit, in steps of the code, that is

@@ -12,11 +12,7 @@ from numpy.typing import NDArray
 from ftp_dent_ros.errors import NoFringesError, NoStripeError
 from ftp_dent_ros.profilometry.least_squares.bins.intensity_bins import IntensityBins
 from ftp_dent_ros.profilometry.least_squares.fit.first_fit import Fringes
-from ftp_dent_ros.profilometry.least_squares.fit.regions import (
-    edges,
-    eroded,
-    separated,
-)
+from ftp_dent_ros.profilometry.least_squares.fit.regions import edges, eroded, separated
 from ftp_dent_ros.profilometry.least_squares.fit.surface_fit import FittedSurface, SurfaceFit
 from ftp_dent_ros.profilometry.least_squares.fit.surface_mask import roughness
 from ftp_dent_ros.profilometry.least_squares.fringe_orders.frame_rim import FrameRim

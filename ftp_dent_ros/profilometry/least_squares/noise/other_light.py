@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.profilometry.least_squares.bins.extrapolation import Extrapolation
+from ftp_dent_ros.profilometry.least_squares.bins.limits import at_least
 from ftp_dent_ros.profilometry.least_squares.bins.windows import (
     Windows,
     coarsened,
@@ -81,9 +82,9 @@ class OtherLight:
         level, modulation, pixels = (
             coarsened(each, together) for each in (level, modulation, pixels)
         )
-        contrast = np.clip(modulation / np.maximum(level, 1), _LEAST, 1)
+        contrast = np.clip(modulation / at_least(level, 1), _LEAST, 1)
         beyond = Extrapolation(inside, self._coarse)
-        logarithms = np.log(np.maximum(np.stack([contrast, modulation]), _LEAST))
+        logarithms = np.log(at_least(np.stack([contrast, modulation]), _LEAST))
         changed, brighter = self._uneven(logarithms, inside, beyond)
         energy = np.minimum(np.square(changed), np.square(brighter))
         energy -= np.square((1 - contrast) * brighter)
@@ -92,7 +93,7 @@ class OtherLight:
             self._coarse.wide(each.astype(np.float32), _NEIGHBOURHOOD)
             for each in (energy * inside, inside)
         )
-        return interpolated(np.maximum(mean, 0) / np.maximum(share, _LEAST_SHARE), shape)
+        return interpolated(at_least(mean, 0) / at_least(share, _LEAST_SHARE), shape)
 
     def _uneven(self, fields, inside, beyond: Extrapolation) -> list[NDArray[np.float32]]:
         """Fields less their trends over the surface, and less what of them is smooth."""
