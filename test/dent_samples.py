@@ -8,7 +8,7 @@ import numpy as np
 
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.inspection.dent import Estimate, Inspection, MeasuredDent
-from ftp_dent_ros.inspection.measuring.outlines.restoration import shown
+from ftp_dent_ros.inspection.measuring.skin.smoothing import shown
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig import Lens
 from ftp_dent_ros.simulation.skin.dent import Dent

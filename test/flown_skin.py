@@ -25,13 +25,15 @@ _FINE = 0.001
 class FlownSkin:
     """A cylinder about x, bent away from a camera above it, with dents and paint.
 
-    `marked` is the part of x that has paint; elsewhere the skin is bare and smooth.
+    `marked` is the part of x that has paint; elsewhere the skin is bare and smooth. With a `pitch`
+    the paint is rows of rivets alone, which repeat themselves along x.
     """
 
     seed: int
     marked: tuple[float, float] = (-9.0, 9.0)
     dents: tuple[tuple[float, float, float, float], ...] = ()
     bare: bool = False
+    pitch: float | None = None
     paint: NDArray[np.float64] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -45,6 +47,11 @@ class FlownSkin:
         for at in np.arange(-1.4, 1.4, 0.025):
             for line in rng.uniform(150, 650, 1):
                 cv2.circle(paint, (int((at + 1.5) / _FINE), int(line)), 3, -0.25, -1)
+        if self.pitch:
+            paint = np.zeros((800, 3000))
+            for line in rng.uniform(250, 550, 4):
+                for at in np.arange(-1.4, 1.4, self.pitch):
+                    cv2.circle(paint, (round((at + 1.5) / _FINE), int(line)), 3, -0.25, -1)
         paint *= (x > self.marked[0]) & (x < self.marked[1])
         object.__setattr__(self, 'paint', paint)
 

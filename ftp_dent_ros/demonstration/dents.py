@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,6 +22,7 @@ from ftp_dent_ros.recording.reader import Bag
 from ftp_dent_ros.rig import Lens
 from ftp_dent_ros.ros.dent_messages import KINDS, dents_from_message
 from ftp_dent_ros.simulation.truth import TrueDent, is_at_lap, true_dents
+from ftp_dent_ros.simulation.truth_matching import true_index
 from ftp_dent_ros.simulation.world import World
 
 _MM = 1e3
@@ -176,13 +177,6 @@ def _lies_in(
     if not ((row >= 0) & (row < rows) & (column >= 0) & (column < columns)).all():
         return False
     return bool(mask[row, column].all())
-
-
-def true_index(position: np.ndarray, truth: Sequence[TrueDent]) -> int | None:
-    """The true dent within whose length a position lies; the nearest of several."""
-    apart = [float(np.linalg.norm(true.position - position)) for true in truth]
-    near = [i for i, true in enumerate(truth) if apart[i] <= true.length / 2]
-    return min(near, key=lambda i: apart[i], default=None)
 
 
 def _errors(entry: ListedDent, true: TrueDent) -> tuple[float, float, float]:

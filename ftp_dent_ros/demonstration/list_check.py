@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from ftp_dent_ros.simulation.truth import TrueDent
+from ftp_dent_ros.simulation.truth_matching import match_truth
 
 # Standard uncertainties that a place may be off by: of three axes, 97 in 100 are not.
 _SIGMAS = 3.0
@@ -18,8 +18,6 @@ _SIGMAS = 3.0
 _SIZE_SIGMAS, _OF_SIZE = 4.0, 0.25
 # After so many, whose dent is whose changes no more.
 _ROUNDS = 4
-# What a pair costs that cannot be: more than all that can, each of which costs about 1 at most.
-_NEVER = 1e6
 
 
 def check_list(listed: NDArray[Any], truth: Sequence[TrueDent]) -> tuple[int, int]:
@@ -40,19 +38,19 @@ def check_list(listed: NDArray[Any], truth: Sequence[TrueDent]) -> tuple[int, in
     if not len(listed) or not truth:
         return len(listed), 0
     places = np.stack([listed[axis] for axis in 'xyz'], axis=-1).astype(float)
-    off = places[:, None] - np.stack([each.position for each in truth])
+    there = np.stack([each.position for each in truth])
+    off = places[:, None] - there
     reach = np.array([each.length / 2 for each in truth]) + _SIGMAS * np.array(
         listed['position_uncertainty'], float
     ).reshape(-1, 1)
     may_be = (np.linalg.norm(off, axis=-1) <= reach) & _sizes_agree(listed, truth)
     shift = np.zeros(3)
     for _ in range(_ROUNDS):
-        cost = np.where(may_be, np.linalg.norm(off - shift, axis=-1) / reach, _NEVER)
-        one, its = linear_sum_assignment(cost)
-        one, its = one[may_be[one, its]], its[may_be[one, its]]
-        if len(one):
-            shift = np.median(off[one, its], axis=0)
-    left = np.setdiff1d(np.arange(len(listed)), one)
+        # Less the shift, a place that may be lies off by twice the reach at most.
+        pairs = match_truth(places - shift, there, 2 * reach, may_be)
+        if pairs:
+            shift = np.median([off[one, its] for its, one in pairs.items()], axis=0)
+    left = np.setdiff1d(np.arange(len(listed)), list(pairs.values()))
     twice = may_be[left].any(axis=1)
     return int((~twice).sum()), int(twice.sum())
 

@@ -80,7 +80,8 @@ class MeasuredDent:
     length_profile, width_profile : ndarray, shape (n, 2)
         Distance from the centre along each axis, and depth below the contour; metres.
     reason : str
-        Where the kind, or its being one dent, is in doubt: why.
+        Where the kind, or its being one dent, is in doubt: why. Of a step: if it is all round a
+        plate, whose length, width and area are then told.
     clearance : float
         From this outline to the next dent's, metres; infinite if there is none.
     """
@@ -170,8 +171,9 @@ class Inspection:
     noise : ndarray, shape (rows, columns)
         Its standard deviation, metres.
     findable : ndarray, shape (rows, columns)
-        Depth from which a dent of the smallest width would have been found there, metres, but
-        where the rim of what is measured cuts it: then `kinds.AT_RIM` smallest depths at least.
+        Depth from which a dent of the smallest width would have been listed as a dent in 95 % of
+        cases there, metres, `kinds.STEEP` widths at most; but where the rim of what is measured
+        cuts it: then `kinds.AT_RIM` smallest depths at least.
     """
 
     dents: tuple[MeasuredDent, ...]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.errors import CameraError, ConfigurationError
-from ftp_dent_ros.files import find, read_yaml
+from ftp_dent_ros.files import find
 from ftp_dent_ros.photograph import Photograph
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig import Rig
@@ -23,6 +23,7 @@ from ftp_dent_ros.simulation.skin.fields import Fields
 from ftp_dent_ros.simulation.skin.surface import Surface
 from ftp_dent_ros.simulation.vehicle.estimate import EstimateErrors, Faults
 from ftp_dent_ros.simulation.vehicle.flight import Flight
+from ftp_dent_ros.yaml_file import read_yaml
 
 # The optical frame of a camera that looks along the drone's nose.
 _FORWARD = {'translation': [0.1, 0, 0], 'rpy': [-math.pi / 2, 0, -math.pi / 2]}
@@ -136,7 +137,7 @@ def _renderer(rig: Rig, projected: _Pixels, photometry: Photometry) -> Renderer:
 
 
 def read_world(path: str | os.PathLike[str], start_ns: int = 0) -> World:
-    """Read a scene file of the user's or, if there is none of that name, a shipped one.
+    """Read a scene file of the user's, or a shipped one by ``shipped:NAME``.
 
     Parameters
     ----------

@@ -5,8 +5,9 @@ import pytest
 import yaml
 
 from ftp_dent_ros.errors import ConfigurationError
-from ftp_dent_ros.files import find, read_yaml
+from ftp_dent_ros.files import find
 from ftp_dent_ros.simulation.world import read_world
+from ftp_dent_ros.yaml_file import read_yaml
 
 
 @pytest.fixture

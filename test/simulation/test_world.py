@@ -8,9 +8,10 @@ import pytest
 import yaml
 
 from ftp_dent_ros.errors import ConfigurationError, ImageError
-from ftp_dent_ros.files import find, read_yaml
+from ftp_dent_ros.files import find
 from ftp_dent_ros.simulation.photography.view import see
 from ftp_dent_ros.simulation.world import read_world
+from ftp_dent_ros.yaml_file import read_yaml
 
 START_NS = 1_700_000_000_000_000_000
 

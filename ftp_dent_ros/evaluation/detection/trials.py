@@ -35,6 +35,7 @@ from ftp_dent_ros.simulation import (
 )
 from ftp_dent_ros.simulation.skin.shapes import SMOOTH, Cap, Gaussian, RaisedCosine, Shape
 from ftp_dent_ros.simulation.truth import true_dents
+from ftp_dent_ros.simulation.truth_matching import match_truth
 
 DISTANCES = 0.6, 0.8, 1.2
 #: Skins with dents; blank ones have all of `SKINS`.
@@ -153,17 +154,19 @@ def _taken(index: int, smallest_depth: float) -> Trial:
 
 
 def _compared(truth, found: Inspection) -> tuple[list[list[float]], int, int]:
-    left = list(found.dents)
+    pairs = match_truth(
+        [dent.position for dent in found.dents],
+        [true.position for true in truth],
+        [true.width / 2 for true in truth],
+    )
     results = []
-    for true in truth:
-        near = [d for d in left if np.linalg.norm(d.position - true.position) < true.width / 2]
-        best = min(near, key=lambda d: abs(d.depth.value - true.depth), default=None)
-        left = [dent for dent in left if dent is not best]
-        measured = math.nan if best is None else best.depth.value
-        results.append([true.depth, true.width, int(best is not None), measured])
+    for index, true in enumerate(truth):
+        hit = index in pairs
+        measured = found.dents[pairs[index]].depth.value if hit else math.nan
+        results.append([true.depth, true.width, int(hit), measured])
     reach = [(true.position, true.length) for true in truth]
     others = [o for o in found.others if all(np.linalg.norm(o.position - p) > r for p, r in reach)]
-    return results, len(left), len(others)
+    return results, len(found.dents) - len(pairs), len(others)
 
 
 def scene_of(index: int) -> tuple[float, str, str, Scene]:

@@ -11,6 +11,7 @@ from ftp_dent_ros.inspection.dent import Estimate, MeasuredDent, orientation_of
 from ftp_dent_ros.inspection.measuring.places.bare_skin import BareSkin
 from ftp_dent_ros.inspection.measuring.places.detection import Candidate
 from ftp_dent_ros.inspection.measuring.places.evidence import SUSPECT
+from ftp_dent_ros.inspection.measuring.places.kinds import LONG
 from ftp_dent_ros.inspection.measuring.places.placement import axis_along
 from ftp_dent_ros.inspection.measuring.places.surroundings import places
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
@@ -20,8 +21,6 @@ from ftp_dent_ros.inspection.settings import Settings
 _HIDDEN = 0.1
 # Standard deviations of a one-sided bound that holds in 97.5 %.
 _COVERED = 1.96
-# Of what is a valley, in widths.
-_LONG = 1.8
 _NAN = Estimate(math.nan, math.nan)
 
 
@@ -59,7 +58,7 @@ def hidden_dent(
         return []
     if candidate.is_valley:
         least = candidate.height - _COVERED * unsure
-        if length < _LONG * width or least < settings.smallest_depth:
+        if length < LONG * width or least < settings.smallest_depth:
             return []
     elif significance < skin.suspect:
         return []

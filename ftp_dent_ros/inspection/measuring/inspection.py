@@ -11,11 +11,17 @@ from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.inspection.clearance import with_clearances
 from ftp_dent_ros.inspection.dent import Inspection, MeasuredDent, Waviness
+from ftp_dent_ros.inspection.measuring.findable import findable_depth
 from ftp_dent_ros.inspection.measuring.hidden import hidden_dent
-from ftp_dent_ros.inspection.measuring.measurement import CERTAIN, measure
+from ftp_dent_ros.inspection.measuring.measurement import measure
 from ftp_dent_ros.inspection.measuring.places.bare_skin import bare_skin
-from ftp_dent_ros.inspection.measuring.places.detection import find_candidates, findable_depth
-from ftp_dent_ros.inspection.measuring.places.gouges import gouge_under, is_along, may_be_feigned
+from ftp_dent_ros.inspection.measuring.places.detection import find_candidates
+from ftp_dent_ros.inspection.measuring.places.gouges import (
+    FEIGNED,
+    gouge_under,
+    is_along,
+    may_be_feigned,
+)
 from ftp_dent_ros.inspection.measuring.places.narrow_marks import narrow_marks
 from ftp_dent_ros.inspection.measuring.places.steps import find_steps
 from ftp_dent_ros.inspection.measuring.places.surroundings import surroundings_of
@@ -27,7 +33,6 @@ from ftp_dent_ros.inspection.settings import Settings
 
 # Cells beside a border of two panels where the reconstruction blurs one into the other.
 _SEAM = 3
-_FEIGNED = 'on a light mark along the fringes, where paint may feign a depth'
 _SHAPE = "may be the panel's own shape, which no simple contour meets"
 # Middles that are nearer than this part of the narrower one's width are one dent's: of two that
 # touch they are half a width apart.
@@ -80,11 +85,7 @@ def inspect(
         depth = skin.contour.depth(lattice.all_points)
         np.copyto(deviation, depth if relief is None else depth - relief, where=at)
         np.copyto(spread, lattice.spread(skin.noise.after(0), shape), where=at)
-        least = findable_depth(skin.noise, settings)
-        if skin.relief is not None:
-            # What a dent is held against is known no better than the waves under it.
-            unsure = skin.relief.uncertainty(settings.smallest_width)
-            least = np.maximum(least, np.float32(CERTAIN * unsure))
+        least = findable_depth(skin, lattice, settings)
         np.copyto(findable, lattice.spread(least, shape), where=at)
         if skin.relief is not None:
             wavy.append(waviness_of(skin.relief, panel.mask, lattice))
@@ -95,15 +96,16 @@ def inspect(
             found += whole or hidden_dent(candidate, lattice, skin, settings)
         for mark in marks:
             if fine[mark.rows, mark.columns].min() == fine[mark.rows, mark.columns].max() == index:
-                gouges += gouge_under(mark, cloud, deviation, lattice, skin, settings)
+                gouges += gouge_under(mark, len(marks), cloud, deviation, lattice, skin, settings)
     found = [
-        replace(dent, kind='other', reason=_FEIGNED)
+        replace(dent, kind='other', reason=FEIGNED)
         if dent.kind in ('crease', 'gouge') and may_be_feigned(dent, marks, lattice)
         else dent
         for dent in found
-        if not _is_gouge(dent, gouges)
+        if not _is_gouge(dent, [each for each in gouges if each.kind == 'gouge'])
     ]
-    found += gouges
+    # Where something else is listed, a mark tells no more of it.
+    found += [each for each in gouges if each.kind == 'gouge' or not _is_told(each, found)]
     found = [dent for dent in found if not _is_part(dent, found)]
     placed = with_clearances([_moved(dent, lattice.origin) for dent in found])
     dents = sorted((d for d in placed if d.kind == 'dent'), key=lambda d: -d.depth.value)
@@ -128,6 +130,8 @@ def _is_part(dent: MeasuredDent, found: list[MeasuredDent]) -> bool:
         (other, np.linalg.norm(dent.position - other.position))
         for other in found
         if other is not dent and other.kind != 'other' and other.depth.value * dent.depth.value > 0
+        # What is on a plate is no part of the step around it.
+        if other.kind != 'step' or other.is_cut
     ]
     if (dent.is_cut or dent.reason) and any(
         # The rim of what is measured may part a dent into rings about one middle.
@@ -148,6 +152,16 @@ def _is_gouge(dent: MeasuredDent, gouges: list[MeasuredDent]) -> bool:
         np.linalg.norm(dent.position - gouge.position) < gouge.length.value / 2
         and is_along(dent.axis, gouge.axis)
         for gouge in gouges
+    )
+
+
+def _is_told(mark: MeasuredDent, found: list[MeasuredDent]) -> bool:
+    """Whether what may be under a mark lies on something narrow that is listed."""
+    return _is_gouge(mark, found) or any(
+        np.linalg.norm(mark.position - dent.position) < dent.length.value / 2
+        and is_along(mark.axis, dent.axis)
+        for dent in found
+        if dent.kind in ('crease', 'gouge', 'other')
     )
 
 

@@ -13,6 +13,7 @@ from ftp_dent_ros.inspection.measuring.model_axes import model_axes
 from ftp_dent_ros.inspection.measuring.outlines.bridging import Bridged, bridged
 from ftp_dent_ros.inspection.measuring.outlines.division import divided, looks_compound, parts_of
 from ftp_dent_ros.inspection.measuring.outlines.maxima import DROP, maxima_of
+from ftp_dent_ros.inspection.measuring.outlines.moments import NOISY
 from ftp_dent_ros.inspection.measuring.outlines.patch import Patch
 from ftp_dent_ros.inspection.measuring.outlines.peak import extent, radius_across
 from ftp_dent_ros.inspection.measuring.outlines.restoration import restored
@@ -31,7 +32,7 @@ from ftp_dent_ros.inspection.settings import Settings
 
 # A candidate that is so many times longer than wide is a ridge, unless its saddles are so deep.
 _RIDGE, _RIDGE_DROP = 3.5, 0.5
-# Standard uncertainties that a depth has at least for the kind to be told: fittings that are not
+#: Standard uncertainties that a depth has at least for the kind to be told: fittings that are not
 # resolved come out round, and of what is long the smoothing hides the depth but not the kind.
 CERTAIN, _CERTAIN_LONG = 4.5, 2.7
 _MM = 1e3
@@ -40,13 +41,11 @@ _HIDDEN = 0.05
 # Maxima are looked for from this part of the smallest depth on.
 _NEARLY = 0.8
 _HALF = 0.5
-# Noise makes marks that are up to so many times longer than wide.
-_NOISY = 2.0
 # At half of its depth a Gaussian, the most pointed of dents, has 0.55 of its width at 10 %: what
 # is shorter than that part of the smallest width is a rivet, however wide the ripples around it.
 _SPIKE = 0.55
-# Points of a cloud that does not tell its resolution show waves of so many spacings by half.
-_SUPPOSED = 4.0
+#: Points of a cloud that does not tell its resolution show waves of so many spacings by half.
+SUPPOSED = 4.0
 
 Mask = NDArray[np.bool_]
 
@@ -69,7 +68,7 @@ def measure(
     raw = patch_of(candidate, around, skin.noise)
     local = skin.noise.where(around.extra, raw.scale)
     own = own_cells(raw, around)
-    whole = restored(raw, around.resolution, _SUPPOSED * around.spacing)
+    whole = restored(raw, around.resolution, SUPPOSED * around.spacing)
     seen = bridged(whole, GAP * settings.smallest_width, own)
     # Along a ridge the depth varies as the fringes do.
     drop = _RIDGE_DROP if candidate.length > _RIDGE * candidate.width else DROP
@@ -116,7 +115,7 @@ def _one(
     sizes = sizes_of(seen, plain, at, region, around, skin)
     if sizes is None:
         return None
-    slender = sizes.length.value / (_NOISY * sizes.width.value)
+    slender = sizes.length.value / (NOISY * sizes.width.value)
     along = candidate.is_valley and slender > 1
     if sizes.significance < (skin.along(slender) if along else skin.suspect):
         return None

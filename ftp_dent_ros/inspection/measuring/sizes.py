@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.inspection.dent import Estimate
 from ftp_dent_ros.inspection.measuring.outlines.bridging import Bridged
-from ftp_dent_ros.inspection.measuring.outlines.outline import Outline, find_outline
+from ftp_dent_ros.inspection.measuring.outlines.clear_level import clear_outline
+from ftp_dent_ros.inspection.measuring.outlines.outline import Outline
 from ftp_dent_ros.inspection.measuring.outlines.patch import Patch, sampled
 from ftp_dent_ros.inspection.measuring.outlines.peak import bottom_of
 from ftp_dent_ros.inspection.measuring.places.bare_skin import BareSkin
 from ftp_dent_ros.inspection.measuring.places.evidence import TENTH, chance, fitted_depth
+from ftp_dent_ros.inspection.measuring.places.kinds import LONG
 from ftp_dent_ros.inspection.measuring.places.surroundings import Surroundings
 from ftp_dent_ros.median import median
 
@@ -26,16 +28,16 @@ _SAMPLING = 0.0015
 _GRAIN = 0.06
 # Part of the outline's errors that does not even out along it.
 _EVENED = 0.6
-# What the uncertainties of depths, and of lengths and widths, were short of, over shapes of nine
+#: What the uncertainties of depths, and of lengths and widths, were short of, over shapes of nine
 # families, by the rule of `benchmarks/dent_families.py`: what the others of the family left out
 # ask for at most. Depths: 1.1, on 57 dents of seeds 731 to 733, 1601 and 1602. Sizes: 1.1, on 42
 # of seeds 9301, 9501 and 9701, and a sixth wider, for that is how well so few tell it.
-_OF_DEPTH, _OF_SIZES = 1.1, 1.3
-# Of what is as narrow as the resolution: uncertainty of the depth, as a part of it, and of the
+OF_DEPTH, _OF_SIZES = 1.1, 1.3
+#: Of what is as narrow as the resolution: uncertainty of the depth, as a part of it, and of the
 # sizes, as a part of the resolution; it falls with the square of their ratio.
-_UNRESOLVED_DEPTH, _UNRESOLVED_SIZE = 0.15, 0.4
-# The same of the depth of what is longer than so many widths: a valley may be sharp.
-_VALLEY, _LONG = 0.25, 1.8
+UNRESOLVED_DEPTH, _UNRESOLVED_SIZE = 0.15, 0.4
+# The same of the depth of what is long: a valley may be sharp.
+_VALLEY = 0.25
 # An outline that is so many times deeper than its level is drawn where a dent parts from another;
 # how far the sizes may be off for such a part of it, as parts of them.
 _DEEPER, _PARTED = 1.5, 0.6
@@ -112,9 +114,10 @@ def sizes_of(
     local = noise.where(around.extra, patch.scale)
     strays = noise.over(patch.told, patch.scale)
     bottom = bottom_of(patch, at, strays, noise.correlated_area / patch.step**2, region)
-    outline = find_outline(patch, at, LEVEL * bottom.depth, region, local)
-    if outline is None or outline.area <= 0:
+    drawn = clear_outline(patch, at, bottom.depth, LEVEL, region, local)
+    if drawn is None:
         return None
+    outline, level, carried = drawn
     length, angle, tips = outline.length()
     width, sides = outline.width(angle)
     # Of what the rim cuts, the skin is known on one side: as in a hole that is twice as wide.
@@ -126,12 +129,12 @@ def sizes_of(
     # Of a Gaussian, the patch's own smoothing leaves this out (a mean, and that of the rest).
     apart = (TENTH * patch.scale / width) ** 2
     smeared = (apart / (1 + apart)) ** 2 * bottom.depth
-    part = _VALLEY if length > _LONG * width else _UNRESOLVED_DEPTH
+    part = _VALLEY if length > LONG * width else UNRESOLVED_DEPTH
     # What is carried on over a gap errs with the square of its width, and may be the deepest.
     hidden = float((outline.inside * seen.bridged).sum() / outline.inside.sum())
     guessed = hidden**2 * bottom.depth
     lost = math.hypot(float(seen.doubt[at]), part * fine * bottom.depth, smeared, guessed)
-    deep = _OF_DEPTH * math.hypot(
+    deep = OF_DEPTH * math.hypot(
         bottom.uncertainty, min(by_chance, local), offset, lost, _SAMPLING * bottom.depth
     )
     # Noise as it is beside the dent moves each end for itself. The contour and the level move all
@@ -141,7 +144,7 @@ def sizes_of(
     alone = noise.where(usual, patch.scale)
     beyond = np.square(_along(patch, patch.told, outline)) - usual**2
     doubt = np.square(_along(patch, seen.doubt, outline)).mean()
-    together = np.sqrt(offset**2 + (LEVEL * deep) ** 2 + np.maximum(beyond, doubt))
+    together = np.sqrt(offset**2 + (level * deep) ** 2 + np.maximum(beyond, doubt))
     grain, unresolved = _GRAIN * patch.step, _UNRESOLVED_SIZE * fine * told
     u_length, u_width = (
         math.hypot(
@@ -151,16 +154,17 @@ def sizes_of(
     )
     parted = _PARTED * _parted(patch, region, outline, bottom.depth)
     # Where noise passes the level beside the dent, the outline runs on into it, the longer way.
-    passes = math.erfc(LEVEL * bottom.depth / max(math.sqrt(2) * local, _LEAST))
+    passes = math.erfc(level * bottom.depth / max(math.sqrt(2) * local, _LEAST))
     astray = passes * math.sqrt(noise.correlated_area)
-    u_length = math.hypot(u_length, parted * length, astray)
-    u_width = math.hypot(u_width, parted * width)
+    u_length = math.hypot(u_length, parted * length, astray, carried * length)
+    u_width = math.hypot(u_width, parted * width, carried * width)
     flatness = float((1 / outline.slope).mean())
     independent = math.sqrt(max(outline.perimeter / math.sqrt(noise.correlated_area), 1))
     shift = math.sqrt(float(together @ together) / len(together))
     u_area = outline.perimeter * math.hypot(
         flatness * local / independent, _EVENED * math.hypot(flatness * shift, grain / 2)
     )
+    u_area = math.hypot(u_area, 2 * carried * outline.area)
     volume = float((patch.depth * outline.inside).sum()) * patch.step**2
     u_volume = math.hypot(
         outline.area * offset,

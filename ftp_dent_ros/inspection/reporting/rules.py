@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from ftp_dent_ros.errors import ConfigurationError
-from ftp_dent_ros.files import read_yaml
 from ftp_dent_ros.inspection.dent import Estimate, MeasuredDent
+from ftp_dent_ros.yaml_file import read_yaml
 
 WITHIN, EXCEEDS, UNDECIDED = 'within', 'exceeds', 'cannot decide'
 # Of a normal distribution, 95 %.

@@ -4,7 +4,8 @@ A drop or dirt on the camera's or the projector's glass bends or hides the fring
 one photograph cannot tell that from a dent. In a flight a dent moves through the picture; a mark
 on a glass stays. How often by chance alone dents of the skin come to the same place in the picture
 follows from how many there are. Only what was seen with the camera elsewhere, beyond what the
-poses' errors explain, counts: a drone that hovers decides nothing.
+poses' errors explain, counts: a drone that hovers decides nothing. What is seen inside a mark is
+seen through it, and is not known to be on the skin: it counts where it is seen beside it.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +56,8 @@ class Spot:
         Where the camera was, each elsewhere than the others.
     first : int
         How many places the camera had been at before.
+    half : float
+        Half the length of what was seen, the mean, radians.
     """
 
     bearing: NDArray[np.float64]
@@ -61,6 +65,7 @@ class Spot:
     seen: frozenset[Seen]
     cameras: tuple[NDArray[np.float64], ...]
     first: int
+    half: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +81,11 @@ class Glass:
         Least and largest bearings of all that was seen.
     frames, items : int
         How many clouds, and how much was seen in them.
+    shown : tuple of (int, ndarray)
+        Frame, and of all that was seen in it the bearings and half the length, radians, shape
+        (n, 3).
+    of_marks : frozenset of (int, int)
+        Frame, and index in it, of all that is of a mark, or was seen through one.
     """
 
     spots: tuple[Spot, ...] = ()
@@ -84,6 +94,8 @@ class Glass:
     high: NDArray[np.float64] | None = None
     frames: int = 0
     items: int = 0
+    shown: tuple[tuple[int, NDArray[np.float64]], ...] = ()
+    of_marks: frozenset[Seen] = frozenset()
 
     def with_frame(
         self,
@@ -106,6 +118,7 @@ class Glass:
             low = bearings.min(axis=0) if low is None else np.minimum(low, bearings.min(axis=0))
             high = bearings.max(axis=0) if high is None else np.maximum(high, bearings.max(axis=0))
         spots, known = list(self.spots), self._known
+        halves = [each.length.value / 2 for each in dents] / np.maximum(places[:, 2], _ELSEWHERE)
         for index, (dent, bearing) in enumerate(zip(dents, bearings, strict=True)):
             if dent.kind == 'step' or not dent.length.value < _LONG * dent.width.value:
                 continue
@@ -115,7 +128,14 @@ class Glass:
             apart = np.linalg.norm(known - place, axis=1)
             at = int(apart.argmin()) if len(apart) else 0
             if not len(apart) or apart[at] > _STRAYS:
-                new = Spot(bearing, sign, frozenset({(frame, index)}), (here,), len(cameras))
+                new = Spot(
+                    bearing,
+                    sign,
+                    frozenset({(frame, index)}),
+                    (here,),
+                    len(cameras),
+                    halves[index],
+                )
                 spots.append(new)
                 known = np.vstack([known, place])
                 continue
@@ -126,9 +146,29 @@ class Glass:
                 bearing=(count * spot.bearing + bearing) / (count + 1),
                 seen=spot.seen | {(frame, index)},
                 cameras=(*spot.cameras, here) if elsewhere else spot.cameras,
+                half=(count * spot.half + halves[index]) / (count + 1),
             )
         items = self.items + len(dents)
-        return Glass(tuple(spots), cameras, low, high, self.frames + 1, items)
+        shown = (*self.shown, (frame, np.column_stack([bearings, halves])))
+        after = Glass(tuple(spots), cameras, low, high, self.frames + 1, items, shown)
+        # Of frames before, what was seen through a mark is asked once, when it is known for one.
+        is_new = after._are_marks != self._are_marks
+        asked = shown if is_new else shown[-1:]
+        through = after._through(asked) | (frozenset() if is_new else self.of_marks)
+        return replace(after, of_marks=through.union(*(each.seen for each in after.marks)))
+
+    def _through(self, shown: Sequence[tuple[int, NDArray[np.float64]]]) -> frozenset[Seen]:
+        """Frame, and index in it, of what was seen inside a mark and is no longer than that."""
+        marks = self.marks
+        return frozenset(
+            (frame, int(index))
+            for frame, seen in (shown if marks else ())
+            for mark in marks
+            for index in np.flatnonzero(
+                (np.linalg.norm(seen[:, :2] - mark.bearing, axis=1) < mark.half)
+                & (seen[:, 2] < mark.half)
+            )
+        )
 
     @property
     def _known(self) -> NDArray[np.float64]:
@@ -142,15 +182,15 @@ class Glass:
         )
         return replace(self, spots=spots, cameras=tuple(map(move.apply, self.cameras)))
 
+    @cached_property
+    def _are_marks(self) -> tuple[int, ...]:
+        """Numbers of the spots at which chance alone would not have shown so much."""
+        return tuple(n for n, each in enumerate(self.spots) if self._is_mark(each))
+
     @property
     def marks(self) -> tuple[Spot, ...]:
         """Places at which chance alone would not have shown so much."""
-        return tuple(each for each in self.spots if self._is_mark(each))
-
-    @property
-    def of_marks(self) -> frozenset[Seen]:
-        """Frame, and index in it, of all that is of a mark."""
-        return frozenset().union(*(each.seen for each in self.marks))
+        return tuple(self.spots[number] for number in self._are_marks)
 
     def _is_mark(self, spot: Spot) -> bool:
         hits, places = len(spot.cameras), len(self.cameras) - spot.first + 1
@@ -170,5 +210,6 @@ def sentence(marks: Sequence[Spot]) -> str:
     many = 'places keep their' if len(marks) > 1 else 'place keeps its'
     return (
         f'{len(marks)} {many} form in the picture while the skin moves on, as drops or dirt on '
-        'the glass of camera or projector do: left out of the list; clean both, and fly this again'
+        'the glass of camera or projector do: left out of the list, with what was seen through '
+        'them; clean both, and fly this again'
     )

@@ -80,3 +80,25 @@ def test_a_gouge_at_the_rim_of_the_cloud_ends_nothing():
             for name in ('points', 'intensity', 'sigma', 'resolution', 'skin')
         }
         inspect(replace(cloud, **part))
+
+
+def test_a_groove_that_the_mark_may_feign_is_in_doubt():
+    cloud = gouged_cloud(0.2e-3)
+    # So doubtful beside the mark that the groove is no longer beyond what paint may feign.
+    doubted = replace(cloud, sigma=np.where(cloud.sigma > 5e-5, np.float32(2.4e-4), cloud.sigma))
+    (found,) = inspect(doubted).others
+    assert (found.kind, found.reason) == (
+        'other',
+        'a narrow light mark, under which there may be a groove',
+    )
+    np.testing.assert_allclose(found.depth.value, 0.2e-3, rtol=0.2)
+    assert abs(found.depth.value - 0.2e-3) < 2 * found.depth.uncertainty
+
+
+def test_a_mark_along_the_fringes_is_in_doubt_and_a_light_line_of_one_point_is_none():
+    cloud = gouged_cloud(0.3e-3, angle=np.pi / 2)
+    wide = replace(cloud, sigma=np.where(cloud.sigma > 5e-5, np.float32(1.6e-4), cloud.sigma))
+    assert kinds(wide).count('other') == 1
+    x, y = cloud.points[..., 0], cloud.points[..., 1]
+    line = (np.abs(x) < 0.3e-3) & (np.abs(y) < 0.015)
+    assert not inspect(replace(wide, skin=np.where(line, 180, 150).astype(np.uint8))).others

@@ -184,6 +184,21 @@ def test_a_lap_joint_is_a_step_and_a_dent_beside_it_is_measured(height):
     assert_measured(dent, DENT)
 
 
+@pytest.mark.parametrize('depth', [0.0008, 0.0009, 0.001, 0.0015])
+@pytest.mark.parametrize('size', [(0.05, 0.035), (0.09, 0.08)])
+def test_a_dent_of_the_upper_sheet_may_be_as_deep_as_the_lower_one_lies(depth, size):
+    dent = Dent(-0.085, -0.01, *size, depth, 0.6)
+    lower = panel(radius=2.0, extent=(-0.03, 0.6, -0.6, 0.6), tilt=(0, 0))
+    up = lower.pose.translation + lower.pose.rotation.apply([0, 0, -0.0009])
+    upper = Panel(Pose(lower.pose.rotation, up), (-0.6, -0.025, -0.6, 0.6), 2.0, dents=(dent,))
+
+    inspection = inspect(cloud_of(upper, lower))
+
+    (found,) = inspection.dents
+    assert found.depth.value == pytest.approx(depth, abs=3e-5)
+    assert [other.kind for other in inspection.others] == ['step']
+
+
 @pytest.mark.parametrize('strip', [0.022, 0.03, 0.06])
 def test_a_lap_whose_edge_rings_at_the_rim_of_the_view_is_a_step_of_its_height(strip):
     cloud = cloud_of(panel(tilt=(0, 0)))
@@ -316,6 +331,33 @@ def test_a_narrow_valley_is_in_no_list_of_dents_and_in_the_other():
     assert (kind, reason) == ('crease', 'too narrow to see how sharp it is')
 
 
+def test_crests_of_waves_beside_large_dents_are_no_dents():
+    # As high as dents are deep: half of the skin strays from its contour.
+    waves = 1e-4 * np.sin(2 * np.pi * X / 0.1 + 1)
+    places = [(-0.09, -0.05, 0.02), (0.07, 0.04, 0.017), (-0.03, 0.06, 0.012)]
+    dents = sum(6e-4 * 10 ** -(((X - x) ** 2 + (Y - y) ** 2) / r**2) for x, y, r in places)
+    found = inspect(raised(cloud_of(panel(), noise=1e-6), waves + dents), Settings(5e-5))
+    assert [each.kind for each in (*found.dents, *found.others)] == 3 * ['dent']
+    for x, y, radius in places:
+        apart = [np.hypot(dent.position[0] - x, dent.position[1] - y) for dent in found.dents]
+        assert min(apart) < radius / 4
+        width = found.dents[int(np.argmin(apart))].width
+        assert abs(width.value - 2 * radius) < 4 * width.uncertainty
+
+
+@pytest.mark.parametrize('seed', [0, 1, 2])
+def test_noise_does_not_draw_the_outline_of_a_faint_dent(seed):
+    # At 10 % of the depth it has more noise than depth, and runs on as far as that goes.
+    faint = 1e-4 * 10 ** -(X**2 / 0.025**2 + Y**2 / 0.02**2)
+    noise = cv2.GaussianBlur(np.random.default_rng(seed).standard_normal(X.shape), (0, 0), 3)
+    found = inspect(
+        raised(cloud_of(panel(), noise=1e-6), faint + 1.2e-5 / noise.std() * noise), Settings(5e-5)
+    )
+    (dent,) = (each for each in found.dents if np.hypot(*each.position[:2]) < 0.02)
+    for seen, true in ((dent.length, 0.05), (dent.width, 0.04), (dent.depth, 1e-4)):
+        assert abs(seen.value - true) < min(0.4 * true, 3 * seen.uncertainty)
+
+
 def test_hail_is_found_on_wavy_skin_and_the_waviness_is_told_apart():
     waves = 1e-4 * np.sin(2 * np.pi * X / 0.15) * np.cos(2 * np.pi * Y / 0.2)
     places = [(-0.06, -0.03), (0.0, 0.03), (0.06, -0.02)]
@@ -325,8 +367,7 @@ def test_hail_is_found_on_wavy_skin_and_the_waviness_is_told_apart():
     for dent in found.dents:
         assert abs(dent.depth.value - 2e-4) < 3 * dent.depth.uncertainty
     (wavy,) = found.waviness
-    # The contour takes a part of so few waves.
-    assert 3e-5 < wavy.amplitude < 1e-4 / np.sqrt(2)
+    assert wavy.amplitude == pytest.approx(np.sqrt(2) * waves.std(), rel=0.02)
     assert wavy.wavelength == pytest.approx(1 / np.hypot(1 / 0.15, 1 / 0.2), rel=0.3)
 
 
@@ -372,10 +413,28 @@ def test_what_may_be_as_wide_as_the_smallest_dent_is_listed():
     assert kind_of(replace(seen, width_doubt=5e-4), Settings()) == ('', '')
 
 
+def test_what_may_have_no_width_is_no_crease():
+    seen = Appearance(1e-3, 0.06, 0.02, 0.002, 0.01, 0.0, 0.0, False, 0.004, 3.0)
+    assert kind_of(seen, Settings()) == ('crease', '')
+    kind, reason = kind_of(replace(seen, width_doubt=0.012), Settings())
+    assert (kind, reason) == ('other', 'may be a crease: its width is not known')
+
+
 def test_a_dent_whose_outline_noise_draws_out_is_no_crease():
     seen = Appearance(4e-4, 0.036, 0.011, 0.004, 0.008, 0.0, 0.0, False, 0.003, 3.0)
     assert kind_of(seen, Settings())[0] == 'crease'
     assert kind_of(replace(seen, slender=1.2), Settings()) == ('dent', '')
+
+
+def test_a_long_narrow_valley_is_a_crease_that_may_be_blunt():
+    # As a crease 7 mm wide is shown at 1.2 m: it falls apart below half of its depth.
+    seen = Appearance(8e-4, 0.069, 0.012, 0.023, 0.012, 0.0, 0.0, False, 0.004, 1.2)
+    crease = 'crease', 'too narrow to see how sharp it is'
+    assert kind_of(seen, Settings()) == crease
+    assert kind_of(replace(seen, radius=0.04), Settings()) == crease
+    # Its bottom was not measured; it is short; it is resolved.
+    for other in ({'radius': np.nan}, {'length': 0.04}, {'resolution': 0.006}):
+        assert kind_of(replace(seen, **other), Settings()) == ('dent', '')
 
 
 @pytest.mark.parametrize(('depth', 'kind'), [(1.6e-3, 'dent'), (-1.6e-3, 'bump')])

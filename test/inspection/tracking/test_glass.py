@@ -94,6 +94,25 @@ def test_marks_are_told_and_not_listed_and_the_dents_are(seed):
     assert max(apart) < 0.06
 
 
+def test_what_is_seen_through_a_mark_alone_is_not_listed():
+    """A drop bends what is behind it: now a dent, now half of one, here or there inside it."""
+    frames, added = [], (4, 13)
+    for number, (pose, shown) in enumerate(flown(0, np.arange(0, 1.8, 0.1), MARKS, 25)):
+        if number in added:
+            # Beyond what strays, within half the mark's length.
+            place = pose.apply(AWAY * np.array([0.10, 0.065, 1]))
+            beside = pose.apply(AWAY * np.array([0.10, -0.05, 1]))
+            more = [
+                make_dent(each, depth=8e-4, length=0.012, width=0.01, normal=(0, 0, 1.0))
+                for each in (place, beside)
+            ]
+            shown = [*shown, *more]
+        frames.append((pose, shown))
+    clean, marked = list_of(flown(0, np.arange(0, 1.8, 0.1), MARKS, 25)), list_of(frames)
+    # Each beside it is a dent as any other.
+    assert len(marked.entries) == len(clean.entries) + len(added)
+
+
 @pytest.mark.parametrize('seed', range(4))
 def test_a_drone_that_hovers_decides_nothing(seed):
     assert not glass_of(flown(seed, np.full(60, 1.0), MARKS)).marks

@@ -66,6 +66,14 @@ class Outline:
         """Square metres."""
         return abs(float(self._cross.sum() / 2))
 
+    def carried_on(self, patch: Patch, factor: float) -> Outline:
+        """The curve `factor` times as far from its centre, as that of a lower level lies."""
+        x, y = self.centre
+        out_x, out_y = x + factor * (self.x - x), y + factor * (self.y - y)
+        at_x, at_y = patch.cells(out_x, out_y)
+        inside, cut = _covered(patch.depth.shape, at_x, at_y), _cut(patch, at_x, at_y)
+        return Outline(out_x, out_y, self.slope / factor, inside, cut)
+
     @property
     def perimeter(self) -> float:
         """Metres."""

@@ -10,14 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.inspection.measuring.outlines.patch import Patch
+from ftp_dent_ros.inspection.measuring.skin.smoothing import FITS, halved
 
-# Fits in Gaussian windows, each of which corrects the ones before, that a cloud comes from if it
-# tells its resolution: of a wave they leave out (1 - G)^fits.
-_FITS = 4
-# Of what is put back: how far resolutions are off, as a part of it. What is left out of dents goes
-# with the fifth to eighth power of the windows' width, which is told within 4 %, and of what is
-# put back already with the resolution's own.
-_DOUBT = 0.7
+#: Of what is put back: how far resolutions are off, as a part of it. What is left out of dents
+# goes with the fifth to eighth power of the windows' width, which is told within 4 %, and of
+# what is put back already with the resolution's own.
+DOUBT = 0.7
 
 Field = NDArray[np.float64]
 
@@ -53,8 +51,8 @@ def restored(patch: Patch, resolution: float, supposed: float) -> Restored:
         Then nothing is put back, but what this one would ask for of one Gaussian is the doubt.
     """
     told = math.isfinite(resolution)
-    fits = _FITS if told else 1
-    sigma = (resolution if told else supposed) / _halved(fits) / patch.step
+    fits = FITS if told else 1
+    sigma = (resolution if told else supposed) / halved(fits) / patch.step
     if not sigma > 0.1:
         return Restored(patch, np.zeros_like(patch.depth))
     weight = np.maximum(_blurred(patch.known.astype(float), sigma), 1e-3)
@@ -69,26 +67,8 @@ def restored(patch: Patch, resolution: float, supposed: float) -> Restored:
     if not told:
         return Restored(patch, np.abs(first))
     second = taken(first)
-    doubt = np.hypot(_DOUBT * first, second)
+    doubt = np.hypot(DOUBT * first, second)
     return Restored(replace(patch, depth=patch.depth + first + second), doubt)
-
-
-def shown(depth: Field, step: float, resolution: float) -> Field:
-    """What a cloud of a resolution shows of depths along a line, `step` metres apart."""
-    sigma = resolution / _halved(_FITS) / step
-    size = 2 * math.ceil(3 * sigma) + 1
-    seen = np.zeros_like(depth)
-    for _ in range(_FITS):
-        rest = (depth - seen)[None]
-        smooth = cv2.GaussianBlur(rest, (size, 1), sigma, borderType=cv2.BORDER_CONSTANT)
-        seen = seen + smooth[0]
-    return seen
-
-
-def _halved(fits: int) -> float:
-    """Wavelength of which half is left, in standard deviations of the Gaussians."""
-    gaussian = 1 - 0.5 ** (1 / fits)
-    return math.pi * math.sqrt(2 / -math.log(gaussian))
 
 
 def _blurred(values: Field, sigma: float) -> Field:

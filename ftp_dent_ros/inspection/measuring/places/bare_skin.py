@@ -28,7 +28,7 @@ _SQUARE = 1.0
 _AROUND = 15
 # Cells around what may be a dent that the second contour leaves out.
 _FARTHER = 25
-# Of the relief: with weights alone, then with what they found left out.
+# Of the relief: of all of the skin with weights alone, then with what they found left out.
 _PASSES = 2
 _LEAST = 1e-6
 # Squares that a contour is fitted to.
@@ -110,6 +110,8 @@ def bare_skin(lattice: Lattice, panel: Panel, seams: Mask, settings: Settings) -
     relief = None
     # Where no contour is met, what is wide is as likely the panel's own shape as a dent.
     if not panel.is_met or is_wavy(noise, settings):
+        # Crests of waves stray from the contour as dents do: of the relief, its weights tell.
+        bare = usable
         for _ in range(_PASSES):
             found = relief_of(deviation, bare & known, lattice, settings.smallest_width)
             if found is None:

@@ -4,27 +4,24 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import reduce
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.inspection.measuring.outlines.moments import Moments
+from ftp_dent_ros.inspection.measuring.outlines.moments import NOISY, Moments
 from ftp_dent_ros.inspection.measuring.places.bare_skin import BareSkin
 from ftp_dent_ros.inspection.measuring.places.evidence import SIGNIFICANT, SUSPECT
 from ftp_dent_ros.inspection.measuring.places.lines import valleys
 from ftp_dent_ros.inspection.measuring.places.paint_edges import along_paint
 from ftp_dent_ros.inspection.measuring.skin.gaps import GAP, beside_gaps, between, gaps_of
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
-from ftp_dent_ros.inspection.measuring.skin.noise import Noise, median_of
+from ftp_dent_ros.inspection.measuring.skin.noise import median_of
 from ftp_dent_ros.inspection.settings import Settings
 
 _EDGE = 3.0
-# Noise makes marks that are up to so many times longer than wide.
-_ROUND = 2.0
-# Width of a Gaussian at 10 % in standard deviations.
-_TENTH = 4.292
+#: Part of the smallest depth that a smoothed place has at least.
+LEAST = 0.5
 
 Mask = NDArray[np.bool_]
 Map = NDArray[np.float32]
@@ -83,7 +80,7 @@ def find_candidates(
     maps, noise = skin.maps, skin.noise
     gaps = gaps_of(panel, round(GAP * settings.smallest_width / max(lattice.spacing)))
     gaps &= ~lattice.valid
-    floor = 0.25 * settings.smallest_depth
+    floor = 0.5 * LEAST * settings.smallest_depth
     spreads = [noise.after(scale) for scale in noise.scales[1:]]
     typical = [median_of(spread[panel]) if panel.any() else 0.0 for spread in spreads]
     calm = [noise.where(0.0, scale) for scale in noise.scales[1:]]
@@ -129,7 +126,7 @@ def find_candidates(
             size = moments.cells * math.prod(lattice.spacing), *moments.ellipse(*lattice.spacing)
             rows, columns = np.nonzero(part)
             # What is long has so many places that tell the same, if no paint does.
-            seen, alike = evidence[window][known].max(), max(size[1] / (_ROUND * size[2]), 1.0)
+            seen, alike = evidence[window][known].max(), max(size[1] / (NOISY * size[2]), 1.0)
             valley = bool(lines[window][part].any())
             valley &= size[1] > settings.smallest_width
             together = valley or seen >= skin.suspect / math.sqrt(alike)
@@ -156,15 +153,3 @@ def _highest(values: Map) -> float:
     """Largest of the values that are known, 0 if none is."""
     known = values[np.isfinite(values)]
     return float(known.max()) if len(known) else 0.0
-
-
-def findable_depth(noise: Noise, settings: Settings) -> Map:
-    """Depth from which a dent of the smallest width is found, of each cell, metres."""
-    # A Gaussian of that width at 10 % of its depth, and what smoothing leaves of it.
-    square = (settings.smallest_width / _TENTH) ** 2
-    floor = 0.5 * settings.smallest_depth
-    depths = [
-        np.maximum(SIGNIFICANT * noise.after(scale), floor) * (1 + scale**2 / square)
-        for scale in noise.scales[1:]
-    ]
-    return np.maximum(reduce(np.minimum, depths), np.float32(settings.smallest_depth))

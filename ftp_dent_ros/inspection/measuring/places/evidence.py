@@ -13,13 +13,13 @@ from ftp_dent_ros.inspection.measuring.outlines.patch import Patch
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.skin.noise import Noise
 
-# Full width of a Gaussian at 10 % of its depth, in its standard deviations.
+#: Full width of a Gaussian at 10 % of its depth, in its standard deviations.
 TENTH = 4.292
-# Of a Gaussian's amplitude that is fitted to noise: the same as that of a mean over so many of its
-# standard deviations.
-_FITTED = 0.5
-# Standard deviations of bare skin whose noise is measured all over it: with 1e4 independent places
-# a frame, far below one false alarm in 100.
+#: Of a Gaussian's amplitude that is fitted to noise: the same as that of a mean over so many of
+# its standard deviations.
+FITTED = 0.5
+#: Standard deviations of bare skin whose noise is measured all over it: with 1e4 independent
+# places a frame, far below one false alarm in 100.
 SIGNIFICANT = 6.0
 # The same of a single place that is in doubt.
 SUSPECT = 3.0
@@ -90,7 +90,7 @@ def chance(noise: Noise, width: float, extra: float) -> float:
     extra : float
         Noise that the cloud tells of the place, metres.
     """
-    return noise.where(extra, _FITTED * width / TENTH)
+    return noise.where(extra, FITTED * width / TENTH)
 
 
 def fitted_depth(patch: Patch, outline: Outline, length: float, width: float, angle: float):

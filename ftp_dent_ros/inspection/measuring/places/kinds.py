@@ -5,13 +5,15 @@ In this order, with sizes on the contour at 10 % of the depth:
 - *other*: steeper than skin can be dented, as where a wing's root meets the fuselage.
 - *bump*: outward.
 - *gouge*: narrower than `_NARROW`, as far as the reconstruction can show how narrow it is, longer
-  than `_LONG` widths, and the light in it differs from that beside it by more than `_MARK` and
+  than `LONG` widths, and the light in it differs from that beside it by more than `_MARK` and
   more than that varies: material or paint is gone. A scratch is a shallow gouge.
-- *crease*: longer than `_LONG` widths, at half of its depth too, and its radius of curvature at
+- *crease*: longer than `LONG` widths, at half of its depth too, and its radius of curvature at
   the bottom is smaller than `_SHARP` width^2 / (8 depth) (a Gaussian has 0.48 of it, a paraboloid
   1.1), or it is so narrow that the reconstruction cannot show whether it is; but not where it is
-  not measured all across its bottom, for what an edge cuts is long and sharp. Repair manuals
-  treat a crease as a crack.
+  not measured all across its bottom, for what an edge cuts is long and sharp. Of what is narrower
+  than `_BLURRED` resolutions neither is asked, the length at half of its depth from `_DRAWN_OUT`
+  widths on. Repair manuals treat a crease as a crack. Where the 95 % interval of the width holds
+  nothing, it is *other*: it may be one.
 - *dent*: all else that is inward, whole, and as wide as the smallest dent.
 - *other*: significant and deep enough, but it is long and narrower than the smallest dent, or may
   be, the rim of the measured area cuts it, or it lies along that rim, or it is so large a part of
@@ -31,15 +33,22 @@ _NARROW = 0.006
 # width of what is narrow, in quadrature: measured on grooves 4 to 6 mm wide. Where that is more
 # than so many times `_NARROW`, it cannot show what is narrow.
 _WIDENED, _SHOWN = 1.1, 1.2
-_LONG = 1.8
-# What is deeper than this part of its width is no dented skin: metal folds at a twelfth, and the
+#: Longer than so many widths is long: a valley, not a round dent.
+LONG = 1.8
+#: What is deeper than this part of its width is no dented skin: metal folds at a twelfth, and the
 # steepest crease of the simulation, at a quarter of its axis, has 0.26.
-_STEEP = 0.3
+STEEP = 0.3
 # A crease's slopes shade it by up to 5 %.
 _MARK = 0.06
 _SHARP = 0.33
-# A crease narrower than so many wavelengths of which half is left cannot be told from a valley.
-_UNRESOLVED, _LONGER, _BLUNT = 3.0, 2.5, 1.0
+# A crease narrower than so many wavelengths of which half is left cannot be told from a valley;
+# what is shown of one narrower than `_BLURRED` of them is as blunt as of any.
+_UNRESOLVED, _LONGER, _BLUNT, _BLURRED = 3.0, 2.5, 1.0, 1.4
+# Standard uncertainties by which the width must be known: 95 %.
+_KNOWN = 1.96
+# Below half of its depth a narrow valley falls apart, for its depth ripples as the fringes do:
+# what is so many times as long as wide is long without that.
+_DRAWN_OUT = 4.0
 #: Depths, in smallest ones, of what the rim cuts, for the contour is known on one side of it only;
 # what lies along it, longer than so many widths, is rarely skin.
 AT_RIM = 4.0
@@ -93,12 +102,14 @@ class Appearance:
 def kind_of(seen: Appearance, settings: Settings) -> tuple[str, str]:
     """Kind, and the reason where it is in doubt; an empty kind is too small to list."""
     deep = abs(seen.depth)
-    long = min(seen.length / seen.width, seen.slender) > _LONG
+    blurred = seen.width < _BLURRED * seen.resolution
+    drawn_out = blurred and seen.length > _DRAWN_OUT * seen.width
+    long = drawn_out or min(seen.length / seen.width, seen.slender) > LONG
     if deep < settings.smallest_depth or seen.length < settings.smallest_width:
         return '', ''
     narrow = seen.width < settings.smallest_width
     vast = seen.is_cut and seen.share >= _PANEL
-    if deep > _STEEP * seen.width and not narrow:
+    if deep > STEEP * seen.width and not narrow:
         return 'other', 'too steep for a dent or a bump: the skin turns here, or ends'
     if seen.is_cut:
         strip = seen.length > _STRIP * seen.width
@@ -115,11 +126,13 @@ def kind_of(seen: Appearance, settings: Settings) -> tuple[str, str]:
         return 'gouge', ''
     if long:
         bluntness = 8 * deep * seen.radius / seen.width**2
-        if bluntness < _SHARP:
-            return 'crease', ''
         unresolved = seen.width < _UNRESOLVED * seen.resolution
-        if unresolved and bluntness < _BLUNT and seen.length > _LONGER * seen.width:
-            return 'crease', 'too narrow to see how sharp it is'
+        is_sharp = bluntness < _BLUNT or (blurred and math.isfinite(bluntness))
+        unresolved = unresolved and is_sharp and seen.length > _LONGER * seen.width
+        if bluntness < _SHARP or unresolved:
+            if _KNOWN * seen.width_doubt > seen.width:
+                return 'other', 'may be a crease: its width is not known'
+            return 'crease', '' if bluntness < _SHARP else 'too narrow to see how sharp it is'
     if narrow:
         doubtful = seen.width + seen.width_doubt > settings.smallest_width
         return ('other', 'narrower than the smallest dent') if long or doubtful else ('', '')

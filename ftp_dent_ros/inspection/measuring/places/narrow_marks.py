@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.inspection.measuring.places.kinds import LONG
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
 from ftp_dent_ros.median import NORMAL_SPREAD, median
 
@@ -18,8 +19,8 @@ _BESIDE = 0.01
 # (1.4826 times the median absolute deviation), and by half of that all over. The fringes leave
 # 3 %.
 _LIGHTER, _STRAYS, _ALL_OVER = 0.05, 4.0, 0.5
-# Widest, metres, and how much longer than wide at least.
-_WIDEST, _LONG = 0.008, 1.8
+# Widest, metres.
+_WIDEST = 0.008
 # The breadth that a mark's cells scatter over, by the one that their number gives: of a bar 1, of
 # a ring, a corner or letters much more.
 _STRAIGHT = 1.5
@@ -45,6 +46,8 @@ class NarrowMark:
         Relative to the lattice's origin, metres, and a unit vector along the length.
     crossed : float
         Columns of the cloud from one end to the other.
+    is_on_even_skin : bool
+        Whether skin as it is around rarely is as light: dirt and streaks have marks of their own.
     """
 
     rows: NDArray[np.intp]
@@ -54,6 +57,7 @@ class NarrowMark:
     middle: NDArray[np.float64]
     axis: NDArray[np.float64]
     crossed: float
+    is_on_even_skin: bool
 
 
 def narrow_marks(skin: NDArray[np.uint8], lattice: Lattice, shortest: float) -> list[NarrowMark]:
@@ -75,7 +79,8 @@ def narrow_marks(skin: NDArray[np.uint8], lattice: Lattice, shortest: float) -> 
         return []
     lighter = np.where(known, skin / np.maximum(usual, 1) - 1, np.float32(0))
     some = lighter.ravel()[np.flatnonzero(known)[::_SOME]]
-    least = max(_LIGHTER, _STRAYS * NORMAL_SPREAD * median(np.abs(some)))
+    strays = _STRAYS * NORMAL_SPREAD * median(np.abs(some))
+    least = max(_LIGHTER, strays)
     above = (lighter > _ALL_OVER * least).astype(np.uint8)
     free, taken, done = 1, 2, 3
     found = []
@@ -93,7 +98,7 @@ def narrow_marks(skin: NDArray[np.uint8], lattice: Lattice, shortest: float) -> 
             continue
         bright = part & (lighter[window] > _ALL_OVER * _brightness(lighter[window][part]))
         at = np.nonzero(bright)
-        mark = _bar(at[0] + top, at[1] + left, lattice)
+        mark = _bar(at[0] + top, at[1] + left, lattice, strays < _LIGHTER)
         if mark is not None and mark.length > shortest:
             found.append(mark)
     return found
@@ -121,7 +126,9 @@ def _brightness(values: NDArray[np.float32]) -> float:
     return float(np.percentile(values, 80))
 
 
-def _bar(rows: NDArray[np.intp], columns: NDArray[np.intp], lattice: Lattice) -> NarrowMark | None:
+def _bar(
+    rows: NDArray[np.intp], columns: NDArray[np.intp], lattice: Lattice, is_even: bool
+) -> NarrowMark | None:
     """The bar that some points make, if they do."""
     if len(rows) < 5:
         return None
@@ -133,7 +140,7 @@ def _bar(rows: NDArray[np.intp], columns: NDArray[np.intp], lattice: Lattice) ->
     place = (points - middle) @ axes[:, 2]
     long = float(np.ptp(np.percentile(place, [1, 99]))) / 0.98
     width = len(rows) * across * down / max(long, across)
-    if width > _WIDEST or long < _LONG * width or broad > _STRAIGHT * width:
+    if width > _WIDEST or long < LONG * width or broad > _STRAIGHT * width:
         return None
     crossed = long * abs(float(place @ columns) / float(place @ place))
-    return NarrowMark(rows, columns, long, float(width), middle, axes[:, 2], crossed)
+    return NarrowMark(rows, columns, long, float(width), middle, axes[:, 2], crossed, is_even)

@@ -1,15 +1,17 @@
-"""Steps between panels: laps and edges of doublers."""
+"""Steps between panels: laps, and edges of doublers and patches."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.inspection.dent import Estimate, MeasuredDent
+from ftp_dent_ros.inspection.dent import Estimate, MeasuredDent, orientation_of
 from ftp_dent_ros.inspection.measuring.places.detection import SIGNIFICANT
+from ftp_dent_ros.inspection.measuring.places.placement import axis_along
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.skin.panels import Panel
 from ftp_dent_ros.inspection.settings import Settings
@@ -17,6 +19,9 @@ from ftp_dent_ros.median import NORMAL_SPREAD, median
 
 # Cells across on which a step is measured, from the first that the seam does not blur.
 _BESIDE = 5
+# Part of a panel's rim that is its seam with another one, from which on it is a plate on that one.
+_ALL_ROUND = 0.7
+_PLATE = 'all round a plate that lies on the skin, as a doubler or a patch'
 _NAN = Estimate(math.nan, math.nan)
 
 Mask = NDArray[np.bool_]
@@ -51,7 +56,11 @@ def find_steps(
                 # One stretch's error has nothing to do with the next one's; what the edge rings
                 # by is the same all along it.
                 uncertainty = math.hypot(spread / math.sqrt(len(along)), across[:, 1].std())
-                steps.append(_step(seam, along, Estimate(height, uncertainty), spread))
+                step = _step(seam, along, Estimate(height, uncertainty), spread)
+                larger, plate = sorted((one, other), key=lambda each: -int(each.mask.sum()))
+                if _is_all_round(larger, plate):
+                    step = _around(step, lattice, larger, plate)
+                steps.append(step)
     return steps
 
 
@@ -69,6 +78,14 @@ def _apart(
     far = cv2.distanceTransform((~at).astype(np.uint8), cv2.DIST_L2, 3)
     beside = free & (far <= far[free].min() + _BESIDE)
     return beside, np.abs(larger.contour.deviation(lattice.points[beside])[2])
+
+
+def _is_all_round(panel: Panel, plate: Panel) -> bool:
+    """Whether a panel is about all that lies around another one."""
+    kernel = np.ones((3, 3), np.uint8)
+    within = cv2.erode(plate.mask.view(np.uint8), kernel, borderValue=0) > 0
+    near = cv2.dilate(panel.mask.view(np.uint8), kernel) > 0
+    return bool(near[plate.mask & ~within].mean() > _ALL_ROUND)
 
 
 class _Seam:
@@ -127,4 +144,33 @@ def _step(seam: _Seam, profile: NDArray, height: Estimate, spread: float) -> Mea
         outline=seam.outline,
         length_profile=profile,
         width_profile=np.zeros((0, 2)),
+    )
+
+
+def _around(step: MeasuredDent, lattice: Lattice, panel: Panel, plate: Panel) -> MeasuredDent:
+    """The step all round a plate, with the plate's place and sizes."""
+    contour, cell = panel.contour, max(lattice.spacing)
+    x, y, deviation = contour.deviation(lattice.points[plate.mask])
+    # Its edge is where half of the step is.
+    x, y = (each[np.abs(deviation) > step.depth.value / 2] for each in (x, y))
+    middle, sides, degrees = cv2.minAreaRect(np.stack([x, y], axis=1).astype(np.float32))
+    angle = math.radians(degrees) + (math.pi / 2 if sides[0] < sides[1] else 0.0)
+    # Cells reach half a cell beyond their middles, and each edge errs by as much.
+    length, width = (Estimate(side + cell, cell) for side in (max(sides), min(sides)))
+    at = np.array(middle)[:, None]
+    normal = contour.normal(*at)[0]
+    axis = axis_along(contour, normal, angle)
+    corners = cv2.boxPoints((middle, (sides[0] + cell, sides[1] + cell), degrees)).astype(float)
+    return replace(
+        step,
+        reason=_PLATE,
+        position=contour.point(*at)[0],
+        normal=normal,
+        axis=axis,
+        length=length,
+        width=width,
+        orientation=Estimate(orientation_of(normal, axis), cell / length.value),
+        area=Estimate(plate.mask.sum() * math.prod(lattice.spacing), length.value * cell),
+        is_cut=False,
+        outline=contour.point(*np.concatenate([corners, corners[:1]]).T),
     )

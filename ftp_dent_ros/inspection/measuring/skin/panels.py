@@ -11,13 +11,11 @@ from numpy.typing import NDArray
 from ftp_dent_ros.inspection.measuring.skin.continuation import depths_of, islands, joined
 from ftp_dent_ros.inspection.measuring.skin.contour import Contour
 from ftp_dent_ros.inspection.measuring.skin.contour_fit import first_contour, richer_contour
+from ftp_dent_ros.inspection.measuring.skin.enclosed import with_enclosed
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.skin.noise import rough_noise, smoothed
-from ftp_dent_ros.inspection.measuring.skin.second_panel import (
-    Mask,
-    another_panel,
-    is_stepped,
-)
+from ftp_dent_ros.inspection.measuring.skin.plate import plates
+from ftp_dent_ros.inspection.measuring.skin.second_panel import Mask, another_panel, is_stepped
 from ftp_dent_ros.inspection.settings import Settings
 
 # A neighbour so many spacings away is on another panel.
@@ -85,7 +83,7 @@ def find_panels(
     labels = np.full(lattice.valid.shape, -1, np.int32)
     whole = lattice.valid & ~_jumps(lattice)
     for region in joined(_parts(whole, least), lattice, viewpoint, settings, rng):
-        found = _split(lattice, region, viewpoint, settings, second, rng)
+        found = _split(lattice, region, viewpoint, settings, least, second, rng)
         marks = np.full(region.shape, -1, np.int32)
         for index, panel in enumerate(found, len(seeds)):
             marks[panel.mask] = index
@@ -98,6 +96,7 @@ def find_panels(
         labels[islands(lattice, left, labels == index, seed.contour, seed.tolerance, settings)] = (
             index
         )
+    labels = with_enclosed(lattice, [seed.contour for seed in seeds], labels, least)
     panels = [replace(seed, mask=labels == index) for index, seed in enumerate(seeds)]
     return panels, labels
 
@@ -112,7 +111,7 @@ def seam(labels: NDArray[np.int32], cells: int) -> Mask:
     return cv2.dilate(border, np.ones((size, size), np.uint8)) > 0
 
 
-def _split(lattice, region, viewpoint, settings, second, rng) -> list[Panel]:
+def _split(lattice, region, viewpoint, settings, least, second, rng) -> list[Panel]:
     """Panels within one connected region: laps and steps have no gap."""
     panels: list[Panel] = []
     queue = [region]
@@ -136,6 +135,11 @@ def _split(lattice, region, viewpoint, settings, second, rng) -> list[Panel]:
             if agreed is not None:
                 queue.append(agreed)
                 taken |= rest
+        raised = _parts((smooth < -tolerance) & part & ~taken, least)
+        on_it = plates(contour, lattice, deviation, raised, part & ~taken, tolerance)
+        for agreed, plate in on_it:
+            queue.append(agreed)
+            taken |= plate
         if not taken.any():
             contour = _demanded(contour, lattice, deviation, part, tolerance, points, rng)
             deviation = depths_of(contour, lattice, part)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ftp_dent_ros.inspection.dent import Waviness
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.skin.noise import Map, Mask, Noise, median_of
+from ftp_dent_ros.inspection.measuring.skin.robust_polynomial import basis
 from ftp_dent_ros.inspection.settings import Settings
 from ftp_dent_ros.median import NORMAL_SPREAD
 
@@ -33,6 +34,8 @@ _FEWEST = 30
 _MOMENTUM = 0.8
 # Holes that tell the fit's error: in smallest widths, and from one to the next in holes.
 _HOLE, _APART = 2.0, 3.0
+# Terms of the second degree.
+_QUADRIC = 6
 # Waviness that matters, in smallest depths.
 _LEAST = 0.04
 
@@ -50,7 +53,7 @@ class Relief:
     lacks : ndarray, shape (rows, columns), float32
         How much more the waves may be, which the fit follows part of the way, metres.
     amplitude : float
-        Of the sine with the same root mean square, metres.
+        Of the sine with the same root mean square, but for what a quadric takes of it, metres.
     under_hole : float
         How far it is off in the middle of holes `hole` wide, root mean square, metres; infinite
         where too little of the skin is bare to cut any.
@@ -126,7 +129,7 @@ def relief_of(deviation: Map, bare: Mask, lattice: Lattice, smallest: float) -> 
         )
         for each in (smooth, _LACKS * np.abs(smooth - again))
     )
-    amplitude = math.sqrt(2) * float(smooth[weight > 0].std())
+    amplitude = math.sqrt(2) * float(_beside_quadric(smooth, weight > 0).std())
     hole = _HOLE * smallest
     return Relief(
         fine,
@@ -135,6 +138,14 @@ def relief_of(deviation: Map, bare: Mask, lattice: Lattice, smallest: float) -> 
         _under_holes(values, weight, penalty, spacing, hole),
         hole,
     )
+
+
+def _beside_quadric(values: Field, inside: Mask) -> Field:
+    """What a quadric leaves of a field, shape (n,): a contour through all of the waves."""
+    rows, columns = np.nonzero(inside)
+    x, y = (at / length for at, length in zip((columns, rows), inside.shape[::-1], strict=True))
+    terms, found = basis(x, y, _QUADRIC), values[inside]
+    return np.asarray(found - terms @ np.linalg.lstsq(terms, found, rcond=None)[0], float)
 
 
 def _fitted_twice(values: Field, weight: Field, penalty: Field) -> Field:
