@@ -73,3 +73,26 @@ def test_a_long_pass_is_no_straighter_than_its_rig_is_known():
     assert spread[0] == pytest.approx(stretch * length, rel=0.1)
     assert spread[4] == pytest.approx(2 * bend * length, rel=0.1)
     assert spread[2] == pytest.approx(bend * length**2, rel=0.1)
+
+
+def test_what_is_common_is_not_taken_for_known_where_pairs_contradict_each_other_by_it():
+    information = np.linalg.inv(np.diag([5e-7**2] * 6))
+    spread, graph = np.sqrt(COMMON[3, 3]), PoseGraph()
+    for number in range(21):
+        pose = Pose(Rotation.identity(), np.array([0.05 * number, 0, 0]))
+        graph.add(Node(pose, DOUBT, 0.5 * number, 0), pose)
+        for back, stretched in ((1, 0.05), (2, 0.0)):
+            if number < back:
+                continue
+            # Only pairs of neighbours are off, by what a stretch of one deviation does.
+            common = np.zeros((6, 6))
+            common[0, 3] = stretched
+            moved = Pose(Rotation.identity(), np.array([0.05 * back - stretched * spread, 0, 0]))
+            told = RelativePose(moved, np.zeros(3), information, 6, 0.8, 1e-6, '', common)
+            graph.link(number - back, number, told)
+    graph.solve()
+    off = graph.poses[0].inverse().apply(graph.poses[-1].translation)[0] - 1.0
+    stated = np.sqrt(graph.covariances(anchor=0)[-1, 0, 0])
+    noise = 5e-7 * np.sqrt(20)
+    assert abs(off) > 2 * noise, 'more than what the pairs err by on their own'
+    assert abs(off) - noise < stated < abs(off) + noise

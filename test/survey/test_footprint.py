@@ -54,3 +54,15 @@ def test_it_moves_with_the_poses_and_turned_clouds_have_no_holes():
     assert gap.area > 20 * CELL**2
     far = [*poses[:-1], Pose(DOWN, np.array([1e5, 1e5, 0.8]))]
     assert seen_skin(footprints, far) is None
+
+
+def test_poses_that_contradict_each_other_are_drawn_as_far_as_they_can_be():
+    footprints, _ = passes(0.02)
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        poses = [
+            Pose(Rotation.from_rotvec(rng.normal(0, 1, 3)), rng.normal(0, 1, 3))
+            for _ in footprints
+        ]
+        seen = seen_skin(footprints, poses)
+        assert seen is None or seen.area < len(footprints)

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
+from flown_pairs import CENTRE, batch, flight, joined, off_by, pairs_of, relatives
+from flown_skin import erring
 from scipy.linalg import logm
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.survey.poses.link_terms import Link, LinkTerms
 from ftp_dent_ros.survey.poses.pose_graph import PoseGraph
-from ftp_dent_ros.survey.poses.stated_poses import Node
+from ftp_dent_ros.survey.poses.robust_solution import Terms, solved
+from ftp_dent_ros.survey.poses.stated_poses import Node, StatedTerms, distances
 from ftp_dent_ros.survey.registration.relative_pose import RelativePose
-from ftp_dent_ros.survey.registration.twists import changes, spread_of_shift, twists
+from ftp_dent_ros.survey.registration.twists import changes, motions, spread_of_shift, twists
 
 STATED = np.diag([0.03**2] * 3 + [0.015**2] * 3)
 RADIUS = 2.0
@@ -45,6 +50,15 @@ def test_twists_change_as_is_told():
         after, moved = motion(step)
         found = (twists(after @ turn, after @ shift + moved) - twist) / 1e-6
         np.testing.assert_allclose(found, change, atol=2e-5)
+
+
+def test_motions_are_those_of_twists():
+    for size in (1e-6, 3e-3, 0.02, 0.9):
+        twist = size * np.array([[0.3, -0.2, 0.5, 0.4, 0.7, -0.5]])
+        turns, shifts = motions(twist)
+        turn, shift = motion(twist[0])
+        np.testing.assert_allclose(turns[0], turn, atol=1e-14)
+        np.testing.assert_allclose(shifts[0], shift, atol=1e-14)
 
 
 def test_a_shift_along_an_arc_has_the_spread_that_is_told():
@@ -92,3 +106,96 @@ def test_a_cylinder_may_slide_far_and_its_pairs_still_agree():
     for pose in graph.poses[1:]:
         seen = graph.poses[0].inverse() @ pose
         assert np.linalg.norm((seen.apply(axis) - axis)[1:]) < 1e-5
+
+
+def farthest(poses, others):
+    return max(
+        np.linalg.norm(a.apply(CENTRE) - b.apply(CENTRE))
+        for a, b in zip(poses, others, strict=True)
+    )
+
+
+@pytest.mark.parametrize(('share', 'off'), [(0.1, 0.025), (0.3, 0.05)])
+def test_false_pairs_between_passes_are_left_out_and_the_map_is_not_bent(share, off):
+    """Rivets look alike: some pairs are off by a pitch or two, and state that they are not."""
+    rng = np.random.default_rng([33, round(10 * share)])
+    poses = flight(rng, 54)
+    links, false = relatives(rng, poses, share, off)
+    assert false
+    graph, _ = joined(poses, links, 3)
+    assert graph.left_out == false, 'all false ones are told, and no true one'
+    without = [link for number, link in enumerate(links) if number not in false]
+    clean, _ = joined(poses, without, 3)
+    assert farthest(graph.poses, clean.poses) < 2e-5
+    assert farthest(graph.poses, batch(graph).poses) < 1e-6, 'as all at once'
+
+
+def test_pairs_that_would_take_the_map_far_from_the_autopilot_are_refused():
+    """Each pair is too long: they agree with each other, but not with the world."""
+    poses = flight(np.random.default_rng(4), 36, passes=1)
+    links = []
+    for first, second in pairs_of(poses):
+        true = poses[first].inverse() @ poses[second]
+        longer = off_by(true, np.array([0.08 * (second - first), 0, 0, 0, 0, 0]))
+        links.append((first, second, RelativePose(longer, CENTRE, 1e9 * np.eye(6), 6, 0.6, 1e-6)))
+    refused, far = [], []
+
+    def seen(graph):
+        refused.append(graph.refused)
+        turns = np.array([pose.rotation.as_matrix() for pose in graph.poses])
+        places = np.array([pose.translation for pose in graph.poses])
+        far.append(distances(graph.nodes, turns, places).max())
+
+    graph, _ = joined(poses, links, 4, seen)
+    assert max(refused) > 30 >= max(far), 'the pairs would take the map far off, and do not'
+    assert graph.left_out, 'and are told'
+
+
+@pytest.mark.parametrize(('jump', 'parts'), [(0.5, 1), (2.0, 2)])
+def test_an_autopilot_that_jumps_is_overruled_or_parts_the_map(jump, parts):
+    """By seventeen of its standard deviations, and by more than any autopilot errs."""
+    rng = np.random.default_rng(1)
+    poses = flight(rng, 36, passes=1)
+    links, _ = relatives(rng, poses, 0.0, 0.0)
+    step = np.array([0, jump, 0])
+    stated = [
+        Pose(each.rotation, each.translation + step * (number >= 24))
+        for number, each in enumerate(erring(poses, 5))
+    ]
+    graph, _ = joined(poses, links, 5, stated=stated)
+    assert len(set(graph.groups())) == parts
+    across = {number for number, (first, second, _) in enumerate(links) if first < 24 <= second}
+    assert graph.left_out == (across if parts == 2 else set())
+    for some in (slice(0, 24), slice(24, 36)):
+        first, true = graph.poses[some][0].inverse(), poses[some][0].inverse()
+        seen = [first @ pose for pose in graph.poses[some]]
+        assert farthest(seen, [true @ pose for pose in poses[some]]) < 1e-3
+
+
+def test_no_solution_fits_worse_than_where_it_began():
+    """However the pairs contradict each other, and however far they slide, nothing runs away."""
+    rng = np.random.default_rng(7)
+    poses = flight(rng, 24, passes=1)
+    stated = erring(poses, 7)
+    told = np.diag([0.0, 1e6, 1e14, 1e12, 1e12, 1e10])
+    links = []
+    for first, second in pairs_of(poses):
+        off = rng.normal(0, [0.02, 1e-4, 1e-6, 1e-5, 1e-6, 1e-4])
+        if rng.random() < 0.2:
+            off += rng.normal(0, [0, 0.02, 1e-3, 1e-3, 1e-3, 1e-3])
+        pose = off_by(poses[first].inverse() @ poses[second], off)
+        links.append(Link(first, second, RelativePose(pose, CENTRE, told, 5, 0.6, 1e-6)))
+    nodes = [Node(each, STATED, 0.5 * k, 0) for k, each in enumerate(stated)]
+    terms = Terms(0, 24, LinkTerms.of(links, range(len(links))), StatedTerms.of(nodes, stated))
+
+    def cost(turns, places):
+        return terms.cost(terms.errors(turns, places))
+
+    places = np.array([pose.translation for pose in stated])
+    turns = np.array([pose.rotation.as_matrix() for pose in stated])
+    for _ in range(5):
+        before = cost(turns, places)
+        turns, places = solved(terms, turns, places, np.zeros(len(links), bool))
+        assert cost(turns, places) <= before
+        places = places + rng.normal(0, 0.02, places.shape)
+    assert distances(nodes, turns, places).max() < 10

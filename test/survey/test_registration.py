@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 from flown_skin import STATED, FlownSkin
@@ -12,6 +13,8 @@ from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.survey.patches.folded_patch import FoldedPatch
 from ftp_dent_ros.survey.patches.patch import patch_of
+from ftp_dent_ros.survey.registration import registration
+from ftp_dent_ros.survey.registration.places import Place, not_worse
 from ftp_dent_ros.survey.registration.registration import register
 from ftp_dent_ros.survey.registration.relative_pose import UnlikePairError
 
@@ -128,3 +131,112 @@ def test_a_cloud_lies_on_itself_and_on_a_copy():
         found = register(patch, other, Pose(Rotation.identity(), np.zeros(3)), DOUBT)
         assert found.told == 6 and np.isfinite(found.information).all()
         assert np.linalg.norm(found.pose.translation) < 1e-6
+
+
+@pytest.mark.parametrize('pitch', [0.015, 0.025, 0.038])
+@pytest.mark.parametrize('doubt', [0.014, 0.035])
+def test_a_skin_that_repeats_itself_is_never_tied_a_pitch_off(pitch, doubt):
+    covariance = np.diag([doubt**2] * 3 + [(doubt / 3) ** 2] * 3)
+    for seed in range(2):
+        patches, true = pair(FlownSkin(seed, pitch=pitch))
+        for pitches in (-1.6, -0.4, 0.4, 1.4):
+            shift = np.array([pitches * pitch, 0.003, 0.004])
+            guess = Pose(true.rotation, true.translation + shift)
+            found = register(*patches, guess, covariance)
+            is_tied = not found.remark
+            assert not is_tied or np.abs(found.error(true)[:2]).max() < 1e-3
+            assert is_tied or ('more places than one' in found.remark and found.told < 6)
+
+
+def test_what_does_not_repeat_itself_or_a_good_guess_decides_between_pitches():
+    skin = FlownSkin(4, pitch=0.025)
+    patches, true = pair(skin)
+    sure = np.diag([0.004**2] * 3 + [0.001**2] * 3)
+    guess = Pose(true.rotation, true.translation + np.array([0.004, 0.002, 0]))
+    found = register(*patches, guess, sure)
+    assert not found.remark and np.abs(found.error(true)[:2]).max() < 1e-3
+    # Letters, as it were: lines of 2 mm.
+    rng = np.random.default_rng(4)
+    for x, y in rng.uniform([1350, 300], [1650, 500], (25, 2)).astype(int):
+        skin.paint[y : y + 20, x : x + 2] -= 0.2
+    patches, true = pair(skin)
+    doubt = np.diag([0.014**2] * 3 + [0.005**2] * 3)
+    guess = Pose(true.rotation, true.translation + np.array([0.035, 0, 0]))
+    found = register(*patches, guess, doubt)
+    assert not found.remark and np.abs(found.error(true)[:2]).max() < 2.5e-4
+
+
+def test_a_place_where_they_do_not_overlap_refuses_no_pair(monkeypatch):
+    patches, true = pair(FlownSkin(4, pitch=0.025))
+    right = patches[0].frame.inverse() @ true @ patches[1].frame
+    solved, refused = registration._solved, []
+
+    def with_one_overlap(first, samples, pose, *rest, **options):
+        if not options and np.linalg.norm(pose.translation - right.translation) > 0.01:
+            refused.append(pose)
+            raise UnlikePairError('they do not overlap')
+        return solved(first, samples, pose, *rest, **options)
+
+    monkeypatch.setattr(registration, '_solved', with_one_overlap)
+    # Nothing tells against a pitch farther but the guess.
+    found = register(*patches, true, np.diag([0.014**2] * 3 + [0.005**2] * 3))
+    assert refused and 'more places than one' in found.remark
+    # A guess is enough.
+    unseen, seen = (
+        Place(true, np.array([x, 0.0]), (x / 0.004) ** 2, misfits)
+        for x, misfits in ((0.025, ()), (0.0, (np.ones(9), np.ones(9))))
+    )
+    assert not_worse([unseen, seen], 2) == [seen] and not_worse([], 2) == []
+
+
+def test_places_on_a_curved_skin_are_compared_where_their_shapes_lie_on_each_other(monkeypatch):
+    rng = np.random.default_rng(3)
+    skin = FlownSkin(3)
+    skin.paint[:] = 0
+    for column in rng.uniform(1350, 1650, 5).astype(int):
+        for row in range(0, 800, 25):
+            cv2.circle(skin.paint, (column, row), 3, -0.25, -1)
+    poses = [*skin.flight(1), *skin.flight(1, y=0.06)]
+    patches = [patch_of(*skin.seen(pose, index)) for index, pose in enumerate(poses)]
+    compared = []
+
+    def kept(places, most):
+        places = list(places)
+        compared.append(places)
+        return not_worse(places, most)
+
+    monkeypatch.setattr(registration, 'not_worse', kept)
+    # A pitch round the cylinder turns what slides by four hundred times what is in doubt.
+    doubt = np.diag(np.square([0.012, 0.025, 3e-5, 3e-5, 3e-5, 3e-5]))
+    found = register(*patches, poses[0].inverse() @ poses[1], doubt)
+    assert 'more places than one' in found.remark
+    rough, judged = compared
+    assert 1 < len(judged) <= len(rough)
+    assert max(np.nanmedian(place.misfits[1]) for place in judged) < 1
+
+
+def test_a_known_place_that_is_wrong_is_looked_for_farther_off():
+    patches, true = pair(FlownSkin(1))
+    guess = Pose(true.rotation, true.translation + np.array([0.03, 0.0, 0.0]))
+    known = np.diag([0.002**2] * 3 + [0.001**2] * 3)
+    assert register(*patches, guess, known).remark
+    found = register(*patches, guess, DOUBT, known=known)
+    assert not found.remark and np.abs(found.error(true)[:2]).max() < 2.5e-4
+
+
+def test_a_shape_laid_beside_its_place_is_not_sure_of_itself():
+    rng = np.random.default_rng(0)
+    covariance = np.diag([0.035**2] * 3 + [0.012**2] * 3)
+    misfits = []
+    for seed in range(3):
+        places = rng.uniform([-0.15, -0.1], [0.2, 0.1], (6, 2))
+        skin = FlownSkin(seed, pitch=0.025, dents=tuple((x, y, 0.05, 5e-4) for x, y in places))
+        poses = list(skin.flight(2))
+        patches = [patch_of(skin.seen(pose, index)[0]) for index, pose in enumerate(poses)]
+        true = poses[0].inverse() @ poses[1]
+        for x in (-0.06, 0.06):
+            guess = Pose(true.rotation, true.translation + np.array([x, 0.01, 0.0]))
+            found = register(*patches, guess, covariance)
+            error = found.error(true)
+            misfits.append(error @ found.information @ error / max(found.told, 1))
+    assert np.sqrt(np.mean(misfits)) < 3

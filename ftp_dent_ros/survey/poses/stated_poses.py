@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.inspection.tracking.moves import about
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.survey.poses.normal_equations import Array, NormalEquations
+from ftp_dent_ros.survey.poses.normal_equations import Array, NormalEquations, squares
 from ftp_dent_ros.survey.registration.twists import rotation_vectors
 
 # After which an autopilot's error is another one, seconds: the shortest that hovering ones were
@@ -135,18 +135,46 @@ class StatedTerms:
             np.linalg.inv(np.array(spreads).reshape(-1, 6, 6)).astype(float),
         )
 
-    def add_to(self, equations: NormalEquations, turns: Array, places: Array) -> None:
-        """Add the terms at poses of shape (all, 3, 3) and (all, 3) to normal equations."""
+    def errors(self, turns: Array, places: Array) -> Array:
+        """Of poses of shape (all, 3, 3) and (all, 3), from what is said of them; shape (n, 6)."""
         now = _off(turns[self.index], places[self.index], self.turn, self.place)
         then = _off(turns[self.before], places[self.before], self.earlier_turn, self.earlier_place)
+        return now - self.keep[:, None] * then
+
+    def squares(self, errors: Array) -> Array:
+        """Squares of errors of shape (n, 6), in standard deviations, shape (n,)."""
+        return squares(errors, self.information)
+
+    def add_to(self, equations: NormalEquations, errors: Array) -> None:
+        """Add the terms, which have these errors, to normal equations."""
         keep = self.keep[:, None, None] * np.eye(6)
         each = np.broadcast_to(np.eye(6), keep.shape)
-        equations.add(
-            [self.before, self.index],
-            [-keep, each],
-            now - self.keep[:, None] * then,
-            self.information,
-        )
+        equations.add([self.before, self.index], [-keep, each], errors, self.information)
+
+
+def distances(nodes: Sequence[Node], turns: Array, places: Array) -> Array:
+    """Of n poses from where they are said to be, in standard deviations; 0 if nothing is said.
+
+    Parameters
+    ----------
+    nodes : sequence of Node
+    turns, places : ndarray, shape (n, 3, 3) and (n, 3)
+    """
+    result = np.zeros(len(nodes))
+    said = [
+        (index, node.stated, node.covariance)
+        for index, node in enumerate(nodes)
+        if node.stated is not None and node.covariance is not None
+    ]
+    if said:
+        at, poses, spreads = zip(*said, strict=True)
+        stated = np.stack([pose.rotation.as_matrix() for pose in poses])
+        there = np.stack([pose.translation for pose in poses])
+        some = list(at)
+        off = _off(turns[some], places[some], stated, there)[..., None]
+        squares = np.swapaxes(off, 1, 2) @ np.linalg.solve(np.stack(spreads), off)
+        result[some] = np.sqrt(squares[:, 0, 0])
+    return result
 
 
 def relative_doubt(a: Node, b: Node, first: Pose, second: Pose) -> NDArray[np.float64]:

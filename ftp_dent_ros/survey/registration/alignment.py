@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ftp_dent_ros.median import NORMAL_SPREAD
+from ftp_dent_ros.median import NORMAL_SPREAD, median
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.survey.patches.patch import Patch
 
@@ -139,13 +139,12 @@ def equations(
     pose: Pose,
     centre: NDArray[np.float64],
     with_paint: bool = True,
-    coarse: bool = False,
 ) -> Equations:
     """Equations at a pose of the second patch in the first."""
     heights, height_spread = _of_heights(first, second, pose, centre)
     parts, paint_spread = [heights], 0.0
     if with_paint and len(second.paint):
-        paint, paint_spread = _of_paint(first, second, pose, centre, coarse)
+        paint, paint_spread = of_paint(first, second, pose, centre)
         parts.append(paint)
     residual, own, other, weight, place = (
         np.concatenate([part[index] for part in parts]) for index in range(5)
@@ -160,7 +159,7 @@ def _of_heights(first, second, pose, centre):
     here = first.looked_up(first.surface, place)
     met = np.isfinite(here[:, 0])
     place, here, there = place[met], here[met].astype(float), second.height_values[met]
-    normals = _normals(here), pose.rotation.apply(_normals(there))
+    normals = _normals(here), _normals(there) @ pose.rotation.as_matrix().T
     lengths = [np.sqrt(np.square(each).sum(axis=1)) for each in normals]
     sigma = np.maximum(np.hypot(here[:, 3], there[:, 3]), _LEAST_HEIGHT)
     residual = (place[:, 2] - here[:, 0]) / lengths[0] / sigma
@@ -174,7 +173,14 @@ def _of_heights(first, second, pose, centre):
     return (residual, *rows, _cauchy(residual), place), spread
 
 
-def _of_paint(first, second, pose, centre, coarse):
+def of_paint(
+    first: Patch,
+    second: Samples,
+    pose: Pose,
+    centre: NDArray[np.float64],
+    coarse: bool = False,
+) -> tuple[tuple[NDArray[np.float64], ...], float]:
+    """Residuals, both slopes, weights and places of the paint as `Equations` has, and spread."""
     layer, values = (
         (first.coarse, second.coarse_values) if coarse else (first.paint, second.paint_values)
     )
@@ -185,13 +191,7 @@ def _of_paint(first, second, pose, centre, coarse):
     residual = here[:, 0] - there[:, 0]
     spread = max(_deviation(residual), _LEAST_PAINT)
     residual = residual / spread
-    zero = np.zeros(len(place))
-    slopes = (
-        np.stack([here[:, 1], here[:, 2], zero], axis=-1),
-        pose.rotation.apply(np.stack([there[:, 1], there[:, 2], zero], axis=-1))
-        if len(there)
-        else np.zeros((0, 3)),
-    )
+    slopes = here[:, 1:3] @ np.eye(2, 3), there[:, 1:3] @ pose.rotation.as_matrix()[:, :2].T
     rows = [_moved(each, place - centre) / spread for each in slopes]
     return (residual, *rows, _cauchy(residual), place), spread
 
@@ -211,7 +211,7 @@ def _moved(direction, arm):
 
 
 def _deviation(residual):
-    return float(NORMAL_SPREAD * np.median(np.abs(residual))) if len(residual) else 1.0
+    return float(NORMAL_SPREAD * median(np.abs(residual))) if len(residual) else 1.0
 
 
 def _cauchy(residual):

@@ -35,8 +35,8 @@ _KNOWN = 0.99
 _LEAST_OVERLAP = 0.1
 # Correlation that leaves no doubt that the turn is nearly right.
 _PLAIN = 0.6
-# A peak's correlation by the highest one's from which on both are looked at, and how many.
-_RIVAL, _MOST_PEAKS = 0.75, 3
+# A peak's correlation by the highest one's from which on both are looked at.
+_RIVAL = 0.6
 
 
 def is_right(doubt: NDArray[np.float64]) -> bool:
@@ -67,27 +67,25 @@ def candidates(
     turns = np.arange(-3, 4) * _TURN
     turns = turns[np.abs(turns) <= max(_WITHIN * across[5], _TURN / 2)]
     turns = turns[np.argsort(np.abs(turns), kind='stable')]
-    found: list[tuple[float, Pose]] = []
+    found: list[tuple[float, NDArray[np.float64]]] = []
     for turn in turns:
         if found and found[0][0] > _PLAIN:
             break
         pose = moved(guess, np.array([0, 0, 0, 0, 0, turn]), centre)
         for height, shift in _peaks(first, second, pose, reach):
-            step = np.array([*shift, 0, 0, 0, 0])
-            found.append((height, moved(pose, step, centre)))
+            found.append((height, np.array([*shift, 0, 0, 0, turn])))
         found.sort(key=lambda each: -each[0])
-    kept: list[tuple[float, Pose]] = []
-    for height, pose in found:
-        place = pose.apply(centre)
-        if height < _RIVAL * found[0][0] or len(kept) == _MOST_PEAKS:
+    kept: list[NDArray[np.float64]] = []
+    for height, step in found:
+        if height < _RIVAL * found[0][0]:
             break
-        if all(np.linalg.norm(other.apply(centre) - place) > 2 * _CELL for _, other in kept):
-            kept.append((height, pose))
-    return [pose for _, pose in kept]
+        if all(np.hypot(*(other - step)[:2]) > 2 * _CELL for other in kept):
+            kept.append(step)
+    return [moved(guess, step, centre) for step in kept]
 
 
 def _peaks(first: Patch, second: Patch, pose: Pose, reach: NDArray) -> list[tuple[float, NDArray]]:
-    """Correlations and shifts of the best maxima within reach."""
+    """Correlations and shifts of the maxima within reach that rival the highest one."""
     size = max(1, round(_CELL / first.pitch)) * first.pitch
     steps = np.ceil(reach / size).astype(int)
     cells = [-(-n // round(size / first.pitch)) for n in first.height.shape]
@@ -115,12 +113,10 @@ def _peaks(first: Patch, second: Patch, pose: Pose, reach: NDArray) -> list[tupl
     )
     value = value.astype(np.float32)
     highest = cv2.dilate(value, np.ones((5, 5), np.uint8))
-    peaks = [
+    return [
         (float(value[row, column]), (np.array([column, row]) - steps) * size)
-        for row, column in np.argwhere((value >= highest) & (value > 0))
+        for row, column in np.argwhere((value >= highest) & (value > _RIVAL * value.max()))
     ]
-    peaks.sort(key=lambda each: -each[0])
-    return peaks[:_MOST_PEAKS]
 
 
 def _spectra(values: Grid, known: Grid) -> tuple[NDArray[np.complex64], ...]:
@@ -148,7 +144,7 @@ def _seen_by_first(
     heights shift by their difference in tilt is less than a cell.
     """
     step = max(1, round(size / second.pitch))
-    layer = np.ascontiguousarray(second.coarse[::step, ::step][..., [0, 3]])
+    layer = second.coarse[::step, ::step]
     back = np.linalg.inv(pose.rotation.as_matrix()[:2, :2])
     start = first.corner - steps * size - pose.translation[:2]
     pitch = second.pitch * step
@@ -156,7 +152,12 @@ def _seen_by_first(
     matrix = np.column_stack([back * (size / pitch), offset])
     rows, columns = shape
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    seen: Any = cv2.warpAffine(layer, matrix, (columns, rows), flags=flags)
+    # One by one: OpenCV takes ten times as long for two channels together.
+    warped: Any = [
+        cv2.warpAffine(np.ascontiguousarray(layer[..., k]), matrix, (columns, rows), flags=flags)
+        for k in (0, 3)
+    ]
+    seen = np.stack(warped, axis=-1)
     # What lies beyond is not known; a cell beside it is not, either.
     seen[..., 1] = seen[..., 1] > _KNOWN
     seen[..., 0] *= seen[..., 1]

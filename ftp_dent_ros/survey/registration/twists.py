@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 def crossed(vectors: Array) -> Array:
     """Matrices whose product is the cross product with vectors, shape (n, 3, 3)."""
     matrices = np.zeros((*vectors.shape, 3))
-    x, y, z = np.moveaxis(vectors, -1, 0)
+    x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
     matrices[..., 0, 1], matrices[..., 0, 2] = -z, y
     matrices[..., 1, 0], matrices[..., 1, 2] = z, -x
     matrices[..., 2, 0], matrices[..., 2, 1] = -y, x
@@ -43,6 +43,21 @@ def twists(turns: Array, shifts: Array) -> Array:
     series = 1 / 12 + square / 720 + square**2 / 30240 + square**3 / 1209600
     back = np.eye(3) - cross / 2 + series * (cross @ cross)
     return np.concatenate([(back @ shifts[..., None])[..., 0], vectors], axis=-1)
+
+
+def motions(twist: Array) -> tuple[Array, Array]:
+    """Turns about a place and shifts of it, shape (n, 3, 3) and (n, 3), of twists, (n, 6)."""
+    vectors = twist[:, 3:]
+    square = np.square(vectors).sum(axis=-1)[:, None, None]
+    angle = np.sqrt(square)
+    # (1 - cos) / square, and (1 - sin / angle) / square, by its series where that is small.
+    half = np.sinc(angle / (2 * np.pi)) ** 2 / 2
+    rest = (1 - np.sinc(angle / np.pi)) / np.maximum(square, 1e-4)
+    rest = np.where(square < 1e-4, 1 / 6 - square / 120, rest)
+    cross = crossed(vectors)
+    along = np.eye(3) + half * cross + rest * (cross @ cross)
+    turns = np.eye(3) + cross @ along
+    return turns, (along @ twist[:, :3, None])[..., 0]
 
 
 def changes(twist: Array) -> Array:

@@ -154,6 +154,11 @@ def seen_skin(footprints: Sequence[Footprint], poses: Sequence[Pose]) -> SeenSki
         # A square lies on up to four cells: their shares of it, along each axis.
         corner = (place[:, :2] - low - _SAMPLE / 2) / CELL
         first = np.floor(corner).astype(np.int64)
+        # Poses that contradict each other have no one skin: on it some points lie far off.
+        inside = ((first >= 0) & (first < (columns - 1, rows - 1))).all(axis=1)
+        if not inside.any():
+            continue
+        place, corner, first = place[inside], corner[inside], first[inside]
         beyond = np.maximum(corner - first + _SAMPLE / CELL - 1, 0)
         within = _SAMPLE / CELL - beyond
         for right, up in ((0, 0), (1, 0), (0, 1), (1, 1)):
