@@ -53,8 +53,8 @@ OF_CODE = (
 )
 # Not free: numbers that follow from a definition, and what the reader of a table reads.
 EXACT = {
-    *('_TURN', '_MEDIAN_OF_SQUARE', '_SQUARES', '_INSIDE', '_BESIDE', '_BETWEEN'),
-    *('_RED_IN_LUMA', '_RED_IN_MOSAIC', '_REMARKABLE', '_WEIGHTS', '_SUMS', 'DIM'),
+    *('_TURN', '_SQUARES', '_INSIDE', '_BESIDE', '_BETWEEN'),
+    *('IN_LUMA', 'IN_MOSAIC', '_REMARKABLE', '_WEIGHTS', '_SUMS', 'DIM'),
 }
 
 

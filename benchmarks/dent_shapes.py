@@ -43,6 +43,7 @@ from ftp_dent_ros.simulation.skin.shapes import (
     Valley,
 )
 from ftp_dent_ros.simulation.truth import TrueDent, true_dents
+from ftp_dent_ros.simulation.truth_matching import match_truth
 
 DISTANCES = 0.6, 0.8, 1.0, 1.2
 # A dent is no deeper than this part of its width: skin folds before.
@@ -50,6 +51,8 @@ _STEEPEST = 1 / 12
 # No dent has a depth of 0, metres.
 _FLAT = 1e-9
 SIZES = 'depth', 'length', 'width'
+# Off a dent's middle that is taken for it at least, metres.
+_LEAST_REACH = 0.006
 
 Family = Callable[[np.random.Generator], tuple[Dent, ...]]
 
@@ -205,8 +208,8 @@ def without_depth(one: KindScene) -> KindScene:
     return replace(one, panels=panels)
 
 
-def measured(task: Task) -> tuple[list[Row], list[str]]:
-    """Rows of a photograph's dents, and what is false."""
+def measured(task: Task) -> tuple[list[Row], list[str], int]:
+    """Rows of a photograph's dents, what is false, and how many others are on nothing."""
     cv2.setNumThreads(1)
     one, placed = photograph(task)
     if task.paint_only:
@@ -221,36 +224,33 @@ def measured(task: Task) -> tuple[list[Row], list[str]]:
         method = reconstructor(one.rig, PATTERN, task.method, task.stride)
         found = inspect(method.measure(one.photograph(task.seed), True).cloud)
     except FtpDentError as reason:
-        return rows, [f'seed {task.seed}: {reason}']
+        return rows, [f'seed {task.seed}: {reason}'], 0
     left = [m for m in (*found.dents, *found.others) if m.kind != 'step']
-    for row, truth in sorted(zip(rows, truths, strict=True), key=lambda pair: -pair[1].depth):
-        best = _nearest(truth, left)
-        if best is not None:
-            left = [m for m in left if m is not best]
-            _fill(row, truth, best)
+    pairs = match_truth(
+        [m.position for m in left],
+        [truth.position for truth in truths],
+        [max(_LEAST_REACH, truth.length / 2) for truth in truths],
+    )
+    for true, best in pairs.items():
+        _fill(rows[true], truths[true], left[best])
+    on_nothing = [
+        m
+        for index, m in enumerate(left)
+        if index not in pairs.values()
+        and all(np.linalg.norm(m.position - t.position) > t.length for t in truths)
+    ]
     false = [
         f'seed {task.seed}: {m.kind} {1e3 * m.depth.value:.3f}'
-        for m in left
-        if m.kind not in ('other', 'waviness')
-        and all(np.linalg.norm(m.position - t.position) > t.length for t in truths)
+        for m in on_nothing
+        if m.kind != 'other'
     ]
     # Where two became one, the other row has what was said about it.
     for row, truth in zip(rows, truths, strict=True):
         if row.family == 'double' and not row.found:
-            near = _nearest(truth, [*found.dents, *found.others], 1.0)
-            row.reason = near.reason if near else ''
-    return rows, false
-
-
-def _nearest(
-    truth: TrueDent, found: list[MeasuredDent], reach: float = 0.5
-) -> MeasuredDent | None:
-    near = [
-        m
-        for m in found
-        if np.linalg.norm(m.position - truth.position) < max(0.006, reach * truth.length)
-    ]
-    return min(near, key=lambda m: np.linalg.norm(m.position - truth.position), default=None)
+            off = [float(np.linalg.norm(m.position - truth.position)) for m in left]
+            if left and min(off) < max(_LEAST_REACH, truth.length):
+                row.reason = left[int(np.argmin(off))].reason
+    return rows, false, len(on_nothing) - len(false)
 
 
 def _fill(row: Row, truth: TrueDent, m: MeasuredDent) -> None:
@@ -329,11 +329,14 @@ def main() -> None:
     arguments = parser.parse_args()
     rows: list[Row] = []
     false: list[str] = []
+    doubtful = 0
     todo = tasks(arguments)
     with multiprocessing.get_context('spawn').Pool(arguments.jobs) as pool:
-        for some, more in tqdm(pool.imap(measured, todo), total=len(todo), unit='photograph'):
+        done = tqdm(pool.imap(measured, todo), total=len(todo), unit='photograph')
+        for some, more, others in done:
             rows += some
             false += more
+            doubtful += others
     if arguments.json:
         arguments.json.write_text(json.dumps([asdict(r) for r in rows], indent=1))
     head = 'n', 'found', 'kind', 'depth', '|d|', 'held', 'length', '|l|', 'held', 'width', '|w|'
@@ -354,6 +357,7 @@ def main() -> None:
             f'{len(one) - told} as one without a word, {len(pairs) - two - len(one)} not found'
         )
     print(f'false: {len(false)} in {len(todo)} photographs: {"; ".join(false[:8])}')
+    print(f'others on nothing: {doubtful}')
 
 
 if __name__ == '__main__':

@@ -50,6 +50,7 @@ from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.rig import Rig
 from ftp_dent_ros.simulation import Dent, Panel, Surface
+from ftp_dent_ros.simulation.truth_matching import match_truth
 
 SIZES = (
     'depth',
@@ -73,15 +74,17 @@ def truths(one: Scene) -> Iterator[tuple[Dent, np.ndarray]]:
 
 def matched(one: Iterator[tuple[Dent, np.ndarray]], found: Inspection):
     """Pairs of the true and the measured (or None), and the measured that are left."""
-    left, pairs = list(found.dents), []
-    for dent, centre in one:
-        near = [
-            m for m in left if np.linalg.norm(m.position - centre) < max(0.01, dent.length / 2)
-        ]
-        apart = [float(np.linalg.norm(m.position - centre)) for m in near]
-        best = near[int(np.argmin(apart))] if near else None
-        left = [m for m in left if m is not best]
-        pairs.append((dent, best))
+    true = list(one)
+    matches = match_truth(
+        [m.position for m in found.dents],
+        [centre for _, centre in true],
+        [max(0.01, dent.length / 2) for dent, _ in true],
+    )
+    pairs = [
+        (dent, found.dents[matches[index]] if index in matches else None)
+        for index, (dent, _) in enumerate(true)
+    ]
+    left = [m for index, m in enumerate(found.dents) if index not in matches.values()]
     return pairs, left
 
 

@@ -44,7 +44,6 @@ from tqdm import tqdm
 
 from ftp_dent_ros.cli.demo import BOUNDS
 from ftp_dent_ros.demonstration.appraisal import camera_error, map_error, mean_absolute
-from ftp_dent_ros.demonstration.dents import true_index
 from ftp_dent_ros.demonstration.flight import simulation_parameters
 from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.ros.dent_messages import KINDS, dents_from_message
@@ -57,6 +56,7 @@ from ftp_dent_ros.ros.messages import (
 )
 from ftp_dent_ros.ros.qos import CLOUDS, DENTS, DIAGNOSTICS, LATCHED, POSES
 from ftp_dent_ros.simulation.truth import true_dents
+from ftp_dent_ros.simulation.truth_matching import true_index
 from ftp_dent_ros.simulation.world import World, read_world
 from ftp_dent_ros.supervision.domain import free_domain
 

@@ -19,6 +19,7 @@ from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.rig import Rig
 from ftp_dent_ros.simulation.photography.ground_truth import GroundTruth
 from ftp_dent_ros.simulation.truth import TrueDent, true_dents
+from ftp_dent_ros.simulation.truth_matching import match_truth
 
 METHODS = 'default', 'virtual-reference'
 # Fringes from an edge within which errors are told apart.
@@ -172,27 +173,20 @@ def measured_dent(scene: KindScene, true: TrueDent, cloud: Cloud, stride: int) -
 def _match(
     result: Figures, scene: KindScene, truth: GroundTruth, stride: int, found: Inspection
 ) -> None:
-    """True dents to those found, nearest first; the rest is false."""
+    """True dents to those found; the rest is false."""
     true = visible(scene, truth, stride)
-    everything = [*found.dents, *found.others]
-    pairs = sorted(
-        (float(np.linalg.norm(m.position - t.position)), i, j)
-        for i, t in enumerate(true)
-        for j, m in enumerate(everything)
-        if m.kind != 'step'
+    everything = [m for m in (*found.dents, *found.others) if m.kind != 'step']
+    pairs = match_truth(
+        [m.position for m in everything],
+        [t.position for t in true],
+        [max(0.010, t.length / 2) for t in true],
     )
-    taken_true: set[int] = set()
-    taken: set[int] = set()
-    for apart, i, j in pairs:
-        if i in taken_true or j in taken or apart > max(0.010, true[i].length / 2):
-            continue
-        taken_true.add(i)
-        taken.add(j)
+    for i, j in pairs.items():
         _compare(result.dents[i], true[i], everything[j])
     places = _fittings(scene)
     dents_cut = [t.position for t in true_dents(scene.surface)]
     for j, m in enumerate(everything):
-        if j in taken or m.kind in ('step', 'other'):
+        if j in pairs.values() or m.kind == 'other':
             continue
         text = f'{m.kind} {1e3 * m.depth.value:.3f}+-{1e3 * m.depth.uncertainty:.3f} mm'
         text += f' at {np.round(1e3 * m.position[:2]).astype(int).tolist()}'

@@ -1,6 +1,7 @@
 """Kinds that nothing was built on, by another renderer: what is published, and whether it is so.
 
 python benchmarks/outside.py [--only wet] [--seeds 2] [--first-seed 0] [--held] [--details]
+                             [--calibrated]
 
 A row a kind, the worst of its photographs but for coverage and the median error. Errors over
 sigma are those of all points ("z": root mean square; "<4": per cent below 4) and of those more
@@ -21,6 +22,7 @@ import cv2
 import numpy as np
 from attempts import attempt
 from numpy.typing import NDArray
+from outside_calibration import calibrated
 from outside_kinds import HELD, MENDING
 from outside_panels import Outside
 from outside_parts import Dimple
@@ -99,8 +101,10 @@ def truth(world: World, stride: int) -> tuple[NDArray, NDArray[np.bool_], NDArra
     return depth[::stride, ::stride], lit[::stride, ::stride], far[::stride, ::stride]
 
 
-def outcome(kind: str, seed: int, code: str, stride: int = 1) -> Outcome:
-    """Photograph a kind by a seed, measure it, and compare."""
+def outcome(
+    kind: str, seed: int, code: str, calibration: bool = False, stride: int = 1
+) -> Outcome:
+    """Photograph a kind by a seed, measure it, by a calibrated rig or not, and compare."""
     rng = np.random.default_rng([seed, *kind.encode()])
     outside = (MENDING | HELD)[kind](rng)
     world = outside.world
@@ -108,9 +112,10 @@ def outcome(kind: str, seed: int, code: str, stride: int = 1) -> Outcome:
     outside, result = replace(outside, world=world), Outcome(kind, seed)
     picture = outside.picture(rng)
     settings = Settings(stride=stride)
+    rig = calibrated(world, seed) if calibration else world.rig
 
     def measured() -> Measurement:
-        return Reconstructor(world.rig, world.pattern, settings).measure(picture)
+        return Reconstructor(rig, world.pattern, settings).measure(picture)
 
     measurement = attempt(measured, result)
     if measurement is None:
@@ -252,6 +257,9 @@ def main() -> None:
     parser.add_argument('--seeds', type=int, default=1, help='photographs a kind')
     parser.add_argument('--first-seed', type=int, default=0)
     parser.add_argument('--code', choices=CODES, default='stripe', help='of the pattern')
+    parser.add_argument(
+        '--calibrated', action='store_true', help="the projector's column by a plain panel"
+    )
     parser.add_argument('--details', action='store_true', help='all that is amiss')
     parser.add_argument('--save', help='folder that pictures go to, to be looked at')
     arguments = parser.parse_args()
@@ -278,7 +286,7 @@ def main() -> None:
     lines = [f'{"":18}' + ''.join(f'{column:>9}' for column in columns) + '  amiss']
     for name in tqdm(kinds, unit='kind'):
         seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)
-        some = [outcome(name, seed, arguments.code) for seed in seeds]
+        some = [outcome(name, seed, arguments.code, arguments.calibrated) for seed in seeds]
         lines.append(f'{name:18}{row(some)}')
         for r in some if arguments.details else ():
             told = (r.crashed, r.refused, *r.remarks)

@@ -6,7 +6,11 @@ looked at last.
 
 from __future__ import annotations
 
+import outside_air as air
+import outside_faults as faults
+import outside_finishes as finishes
 import outside_light as light
+import outside_more as more
 import outside_projectors as projectors
 import outside_sensors as sensors
 import outside_shapes as shapes
@@ -97,4 +101,40 @@ HELD: dict[str, Kind] = {
     'frame_shadow': shapes.frame_shadow,
     'rivets_in_dent': things.rivets_in_dent,
     'sealed_dent': things.sealed_dent,
+    'fence': more.fence,
+    'lens_colours': more.lens_colours,
+    'corroded': more.corroded,
+    'orange_peel': more.orange_peel,
+    'icing': more.icing,
+    'vibrating': more.vibrating,
+    'hdr': more.hdr,
+    'interlaced': more.interlaced,
+    'hatched': more.hatched,
+    'reflected': more.reflected,
+    'shimmer': of_sensor(lens=air.shimmer),
+    'rain': of_sensor(lens=air.rain),
+    'condensation': of_sensor(lens=air.condensation),
+    'insect_on_lens': of_sensor(lens=air.insect),
+    'propeller': of_sensor(lens=air.propeller),
+    'overlay': of_sensor(codec=air.overlay),
+    'acoustic_liner': finishes.acoustic_liner,
+    'placard': finishes.placard,
+    'matt_tape': finishes.matt_tape,
+    'radome': finishes.radome,
+    'retroreflective': finishes.retroreflective,
+    'halftone': finishes.halftone,
+    'vortex_generators': finishes.vortex_generators,
+    'wet_film': finishes.wet_film,
+    'stress_colours': finishes.stress_colours,
+    'wing_flex': finishes.wing_flex,
+    'dimmed_lamp': faults.dimmed_lamp,
+    'caustics': faults.caustics,
+    'overscan': faults.overscan,
+    'smeared_charge': of_sensor(lens=faults.smeared_charge),
+    'warm_sensor': of_sensor(curve=faults.warm_sensor),
+    'white_balance': of_sensor(curve=faults.white_balance),
+    'two_amplifiers': of_sensor(curve=faults.two_amplifiers),
+    'few_bits': of_sensor(codec=faults.few_bits),
+    'lost_packets': of_sensor(codec=faults.lost_packets),
+    'half_frame': of_sensor(codec=faults.half_frame),
 }

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from outside_panels import Generator, Outside, plain
 from outside_renderer import slide
 from outside_sensors import blobs
+from scipy.ndimage import map_coordinates
 
 Image = NDArray[np.float32]
 
@@ -65,8 +66,8 @@ def chromatic(rng: Generator) -> Outside:
         for channel, way in enumerate((-0.81, 0.19, 1.19)):
             u = columns + way * scale * (columns - 639.5)
             v = rows + way * scale * (rows - 359.5)
-            layer = np.ascontiguousarray(image[..., channel])
-            layers.append(cv2.remap(layer, u, v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE))
+            # OpenCV rounds places to 1/32 pixel, as much as colours are told apart here.
+            layers.append(map_coordinates(image[..., channel], (v, u), mode='nearest'))
         return np.stack(layers, axis=-1)
 
     at, slope = rng.uniform(0.02, 0.1), rng.uniform(-0.3, 0.3)

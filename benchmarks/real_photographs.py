@@ -28,6 +28,7 @@ from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.pattern_file import read_pattern
 from ftp_dent_ros.photograph_file import read_photograph
 from ftp_dent_ros.rig import Rig, read_rig
+from ftp_dent_ros.simulation.truth_matching import match_truth
 
 COLUMNS = 'cover', 'outside', 'MAE', 'p95', '>0.1', '>1', 'z', '<4', 'edge z', '<4', 'scale mm'
 
@@ -135,10 +136,12 @@ def dent_lines(one: Photograph, cloud: Cloud, rig: Rig) -> Iterator[str]:
     except FtpDentError as reason:
         yield str(reason)
         return
-    left = [m for m in (*found.dents, *found.others) if m.kind != 'step']
+    everything = [m for m in (*found.dents, *found.others) if m.kind != 'step']
+    places = [np.array([dent[axis] for axis in 'xyz']) for dent in one.dents]
+    reaches = [_reach(dent) for dent in one.dents]
+    pairs = match_truth([m.position for m in everything], places, reaches)
     grid = np.array(one.depth.shape)[::-1]
-    for dent in one.dents:
-        place = np.array([dent['x'], dent['y'], dent['z']])
+    for index, (dent, place) in enumerate(zip(one.dents, places, strict=True)):
         column, line = np.rint(rig.camera.project(place) / one.stride).astype(int)
         if not (0 <= column < grid[0] and 0 <= line < grid[1] and one.lit[line, column]):
             continue
@@ -146,11 +149,9 @@ def dent_lines(one: Photograph, cloud: Cloud, rig: Rig) -> Iterator[str]:
         off = 1e3 * (cloud.points[..., 2][window] - one.depth[window])
         sigma = 1e3 * np.sqrt(np.mean(cloud.sigma[window] ** 2))
         at = f'{np.nanmean(off):+.3f} ({sigma:.3f})' if np.isfinite(off).any() else 'not measured'
-        near = [m for m in left if np.linalg.norm(m.position - place) < _reach(dent)]
-        best = min(near, key=lambda m: np.linalg.norm(m.position - place), default=None)
-        left = [m for m in left if m is not best]
         text = 'not found'
-        if best is not None:
+        if index in pairs:
+            best = everything[pairs[index]]
             text = f'{best.kind}: ' + ', '.join(
                 f'{name} {1e3 * value.value - dent[key]:+.3f} ({1e3 * value.uncertainty:.3f})'
                 for name, value, key in (
@@ -161,7 +162,9 @@ def dent_lines(one: Photograph, cloud: Cloud, rig: Rig) -> Iterator[str]:
             )
         size = f'{dent["depth_mm"]:.2f} x {dent["length10_mm"]:.0f} x {dent["width10_mm"]:.0f}'
         yield f'{size}: cloud {at}; {text}'
-    for m in left:
+    for index, m in enumerate(everything):
+        if index in pairs.values():
+            continue
         where = np.round(1e3 * m.position[:2]).astype(int).tolist()
         depth = f'{1e3 * m.depth.value:.3f}+-{1e3 * m.depth.uncertainty:.3f}'
         yield f'FALSE {m.kind} {depth} at {where}'

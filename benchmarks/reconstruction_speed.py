@@ -5,7 +5,7 @@ OPENBLAS_NUM_THREADS=1 python benchmarks/reconstruction_speed.py [--repetitions 
 
 Processor time of one thread. The yardstick is one scipy.fft.rfft and irfft of the rows, float32,
 one worker, measured in turn with each method, so that what else the machine does falls on both
-alike.
+alike. Memory is kept as nodes and commands keep it.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ import scipy.fft
 from scenes import FIELD, PATTERN, Scene, fuselage, scene
 from timing import durations, show
 
+from ftp_dent_ros.memory import keep_freed
 from ftp_dent_ros.pattern import CODES
 from ftp_dent_ros.profilometry import METHODS, Reconstructor, Settings
 from ftp_dent_ros.rig import Lens
@@ -47,6 +48,7 @@ def main() -> None:
     repetitions, pattern = arguments.repetitions, replace(PATTERN, code=arguments.code)
     methods = METHODS if pattern.code == 'stripe' else ['least-squares']
     cv2.setNumThreads(1)
+    keep_freed()
     for size in SIZES:
         image = scene_at(*size).photograph(pattern=pattern)
         rows = image[..., 0].astype(np.float32)

@@ -28,7 +28,7 @@ from std_srvs.srv import Trigger
 
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.errors import ConfigurationError
-from ftp_dent_ros.files import find, read_yaml
+from ftp_dent_ros.files import find
 from ftp_dent_ros.nodes.mavlink_bridge import MavlinkBridge
 from ftp_dent_ros.rig import read_rig
 from ftp_dent_ros.ros.messages import (
@@ -40,6 +40,7 @@ from ftp_dent_ros.ros.messages import (
 )
 from ftp_dent_ros.ros.qos import CLOUDS, IMAGES, LATCHED, POSES
 from ftp_dent_ros.simulation.world import read_world
+from ftp_dent_ros.yaml_file import read_yaml
 
 # Hovering with the nose north 3 m north, 2 m east and 1 m above the origin.
 BASE = [2.0, 3.0, 1.0]
