@@ -1,5 +1,6 @@
 """Shared by all tests."""
 
+import signal
 from pathlib import Path
 
 import pytest
@@ -8,6 +9,15 @@ from ftp_dent_ros.threads import one_for_blas
 
 # As for the commands; before any test loads NumPy.
 one_for_blas()
+
+# Commands are ended by these in tests; `nohup` and a shell's `&` have all processes ignore them.
+for _number, _usual in (
+    (signal.SIGINT, signal.default_int_handler),
+    (signal.SIGHUP, signal.SIG_DFL),
+    (signal.SIGTERM, signal.SIG_DFL),
+):
+    if signal.getsignal(_number) is signal.SIG_IGN:
+        signal.signal(_number, _usual)
 
 _NODES = Path(__file__).resolve().parent / 'ros'
 
