@@ -49,9 +49,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Check, say, and adjust if it is asked for: 0 holds, 1 does not.
+    """Check, say, and adjust if it is asked for: 0 holds, 1 does not or is not told.
 
-    A projector's turn can be taken out, a lens that has changed cannot: then nothing is written.
+    A projector's turn can be taken out, a lens that has changed cannot, and what is not seen is
+    not known: then nothing is written.
     """
     path = find(arguments.rig)
     if arguments.adjust and arguments.adjust.exists():
@@ -88,8 +89,8 @@ def run(arguments: argparse.Namespace) -> int:
         known = ', not known' if name in found.unknown else ''
         print(f'  {name:6}{turn:+8.3f} +- {deviation:.3f} degrees {drift:+7.2f} pixels{known}')
     print(found.sentence)
-    if arguments.adjust and found.camera_holds:
+    if arguments.adjust and found.camera_holds and found.tells:
         new = adjusted(rig, found)
         write_rig(arguments.adjust, new)
         print(f'{arguments.adjust}: rig {new.id}, without a covariance: calibrate when you can')
-    return 0 if found.holds else 1
+    return 0 if found.holds and found.tells else 1

@@ -111,6 +111,7 @@ def test_a_photograph_without_a_rim_says_what_it_does_not_tell(rig, pattern, wal
     found = check(rig, pattern, even, points, np.inf)
     assert found.rim_points == 0
     assert found.unknown == ('pitch', 'yaw', 'roll')
+    assert not found.tells and 'this photograph does not tell' in found.sentence
     assert 'pitch' in check(rig, pattern, even, points, 2e-5).unknown
 
 

@@ -135,7 +135,8 @@ def examine(
     findings.append(_distance(cloud, smallest))
     try:
         found = check(rig, pattern, fringes[0], cloud.points, flatness=math.inf)
-        findings.append(Finding('rig', OK if found.holds else NO, found.sentence))
+        verdict = (OK if found.tells else WARN) if found.holds else NO
+        findings.append(Finding('rig', verdict, found.sentence))
     except CalibrationError as reason:
         findings.append(Finding('rig', WARN, f'not checked: {reason}'))
     checks = [each.epipolar for each in measured if each.epipolar and each.epipolar.seen]

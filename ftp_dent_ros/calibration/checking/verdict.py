@@ -70,6 +70,11 @@ class Check:
         return self.camera_holds and not self.moved
 
     @property
+    def tells(self) -> bool:
+        """Whether anything was seen that would have shown a move."""
+        return self.camera_px is not None or len(self.unknown) < len(AXES)
+
+    @property
     def sentence(self) -> str:
         """For people."""
         if self.camera_px is not None and not self.camera_holds:
@@ -87,6 +92,11 @@ class Check:
             return (
                 f'the rig does not hold: the projector has turned, {", ".join(parts)}; depths are '
                 f'off by {1e3 * self.depth_error:.2f} mm: calibrate again, or adjust it'
+            )
+        if not self.tells:
+            return (
+                'whether the rig holds, this photograph does not tell: bring the upper or lower '
+                "rim of the projector's frame into view, or show a board"
             )
         blind = list(self.unknown)
         if self.camera_px is None:
