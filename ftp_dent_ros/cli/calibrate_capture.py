@@ -182,7 +182,7 @@ def _photograph(
     rig: Photographer, session: Session, stop: threading.Event
 ) -> dict[Frame, NDArray[np.uint8]]:
     taken = {}
-    for frame in tqdm(session.sequence.frames, desc='  photographs', leave=False):
+    for frame in tqdm(session.sequence.frames, desc='  photographs', leave=False, disable=None):
         if stop.is_set():
             raise KeyboardInterrupt
         taken[frame] = rig.take(session.sequence.draw(frame))

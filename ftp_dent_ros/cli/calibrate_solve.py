@@ -49,14 +49,14 @@ def run(arguments: argparse.Namespace) -> int:
     count = len(find_poses(arguments.folder))
     for path in (output, page):
         check_writable(path)
-    with tqdm(total=count, desc='reading poses', unit='pose') as bar:
+    with tqdm(total=count, desc='reading poses', unit='pose', disable=None) as bar:
         sights, left_out, size = see_poses(arguments.folder, session, _shown_on(bar))
     for sight in sights:
         for remark in sight.remarks:
             print(f'{sight.observation.name}: {remark}')
     for sentence in left_out:
         print(f'left out: {sentence}')
-    with tqdm(total=STEPS, desc='solving', unit='step') as bar:
+    with tqdm(total=STEPS, desc='solving', unit='step', disable=None) as bar:
         try:
             solution = solve(
                 [sight.observation for sight in sights],

@@ -150,7 +150,7 @@ def _inspect(
 
 
 def _bar(what: str, total: int | None, unit: str) -> tqdm:
-    return tqdm(desc=what, total=total, unit=unit, dynamic_ncols=True)
+    return tqdm(desc=what, total=total, unit=unit, dynamic_ncols=True, disable=None)
 
 
 def _files(output: Path) -> str:

@@ -55,7 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
     folder = output_folder(arguments)
     if arguments.pod:
         return _detect(arguments, folder)
-    with tqdm(total=steps(arguments.quick), unit='cloud', dynamic_ncols=True) as bar:
+    with tqdm(total=steps(arguments.quick), unit='cloud', dynamic_ncols=True, disable=None) as bar:
         measured = study(arguments.quick, bar.update)
     pages = write_pages(folder, measured)
     print('\n'.join(str(page) for page in pages))
@@ -79,7 +79,7 @@ def _detect(arguments: argparse.Namespace, folder: Path) -> int:
         )
     depth = arguments.smallest_depth / 1e3
     total = math.ceil(arguments.dents / TOGETHER) + arguments.blanks
-    with tqdm(total=total, unit='photograph', dynamic_ncols=True) as bar:
+    with tqdm(total=total, unit='photograph', dynamic_ncols=True, disable=None) as bar:
         taken = trials(folder, arguments.dents, arguments.blanks, depth, bar.update)
     rows, blanks = rows_of(taken), blanks_of(taken)
     page = write_page(folder, taken, rows, blanks, depth)

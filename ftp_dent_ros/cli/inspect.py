@@ -82,7 +82,7 @@ def run(arguments: argparse.Namespace) -> int:
     ]
     if len(requests) > 1 or arguments.scheduler:
         return inspect_several(requests, output, arguments.jobs, arguments.scheduler)
-    with tqdm(desc='inspecting', unit='cloud', dynamic_ncols=True, delay=0.5) as bar:
+    with tqdm(desc='inspecting', unit='cloud', dynamic_ncols=True, delay=0.5, disable=None) as bar:
 
         def progress(count: int) -> None:
             bar.total = count

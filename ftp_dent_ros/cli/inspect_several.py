@@ -63,7 +63,9 @@ def inspect_several(
     for task in done:
         print(f'{task.request.path}: done before, and nothing has changed since: {task.folder}')
     counts: Counter[bool] = Counter()
-    with tqdm(desc='inspecting', total=len(waiting), unit='input', dynamic_ncols=True) as bar:
+    with tqdm(
+        desc='inspecting', total=len(waiting), unit='input', dynamic_ncols=True, disable=None
+    ) as bar:
         for task, outcome in _results(waiting, jobs, scheduler):
             if isinstance(outcome, Exception):
                 outcome = _Outcome(f'not inspected ({outcome}): try it alone', failed=True)

@@ -75,7 +75,9 @@ def run(arguments: argparse.Namespace) -> int:
     if store:
         store.check_new(name)
     count = sum(count_clouds(bag)[0] for bag in bags)
-    with tqdm(desc='surveying', total=3 * count, unit='cloud', dynamic_ncols=True) as bar:
+    with tqdm(
+        desc='surveying', total=3 * count, unit='cloud', dynamic_ncols=True, disable=None
+    ) as bar:
         survey = survey_bags(bags, name, settings, rig_id, bar.update)
     result, frame = survey.result, None
     if points:

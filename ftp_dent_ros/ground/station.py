@@ -77,7 +77,7 @@ class Station:
             )
         if self.silence > _SILENCE:
             return 1, f'nothing has come from the drone for {self.silence:.0f} s'
-        return 0, f'{8e-3 * self.rate():.0f} kbit/s'
+        return 0, 'the link to the drone works'
 
     def change(self) -> str:
         """What to tell of the link, once when it works or no longer does; else nothing."""
@@ -85,7 +85,7 @@ class Station:
         if level == self._told:
             return ''
         self._told = level
-        return text if level else 'the link to the drone works'
+        return text
 
     def state(self) -> dict[str, str]:
         """What there is to say about the link, by name."""

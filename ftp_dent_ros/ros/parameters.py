@@ -56,7 +56,7 @@ class Parameters(Declarations):
             return None
         try:
             path = files.find(value).resolve()
-            what = '' if secret else f' (id {files.content_id(path)})'
+            what = '' if secret else f' (SHA-256 {files.content_id(path)}...)'
         except ConfigurationError as error:
             raise ConfigurationError(f'parameter {name}: {error}') from None
         self._told.append(f'{name}: {path}{what}')

@@ -176,6 +176,6 @@ def test_a_file_is_told_with_the_id_of_its_content(make, tmp_path, capfd):
     parameters = make(rig=str(file))
     assert parameters.file('rig', '', 'Calibration.') == file
     parameters.close(tuple)
-    assert f'rig: {file} (id 7692c3ad3540)' in capfd.readouterr().err
+    assert f'rig: {file} (SHA-256 7692c3ad3540...)' in capfd.readouterr().err
     with pytest.raises(ConfigurationError, match=r'parameter rig: .*none.yaml: no such file'):
         make(rig=str(tmp_path / 'none.yaml')).file('rig', '', 'Calibration.')
