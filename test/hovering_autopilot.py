@@ -119,19 +119,21 @@ class HoveringAutopilot:
         due, tick = time.monotonic(), 0
         try:
             while not self._closing.is_set():
-                left = due - time.monotonic()
-                if left <= 0:
-                    self._speak(tick)
-                    due, tick = due + _PERIOD, tick + 1
-                elif select.select([self._wire], [], [], left)[0]:
+                left = max(0.0, due - time.monotonic())
+                if select.select([self._wire], [], [], left)[0]:
                     self._listen()
+                late = time.monotonic() - due
+                if late >= 0:
+                    self._speak(tick, round(late * 1e9))
+                    due, tick = due + _PERIOD, tick + 1
         except OSError:
             pass  # The other end has gone.
 
-    def _speak(self, tick: int) -> None:
+    def _speak(self, tick: int, late_ns: int) -> None:
+        """Send what was sampled at the tick, however long this thread had to wait for its turn."""
         if self.silent:
             return
-        boot_ms = (time.time_ns() - self._boot) // 1_000_000
+        boot_ms = (time.time_ns() - late_ns - self._boot) // 1_000_000
         if tick % 10 == 0:
             self._sender.heartbeat_send(
                 mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, 0, 0, 4

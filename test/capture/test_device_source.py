@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import functools
+import threading
 import time
 
 import cv2
@@ -25,14 +27,18 @@ def write_video(path, levels):
 class RealTime:
     """A file that gives its frames at a camera's pace (subclasses of VideoCapture crash)."""
 
-    def __init__(self, path):
-        self._capture = cv2.VideoCapture(path)
+    def __init__(self, path, seen=None):
+        self._capture, self._seen = cv2.VideoCapture(path), seen
+        self._grabbed = 0
 
     def __getattr__(self, name):
         return getattr(self._capture, name)
 
     def grab(self):
         time.sleep(0.005)
+        if self._grabbed and self._seen is not None:
+            assert self._seen.wait(60)
+        self._grabbed += 1
         return self._capture.grab()
 
 
@@ -58,7 +64,8 @@ def camera(tmp_path):
         made.close()
 
 
-def frames_until_unplugged(source):
+def frames_until_unplugged(source, seen=None):
+    """What it gives, which goes on once the first has been taken; and why it ends."""
     frames = []
     while True:
         try:
@@ -67,6 +74,8 @@ def frames_until_unplugged(source):
             return frames, str(error)
         assert frame is not None
         frames.append(frame)
+        if seen is not None:
+            seen.set()
 
 
 def frame_in_spite_of_trouble(source):
@@ -80,7 +89,9 @@ def frame_in_spite_of_trouble(source):
 
 def test_frames_are_new_and_in_order_until_the_camera_is_gone(tmp_path, camera):
     write_video(tmp_path / 'camera.avi', range(40, 240, 4))
-    frames, trouble = frames_until_unplugged(camera(capture=RealTime))
+    seen = threading.Event()
+    source = camera(capture=functools.partial(RealTime, seen=seen))
+    frames, trouble = frames_until_unplugged(source, seen)
     stamps = [frame.stamp_ns for frame in frames]
     levels = [int(frame.image[0, 0, 0]) for frame in frames]
     assert len(frames) > 0

@@ -44,12 +44,21 @@ def test_a_link_that_is_fit_is_a_go(port, wire, capsys) -> None:
     assert '0 of ' in out
 
 
+def refused(port: int, seconds: str, verdict: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Check until the verdict is that: a busy machine may need longer to hear what it is of."""
+    out = ''
+    for _ in range(20):
+        assert main(['link-check', f'udpin:{port}', '--seconds', seconds]) == 1
+        out = capsys.readouterr().out
+        if f'NO GO: {verdict}' in out:
+            break
+    assert f'NO GO: {verdict}' in out
+    assert 'pose         none: ' in out
+
+
 def test_an_estimator_that_is_not_ready_is_no_go(port, wire, capsys) -> None:
     with HoveringAutopilot(wire, estimator_flags=0x0A7) as autopilot:
-        assert main(['link-check', f'udpin:{port}', '--seconds', '1.5']) == 1
-    out = capsys.readouterr().out
-    assert "NO GO: the autopilot's estimator is not ready" in out
-    assert 'pose         none: ' in out
+        refused(port, '1.5', "the autopilot's estimator is not ready", capsys)
     beats = {(m.get_srcSystem(), m.get_srcComponent()) for m in autopilot.heard('HEARTBEAT')}
     assert beats == {(1, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER)}
 
@@ -57,17 +66,13 @@ def test_an_estimator_that_is_not_ready_is_no_go(port, wire, capsys) -> None:
 def test_an_estimator_that_is_never_heard_of_is_no_go(port, wire, capsys) -> None:
     with HoveringAutopilot(wire) as autopilot:
         autopilot.reports = False
-        assert main(['link-check', f'udpin:{port}', '--seconds', '4']) == 1
-    out = capsys.readouterr().out
-    assert 'NO GO: the autopilot does not report the state of its estimator' in out
-    assert 'pose         none: ' in out
+        refused(port, '4', 'the autopilot does not report the state of its estimator', capsys)
 
 
 def test_a_vehicle_without_gps_is_no_go_unless_that_is_said(port, wire, capsys) -> None:
     with HoveringAutopilot(wire) as autopilot:
         autopilot.fix_type = 1
-        assert main(['link-check', f'udpin:{port}', '--seconds', '2']) == 1
-        assert 'NO GO: GPS has no fix' in capsys.readouterr().out
+        refused(port, '2', 'GPS has no fix', capsys)
         assert main(['link-check', f'udpin:{port}', '--position-source', 'other']) == 0
 
 

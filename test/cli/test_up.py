@@ -14,7 +14,7 @@ BARE = (sys.executable, '-I', '-S', '-c')
 
 
 class Run:
-    """Runs `keep_running` until enough lines have come, or long enough."""
+    """Runs `keep_running` until each program has printed so many lines, or long enough."""
 
     def __init__(self, *programs, lines):
         self.lines, self.said = [], []
@@ -22,7 +22,8 @@ class Run:
 
         def stopping():
             assert time.monotonic() < deadline, (self.lines, self.said)
-            return len(self.lines) >= lines
+            came = [name for name, _ in self.lines]
+            return all(came.count(name) >= number for name, number in lines.items())
 
         with Processes(lambda name, line: self.lines.append((name, line))) as self.processes:
             self.status = keep_running(
@@ -33,7 +34,8 @@ class Run:
 def test_restarts_one_that_is_killed_and_leaves_the_others():
     dies = 'import os; print(os.getpid(), flush=True); os.kill(os.getpid(), 9)'
     stays = 'import signal; print("here", flush=True); signal.pause()'
-    run = Run(Program('dies', (*BARE, dies)), Program('stays', (*BARE, stays)), lines=4)
+    programs = Program('dies', (*BARE, dies)), Program('stays', (*BARE, stays))
+    run = Run(*programs, lines={'dies': 3, 'stays': 1})
     assert run.status == 0
     assert run.lines.count(('stays', 'here')) == 1
     pids = [line for name, line in run.lines if name == 'dies']
@@ -43,13 +45,13 @@ def test_restarts_one_that_is_killed_and_leaves_the_others():
 
 
 def test_waits_longer_each_time():
-    run = Run(Program('dies', (*BARE, 'print(1); raise SystemExit(1)')), lines=4)
+    run = Run(Program('dies', (*BARE, 'print(1); raise SystemExit(1)')), lines={'dies': 4})
     delays = [float(line.split()[-2]) for line in run.said if 'restarting' in line]
     assert delays[:3] == [0.01, 0.02, 0.04]
 
 
 def test_wrong_parameters_are_not_tried_again():
-    run = Run(Program('wrong', (*BARE, 'print(1); raise SystemExit(2)')), lines=2)
+    run = Run(Program('wrong', (*BARE, 'print(1); raise SystemExit(2)')), lines={'wrong': 2})
     assert run.status == 2
     assert run.lines == [('wrong', '1')]
     assert run.said == [
@@ -65,7 +67,7 @@ def test_says_what_had_to_be_killed(monkeypatch):
     )
     patient = Processes.stop
     monkeypatch.setattr(Processes, 'stop', lambda self: patient(self, patience=0.1))
-    run = Run(Program('deaf', (*BARE, deaf)), lines=1)
+    run = Run(Program('deaf', (*BARE, deaf)), lines={'deaf': 1})
     assert 'deaf did not end when asked to, and was killed' in run.said
 
 

@@ -165,6 +165,15 @@ class Ros:
         self.until(future.done)
         return future.result()
 
+    def met_by(self, name: str) -> None:
+        """Wait until a node of this namespace knows all that this one publishes and hears.
+
+        It learns of them in the order in which they were made, and the client is the newest.
+        """
+        from rcl_interfaces.srv import ListParameters
+
+        self.call(ListParameters, f'{name}/list_parameters', ListParameters.Request())
+
     def diagnostics(self, name: str) -> Callable[[], Any]:
         """Function that gives the last diagnostic status of a node of this namespace, or None."""
         from diagnostic_msgs.msg import DiagnosticArray

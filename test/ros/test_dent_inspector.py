@@ -87,7 +87,7 @@ def test_a_cloud_becomes_its_dents_and_nothing_is_computed_unasked(ros, cloud):
     ros.until(lambda: bench.value('clouds') == '1')
     assert bench.value('inspected') is None
     dents = ros.collect(PointCloud2, 'dents')
-    bench.says('waiting for clouds' if not bench.value('clouds') else 'working')
+    ros.met_by('dent_inspector')
     bench.show(cloud, 1_763_000_000_123_456_789)
     ros.until(lambda: dents)
     (message,) = dents
@@ -121,8 +121,7 @@ def test_a_cloud_with_its_skin_gives_the_gouges_that_the_command_gives(ros):
     bench = Bench(ros)
     dents, skins = ros.collect(PointCloud2, 'dents'), ros.publisher(Image, 'skin', CLOUDS)
     cloud = gouged_cloud()
-    ros.until(lambda: skins.get_subscription_count())
-    bench.says('waiting for clouds')
+    ros.met_by('dent_inspector')
     # The skin comes first, as the reconstruction publishes it.
     skins.publish(image_to_message(cloud.skin, 7, CAMERA))
     bench.show(cloud, 7)
@@ -203,6 +202,8 @@ def test_the_survey_places_the_dents_and_corrects_their_list(ros, cloud):
     surveyed = ros.publisher(PoseWithCovarianceStamped, 'survey/pose', POSES)
     paths = ros.publisher(Path, 'survey/path', LATCHED)
     listed = ros.collect(PointCloud2, 'dents/list', LATCHED)
+    # It waits for no pose of a survey that it has not met.
+    ros.met_by('dent_inspector')
     covariance = np.diag([1e-4] * 3 + [1e-6] * 3).ravel()
 
     def pose_message(stamp_ns, pose):
@@ -225,7 +226,6 @@ def test_the_survey_places_the_dents_and_corrects_their_list(ros, cloud):
         if number != 2:
             surveyed.publish(pose_message(number, off(pose, 0, 0.03, 0)))
             ros.until(lambda: bench.value('inspected') == str(number))  # noqa: B023
-    bench.says('working')
     assert bench.value('placed by the survey') == '2'
     ros.until(lambda: len(dents_from_message(listed[-1])) == 4)
     np.testing.assert_allclose(places()[:2], np.add(truth, [0, 0.03, 0]), atol=2e-3)
@@ -330,7 +330,7 @@ def test_the_list_survives_a_restart_of_its_node(ros, cloud, tmp_path):
 def test_what_cannot_be_inspected_is_refused_with_its_reason_and_ends_nothing(ros, cloud):
     bench = Bench(ros)
     dents = ros.collect(PointCloud2, 'dents')
-    ros.until(lambda: bench.state() and not bench.state().message.startswith('idle'))
+    ros.met_by('dent_inspector')
     empty = Cloud(np.full((60, 80, 3), np.nan, np.float32), np.zeros((60, 80), np.float32))
     bench.show(empty, 1)
     ros.until(lambda: bench.value('refused: wrong cloud') == '1')
@@ -348,5 +348,5 @@ def test_wrong_parameters_end_it_with_one_line(ros, tmp_path):
     rules.write_text('limits: none')
     process = ros.start('dent_inspector', rules=rules)
     assert process.wait() == 2
-    assert process.output.startswith('dent_inspector: ') and 'limits' in process.output
-    assert len(process.output.splitlines()) == 1
+    (line,) = process.said
+    assert line.startswith('dent_inspector: ') and 'limits' in line

@@ -46,7 +46,8 @@ def values_of(status):
     return {item.key: item.value for item in status.values}
 
 
-def test_counts_durations_and_notes_are_shown(ros):
+def test_counts_durations_and_notes_are_shown(ros, monkeypatch):
+    monkeypatch.setattr('ftp_dent_ros.ros.diagnostics.Statistics', lambda: Statistics(now=Clock()))
     diagnostics = Diagnostics(ros.node, hardware_id='/dev/video0')
     for seconds in (0.010, 0.030, 0.020):
         diagnostics.count('images')

@@ -118,6 +118,7 @@ def test_topics_and_commands_cross_the_link(
 
         return ground.until(turn)
 
+    ground.met_by('ground_station')
     # Discovery joins publisher and subscriber one after the other.
     both(lambda: info.get_subscription_count() and image.get_subscription_count())
     pose.publish(tagged)

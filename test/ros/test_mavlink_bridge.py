@@ -97,6 +97,7 @@ class Bridge:
 
     def _publish_until(self, condition: Callable[[], bool], *arguments: Any) -> None:
         due = 0.0
+        self.ros.met_by('mavlink_bridge')
 
         def is_reached() -> bool:
             nonlocal due
@@ -186,10 +187,10 @@ def test_a_cloud_comes_back_in_the_map_with_the_pose_at_its_stamp(ros, port, aut
     assert bridge.value('system/component') == '1/1'
     assert bridge.value('clock converged') == 'true'
     assert bridge.number('ATTITUDE_QUATERNION (Hz)') > 0
-    assert 0 < bridge.number('round trip (ms)') < 1000
-    assert 0 < bridge.number('pose age (ms)') < 1000
+    ros.until(lambda: 0 < bridge.number('round trip (ms)') < 1000)
+    ros.until(lambda: 0 < bridge.number('pose age (ms)') < 1000)
     assert 'waited median (ms)' in {v.key for v in bridge.status().values}
-    beats = autopilot.heard('HEARTBEAT')
+    beats = ros.until(lambda: autopilot.heard('HEARTBEAT'))
     assert {(m.get_srcSystem(), m.get_srcComponent(), m.type) for m in beats} == {
         (1, 191, mavlink.MAV_TYPE_ONBOARD_CONTROLLER)
     }
@@ -287,17 +288,20 @@ def test_clouds_that_get_their_poses_at_once_are_all_published_with_them(
     clouds = ros.collect(PointCloud2, 'tagged/points', QoSProfile(depth=20))
     previews = ros.collect(PointCloud2, 'tagged/preview', CLOUDS)
     ros.until(lambda: bridge.stream)
+    ros.met_by('mavlink_bridge')
     points = np.random.default_rng(1).uniform(0.5, 1.0, (360, 640, 3)).astype(np.float32)
     cloud = Cloud(points, np.ones((360, 640), np.float32))
-    for _ in range(3):
+    published = 0
+    while len(bridge.poses) <= 12:
         autopilot.reports = False  # until it reports again all of them wait
         for _ in range(6):
             stamp = Clock().now().nanoseconds
             bridge.points.publish(cloud_to_message(cloud, stamp, 'camera_optical_frame'))
             ros.executor.spin_once(0.05)
         autopilot.reports = True
-        ros.until(lambda at=stamp: at in stamps_of(bridge.poses))
-    assert len(bridge.poses) > 6
+        published += 6
+        # A busy machine's link has gaps, for which clouds are refused.
+        ros.until(lambda: len(bridge.poses) + bridge.number('refused') >= published)  # noqa: B023
     ros.until(lambda: stamps_of(clouds) == stamps_of(bridge.poses) == stamps_of(bridge.cameras))
     ros.until(lambda: stamps_of(previews) & stamps_of(clouds))
     whole, few = (
@@ -447,5 +451,5 @@ def test_it_ends_with_status_0_amid_the_traffic(ros, port, autopilot, with_signa
 def test_a_wrong_parameter_ends_it_with_one_line(ros, parameters, sentence) -> None:
     process = ros.start('mavlink_bridge', **parameters)
     assert process.wait() == 2
-    (line,) = process.output.strip().splitlines()
+    (line,) = process.said
     assert sentence in line

@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from descriptors import opened
+
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.pattern_file import write_pattern
 
@@ -21,8 +23,7 @@ print(*node.get_node_names())
 
 def addresses_of(pid):
     """Local addresses of the UDP and TCP sockets of a process, IPv4 as hexadecimal digits."""
-    links = [os.readlink(link) for link in Path(f'/proc/{pid}/fd').iterdir()]
-    inodes = {link[8:-1] for link in links if link.startswith('socket:[')}
+    inodes = {target[8:-1] for target in opened(pid) if target.startswith('socket:[')}
     found = set()
     for table in ('udp', 'udp6', 'tcp', 'tcp6'):
         for line in Path(f'/proc/{pid}/net/{table}').read_text().splitlines()[1:]:

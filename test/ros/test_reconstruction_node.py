@@ -307,6 +307,7 @@ def test_a_photograph_goes_with_the_pattern_shown_when_it_was_taken(ros, rig_fil
     bench.project(PATTERN.draw(), 1 * SECOND)
     bench.says('idle')
     bench.project(other.draw(), 2 * SECOND)
+    ros.until(lambda: bench.process.output.count('pattern with period') == 2)
     bench.listen()
 
     def is_right(message):

@@ -9,7 +9,6 @@ import subprocess
 import sys
 import time
 from itertools import pairwise
-from pathlib import Path
 
 import pytest
 
@@ -17,6 +16,7 @@ for library in ('mcap', 'rosbags'):
     pytest.importorskip(library, reason='bags need it')
 
 import rclpy
+from descriptors import own_ports
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from rcl_interfaces.msg import Log, ParameterEvent
@@ -31,7 +31,9 @@ from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.errors import BagError
 from ftp_dent_ros.recording.definitions import type_hash
 from ftp_dent_ros.recording.reader import open_bag, read_messages
+from ftp_dent_ros.recording.ros.recorder import Recorder
 from ftp_dent_ros.recording.salvage import Salvage
+from ftp_dent_ros.recording.selection import Selection
 from ftp_dent_ros.recording.topic import Message, Qos, Topic
 from ftp_dent_ros.recording.writer import BagWriter
 
@@ -42,6 +44,7 @@ LONG = QoSProfile(depth=200)
 # For a recorder that has yet to find the topic.
 KEPT = QoSProfile(depth=200, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+LONG_BEST_EFFORT = QoSProfile(depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)
 DESIGN_TYPES = {
     'sensor_msgs/msg/Image': Image,
     'sensor_msgs/msg/CameraInfo': CameraInfo,
@@ -108,12 +111,14 @@ def status(*words):
 
 
 def on_disk(bag, _known={}):  # noqa: B006
-    """Messages in a bag, closed or not; read again only when its file has grown."""
-    path = bag / f'{bag.name}_0.mcap'
-    size = path.stat().st_size if path.is_file() else 0
-    if _known.get(path, (0, []))[0] != size:
-        _known[path] = size, list(Salvage(path).messages())
-    return _known[path][1] if size else []
+    """Messages in a bag, closed or not; each file is read again only when it has grown."""
+    messages = []
+    for path in bag.glob('*.mcap'):
+        size = path.stat().st_size
+        if size and _known.get(path, (0, []))[0] != size:
+            _known[path] = size, list(Salvage(path).messages())
+        messages += _known[path][1] if size else []
+    return messages
 
 
 def on_the_wire(message):
@@ -207,7 +212,6 @@ def test_types_and_quality_of_service_are_those_of_the_publishers(ros, command, 
         )
         for name, kind in DESIGN_TYPES.items()
     }
-    ros.node.create_publisher(Image, f'{ros.namespace}/image', BEST_EFFORT)
     recorder = command('record', '--regex', f'^{ros.namespace}/', '-o', tmp_path / 'bag')
     ros.until(lambda: all(each.get_subscription_count() for each in publishers.values()))
     assert recorder.stop(signal.SIGTERM) == 0
@@ -220,8 +224,16 @@ def test_types_and_quality_of_service_are_those_of_the_publishers(ros, command, 
         assert topics[name].definition.encoding == 'ros2msg'
     pose = topics[f'{ros.namespace}/posestamped']
     assert pose.offered_qos == (Qos(durability='transient_local'),)
-    image = topics[f'{ros.namespace}/image']
-    assert sorted(qos.reliability for qos in image.offered_qos) == ['best_effort', 'reliable']
+
+
+def test_what_each_publisher_of_a_topic_offers_is_told(ros):
+    topic, topics = f'{ros.namespace}/image', []
+    for offered in (LATCHED, BEST_EFFORT):
+        ros.node.create_publisher(Image, topic, offered)
+    ros.until(lambda: ros.node.count_publishers(topic) == 2)
+    Recorder(ros.node, topics.append, lambda message: True, Selection.of([topic]))
+    (found,) = topics
+    assert sorted(qos.reliability for qos in found.offered_qos) == ['best_effort', 'reliable']
 
 
 def test_topics_are_found_as_they_appear(ros, command, tmp_path):
@@ -278,14 +290,14 @@ def test_everything_means_everything(ros, command, tmp_path):
     publisher = ros.publisher(String, f'{ros.namespace}/words', KEPT)
     for number in range(10):
         publisher.publish(String(data=f'{number}' * 3000))
-    ros.until(lambda: (bag / 'bag_2.mcap').exists())
+    words = f'{ros.namespace}/words'
+    ros.until(lambda: len([each for each in on_disk(bag) if each.topic == words]) == 10)
     assert recorder.stop(signal.SIGHUP) == 0
     opened = open_bag(bag)
     assert len(opened.files) >= 3
     names = {topic.name for topic in opened.metadata.topics}
-    assert {f'{ros.namespace}/words', '/parameter_events'} <= names
-    words = opened.messages([f'{ros.namespace}/words'])
-    assert [text_of(message)[0] for message in words] == list('0123456789')
+    assert {words, '/parameter_events'} <= names
+    assert [text_of(message)[0] for message in opened.messages([words])] == list('0123456789')
 
 
 def test_a_killed_recorder_has_lost_no_message(ros, command, tmp_path):
@@ -381,11 +393,8 @@ def test_a_recorder_that_is_cut_off_says_so_and_leaves_a_whole_bag(ros, command,
     recorder = command('record', topic, '-o', bag)
     ros.publisher(String, topic).publish(String(data='before'))
     ros.until(lambda: len(on_disk(bag)) == 1)
-    descriptors = Path(f'/proc/{recorder.process.pid}/fd').iterdir()
-    locks = [each.readlink() for each in descriptors if each.is_symlink()]
-    for lock in locks:
-        if 'fastrtps_port' in lock.name and lock.name.endswith('_el'):
-            lock.with_name(lock.name.removesuffix('_el')).unlink()
+    for port in own_ports(recorder.process.pid):
+        port.unlink()
     ros.until(recorder.ended)
     assert recorder.wait() == 2
     assert 'begin another' in recorder.output
@@ -457,7 +466,7 @@ def test_latched_messages_reach_those_who_come_later(ros, command, tmp_path):
             time_ns = index * 10**9
             data = serialize_message(String(data=text))
             writer.write([Message(topic, STRING, time_ns, time_ns, data)])
-    heard = Listener(ros, String, words, BEST_EFFORT)
+    heard = Listener(ros, String, words, LONG_BEST_EFFORT)
     player = command('replay', bag, '--start-offset', '2.5', '--loop', '--rate', '5')
     ros.until(lambda: heard.data)
     late = Listener(ros, String, pattern, LATCHED)

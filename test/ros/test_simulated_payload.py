@@ -125,6 +125,7 @@ def test_without_a_pattern_the_simulated_camera_says_what_to_do(ros, rig_file):
     assert 'nothing is projected yet' in state().message
     ros.start('pattern_publisher', rig=rig_file, period_px=8)
     images = ros.collect(Image, 'camera/image_raw')
+    ros.met_by('camera_capture')
     ros.until(lambda: ros.call(Trigger, 'camera_capture/capture', Trigger.Request()).success)
     ros.until(lambda: images)
     assert process.stop() == 0

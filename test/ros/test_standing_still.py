@@ -5,9 +5,9 @@ from __future__ import annotations
 import signal
 import socket
 import time
-from pathlib import Path
 
 import numpy as np
+from descriptors import own_ports
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from hovering_autopilot import HoveringAutopilot, Wire
 from rclpy.clock import Clock
@@ -59,17 +59,12 @@ def test_a_process_whose_port_is_gone_is_known_for_it(ros):
     node = ros.start('pattern_publisher', pattern='shipped:pattern.yaml')
     ros.until(ros.diagnostics('pattern_publisher'))
     assert not hearing.is_cut_off(node.pid)
-    locks = {Path(link).name for link in _links(node.pid) if link.endswith('_el')}
-    ports = [Path('/dev/shm', name.removesuffix('_el')) for name in locks if 'port' in name]
+    ports = own_ports(node.pid)
     assert ports
     for path in ports:
         path.unlink()
     assert hearing.is_cut_off(node.pid)
     assert not hearing.is_cut_off(2**22 + 1)  # above the kernel's largest number of a process
-
-
-def _links(pid: int) -> list[str]:
-    return [str(link.readlink()) for link in Path(f'/proc/{pid}/fd').iterdir()]
 
 
 def test_a_port_that_is_out_of_reach_for_a_moment_is_no_loss(monkeypatch):

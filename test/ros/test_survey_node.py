@@ -44,7 +44,7 @@ class Bench:
         self.poses = ros.publisher(PoseWithCovarianceStamped, 'tagged/camera_pose', POSES)
         waiting = 'waiting for clouds' if has_skin else 'waiting for clouds and their skin'
         ros.until(lambda: self.state() and self.state().message == waiting)
-        ros.until(lambda: ros.node.count_publishers('survey/pose'))
+        ros.met_by('survey')
 
     def value(self, key):
         values = self.state().values if self.state() else ()
@@ -91,7 +91,7 @@ def test_clouds_of_a_flight_get_poses_that_agree_with_each_other(ros, flight):
     bench = Bench(ros)
     paths = ros.collect(Path, 'survey/path', LATCHED)
     drawn = ros.collect(MarkerArray, 'survey/coverage', LATCHED)
-    ros.until(lambda: ros.node.count_publishers('survey/path'))
+    ros.met_by('survey')
     for number, ((cloud, skin), pose) in enumerate(zip(seen, stated, strict=True)):
         bench.show(number, cloud, skin, pose)
         ros.until(lambda: len(bench.found) > number)  # noqa: B023

@@ -45,6 +45,29 @@ def lines():
     return Lines()
 
 
+@pytest.fixture
+def signals(monkeypatch):
+    """Function that has each signal waited for until a condition of process and signals is met.
+
+    However short the patience: a busy machine brings a signal when it gets to it, and two at once
+    as one.
+    """
+    send = os.killpg
+
+    def wait_for(condition):
+        sent = []
+
+        def killpg(pid, number):
+            send(pid, number)
+            sent.append(number)
+            until(lambda: condition(pid, sent))
+
+        monkeypatch.setattr(os, 'killpg', killpg)
+        return sent
+
+    return wait_for
+
+
 def one_that_ends(processes):
     ends = []
     until(lambda: ends.extend(processes.ended(0.1)) or ends)
@@ -127,26 +150,30 @@ def test_stops_one_alone(lines):
         assert processes.ended() == []
 
 
-def test_asks_twice(lines):
+def test_asks_twice(lines, signals):
     second = (
-        'import signal\ncount = []\n'
+        'import os, signal\ncount = []\n'
         'def end(*_):\n count.append(1)\n if len(count) == 2: raise SystemExit\n'
+        ' os.write(1, b"once more\\n")\n'
         'signal.signal(signal.SIGTERM, end)\n'
     )
     with Processes(lines.show) as processes:
         processes.start(script('a', second + WAIT))
         until(lambda: lines)
-        assert processes.stop(patience=0.3) == {'a': 0}
+        sent = signals(lambda pid, sent: len(lines) == 2 if sent[1:] == [] else not is_alive(pid))
+        assert processes.stop(patience=0.1) == {'a': 0}
+    assert sent == [signal.SIGTERM] * 2
 
 
-def test_kills_what_ignores_term(lines):
+def test_kills_what_ignores_term(lines, signals):
     deaf = 'import signal; signal.signal(signal.SIGTERM, signal.SIG_IGN)\n'
     with Processes(lines.show) as processes:
         processes.start(script('deaf', deaf + WAIT))
         processes.start(script('good', WAIT))
         until(lambda: len(lines) == 2)
         pid = processes.pid('deaf')
-        statuses = processes.stop(patience=0.2)
+        signals(lambda each, _: each == pid or not is_alive(each))
+        statuses = processes.stop(patience=0.1)
     assert statuses == {'deaf': -signal.SIGKILL, 'good': -signal.SIGTERM}
     assert not is_alive(pid)
 
