@@ -3,13 +3,14 @@
 import json
 import random
 import shutil
-import socket
 import threading
 import time
 
 import pytest
 
 pytest.importorskip('zenoh', reason='Zenoh is not installed: the link to the ground is not tested')
+
+from free_address import free_address
 
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.ground.commands import Answer, Executive, command
@@ -25,9 +26,7 @@ NO_KEYS = Security()
 
 @pytest.fixture
 def address():
-    with socket.socket() as free:
-        free.bind(('127.0.0.1', 0))
-        return f'127.0.0.1:{free.getsockname()[1]}'
+    return free_address()
 
 
 @pytest.fixture(scope='module')
@@ -129,7 +128,7 @@ def test_commands_are_done_once_and_answered(address):
 
     drone = drone_at(address, does={'capture': capture})
     link = Link('ground', address, Security())
-    assert command(link, 'capture') == Answer(True, 'photograph taken')
+    assert command(link, 'capture', patience=120.0) == Answer(True, 'photograph taken')
     request = json.dumps({'command': 'capture', 'id': '0' * 32}).encode()
     executive = Executive({'capture': capture})
     assert len({executive.reply(request) for _ in range(5)}) == 1 and len(done) == 2

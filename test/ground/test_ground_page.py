@@ -1,7 +1,6 @@
 """The page with a real station behind it, in a real browser."""
 
 import http.client
-import socket
 from urllib.parse import urlsplit
 
 import cv2
@@ -13,6 +12,7 @@ pytest.importorskip('zenoh', reason='Zenoh is not installed: the page is not tes
 pytest.importorskip('rosbags', reason='rosbags is not installed: the page is not tested')
 
 from chromium import Chromium
+from free_address import free_address
 
 from ftp_dent_ros.coding.cloud_codec import encode
 from ftp_dent_ros.coding.view import View
@@ -293,9 +293,7 @@ def test_beyond_this_machine_the_page_asks_for_its_key():
 
 
 def test_the_page_shows_what_comes_and_its_buttons_command(items, tmp_path):
-    with socket.socket() as free:
-        free.bind(('127.0.0.1', 0))
-        address = f'127.0.0.1:{free.getsockname()[1]}'
+    address = free_address()
     done = []
 
     def capture():

@@ -5,6 +5,8 @@ import pytest
 
 pytest.importorskip('zenoh', reason='Zenoh is not installed: the link to the ground is not tested')
 
+from free_address import free_address
+
 from ftp_dent_ros.cloud import Cloud
 from ftp_dent_ros.coding.compressed_depth import depths
 from ftp_dent_ros.coding.view import View
@@ -13,11 +15,7 @@ from ftp_dent_ros.pose import Pose
 
 @pytest.fixture
 def address():
-    import socket
-
-    with socket.socket() as free:
-        free.bind(('127.0.0.1', 0))
-        return f'127.0.0.1:{free.getsockname()[1]}'
+    return free_address()
 
 
 @pytest.fixture
