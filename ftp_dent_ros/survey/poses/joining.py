@@ -16,15 +16,17 @@ from ftp_dent_ros.survey.patches.patch import outline_of, patch_of
 from ftp_dent_ros.survey.poses.closures import closures
 from ftp_dent_ros.survey.poses.doubts import doubt_by_autopilot, doubt_by_links
 from ftp_dent_ros.survey.poses.pose_graph import PoseGraph
-from ftp_dent_ros.survey.poses.stated_poses import Node
+from ftp_dent_ros.survey.poses.stated_poses import Node, share_kept
 from ftp_dent_ros.survey.registration.alignment import Samples, samples_of
 from ftp_dent_ros.survey.registration.registration import register
-from ftp_dent_ros.survey.registration.relative_pose import UnlikePairError
+from ftp_dent_ros.survey.registration.relative_pose import RelativePose, UnlikePairError
 
 # Earlier clouds that each is laid on: the one before, and one some clouds back.
 _BACK = (1, 3)
 # A cloud is kept for later passes where the last that was kept is this part of a patch away.
 _KEPT = 0.3
+# Share of an autopilot's error below which it is taken for another one: one in twenty.
+_ANOTHER = 0.05
 # Clouds before the newest by which its place is told.
 _WINDOW = 20
 
@@ -55,7 +57,7 @@ class Joining:
         self._kept: dict[int, Kept] = {}
         self._last_key = -1
         self._was_refused = False
-        self._last_closed = -1
+        self._last_closed = self._last_slid = -1
         self.outlines: list[NDArray[np.float64]] = []
         self.normals: list[NDArray[np.float64]] = []
 
@@ -104,9 +106,7 @@ class Joining:
                 # A guess for the others that is nearly right.
                 self.graph.follow(number)
         for other in closures(self.graph, self._kept, number, self._last_closed):
-            is_joined = self._join(other, number, samples)
-            if is_joined and self.graph.links[-1].relative.told == 6:
-                self._last_closed = number
+            self._close(other, number, samples)
         self.graph.update()
         self._tell_refused()
         self._forget(number)
@@ -168,24 +168,48 @@ class Joining:
         return self.graph.poses[number].apply(self._kept[number].whole.frame.translation)
 
     def _join(self, first: int, second: int, samples: Samples) -> bool:
-        """Lay a cloud on an earlier one; False if it does not fit."""
-        if first not in self._kept:
+        """Lay a cloud on one shortly before; False if it does not fit."""
+        relative = self._laid(first, second, samples)
+        if relative is None:
             return False
+        self.graph.link(first, second, relative)
+        if relative.remark and second - first == 1 and self._kept[second].patch.has_paint:
+            self._tell(first, second, relative.remark)
+        return relative.told > 0
+
+    def _close(self, first: int, second: int, samples: Samples) -> None:
+        """Lay a cloud on one of another pass.
+
+        Where marks do not tell how far they are slid along each other, the autopilot alone does.
+        Pairs share its error while it lasts: one stands for all, or many would be sure of it.
+        """
+        relative = self._laid(first, second, samples)
+        if relative is None:
+            return
+        nodes, last = self.graph.nodes, self._last_slid
+        if relative.told == 6:
+            self._last_closed = second
+        elif last in (-1, second) or share_kept(nodes[last], nodes[second]) < _ANOTHER:
+            self._last_slid = second
+        else:
+            return
+        self.graph.link(first, second, relative)
+
+    def _laid(self, first: int, second: int, samples: Samples) -> RelativePose | None:
+        """Pose of a cloud seen from an earlier one; None if it does not fit."""
+        if first not in self._kept:
+            return None
         patches = self._kept[first].patch, self._kept[second].patch
         guess = self.graph.poses[first].inverse() @ self.graph.poses[second]
         is_known = bool(self.graph.links) and self.graph.links[-1].second == second
         known = doubt_by_links(self.graph, first, second) if is_known else None
         doubt = doubt_by_autopilot(self.graph, first, second)
         try:
-            relative = register(*patches, guess, doubt, samples, known)
+            return register(*patches, guess, doubt, samples, known)
         except UnlikePairError as reason:
             if second - first == 1:
                 self._tell(first, second, str(reason))
-            return False
-        self.graph.link(first, second, relative)
-        if relative.remark and second - first == 1 and patches[1].has_paint:
-            self._tell(first, second, relative.remark)
-        return relative.told > 0
+            return None
 
     def _forget(self, number: int) -> None:
         """Keep the last patches, and of the others as many as later passes need."""

@@ -113,7 +113,7 @@ class StatedTerms:
                     # Of two flights' errors, neither is known.
                     add(index, index, 0.0, (stated, stated), 2 * covariance)
             else:
-                keep = _kept(earlier, node)
+                keep = share_kept(earlier, node)
                 spread = (1 - keep**2) * covariance + 2 * _JITTER
                 if anchor is not None:
                     # Seen from a pose that errs itself, errors differ ever more.
@@ -196,7 +196,7 @@ def relative_doubt(a: Node, b: Node, first: Pose, second: Pose) -> NDArray[np.fl
     """
     if a.covariance is None or b.covariance is None:
         raise ValueError('the poses of two clouds are not stated')
-    keep = _kept(a, b)
+    keep = share_kept(a, b)
     spread = (a.covariance + b.covariance) * (1 - keep) + 2 * _JITTER
     # The first one's turn moves what lies at the end of the arm.
     carried = np.zeros((6, 6))
@@ -206,8 +206,8 @@ def relative_doubt(a: Node, b: Node, first: Pose, second: Pose) -> NDArray[np.fl
     return turn.T @ spread @ turn
 
 
-def _kept(earlier: Node, later: Node) -> float:
-    """Share of an autopilot's error that is still there."""
+def share_kept(earlier: Node, later: Node) -> float:
+    """Share of an autopilot's error at one cloud that is still there at another."""
     if earlier.flight != later.flight:
         return 0.0
     return math.exp(-abs(later.seconds - earlier.seconds) / _FORGOTTEN)
