@@ -25,6 +25,7 @@ from ftp_dent_ros.inspection.measuring.places.marks import mark_in
 from ftp_dent_ros.inspection.measuring.places.placement import axis_along, on_skin, profiles_of
 from ftp_dent_ros.inspection.measuring.places.sampling import own_cells, patch_of
 from ftp_dent_ros.inspection.measuring.places.surroundings import Surroundings
+from ftp_dent_ros.inspection.measuring.places.weighting import weighted
 from ftp_dent_ros.inspection.measuring.sizes import LEVEL, Sizes, of_sharp_bottom, sizes_of
 from ftp_dent_ros.inspection.measuring.skin.gaps import GAP
 from ftp_dent_ros.inspection.measuring.skin.noise import Noise
@@ -68,6 +69,7 @@ def measure(
     raw = patch_of(candidate, around, skin.noise)
     local = skin.noise.where(around.extra, raw.scale)
     own = own_cells(raw, around)
+    raw = weighted(raw, own, candidate, around)
     whole = restored(raw, around.resolution, SUPPOSED * around.spacing)
     seen = bridged(whole, GAP * settings.smallest_width, own)
     # Along a ridge the depth varies as the fringes do.

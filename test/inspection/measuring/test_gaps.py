@@ -8,7 +8,7 @@ import pytest
 from small_clouds import COLUMNS, ROWS, cloud_of, panel
 
 from ftp_dent_ros.inspection.measuring.inspection import inspect
-from ftp_dent_ros.inspection.measuring.skin.filling import membrane, plate
+from ftp_dent_ros.inspection.measuring.skin.filling import membrane, plate, soft_plate
 from ftp_dent_ros.inspection.measuring.skin.gaps import between, gaps_of
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.simulation import Dent, Panel
@@ -124,3 +124,18 @@ def test_a_plate_carries_slopes_on_and_a_membrane_does_not():
     hidden = np.where(over, np.nan, bowl)
     assert plate(hidden, over) == pytest.approx(bowl, abs=1e-9)
     assert (membrane(hidden, over)[over] > bowl[over]).all()
+
+
+def test_a_soft_plate_evens_what_is_known_badly_and_nothing_else():
+    y, x = np.mgrid[:30, :40] / 10.0
+    bowl = x * x + 2 * y * y
+    soft = np.where((abs(x - 2) < 0.45) & (abs(y - 1.5) < 0.45), 1e4, 0.0)
+    rough = bowl + np.where(soft > 0, np.sin(9 * x) * np.cos(8 * y), 0.0)
+    known = x < 3.5
+    evened = soft_plate(rough, known, soft)
+    assert (evened == rough)[soft == 0].all()
+    # A plate carries on what bends alike on both sides.
+    assert abs(evened - bowl).max() < 0.1 * abs(rough - bowl).max()
+    # What is not known does not pull at it.
+    assert (soft_plate(np.where(known, rough, 99.0), known, soft) == evened)[known].all()
+    assert soft_plate(rough, known, 0 * soft) is rough
