@@ -413,11 +413,16 @@ def test_what_may_be_as_wide_as_the_smallest_dent_is_listed():
     assert kind_of(replace(seen, width_doubt=5e-4), Settings()) == ('', '')
 
 
-def test_what_may_have_no_width_is_no_crease():
+def test_what_may_have_no_width_is_a_crease():
     seen = Appearance(1e-3, 0.06, 0.02, 0.002, 0.01, 0.0, 0.0, False, 0.004, 3.0)
     assert kind_of(seen, Settings()) == ('crease', '')
-    kind, reason = kind_of(replace(seen, width_doubt=0.012), Settings())
-    assert (kind, reason) == ('other', 'may be a crease: its width is not known')
+    assert kind_of(replace(seen, width_doubt=0.012), Settings()) == ('crease', '')
+
+
+def test_slopes_shade_a_crease_and_make_no_gouge_of_it():
+    seen = Appearance(1.7e-3, 0.05, 0.0077, 0.0018, 0.005, 0.0, 0.05, False, 0.0015, 9.0)
+    for mark, kind in ((-0.13, 'crease'), (-0.15, 'gouge'), (0.04, 'crease'), (0.07, 'gouge')):
+        assert kind_of(replace(seen, mark=mark), Settings())[0] == kind
 
 
 def test_a_dent_whose_outline_noise_draws_out_is_no_crease():

@@ -5,15 +5,16 @@ In this order, with sizes on the contour at 10 % of the depth:
 - *other*: steeper than skin can be dented, as where a wing's root meets the fuselage.
 - *bump*: outward.
 - *gouge*: narrower than `_NARROW`, as far as the reconstruction can show how narrow it is, longer
-  than `LONG` widths, and the light in it differs from that beside it by more than `_MARK` and
-  more than that varies: material or paint is gone. A scratch is a shallow gouge.
+  than `LONG` widths, and the light in it is brighter than that beside it by more than `_MARK`, or
+  darker by more than slopes can make it, and by more than that varies: material or paint is gone.
+  A scratch is a shallow gouge.
 - *crease*: longer than `LONG` widths, at half of its depth too, and its radius of curvature at
   the bottom is smaller than `_SHARP` width^2 / (8 depth) (a Gaussian has 0.48 of it, a paraboloid
   1.1), or it is so narrow that the reconstruction cannot show whether it is; but not where it is
   not measured all across its bottom, for what an edge cuts is long and sharp. Of what is narrower
   than `_BLURRED` resolutions neither is asked, the length at half of its depth from `_DRAWN_OUT`
-  widths on. Repair manuals treat a crease as a crack. Where the 95 % interval of the width holds
-  nothing, it is *other*: it may be one.
+  widths on. Repair manuals treat a crease as a crack. How wide it is need not be known: what is
+  narrower still is one as well.
 - *dent*: all else that is inward, whole, and as wide as the smallest dent.
 - *other*: significant and deep enough, but it is long and narrower than the smallest dent, or may
   be, the rim of the measured area cuts it, or it lies along that rim, or it is so large a part of
@@ -38,14 +39,13 @@ LONG = 1.8
 #: What is deeper than this part of its width is no dented skin: metal folds at a twelfth, and the
 # steepest crease of the simulation, at a quarter of its axis, has 0.26.
 STEEP = 0.3
-# A crease's slopes shade it by up to 5 %.
-_MARK = 0.06
+# Slopes make no skin brighter: 6 % is more than fringes leave of the light. They shade it by the
+# cosine of their angle (Lambert's law; of two that face each other, wherever the lamp is).
+_MARK, _SHADED = 0.06, 1 - 1 / math.hypot(1, 2 * STEEP)
 _SHARP = 0.33
 # A crease narrower than so many wavelengths of which half is left cannot be told from a valley;
 # what is shown of one narrower than `_BLURRED` of them is as blunt as of any.
 _UNRESOLVED, _LONGER, _BLUNT, _BLURRED = 3.0, 2.5, 1.0, 1.4
-# Standard uncertainties by which the width must be known: 95 %.
-_KNOWN = 1.96
 # Below half of its depth a narrow valley falls apart, for its depth ripples as the fringes do:
 # what is so many times as long as wide is long without that.
 _DRAWN_OUT = 4.0
@@ -122,7 +122,8 @@ def kind_of(seen: Appearance, settings: Settings) -> tuple[str, str]:
         return _ANOTHER if vast else ('bump', '')
     widened = _WIDENED * seen.resolution if math.isfinite(seen.resolution) else 0.0
     thin = seen.width < math.hypot(_NARROW, widened) and widened < _SHOWN * _NARROW
-    if long and thin and abs(seen.mark) > max(_MARK, seen.mottled):
+    is_marked = seen.mark > max(_MARK, seen.mottled) or -seen.mark > max(_SHADED, seen.mottled)
+    if long and thin and is_marked:
         return 'gouge', ''
     if long:
         bluntness = 8 * deep * seen.radius / seen.width**2
@@ -130,8 +131,6 @@ def kind_of(seen: Appearance, settings: Settings) -> tuple[str, str]:
         is_sharp = bluntness < _BLUNT or (blurred and math.isfinite(bluntness))
         unresolved = unresolved and is_sharp and seen.length > _LONGER * seen.width
         if bluntness < _SHARP or unresolved:
-            if _KNOWN * seen.width_doubt > seen.width:
-                return 'other', 'may be a crease: its width is not known'
             return 'crease', '' if bluntness < _SHARP else 'too narrow to see how sharp it is'
     if narrow:
         doubtful = seen.width + seen.width_doubt > settings.smallest_width
