@@ -18,6 +18,10 @@ from ftp_dent_ros.median import median
 
 # Root mean square of a Gaussian dent's Laplacian over its footprint, in depths / width^2.
 _BENT = math.sqrt(8) * TENTH
+# Times the median noise of a dent beyond which it is a mark's: of half of the dents without one
+# none of it is beyond 1.6. With 1 hail on dirt was told 5 % too shallow, with 1.5 no more than
+# before; with 2 a scratched dent stayed too deep by 2.6 of what is stated.
+_OWN = 1.5
 
 Mask = NDArray[np.bool_]
 
@@ -27,9 +31,8 @@ def weighted(patch: Patch, own: Mask, candidate: Candidate, around: Surroundings
 
     It departs from the patch as its noise lets it and bends as a Gaussian dent does, both normally
     distributed: the sum over all cells of (departure / noise)^2 + (Laplacian / the dent's)^2 is
-    least. Only noise beyond the median of the dent counts. All else stays as it is: what has no
-    mark is in doubt where it bends; a valley may be sharp; gaps are bridged with doubts of their
-    own.
+    least. Only noise beyond what a dent has by itself counts. All else stays as it is:
+    a valley may be sharp, and gaps are bridged with doubts of their own.
 
     Parameters
     ----------
@@ -44,7 +47,7 @@ def weighted(patch: Patch, own: Mask, candidate: Candidate, around: Surroundings
     is_valley = candidate.length > LONG * candidate.width
     if not around.is_marked or is_valley or candidate.gap.size or not sure.any():
         return patch
-    beyond = np.square(patch.told) - median(patch.told[sure]) ** 2
+    beyond = np.square(patch.told) - (_OWN * median(patch.told[sure])) ** 2
     bent = _BENT * candidate.height * (patch.step / candidate.width) ** 2
     softness = np.where(patch.known, np.maximum(beyond, 0.0), 0.0) / bent**2
     return replace(patch, depth=soft_plate(patch.depth, patch.known, softness))
