@@ -86,7 +86,7 @@ def figures(
 ) -> Figures:
     """Reconstruct and inspect a photograph by a method of `METHODS`."""
     result = Figures(name, seed, method)
-    photograph = scene.photograph(seed)
+    photograph = scene.taken(seed)
 
     def measured() -> Cloud:
         measure = reconstructor(scene.rig, scene.pattern, method, stride).measure

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.evaluation.scenes import make_rig
 from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.photograph import Photograph
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig import Rig
 from ftp_dent_ros.simulation import (
@@ -72,9 +73,13 @@ class KindScene:
         return Renderer(self.rig, self.pattern.draw(), self.photometry)
 
     def photograph(self, seed: int = 0) -> NDArray[np.uint8]:
-        """Render it with the noise of a seed."""
+        """Render it with the noise of a seed, as 8 bits of three colours."""
+        return self.taken(seed).shown()
+
+    def taken(self, seed: int = 0) -> Photograph:
+        """Render it with the noise of a seed, in the camera's encoding."""
         rng = np.random.default_rng([seed, 77])
-        return self.renderer().render(self.surface, rng, self.motion)
+        return self.renderer().photograph(self.surface, rng, self.motion)
 
     def truth(self, stride: int = 1) -> GroundTruth:
         """What its pixels show."""

@@ -2,6 +2,7 @@
 
 python benchmarks/kinds.py [--only dirt] [--seeds 2] [--code contrast] [--jobs 2] [--json out.json]
 python benchmarks/kinds.py --unseen      # the hold-out: look at it last, choose nothing on it
+python benchmarks/kinds.py --combined    # rigs and cameras of all sorts, kinds together
 python benchmarks/kinds.py --dent-free --seeds 25 --method default    # false calls a square metre
 
 A row a kind and method, over its seeds: the worst of them but for MAE and coverage, which are
@@ -25,6 +26,8 @@ import numpy as np
 from kind_figures import METHODS, Figures, figures
 from kind_scenes import KINDS, Kind
 from kind_verdict import verdict
+from kinds_combined import COMBINED
+from kinds_rigs import RIGS
 from kinds_unseen import UNSEEN
 from tqdm import tqdm
 
@@ -32,16 +35,21 @@ from ftp_dent_ros.pattern import CODES
 
 COLUMNS = 'cover', 'MAE', '>0.1', 'z', '<4', 'edge z', '<4', 'centre', 'found', 'sizes u', 'false'
 
-Task = tuple[str, bool, bool, int, tuple[str, ...], int, str]
+GROUPS: dict[str, dict[str, Kind]] = {
+    'usual': KINDS,
+    'unseen': UNSEEN,
+    'combined': RIGS | COMBINED,
+}
+
+Task = tuple[str, str, bool, int, tuple[str, ...], int, str]
 
 
 def one(task: Task) -> list[Figures]:
     """All methods on one photograph."""
-    name, unseen, dent_free, seed, methods, stride, code = task
+    name, group, dent_free, seed, methods, stride, code = task
     cv2.setNumThreads(1)
-    kinds: dict[str, Kind] = UNSEEN if unseen else KINDS
     # A kind's name, not its place in a list, decides what is drawn.
-    scene = kinds[name](np.random.default_rng([seed, *name.encode()]))
+    scene = GROUPS[group][name](np.random.default_rng([seed, *name.encode()]))
     scene = replace(scene, pattern=replace(scene.pattern, code=code))
     if dent_free:
         scene = replace(scene, panels=scene.bare.panels)
@@ -90,17 +98,30 @@ def row(results: list[Figures]) -> list[str]:
 def tasks(arguments: argparse.Namespace) -> Iterator[Task]:
     """A photograph each."""
     methods = tuple(arguments.method or METHODS)
-    for name in UNSEEN if arguments.unseen else KINDS:
+    for name in GROUPS[arguments.group]:
         if any(part in name for part in arguments.only.split(',')):
             for seed in range(arguments.first_seed, arguments.first_seed + arguments.seeds):
-                hold, free = arguments.unseen, arguments.dent_free
-                yield name, hold, free, seed, methods, arguments.stride, arguments.code
+                free, stride = arguments.dent_free, arguments.stride
+                yield name, arguments.group, free, seed, methods, stride, arguments.code
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition('\n')[0])
     parser.add_argument('--only', default='', help='parts of names of kinds, with commas between')
-    parser.add_argument('--unseen', action='store_true', help='the kinds that are held out')
+    parser.add_argument(
+        '--unseen',
+        action='store_const',
+        const='unseen',
+        dest='group',
+        help='the kinds that are held out',
+    )
+    parser.add_argument(
+        '--combined',
+        action='store_const',
+        const='combined',
+        dest='group',
+        help='rigs, cameras and combinations',
+    )
     parser.add_argument('--dent-free', action='store_true', help='the same skins without dents')
     parser.add_argument('--seeds', type=int, default=1, help='photographs a kind')
     parser.add_argument('--first-seed', type=int, default=0)
@@ -110,10 +131,14 @@ def main() -> None:
     parser.add_argument('--jobs', type=int, default=1, help='processes')
     parser.add_argument('--json', type=Path, help='where all figures go')
     parser.add_argument('--details', action='store_true', help='every dent, and what is false')
+    parser.set_defaults(group='usual')
     arguments = parser.parse_args()
     todo = list(tasks(arguments))
     if not todo:
-        parser.error(f'no kind has {arguments.only!r} in its name: give one of {", ".join(KINDS)}')
+        parser.error(
+            f'no kind has {arguments.only!r} in its name: give one of '
+            + ', '.join(GROUPS[arguments.group])
+        )
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     results: list[Figures] = []
     with multiprocessing.get_context('spawn').Pool(arguments.jobs) as pool:

@@ -146,7 +146,7 @@ def check_epipolar(
         if (held == trusted).all() and np.abs(step[0]) < _SETTLED:
             break
         trusted = held.astype(float)
-    noise = np.average(np.square(away.imag), weights=weight) / np.count_nonzero(weight)
+    noise = np.square(weight * away.imag).sum() / weight.sum() ** 2
     told = _told_amplitude(pattern, window)
     deviation = np.sqrt(np.diag(_covariance(terms, rest, weight, inverse, blocks.place)))
     at_axis = found[0] - found[1] * (middle[0] - rig.projector.camera_matrix[0, 2])

@@ -59,7 +59,8 @@ class Blocks:
         Wave of the contrast's logarithm along v: its argument is 2 pi over the period times how
         far the light's row is beyond v.
     weight : ndarray, shape (n,)
-        Nodes.
+        Nodes over the variance of what the wave leaves of a block and of what it leaves of most:
+        what is dark, or has an edge of other light in it, tells less.
     rays : ndarray, shape (n, 2)
         x and y of the camera's rays through the middles, z = 1.
     place : ndarray, shape (n, 2), integer
@@ -95,18 +96,27 @@ def blocks_of(pattern: Pattern, surfaces: Sequence[Rows]) -> Blocks | None:
         return None
     u, v, contrast, weight = (each[held] for each in tiles)
     level = np.log(np.where(weight > 0, contrast, 1))
-    wave = _waves(pattern, size, v, level, weight)
+    wave, left = _waves(pattern, size, v, level, weight)
     count = count[held].astype(float)
     middle_u, middle_v = ((weight * each).sum(axis=1) / count for each in (u, v))
     middle = (weight[..., None] * rays[held]).sum(axis=1) / count[:, None]
     place = np.stack(np.divmod(np.flatnonzero(held), -(-shape[1] // _EVERY // size[1])), axis=-1)
-    return Blocks(middle_u, middle_v, wave, count, middle, place)
+    certain = count / (left + np.median(left))
+    return Blocks(middle_u, middle_v, wave, certain, middle, place)
 
 
 def _waves(
     pattern: Pattern, size: Sequence[int], v: NDArray, level: NDArray, weight: NDArray
-) -> NDArray[np.complex128]:
-    """Least squares of ``quadric + a cos(2 pi v / P) - b sin(2 pi v / P)``: a + i b by block."""
+) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
+    """Least squares of ``quadric + a cos(2 pi v / P) - b sin(2 pi v / P)``.
+
+    Returns
+    -------
+    wave : ndarray, shape (n,), complex
+        a + i b by block.
+    left : ndarray, shape (n,)
+        Mean square of what it leaves.
+    """
     angle = np.float32(2 * math.pi / pattern.row_period_px) * v
     y, x = (
         each.ravel() for each in np.meshgrid(*(np.linspace(-1, 1, n) for n in size), indexing='ij')
@@ -122,7 +132,9 @@ def _waves(
     weighted = (terms * weight[..., None]).transpose(0, 2, 1)
     normal = (weighted @ terms).astype(float)
     found = np.linalg.solve(normal, (weighted @ level[..., None]).astype(float))[..., 0]
-    return found[:, 6] + 1j * found[:, 7]
+    rest = level - (terms @ found[..., None])[..., 0]
+    left = (weight * np.square(rest)).sum(axis=1) / weight.sum(axis=1)
+    return found[:, 6] + 1j * found[:, 7], left
 
 
 def _block_size(pattern: Pattern, u_p: NDArray, v_p: NDArray, seen: NDArray) -> list[int] | None:

@@ -81,6 +81,18 @@ def test_an_edge_through_a_row_of_blocks_does_not_speak_for_all():
     assert found.shift_deviation < 0.1
 
 
+@pytest.mark.parametrize('slope', [-0.1, 0.0, 0.07])
+def test_a_level_shadow_over_all_of_the_skin_is_no_other_scale_of_rows(slope):
+    x, y = NODES
+    plain = rows(np.random.default_rng(3))
+    # The sun's light has no fringes: beyond the edge they are half as strong.
+    share = 1 / (1 + np.exp(-(y - 380 - slope * (x - 640)) / 6))
+    found = check(replace(plain, contrast=plain.contrast / (1 + share)))
+    check_rows(PATTERN, found)
+    assert abs(found.stretch) < 4 * found.stretch_deviation
+    assert found.strength == pytest.approx(check(plain).strength, rel=0.1)
+
+
 def test_surfaces_are_taken_together():
     x, _ = NODES
     parts = [
