@@ -27,6 +27,7 @@ from kind_figures import METHODS, Figures, figures
 from kind_scenes import KINDS, Kind
 from kind_verdict import verdict
 from kinds_combined import COMBINED
+from kinds_parts import PARTS
 from kinds_rigs import RIGS
 from kinds_unseen import UNSEEN
 from tqdm import tqdm
@@ -38,7 +39,7 @@ COLUMNS = 'cover', 'MAE', '>0.1', 'z', '<4', 'edge z', '<4', 'centre', 'found', 
 GROUPS: dict[str, dict[str, Kind]] = {
     'usual': KINDS,
     'unseen': UNSEEN,
-    'combined': RIGS | COMBINED,
+    'combined': RIGS | COMBINED | PARTS,
 }
 
 Task = tuple[str, str, bool, int, tuple[str, ...], int, str]

@@ -88,9 +88,8 @@ def saddle(rng: Generator) -> Outside:
     def skin(x, y, moment):
         a = math.cos(turn) * x + math.sin(turn) * y
         b = math.cos(turn) * y - math.sin(turn) * x
-        return flat(x, y, moment) + (np.minimum(a * a, 0.05) - np.minimum(b * b, 0.05)) / (
-            2 * bend
-        )
+        rise = np.minimum(a * a, 0.05) - np.minimum(b * b, 0.05)
+        return flat(x, y, moment) + rise / (2 * bend)
 
     return plain(rng, skin=skin)
 
@@ -182,9 +181,7 @@ def slats(rng: Generator) -> Outside:
 
     def skin(x, y, moment):
         far = math.cos(turn) * x + math.sin(turn) * y
-        rise = sum(
-            s / (1 + np.exp(-(far - a) / 2e-4)) for s, a in zip(steps, (-0.06, 0.07), strict=True)
-        )
+        rise = sum(s * (far > a) for s, a in zip(steps, (-0.06, 0.07), strict=True))
         return flat(x, y, moment) - 0.02 + rise
 
     places = (-0.14, -0.04), (0.0, 0.03), (0.14, 0.05)

@@ -7,8 +7,10 @@ looked at last.
 from __future__ import annotations
 
 import outside_air as air
+import outside_drives as drives
 import outside_faults as faults
 import outside_finishes as finishes
+import outside_forms as forms
 import outside_light as light
 import outside_more as more
 import outside_projectors as projectors
@@ -58,6 +60,31 @@ MENDING: dict[str, Kind] = {
     'net': things.net,
     'steep_crease': shapes.steep_crease,
     'far_stripes': light.far_stripes,
+    'spinner': forms.spinner,
+    'lip': forms.lip,
+    'profile': forms.profile,
+    'tangent': forms.tangent,
+    'fillet': forms.fillet,
+    'saddle': forms.saddle,
+    'quilted': forms.quilted,
+    'joggled': forms.joggled,
+    'scarfed': forms.scarfed,
+    'beaded': forms.beaded,
+    'strut': forms.strut,
+    'slats': forms.slats,
+    'bit_planes': drives.bit_planes,
+    'scanned': drives.scanned,
+    'keystone': drives.keystone,
+    'raking_sun': drives.raking_sun,
+    'screen_door': drives.screen_door,
+    'second_bounce': drives.second_bounce,
+    'crushed': of_sensor(curve=drives.crushed),
+    'over_sharpened': of_sensor(codec=drives.over_sharpened),
+    'exchanged': of_sensor(codec=drives.exchanged),
+    'posterised': of_sensor(codec=drives.posterised),
+    'shifted': of_sensor(codec=drives.shifted),
+    'stretched': of_sensor(codec=drives.stretched),
+    'zoomed': of_sensor(codec=drives.zoomed),
 }
 
 HELD: dict[str, Kind] = {
