@@ -198,14 +198,20 @@ class Pattern:
         )
 
     @property
-    def rounding_variance(self) -> float:
-        """Variance of the fringes' phase by the rounding of pixels to whole levels, radians^2.
+    def rounding_shifts(self) -> NDArray[np.float32]:
+        """Shifts of the fringes' phase by the rounding of pixels to whole levels, radians.
 
         A fringe's phase is off by ``2 / (n B) sum e sin Phi`` for the errors e of its n pixels
         and the amplitude B. What lies halfway between two levels cancels as `draw` rounds it;
         elsewhere it may have been rounded up on one flank and down on the other. Where the
         contrast changes along the fringes, so do the errors, of which a window of half a fringe
         sees the mean.
+
+        Returns
+        -------
+        ndarray, shape (2, rows, fringes), float32
+            Of whole fringes, known shifts and deviations of those by chance; one row if all rows
+            are alike.
         """
         u = np.arange(self.width)
         phase = self.phase(u)
@@ -223,7 +229,7 @@ class Pattern:
         mean: Any = cv2.GaussianBlur(
             shift, size, sigmaX=1, sigmaY=sigma, borderType=cv2.BORDER_REPLICATE
         )
-        return float(np.mean(np.square(mean[:, 1:-1])) + np.mean(np.square(chance[:, 1:-1])))
+        return np.stack([mean, chance])[..., 1:-1].astype(np.float32)
 
     def draw(self) -> NDArray[np.uint8]:
         """Draw the pattern's pixels, RGB, shape (height, width, 3)."""

@@ -55,7 +55,7 @@ def cleaned(values, texture=None, contrast=None, pixels=VARIANCE, variance=VARIA
     doubt = np.full(GRID.shape, doubt, np.float32)
     return denoise(
         *(values, texture, contrast, known, variance, doubt, inside),
-        *(WINDOWS, RESPONSE, gain(), 0.0),
+        *(WINDOWS, RESPONSE, gain(), (0.0,) * 5),
     )
 
 

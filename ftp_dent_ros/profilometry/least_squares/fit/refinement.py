@@ -42,7 +42,10 @@ from ftp_dent_ros.profilometry.least_squares.fit.surface_mask import (
 from ftp_dent_ros.profilometry.least_squares.fit.two_sided_fit import OneLight, TwoSidedFit
 from ftp_dent_ros.profilometry.least_squares.noise.between_crests import doubt_in_dark
 from ftp_dent_ros.profilometry.least_squares.noise.denoising import denoise
-from ftp_dent_ros.profilometry.least_squares.noise.noise_gain import noise_through
+from ftp_dent_ros.profilometry.least_squares.noise.noise_gain import (
+    noise_through,
+    rounding_through,
+)
 from ftp_dent_ros.profilometry.least_squares.noise.other_light import OtherLight
 from ftp_dent_ros.profilometry.least_squares.noise.response import Response, over_rows
 
@@ -67,10 +70,14 @@ class Refinement:
     windows : Windows
     period : float
         Of the fringes, pixels.
+    rounding : ndarray, shape (2, rows, fringes), float32
+        Shifts of the fringes' phase by the projector's rounding, radians.
     """
 
-    def __init__(self, grid: Grid, windows: Windows, period: float, systematic: float) -> None:
-        self._systematic = systematic
+    def __init__(
+        self, grid: Grid, windows: Windows, period: float, rounding: NDArray[np.float32]
+    ) -> None:
+        self._rounding = rounding_through(rounding, grid, windows, period)
         self.grid, self.windows = grid, windows
         self.period = period / grid.step
         self._masked = masked = MaskedFit(grid, windows)
@@ -203,7 +210,7 @@ class Refinement:
             self.windows,
             self._response,
             self._noise,
-            self._systematic,
+            self._rounding,
             not relief,
             envelope is None,
         )

@@ -238,7 +238,7 @@ class SurfaceFit:
     def _refinement_at(self, step: int) -> Refinement:
         period = self.period * _PERIOD_STEP**step
         windows = Windows.for_fringes(period, self.grid)
-        return Refinement(self.grid, windows, period, self.pattern.rounding_variance)
+        return Refinement(self.grid, windows, period, self.pattern.rounding_shifts)
 
     def _start_at(self, step: int) -> CodedStart:
         period = self.period * _PERIOD_STEP**step

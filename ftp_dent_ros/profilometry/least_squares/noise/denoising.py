@@ -87,7 +87,7 @@ def denoise(
     windows: Windows,
     response: Response,
     gain: NoiseGain,
-    systematic: float,
+    rounding: tuple[float, ...],
     restoring: bool = True,
     even_contrast: bool = True,
 ) -> Denoised:
@@ -113,8 +113,8 @@ def denoise(
         Of the fits that the field has come through.
     gain : NoiseGain
         Of the windows that the field has come through.
-    systematic : float
-        Variance that no average lessens, radians^2.
+    rounding : tuple of float
+        Variance by the projector's rounding, in the bands and below them all, radians^2.
     restoring : bool
         Whether the surface is smooth but for some places: what the fits leave out is put back
         where it stands out, and what goes along the fringes everywhere is noise.
@@ -150,14 +150,18 @@ def denoise(
     if restoring:
         along = along_fringes(bands, total, inside, windows, gain, _EVERY)
     total *= np.float32(from_pixel_to_pixel(bands[0], shares[0] * total, inside, _EVERY))
-    left = np.float32(rest + along * line_rest) * total
+    *rounded, below = rounding
+    left = np.float32(rest + along * line_rest) * total + np.float32(below)
     left += np.maximum(missed * _energy(feigned_base, coarse, SCALES[-1]), albedo.pop())
     hidden = np.float32(np.inf)
     coarser = beyond_noise = np.float32(np.inf)
-    of_all = (share + along * line for share, line in zip(shares, lines, strict=True))
+    of_all = (
+        np.float32(share + along * line) * total + np.float32(each)
+        for share, line, each in zip(shares, lines, rounded, strict=True)
+    )
     per_band = shares, of_all, gain.slopes, SCALES, albedo
     of_bands = list(zip(bands, feigned_bands, *per_band, strict=True))
-    for band, taken, share, by_all, slope_share, scale, shown in reversed(of_bands):
+    for band, taken, share, of_noise, slope_share, scale, shown in reversed(of_bands):
         energy = _energy(band, coarse, scale)
         noise = np.float32(share) * known + np.float32(slope_share) * by_slope
         removed = _energy(taken, coarse, scale)
@@ -167,11 +171,11 @@ def denoise(
         remains = np.minimum(np.maximum(shown - removed, missed * removed), energy)
         signal = at_least(energy - np.float32(NOISE) * noise, 0)
         coarser = beyond_noise
-        beyond_noise = at_least(energy - np.float32(NOISE * by_all) * total, 0)
+        beyond_noise = at_least(energy - np.float32(NOISE) * of_noise, 0)
         # A surface's spectrum falls: no more is hidden in a band than may be in the coarser one.
         hidden = signal + np.minimum(np.float32(_HIDDEN) * noise, hidden)
         weight = signal / (signal + noise)
-        left += np.square(weight) * np.float32(by_all) * total + np.square(1 - weight) * hidden
+        left += np.square(weight) * of_noise + np.square(1 - weight) * hidden
         if band is not bands[0]:
             # What is missed of the finest band, that band itself shows.
             left += np.square(weight) * remains
@@ -181,7 +185,6 @@ def denoise(
     at_peaks -= np.float32(_SURELY * shares[0]) * total
     amiss = np.float32(_BEYOND) * falling**_POWER + np.float32(_LIGHT) * np.sqrt(falling)
     left += amiss * np.maximum(at_peaks, beyond_noise)
-    left += np.float32(systematic)
     lack = response.left_out(base)
     noise = np.float32(gain.left_out) * total
     put_back = np.float32(restoring) * _share_of_signal(lack, noise, coarse)

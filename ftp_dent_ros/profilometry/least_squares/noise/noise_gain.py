@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.bins.windows import NO_AVERAGE, Windows
@@ -77,6 +80,38 @@ def noise_through(grid: Grid, windows: Windows, response: Response) -> NoiseGain
     amplitudes = tuple(map(variance, contrasts))
     left_out = variance(response.left_out(field))
     return NoiseGain(shares, of_slope, amplitudes, left_out, lines, averaged)
+
+
+def rounding_through(
+    shifts: NDArray[np.float32], grid: Grid, windows: Windows, period: float
+) -> tuple[float, ...]:
+    """Variance of the phase by the projector's rounding: what bands add to what is below them.
+
+    Parameters
+    ----------
+    shifts : ndarray, shape (2, rows, fringes), float32
+        Of the fringes' phase, radians (`Pattern.rounding_shifts`).
+    grid : Grid
+    windows : Windows
+    period : float
+        Of the fringes, pixels.
+
+    Returns
+    -------
+    tuple of float
+        Of the bands, from fine to coarse, and below them all, radians^2.
+    """
+    size = max(1, round(shifts.shape[-1] * period / grid.pitch[0])), shifts.shape[1]
+    # Along v nothing is averaged: patterns whose rows are alike have no need of it.
+    windows = replace(windows, sigma_v=NO_AVERAGE)
+    energies: Any = 0
+    for each in shifts:
+        field: Any = cv2.resize(each, size, interpolation=cv2.INTER_LINEAR)
+        levels = [field, *(windows.wide_flat_top(field, scale) for scale in SCALES)]
+        energies = energies + np.square(levels).mean(axis=(1, 2))
+    return *(float(max(fine - coarse, 0)) for fine, coarse in pairwise(energies)), float(
+        energies[-1]
+    )
 
 
 def _below(grid, windows):
