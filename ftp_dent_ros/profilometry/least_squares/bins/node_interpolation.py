@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 
-# Fewer leave ripples of the nodes inside dents.
-_TAPS = 6
+# Nodes that a value is interpolated from: fewer leave ripples of the nodes inside dents; and
+# those that one beyond the outermost is extrapolated from: more multiply their noise.
+_TAPS, _BEYOND = 6, 3
 # Columns, and rows that stay in the cache, that one product makes.
 _COLUMNS, _ROWS = 64, 32
 
@@ -18,7 +19,7 @@ Band = tuple[slice, slice, NDArray[np.float32]]
 
 
 def lagrange(targets: NDArray[np.floating], count: int) -> NDArray[np.float64]:
-    """Weights of Lagrange's interpolation through six of `count` nodes 0, 1, 2, ...
+    """Weights of Lagrange's interpolation through the nearest of `count` nodes 0, 1, 2, ...
 
     Parameters
     ----------
@@ -28,13 +29,16 @@ def lagrange(targets: NDArray[np.floating], count: int) -> NDArray[np.float64]:
     -------
     ndarray, shape (targets, count)
     """
-    taps = min(_TAPS, count)
-    first = np.clip(np.floor(targets).astype(int) - taps // 2 + 1, 0, count - taps)
-    t = targets - first
     weights = np.zeros((len(targets), count))
-    for k in range(taps):
-        factors = [(t - j) / (k - j) for j in range(taps) if j != k]
-        weights[np.arange(len(targets)), first + k] = np.prod(factors, axis=0)
+    beyond = (targets < 0) | (targets > count - 1)
+    for taps, chosen in ((_TAPS, ~beyond), (_BEYOND, beyond)):
+        taps, index = min(taps, count), np.flatnonzero(chosen)
+        target = targets[index]
+        first = np.clip(np.floor(target).astype(int) - taps // 2 + 1, 0, count - taps)
+        t = target - first
+        for k in range(taps):
+            factors = [(t - j) / (k - j) for j in range(taps) if j != k]
+            weights[index, first + k] = np.prod(factors, axis=0)
     return weights
 
 
