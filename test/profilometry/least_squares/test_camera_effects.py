@@ -57,7 +57,7 @@ def test_averages_lead_towards_the_light():
     nodes = np.tile(60 * np.exp(0.002 * (GRID.node_positions()[0] - 320)), (GRID.shape[0], 1))
     plane = np.tile(true, (GRID.bin_shape[0], 1)).astype(np.float32)
     nodes = nodes.astype(np.float32)
-    lag, _ = lag_of_blur(nodes, np.ones(GRID.shape, bool), plane, GRID, WINDOWS, 0.0, USUAL)
+    lag, _ = lag_of_blur(nodes, np.ones(GRID.shape, bool), plane, GRID, WINDOWS, USUAL, 0.0)
     assert lag[5, 20:-20].mean() == pytest.approx(
         0.002 * 2 * np.pi / PERIOD * GRID.bin_variance, rel=0.02
     )
@@ -70,13 +70,14 @@ def test_the_end_of_a_surface_is_no_change_of_light():
     on_it = np.tile(u < 300, (GRID.shape[0], 1))
     light = np.where(on_it, 60 * np.exp(0.0005 * u), 0).astype(np.float32)
     phase = np.tile(2 * np.pi * GRID.bin_positions()[0] / PERIOD, (GRID.bin_shape[0], 1))
-    lag, _ = lag_of_blur(light, on_it, phase.astype(np.float32), GRID, WINDOWS, 0.0, USUAL)
+    lag, _ = lag_of_blur(light, on_it, phase.astype(np.float32), GRID, WINDOWS, USUAL, 0.0)
     true = 0.0005 * 2 * np.pi / PERIOD * GRID.bin_variance
     np.testing.assert_allclose(lag[on_it], true, rtol=0.02)
 
 
+@pytest.mark.parametrize('code', [False, True])
 @pytest.mark.parametrize('of_camera', [1.0, 0.0])
-def test_blur_leads_towards_the_light_and_the_longer_fringes(of_camera):
+def test_blur_leads_towards_the_light_and_the_longer_fringes(of_camera, code):
     # Light and fringes grow along the row, and the camera blurs them by 2.5 pixels, or not at all.
     blur = 2.5**2
     u = np.arange(0, 680, 0.25)
@@ -94,8 +95,10 @@ def test_blur_leads_towards_the_light_and_the_longer_fringes(of_camera):
     phase = np.tile(np.unwrap(np.angle(blurred))[bins], (GRID.shape[0], 1)).astype(np.float32)
     everywhere = np.ones(GRID.shape, bool)
     whole = GRID.bin_variance + blur
-    lag, variance = lag_of_blur(light, everywhere, phase, GRID, WINDOWS, whole, USUAL)
-    alone, sure = lag_of_blur(light, everywhere, phase, GRID, WINDOWS, 0.0, USUAL)
+    in_phase = whole * np.square(np.gradient(slow, u)[nodes]) + np.zeros_like(light)
+    seen = (0.0, in_phase) if code else (whole, None)
+    lag, variance = lag_of_blur(light, everywhere, phase, GRID, WINDOWS, USUAL, *seen)
+    alone, sure = lag_of_blur(light, everywhere, phase, GRID, WINDOWS, USUAL, 0.0)
     inner = slice(25, -25)
     error = (lag - alone - led)[5, inner]
     deviation = np.sqrt(variance[5, inner])

@@ -4,26 +4,26 @@ import numpy as np
 import pytest
 
 from ftp_dent_ros.pattern import Pattern
-from ftp_dent_ros.profilometry.least_squares.code.contrast_code import ContrastSteps, code_steps
+from ftp_dent_ros.profilometry.least_squares.code.contrast_code import ContrastSteps
+from ftp_dent_ros.profilometry.least_squares.code.expected_steps import ExpectedSteps
 from ftp_dent_ros.profilometry.least_squares.fringe_orders.doubted_pieces import (
-    around,
     drop_unsure,
     settle,
 )
+from ftp_dent_ros.profilometry.least_squares.fringe_orders.misfits import around
 from ftp_dent_ros.profilometry.least_squares.fringe_orders.pieces import continuous
 
 PATTERN = Pattern(1280, 800, 10.0, 640.0, code='contrast')
+EXPECTED = ExpectedSteps.of(PATTERN)
 ROWS, FRINGES, HIGH = 80, 60, 5
 
 
 def steps_of(order, noise):
     """Steps of an order as seen through noise of a standard deviation, that is known of each."""
-    code = code_steps(PATTERN)
-    first = PATTERN.fringe_orders.start - 2
-    place = np.arange(FRINGES) + order - first
+    place = np.arange(FRINGES) + order - EXPECTED.first
     noise = np.broadcast_to(np.float32(noise), (ROWS, FRINGES))
     scatter = np.random.default_rng(1).standard_normal((ROWS, FRINGES))
-    seen = (code[place] + noise * scatter).astype(np.float32)
+    seen = (EXPECTED.steps[place] + noise * scatter).astype(np.float32)
     return ContrastSteps(0, 0, seen, np.float32(1) / np.square(noise + np.float32(0.02)))
 
 
@@ -35,23 +35,24 @@ def clean():
 def test_a_fringe_on_an_edge_is_no_other_orders(clean):
     clean.step[:, 20] += 0.4
     clean.step[:, 21] -= 0.4
-    assert clean.misfit(PATTERN, -30, 1.0)[:, 20:22].min() > 0.5
-    assert clean.misfit_but_for_edges(PATTERN, -30, 1.0)[:, 20:22].max() == 0
+    assert clean.misfit(EXPECTED, -30, 1.0)[:, 20:22].min() > 0.5
+    assert clean.misfit_but_for_edges(EXPECTED, -30, 1.0)[:, 20:22].max() == 0
     clean.step[:, 22] += 0.4
-    assert clean.misfit_but_for_edges(PATTERN, -30, 1.0)[:, 20:23].min() > 0.5
+    assert clean.misfit_but_for_edges(EXPECTED, -30, 1.0)[:, 20:23].min() > 0.5
 
 
 def test_another_order_keeps_its_misfit(clean):
-    assert clean.misfit(PATTERN, -30, 1.0).mean() < 0.02
+    assert clean.misfit(EXPECTED, -30, 1.0).mean() < 0.02
     for order in (-31, -29, -20, 10):
-        assert clean.misfit(PATTERN, order, 1.0).mean() > 0.3
+        assert clean.misfit(EXPECTED, order, 1.0).mean() > 0.3
 
 
-def settled(steps, piece, orders):
+def settled(steps, piece, orders, in_light=False):
     choice = np.zeros((ROWS, FRINGES), np.intp)
     choice[piece] = -1
-    misfit = around(steps.misfit(PATTERN, orders[0], 1.0), steps.weight > 0, HIGH)
-    settle(steps, PATTERN, orders, choice, misfit, HIGH)
+    misfit = around(steps.misfit(EXPECTED, orders[0], 1.0), steps.weight > 0, HIGH)
+    fits = np.full(choice.shape, in_light)
+    settle(steps, EXPECTED, orders, choice, misfit, fits, HIGH)
     return choice[piece]
 
 
@@ -70,17 +71,18 @@ def test_a_small_piece_that_misfits_by_its_noise_alone_is_of_what_lies_around():
     assert (settled(steps_of(-30, noise), piece, [-30]) == 0).all()
 
 
-def test_a_small_piece_of_another_order_stays_without_one(clean):
+def test_a_small_piece_of_another_order_stays_without_one_if_not_for_its_light(clean):
     piece = slice(30, 50), slice(20, 26)
     clean.step[piece] = steps_of(-27, 0.02).step[piece]
     assert (settled(clean, piece, [-30]) == -1).all()
+    assert (settled(clean, piece, [-30], in_light=True) == 0).all()
 
 
 def test_where_noise_hides_another_order_more_rows_show_it():
     noisy = steps_of(-30, 0.25)
     noisy.step[:, 30:] = steps_of(-27, 0.25).step[:, 30:]
     some = noisy.averaged(15)
-    single, mean = (each.misfit(PATTERN, -30, 1.0) for each in (noisy, some))
+    single, mean = (each.misfit(EXPECTED, -30, 1.0) for each in (noisy, some))
     assert single[:, :30].mean() > 0.35
     assert mean[10:-10, :30].mean() < 0.1
     assert mean[10:-10, 30:].mean() > 0.4
@@ -118,7 +120,7 @@ def test_an_order_that_a_piece_does_not_tell_for_sure_is_taken_from_it(clean):
     choice = np.zeros((ROWS, FRINGES), np.intp)
     choice[sure] = 1
     choice[unsure, 20:25] = 1
-    drop_unsure(clean, PATTERN, [-30, -27], choice)
+    drop_unsure(clean, EXPECTED, [-30, -27], choice)
     assert (choice[sure] == 1).all()
     assert (choice[unsure, 20:25] == -1).all()
     assert (choice[unsure, :20] == 0).all()

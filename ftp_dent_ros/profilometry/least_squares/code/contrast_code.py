@@ -9,17 +9,17 @@ are those seen, if the next best fits so much worse that noise cannot be the rea
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.code_sequences import SEQUENCES
 from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.bins.intensity_bins import IntensityBins
+from ftp_dent_ros.profilometry.least_squares.code.expected_steps import ExpectedSteps
 from ftp_dent_ros.profilometry.least_squares.code.fringe_contrast import fringe_contrasts
 
 # Pixel rows whose contrasts are averaged.
@@ -28,8 +28,6 @@ _AVERAGED = 20.0
 _SCATTER = 0.02
 # The most that a fringe's contrast differs from the next one's, in steps of the code.
 _CLIPPED = 1.5
-# Fringes beyond the frame's rim that blur makes.
-_BEYOND = 2
 # Fringes that a word of the code has.
 WORD = 8
 # Seen steps of the contrast over the code's: blur and a camera's curve make them smaller.
@@ -84,12 +82,15 @@ class ContrastSteps:
         From the fringe of the column to the next.
     weight : ndarray, shape (rows, fringes)
         Inverse variance; 0 where no two fringes are seen.
+    amplitude : ndarray, shape (rows, fringes), optional
+        Steps of the amplitude's logarithm.
     """
 
     first: int
     top: int
     step: NDArray[np.float32]
     weight: NDArray[np.float32]
+    amplitude: NDArray[np.float32] | None = None
 
     @classmethod
     def of(
@@ -124,30 +125,43 @@ class ContrastSteps:
         first = int(order.min())
         shape = int(bottom - top), int(order.max()) - first + 1
         inverse = 1 / (found.variance + _SCATTER**2)
-        contrast, weight = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
-        contrast[row, order - first] = inverse * found.logarithm
-        weight[row, order - first] = inverse
         size = 2 * int(_AVERAGED / grid.rows / 2) + 1
-        sums: Any = cv2.blur(weight, (1, size), borderType=cv2.BORDER_CONSTANT)
-        value: Any = cv2.blur(contrast, (1, size), borderType=cv2.BORDER_CONSTANT)
-        value /= np.maximum(sums, np.float32(1e-6))
+        fields = []
+        for values in (inverse, inverse * found.logarithm, inverse * found.amplitude):
+            field = np.zeros(shape, np.float32)
+            field[row, order - first] = values
+            fields.append(field)
+        weight = fields[0]
+        sums, contrast, amplitude = (
+            cv2.blur(each, (1, size), borderType=cv2.BORDER_CONSTANT) for each in fields
+        )
+        some = np.maximum(sums, np.float32(1e-6))
         both = (weight[:, 1:] > 0) & (weight[:, :-1] > 0)
         joint = sums[:, 1:] * sums[:, :-1] / np.maximum(sums[:, 1:] + sums[:, :-1], 1)
-        return cls(first, int(top), np.diff(value, axis=1), joint * both)
+        steps, others = (np.diff(each / some, axis=1) for each in (contrast, amplitude))
+        return cls(first, int(top), steps, joint * both, others)
+
+    @property
+    def of_amplitude(self) -> ContrastSteps:
+        """Steps of the amplitude's logarithm instead: light that is added does not change it."""
+        return self if self.amplitude is None else replace(self, step=self.amplitude)
 
     def averaged(self, rows: int) -> ContrastSteps:
         """The same steps, each the mean of so many rows: fringes go on along v."""
         weight: Any = cv2.blur(self.weight, (1, rows), borderType=cv2.BORDER_CONSTANT)
-        total: Any = cv2.blur(self.weight * self.step, (1, rows), borderType=cv2.BORDER_CONSTANT)
-        step = total / np.maximum(weight, np.float32(1e-6))
-        # Steps of one row are means of several already: how many are new is as good as the rest.
-        return ContrastSteps(self.first, self.top, step, weight * (self.weight > 0) * rows)
 
-    def decoded(self, pattern: Pattern, code: NDArray[np.float64] | None = None) -> Decoded:
-        """Order that the steps tell, by those of the pattern or by another code's."""
-        weight = self.weight
-        code = code_steps(pattern) if code is None else code
-        size = float(np.abs(code).max())
+        def mean(steps) -> Any:
+            total = cv2.blur(self.weight * steps, (1, rows), borderType=cv2.BORDER_CONSTANT)
+            return total / np.maximum(weight, np.float32(1e-6))
+
+        amplitude = None if self.amplitude is None else mean(self.amplitude)
+        # Steps of one row are means of several already: how many are new is as good as the rest.
+        weight_of_all = weight * (self.weight > 0) * rows
+        return replace(self, step=mean(self.step), weight=weight_of_all, amplitude=amplitude)
+
+    def decoded(self, expected: ExpectedSteps) -> Decoded:
+        """Order that the steps tell, by those that are expected."""
+        weight, code, size = self.weight, expected.steps, expected.size
         rows = np.count_nonzero(weight, axis=0)
         used = np.flatnonzero(rows)
         nothing = Decoded(0, 0.0, math.inf)
@@ -168,7 +182,7 @@ class ContrastSteps:
         best, second = np.argsort(misfit)[:2]
         scatter = max(float(misfit[best]) / max(count.sum() - 2, 1), _SCATTER**2)
         return Decoded(
-            pattern.fringe_orders.start - _BEYOND + int(best) - self.first - int(used[0]),
+            expected.first + int(best) - self.first - int(used[0]),
             float(misfit[second] - misfit[best]) / scatter,
             math.sqrt(scatter) / size,
             float(scale[best]),
@@ -176,28 +190,26 @@ class ContrastSteps:
 
     def of_another_pattern(self, pattern: Pattern) -> bool:
         """Whether the steps, or those of a part, are of another code than the pattern's."""
-        low = math.log(pattern.low_contrast)
-        others = [each for each in SEQUENCES if (each != pattern.sequence).any()]
-        codes = [np.diff(np.where(each, 0, low)) for each in others]
         parts = [self]
         for left in range(0, self.step.shape[1] - _PART // 2, _PART // 2):
             place = slice(None), slice(left, left + _PART)
             parts.append(ContrastSteps(self.first + left, 0, self.step[place], self.weight[place]))
-        return any(part.decoded(pattern, code).sure for part in parts for code in codes)
+        others = list(ExpectedSteps.of_others(pattern))
+        return any(part.decoded(each).sure for part in parts for each in others)
 
-    def misfit(self, pattern: Pattern, order: int, scale: float) -> NDArray[np.float32]:
+    def misfit(self, expected: ExpectedSteps, order: int, scale: float) -> NDArray[np.float32]:
         """Square of what an order leaves of each step, in steps as they are seen, at most 1."""
-        return np.minimum(np.square(self._rest(pattern, order, scale)), 1)
+        return np.minimum(np.square(self._rest(expected, order, scale)), 1)
 
     def misfit_but_for_edges(
-        self, pattern: Pattern, order: int, scale: float
+        self, expected: ExpectedSteps, order: int, scale: float
     ) -> NDArray[np.float32]:
         """As `misfit`, but 0 for the steps to and from a fringe that alone is amiss.
 
         An edge runs through it: over it, from the fringe before to the one after, the code is
         right, and so are two steps on either side.
         """
-        rest = self._rest(pattern, order, scale)
+        rest = self._rest(expected, order, scale)
         misfit = np.minimum(np.square(rest), 1)
         if misfit.shape[1] < 6:
             return misfit
@@ -209,28 +221,15 @@ class ContrastSteps:
         misfit[:, 3:-2][over] = 0
         return misfit
 
-    def _rest(self, pattern: Pattern, order: int, scale: float) -> NDArray[np.float32]:
+    def _rest(self, expected: ExpectedSteps, order: int, scale: float) -> NDArray[np.float32]:
         """What an order leaves of each step, in steps as they are seen."""
-        code = code_steps(pattern)
-        place = np.arange(self.step.shape[1]) + self.first + order
-        place -= pattern.fringe_orders.start - _BEYOND
+        code = expected.steps
+        place = np.arange(self.step.shape[1]) + self.first + order - expected.first
         on_panel = (place >= 0) & (place < len(code))
-        expected = scale * np.where(on_panel, code[np.clip(place, 0, len(code) - 1)], 0)
-        size = np.float32(scale * np.abs(code).max())
-        rest: Any = (self.step - expected.astype(np.float32)) / size
+        steps = scale * np.where(on_panel, code[np.clip(place, 0, len(code) - 1)], 0)
+        rest: Any = (self.step - steps.astype(np.float32)) / np.float32(scale * expected.size)
         return rest
 
-    def noise(self, pattern: Pattern) -> NDArray[np.float32]:
+    def noise(self, expected: ExpectedSteps) -> NDArray[np.float32]:
         """Misfit that the steps' own scatter leads to expect, as `misfit`, but for a factor."""
-        size = float(np.abs(code_steps(pattern)).max())
-        return np.float32(1 / size**2) / np.maximum(self.weight, np.float32(1e-6))
-
-
-def code_steps(pattern: Pattern) -> NDArray[np.float64]:
-    """Steps of the contrast's logarithm over the panel, and none for a few fringes beyond it.
-
-    The blurred rim of the frame looks like a fringe of its own.
-    """
-    orders = pattern.fringe_orders
-    contrast = pattern.fringe_contrast(np.arange(orders.start, orders.stop))
-    return np.pad(np.diff(np.log(contrast.astype(float))), _BEYOND)
+        return np.float32(1 / expected.size**2) / np.maximum(self.weight, np.float32(1e-6))

@@ -24,8 +24,9 @@ _TURN = 2 * math.pi
 _SAMPLES = 128
 # Fringes beyond the panel.
 _BEYOND = 4
-# Variances of the blur, radians^2: between tables, at least and at most.
-_STEP, _LEAST, _MOST = 0.03, 0.06, 1.8
+# Variances of the blur, radians^2: between tables, at least, and at most, which leaves a tenth
+# of the fringes.
+_STEP, _LEAST, _MOST = 0.03, 0.06, 4.6
 # Such a variance: what the ripple of a wrong one is hardly depends on it.
 _USUAL = 0.6
 # Fits in windows, each of what the last one leaves, that a phase comes through.

@@ -65,8 +65,9 @@ def lag_of_blur(
     phase: NDArray[np.float32],
     grid: Grid,
     windows: Windows,
-    blur: float,
     usual: NDArray[np.float32],
+    of_stripe: float,
+    of_code: NDArray[np.float32] | None = None,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Phase at the nodes by which blurred light leads, and its variance.
 
@@ -86,10 +87,12 @@ def lag_of_blur(
         At the bins.
     grid : Grid
     windows : Windows
-    blur : float
-        Variance of all blur, that of the bins too, pixels^2; zero if it is not known.
     usual : ndarray, shape (rows, columns), float32
-        Such variance with usual lenses, radians^2.
+        Variance of all blur, that of the bins too, with usual lenses, radians^2.
+    of_stripe : float
+        Such variance as the stripe shows it, pixels^2; zero if it is not known.
+    of_code : ndarray, shape (rows, columns), float32, optional
+        As the code shows it, radians^2.
 
     Returns
     -------
@@ -113,7 +116,8 @@ def lag_of_blur(
     chirp = mean(here[:, 2:] - 2 * here[:, 1:-1] + here[:, :-2]) / (pitch * pitch)
     frequency = np.gradient(here, axis=1) / pitch
     in_phase = np.square(frequency)
-    excess = at_least(blur * in_phase - usual, 0.0) / at_least(in_phase, _LEAST_FREQUENCY)
+    blur = of_stripe * in_phase if of_code is None else of_code
+    excess = at_least(blur - usual, 0.0) / at_least(in_phase, _LEAST_FREQUENCY)
     linear, square = growth * frequency + chirp / 2, chirp * in_phase / 2
     half, of_bins = excess / 2, np.float32(grid.bin_variance)
     variance = of_bins + half

@@ -46,12 +46,13 @@ class Decoded:
         Phase less the reference's at the nodes, radians.
     envelope : Envelope
         Of the fringes.
-    variance : ndarray, shape (rows, columns), float32
-        Of the phase, by what is not known of the blur, radians^2.
+    blur, variance : ndarray, shape (rows, columns), float32
+        Variance of the blur, and that of the phase by what is not known of it, radians^2.
     """
 
     shift: NDArray[np.float32]
     envelope: Envelope
+    blur: NDArray[np.float32]
     variance: NDArray[np.float32]
 
 
@@ -121,6 +122,7 @@ class CodedStart:
         return Decoded(
             shift,
             model.envelope(grid.to_bins(blur)),
+            blur,
             np.square(more.deviation * np.float32(model.ripple)),
         )
 

@@ -100,6 +100,7 @@ class Refinement:
         shift: NDArray[np.float32],
         region: NDArray[np.bool_],
         usual_blur: NDArray[np.float32],
+        blur: NDArray[np.float32] | None = None,
         envelope: Envelope | None = None,
         relief: bool = False,
     ) -> Refined:
@@ -116,8 +117,8 @@ class Refinement:
             Phase less the reference's at the nodes, continued beyond the region.
         region : ndarray, shape (rows, columns), bool
             Nodes of the surface, to a node or so.
-        usual_blur : ndarray, shape (rows, columns), float32
-            Variance of the blur of bins and usual lenses, radians^2.
+        usual_blur, blur : ndarray, shape (rows, columns), float32
+            Variance of the blur of bins and usual lenses, and of all that a code shows, radians^2.
         envelope : Envelope, optional
             Of coded fringes.
         relief : bool
@@ -218,10 +219,10 @@ class Refinement:
             # The code is in the contrast.
             other = self._other_light.variance(level, amplitude, pixels[0], supported)
             denoised = replace(denoised, variance=denoised.variance + other)
-        blur = striped.blur * self.grid.step**2
-        if self.grid.bin_variance or blur:
-            place = phase, self.grid, self.windows
-            lag, either = lag_of_blur(modulation, equations.told, *place, blur, usual_blur)
+        of_stripe = striped.blur * self.grid.step**2
+        if self.grid.bin_variance or of_stripe or blur is not None:
+            place = phase, self.grid, self.windows, usual_blur, of_stripe, blur
+            lag, either = lag_of_blur(modulation, equations.told, *place)
             denoised = replace(
                 denoised, values=denoised.values - lag, variance=denoised.variance + either
             )

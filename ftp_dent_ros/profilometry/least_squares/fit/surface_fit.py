@@ -130,14 +130,15 @@ class SurfaceFit:
             # Narrow windows have let ripples through, which wide ones do not see.
             shift = refinement.windows.flat_top(shift)
         table, whole = self.table, region | strips
-        start, envelope, unsure = reference - table.node_phase, None, None
-        blur = self._expected_blur(reference)
+        start, seen, envelope, unsure = reference - table.node_phase, None, None, None
+        usual = self._expected_blur(reference)
         if self._code is not None:
             base = table.phase + self.grid.at_bins(start)
-            decoded = self._start(step - _FINER * relief).decoded(light, base, shift, whole, blur)
+            decoded = self._start(step - _FINER * relief).decoded(light, base, shift, whole, usual)
             shift, envelope, unsure = decoded.shift, decoded.envelope, decoded.variance
+            seen = decoded.blur
         refined = refinement.refine(
-            *(light, table.phase, start, shift, whole, blur, envelope, relief)
+            *(light, table.phase, start, shift, whole, usual, seen, envelope, relief)
         )
         if unsure is not None:
             refined.shift.variance[:] += unsure

@@ -46,11 +46,11 @@ class CodedSurfaces:
         """See `Surfaces.fitted`."""
         unwrapped = unwrap(fringes.shift, lit, jump=_JUMP)
         phase = self._table.node_phase + unwrapped.phase
-        waiting = self._numbering.surfaces(light, phase, unwrapped.part)
+        waiting, expected = self._numbering.surfaces(light, phase, unwrapped.part)
         surfaces: list[FittedSurface] = []
         reason: Exception = NoStripeError(
             'no surface shows the code of the pattern: bring eight fringes side by side onto one '
-            'surface, and give the pattern that is projected (pattern.yaml)'
+            'surface, in focus, and give the pattern that is projected (pattern.yaml)'
         )
         while waiting and len(surfaces) < _MOST:
             region, order = waiting.pop(0)
@@ -62,7 +62,7 @@ class CodedSurfaces:
                 continue
             surfaces.append(surface)
             for piece in others:
-                number = self._numbering.order(light, phase, piece)
+                number = self._numbering.order(light, phase, piece, expected)
                 if number is not None:
                     waiting.append((piece, number))
         if not surfaces:

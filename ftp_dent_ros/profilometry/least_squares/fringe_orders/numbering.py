@@ -6,6 +6,7 @@ contrast tells. Where it does not fit the order that most of a part has, it is a
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import cv2
@@ -16,14 +17,18 @@ from ftp_dent_ros.pattern import Pattern
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.bins.intensity_bins import IntensityBins
 from ftp_dent_ros.profilometry.least_squares.code.contrast_code import WORD, ContrastSteps
+from ftp_dent_ros.profilometry.least_squares.code.expected_steps import BLURS, ExpectedSteps
 from ftp_dent_ros.profilometry.least_squares.fit.regions import SMALLEST
 from ftp_dent_ros.profilometry.least_squares.fringe_orders.choices import at_nodes, parted
 from ftp_dent_ros.profilometry.least_squares.fringe_orders.doubted_pieces import (
     SCATTER,
-    around,
     drop_unsure,
     most_of,
     settle,
+)
+from ftp_dent_ros.profilometry.least_squares.fringe_orders.misfits import (
+    misfit_in_light,
+    misfit_of,
 )
 from ftp_dent_ros.profilometry.least_squares.fringe_orders.pieces import continuous, pieces
 from ftp_dent_ros.profilometry.pattern_check import other_code
@@ -33,6 +38,9 @@ from ftp_dent_ros.profilometry.pattern_check import other_code
 _ROWS, _WRONG = 20.0, 0.3
 # Fringes and rows by which the blocks that are asked overlap, over their length.
 _BLOCK, _OVERLAP = 16, 2
+# Blocks, or a few more, that are asked how blurred the fringes are, and how much more surely
+# another blur than the usual one must tell their orders.
+_ASKED, _CLEARER = 24, 2.0
 # Misfit from which on another order may leave no more, and times as many rows for less.
 _BLIND, _TIMES = 0.5, (1, 3, 9)
 _WRONG_IN_NOISE = 0.45
@@ -57,10 +65,15 @@ class Numbering:
 
     def __init__(self, pattern: Pattern, grid: Grid, period: float) -> None:
         self.pattern, self.grid, self.period = pattern, grid, period
+        self._expected = [ExpectedSteps.of(pattern, blur) for blur in BLURS]
         self._rows = 2 * int(_ROWS / grid.rows / 2) + 1
 
     def order(
-        self, light: IntensityBins, phase: NDArray[np.float32], region: NDArray[np.bool_]
+        self,
+        light: IntensityBins,
+        phase: NDArray[np.float32],
+        region: NDArray[np.bool_],
+        expected: ExpectedSteps,
     ) -> int | None:
         """Whole fringes to add to the phase of one surface; None if its contrast does not tell.
 
@@ -71,17 +84,19 @@ class Numbering:
             At the nodes, radians.
         region : ndarray, shape (rows, columns), bool
             Nodes of the surface.
+        expected : ExpectedSteps
+            Of the photograph's blur, as `surfaces` returns them.
         """
         steps = self._steps(light, phase, region)
         if steps is None:
             return None
-        decoded = steps.decoded(self.pattern)
+        decoded = steps.decoded(expected)
         return decoded.order if decoded.sure else None
 
     def surfaces(
         self, light: IntensityBins, phase: NDArray[np.float32], part: NDArray[np.int32]
-    ) -> list[tuple[NDArray[np.bool_], int]]:
-        """Regions, the largest first, and the whole fringes to add to the phase of each.
+    ) -> tuple[list[tuple[NDArray[np.bool_], int]], ExpectedSteps]:
+        """Regions, the largest first, the fringes to add to the phase of each, and the code seen.
 
         Parameters
         ----------
@@ -97,12 +112,14 @@ class Numbering:
             The code is another pattern's.
         """
         sizes = np.bincount(part[part >= 0])
+        labels = np.flatnonzero(sizes >= SMALLEST)
+        steps_of = {label: self._steps(light, phase, part == label) for label in labels}
+        largest = steps_of.get(sizes.argmax()) if len(labels) else None
+        expected = self._blurred(largest)
         found, untold = [], {}
-        for label in np.flatnonzero(sizes >= SMALLEST):
-            region = part == label
-            steps = self._steps(light, phase, region)
+        for label, steps in steps_of.items():
             if steps is not None:
-                divided = self._divided(light, phase, region, steps)
+                divided = self._divided(light, phase, part == label, steps, expected)
                 if sum(np.count_nonzero(each) for each, _ in divided) < _TOLD * sizes[label]:
                     untold[sizes[label]] = steps
                 found += [(piece, n) for each, n in divided for piece in continuous(each, phase)]
@@ -113,41 +130,55 @@ class Numbering:
             most
         ].of_another_pattern(self.pattern):
             raise other_code(self.pattern)
-        return found
+        return found, expected
 
-    def _divided(self, light, phase, region, steps) -> list[tuple[NDArray[np.bool_], int]]:
+    def _blurred(self, steps: ContrastSteps | None) -> ExpectedSteps:
+        """The code through the blur with which blocks of the steps tell their orders best."""
+        if steps is None:
+            return self._expected[0]
+        blocks = list(self._blocks(steps))
+        some = blocks[:: max(len(blocks) // _ASKED, 1)]
+        told = [sum(part.decoded(each).significance for part in some) for each in self._expected]
+        best = int(np.argmax(told))
+        return self._expected[best if told[best] > _CLEARER * told[0] else 0]
+
+    def _divided(
+        self, light, phase, region, steps, expected
+    ) -> list[tuple[NDArray[np.bool_], int]]:
         """Surfaces of one part."""
-        decoded = steps.decoded(self.pattern)
+        decoded = steps.decoded(expected)
         # Where noise leaves no less than another order would, more rows are judged together.
         for times in _TIMES:
             some = steps.averaged(times * self._rows) if times > 1 else steps
             scales = {decoded.order: decoded.scale} if decoded.sure else {}
             if scales:
-                local = self._local(some, *next(iter(scales.items())))
+                local = misfit_in_light(some, expected, *next(iter(scales.items())), self._rows)
                 least = self._least(some, local, times=times)
                 told = least < _BLIND or times == _TIMES[-1]
                 if told and not self._wrong(some, local, least).any():
                     return [(region, decoded.order)]
             # Blocks of one order each tell its scale better than a mixture does.
-            scales |= self._asked(some)
+            scales |= self._asked(some, expected)
             if not scales:
                 return []
-            each = np.stack([self._local(some, *one) for one in scales.items()])
+            each = np.stack(
+                [misfit_of(some, expected, *one, self._rows) for one in scales.items()]
+            )
             choice, best = each.argmin(axis=0), each.min(axis=0)
-            if self._least(some, best) < _BLIND:
+            if self._least(some, best, SCATTER, times) < _BLIND:
                 break
         steps, orders = some, list(scales)
         least = self._least(steps, best, SCATTER, times)
         if decoded.sure:
             # Another order than the whole part's is believed only around where that one is wrong.
-            index = orders.index(decoded.order)
-            wrong: Any = self._wrong(steps, each[index], least).view(np.uint8)
-            choice[cv2.dilate(wrong, np.ones((self._rows, WORD - 1), np.uint8)) == 0] = index
+            wrong: Any = self._wrong(steps, each[0], least).view(np.uint8)
+            choice[cv2.dilate(wrong, np.ones((self._rows, WORD - 1), np.uint8)) == 0] = 0
         choice[self._wrong(steps, best, least)] = -1
         if times > 1:
-            drop_unsure(steps, self.pattern, orders, choice)
-        settle(steps, self.pattern, orders, choice, best, self._rows)
-        misfit = self._of_choice(steps, scales, choice)
+            drop_unsure(steps, expected, orders, choice)
+        fits = local < least if decoded.sure else np.zeros(choice.shape, bool)
+        settle(steps, expected, orders, choice, best, fits, self._rows)
+        misfit = self._of_choice(steps, expected, scales, choice)
         # Single steps tell where noise leaves less than another order would.
         foreign = (misfit > _FOREIGN) & (least <= _WRONG)
         choice = parted(choice, foreign, self.grid, times)
@@ -155,22 +186,10 @@ class Numbering:
         regions = []
         for index in range(len(orders)):
             for piece in pieces(label == index):
-                order = self.order(light, phase, piece)
+                order = self.order(light, phase, piece, expected)
                 if order is not None:
                     regions.append((piece, order))
         return regions
-
-    def _local(self, steps: ContrastSteps, order: int, scale: float) -> NDArray[np.float32]:
-        """Mean square misfit of an order around each step."""
-        known = steps.weight > 0
-        own, before, after = (
-            around(steps.misfit(self.pattern, order + more, scale), known, self._rows)
-            for more in (0, -1, 1)
-        )
-        # One fringe on, a change of the code looks like an edge in its place.
-        edges = steps.misfit_but_for_edges(self.pattern, order, scale)
-        sure = own < np.minimum(before, after)
-        return np.where(sure, around(edges, known, self._rows), own)
 
     def _least(
         self,
@@ -193,26 +212,30 @@ class Numbering:
         wrong: Any = ((steps.weight > 0) & (local > least)).view(np.uint8)
         return cv2.morphologyEx(wrong, cv2.MORPH_OPEN, np.ones((self._rows, WORD // 2 + 1))) > 0
 
-    def _asked(self, steps: ContrastSteps) -> dict[int, float]:
+    def _asked(self, steps: ContrastSteps, expected: ExpectedSteps) -> dict[int, float]:
         """Orders that most blocks of the steps tell, and the scale of the steps under each."""
-        rows, fringes = steps.step.shape
-        height = 2 * self._rows
         votes: dict[int, list[float]] = {}
-        for top in range(0, max(rows - height // 2, 1), height // _OVERLAP):
-            for left in range(0, max(fringes - WORD // 2, 1), _BLOCK // _OVERLAP):
-                place = slice(top, top + height), slice(left, left + _BLOCK)
-                part = ContrastSteps(steps.first + left, 0, steps.step[place], steps.weight[place])
-                decoded = part.decoded(self.pattern)
-                if decoded.sure:
-                    votes.setdefault(decoded.order, []).append(decoded.scale)
+        for part in self._blocks(steps):
+            decoded = part.decoded(expected)
+            if decoded.sure:
+                votes.setdefault(decoded.order, []).append(decoded.scale)
         most = sorted(votes, key=lambda order: -len(votes[order]))[:_MOST]
         return {order: float(np.median(votes[order])) for order in most}
 
-    def _of_choice(self, steps, scales, choice) -> NDArray[np.float32]:
+    def _blocks(self, steps: ContrastSteps) -> Iterator[ContrastSteps]:
+        """The steps in blocks over one another."""
+        rows, fringes = steps.step.shape
+        height = 2 * self._rows
+        for top in range(0, max(rows - height // 2, 1), height // _OVERLAP):
+            for left in range(0, max(fringes - WORD // 2, 1), _BLOCK // _OVERLAP):
+                place = slice(top, top + height), slice(left, left + _BLOCK)
+                yield ContrastSteps(steps.first + left, 0, steps.step[place], steps.weight[place])
+
+    def _of_choice(self, steps, expected, scales, choice) -> NDArray[np.float32]:
         """Misfit of each step under the order that is chosen there."""
         misfit = np.zeros(choice.shape, np.float32)
         for index, (order, scale) in enumerate(scales.items()):
-            np.copyto(misfit, steps.misfit(self.pattern, order, scale), where=choice == index)
+            np.copyto(misfit, steps.misfit(expected, order, scale), where=choice == index)
         return misfit * (steps.weight > 0)
 
     def _steps(self, light, phase, region) -> ContrastSteps | None:
