@@ -34,8 +34,11 @@ from ftp_dent_ros.inspection.settings import Settings
 # A candidate that is so many times longer than wide is a ridge, unless its saddles are so deep.
 _RIDGE, _RIDGE_DROP = 3.5, 0.5
 #: Standard uncertainties that a depth has at least for the kind to be told: fittings that are not
-# resolved come out round, and of what is long the smoothing hides the depth but not the kind.
-CERTAIN, _CERTAIN_LONG = 4.5, 2.7
+# resolved come out round, and of what is long the smoothing hides the depth but not the kind, where
+# it adds more than a fiftieth to what is uncertain.
+CERTAIN, _CERTAIN_LONG, _HIDES = 4.5, 2.7, 0.2
+# Standard uncertainties by which the width is known of what is all shown: 95 %.
+_KNOWN = 1.96
 _MM = 1e3
 # Part of a dent that has no points, from which on it is cut.
 _HIDDEN = 0.05
@@ -194,12 +197,15 @@ def _is_unsure(sizes: Sizes, kind: str) -> bool:
     """Whether what is seen is not evident enough for its kind, or its sizes are not measured."""
     measured = (sizes.depth, sizes.length, sizes.width, sizes.area, sizes.volume)
     doubt = max(CERTAIN * sizes.depth.uncertainty, SIGNIFICANT * sizes.unresolved)
-    if kind in ('crease', 'gouge'):
+    is_hidden = sizes.unresolved > _HIDES * sizes.depth.uncertainty
+    if kind in ('crease', 'gouge') and is_hidden:
         left = max(sizes.depth.uncertainty**2 - sizes.unresolved**2, 0)
         doubt = _CERTAIN_LONG * math.sqrt(left)
+    is_vague = kind == 'crease' and sizes.width.value < _KNOWN * sizes.width.uncertainty
     return (
         sizes.significance < SIGNIFICANT
         or sizes.depth.value < doubt
+        or (is_vague and not is_hidden)
         or not all(each.is_measured for each in measured)
     )
 

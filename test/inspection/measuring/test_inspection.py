@@ -407,6 +407,16 @@ def test_a_kink_is_deeper_than_smoothing_has_left_it():
     assert abs(crease.depth.value - sharp.max()) < 2 * crease.depth.uncertainty
 
 
+@pytest.mark.parametrize(('sigma', 'kind'), [(1.6e-4, 'crease'), (3e-4, 'other')])
+def test_a_crease_that_is_all_shown_is_known_as_a_dent_is(sigma, kind):
+    sharp = 8e-4 * VALLEY * np.clip(1 - np.abs(Y) / 0.02, 0, 1) ** 2
+    cloud = raised(cloud_of(panel(), noise=1e-6), sharp)
+    told = np.where(np.hypot(X, Y) < 0.05, sigma, 1e-6).astype(np.float32)
+    found = inspect(Cloud(cloud.points, cloud.intensity, told, np.full_like(told, 4e-3)))
+    (crease,) = (*found.dents, *found.others)
+    assert crease.kind == kind
+
+
 def test_what_may_be_as_wide_as_the_smallest_dent_is_listed():
     seen = Appearance(3e-4, 0.012, 0.009, 0.02, 0.01, 0.0, 0.0, False, 0.004, 1.3)
     assert kind_of(seen, Settings()) == ('other', 'narrower than the smallest dent')

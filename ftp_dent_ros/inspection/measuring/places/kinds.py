@@ -13,8 +13,8 @@ In this order, with sizes on the contour at 10 % of the depth:
   1.1), or it is so narrow that the reconstruction cannot show whether it is; but not where it is
   not measured all across its bottom, for what an edge cuts is long and sharp. Of what is narrower
   than `_BLURRED` resolutions neither is asked, the length at half of its depth from `_DRAWN_OUT`
-  widths on. Repair manuals treat a crease as a crack. How wide it is need not be known: what is
-  narrower still is one as well.
+  widths on. Repair manuals treat a crease as a crack. How wide it is need not be known where the
+  smoothing hides that: what is narrower still is one as well.
 - *dent*: all else that is inward, whole, and as wide as the smallest dent.
 - *other*: significant and deep enough, but it is long and narrower than the smallest dent, or may
   be, the rim of the measured area cuts it, or it lies along that rim, or it is so large a part of
