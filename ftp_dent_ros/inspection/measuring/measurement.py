@@ -34,8 +34,8 @@ from ftp_dent_ros.inspection.settings import Settings
 # A candidate that is so many times longer than wide is a ridge, unless its saddles are so deep.
 _RIDGE, _RIDGE_DROP = 3.5, 0.5
 #: Standard uncertainties that a depth has at least for the kind to be told: fittings that are not
-# resolved come out round, and of what is long the smoothing hides the depth but not the kind, where
-# it adds more than a fiftieth to what is uncertain.
+# resolved come out round. Of what is long the smoothing hides the depth but not the kind, where it
+# adds more than a fiftieth to what is uncertain.
 CERTAIN, _CERTAIN_LONG, _HIDES = 4.5, 2.7, 0.2
 # Standard uncertainties by which the width is known of what is all shown: 95 %.
 _KNOWN = 1.96
