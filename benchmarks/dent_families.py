@@ -21,8 +21,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.inspection.dent import COVERAGE
+
 SIZES = 'depth', 'length', 'width'
-_COVERAGE = 1.96
 _HELD = 0.95
 # Dents of a family that say something of it.
 _FEWEST = 5
@@ -52,12 +53,12 @@ def factor_of(families: Sequence[NDArray[np.float64]]) -> float:
     weights = np.concatenate([np.full(len(each), 1 / len(each)) for each in families])
     order = np.argsort(values)
     share = np.cumsum(weights[order]) / weights.sum()
-    return float(values[order][np.searchsorted(share, _HELD)] / _COVERAGE)
+    return float(values[order][np.searchsorted(share, _HELD)] / COVERAGE)
 
 
 def held(values: NDArray[np.float64], factor: float) -> float:
     """Share of the intervals that hold, per cent."""
-    return 100 * float(np.mean(np.abs(values) <= _COVERAGE * factor))
+    return 100 * float(np.mean(np.abs(values) <= COVERAGE * factor))
 
 
 def main() -> None:

@@ -12,6 +12,8 @@ from ftp_dent_ros.pose import Pose
 
 # A new one goes to the end: messages hold their indices.
 KINDS = ('dent', 'bump', 'step', 'crease', 'gouge', 'other')
+#: Standard uncertainties to either side that hold 95 % of a normal distribution.
+COVERAGE = 1.96
 
 Vector = NDArray[np.float64]
 Points = NDArray[np.float64]

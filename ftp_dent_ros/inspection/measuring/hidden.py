@@ -7,7 +7,7 @@ import math
 import cv2
 import numpy as np
 
-from ftp_dent_ros.inspection.dent import Estimate, MeasuredDent, orientation_of
+from ftp_dent_ros.inspection.dent import COVERAGE, Estimate, MeasuredDent, orientation_of
 from ftp_dent_ros.inspection.measuring.places.bare_skin import BareSkin
 from ftp_dent_ros.inspection.measuring.places.detection import Candidate
 from ftp_dent_ros.inspection.measuring.places.evidence import SUSPECT
@@ -19,14 +19,12 @@ from ftp_dent_ros.inspection.settings import Settings
 
 # Part of a candidate that has no points, for that to be why it could not be measured.
 _HIDDEN = 0.1
-# Standard deviations of a one-sided bound that holds in 97.5 %.
-_COVERED = 1.96
 _NAN = Estimate(math.nan, math.nan)
 
 
 def not_at_bottom(deepest: float, noise: float) -> str:
     """What is said of a depth of which only flanks are measured, down to `deepest` metres."""
-    least = max(deepest - _COVERED * noise, 0.0)
+    least = max(deepest - COVERAGE * noise, 0.0)
     return f'not measured at its bottom: at least {1e3 * least:.2f} mm deep'
 
 
@@ -57,7 +55,7 @@ def hidden_dent(
     if length < settings.smallest_width:
         return []
     if candidate.is_valley:
-        least = candidate.height - _COVERED * unsure
+        least = candidate.height - COVERAGE * unsure
         if length < LONG * width or least < settings.smallest_depth:
             return []
     elif significance < skin.suspect:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.inspection.dent import Estimate, MeasuredDent, orientation_of
+from ftp_dent_ros.inspection.dent import COVERAGE, Estimate, MeasuredDent, orientation_of
 from ftp_dent_ros.inspection.measuring.hidden import not_at_bottom
 from ftp_dent_ros.inspection.measuring.model_axes import model_axes
 from ftp_dent_ros.inspection.measuring.outlines.bridging import Bridged, bridged
@@ -37,8 +37,6 @@ _RIDGE, _RIDGE_DROP = 3.5, 0.5
 # resolved come out round. Of what is long the smoothing hides the depth but not the kind, where it
 # adds more than a fiftieth to what is uncertain.
 CERTAIN, _CERTAIN_LONG, _HIDES = 4.5, 2.7, 0.2
-# Standard uncertainties by which the width is known of what is all shown: 95 %.
-_KNOWN = 1.96
 _MM = 1e3
 # Part of a dent that has no points, from which on it is cut.
 _HIDDEN = 0.05
@@ -201,7 +199,7 @@ def _is_unsure(sizes: Sizes, kind: str) -> bool:
     if kind in ('crease', 'gouge') and is_hidden:
         left = max(sizes.depth.uncertainty**2 - sizes.unresolved**2, 0)
         doubt = _CERTAIN_LONG * math.sqrt(left)
-    is_vague = kind == 'crease' and sizes.width.value < _KNOWN * sizes.width.uncertainty
+    is_vague = kind == 'crease' and sizes.width.value < COVERAGE * sizes.width.uncertainty
     return (
         sizes.significance < SIGNIFICANT
         or sizes.depth.value < doubt

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 
-from ftp_dent_ros.inspection.dent import Estimate
-from ftp_dent_ros.inspection.reporting.rules import COVERAGE
+from ftp_dent_ros.inspection.dent import COVERAGE, Estimate
 
 _MM = 1000.0
 

@@ -15,12 +15,10 @@ from typing import Any
 import numpy as np
 
 from ftp_dent_ros.errors import ConfigurationError
-from ftp_dent_ros.inspection.dent import Estimate, MeasuredDent
+from ftp_dent_ros.inspection.dent import COVERAGE, Estimate, MeasuredDent
 from ftp_dent_ros.yaml_file import read_yaml
 
 WITHIN, EXCEEDS, UNDECIDED = 'within', 'exceeds', 'cannot decide'
-# Of a normal distribution, 95 %.
-COVERAGE = 1.96
 _MM = 1000.0
 _DENSITY = 'dents_per_area'
 
