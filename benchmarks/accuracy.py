@@ -12,9 +12,9 @@ import numpy as np
 from scenes import PATTERN, SCENES, Scene
 from tqdm import tqdm
 
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.errors import RefusedFrameError
-from ftp_dent_ros.pattern import CODES, Pattern
+from ftp_dent_ros.pattern.pattern import CODES, Pattern
 from ftp_dent_ros.profilometry import METHODS, UNWRAPPINGS, Reconstructor, Settings
 
 COLUMNS = (

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from ftp_dent_ros.evaluation.scenes import make_rig
-from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.profilometry import Reconstructor
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))

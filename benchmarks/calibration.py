@@ -33,10 +33,10 @@ from ftp_dent_ros.calibration.observing.observing import Sight, observe
 from ftp_dent_ros.calibration.observing.sequence import Sequence
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.files import config_folder
-from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
-from ftp_dent_ros.rig import Lens, Rig, read_rig
+from ftp_dent_ros.rig.rig import Lens, Rig, read_rig
 from ftp_dent_ros.simulation import Dent, Panel, Photometry, Surface, render
 from ftp_dent_ros.simulation.photography.boards import (
     photographs,

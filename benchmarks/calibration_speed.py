@@ -21,7 +21,7 @@ from ftp_dent_ros.calibration.observing.observation import Observation
 from ftp_dent_ros.calibration.observing.observing import observe
 from ftp_dent_ros.calibration.observing.sequence import Sequence
 from ftp_dent_ros.files import config_folder
-from ftp_dent_ros.rig import Lens, Rig, read_rig
+from ftp_dent_ros.rig.rig import Lens, Rig, read_rig
 from ftp_dent_ros.simulation import Photometry
 from ftp_dent_ros.simulation.photography.boards import (
     photographs,

@@ -25,11 +25,11 @@ from tqdm import tqdm
 
 from ftp_dent_ros.errors import FtpDentError
 from ftp_dent_ros.files import find
-from ftp_dent_ros.pattern import Pattern
-from ftp_dent_ros.pattern_file import read_pattern
+from ftp_dent_ros.pattern.file import read_pattern
+from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
-from ftp_dent_ros.rig import Rig, read_rig
+from ftp_dent_ros.rig.rig import Rig, read_rig
 from ftp_dent_ros.simulation import Dent, Motion, Paint, Panel, Photometry, Renderer, Surface
 
 RED, BLUE = (0.6, 0.06, 0.05), (0.05, 0.12, 0.5)

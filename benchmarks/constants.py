@@ -31,9 +31,9 @@ from tqdm import tqdm
 
 import ftp_dent_ros
 from ftp_dent_ros.errors import RefusedFrameError
-from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.rig import Lens, Rig
+from ftp_dent_ros.rig.rig import Lens, Rig
 from ftp_dent_ros.simulation import Dent, Dirt, Paint, Panel, Photometry, Renderer, Surface
 from ftp_dent_ros.simulation.skin.shapes import Gaussian
 

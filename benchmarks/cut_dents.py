@@ -24,7 +24,7 @@ from kind_figures import reconstructor
 from kind_scenes import PATTERN
 from tqdm import tqdm
 
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.simulation.truth import TrueDent, true_dents
 

@@ -20,7 +20,7 @@ from scenes import (
 )
 
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.rig import Rig
+from ftp_dent_ros.rig.rig import Rig
 from ftp_dent_ros.simulation import Dent, Panel, Rivet, Surface
 
 NOISY = {'full_well': 6000.0, 'read_noise': 1.5}

@@ -43,12 +43,12 @@ from scenes import (
 from scipy.integrate import quad
 from tqdm import tqdm
 
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.errors import RefusedFrameError
 from ftp_dent_ros.inspection.dent import Inspection, MeasuredDent
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.profilometry import Reconstructor, Settings
-from ftp_dent_ros.rig import Rig
+from ftp_dent_ros.rig.rig import Rig
 from ftp_dent_ros.simulation import Dent, Panel, Surface
 from ftp_dent_ros.simulation.truth_matching import match_truth
 

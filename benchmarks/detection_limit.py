@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.errors import FtpDentError
 from ftp_dent_ros.evaluation.detection.probability import detection
 from ftp_dent_ros.evaluation.detection.trials import reconstructor_at, scene_of

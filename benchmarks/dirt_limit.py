@@ -39,7 +39,7 @@ from ftp_dent_ros.evaluation.scenes import Scene, make_rig
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.measuring.places.evidence import TENTH
 from ftp_dent_ros.inspection.settings import Settings as Looked
-from ftp_dent_ros.pattern import CODES, Pattern
+from ftp_dent_ros.pattern.pattern import CODES, Pattern
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.simulation import Dirt, Paint, Panel, Photometry

@@ -37,12 +37,12 @@ from tqdm import tqdm
 from ftp_dent_ros.calibration.checking.verdict import turned
 from ftp_dent_ros.errors import RefusedFrameError
 from ftp_dent_ros.files import find
-from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.profilometry.epipolar_check import EpipolarCheck
 from ftp_dent_ros.profilometry.rig_alarm import LAST, ONE_IN, off, rig_alarm
 from ftp_dent_ros.profilometry.triangulation import triangulate
-from ftp_dent_ros.rig import Rig, read_rig
+from ftp_dent_ros.rig.rig import Rig, read_rig
 
 # Turns of the projector about its x, y and z, by name; pixels of pitch are those of the lens.
 _OFF = 'pitch 0.02', '0.3 px', 'roll 0.02', 'yaw 0.1'

@@ -20,11 +20,11 @@ from ftp_dent_ros.errors import FtpDentError
 from ftp_dent_ros.files import find
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.tracking.dent_list import DentList
-from ftp_dent_ros.pattern_file import read_pattern
+from ftp_dent_ros.pattern.file import read_pattern
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.recording.clouds import bag_clouds
 from ftp_dent_ros.recording.reader import open_bag
-from ftp_dent_ros.rig import read_rig
+from ftp_dent_ros.rig.rig import read_rig
 
 # What is nearer in the picture to a drop than so many of its radii is of it; and two entries that
 # are so near, metres, are one.

@@ -10,7 +10,7 @@ import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.ros.messages import cloud_to_message, image_to_message, make_header
 
 CAMERA, MAP = 'camera_optical_frame', 'map'

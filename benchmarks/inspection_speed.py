@@ -21,9 +21,9 @@ from reconstruction_speed import scene_at
 from scenes import PATTERN
 from timing import durations, show
 
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.inspection.measuring.inspection import inspect
-from ftp_dent_ros.memory import keep_freed
+from ftp_dent_ros.process import keep_freed
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.simulation import Dent, Surface
 from ftp_dent_ros.simulation.skin.shapes import Gaussian

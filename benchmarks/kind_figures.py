@@ -11,12 +11,12 @@ from attempts import attempt
 from kind_scenes import KindScene
 from numpy.typing import NDArray
 
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.inspection.dent import Inspection, MeasuredDent
 from ftp_dent_ros.inspection.measuring.inspection import inspect
-from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.profilometry import Reconstructor, Settings
-from ftp_dent_ros.rig import Rig
+from ftp_dent_ros.rig.rig import Rig
 from ftp_dent_ros.simulation.photography.ground_truth import GroundTruth
 from ftp_dent_ros.simulation.truth import TrueDent, true_dents
 from ftp_dent_ros.simulation.truth_matching import match_truth

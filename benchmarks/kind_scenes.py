@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.evaluation.scenes import make_rig
-from ftp_dent_ros.pattern import Pattern
-from ftp_dent_ros.photograph import Photograph
+from ftp_dent_ros.pattern.pattern import Pattern
+from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.rig import Rig
+from ftp_dent_ros.rig.rig import Rig
 from ftp_dent_ros.simulation import (
     Bead,
     Dent,

@@ -32,7 +32,7 @@ from kinds_rigs import RIGS
 from kinds_unseen import UNSEEN
 from tqdm import tqdm
 
-from ftp_dent_ros.pattern import CODES
+from ftp_dent_ros.pattern.pattern import CODES
 
 COLUMNS = 'cover', 'MAE', '>0.1', 'z', '<4', 'edge z', '<4', 'centre', 'found', 'sizes u', 'false'
 

@@ -24,9 +24,9 @@ from kind_scenes import (
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.evaluation.scenes import make_rig
-from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.rig import Rig
+from ftp_dent_ros.rig.rig import Rig
 from ftp_dent_ros.simulation import Dirt, DomedRivet, Paint, Panel, Sunlight
 from ftp_dent_ros.simulation.skin.shapes import Gaussian
 

@@ -23,7 +23,7 @@ from kind_scenes import (
 )
 
 from ftp_dent_ros.evaluation.scenes import make_rig
-from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.simulation import (
     Bead,
     Dirt,

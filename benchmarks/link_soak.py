@@ -35,7 +35,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / 'test'), str(ROOT / 'test' / 'navigation')
 from hovering_autopilot import HoveringAutopilot, Wire  # noqa: E402
 from test_hostile import hostile  # noqa: E402
 
-from ftp_dent_ros.cloud import Cloud  # noqa: E402
+from ftp_dent_ros.cloud.cloud import Cloud  # noqa: E402
 from ftp_dent_ros.ros.messages import cloud_to_message, stamp_to_ns  # noqa: E402
 from ftp_dent_ros.ros.qos import CLOUDS, POSES  # noqa: E402
 from ftp_dent_ros.supervision.domain import free_domain  # noqa: E402

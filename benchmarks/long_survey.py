@@ -35,7 +35,7 @@ from survey import (
 )
 from tqdm import tqdm
 
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.files import written_aside
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.simulation import Panel

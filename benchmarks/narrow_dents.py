@@ -16,7 +16,7 @@ from kind_figures import METHODS, measured_dent, reconstructor, visible
 from kind_scenes import CAMERA, PATTERN, KindScene, by_contour, make_rig, scene, skin
 from tqdm import tqdm
 
-from ftp_dent_ros.pattern import CODES
+from ftp_dent_ros.pattern.pattern import CODES
 from ftp_dent_ros.simulation import Dirt, Paint
 from ftp_dent_ros.simulation.skin.shapes import SMOOTH, Cap, Gaussian, RaisedCosine
 

@@ -26,10 +26,10 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image, PointCloud2
 from timing import processor_time
 
-from ftp_dent_ros.pattern import CODES, Pattern
+from ftp_dent_ros.pattern.pattern import CODES, Pattern
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
-from ftp_dent_ros.rig import Lens, Rig, write_rig
+from ftp_dent_ros.rig.rig import Lens, Rig, write_rig
 from ftp_dent_ros.ros.messages import image_to_message, stamp_to_ns
 from ftp_dent_ros.ros.qos import CLOUDS, IMAGES, PATTERNS
 from ftp_dent_ros.simulation import Panel, Renderer, Surface

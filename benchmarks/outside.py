@@ -29,9 +29,9 @@ from outside_parts import Dimple
 from outside_renderer import World
 from tqdm import tqdm
 
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.inspection.measuring.inspection import inspect
-from ftp_dent_ros.pattern import CODES
+from ftp_dent_ros.pattern.pattern import CODES
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.profilometry.measurement import Measurement
 

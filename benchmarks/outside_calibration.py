@@ -9,7 +9,7 @@ from outside_renderer import World, photograph
 from outside_sensors import develop
 
 from ftp_dent_ros.profilometry import Reconstructor
-from ftp_dent_ros.rig import Rig
+from ftp_dent_ros.rig.rig import Rig
 
 
 def calibrated(world: World, seed: int) -> Rig:

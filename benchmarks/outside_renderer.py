@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from outside_parts import Array, Dimple, Hits, Screen
 
 from ftp_dent_ros.evaluation.scenes import make_rig
-from ftp_dent_ros.pattern import Pattern
-from ftp_dent_ros.rig import Rig
+from ftp_dent_ros.pattern.pattern import Pattern
+from ftp_dent_ros.rig.rig import Rig
 
 DISTANCE = 0.8
 RIG = make_rig(DISTANCE, 0.24, (800, 450, 1200.0), 1890.0)

@@ -17,7 +17,7 @@ import numpy as np
 from dent_shapes import FAMILIES
 from tqdm import tqdm
 
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.simulation import Dent, Panel, Surface

@@ -22,12 +22,12 @@ from kind_figures import METHODS, reconstructor
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.errors import FtpDentError
 from ftp_dent_ros.inspection.measuring.inspection import inspect
-from ftp_dent_ros.pattern_file import read_pattern
-from ftp_dent_ros.photograph_file import read_photograph
-from ftp_dent_ros.rig import Rig, read_rig
+from ftp_dent_ros.pattern.file import read_pattern
+from ftp_dent_ros.photograph.file import read_photograph
+from ftp_dent_ros.rig.rig import Rig, read_rig
 from ftp_dent_ros.simulation.truth_matching import match_truth
 
 COLUMNS = 'cover', 'outside', 'MAE', 'p95', '>0.1', '>1', 'z', '<4', 'edge z', '<4', 'scale mm'

@@ -21,10 +21,10 @@ import scipy.fft
 from scenes import FIELD, PATTERN, Scene, fuselage, scene
 from timing import durations, show
 
-from ftp_dent_ros.memory import keep_freed
-from ftp_dent_ros.pattern import CODES
+from ftp_dent_ros.pattern.pattern import CODES
+from ftp_dent_ros.process import keep_freed
 from ftp_dent_ros.profilometry import METHODS, Reconstructor, Settings
-from ftp_dent_ros.rig import Lens
+from ftp_dent_ros.rig.rig import Lens
 
 SIZES = ((1280, 720), (1920, 1080))
 STRIDES = (1, 2)

@@ -24,10 +24,10 @@ from ftp_dent_ros.calibration.checking.verdict import Check, turned
 from ftp_dent_ros.calibration.checking.wall_check import check
 from ftp_dent_ros.errors import CalibrationError, RefusedFrameError
 from ftp_dent_ros.files import config_folder
-from ftp_dent_ros.pattern_file import read_pattern
+from ftp_dent_ros.pattern.file import read_pattern
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
-from ftp_dent_ros.rig import Lens, Rig, read_rig
+from ftp_dent_ros.rig.rig import Lens, Rig, read_rig
 from ftp_dent_ros.simulation import Panel, Photometry, Surface, Wave, render
 from ftp_dent_ros.simulation.photography.boards import board_surface, random_pose
 

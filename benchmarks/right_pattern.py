@@ -23,11 +23,11 @@ from tqdm import tqdm
 
 from ftp_dent_ros.errors import OtherPatternError, RefusedFrameError
 from ftp_dent_ros.evaluation.scenes import PATTERN, make_rig
-from ftp_dent_ros.pattern import CODES, Pattern
+from ftp_dent_ros.pattern.pattern import CODES, Pattern
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.profilometry.rig_alarm import off
-from ftp_dent_ros.rig import Rig
+from ftp_dent_ros.rig.rig import Rig
 from ftp_dent_ros.simulation import Dent, Panel, Photometry, Renderer, Surface
 
 CAMERA = 960, 600

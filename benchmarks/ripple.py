@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 from scenes import CLEAN, FAR, FIELD, NEAR, PATTERN
 from tqdm import tqdm
 
-from ftp_dent_ros.pattern import CODES
+from ftp_dent_ros.pattern.pattern import CODES
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor
-from ftp_dent_ros.rig import Rig
+from ftp_dent_ros.rig.rig import Rig
 from ftp_dent_ros.simulation import Panel, Photometry, Renderer, Surface
 
 RIGS = {'0.6 m': (NEAR, 0.6), '0.8 m': (FIELD, 0.8), '1.2 m': (FAR, 1.2), '1.5 m': (FIELD, 1.5)}

@@ -21,7 +21,7 @@ from inspection_speed import hailed
 from kind_scenes import KINDS
 from tqdm import tqdm
 
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.errors import RefusedFrameError
 from ftp_dent_ros.inspection.dent import Estimate, MeasuredDent
 from ftp_dent_ros.inspection.measuring.inspection import inspect

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ftp_dent_ros.evaluation import scenes as evaluation
 from ftp_dent_ros.evaluation.scenes import PATTERN, SAMPLES, make_rig
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.rig import Rig
+from ftp_dent_ros.rig.rig import Rig
 from ftp_dent_ros.simulation import (
     Dent,
     Motion,

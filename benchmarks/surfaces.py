@@ -21,10 +21,10 @@ from scenes import CLEAN, DAYLIGHT, FAR, FIELD, NEAR, PATTERN
 from tqdm import tqdm
 
 from ftp_dent_ros.errors import RefusedFrameError
-from ftp_dent_ros.pattern import CODES
+from ftp_dent_ros.pattern.pattern import CODES
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
-from ftp_dent_ros.rig import Rig
+from ftp_dent_ros.rig.rig import Rig
 from ftp_dent_ros.simulation import (
     Dirt,
     Motion,

@@ -29,9 +29,9 @@ from tqdm import tqdm
 
 from ftp_dent_ros.cli.main import main as command
 from ftp_dent_ros.files import find
-from ftp_dent_ros.pattern_file import read_pattern
+from ftp_dent_ros.pattern.file import read_pattern
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.rig import read_rig
+from ftp_dent_ros.rig.rig import read_rig
 from ftp_dent_ros.simulation import Dent, Paint, Panel, Photometry, Renderer, Rivet, Surface
 from ftp_dent_ros.simulation.skin.marks import Dirt, Lettering, scratches
 from ftp_dent_ros.simulation.skin.shapes import Gaussian

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from ftp_dent_ros.errors import FtpDentError
-from ftp_dent_ros.pattern import CODES, Pattern
+from ftp_dent_ros.pattern.pattern import CODES, Pattern
 
 PERIODS = 7.0, 8.0, 9.0, 9.5, 10.3, 11.0, 12.0, 13.0, 20.0
 # Projector pixels that the stripe is told to be away from where it is.

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from ftp_dent_ros.threads import one_for_blas
+from ftp_dent_ros.process import one_for_blas
 
 # As for the commands; before any test loads NumPy.
 one_for_blas()

@@ -4,9 +4,9 @@ import cv2
 import numpy as np
 import pytest
 
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.coding.view import View
-from ftp_dent_ros.rig import Lens
+from ftp_dent_ros.rig.rig import Lens
 
 NOISE = 4e-6  # m
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.pose import Pose
 

@@ -5,13 +5,12 @@ import numpy as np
 import pytest
 import yaml
 
-from ftp_dent_ros.code_sequences import SEQUENCES
-from ftp_dent_ros.drawn_pattern import pattern_from_image
 from ftp_dent_ros.errors import PatternError
 from ftp_dent_ros.files import config_folder
-from ftp_dent_ros.pattern import Pattern, fringe_order
-from ftp_dent_ros.pattern_file import read_pattern, write_pattern
-from ftp_dent_ros.rig import Lens
+from ftp_dent_ros.pattern.drawn import pattern_from_image
+from ftp_dent_ros.pattern.file import read_pattern, write_pattern
+from ftp_dent_ros.pattern.pattern import SEQUENCES, Pattern, fringe_order
+from ftp_dent_ros.rig.rig import Lens
 
 PATTERN = Pattern(640, 360, 8.0, 320.0)
 CODED = Pattern(1280, 720, 10.0, 640.0, code='contrast')

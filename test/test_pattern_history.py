@@ -6,8 +6,8 @@ from itertools import permutations
 import pytest
 
 from ftp_dent_ros.errors import NoPatternError, PatternChangeError
-from ftp_dent_ros.pattern import Pattern
-from ftp_dent_ros.pattern_history import PatternHistory
+from ftp_dent_ros.pattern.history import PatternHistory
+from ftp_dent_ros.pattern.pattern import Pattern
 
 TEN = Pattern(320, 200, 10.0, 160.0)
 EIGHT = replace(TEN, period_px=8.0)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from ftp_dent_ros.errors import ImageError
-from ftp_dent_ros.photograph import MOSAICS, Photograph
+from ftp_dent_ros.photograph.photograph import MOSAICS, Photograph
 
 GREY = np.full((4, 6), 90, np.uint8)
 

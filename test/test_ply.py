@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.lib.recfunctions import structured_to_unstructured
 
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
+from ftp_dent_ros.cloud.ply import read_ply, rig_id_of, write_ply
 from ftp_dent_ros.errors import CloudError
-from ftp_dent_ros.ply import read_ply, rig_id_of, write_ply
 
 
 @pytest.fixture

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import yaml
 
-from ftp_dent_ros.calibration_record import CalibrationRecord
 from ftp_dent_ros.errors import RigError
 from ftp_dent_ros.files import config_folder
-from ftp_dent_ros.rig import Lens, Rig, read_rig, write_rig
+from ftp_dent_ros.rig.calibration_record import CalibrationRecord
+from ftp_dent_ros.rig.rig import Lens, Rig, read_rig, write_rig
 
 
 def lens_fields(width, height, focal, distortion=(0.0, 0.0, 0.0, 0.0, 0.0)):

@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.errors import RigError
 from ftp_dent_ros.files import find
-from ftp_dent_ros.rig import Lens, Rig, read_rig, write_rig
-from ftp_dent_ros.rig_geometry import check_geometry
+from ftp_dent_ros.rig.geometry import check_geometry
+from ftp_dent_ros.rig.rig import Lens, Rig, read_rig, write_rig
 
 RIG = read_rig(find('shipped:rig.yaml'))
 

@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from ftp_dent_ros.threads import VARIABLES
+from ftp_dent_ros.process import VARIABLES
 
 SCRIPT = """
 import os

@@ -14,7 +14,7 @@ from ftp_dent_ros.capture.device import DeviceSource
 from ftp_dent_ros.capture.genicam_settings import SOFTWARE, GenicamSettings
 from ftp_dent_ros.capture.raw_formats import GENICAM
 from ftp_dent_ros.errors import CameraError
-from ftp_dent_ros.photograph import Photograph
+from ftp_dent_ros.photograph.photograph import Photograph
 
 # Frames that Aravis may fill ahead of us.
 _BUFFERS = 8

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ftp_dent_ros.capture.source import Frame
 from ftp_dent_ros.capture.stamps import ExposureClock
 from ftp_dent_ros.errors import CameraError
-from ftp_dent_ros.photograph import Photograph
+from ftp_dent_ros.photograph.photograph import Photograph
 
 # Seconds between two tries to open a camera that is gone, doubled from the one to the other.
 _FIRST_PAUSE, _LONGEST_PAUSE = 0.5, 8.0

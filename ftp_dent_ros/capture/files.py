@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.capture.source import Frame, PacedSource
 from ftp_dent_ros.errors import ConfigurationError, ImageError
-from ftp_dent_ros.photograph import Encoding
-from ftp_dent_ros.photograph_file import photograph_of_bgr
+from ftp_dent_ros.photograph.file import photograph_of_bgr
+from ftp_dent_ros.photograph.photograph import Encoding
 
 _PICTURES = ('.bmp', '.jpeg', '.jpg', '.png', '.pnm', '.ppm', '.tif', '.tiff', '.webp')
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.errors import CameraError
-from ftp_dent_ros.photograph import Photograph
+from ftp_dent_ros.photograph.photograph import Photograph
 
 
 @dataclass(frozen=True)

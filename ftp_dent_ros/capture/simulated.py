@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.capture.source import Frame, PacedSource
 from ftp_dent_ros.errors import CameraError
-from ftp_dent_ros.photograph import Photograph
+from ftp_dent_ros.photograph.photograph import Photograph
 
 # A busy machine may compute a photograph that much later than it was taken, seconds.
 _PATIENCE = 6.0

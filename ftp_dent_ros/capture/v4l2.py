@@ -11,7 +11,7 @@ import numpy as np
 
 from ftp_dent_ros.capture.raw_formats import V4L2, RawFormat
 from ftp_dent_ros.errors import CameraError, ConfigurationError
-from ftp_dent_ros.photograph import Photograph
+from ftp_dent_ros.photograph.photograph import Photograph
 
 # OpenCV's V4L2 backend delivers these with red and blue swapped in some versions: the red
 # stripe would be blue.

@@ -14,10 +14,10 @@ from ftp_dent_ros.calibration.checking.wall_check import check
 from ftp_dent_ros.cli.board_arguments import add_board_arguments, board_of
 from ftp_dent_ros.errors import ConfigurationError, RefusedFrameError
 from ftp_dent_ros.files import find
-from ftp_dent_ros.pattern_file import read_pattern
-from ftp_dent_ros.photograph_file import read_photograph
+from ftp_dent_ros.pattern.file import read_pattern
+from ftp_dent_ros.photograph.file import read_photograph
 from ftp_dent_ros.profilometry import Reconstructor, Settings
-from ftp_dent_ros.rig import read_rig, write_rig
+from ftp_dent_ros.rig.rig import read_rig, write_rig
 
 # Points are many more than the check needs.
 _STRIDE = 4

@@ -20,7 +20,7 @@ from ftp_dent_ros.cli.board_arguments import (
 )
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.files import check_writable
-from ftp_dent_ros.rig import write_rig
+from ftp_dent_ros.rig.rig import write_rig
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from ftp_dent_ros.cloud.ply import read_ply, rig_id_of
 from ftp_dent_ros.errors import CloudError, ConfigurationError
 from ftp_dent_ros.files import find
 from ftp_dent_ros.inspection.measuring.inspection import inspect
@@ -15,10 +16,9 @@ from ftp_dent_ros.inspection.reporting.content import Report
 from ftp_dent_ros.inspection.reporting.rules import Rules, read_rules
 from ftp_dent_ros.inspection.reporting.survey import Survey
 from ftp_dent_ros.inspection.settings import Settings
-from ftp_dent_ros.pattern_file import read_pattern
-from ftp_dent_ros.photograph_file import is_photograph, read_photograph
-from ftp_dent_ros.ply import read_ply, rig_id_of
-from ftp_dent_ros.rig import Lens, read_rig
+from ftp_dent_ros.pattern.file import read_pattern
+from ftp_dent_ros.photograph.file import is_photograph, read_photograph
+from ftp_dent_ros.rig.rig import Lens, read_rig
 
 _CAMERA_FRAME = 'camera_optical_frame'
 # Clouds that take as long as another process does to begin.

@@ -11,8 +11,7 @@ from collections.abc import Sequence
 
 from ftp_dent_ros import __version__
 from ftp_dent_ros.errors import FtpDentError, printable
-from ftp_dent_ros.memory import keep_freed
-from ftp_dent_ros.threads import one_for_blas
+from ftp_dent_ros.process import keep_freed, one_for_blas
 
 # Each module has add_arguments(parser) and run(arguments) -> exit status.
 COMMANDS = {

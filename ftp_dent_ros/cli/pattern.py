@@ -8,11 +8,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from ftp_dent_ros.drawn_pattern import pattern_from_image
 from ftp_dent_ros.errors import ImageError, PatternError
 from ftp_dent_ros.files import find, written_aside
-from ftp_dent_ros.pattern import Pattern
-from ftp_dent_ros.pattern_file import read_pattern, write_pattern
+from ftp_dent_ros.pattern.drawn import pattern_from_image
+from ftp_dent_ros.pattern.file import read_pattern, write_pattern
+from ftp_dent_ros.pattern.pattern import Pattern
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
+from ftp_dent_ros.cloud.ply import write_ply
 from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.files import check_writable, find, write_png
-from ftp_dent_ros.pattern_file import read_pattern
-from ftp_dent_ros.photograph_file import read_photograph
-from ftp_dent_ros.ply import write_ply
+from ftp_dent_ros.pattern.file import read_pattern
+from ftp_dent_ros.photograph.file import read_photograph
 from ftp_dent_ros.profilometry import METHODS, UNWRAPPINGS, Reconstructor, Settings
-from ftp_dent_ros.rig import read_rig
+from ftp_dent_ros.rig.rig import read_rig
 
 _FRAME = 'camera_optical_frame'
 

@@ -15,7 +15,7 @@ from ftp_dent_ros.cli.inspection_arguments import (
 )
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.files import find
-from ftp_dent_ros.rig import read_rig
+from ftp_dent_ros.rig.rig import read_rig
 
 if TYPE_CHECKING:
     from ftp_dent_ros.recording.reader import Bag

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.coding.planes import Mask, pack, unpack
 from ftp_dent_ros.coding.quantising import Scale, quantise, restore
 from ftp_dent_ros.coding.steps import PART, inverse_step, is_on_rays, linear_step

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.errors import ImageError
-from ftp_dent_ros.photograph import MOSAICS, Photograph
+from ftp_dent_ros.photograph.photograph import MOSAICS, Photograph
 
 if TYPE_CHECKING:
     from sensor_msgs.msg import Image

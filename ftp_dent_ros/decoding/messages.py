@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.errors import CloudError, PoseError, RigError
-from ftp_dent_ros.rig import Lens
+from ftp_dent_ros.rig.rig import Lens
 
 if TYPE_CHECKING:
     from builtin_interfaces.msg import Time

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Image, PointCloud2
 
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.recording.reader import Bag
 from ftp_dent_ros.recording.topic import Message
 from ftp_dent_ros.ros.messages import cloud_from_message, stamp_to_ns

@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import PointCloud2
 
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.demonstration.appraisal import clouds_of
 from ftp_dent_ros.demonstration.list_check import check_list
 from ftp_dent_ros.inspection.reporting.content import Report
 from ftp_dent_ros.inspection.tracking.sightings import ListedDent
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.recording.reader import Bag
-from ftp_dent_ros.rig import Lens
+from ftp_dent_ros.rig.rig import Lens
 from ftp_dent_ros.ros.dent_messages import KINDS, dents_from_message
 from ftp_dent_ros.simulation.truth import TrueDent, is_at_lap, true_dents
 from ftp_dent_ros.simulation.truth_matching import true_index

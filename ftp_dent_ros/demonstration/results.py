@@ -10,6 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from ftp_dent_ros.cloud.ply import write_ply
 from ftp_dent_ros.decoding.images import image_from_message
 from ftp_dent_ros.demonstration import pictures
 from ftp_dent_ros.demonstration.appraisal import (
@@ -20,7 +21,6 @@ from ftp_dent_ros.demonstration.appraisal import (
     mean_absolute,
 )
 from ftp_dent_ros.files import written_aside
-from ftp_dent_ros.ply import write_ply
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.recording.provenance import rig_id_of
 from ftp_dent_ros.recording.reader import Bag

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.errors import RefusedFrameError
 from ftp_dent_ros.evaluation.phase_noise import NoisyPhase, on_phase_map
 from ftp_dent_ros.evaluation.scenes import PATTERN, Scene
-from ftp_dent_ros.photograph import Photograph
+from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.profilometry import Reconstructor, Settings
-from ftp_dent_ros.rig import Rig
+from ftp_dent_ros.rig.rig import Rig
 
 # The depth at the dent's centre is the mean over this share of its half axes.
 _CENTRE = 0.15

@@ -14,8 +14,7 @@ from itertools import islice
 from multiprocessing import get_context
 from typing import Generic, TypeVar
 
-from ftp_dent_ros.memory import keep_freed
-from ftp_dent_ros.threads import VARIABLES
+from ftp_dent_ros.process import VARIABLES, keep_freed
 
 Item = TypeVar('Item')
 Result = TypeVar('Result')

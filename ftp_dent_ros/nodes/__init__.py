@@ -4,8 +4,7 @@ However they are started, each computes with one thread of BLAS, for they share 
 keeps the memory that message after message needs.
 """
 
-from ftp_dent_ros.memory import keep_freed
-from ftp_dent_ros.threads import one_for_blas
+from ftp_dent_ros.process import keep_freed, one_for_blas
 
 one_for_blas()
 keep_freed()

@@ -11,7 +11,7 @@ from ftp_dent_ros.navigation.poses import accuracy
 from ftp_dent_ros.navigation.poses.accuracy import Covariance
 from ftp_dent_ros.parameters import Declarations
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.rig import read_rig
+from ftp_dent_ros.rig.rig import read_rig
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from pathlib import Path
 from ftp_dent_ros.capture.genicam_settings import GenicamSettings
 from ftp_dent_ros.capture.v4l2 import DeviceSettings
 from ftp_dent_ros.parameters import Declarations
-from ftp_dent_ros.rig import Rig, read_rig
+from ftp_dent_ros.rig.rig import Rig, read_rig
 
 SIMULATION = 'simulation'
 SOURCES = ('device', 'genicam', 'files', SIMULATION)

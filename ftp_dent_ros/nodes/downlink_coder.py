@@ -9,7 +9,7 @@ from typing import Any
 import cv2
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.coding.cloud_codec import encode, thinned
 from ftp_dent_ros.coding.view import View
 from ftp_dent_ros.errors import FtpDentError, InputError
@@ -17,7 +17,7 @@ from ftp_dent_ros.ground import topics
 from ftp_dent_ros.ground.difference import shortened
 from ftp_dent_ros.ground.item import Importance, Item
 from ftp_dent_ros.nodes.downlink_parameters import DownlinkParameters
-from ftp_dent_ros.rig import Lens
+from ftp_dent_ros.rig.rig import Lens
 from ftp_dent_ros.ros.diagnostics import Diagnostics
 from ftp_dent_ros.ros.messages import (
     cloud_from_message,

@@ -12,7 +12,7 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.coding.cloud_codec import decode
 from ftp_dent_ros.coding.compressed_depth import FORMAT, depth_image
 from ftp_dent_ros.coding.view import View

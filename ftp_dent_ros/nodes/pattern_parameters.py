@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 from ftp_dent_ros.display.opening import DISPLAYS, DisplaySettings
 from ftp_dent_ros.parameters import Declarations
-from ftp_dent_ros.pattern import CODES, Pattern
-from ftp_dent_ros.pattern_file import read_pattern
-from ftp_dent_ros.rig import Rig, read_rig
+from ftp_dent_ros.pattern.file import read_pattern
+from ftp_dent_ros.pattern.pattern import CODES, Pattern
+from ftp_dent_ros.rig.rig import Rig, read_rig
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from ftp_dent_ros.display.opening import Display, open_display
 from ftp_dent_ros.errors import ConfigurationError, ImageError
 from ftp_dent_ros.nodes.declarations import names_of_all
 from ftp_dent_ros.nodes.pattern_parameters import declare
-from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.ros.diagnostics import ERROR, OK, WARN, Diagnostics
 from ftp_dent_ros.ros.messages import camera_info_message, image_from_message, image_to_message
 from ftp_dent_ros.ros.node import run

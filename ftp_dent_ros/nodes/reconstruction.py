@@ -18,7 +18,6 @@ from typing import Any
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
-from ftp_dent_ros.drawn_pattern import pattern_from_image
 from ftp_dent_ros.errors import (
     ImageError,
     InputError,
@@ -31,8 +30,9 @@ from ftp_dent_ros.errors import (
 from ftp_dent_ros.nodes.declarations import names_of_all
 from ftp_dent_ros.nodes.reconstruction_parameters import declare
 from ftp_dent_ros.nodes.rig_watch import RigWatch
-from ftp_dent_ros.pattern import Pattern
-from ftp_dent_ros.pattern_history import PatternHistory
+from ftp_dent_ros.pattern.drawn import pattern_from_image
+from ftp_dent_ros.pattern.history import PatternHistory
+from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.profilometry.coverage import Coverage
 from ftp_dent_ros.recording.coverages import NOTED_STAMP

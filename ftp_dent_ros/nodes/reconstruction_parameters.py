@@ -7,7 +7,7 @@ from typing import Any
 
 from ftp_dent_ros.parameters import Declarations
 from ftp_dent_ros.profilometry.settings import METHODS, UNWRAPPINGS, Settings
-from ftp_dent_ros.rig import Rig, read_rig
+from ftp_dent_ros.rig.rig import Rig, read_rig
 
 
 @dataclass(frozen=True)

@@ -12,14 +12,14 @@ from sensor_msgs.msg import CameraInfo
 
 from ftp_dent_ros.calibration.checking.check_aside import CheckAside
 from ftp_dent_ros.errors import CalibrationError, RigError
-from ftp_dent_ros.pattern import Pattern
-from ftp_dent_ros.photograph import Photograph
+from ftp_dent_ros.pattern.pattern import Pattern
+from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.profilometry.epipolar_check import EpipolarCheck
 from ftp_dent_ros.profilometry.flicker import LAST as FLICKER_LAST
 from ftp_dent_ros.profilometry.flicker import MUCH, fall_of_light, flicker, light_of
 from ftp_dent_ros.profilometry.measurement import Measurement
 from ftp_dent_ros.profilometry.rig_alarm import LAST, rig_alarm
-from ftp_dent_ros.rig import Lens, Rig
+from ftp_dent_ros.rig.rig import Lens, Rig
 from ftp_dent_ros.ros.diagnostics import Diagnostics
 from ftp_dent_ros.ros.messages import lens_from_message
 from ftp_dent_ros.ros.worker import NewestWorker

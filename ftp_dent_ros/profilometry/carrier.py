@@ -13,8 +13,8 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from ftp_dent_ros.errors import RigError
-from ftp_dent_ros.pattern import Pattern
-from ftp_dent_ros.rig import Rig
+from ftp_dent_ros.pattern.pattern import Pattern
+from ftp_dent_ros.rig.rig import Rig
 
 # Tilt and distance stretch the fringes by less than this against parallel, square views.
 _STRETCH = 2.0

@@ -8,12 +8,12 @@ from typing import Any
 from numpy.typing import NDArray
 
 from ftp_dent_ros.files import find
-from ftp_dent_ros.pattern import Pattern
-from ftp_dent_ros.pattern_file import read_pattern
-from ftp_dent_ros.photograph import Photograph
+from ftp_dent_ros.pattern.file import read_pattern
+from ftp_dent_ros.pattern.pattern import Pattern
+from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.profilometry.reconstruction import Measurement, Reconstructor
 from ftp_dent_ros.profilometry.settings import Settings
-from ftp_dent_ros.rig import Rig, read_rig
+from ftp_dent_ros.rig.rig import Rig, read_rig
 
 _Path = str | os.PathLike[str]
 
@@ -27,7 +27,7 @@ def reconstruct(
     ----------
     image : ndarray or Photograph
         As large as the camera's calibration says. An array is RGB, shape (height, width, 3), or
-        grey, shape (height, width), of 8 or 16 bits; `ftp_dent_ros.photograph.Photograph` tells
+        grey, shape (height, width), of 8 or 16 bits; `Photograph` tells
         of raw pixels, and of bits between.
     rig : Rig or path
         The calibrated camera and projector, or their file; ``shipped:rig.yaml`` is the

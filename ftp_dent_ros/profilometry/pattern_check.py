@@ -18,7 +18,7 @@ from dataclasses import replace
 import numpy as np
 
 from ftp_dent_ros.errors import OtherPatternError
-from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.profilometry.lit_area import LitArea
 
 # Fringes that a surface's end is short of the frame's rim, for the windows that it is measured

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.pattern.pattern import Pattern
 
 # Blocks: periods along v, and projector pixels along u; every how many columns of nodes, which
 # lie closer than what they see.

@@ -7,18 +7,18 @@ from typing import Any, Protocol
 
 from numpy.typing import NDArray
 
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.errors import ImageError, NoStripeError, PatternError, TooDarkError
-from ftp_dent_ros.pattern import Pattern
-from ftp_dent_ros.photograph import Photograph
+from ftp_dent_ros.pattern.pattern import Pattern
+from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.profilometry.coverage import DIM
 from ftp_dent_ros.profilometry.fourier_transform import FourierTransform
 from ftp_dent_ros.profilometry.least_squares import LeastSquares
 from ftp_dent_ros.profilometry.measurement import Measurement
 from ftp_dent_ros.profilometry.settings import Settings
 from ftp_dent_ros.profilometry.skin_image import SkinImager
-from ftp_dent_ros.rig import Rig
-from ftp_dent_ros.rig_geometry import moves_fringes
+from ftp_dent_ros.rig.geometry import moves_fringes
+from ftp_dent_ros.rig.rig import Rig
 
 _GREY = (
     'the image is grey, and the stripe that numbers the fringes is red: project a pattern '

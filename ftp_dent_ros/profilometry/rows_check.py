@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ftp_dent_ros.errors import OtherPatternError
-from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.profilometry.epipolar_check import EpipolarCheck
 from ftp_dent_ros.profilometry.pattern_check import ADVICE, ASKEW, told
 from ftp_dent_ros.profilometry.rig_alarm import TOLERANCE

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.rig import Rig
+from ftp_dent_ros.rig.rig import Rig
 
 # Of Newton's method for the projector's distortion; and rows that stay in the cache.
 _NEWTON_STEPS = 3

@@ -27,7 +27,7 @@ from ftp_dent_ros.errors import BagError, InputError
 from ftp_dent_ros.recording.definitions import find_definition, type_hash, typestore
 from ftp_dent_ros.recording.topic import SUFFIXES, Message, Topic
 from ftp_dent_ros.recording.writer import BagWriter
-from ftp_dent_ros.rig import Lens
+from ftp_dent_ros.rig.rig import Lens
 
 _CODED = 'sensor_msgs/msg/CompressedImage'
 _CLOUD, _IMAGE = 'sensor_msgs/msg/PointCloud2', 'sensor_msgs/msg/Image'

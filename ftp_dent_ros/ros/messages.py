@@ -15,7 +15,7 @@ from geometry_msgs.msg import PoseStamped
 from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo, Image, NavSatFix, NavSatStatus, PointCloud2, PointField
 
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.decoding.images import image_from_message, photograph_from_message
 from ftp_dent_ros.decoding.messages import (
     CLOUD_FIELDS,
@@ -25,8 +25,8 @@ from ftp_dent_ros.decoding.messages import (
     pose_from_message,
     stamp_to_ns,
 )
-from ftp_dent_ros.photograph import Photograph
-from ftp_dent_ros.rig import Lens
+from ftp_dent_ros.photograph.photograph import Photograph
+from ftp_dent_ros.rig.rig import Lens
 from ftp_dent_ros.ros.fields import make_header, ns_to_stamp, to_data
 
 if TYPE_CHECKING:

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.errors import CameraError, ConfigurationError
 from ftp_dent_ros.files import find
-from ftp_dent_ros.photograph import Photograph
+from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.rig import Rig
+from ftp_dent_ros.rig.rig import Rig
 from ftp_dent_ros.simulation.photography.motion import Motion
 from ftp_dent_ros.simulation.photography.photometry import Photometry
 from ftp_dent_ros.simulation.photography.renderer import Renderer

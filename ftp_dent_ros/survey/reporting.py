@@ -15,7 +15,7 @@ from ftp_dent_ros.inspection.settings import Settings
 from ftp_dent_ros.inspection.tracking.pose_errors import position_covariance
 from ftp_dent_ros.recording.clouds import BagCloud
 from ftp_dent_ros.recording.reader import Bag
-from ftp_dent_ros.rig import Lens
+from ftp_dent_ros.rig.rig import Lens
 from ftp_dent_ros.survey.evidence import skin_of
 from ftp_dent_ros.survey.fused_skin import FusedSkin
 from ftp_dent_ros.survey.joined import Joined, join_bags

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ftp_dent_ros import __version__
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.errors import FtpDentError
 from ftp_dent_ros.inspection.dent import Inspection
 from ftp_dent_ros.inspection.measuring.inspection import inspect

@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.cloud.ply import write_ply
 from ftp_dent_ros.files import write_png, written_aside
-from ftp_dent_ros.ply import write_ply
 from ftp_dent_ros.survey.aircraft_frame import AircraftFrame
 from ftp_dent_ros.survey.page import survey_page
 from ftp_dent_ros.survey.skin_map.mosaic import PIXEL, PIXELS_A_CELL, Mosaic

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from ftp_dent_ros.files import config_folder
-from ftp_dent_ros.pattern_file import read_pattern
-from ftp_dent_ros.rig import read_rig
+from ftp_dent_ros.pattern.file import read_pattern
+from ftp_dent_ros.rig.rig import read_rig
 
 
 @pytest.fixture(scope='package')

@@ -15,7 +15,7 @@ from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.files import config_folder
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.rig import write_rig
+from ftp_dent_ros.rig.rig import write_rig
 from ftp_dent_ros.simulation import Photometry, Surface, render
 from ftp_dent_ros.simulation.photography.boards import board_surface
 from ftp_dent_ros.simulation.skin.printed import board_print

@@ -8,7 +8,7 @@ from ftp_dent_ros.calibration.boards.board import Board
 from ftp_dent_ros.calibration.observing.observation import Observation
 from ftp_dent_ros.calibration.observing.response import projector_delay, response
 from ftp_dent_ros.files import config_folder
-from ftp_dent_ros.rig import read_rig
+from ftp_dent_ros.rig.rig import read_rig
 from ftp_dent_ros.simulation.photography.boards import random_pose, true_correspondences
 
 BOARD = Board(7, 6, 0.03)

@@ -22,7 +22,7 @@ from ftp_dent_ros.calibration.observing.session import (
 )
 from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.errors import CalibrationError
-from ftp_dent_ros.rig import Lens, Rig, read_rig
+from ftp_dent_ros.rig.rig import Lens, Rig, read_rig
 from ftp_dent_ros.simulation import Photometry
 from ftp_dent_ros.simulation.photography.boards import (
     photographs,

@@ -15,7 +15,7 @@ from ftp_dent_ros.calibration.observing.observation import Observation
 from ftp_dent_ros.calibration.reporting.page import write_page
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.files import config_folder
-from ftp_dent_ros.rig import read_rig, write_rig
+from ftp_dent_ros.rig.rig import read_rig, write_rig
 from ftp_dent_ros.simulation.photography.boards import random_pose, true_correspondences
 
 BOARD = Board(7, 6, 0.035)

@@ -12,10 +12,10 @@ from ftp_dent_ros.calibration.checking.wall_check import check, scatter
 from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.files import config_folder
-from ftp_dent_ros.photograph import Photograph
+from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
-from ftp_dent_ros.rig import write_rig
+from ftp_dent_ros.rig.rig import write_rig
 from ftp_dent_ros.simulation import Panel, Photometry, Surface, render
 
 TURNS = ((0.05, 0, 0), (0, -0.05, 0), (0, 0, 0.05), (0.02, 0, 0))

@@ -20,10 +20,10 @@ from ftp_dent_ros.capture.genicam_settings import SOFTWARE, GenicamSettings
 from ftp_dent_ros.capture.stamps import ExposureClock
 from ftp_dent_ros.errors import CameraError
 from ftp_dent_ros.files import config_folder
-from ftp_dent_ros.pattern_file import read_pattern
+from ftp_dent_ros.pattern.file import read_pattern
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
-from ftp_dent_ros.rig import read_rig
+from ftp_dent_ros.rig.rig import read_rig
 from ftp_dent_ros.simulation import Panel, Photometry, Surface, render
 
 PROGRAM = 'arv-fake-gv-camera-0.8'

@@ -7,7 +7,7 @@ import pytest
 
 from ftp_dent_ros.capture.simulated import SimulatedSource
 from ftp_dent_ros.errors import CameraError, ImageError
-from ftp_dent_ros.photograph import Photograph
+from ftp_dent_ros.photograph.photograph import Photograph
 
 
 def photograph(projected, stamp_ns):

@@ -11,12 +11,12 @@ import pytest
 from dent_samples import DENTED, noisy_cloud
 
 from ftp_dent_ros.cli.main import main
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
+from ftp_dent_ros.cloud.ply import write_ply
 from ftp_dent_ros.files import find
-from ftp_dent_ros.pattern_file import read_pattern
-from ftp_dent_ros.ply import write_ply
+from ftp_dent_ros.pattern.file import read_pattern
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.rig import read_rig
+from ftp_dent_ros.rig.rig import read_rig
 from ftp_dent_ros.simulation import Photometry, Renderer
 from ftp_dent_ros.simulation.truth import true_dents
 

@@ -6,7 +6,7 @@ import os
 from dent_samples import noisy_cloud
 
 from ftp_dent_ros.cli.main import main
-from ftp_dent_ros.ply import write_ply
+from ftp_dent_ros.cloud.ply import write_ply
 
 FILES = ('dents.json', 'dents.csv', 'report.html', 'made_of.json')
 

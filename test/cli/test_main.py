@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from ftp_dent_ros.cli.main import main
-from ftp_dent_ros.cloud import Cloud
-from ftp_dent_ros.pattern import Pattern
-from ftp_dent_ros.pattern_file import write_pattern
-from ftp_dent_ros.ply import write_ply
+from ftp_dent_ros.cloud.cloud import Cloud
+from ftp_dent_ros.cloud.ply import write_ply
+from ftp_dent_ros.pattern.file import write_pattern
+from ftp_dent_ros.pattern.pattern import Pattern
 
 
 def test_a_reader_that_has_seen_enough_ends_a_command_without_a_word(tmp_path):

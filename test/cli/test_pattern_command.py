@@ -3,8 +3,8 @@ import numpy as np
 import pytest
 
 from ftp_dent_ros.cli.main import main
-from ftp_dent_ros.pattern import Pattern
-from ftp_dent_ros.pattern_file import read_pattern, write_pattern
+from ftp_dent_ros.pattern.file import read_pattern, write_pattern
+from ftp_dent_ros.pattern.pattern import Pattern
 
 
 @pytest.mark.parametrize(

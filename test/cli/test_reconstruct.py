@@ -10,12 +10,12 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.cli.main import main
-from ftp_dent_ros.pattern import Pattern
-from ftp_dent_ros.pattern_file import read_pattern, write_pattern
-from ftp_dent_ros.ply import read_ply
+from ftp_dent_ros.cloud.ply import read_ply
+from ftp_dent_ros.pattern.file import read_pattern, write_pattern
+from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
-from ftp_dent_ros.rig import Lens, Rig, read_rig, write_rig
+from ftp_dent_ros.rig.rig import Lens, Rig, read_rig, write_rig
 from ftp_dent_ros.simulation import Panel, Photometry, Renderer, Surface
 
 PATTERN = Pattern(320, 240, 8.0, 160.0)

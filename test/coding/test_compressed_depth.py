@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from skins import skin
 
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.coding.compressed_depth import depth_image, depths
 from ftp_dent_ros.errors import CodecError
 

@@ -10,7 +10,7 @@ import pytest
 from ftp_dent_ros.display import drm_structures as drm
 from ftp_dent_ros.display.drm import DrmDisplay
 from ftp_dent_ros.errors import ConfigurationError
-from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.pattern.pattern import Pattern
 
 # As strace prints them of `modetest` and of the kernel's own selftests on x86-64 and arm64.
 REQUESTS = {

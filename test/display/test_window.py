@@ -15,7 +15,7 @@ import pytest
 
 from ftp_dent_ros.display.window import Window
 from ftp_dent_ros.errors import ConfigurationError
-from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.pattern.pattern import Pattern
 
 PATTERN = Pattern(320, 240, 10.0, 150.0)
 SHOW = """

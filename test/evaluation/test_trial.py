@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.evaluation.phase_noise import on_phase_map
 from ftp_dent_ros.evaluation.scenes import PATTERN, simulated_dent
 from ftp_dent_ros.evaluation.trial import LEAST_SQUARES, Bench, Figures, Trial, mean, methods

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ftp_dent_ros.cloud import Cloud
-from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.cloud.cloud import Cloud
+from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.rig import Lens, Rig
+from ftp_dent_ros.rig.rig import Lens, Rig
 from ftp_dent_ros.simulation import Dent, Paint, Panel, Photometry, Renderer, Surface
 
 PATTERN = Pattern(640, 480, 8.0, 320.0)

@@ -11,10 +11,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.errors import FtpDentError
-from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
-from ftp_dent_ros.rig import Lens, Rig
+from ftp_dent_ros.rig.rig import Lens, Rig
 from ftp_dent_ros.simulation import Panel, Photometry, Renderer, Surface
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))

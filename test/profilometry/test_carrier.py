@@ -14,7 +14,7 @@ from ftp_dent_ros.profilometry.carrier import (
     plane_through,
 )
 from ftp_dent_ros.profilometry.fourier_transform.reference import reference_phase
-from ftp_dent_ros.rig import Rig
+from ftp_dent_ros.rig.rig import Rig
 
 
 def fringes(period, size=(48, 640)):

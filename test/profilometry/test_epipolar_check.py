@@ -5,12 +5,12 @@ import pytest
 
 from ftp_dent_ros.errors import OtherPatternError
 from ftp_dent_ros.files import config_folder
-from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.profilometry.epipolar_check import check_epipolar
 from ftp_dent_ros.profilometry.projector_rows import Rows
 from ftp_dent_ros.profilometry.rig_alarm import ONE_IN, TOLERANCE, joint, off, rig_alarm
 from ftp_dent_ros.profilometry.rows_check import check_rows
-from ftp_dent_ros.rig import read_rig
+from ftp_dent_ros.rig.rig import read_rig
 
 PATTERN = Pattern(1280, 720, 10.0, 640.0, code='contrast')
 RIG = read_rig(config_folder() / 'rig.yaml')

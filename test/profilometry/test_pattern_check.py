@@ -8,7 +8,7 @@ import pytest
 from small_scenes import PATTERN, RIG, Scene, panel
 
 from ftp_dent_ros.errors import OtherPatternError
-from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.profilometry.lit_area import RimLine
 from ftp_dent_ros.profilometry.pattern_check import _inside

@@ -12,10 +12,10 @@ from ftp_dent_ros.errors import (
     SaturatedError,
     TooDarkError,
 )
-from ftp_dent_ros.pattern_file import read_pattern
-from ftp_dent_ros.photograph import MOSAICS, Photograph
+from ftp_dent_ros.pattern.file import read_pattern
+from ftp_dent_ros.photograph.photograph import MOSAICS, Photograph
 from ftp_dent_ros.profilometry import Reconstructor, Settings
-from ftp_dent_ros.rig import read_rig
+from ftp_dent_ros.rig.rig import read_rig
 from ftp_dent_ros.simulation import Paint, Photometry, Renderer, Surface
 
 

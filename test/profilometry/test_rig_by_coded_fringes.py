@@ -10,11 +10,11 @@ import pytest
 from ftp_dent_ros.calibration.checking.verdict import turned
 from ftp_dent_ros.errors import OtherPatternError, RefusedFrameError
 from ftp_dent_ros.files import config_folder
-from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.profilometry.rig_alarm import rig_alarm
-from ftp_dent_ros.rig import read_rig
+from ftp_dent_ros.rig.rig import read_rig
 from ftp_dent_ros.simulation import Dent, Dirt, Paint, Panel, Photometry, Renderer, Surface
 
 RIG = read_rig(config_folder() / 'rig.yaml')

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from small_scenes import PATTERN, RIG, Scene, panel
 
-from ftp_dent_ros.photograph import Photograph
+from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.profilometry.skin_image import SkinImager
 from ftp_dent_ros.simulation import Paint

@@ -8,10 +8,10 @@ from scipy.spatial.transform import Rotation
 from small_scenes import PATTERN, Scene, lens, panel
 
 from ftp_dent_ros.errors import PatternError
-from ftp_dent_ros.pattern import Pattern
-from ftp_dent_ros.photograph import MOSAICS, Photograph
+from ftp_dent_ros.pattern.pattern import Pattern
+from ftp_dent_ros.photograph.photograph import MOSAICS, Photograph
 from ftp_dent_ros.profilometry import Reconstructor, Settings
-from ftp_dent_ros.rig import Rig
+from ftp_dent_ros.rig.rig import Rig
 
 LEVEL = Pattern(640, 480, 8.0, 240.0, 'v')
 # Above the camera, a little beside it, and turned down; and below.

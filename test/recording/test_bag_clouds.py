@@ -12,7 +12,7 @@ from bag_samples import string_data, topic
 from dent_samples import DENTED, noisy_cloud
 from mcap.writer import Writer
 
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.errors import BagError, CloudError
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.reporting.bag import survey_bag

@@ -14,7 +14,7 @@ from ftp_dent_ros.recording.compression import CompressedBagWriter, decoded
 from ftp_dent_ros.recording.definitions import find_definition, type_hash, typestore
 from ftp_dent_ros.recording.reader import open_bag
 from ftp_dent_ros.recording.topic import Message, Qos, Topic
-from ftp_dent_ros.rig import Lens
+from ftp_dent_ros.rig.rig import Lens
 
 CLOUD, IMAGE = 'sensor_msgs/msg/PointCloud2', 'sensor_msgs/msg/Image'
 INFO, TEXT = 'sensor_msgs/msg/CameraInfo', 'std_msgs/msg/String'

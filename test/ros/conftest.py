@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ftp_dent_ros.rig import Lens, Rig, write_rig
+from ftp_dent_ros.rig.rig import Lens, Rig, write_rig
 
 HAS_ROS = importlib.util.find_spec('rclpy') is not None
 

@@ -18,10 +18,10 @@ from ftp_dent_ros.calibration.boards.board import Board
 from ftp_dent_ros.calibration.observing.session import read_session
 from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.errors import CameraError
-from ftp_dent_ros.pattern import Pattern
-from ftp_dent_ros.pattern_file import write_pattern
+from ftp_dent_ros.pattern.file import write_pattern
+from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.rig import read_rig
+from ftp_dent_ros.rig.rig import read_rig
 from ftp_dent_ros.ros import photographer
 from ftp_dent_ros.ros.messages import cloud_from_message
 from ftp_dent_ros.ros.qos import CLOUDS, LATCHED_INPUT

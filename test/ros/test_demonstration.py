@@ -13,11 +13,11 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import PointCloud2
 
 from ftp_dent_ros.cli.main import main
+from ftp_dent_ros.cloud.ply import read_ply, rig_id_of
 from ftp_dent_ros.demonstration.summary import BOUNDS
 from ftp_dent_ros.files import find
-from ftp_dent_ros.ply import read_ply, rig_id_of
 from ftp_dent_ros.recording.reader import open_bag, read_messages
-from ftp_dent_ros.rig import read_rig
+from ftp_dent_ros.rig.rig import read_rig
 from ftp_dent_ros.ros.messages import stamp_to_ns
 
 INPUTS = ('/projector/image_raw', '/camera/camera_info', '/camera/image_raw')

@@ -5,7 +5,7 @@ from __future__ import annotations
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
-from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.ros.messages import camera_info_message, image_to_message
 from ftp_dent_ros.ros.qos import PATTERNS

@@ -26,11 +26,11 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import CameraInfo, NavSatFix, PointCloud2
 from std_srvs.srv import Trigger
 
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.files import find
 from ftp_dent_ros.nodes.mavlink_bridge import MavlinkBridge
-from ftp_dent_ros.rig import read_rig
+from ftp_dent_ros.rig.rig import read_rig
 from ftp_dent_ros.ros.messages import (
     camera_info_message,
     cloud_from_message,

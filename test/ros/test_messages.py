@@ -7,11 +7,11 @@ import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2, PointField
 
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.errors import CloudError, ImageError, PoseError, RigError
-from ftp_dent_ros.photograph import Photograph
+from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.rig import Lens
+from ftp_dent_ros.rig.rig import Lens
 from ftp_dent_ros.ros.messages import (
     camera_info_message,
     cloud_from_message,

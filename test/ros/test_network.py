@@ -7,8 +7,8 @@ from pathlib import Path
 
 from descriptors import opened
 
-from ftp_dent_ros.pattern import Pattern
-from ftp_dent_ros.pattern_file import write_pattern
+from ftp_dent_ros.pattern.file import write_pattern
+from ftp_dent_ros.pattern.pattern import Pattern
 
 STRANGER = """
 import rclpy, sys, time

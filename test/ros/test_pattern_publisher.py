@@ -6,9 +6,9 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, Image
 
-from ftp_dent_ros.drawn_pattern import pattern_from_image
-from ftp_dent_ros.pattern import Pattern
-from ftp_dent_ros.pattern_file import write_pattern
+from ftp_dent_ros.pattern.drawn import pattern_from_image
+from ftp_dent_ros.pattern.file import write_pattern
+from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.ros.messages import image_from_message, lens_from_message, stamp_to_ns
 from ftp_dent_ros.ros.qos import LATCHED
 

@@ -15,11 +15,11 @@ from test_calibration import write_scene
 
 from ftp_dent_ros.calibration.checking.preflight import NO, OK, WARN, examine, sharpness
 from ftp_dent_ros.cli.preflight import bar
-from ftp_dent_ros.pattern import CODES, Pattern
-from ftp_dent_ros.pattern_file import write_pattern
+from ftp_dent_ros.pattern.file import write_pattern
+from ftp_dent_ros.pattern.pattern import CODES, Pattern
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
-from ftp_dent_ros.rig import write_rig
+from ftp_dent_ros.rig.rig import write_rig
 from ftp_dent_ros.simulation import Panel, Photometry, Surface, render
 
 PATTERN = Pattern(320, 200, 10.0, 160.0)

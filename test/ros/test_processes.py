@@ -13,8 +13,8 @@ from ftp_dent_ros.errors import FtpDentError
 from ftp_dent_ros.nodes.camera_capture import CameraCapture
 from ftp_dent_ros.nodes.pattern_publisher import PatternPublisher
 from ftp_dent_ros.nodes.reconstruction import Reconstruction
-from ftp_dent_ros.pattern import Pattern
-from ftp_dent_ros.pattern_file import write_pattern
+from ftp_dent_ros.pattern.file import write_pattern
+from ftp_dent_ros.pattern.pattern import Pattern
 
 NODES = ('pattern_publisher', 'camera_capture', 'reconstruction')
 

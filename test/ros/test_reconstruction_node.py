@@ -12,10 +12,10 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 from ftp_dent_ros.calibration.checking.verdict import turned
 from ftp_dent_ros.files import config_folder
-from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
-from ftp_dent_ros.rig import read_rig, write_rig
+from ftp_dent_ros.rig.rig import read_rig, write_rig
 from ftp_dent_ros.ros.messages import (
     camera_info_message,
     cloud_from_message,

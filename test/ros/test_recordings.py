@@ -49,7 +49,7 @@ def test_a_compressed_recording_reads_as_what_was_published(ros, rig, tmp_path):
     import numpy as np
     from sensor_msgs.msg import CameraInfo, PointCloud2
 
-    from ftp_dent_ros.cloud import Cloud
+    from ftp_dent_ros.cloud.cloud import Cloud
     from ftp_dent_ros.coding.view import View
     from ftp_dent_ros.decoding.messages import cloud_from_message
     from ftp_dent_ros.recording.reader import open_bag

@@ -12,7 +12,7 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_srvs.srv import Trigger
 
 from ftp_dent_ros.files import find
-from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.ros.messages import cloud_from_message, photograph_from_message, stamp_to_ns
 from ftp_dent_ros.ros.qos import PATTERNS

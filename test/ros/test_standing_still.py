@@ -13,7 +13,7 @@ from hovering_autopilot import HoveringAutopilot, Wire
 from rclpy.clock import Clock
 from sensor_msgs.msg import PointCloud2
 
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.ros.messages import cloud_to_message, stamp_to_ns
 from ftp_dent_ros.ros.qos import CLOUDS, POSES
 from ftp_dent_ros.supervision import hearing

@@ -13,7 +13,7 @@ from nav_msgs.msg import Path
 from sensor_msgs.msg import Image, PointCloud2
 from visualization_msgs.msg import MarkerArray
 
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.ros.dent_messages import dents_from_message
 from ftp_dent_ros.ros.messages import (
     cloud_to_message,

@@ -12,8 +12,8 @@ import pytest
 import yaml
 
 from ftp_dent_ros.errors import ConfigurationError
-from ftp_dent_ros.pattern import Pattern
-from ftp_dent_ros.pattern_file import write_pattern
+from ftp_dent_ros.pattern.file import write_pattern
+from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.ros.presence import alive, refuse_second
 from ftp_dent_ros.supervision.shared_memory import free_leftovers
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ftp_dent_ros.pattern import Pattern
-from ftp_dent_ros.rig import Lens, Rig
+from ftp_dent_ros.pattern.pattern import Pattern
+from ftp_dent_ros.rig.rig import Lens, Rig
 from ftp_dent_ros.simulation import Photometry
 
 

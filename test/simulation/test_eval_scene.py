@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.rig import read_rig
+from ftp_dent_ros.rig.rig import read_rig
 from ftp_dent_ros.simulation import Dent, Motion, Paint, Panel, Photometry, Renderer, Surface
 from ftp_dent_ros.simulation.photography.view import see
 

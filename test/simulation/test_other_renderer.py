@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ftp_dent_ros.pattern_file import read_pattern
+from ftp_dent_ros.pattern.file import read_pattern
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.rig import read_rig
+from ftp_dent_ros.rig.rig import read_rig
 from ftp_dent_ros.simulation import (
     Dent,
     Dirt,

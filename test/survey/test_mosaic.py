@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.survey.skin_map.mosaic import Mosaic
 from ftp_dent_ros.survey.skin_map.unrolling import Unrolled

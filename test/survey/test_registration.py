@@ -8,7 +8,7 @@ import pytest
 from flown_skin import STATED, FlownSkin
 from scipy.spatial.transform import Rotation
 
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.survey.patches.folded_patch import FoldedPatch

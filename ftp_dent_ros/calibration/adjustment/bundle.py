@@ -18,7 +18,7 @@ from scipy.sparse.linalg import LinearOperator
 from ftp_dent_ros.calibration.adjustment.model import RIG, Model, rig_of, rig_vector
 from ftp_dent_ros.calibration.adjustment.problem import FIRST_DEVIATIONS, Problem
 from ftp_dent_ros.calibration.observing.observation import Observation
-from ftp_dent_ros.rig import Rig
+from ftp_dent_ros.rig.rig import Rig
 
 # Residuals beyond this many standard deviations count linearly (Huber's 95 % is 1.345; corners
 # that are merely blurred are to keep their say).

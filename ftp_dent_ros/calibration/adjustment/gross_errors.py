@@ -11,7 +11,7 @@ from ftp_dent_ros.calibration.adjustment.model import Model
 from ftp_dent_ros.calibration.adjustment.start import FEWEST_POSES
 from ftp_dent_ros.calibration.observing.observation import Observation
 from ftp_dent_ros.errors import CalibrationError
-from ftp_dent_ros.rig import Rig
+from ftp_dent_ros.rig.rig import Rig
 
 # A pose whose residuals are this many times those of the others was not seen as it was.
 _BAD_POSE = 4.0

@@ -21,7 +21,7 @@ from ftp_dent_ros.calibration.adjustment.uncertainty import (
 from ftp_dent_ros.calibration.boards.board import Board
 from ftp_dent_ros.calibration.observing.observation import Observation
 from ftp_dent_ros.errors import CalibrationError
-from ftp_dent_ros.rig import Rig
+from ftp_dent_ros.rig.rig import Rig
 
 # Tilt of the candidates, degrees, and their distances as parts of the median so far.
 _TILT = 28.0

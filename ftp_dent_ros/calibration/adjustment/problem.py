@@ -11,7 +11,7 @@ from ftp_dent_ros.calibration.adjustment.model import DISTORTIONS, LENS, RIG, Mo
 from ftp_dent_ros.calibration.adjustment.projection import cross_matrices, left_jacobian, project
 from ftp_dent_ros.calibration.observing.observation import Observation
 from ftp_dent_ros.median import NORMAL_SPREAD
-from ftp_dent_ros.rig import Rig
+from ftp_dent_ros.rig.rig import Rig
 
 # What a print or a plate may be off without being another board; metres, standard deviation.
 _FREEDOM = 0.0003

@@ -23,10 +23,10 @@ from ftp_dent_ros.calibration.adjustment.start import first_rig
 from ftp_dent_ros.calibration.adjustment.uncertainty import covariance
 from ftp_dent_ros.calibration.boards.board import Board
 from ftp_dent_ros.calibration.observing.observation import Observation
-from ftp_dent_ros.calibration_record import CalibrationRecord
 from ftp_dent_ros.errors import RigError
-from ftp_dent_ros.rig import Rig
-from ftp_dent_ros.rig_geometry import check_geometry
+from ftp_dent_ros.rig.calibration_record import CalibrationRecord
+from ftp_dent_ros.rig.geometry import check_geometry
+from ftp_dent_ros.rig.rig import Rig
 
 # A corner this many deviations off is named.
 _OUTLIER = 6.0

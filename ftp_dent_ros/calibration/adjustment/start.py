@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.calibration.observing.observation import Observation
 from ftp_dent_ros.errors import CalibrationError
-from ftp_dent_ros.rig import Lens, Rig
+from ftp_dent_ros.rig.rig import Lens, Rig
 
 # Fewer views of a plane leave a camera's focal lengths and principal point open.
 FEWEST_POSES = 3

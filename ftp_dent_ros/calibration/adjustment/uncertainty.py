@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from ftp_dent_ros.calibration.adjustment.bundle import Estimate, weighted_jacobian
 from ftp_dent_ros.calibration.adjustment.model import RIG, Model, rig_of, rig_vector
 from ftp_dent_ros.calibration.observing.observation import Observation
-from ftp_dent_ros.rig import Rig
+from ftp_dent_ros.rig.rig import Rig
 
 # What corners may be off alike, by shading and uneven blur, pixels: twice the mean error of ray
 # traced boards.

@@ -18,9 +18,9 @@ from ftp_dent_ros.calibration.boards.board import Board
 from ftp_dent_ros.calibration.checking.print_fit import fit_print
 from ftp_dent_ros.calibration.checking.verdict import Check, judged, turn_covariance, turned
 from ftp_dent_ros.calibration.checking.wall_check import ANY_TURN, PHASE_LEAST, PHASE_PX, scatter
-from ftp_dent_ros.pattern import Pattern
-from ftp_dent_ros.photograph import Photograph
-from ftp_dent_ros.rig import Rig
+from ftp_dent_ros.pattern.pattern import Pattern
+from ftp_dent_ros.photograph.photograph import Photograph
+from ftp_dent_ros.rig.rig import Rig
 
 # Corners through fringes are known to this at first and at best; pixels, standard deviation.
 _CORNER_FIRST, _CORNER_LEAST = 0.05, 0.01

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.errors import CalibrationError
-from ftp_dent_ros.pattern import Pattern, fringe_order
-from ftp_dent_ros.rig import Rig
+from ftp_dent_ros.pattern.pattern import Pattern, fringe_order
+from ftp_dent_ros.rig.rig import Rig
 
 # Pixels are of one colour where the print is so white, and lit where the light is so strong (of
 # its mean); a fringe's colour is the mean of so many of them at least.

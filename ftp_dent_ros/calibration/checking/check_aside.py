@@ -18,10 +18,10 @@ from dataclasses import dataclass
 from numpy.typing import NDArray
 
 from ftp_dent_ros.errors import CalibrationError
-from ftp_dent_ros.pattern import Pattern
-from ftp_dent_ros.photograph import Photograph
-from ftp_dent_ros.rig import Rig
-from ftp_dent_ros.threads import VARIABLES
+from ftp_dent_ros.pattern.pattern import Pattern
+from ftp_dent_ros.photograph.photograph import Photograph
+from ftp_dent_ros.process import VARIABLES
+from ftp_dent_ros.rig.rig import Rig
 
 # Seconds of processor time, of which it takes some tenths; on a busy computer they take long.
 _LONGEST = 120

@@ -9,17 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.calibration.checking.wall_check import check
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.errors import CalibrationError, CloudError, RefusedFrameError
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.settings import Settings as Smallest
-from ftp_dent_ros.pattern import Pattern
-from ftp_dent_ros.photograph import Photograph
+from ftp_dent_ros.pattern.pattern import Pattern
+from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.profilometry import Reconstructor
 from ftp_dent_ros.profilometry.flicker import MUCH, SOME, fall_of_light, flicker, light_of
 from ftp_dent_ros.profilometry.measurement import Measurement
 from ftp_dent_ros.profilometry.rig_alarm import LAST, rig_alarm
-from ftp_dent_ros.rig import Rig
+from ftp_dent_ros.rig.rig import Rig
 
 OK, WARN, NO = 'ok', 'warn', 'no'
 # Grey level of 255 from which on a pixel is clipped.

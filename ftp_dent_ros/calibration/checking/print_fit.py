@@ -27,9 +27,9 @@ from ftp_dent_ros.calibration.checking.board_print import (
 from ftp_dent_ros.calibration.checking.print_window import fit_window
 from ftp_dent_ros.calibration.checking.wall_check import fringe_levels, linear_photograph
 from ftp_dent_ros.errors import CalibrationError
-from ftp_dent_ros.pattern import Pattern
-from ftp_dent_ros.photograph import Photograph
-from ftp_dent_ros.rig import Rig
+from ftp_dent_ros.pattern.pattern import Pattern
+from ftp_dent_ros.photograph.photograph import Photograph
+from ftp_dent_ros.rig.rig import Rig
 
 # Blur of the edges at first, wide, for corners are known to a few camera pixels then; those that
 # are tried afterwards, of which the photograph chooses.

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates, spline_filter
 
-from ftp_dent_ros.pattern import Pattern
-from ftp_dent_ros.rig import Rig
+from ftp_dent_ros.pattern.pattern import Pattern
+from ftp_dent_ros.rig.rig import Rig
 
 # Fewer places than this are no rim.
 _FEWEST = 12

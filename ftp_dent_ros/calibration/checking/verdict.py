@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import norm, t
 
 from ftp_dent_ros.calibration.adjustment.uncertainty import depth_deviation
-from ftp_dent_ros.pattern import Pattern
-from ftp_dent_ros.rig import Rig
+from ftp_dent_ros.pattern.pattern import Pattern
+from ftp_dent_ros.rig.rig import Rig
 
 # False alarms wanted, of all photographs of true rigs.
 _FALSE_ALARMS = 1e-4

@@ -22,9 +22,9 @@ from scipy.spatial import cKDTree
 from ftp_dent_ros.calibration.checking.rim import Rim, find_rim, inverse_depth
 from ftp_dent_ros.calibration.checking.verdict import Check, judged, turn_covariance, turned
 from ftp_dent_ros.errors import CalibrationError
-from ftp_dent_ros.pattern import Pattern
-from ftp_dent_ros.photograph import Photograph
-from ftp_dent_ros.rig import Rig
+from ftp_dent_ros.pattern.pattern import Pattern
+from ftp_dent_ros.photograph.photograph import Photograph
+from ftp_dent_ros.rig.rig import Rig
 
 # A fitted quadratic follows a wall to this, if it is not known to be flatter; metres.
 _SMOOTH = 5e-5

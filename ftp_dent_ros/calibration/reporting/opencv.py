@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from ftp_dent_ros.calibration.adjustment.solving import Solution
-from ftp_dent_ros.rig import Lens, Rig
+from ftp_dent_ros.rig.rig import Lens, Rig
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,8 +12,8 @@ from ftp_dent_ros.calibration.adjustment.model import DISTORTIONS, rig_vector
 from ftp_dent_ros.calibration.adjustment.solving import Solution
 from ftp_dent_ros.calibration.reporting import pictures
 from ftp_dent_ros.calibration.reporting.opencv import OpenCvResult, calibrate_with_opencv
-from ftp_dent_ros.calibration_record import PARAMETERS
 from ftp_dent_ros.files import written_aside
+from ftp_dent_ros.rig.calibration_record import PARAMETERS
 
 _COEFFICIENTS = ('k1', 'k2', 'p1', 'p2', 'k3')
 _SHAPES = {

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.calibration.adjustment.solving import Solution
 from ftp_dent_ros.calibration.adjustment.uncertainty import depth_deviation
-from ftp_dent_ros.rig import Lens
+from ftp_dent_ros.rig.rig import Lens
 
 # A usual arrow is so long that it is seen, as a part of the image's width.
 _SEEN = 0.015

@@ -17,7 +17,7 @@ from ftp_dent_ros.ground.item import Item
 from ftp_dent_ros.ground.page.content import coverage_of, dents_of, message_of, path_of, pose_of
 from ftp_dent_ros.ground.page.shapes import corners, relief, ring
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.rig import Lens
+from ftp_dent_ros.rig.rig import Lens
 
 # Places of the path, areas seen, and poses that wait for their picture.
 _MOST = 2000, 400, 400

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.inspection.clearance import with_clearances
 from ftp_dent_ros.inspection.dent import Inspection, MeasuredDent, Waviness

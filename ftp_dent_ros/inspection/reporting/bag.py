@@ -18,7 +18,7 @@ from ftp_dent_ros.inspection.settings import Settings
 from ftp_dent_ros.recording.clouds import BagCloud, Skipped, bag_clouds, count_clouds
 from ftp_dent_ros.recording.coverages import coverages_of
 from ftp_dent_ros.recording.reader import Bag
-from ftp_dent_ros.rig import Lens
+from ftp_dent_ros.rig.rig import Lens
 
 Each = Callable[[Callable[[Task], Inspected], Iterable[Task]], Iterator[Inspected]]
 

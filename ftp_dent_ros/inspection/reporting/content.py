@@ -16,7 +16,7 @@ from ftp_dent_ros.inspection.tracking.repeatability import Repeatability
 from ftp_dent_ros.inspection.tracking.sightings import ListedDent
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry.coverage import Coverage
-from ftp_dent_ros.rig import Lens
+from ftp_dent_ros.rig.rig import Lens
 
 
 @dataclass(frozen=True, eq=False)

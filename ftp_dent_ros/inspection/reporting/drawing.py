@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ftp_dent_ros.inspection.reporting.content import View
-from ftp_dent_ros.rig import Lens
+from ftp_dent_ros.rig.rig import Lens
 
 COLOURS = 'RdBu_r'
 _NOTHING = (225, 227, 230)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from numpy.typing import ArrayLike
 
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.errors import FtpDentError
 from ftp_dent_ros.inspection.dent import Inspection, MeasuredDent
 from ftp_dent_ros.inspection.settings import Settings

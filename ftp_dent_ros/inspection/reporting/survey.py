@@ -26,7 +26,7 @@ from ftp_dent_ros.inspection.tracking.glass import sentence
 from ftp_dent_ros.inspection.tracking.pose_errors import EXACT
 from ftp_dent_ros.inspection.tracking.repeatability import repeats_of, study
 from ftp_dent_ros.inspection.tracking.sightings import ListedDent
-from ftp_dent_ros.rig import Lens
+from ftp_dent_ros.rig.rig import Lens
 
 # Of the 3-D view: in one cloud, and in all of them.
 _VERTICES, _ALL_VERTICES = 16_000, 120_000

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.inspection.dent import MeasuredDent
 from ftp_dent_ros.inspection.tracking.sightings import ListedDent
 

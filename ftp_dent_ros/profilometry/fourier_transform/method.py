@@ -9,10 +9,10 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.errors import NoStripeError
-from ftp_dent_ros.pattern import Pattern
-from ftp_dent_ros.photograph import Photograph
+from ftp_dent_ros.pattern.pattern import Pattern
+from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.profilometry.carrier import (
     Carrier,
     ReferencePlane,
@@ -37,7 +37,7 @@ from ftp_dent_ros.profilometry.settings import Settings
 from ftp_dent_ros.profilometry.stripe import Stripe, find_stripe
 from ftp_dent_ros.profilometry.triangulation import triangulate
 from ftp_dent_ros.profilometry.unwrapping import unwrap
-from ftp_dent_ros.rig import Rig
+from ftp_dent_ros.rig.rig import Rig
 
 # Of the rows beyond the region, in periods.
 _MARGIN = 4.0

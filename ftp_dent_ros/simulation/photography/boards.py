@@ -12,7 +12,7 @@ from ftp_dent_ros.calibration.boards.board import Board
 from ftp_dent_ros.calibration.observing.sequence import Frame, Sequence
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.rig import Rig
+from ftp_dent_ros.rig.rig import Rig
 from ftp_dent_ros.simulation.photography.light import Light
 from ftp_dent_ros.simulation.photography.motion import still
 from ftp_dent_ros.simulation.photography.photometry import Photometry

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ftp_dent_ros.rig import Rig
+from ftp_dent_ros.rig.rig import Rig
 from ftp_dent_ros.simulation.photography.motion import Motion, Rays
 from ftp_dent_ros.simulation.photography.pixel_grid import pixel_grid
 from ftp_dent_ros.simulation.photography.tracing import View, projector_pixel

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, fields
 
 from ftp_dent_ros.errors import ConfigurationError
-from ftp_dent_ros.photograph import Encoding
+from ftp_dent_ros.photograph.photograph import Encoding
 
 
 @dataclass(frozen=True)

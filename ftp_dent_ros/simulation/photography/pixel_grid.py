@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
-from ftp_dent_ros.rig import Lens
+from ftp_dent_ros.rig.rig import Lens
 
 # Between nodes, at most: pixels, and radians.
 _NODE_SPACING = 16

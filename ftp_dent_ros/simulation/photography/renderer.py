@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.errors import ImageError
-from ftp_dent_ros.photograph import Photograph
-from ftp_dent_ros.rig import Rig
+from ftp_dent_ros.photograph.photograph import Photograph
+from ftp_dent_ros.rig.rig import Rig
 from ftp_dent_ros.simulation.photography.drift import image_sweep, light_drift, skin_drift
 from ftp_dent_ros.simulation.photography.integration import cubature, lattice, moved, shifted
 from ftp_dent_ros.simulation.photography.light import Light

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ive, ndtri
 
-from ftp_dent_ros.photograph import Encoding, Photograph
+from ftp_dent_ros.photograph.photograph import Encoding, Photograph
 from ftp_dent_ros.simulation.photography.photometry import Photometry
 
 # float32, for which OpenCV's annotations are too wide.

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.rig import Lens, Rig
+from ftp_dent_ros.rig.rig import Lens, Rig
 from ftp_dent_ros.simulation.photography.motion import Rays
 from ftp_dent_ros.simulation.photography.photometry import Photometry
 from ftp_dent_ros.simulation.skin.paint import dot

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.rig import Lens, Rig
+from ftp_dent_ros.rig.rig import Lens, Rig
 from ftp_dent_ros.simulation.photography.motion import still
 from ftp_dent_ros.simulation.photography.photometry import Photometry
 from ftp_dent_ros.simulation.photography.pixel_grid import PixelGrid, pixel_grid

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.survey.skin_map.gaps import Gap, find_gaps
 from ftp_dent_ros.survey.skin_map.unrolling import Unrolled

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.survey.patches.resampling import cells, polynomial, remap

@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.simulation import Panel, Surface
 

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 from small_clouds import cloud_of, panel
 
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.measuring.outlines.outline import find_outline
 from ftp_dent_ros.inspection.measuring.outlines.patch import Patch

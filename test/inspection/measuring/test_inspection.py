@@ -6,7 +6,7 @@ import pytest
 from scipy.special import erf
 from small_clouds import COLUMNS, ROWS, cloud_of, panel, raised
 
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.measuring.places.kinds import Appearance, kind_of

@@ -14,7 +14,7 @@ import pytest
 from dent_samples import TrueInspector, make_dent
 
 from ftp_dent_ros import __version__
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.errors import CloudError, ConfigurationError
 from ftp_dent_ros.inspection.dent import Inspection
 from ftp_dent_ros.inspection.observation import Observation, viewpoint_of
@@ -25,7 +25,7 @@ from ftp_dent_ros.inspection.reporting.rules import Limit, Rules
 from ftp_dent_ros.inspection.reporting.sections import sections_of
 from ftp_dent_ros.inspection.reporting.survey import Survey
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.rig import Lens
+from ftp_dent_ros.rig.rig import Lens
 from ftp_dent_ros.simulation import Panel, Surface
 from ftp_dent_ros.simulation.skin.dent import Dent
 

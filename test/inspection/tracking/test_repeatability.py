@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from dent_samples import make_dent
 
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.inspection.dent import Estimate
 from ftp_dent_ros.inspection.tracking.dent_list import DentList
 from ftp_dent_ros.inspection.tracking.repeatability import halves, repeats_of, study

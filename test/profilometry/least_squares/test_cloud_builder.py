@@ -8,7 +8,7 @@ from ftp_dent_ros.profilometry.least_squares.cloud_builder import (
     parted,
 )
 from ftp_dent_ros.profilometry.least_squares.fit.regions import surfaces_in
-from ftp_dent_ros.rig import Lens, Rig
+from ftp_dent_ros.rig.rig import Lens, Rig
 
 WIDTH, HEIGHT = 211, 137
 NOTHING = np.zeros((12, 30), bool)

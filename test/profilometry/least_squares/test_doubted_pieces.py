@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.profilometry.least_squares.code.contrast_code import ContrastSteps
 from ftp_dent_ros.profilometry.least_squares.code.expected_steps import ExpectedSteps
 from ftp_dent_ros.profilometry.least_squares.fringe_orders.doubted_pieces import (

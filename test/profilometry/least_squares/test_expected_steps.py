@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.profilometry.least_squares.code.contrast_code import ContrastSteps
 from ftp_dent_ros.profilometry.least_squares.code.expected_steps import BLURS, ExpectedSteps
 from ftp_dent_ros.profilometry.least_squares.code.fringe_contrast import fringe_contrasts

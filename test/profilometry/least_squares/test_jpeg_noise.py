@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from ftp_dent_ros.photograph import Photograph
+from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.profilometry.least_squares.bins.compression import jpeg_variance
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.bins.intensity_bins import IntensityBins

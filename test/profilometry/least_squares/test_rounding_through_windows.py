@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.bins.windows import Windows
 from ftp_dent_ros.profilometry.least_squares.noise.noise_gain import rounding_through

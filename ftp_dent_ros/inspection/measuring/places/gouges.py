@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.inspection.dent import Estimate, MeasuredDent, orientation_of
 from ftp_dent_ros.inspection.measuring.places.bare_skin import BareSkin
 from ftp_dent_ros.inspection.measuring.places.grooves import Strip, Vector

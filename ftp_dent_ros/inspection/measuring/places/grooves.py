@@ -9,7 +9,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.inspection.measuring.places.narrow_marks import NarrowMark
 from ftp_dent_ros.inspection.measuring.skin.contour import Contour
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice

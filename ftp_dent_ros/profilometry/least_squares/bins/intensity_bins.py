@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.photograph import FULL, Photograph
+from ftp_dent_ros.photograph.photograph import FULL, Photograph
 from ftp_dent_ros.profilometry.least_squares.bins.compression import jpeg_variance
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.bins.pixel_noise import PixelNoise

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.bins.intensity_bins import IntensityBins
 from ftp_dent_ros.profilometry.least_squares.bins.windows import Windows

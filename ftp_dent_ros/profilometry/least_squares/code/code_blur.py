@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.median import NORMAL_SPREAD, median
-from ftp_dent_ros.pattern import fringe_order
+from ftp_dent_ros.pattern.pattern import fringe_order
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.bins.windows import Windows
 from ftp_dent_ros.profilometry.least_squares.code.contrast_model import ContrastModel

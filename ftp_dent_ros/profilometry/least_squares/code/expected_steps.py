@@ -11,8 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.code_sequences import SEQUENCES
-from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.pattern.pattern import SEQUENCES, Pattern
 from ftp_dent_ros.profilometry.least_squares.code.fringe_contrast import fringe_contrasts
 
 # Variance of a usual blur, and of others that are asked for, radians^2: one blurs the fringes'

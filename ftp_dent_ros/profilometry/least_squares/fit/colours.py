@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.median import NORMAL_SPREAD, median
-from ftp_dent_ros.pattern import Pattern
-from ftp_dent_ros.photograph import Photograph
+from ftp_dent_ros.pattern.pattern import Pattern
+from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.bins.intensity_bins import IN_LUMA, IN_MOSAIC
 from ftp_dent_ros.profilometry.least_squares.bins.windows import NO_AVERAGE, Windows, gaussian_of

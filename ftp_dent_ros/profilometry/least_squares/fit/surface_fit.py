@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.errors import NoStripeError
 from ftp_dent_ros.median import median
-from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.profilometry.least_squares.bins.exposure import check_fringes
 from ftp_dent_ros.profilometry.least_squares.bins.extrapolation import Extrapolation
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid

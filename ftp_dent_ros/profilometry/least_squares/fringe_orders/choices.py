@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.pattern import fringe_order
+from ftp_dent_ros.pattern.pattern import fringe_order
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.code.contrast_code import ContrastSteps
 from ftp_dent_ros.profilometry.least_squares.fringe_orders.pieces import touching

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.median import median
-from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 
 # Row of nodes that is looked at.

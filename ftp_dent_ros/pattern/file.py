@@ -10,7 +10,7 @@ import yaml
 
 from ftp_dent_ros.errors import PatternError
 from ftp_dent_ros.files import written_aside
-from ftp_dent_ros.pattern import OF_CODE, Pattern
+from ftp_dent_ros.pattern.pattern import OF_CODE, Pattern
 from ftp_dent_ros.yaml_file import read_yaml
 
 _REQUIRED = ('width', 'height', 'period_px', 'stripe_center_px')

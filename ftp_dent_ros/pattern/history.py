@@ -10,7 +10,7 @@ import bisect
 import threading
 
 from ftp_dent_ros.errors import NoPatternError, PatternChangeError
-from ftp_dent_ros.pattern import Pattern
+from ftp_dent_ros.pattern.pattern import Pattern
 
 # Patterns that are remembered: far more than change while a photograph is on its way.
 _MOST = 64

@@ -13,7 +13,8 @@ import numpy as np
 from ftp_dent_ros.errors import RigError
 
 if TYPE_CHECKING:
-    from ftp_dent_ros.rig import Lens, Rig
+    from ftp_dent_ros.rig.rig import Lens, Rig
+
 
 # A drone carries less than the one and resolves nothing with the other, metres.
 _LONGEST_BASELINE, _SHORTEST_BASELINE = 5.0, 0.005

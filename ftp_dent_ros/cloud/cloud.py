@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from ftp_dent_ros.errors import CloudError
 
 if TYPE_CHECKING:
-    # SciPy takes a second to load on a small computer, and not every node needs it.
     from ftp_dent_ros.pose import Pose
 
 

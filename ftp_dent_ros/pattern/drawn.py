@@ -9,9 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.code_sequences import SEQUENCES
 from ftp_dent_ros.errors import PatternError
-from ftp_dent_ros.pattern import Pattern, fringe_order
+from ftp_dent_ros.pattern.pattern import SEQUENCES, Pattern, fringe_order
 
 # Whole fringes that tell which they are: the length of the sequences' words.
 _LEAST_FRINGES = 8

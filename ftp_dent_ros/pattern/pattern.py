@@ -25,9 +25,8 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ftp_dent_ros.code_sequences import SEQUENCES
 from ftp_dent_ros.errors import PatternError
-from ftp_dent_ros.rig import Lens
+from ftp_dent_ros.rig.rig import Lens
 
 # An even number, so that the mean level is a whole grey level and the rounding of the two
 # halves of a fringe cancels: 255 levels shift a fringe by up to 0.003 pixels.
@@ -43,6 +42,30 @@ OF_CODE = 'low_contrast', 'row_depth', 'row_period_px'
 _NUMBERS = 'period_px', 'stripe_center_px', *OF_CODE
 # Zeros that are told apart within a fringe; and periods, by their logarithm over that of 8 px.
 _ZEROS, _PERIODS, _PERIOD_STEP, _FIRST_PERIOD = 4, 4, 0.02, 8.0
+
+# Registers: the bits that are added up for the next one, the oldest first; 1 if one more is added;
+# and the first word. Of all first words, each is one after which, over 160 bits, words of 16
+# differ in 3 places and none of 15 is found mirrored. By search over all registers of 8 bits.
+_REGISTERS = (
+    (0b11111010, 0, 0b00011100),
+    (0b11101010, 1, 0b00000000),
+    (0b10111010, 1, 0b11111110),
+    (0b11111010, 1, 0b00000000),
+    (0b10101110, 1, 0b00000000),
+    (0b11111110, 1, 0b00000000),
+    (0b11110101, 0, 0b10100010),
+    (0b11110101, 1, 0b01011101),
+    (0b11111101, 1, 0b00000000),
+    (0b10101011, 1, 0b00000000),
+    (0b11111011, 1, 0b00000000),
+    (0b11010111, 0, 0b10000000),
+    (0b11010111, 1, 0b00000000),
+    (0b10101111, 0, 0b10000000),
+    (0b10101111, 1, 0b10001101),
+    (0b11101111, 1, 0b00000000),
+)
+# Bits of a sequence. From 186 on some begin again.
+_LENGTH = 256
 
 
 @dataclass(frozen=True)
@@ -260,3 +283,17 @@ def fringe_order(phase: ArrayLike) -> NDArray[np.int32]:
 def _whole(levels: NDArray[np.float64]) -> NDArray[np.float64]:
     """Whole grey levels; those halfway between two go the same way on both flanks of a fringe."""
     return np.rint(_TIE * np.rint(levels / _TIE))
+
+
+def _sequence(added: int, one_more: int, first: int) -> NDArray[np.bool_]:
+    """Bits of a shift register."""
+    bits = [first >> place & 1 for place in range(7, -1, -1)]
+    taps = [place for place in range(8) if added >> (7 - place) & 1]
+    while len(bits) < _LENGTH:
+        oldest = len(bits) - 8
+        bits.append((sum(bits[oldest + tap] for tap in taps) + one_more) % 2)
+    return np.array(bits, bool)
+
+
+#: All sequences, shape (16, 256).
+SEQUENCES = np.stack([_sequence(*register) for register in _REGISTERS])

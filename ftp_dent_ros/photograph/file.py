@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.errors import ImageError
-from ftp_dent_ros.photograph import Encoding, Photograph
+from ftp_dent_ros.photograph.photograph import Encoding, Photograph
 
 _SUFFIXES = ('.png', '.jpg', '.jpeg', '.tif', '.tiff')
 # Bits that cameras have and files keep in sixteen.

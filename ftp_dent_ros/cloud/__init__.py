@@ -1,0 +1,1 @@
+"""An organised point cloud, and its file."""

@@ -1,0 +1,1 @@
+"""A photograph as a camera takes it, and its files."""
