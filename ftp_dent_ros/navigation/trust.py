@@ -483,7 +483,7 @@ class Trust:
         }
 
     def rates(self, autopilot: int) -> dict[str, float]:
-        """Rates (Hz) of the messages that are wanted of an autopilot (a MAV_AUTOPILOT), by name."""
+        """Rates, Hz, of the messages wanted of an autopilot (a MAV_AUTOPILOT), by name."""
         is_ardupilot = autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
         report = 'EKF_STATUS_REPORT' if is_ardupilot else 'ESTIMATOR_STATUS'
         wanted = {report: _RATE, 'DISTANCE_SENSOR': _RANGE_RATE}

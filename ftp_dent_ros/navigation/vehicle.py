@@ -1,4 +1,8 @@
-"""The one autopilot that is believed: no socket, no thread and no clock, so that a flight can be replayed."""
+"""The one autopilot that is believed.
+
+There is no socket, no thread and no clock in here, so that a flight can be replayed through it
+faster than it was flown.
+"""
 
 from __future__ import annotations
 
