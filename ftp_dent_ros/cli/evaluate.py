@@ -64,9 +64,14 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _detect(arguments: argparse.Namespace, folder: Path) -> int:
     # Few need it.
-    from ftp_dent_ros.evaluation.detection.page import write_page
-    from ftp_dent_ros.evaluation.detection.results import blanks_of, rows_of, sentence
-    from ftp_dent_ros.evaluation.detection.trials import TOGETHER, trials
+    from ftp_dent_ros.evaluation.detection import (
+        TOGETHER,
+        blanks_of,
+        rows_of,
+        sentence,
+        trials,
+        write_page,
+    )
 
     for name in ('dents', 'blanks'):
         if getattr(arguments, name) < 1:
