@@ -68,8 +68,8 @@ def _detect(arguments: argparse.Namespace, folder: Path) -> int:
         TOGETHER,
         blanks_of,
         rows_of,
+        run_trials,
         sentence,
-        trials,
         write_page,
     )
 
@@ -85,7 +85,7 @@ def _detect(arguments: argparse.Namespace, folder: Path) -> int:
     depth = arguments.smallest_depth / 1e3
     total = math.ceil(arguments.dents / TOGETHER) + arguments.blanks
     with tqdm(total=total, unit='photograph', dynamic_ncols=True, disable=None) as bar:
-        taken = trials(folder, arguments.dents, arguments.blanks, depth, bar.update)
+        taken = run_trials(folder, arguments.dents, arguments.blanks, depth, bar.update)
     rows, blanks = rows_of(taken), blanks_of(taken)
     page = write_page(folder, taken, rows, blanks, depth)
     print(sentence(rows, blanks, depth))

@@ -115,7 +115,7 @@ class Trial:
     refused: str = ''
 
 
-def trials(
+def run_trials(
     folder: Path, dents: int, blanks: int, smallest_depth: float, progress: Callable[[], Any]
 ) -> list[Trial]:
     """All trials; those that a run before has left in the folder are not taken again.
