@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-
 #: The largest maximum_clock_error, seconds: at 1 m/s it costs a metre.
 MOST_CLOCK_ERROR = 1.0
 
