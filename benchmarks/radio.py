@@ -65,7 +65,7 @@ def listen(output: Path, names: list[str]) -> None:
     import rclpy
     from rclpy.qos import QoSProfile
 
-    from ftp_dent_ros.decoding.message_types import message_class
+    from ftp_dent_ros.coding.messages import message_class
     from ftp_dent_ros.ros.qos import CLOUDS, LATCHED
 
     rclpy.init()

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from ftp_dent_ros.cloud.ply import write_ply
-from ftp_dent_ros.decoding.images import image_from_message
+from ftp_dent_ros.coding.images import image_from_message
 from ftp_dent_ros.demonstration import pictures
 from ftp_dent_ros.demonstration.appraisal import (
     camera_error,
@@ -22,7 +22,7 @@ from ftp_dent_ros.demonstration.appraisal import (
 )
 from ftp_dent_ros.files import written_aside
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.recording.provenance import rig_id_of
+from ftp_dent_ros.recording.clouds import rig_id_of
 from ftp_dent_ros.recording.reader import Bag
 from ftp_dent_ros.simulation.skin.surface import Surface
 from ftp_dent_ros.simulation.world import World

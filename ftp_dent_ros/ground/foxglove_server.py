@@ -34,7 +34,7 @@ class FoxgloveServer:
         try:
             import foxglove
 
-            from ftp_dent_ros.recording import definitions
+            from ftp_dent_ros.recording import topic as definitions
         except ModuleNotFoundError as missing:
             raise ConfigurationError(
                 f'the Foxglove WebSocket needs {missing.name}, which is not installed: install it '

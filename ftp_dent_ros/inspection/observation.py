@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.cloud.cloud import Cloud
+from ftp_dent_ros.cloud.coverage import Coverage
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.profilometry.coverage import Coverage
 
 SAME = Pose(Rotation.identity(), np.zeros(3))
 

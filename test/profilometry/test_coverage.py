@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from ftp_dent_ros.profilometry.coverage import CLIPPED, UNEXPLAINED, UNTIED, Coverage
+from ftp_dent_ros.cloud.coverage import CLIPPED, UNEXPLAINED, UNTIED, Coverage
 
 
 @pytest.fixture

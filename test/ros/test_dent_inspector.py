@@ -25,9 +25,8 @@ from ftp_dent_ros.inspection.reporting.records import dent_record, finite
 from ftp_dent_ros.inspection.tracking.dent_list import DentList
 from ftp_dent_ros.inspection.tracking.pose_errors import EXACT
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.recording.definitions import find_definition, type_hash
 from ftp_dent_ros.recording.reader import open_bag
-from ftp_dent_ros.recording.topic import Message, Qos, Topic
+from ftp_dent_ros.recording.topic import Message, Qos, Topic, find_definition, type_hash
 from ftp_dent_ros.recording.writer import BagWriter
 from ftp_dent_ros.ros.dent_messages import dents_from_message, dents_to_message
 from ftp_dent_ros.ros.messages import (

@@ -8,8 +8,8 @@ pytest.importorskip('zenoh', reason='Zenoh is not installed: the link to the gro
 from free_address import free_address
 
 from ftp_dent_ros.cloud.cloud import Cloud
+from ftp_dent_ros.coding.cloud_codec import View
 from ftp_dent_ros.coding.compressed_depth import depths
-from ftp_dent_ros.coding.view import View
 from ftp_dent_ros.pose import Pose
 
 

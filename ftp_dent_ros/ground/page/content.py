@@ -17,7 +17,7 @@ _LARGEST = 4 << 20  # bytes of a message
 
 def message_of(item: Item) -> Any:
     """Message of CDR, without ROS."""
-    from ftp_dent_ros.recording.definitions import typestore
+    from ftp_dent_ros.recording.topic import typestore
 
     try:
         if len(item.data) > _LARGEST:

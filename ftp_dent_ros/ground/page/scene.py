@@ -9,8 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ftp_dent_ros.coding.cloud_codec import decode
-from ftp_dent_ros.coding.view import View
+from ftp_dent_ros.coding.cloud_codec import View, decode
 from ftp_dent_ros.errors import CodecError
 from ftp_dent_ros.ground import topics
 from ftp_dent_ros.ground.item import Item

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.cloud.coverage import Coverage
 from ftp_dent_ros.inspection.dent import Waviness
 from ftp_dent_ros.inspection.reporting.mesh import Mesh
 from ftp_dent_ros.inspection.reporting.rules import Finding, Rules
@@ -15,7 +16,6 @@ from ftp_dent_ros.inspection.settings import Settings
 from ftp_dent_ros.inspection.tracking.repeatability import Repeatability
 from ftp_dent_ros.inspection.tracking.sightings import ListedDent
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.profilometry.coverage import Coverage
 from ftp_dent_ros.rig.rig import Lens
 
 
