@@ -18,7 +18,7 @@ import numpy as np
 from tqdm import tqdm
 
 from ftp_dent_ros.errors import FtpDentError
-from ftp_dent_ros.evaluation.detection.trials import area_of, reconstructor_at, scene_of
+from ftp_dent_ros.evaluation.detection import area_of, reconstructor_at, scene_of
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.settings import Settings
 

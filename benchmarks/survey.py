@@ -37,7 +37,7 @@ from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.rig.rig import read_rig
 from ftp_dent_ros.simulation import Dent, Paint, Panel, Photometry, Renderer, Rivet, Surface
-from ftp_dent_ros.simulation.skin.marks import Dirt, Lettering, scratches
+from ftp_dent_ros.simulation.paint import Dirt, Lettering, scratches
 from ftp_dent_ros.survey.patches.patch import patch_of
 from ftp_dent_ros.survey.poses.joining import Joining
 from ftp_dent_ros.survey.registration.common_errors import COMMON

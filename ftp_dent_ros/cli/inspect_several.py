@@ -16,7 +16,7 @@ from tqdm import tqdm
 from ftp_dent_ros.cli.inspection_request import Request, report_of
 from ftp_dent_ros.errors import ConfigurationError, FtpDentError
 from ftp_dent_ros.files import content_id, find
-from ftp_dent_ros.fleet.finished import begin, finish, is_made_of, made_of
+from ftp_dent_ros.fleet import begin, finish, is_made_of, made_of
 from ftp_dent_ros.inspection.reporting.files import write_report
 
 _FAILED = 2
@@ -88,10 +88,10 @@ def _results(
         return iter(())
     if scheduler:
         # Only this needs Dask.
-        from ftp_dent_ros.fleet.cluster import on_cluster
+        from ftp_dent_ros.fleet import on_cluster
 
         return on_cluster(_work, tasks, scheduler)
-    from ftp_dent_ros.fleet.processes import side_by_side
+    from ftp_dent_ros.fleet import side_by_side
 
     return side_by_side(_work, tasks, jobs or len(os.sched_getaffinity(0)))
 

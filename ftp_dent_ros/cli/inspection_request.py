@@ -92,7 +92,7 @@ def _of_bag(
     request: Request, rules: Rules | None, progress: Callable[[int], object], jobs: int
 ) -> Report:
     # Only this needs the libraries of bags.
-    from ftp_dent_ros.fleet.processes import in_order
+    from ftp_dent_ros.fleet import in_order
     from ftp_dent_ros.inspection.reporting.bag import survey_bag
     from ftp_dent_ros.recording import clouds
     from ftp_dent_ros.recording.clouds import count_clouds

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rclpy.node import Node
 from rclpy.time import Time
 
-from ftp_dent_ros.calibration.checking.preflight import NO, OK, WARN, Finding, examine, sharpness
+from ftp_dent_ros.calibration.preflight import NO, OK, WARN, Finding, examine, sharpness
 from ftp_dent_ros.errors import CameraError, ConfigurationError
 from ftp_dent_ros.files import find, nearest_folder
 from ftp_dent_ros.inspection.settings import Settings as Smallest

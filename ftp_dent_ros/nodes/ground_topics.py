@@ -18,7 +18,7 @@ from ftp_dent_ros.coding.compressed_depth import FORMAT, depth_image
 from ftp_dent_ros.coding.messages import message_class
 from ftp_dent_ros.errors import CodecError
 from ftp_dent_ros.ground import topics
-from ftp_dent_ros.ground.item import Item
+from ftp_dent_ros.ground.protocol import Item
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.ros.diagnostics import Diagnostics
 from ftp_dent_ros.ros.fields import to_data

@@ -19,10 +19,10 @@ from ftp_dent_ros.errors import CodecError, ConfigurationError
 from ftp_dent_ros.ground import topics
 from ftp_dent_ros.ground.commands import Answer, Executive
 from ftp_dent_ros.ground.drone import Drone
-from ftp_dent_ros.ground.item import Importance, Item
 from ftp_dent_ros.ground.link import Link, Security
 from ftp_dent_ros.ground.page.scene import Scene
 from ftp_dent_ros.ground.page.server import Page, PageServer
+from ftp_dent_ros.ground.protocol import Importance, Item
 from ftp_dent_ros.ground.station import Station
 from ftp_dent_ros.recording.topic import typestore
 

@@ -1,0 +1,168 @@
+"""Where on the earth the map's origin is (WGS 84), by what the autopilot says."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from ftp_dent_ros.errors import PoseError
+from ftp_dent_ros.navigation.clock import ClockOffset
+from ftp_dent_ros.navigation.settings import Instant
+from ftp_dent_ros.pose import Pose
+
+# Equatorial radius in metres, and the eccentricity's square.
+_RADIUS, _ECCENTRICITY = 6_378_137.0, 6.694_379_990_141e-3
+
+# Seconds from asking for what is missing to asking again.
+_ASK_AGAIN = 3.0
+# The same where it is only to be seen whether the origin moves.
+_ASK_SELDOM = 30.0
+_ONCE = (mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN, mavlink.MAVLINK_MSG_ID_GPS_RAW_INT)
+
+
+@dataclass(frozen=True)
+class Origin:
+    """The map's origin.
+
+    Attributes
+    ----------
+    latitude, longitude : float
+        WGS 84, degrees.
+    above_sea : float
+        Metres above the mean sea.
+    altitude : float
+        Metres above the ellipsoid; NaN if that is not known.
+    """
+
+    latitude: float
+    longitude: float
+    above_sea: float
+    altitude: float = math.nan
+
+    def distance(self, other: Origin) -> float:
+        """Horizontal distance to another that is near by, metres."""
+        return float(np.hypot(*self.offset_of(other)[:2]))
+
+    def offset_of(self, other: Origin) -> NDArray[np.float64]:
+        """Where another that is near by lies from here (ENU, metres)."""
+        north, east = _metres_per_degree(self.latitude)
+        return np.array(
+            [
+                east * (other.longitude - self.longitude),
+                north * (other.latitude - self.latitude),
+                other.above_sea - self.above_sea,
+            ]
+        )
+
+    def moved(self, offset: NDArray) -> Origin:
+        """The place that lies at an offset (ENU, metres) from here."""
+        east, north, up = (float(value) for value in offset)
+        per_latitude, per_longitude = _metres_per_degree(self.latitude)
+        return Origin(
+            self.latitude + north / per_latitude,
+            self.longitude + east / per_longitude,
+            self.above_sea + up,
+            self.altitude + up,
+        )
+
+
+def origin_below(place: Origin, position: NDArray) -> Origin:
+    """Origin of a map in which a place on the earth has a position (ENU, metres)."""
+    return place.moved(-position)
+
+
+def place_on_earth(latitude: int, longitude: int, altitude: int) -> Origin | None:
+    """Place of MAVLink's 1e-7 degrees and millimetres; None for none (0, 0) and no such place."""
+    if not (latitude or longitude) or abs(latitude) > 900_000_000 or abs(longitude) > 1.8e9:
+        return None
+    return Origin(1e-7 * latitude, 1e-7 * longitude, 1e-3 * altitude)
+
+
+def _metres_per_degree(latitude: float) -> tuple[float, float]:
+    """Of latitude and of longitude, by the ellipsoid's radii of curvature."""
+    phi = math.radians(latitude)
+    curve = 1 - _ECCENTRICITY * math.sin(phi) ** 2
+    meridian = _RADIUS * (1 - _ECCENTRICITY) / curve**1.5
+    parallel = _RADIUS / math.sqrt(curve) * math.cos(phi)
+    return math.radians(meridian), math.radians(parallel)
+
+
+class Earth:
+    """Follows the origin of one autopilot's map.
+
+    Parameters
+    ----------
+    clock : ClockOffset
+    pose_at : callable
+        Pose in the map at a time since boot.
+    """
+
+    def __init__(self, clock: ClockOffset, pose_at: Callable[[int], Pose]) -> None:
+        self._clock, self._pose_at = clock, pose_at
+        self.handlers = {
+            'GPS_GLOBAL_ORIGIN': self._on_gps_global_origin,
+            'GLOBAL_POSITION_INT': self._on_global_position_int,
+            'GPS_RAW_INT': self._on_gps_raw_int,
+        }
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget everything: the autopilot has just been found, or has rebooted."""
+        self._said: Origin | None = None
+        self._derived: Origin | None = None
+        self._passed: tuple[int, Origin] | None = None
+        self._separation: float | None = None
+        self._asked = [-math.inf, -math.inf]
+
+    @property
+    def origin(self) -> Origin | None:
+        """The map's origin, if it is known."""
+        origin = self._said or self._derived
+        if origin is None or self._separation is None:
+            return origin
+        return replace(origin, altitude=origin.above_sea + self._separation)
+
+    @property
+    def error(self) -> float | None:
+        """How far apart the two ways to know it are, metres."""
+        if self._said is None or self._derived is None:
+            return None
+        return self._said.distance(self._derived)
+
+    def next_request(self, now: float, height: bool = True) -> int | None:
+        """Number of a message to request once, at a steady time.
+
+        Without `height` it is only the origin's, and seldom.
+        """
+        known = (self._said is not None, self._separation is not None or not height)
+        period = _ASK_AGAIN if height else _ASK_SELDOM
+        for index, message_id in enumerate(_ONCE):
+            if not known[index] and now - self._asked[index] > period:
+                self._asked[index] = now
+                return message_id
+        return None
+
+    def _on_gps_global_origin(self, message: Any, at: Instant) -> None:
+        said = place_on_earth(message.latitude, message.longitude, message.altitude)
+        self._said = said or self._said
+
+    def _on_global_position_int(self, message: Any, at: Instant) -> None:
+        # By now there are samples on both sides of the one before.
+        if self._passed is not None:
+            boot, place = self._passed
+            with contextlib.suppress(PoseError):
+                self._derived = origin_below(place, self._pose_at(boot).translation)
+        here = place_on_earth(message.lat, message.lon, message.alt)
+        stamp = self._clock.unwrap(message.time_boot_ms, at.ros)
+        self._passed = None if here is None or stamp is None else (stamp, here)
+
+    def _on_gps_raw_int(self, message: Any, at: Instant) -> None:
+        if message.fix_type >= mavlink.GPS_FIX_TYPE_3D_FIX and message.alt_ellipsoid:
+            self._separation = 1e-3 * (message.alt_ellipsoid - message.alt)

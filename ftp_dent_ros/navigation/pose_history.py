@@ -1,0 +1,284 @@
+"""Poses out of the autopilot's messages, kept for a while and interpolated."""
+
+from __future__ import annotations
+
+import bisect
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from scipy.spatial.transform import Rotation
+
+from ftp_dent_ros.errors import PoseAwaitedError, PoseError
+from ftp_dent_ros.navigation import frames, pose_covariance
+from ftp_dent_ros.navigation.pose_covariance import Motion
+from ftp_dent_ros.pose import Pose
+
+_SECOND = 1e9
+_MILLISECOND = 1e6
+
+# Steps beyond what the rates explain. A flight's own are within 0.13 degrees and 3 mm at 50 Hz.
+_ROTATION_JUMP = np.radians(1.0)
+_POSITION_JUMP = 0.05
+
+_Vector = NDArray[np.float64]
+
+# A sample of one quantity: its value and its rate of change.
+Sample = tuple[NDArray[np.float64], NDArray[np.float64]]
+
+_BODY = mavlink.MAV_FRAME_BODY_FRD
+
+
+@dataclass
+class _Track:
+    """Samples of one quantity and its rate of change, in the order of their stamps.
+
+    A sample that lies further from where its neighbour was heading than `jump` is no motion but
+    a reset of the estimator; samples far apart may also have been accelerated.
+    """
+
+    name: str
+    duration: int
+    step: Callable[[_Vector, _Vector], _Vector]
+    jump: float
+    acceleration: float
+    stamps: list[int] = field(default_factory=list)
+    samples: list[tuple[_Vector, _Vector]] = field(default_factory=list)
+    is_reset: list[bool] = field(default_factory=list)
+
+    def clear(self) -> None:
+        self.stamps, self.samples, self.is_reset = [], [], []
+
+    def add(self, stamp: int, value: _Vector, rate: _Vector, jumped: bool) -> None:
+        if self.stamps and not jumped:
+            seconds = (stamp - self.stamps[-1]) / _SECOND
+            last, last_rate = self.samples[-1]
+            off = self.step(last, value) - (last_rate + rate) / 2 * seconds
+            jumped = bool(np.linalg.norm(off) > self.jump + self.acceleration * seconds**2 / 4)
+        self.stamps.append(stamp)
+        self.samples.append((value, rate))
+        self.is_reset.append(jumped)
+        expired = bisect.bisect_left(self.stamps, stamp - self.duration)
+        if expired > len(self.stamps) // 2:
+            del self.stamps[:expired], self.samples[:expired], self.is_reset[:expired]
+
+    def around(self, stamp: int, maximum_gap: int) -> tuple[_Vector, _Vector, float]:
+        """Values at the samples around a stamp, and where between them it lies, 0 to 1."""
+        if not self.stamps:
+            raise PoseAwaitedError(f'no {self.name} has come from the autopilot', 'no pose yet')
+        if stamp > self.stamps[-1]:
+            raise PoseAwaitedError(
+                f'the newest {self.name} is {_ms(stamp - self.stamps[-1])} older than the stamp',
+                'later sample awaited',
+            )
+        if stamp < self.stamps[0]:
+            raise PoseError(
+                f'the stamp is {_ms(self.stamps[0] - stamp)} older than the oldest {self.name}',
+                'too old',
+            )
+        after = bisect.bisect_left(self.stamps, stamp)
+        value = self.samples[after][0]
+        if self.stamps[after] == stamp:
+            return value, value, 0.0
+        gap = self.stamps[after] - self.stamps[after - 1]
+        if self.is_reset[after]:
+            raise PoseError(
+                f"the estimator's {self.name} jumped at the time of the stamp", 'estimator reset'
+            )
+        if gap > maximum_gap:
+            raise PoseError(
+                f'no {self.name} came for {_ms(gap)} around the stamp, more than '
+                f'{_ms(maximum_gap)}',
+                'gap in the samples',
+            )
+        return self.samples[after - 1][0], value, (stamp - self.stamps[after - 1]) / gap
+
+    def nearest(self, stamp: int) -> tuple[_Vector, _Vector, float]:
+        """The sample nearest to a stamp among them, and the gap around it in seconds."""
+        after = bisect.bisect_left(self.stamps, stamp)
+        if self.stamps[after] == stamp:
+            return *self.samples[after], 0.0
+        start, end = self.stamps[after - 1 : after + 1]
+        closest = after if 2 * stamp > start + end else after - 1
+        return *self.samples[closest], (end - start) / _SECOND
+
+
+class PoseHistory:
+    """Samples of attitude and position, and the pose at any time between them.
+
+    Stamps are nanoseconds since the autopilot's boot.
+
+    Parameters
+    ----------
+    duration : float
+        How long samples are kept, seconds.
+    maximum_gap : float
+        Longest time between two samples that is interpolated across, seconds.
+    """
+
+    def __init__(self, duration: float = 10.0, maximum_gap: float = 0.15) -> None:
+        self._maximum_gap = round(maximum_gap * _SECOND)
+        kept = round(duration * _SECOND)
+        self._attitudes = _Track('attitude', kept, _turn, _ROTATION_JUMP, 10.0)
+        self._positions = _Track('position', kept, _difference, _POSITION_JUMP, 20.0)
+        self.resets = 0
+
+    def add_attitude(
+        self, stamp: int, quaternion: ArrayLike, body_rate: ArrayLike, is_reset: bool = False
+    ) -> bool:
+        """Take an attitude (x, y, z, w; FLU -> ENU) and its body rates (FLU, rad/s).
+
+        `is_reset` says that the estimator was reset since the one before.
+
+        Returns
+        -------
+        bool
+            Whether it was taken; one that is not newer than the last is not.
+        """
+        return self._add(self._attitudes, stamp, quaternion, body_rate, is_reset)
+
+    def add_position(
+        self, stamp: int, position: ArrayLike, velocity: ArrayLike, is_reset: bool = False
+    ) -> bool:
+        """Take a position (metres) and velocity (m/s) in `map`; as `add_attitude`."""
+        return self._add(self._positions, stamp, position, velocity, is_reset)
+
+    def clear(self) -> None:
+        """Forget everything: the stamps start anew."""
+        self._attitudes.clear()
+        self._positions.clear()
+
+    def at(self, stamp: int) -> Pose:
+        """Pose of `base_link` in `map` at a stamp.
+
+        Raises
+        ------
+        PoseAwaitedError
+            A sample from after the stamp is still to come.
+        PoseError
+            The stamp is older than all samples, or lies in a gap or across a reset.
+        """
+        before, after, weight = self._attitudes.around(stamp, self._maximum_gap)
+        start, end, along = self._positions.around(stamp, self._maximum_gap)
+        rotation = Rotation.from_quat(before)
+        if weight:
+            rotation = rotation * Rotation.from_rotvec(weight * _turn(before, after))
+        return Pose(rotation, start + along * (end - start))
+
+    @property
+    def newest(self) -> int:
+        """Stamp of the newest sample, or 0."""
+        return max(self._attitudes.stamps[-1:] + self._positions.stamps[-1:], default=0)
+
+    def stamps_since(self, stamp: int) -> list[int]:
+        """Stamps of attitudes later than `stamp` that lie within the known positions."""
+        stamps, positions = self._attitudes.stamps, self._positions.stamps
+        if not positions:
+            return []
+        begin = max(bisect.bisect_right(stamps, stamp), bisect.bisect_left(stamps, positions[0]))
+        return stamps[begin : bisect.bisect_right(stamps, positions[-1])]
+
+    def motion(self, stamp: int) -> Motion:
+        """How it moved at a stamp that `at` has a pose for."""
+        attitude, body_rate, turning_gap = self._attitudes.nearest(stamp)
+        _, velocity, moving_gap = self._positions.nearest(stamp)
+        turn_rate = Rotation.from_quat(attitude).apply(body_rate)
+        return Motion(velocity, turn_rate, max(turning_gap, moving_gap))
+
+    def _add(
+        self, track: _Track, stamp: int, value: ArrayLike, rate: ArrayLike, is_reset: bool
+    ) -> bool:
+        if track.stamps and stamp <= track.stamps[-1]:
+            return False
+        track.add(stamp, np.asarray(value, float), np.asarray(rate, float), is_reset)
+        self.resets += track.is_reset[-1]
+        return True
+
+
+def _difference(start: _Vector, end: _Vector) -> _Vector:
+    return end - start
+
+
+def _turn(start: _Vector, end: _Vector) -> _Vector:
+    """Rotation vector, in the body's frame, from one quaternion (x, y, z, w) to another.
+
+    In plain numbers, for it runs on every sample.
+    """
+    ax, ay, az, aw = start.tolist()
+    bx, by, bz, bw = end.tolist()
+    w = aw * bw + ax * bx + ay * by + az * bz
+    vector = np.array(
+        [
+            aw * bx - ax * bw - ay * bz + az * by,
+            aw * by - ay * bw - az * bx + ax * bz,
+            aw * bz - az * bw - ax * by + ay * bx,
+        ]
+    )
+    sine = float(np.linalg.norm(vector))
+    if sine < 1e-12:
+        return np.zeros(3)
+    # The shorter way round, whatever the signs of the two.
+    return np.copysign(2 * np.arctan2(sine, abs(w)) / sine, w) * vector
+
+
+def _ms(nanoseconds: float) -> str:
+    return f'{nanoseconds / _MILLISECOND:.0f} ms'
+
+
+@dataclass(frozen=True)
+class Odometry:
+    """An ODOMETRY message.
+
+    Attributes
+    ----------
+    attitude, position : tuple
+        As of `attitude` and `position`.
+    covariance : ndarray, shape (6, 6), or None
+        In the map, if the autopilot says it.
+    """
+
+    attitude: Sample
+    position: Sample
+    covariance: pose_covariance.Covariance | None
+
+
+def attitude(message: Any) -> Sample | None:
+    """Quaternion (x, y, z, w; FLU -> ENU) and body rates (FLU) of an ATTITUDE_QUATERNION.
+
+    None if it is impossible: not finite, or no rotation.
+    """
+    quaternion = (message.q1, message.q2, message.q3, message.q4)
+    return _attitude(quaternion, (message.rollspeed, message.pitchspeed, message.yawspeed))
+
+
+def position(message: Any) -> Sample | None:
+    """Position and velocity in ENU of a LOCAL_POSITION_NED; None if it is not finite."""
+    place, velocity = (message.x, message.y, message.z), (message.vx, message.vy, message.vz)
+    if not all(map(math.isfinite, (*place, *velocity))):
+        return None
+    return frames.enu_from_ned(place), frames.enu_from_ned(velocity)
+
+
+def odometry(message: Any) -> Odometry | None:
+    """Sample of an ODOMETRY; None if it is impossible, or not in a frame that knows north."""
+    rates = (message.rollspeed, message.pitchspeed, message.yawspeed)
+    turn, place = _attitude(message.q, rates), position(message)
+    if message.frame_id != mavlink.MAV_FRAME_LOCAL_NED or turn is None or place is None:
+        return None
+    if message.child_frame_id == _BODY:
+        velocity = (message.vx, message.vy, message.vz)
+        place = place[0], Rotation.from_quat(turn[0]).apply(frames.flu_from_frd(velocity))
+    elif message.child_frame_id != mavlink.MAV_FRAME_LOCAL_NED:
+        return None
+    return Odometry(turn, place, pose_covariance.of_odometry(message.pose_covariance))
+
+
+def _attitude(quaternion: Any, rates: Any) -> Sample | None:
+    is_finite = all(map(math.isfinite, (*quaternion, *rates)))
+    if not is_finite or abs(math.hypot(*quaternion) - 1) > 0.01:
+        return None
+    return frames.enu_attitude(quaternion), frames.flu_from_frd(rates)
