@@ -16,16 +16,18 @@ from ftp_dent_ros.errors import ConfigurationError, InputError
 from ftp_dent_ros.ground.link import Link, Security, endpoints, make_keys
 from ftp_dent_ros.ground.protocol import Item
 from ftp_dent_ros.supervision import transport
-from ftp_dent_ros.supervision.process_log import ProcessLog
-from ftp_dent_ros.supervision.processes import Processes, Program
-from ftp_dent_ros.supervision.respawn import keep_running
-from ftp_dent_ros.supervision.signals import stop_event
+from ftp_dent_ros.supervision.processes import (
+    Processes,
+    ProcessLog,
+    Program,
+    keep_running,
+    stop_event,
+)
 
 if TYPE_CHECKING:
     from ftp_dent_ros.ground.foxglove_server import FoxgloveServer
     from ftp_dent_ros.ground.page.server import Page
 
-_PARTICIPANTS = 4  # the node, a recorder and two viewers, for the share of the shared memory
 _QUEUE = 64  # items that wait to be shown
 _LAST_DOMAIN = 232  # the ports of others are beyond 65535 (DDSI-RTPS, 9.6.1)
 
@@ -159,7 +161,7 @@ def _run_node(arguments: argparse.Namespace) -> int:
     )
     stopping = stop_event().is_set
     with (
-        transport.profile(_PARTICIPANTS) as variables,
+        transport.profile() as variables,
         ProcessLog([program.name]) as log,
         Processes(log.show, variables) as processes,
     ):

@@ -113,7 +113,7 @@ class FoxgloveServer:
         channel = self._channels.get(name)
         if channel is None:
             code = self._definitions.type_hash(kind)
-            text = self._definitions.find_definition(kind, code).text
+            text = self._definitions.find_definition(kind, code)
             schema = self._foxglove.Schema(name=kind, encoding='ros2msg', data=text.encode())
             channel = self._channels[name] = self._foxglove.Channel(
                 name, schema=schema, message_encoding='cdr', context=self._context

@@ -21,7 +21,7 @@ def address():
 @pytest.fixture
 def ground(ros, domain, tmp_path):
     """A node in the ground's domain; processes that it starts are there too."""
-    from ftp_dent_ros.supervision.domain import free_domain
+    from ftp_dent_ros.supervision.transport import free_domain
 
     with free_domain() as other:
         assert other != domain
