@@ -36,14 +36,15 @@ from ftp_dent_ros.pattern.file import read_pattern
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.rig.rig import read_rig
+from ftp_dent_ros.rigid import twist_between
 from ftp_dent_ros.simulation import Dent, Paint, Panel, Photometry, Renderer, Rivet, Surface
 from ftp_dent_ros.simulation.skin.marks import Dirt, Lettering, scratches
-from ftp_dent_ros.survey.patches.patch import patch_of
-from ftp_dent_ros.survey.poses.joining import Joining
-from ftp_dent_ros.survey.registration.common_errors import COMMON
-from ftp_dent_ros.survey.registration.registration import register
-from ftp_dent_ros.survey.skin_map.mosaic import Mosaic
-from ftp_dent_ros.survey.skin_map.unrolling import Unrolled
+from ftp_dent_ros.survey.information import COMMON
+from ftp_dent_ros.survey.joining import Joining
+from ftp_dent_ros.survey.mosaic import Mosaic
+from ftp_dent_ros.survey.patch import patch_of
+from ftp_dent_ros.survey.registration import register
+from ftp_dent_ros.survey.unrolled import Unrolled
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / 'test'))
 from flown_skin import STATED, erring
@@ -149,7 +150,7 @@ def pairs(arguments: argparse.Namespace) -> None:
             off = rng.multivariate_normal(np.zeros(6), doubt)
             guess = Pose(Rotation.from_rotvec(off[3:]) * true.rotation, true.translation + off[:3])
             found = register(patches[first], patches[second], guess, doubt)
-            error = found.error(true)
+            error = twist_between(found.pose, true, found.centre)
             if found.told < 6:
                 print(f'  skin {seed}, {first}-{second}: {found.told} told; {found.remark}')
                 continue

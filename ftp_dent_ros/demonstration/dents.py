@@ -15,8 +15,8 @@ from sensor_msgs.msg import PointCloud2
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.demonstration.appraisal import clouds_of
 from ftp_dent_ros.demonstration.list_check import check_list
-from ftp_dent_ros.inspection.reporting.content import Report
-from ftp_dent_ros.inspection.tracking.sightings import ListedDent
+from ftp_dent_ros.dents.sightings import ListedDent
+from ftp_dent_ros.inspection.report import Report
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.recording.reader import Bag
 from ftp_dent_ros.rig.rig import Lens

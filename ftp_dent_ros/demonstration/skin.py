@@ -14,7 +14,7 @@ from ftp_dent_ros.demonstration.appraisal import clouds_of, map_error, mean_abso
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.recording.reader import Bag
 from ftp_dent_ros.simulation.world import World
-from ftp_dent_ros.survey.joined import Joined
+from ftp_dent_ros.survey.surveying import Joined
 
 # Every so many points each way: of those that are compared, and of those that are put onto the
 # true ones, some hundred a cloud.

@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from ftp_dent_ros.calibration.adjustment.model import DISTORTIONS, LENS, RIG, Model
 from ftp_dent_ros.calibration.adjustment.projection import cross_matrices, left_jacobian, project
 from ftp_dent_ros.calibration.observing.observation import Observation
-from ftp_dent_ros.median import NORMAL_SPREAD
 from ftp_dent_ros.rig.rig import Rig
+from ftp_dent_ros.robust import NORMAL_SPREAD
 
 # What a print or a plate may be off without being another board; metres, standard deviation.
 _FREEDOM = 0.0003

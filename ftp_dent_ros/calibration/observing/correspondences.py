@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.calibration.observing.decoding import Codes
-from ftp_dent_ros.median import NORMAL_SPREAD
+from ftp_dent_ros.robust import NORMAL_SPREAD
 
 # A window reaches this part of the way to the nearest corner. Beyond it a quadratic no longer
 # follows the perspective of a tilted board.

@@ -19,7 +19,7 @@ from ftp_dent_ros import __version__
 from ftp_dent_ros.evaluation.detection.results import WIDTH, Blank, Row, sentence
 from ftp_dent_ros.evaluation.detection.trials import DISTANCES, Trial
 from ftp_dent_ros.files import written_aside
-from ftp_dent_ros.inspection.reporting.records import finite
+from ftp_dent_ros.pages.words import finite
 
 _MM = 1e3
 _COLOURS = {'clean': '#1b6ca8', 'dirty': '#b5651d', 'wavy': '#2e8b57'}

@@ -10,7 +10,7 @@ import numpy as np
 
 from ftp_dent_ros.evaluation.detection.probability import Detection, detection, most_calls
 from ftp_dent_ros.evaluation.detection.trials import DENTED, DISTANCES, SKINS, Trial
-from ftp_dent_ros.median import NORMAL_SPREAD
+from ftp_dent_ros.robust import NORMAL_SPREAD
 
 #: Width that depths are told for, metres.
 WIDTH = 0.03

@@ -12,12 +12,11 @@ from typing import Any
 
 import numpy as np
 
+from ftp_dent_ros.dents.dent import Inspection, Settings
 from ftp_dent_ros.errors import ConfigurationError, FtpDentError
 from ftp_dent_ros.evaluation.scenes import PATTERN, Scene, make_rig
 from ftp_dent_ros.files import written_aside
-from ftp_dent_ros.inspection.dent import Inspection
 from ftp_dent_ros.inspection.measuring.inspection import inspect
-from ftp_dent_ros.inspection.settings import Settings
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor
 from ftp_dent_ros.profilometry import Settings as ReconstructionSettings

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from ftp_dent_ros.dents.dent import KINDS
 from ftp_dent_ros.errors import CodecError
 from ftp_dent_ros.ground.item import Item
-from ftp_dent_ros.inspection.dent import KINDS
 from ftp_dent_ros.pose import Pose
 
 _LARGEST = 4 << 20  # bytes of a message

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud.cloud import Cloud
-from ftp_dent_ros.median import NORMAL_SPREAD
+from ftp_dent_ros.robust import NORMAL_SPREAD
 
 _ROUND = 32  # points of an outline
 # Standard deviations of the points off a quadric beyond which one is a dent's; the least such

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from small_clouds import COLUMNS, ROWS, cloud_of, panel
 
+from ftp_dent_ros.dents.dent import Settings
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.measuring.places.bare_skin import bare_skin
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.skin.panels import find_panels
 from ftp_dent_ros.inspection.measuring.skin.waviness import relief_of
-from ftp_dent_ros.inspection.settings import Settings
 from ftp_dent_ros.simulation import waviness
 
 SETTINGS = Settings()

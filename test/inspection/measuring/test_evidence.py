@@ -4,6 +4,7 @@ import pytest
 from small_clouds import cloud_of, panel
 
 from ftp_dent_ros.cloud.cloud import Cloud
+from ftp_dent_ros.dents.dent import Settings
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.measuring.outlines.outline import find_outline
 from ftp_dent_ros.inspection.measuring.outlines.patch import Patch
@@ -17,7 +18,6 @@ from ftp_dent_ros.inspection.measuring.places.evidence import (
 )
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.skin.noise import Noise
-from ftp_dent_ros.inspection.settings import Settings
 
 STEP = 1e-3
 X, Y = np.meshgrid(STEP * np.arange(-60, 61), STEP * np.arange(-60, 61))

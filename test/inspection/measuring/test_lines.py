@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from small_clouds import cloud_of, panel
 
+from ftp_dent_ros.dents.dent import Settings
 from ftp_dent_ros.inspection.measuring.places.bare_skin import BareSkin
 from ftp_dent_ros.inspection.measuring.places.lines import valleys
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.skin.noise import Noise, smoothed
-from ftp_dent_ros.inspection.settings import Settings
 
 LATTICE = Lattice.of(cloud_of(panel()), Settings())
 WIDTH, DEEP, DOUBT = 0.01, 4.5e-4, 1.2e-4
