@@ -41,8 +41,8 @@ from flight_player import Disturbance, Flight, FlightPlayer  # noqa: E402
 from flight_replay import Errors, compare, own_poses  # noqa: E402
 
 from ftp_dent_ros.cloud.cloud import Cloud  # noqa: E402
-from ftp_dent_ros.navigation.poses.estimator import is_ready  # noqa: E402
-from ftp_dent_ros.navigation.time_and_place import frames  # noqa: E402
+from ftp_dent_ros.navigation import frames  # noqa: E402
+from ftp_dent_ros.navigation.trust import is_ready  # noqa: E402
 from ftp_dent_ros.ros.messages import (  # noqa: E402
     cloud_from_message,
     cloud_to_message,

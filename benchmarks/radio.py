@@ -188,7 +188,7 @@ def measure(arguments: argparse.Namespace, radio: str, folder: Path) -> dict[str
         run = Run(arguments, joined, folder)
         aboard = ['points', 'camera/image_raw', 'tagged/pose', 'dents', 'dents/list']
         if arguments.keys:
-            from ftp_dent_ros.ground.keys import make_keys
+            from ftp_dent_ros.ground.link import make_keys
 
             make_keys(folder / 'keys')
         try:

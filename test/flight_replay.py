@@ -13,9 +13,10 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.spatial.transform import Rotation, Slerp
 
 from ftp_dent_ros.errors import PoseAwaitedError, PoseError
-from ftp_dent_ros.navigation.autopilot.vehicle import Vehicle
-from ftp_dent_ros.navigation.autopilot.vehicle_state import Instant, Settings, VehicleState
-from ftp_dent_ros.navigation.time_and_place import frames
+from ftp_dent_ros.navigation import frames
+from ftp_dent_ros.navigation.settings import Instant, Settings
+from ftp_dent_ros.navigation.state import VehicleState
+from ftp_dent_ros.navigation.vehicle import Vehicle
 from ftp_dent_ros.pose import Pose
 
 _PATIENCE = 1_000_000_000

@@ -13,9 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ftp_dent_ros.errors import ConfigurationError, InputError
-from ftp_dent_ros.ground.item import Item
-from ftp_dent_ros.ground.keys import make_keys
-from ftp_dent_ros.ground.link import Link, Security, endpoints
+from ftp_dent_ros.ground.link import Link, Security, endpoints, make_keys
+from ftp_dent_ros.ground.protocol import Item
 from ftp_dent_ros.supervision import transport
 from ftp_dent_ros.supervision.process_log import ProcessLog
 from ftp_dent_ros.supervision.processes import Processes, Program

@@ -9,13 +9,12 @@ import time
 import numpy as np
 
 from ftp_dent_ros.errors import ConfigurationError, PoseError
-from ftp_dent_ros.navigation.autopilot.vehicle_state import Settings
-from ftp_dent_ros.navigation.connection.codec import read_key
-from ftp_dent_ros.navigation.connection.link_state import LinkState
-from ftp_dent_ros.navigation.connection.roster import Speaker
 from ftp_dent_ros.navigation.link import Link
-from ftp_dent_ros.navigation.poses.accuracy import Tag
+from ftp_dent_ros.navigation.pose_covariance import Tag
 from ftp_dent_ros.navigation.report import judge
+from ftp_dent_ros.navigation.settings import Settings
+from ftp_dent_ros.navigation.signing import read_key
+from ftp_dent_ros.navigation.state import LinkState, Speaker
 
 # Rates and round trips take as long to be known; seconds.
 _SHORTEST, _WELL = 5.0, 2.0

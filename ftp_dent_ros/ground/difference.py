@@ -10,7 +10,7 @@ import struct
 import zlib
 
 from ftp_dent_ros.errors import CodecError
-from ftp_dent_ros.ground.frames import LARGEST_ITEM
+from ftp_dent_ros.ground.protocol import LARGEST_ITEM
 
 # Of a reference, bytes: deflate looks back over no more than 32 kB.
 LARGEST = 40_000

@@ -8,8 +8,8 @@ import numpy as np
 
 from ftp_dent_ros.errors import CodecError, ConfigurationError
 from ftp_dent_ros.ground import topics
-from ftp_dent_ros.ground.item import Item
-from ftp_dent_ros.ground.page.content import message_of
+from ftp_dent_ros.ground.page.scene import message_of
+from ftp_dent_ros.ground.protocol import Item
 
 _PICTURE, _CLOUD = 'sensor_msgs/msg/CompressedImage', 'sensor_msgs/msg/PointCloud2'
 _FIELDS = 6  # of a cloud: x, y, z, intensity, sigma, resolution

@@ -13,8 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ftp_dent_ros.errors import CodecError, ConfigurationError
-from ftp_dent_ros.ground.frames import LARGEST_ITEM, Name
-from ftp_dent_ros.ground.item import REPLACED, Importance, Item
+from ftp_dent_ros.ground.protocol import LARGEST_ITEM, REPLACED, Importance, Item, Name
 
 _NAME = re.compile(r'(\d)_(\d+)_([0-9a-f]+)_(\d+)\.item')
 _CACHE = 16 << 20  # bytes of items kept in memory too

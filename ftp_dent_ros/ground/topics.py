@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ftp_dent_ros.ground.item import Importance
+from ftp_dent_ros.ground.protocol import Importance
 
 _POINTS = 'sensor_msgs/msg/PointCloud2'
 _POSE = 'geometry_msgs/msg/PoseWithCovarianceStamped'

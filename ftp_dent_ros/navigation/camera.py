@@ -17,9 +17,9 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.spatial.transform import Rotation
 
-from ftp_dent_ros.navigation.poses.accuracy import Tag
-from ftp_dent_ros.navigation.time_and_place import frames
-from ftp_dent_ros.navigation.time_and_place.geodesy import Origin
+from ftp_dent_ros.navigation import frames
+from ftp_dent_ros.navigation.origin import Origin
+from ftp_dent_ros.navigation.pose_covariance import Tag
 from ftp_dent_ros.pose import Pose
 
 COMPONENT = mavlink.MAV_COMP_ID_CAMERA

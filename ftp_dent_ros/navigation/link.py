@@ -1,4 +1,4 @@
-"""The connection to the autopilot: a thread that keeps it open and a vehicle behind it."""
+"""The connection to the autopilot: a thread that keeps it open, and a vehicle behind it."""
 
 from __future__ import annotations
 
@@ -13,15 +13,16 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from ftp_dent_ros.errors import LinkError
-from ftp_dent_ros.navigation.autopilot.vehicle import Vehicle
-from ftp_dent_ros.navigation.autopilot.vehicle_state import Instant, Settings
-from ftp_dent_ros.navigation.connection.codec import Codec, is_signed
-from ftp_dent_ros.navigation.connection.link_state import LinkState
-from ftp_dent_ros.navigation.connection.roster import Roster, Speaker
-from ftp_dent_ros.navigation.connection.transport import Transport, check_address, open_transport
-from ftp_dent_ros.navigation.connection.way import Way
-from ftp_dent_ros.navigation.poses.accuracy import Tag
+from ftp_dent_ros.navigation.pose_covariance import Tag
+from ftp_dent_ros.navigation.settings import Instant, Settings
+from ftp_dent_ros.navigation.signing import Codec, is_signed
+from ftp_dent_ros.navigation.state import LinkState, Roster, Speaker
+from ftp_dent_ros.navigation.transport import Peer, Transport, check_address, open_transport
+from ftp_dent_ros.navigation.vehicle import Vehicle
 from ftp_dent_ros.pose import Pose
+
+# A vehicle that is heard from another address has been silent for as long, or is none; seconds.
+_MOVING_TIME = 1.0
 
 _COMPUTER = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
 # Seconds between two looks at the clock while nothing comes.
@@ -35,6 +36,53 @@ _SILENCE = 5.0
 _TIME_TO_END = 5.0
 # For as long it is told why messages were refused; ns.
 _REFUSAL_TOLD = 3_000_000_000
+
+
+class Way:
+    """The address from which the vehicle speaks.
+
+    Attributes
+    ----------
+    peer : tuple or None
+        That address, where there is a choice.
+    impostors : int
+        Messages in the vehicle's name from elsewhere.
+    """
+
+    def __init__(self) -> None:
+        self.impostors = 0
+        self.restart()
+
+    def restart(self) -> None:
+        """A connection begins, or has ended."""
+        self.peer: Peer = None
+        self._heard = 0.0
+
+    def confirm(self, peer: Peer, now: float) -> None:
+        """The vehicle has spoken from there at a steady time."""
+        self.peer, self._heard = peer, now
+
+    def is_elsewhere(
+        self, message: Any, vehicle: tuple[int, int] | None, peer: Peer, now: float
+    ) -> bool:
+        """Whether it speaks in the vehicle's name from elsewhere while that goes on speaking.
+
+        After a reboot the vehicle may come back from another port, but not at once.
+        """
+        source = (message.get_srcSystem(), message.get_srcComponent())
+        is_other = source == vehicle and self.peer is not None and peer != self.peer
+        if not is_other or now - self._heard >= _MOVING_TIME:
+            return False
+        self.impostors += 1
+        return True
+
+    def is_for_us(self, command: Any, vehicle: tuple[int, int] | None, peer: Peer) -> bool:
+        """Whether a command came the vehicle's way, to its system or from the autopilot to all."""
+        if vehicle is None or peer != self.peer:
+            return False
+        source = (command.get_srcSystem(), command.get_srcComponent())
+        to_all = command.target_system == 0 and source == vehicle
+        return to_all or command.target_system == vehicle[0]
 
 
 class Link:

@@ -6,8 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from ftp_dent_ros.navigation.autopilot.vehicle_state import VehicleState
-from ftp_dent_ros.navigation.connection.link_state import LinkState
+from ftp_dent_ros.navigation.state import LinkState, VehicleState
 
 # Exchanges after which a clock that is not known well will not be; seconds without an answer.
 _SETTLED, _UNANSWERED = 30, 2.0

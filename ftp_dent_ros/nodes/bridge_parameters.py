@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ftp_dent_ros.navigation.autopilot.vehicle_state import Settings
-from ftp_dent_ros.navigation.connection.codec import read_key
-from ftp_dent_ros.navigation.poses import accuracy
-from ftp_dent_ros.navigation.poses.accuracy import Covariance
+from ftp_dent_ros.navigation import pose_covariance
+from ftp_dent_ros.navigation.pose_covariance import Covariance
+from ftp_dent_ros.navigation.settings import Settings
+from ftp_dent_ros.navigation.signing import read_key
 from ftp_dent_ros.parameters import Declarations
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig.rig import read_rig
@@ -188,7 +188,7 @@ def declare_mount(parameters: Declarations) -> tuple[Pose, Covariance]:
         minimum=-2 * math.pi,
         maximum=2 * math.pi,
     )
-    uncertainty = accuracy.of_mount(
+    uncertainty = pose_covariance.of_mount(
         parameters.declare(
             'mount.translation_uncertainty',
             0.005,

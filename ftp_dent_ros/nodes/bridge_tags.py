@@ -11,8 +11,8 @@ from sensor_msgs.msg import PointCloud2
 
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.coding.cloud_codec import thinned
-from ftp_dent_ros.navigation.poses import accuracy
-from ftp_dent_ros.navigation.poses.accuracy import Covariance, Tag
+from ftp_dent_ros.navigation import pose_covariance
+from ftp_dent_ros.navigation.pose_covariance import Covariance, Tag
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.ros.diagnostics import Diagnostics
 from ftp_dent_ros.ros.messages import (
@@ -81,7 +81,7 @@ class BridgeTags:
             It is malformed; nothing is published then.
         """
         camera = tag.pose @ self._mount
-        covariance = accuracy.of_mounted(
+        covariance = pose_covariance.of_mounted(
             tag.covariance, tag.pose, self._mount, self._mount_covariance
         )
         # Read whether somebody takes it or not: of what is no cloud there is no pose either.

@@ -27,12 +27,11 @@ from std_srvs.srv import Trigger
 from ftp_dent_ros.decoding.message_types import message_class
 from ftp_dent_ros.errors import InputError
 from ftp_dent_ros.ground import topics
-from ftp_dent_ros.ground.commands import Answer, Executive
+from ftp_dent_ros.ground.commands import Answer, Executive, Recordings
 from ftp_dent_ros.ground.difference import shortened
 from ftp_dent_ros.ground.drone import Drone
-from ftp_dent_ros.ground.item import Importance, Item
 from ftp_dent_ros.ground.link import Link
-from ftp_dent_ros.ground.recordings import Recordings
+from ftp_dent_ros.ground.protocol import Importance, Item
 from ftp_dent_ros.nodes.declarations import names_of_all
 from ftp_dent_ros.nodes.downlink_coder import Coder, Thrift, pause_after
 from ftp_dent_ros.nodes.downlink_parameters import declare

@@ -15,7 +15,7 @@ from ftp_dent_ros.coding.view import View
 from ftp_dent_ros.errors import FtpDentError, InputError
 from ftp_dent_ros.ground import topics
 from ftp_dent_ros.ground.difference import shortened
-from ftp_dent_ros.ground.item import Importance, Item
+from ftp_dent_ros.ground.protocol import Importance, Item
 from ftp_dent_ros.nodes.downlink_parameters import DownlinkParameters
 from ftp_dent_ros.rig.rig import Lens
 from ftp_dent_ros.ros.diagnostics import Diagnostics

@@ -18,9 +18,9 @@ from std_srvs.srv import Trigger
 
 from ftp_dent_ros.errors import ConfigurationError, InputError, PoseError
 from ftp_dent_ros.ground.foxglove_server import FoxgloveServer
-from ftp_dent_ros.ground.item import Item
 from ftp_dent_ros.ground.link import Link
 from ftp_dent_ros.ground.page.server import Page
+from ftp_dent_ros.ground.protocol import Item
 from ftp_dent_ros.ground.station import Station
 from ftp_dent_ros.nodes.declarations import names_of_all
 from ftp_dent_ros.nodes.ground_parameters import declare

@@ -19,7 +19,7 @@ from ftp_dent_ros.coding.view import View
 from ftp_dent_ros.decoding.message_types import message_class
 from ftp_dent_ros.errors import CodecError
 from ftp_dent_ros.ground import topics
-from ftp_dent_ros.ground.item import Item
+from ftp_dent_ros.ground.protocol import Item
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.ros.diagnostics import Diagnostics
 from ftp_dent_ros.ros.fields import to_data

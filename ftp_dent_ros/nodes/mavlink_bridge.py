@@ -23,9 +23,9 @@ from sensor_msgs.msg import NavSatFix, PointCloud2
 
 from ftp_dent_ros.errors import CloudError, PoseAwaitedError, PoseError
 from ftp_dent_ros.navigation.link import Link
-from ftp_dent_ros.navigation.poses.accuracy import Tag
+from ftp_dent_ros.navigation.origin import Origin
+from ftp_dent_ros.navigation.pose_covariance import Tag
 from ftp_dent_ros.navigation.report import Verdict, figures, judge
-from ftp_dent_ros.navigation.time_and_place.geodesy import Origin
 from ftp_dent_ros.nodes.bridge_camera import BridgeCamera
 from ftp_dent_ros.nodes.bridge_parameters import declare
 from ftp_dent_ros.nodes.bridge_tags import BridgeTags

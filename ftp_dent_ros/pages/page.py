@@ -5,14 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined, select_autoescape
-from markupsafe import Markup
 
 
 def render(package: str, template: str, **values: Any) -> str:
     """Text of a page.
 
     A template may import ``macros.html``, and may put a file into the page as it is with
-    ``source(name)``, say ``source('page.css')``.
+    ``source(name)``, say ``{{ source('page.css') | safe }}``.
 
     Parameters
     ----------
@@ -31,8 +30,8 @@ def render(package: str, template: str, **values: Any) -> str:
         lstrip_blocks=True,
     )
 
-    def source(name: str) -> Markup:
+    def source(name: str) -> str:
         assert environment.loader is not None
-        return Markup(environment.loader.get_source(environment, name)[0])
+        return environment.loader.get_source(environment, name)[0]
 
     return environment.get_template(template).render(source=source, **values)

@@ -30,7 +30,7 @@ from ftp_dent_ros.rig.rig import Lens
 from ftp_dent_ros.ros.fields import make_header, ns_to_stamp, to_data
 
 if TYPE_CHECKING:
-    from ftp_dent_ros.navigation.time_and_place.geodesy import Origin
+    from ftp_dent_ros.navigation.origin import Origin
     from ftp_dent_ros.pose import Pose
 
 __all__ = [

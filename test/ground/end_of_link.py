@@ -11,8 +11,8 @@ import time
 
 from ftp_dent_ros.ground.commands import Executive
 from ftp_dent_ros.ground.drone import Drone
-from ftp_dent_ros.ground.item import Importance, Item
 from ftp_dent_ros.ground.link import Link, Security
+from ftp_dent_ros.ground.protocol import Importance, Item
 from ftp_dent_ros.ground.station import Station
 
 

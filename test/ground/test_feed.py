@@ -6,17 +6,16 @@ import subprocess
 import pytest
 
 from ftp_dent_ros.errors import CodecError
-from ftp_dent_ros.ground.assembly import Assembly
 from ftp_dent_ros.ground.difference import (
     as_it_is,
     lengthened,
     reference_number,
     shortened,
 )
-from ftp_dent_ros.ground.feed import SILENCE, Feed
-from ftp_dent_ros.ground.frames import Name, Piece, Report
-from ftp_dent_ros.ground.item import Importance, Item
+from ftp_dent_ros.ground.drone import SILENCE, Feed
 from ftp_dent_ros.ground.pace import Pace
+from ftp_dent_ros.ground.protocol import Importance, Item, Name, Piece, Report
+from ftp_dent_ros.ground.station import Assembly
 from ftp_dent_ros.ground.store import Store
 from ftp_dent_ros.supervision.shared_memory import free_bytes
 

@@ -14,7 +14,7 @@ from ftp_dent_ros.coding.cloud_codec import encode
 from ftp_dent_ros.decoding.messages import cloud_from_message
 from ftp_dent_ros.errors import CodecError, ConfigurationError
 from ftp_dent_ros.ground.foxglove_server import FoxgloveServer
-from ftp_dent_ros.ground.item import Importance, Item
+from ftp_dent_ros.ground.protocol import Importance, Item
 from ftp_dent_ros.recording.definitions import typestore
 
 TEXT = 'std_msgs/msg/String'

@@ -16,9 +16,8 @@ from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.ground.commands import Answer, Executive, command
 from ftp_dent_ros.ground.difference import as_it_is
 from ftp_dent_ros.ground.drone import Drone
-from ftp_dent_ros.ground.frames import Name, Piece, Report
-from ftp_dent_ros.ground.item import Importance, Item
 from ftp_dent_ros.ground.link import Link, Security, endpoints
+from ftp_dent_ros.ground.protocol import Importance, Item, Name, Piece, Report
 from ftp_dent_ros.ground.station import Station
 
 NO_KEYS = Security()
@@ -32,7 +31,7 @@ def address():
 @pytest.fixture(scope='module')
 def keys(tmp_path_factory):
     pytest.importorskip('cryptography', reason='cryptography is not installed: no keys are made')
-    from ftp_dent_ros.ground.keys import make_keys
+    from ftp_dent_ros.ground.link import make_keys
 
     folder = tmp_path_factory.mktemp('keys')
     make_keys(folder)
@@ -143,7 +142,7 @@ def test_commands_are_done_once_and_answered(address):
 
 
 def test_with_keys_nobody_else_gets_in(address, keys, tmp_path):
-    from ftp_dent_ros.ground.keys import make_keys
+    from ftp_dent_ros.ground.link import make_keys
 
     got, strangers = [], []
     secure = Security(keys)

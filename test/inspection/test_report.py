@@ -152,7 +152,7 @@ def test_many_clouds_show_the_maps_of_those_alone_that_show_a_dent_best(tmp_path
     np.testing.assert_allclose(report.dents[0].dent.position, [1, 2, 3.6], atol=1e-6)
     page = write_report(tmp_path, report).read_text()
     assert page.count('Photograph with the dents drawn in') == 1
-    assert 'standard uncertainty at most 10 mm' in page
+    assert 'within ± 20 mm' in page
     frames = json.loads((tmp_path / 'dents.json').read_text())['frames']
     assert [frame['pose']['position'] for frame in frames] == [[1, 2, 3]] * 4
     assert frames[0]['pose']['covariance'][0] == 1e-4

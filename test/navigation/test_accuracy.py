@@ -8,12 +8,12 @@ from numpy.testing import assert_allclose
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.spatial.transform import Rotation
 
-from ftp_dent_ros.navigation.poses import accuracy
-from ftp_dent_ros.navigation.poses.accuracy import Motion
+from ftp_dent_ros.navigation import pose_covariance
+from ftp_dent_ros.navigation.pose_covariance import Motion
 from ftp_dent_ros.pose import Pose
 
 STILL = Motion(np.zeros(3), np.zeros(3), 0.0)
-GOOD = accuracy.diagonal((0.03, 0.03, 0.03), (0.01, 0.01, 0.02))
+GOOD = pose_covariance.diagonal((0.03, 0.03, 0.03), (0.01, 0.01, 0.02))
 
 
 def deviations(covariance: np.ndarray) -> np.ndarray:
@@ -31,17 +31,17 @@ def px4(horizontal: float, vertical: float, compass: float):
 
 
 def test_ardupilots_ratios_are_innovations_by_its_gates() -> None:
-    best = deviations(accuracy.reported(ekf(0, 0, 0)))
+    best = deviations(pose_covariance.reported(ekf(0, 0, 0)))
     assert_allclose(best, [0.03, 0.03, 0.05, *np.radians([0.5, 0.5, 1.0])])
     # At the gate, beyond which the estimator throws a measurement away.
-    worst = deviations(accuracy.reported(ekf(1, 1, 1)))
+    worst = deviations(pose_covariance.reported(ekf(1, 1, 1)))
     assert_allclose(worst[:3], [2.5, 2.5, 10], rtol=1e-3)
     assert np.degrees(worst[5]) == pytest.approx(40, abs=1)
 
 
 def test_px4s_accuracies_are_taken_as_they_are() -> None:
     assert_allclose(
-        deviations(accuracy.reported(px4(0.4, 0.9, 0)))[:3], [0.4, 0.4, 0.9], rtol=0.01
+        deviations(pose_covariance.reported(px4(0.4, 0.9, 0)))[:3], [0.4, 0.4, 0.9], rtol=0.01
     )
 
 
@@ -50,16 +50,18 @@ def test_px4s_accuracies_are_taken_as_they_are() -> None:
 def test_an_impossible_report_says_nothing(report, wrong: float) -> None:
     for values in ((wrong, 0, 0), (0, wrong, 0), (0, 0, wrong)):
         if (report, values[2]) != (px4, np.nan):
-            assert accuracy.reported(report(*values)) is None
+            assert pose_covariance.reported(report(*values)) is None
 
 
 def test_px4_without_a_compass_says_nothing_of_the_yaw() -> None:
-    assert_allclose(deviations(accuracy.reported(px4(0.4, 0.9, np.nan)))[5], 1.0, rtol=0.01)
+    assert_allclose(deviations(pose_covariance.reported(px4(0.4, 0.9, np.nan)))[5], 1.0, rtol=0.01)
 
 
 @pytest.mark.parametrize(('height', 'error'), [(3.0, 0.10), (5.0, 0.18), (6.0, 0.22), (8.0, 0.31)])
 def test_heights_as_measured_on_a_live_autopilot_are_stated(height: float, error: float) -> None:
-    covariance = accuracy.reported(ekf(0, 0.001, 0)) + accuracy.of_height(height, 0.04)
+    covariance = pose_covariance.reported(ekf(0, 0.001, 0)) + pose_covariance.of_height(
+        height, 0.04
+    )
     assert 0.5 < deviations(covariance)[2] / error < 2
 
 
@@ -68,7 +70,7 @@ def test_what_is_mounted_on_a_vehicle_moves_with_it() -> None:
     pose = Pose(Rotation.random(random_state=1), np.array([4.0, 5.0, 6.0]))
     mount = Pose(Rotation.random(random_state=2), np.array([0.5, -0.2, 0.3]))
     root, mount_root = 1e-3 * rng.normal(size=(2, 6, 6))
-    told = accuracy.of_mounted(root @ root.T, pose, mount, mount_root @ mount_root.T)
+    told = pose_covariance.of_mounted(root @ root.T, pose, mount, mount_root @ mount_root.T)
     # Many poses drawn as the covariances say, each composed.
     true, errors = pose @ mount, []
     for _ in range(4000):
@@ -85,38 +87,38 @@ def _moved(pose: Pose, off: np.ndarray) -> Pose:
 
 def test_a_doubtful_clock_is_doubt_along_the_way() -> None:
     east = Motion(np.array([2.0, 0, 0]), np.array([0, 0, 1.0]), 0.0)
-    covariance = accuracy.of_tag(GOOD, east, 0.03, True) - GOOD
+    covariance = pose_covariance.of_tag(GOOD, east, 0.03, True) - GOOD
     sigma = 0.03 / np.sqrt(3)
     expected = np.zeros((6, 6))
     expected[0, 0], expected[5, 5], expected[0, 5] = (2 * sigma) ** 2, sigma**2, 2 * sigma**2
     expected[5, 0] = expected[0, 5]
     assert_allclose(covariance, expected, atol=1e-15)
-    assert_allclose(accuracy.of_tag(GOOD, STILL, 0.03, True), GOOD)
+    assert_allclose(pose_covariance.of_tag(GOOD, STILL, 0.03, True), GOOD)
 
 
 def test_what_is_stamped_when_it_is_put_together_is_older_than_it_says() -> None:
     flying = Motion(np.array([0, 2.0, 0]), np.array([0, 0, 1.0]), 0.0)
-    covariance = accuracy.of_tag(GOOD, flying, 0.0, False) - GOOD
+    covariance = pose_covariance.of_tag(GOOD, flying, 0.0, False) - GOOD
     assert_allclose(np.sqrt(np.diag(covariance)), [0, 0.04, 0, 0, 0, 0.005], atol=1e-12)
 
 
 def test_a_gap_is_doubt_in_every_direction() -> None:
     gap = Motion(np.zeros(3), np.zeros(3), 0.1)
-    added = deviations(accuracy.of_tag(GOOD, gap, 0.0, True) - GOOD)
+    added = deviations(pose_covariance.of_tag(GOOD, gap, 0.0, True) - GOOD)
     assert_allclose(added, 3 * 0.1**2 / 8)
     usual = Motion(np.zeros(3), np.zeros(3), 0.02)
-    assert deviations(accuracy.of_tag(GOOD, usual, 0.0, True) - GOOD).max() < 2e-4
+    assert deviations(pose_covariance.of_tag(GOOD, usual, 0.0, True) - GOOD).max() < 2e-4
 
 
 def test_the_mount_adds_to_it() -> None:
-    assert_allclose(deviations(accuracy.of_mount(0.005, 0.01)), [0.005] * 3 + [0.01] * 3)
+    assert_allclose(deviations(pose_covariance.of_mount(0.005, 0.01)), [0.005] * 3 + [0.01] * 3)
 
 
 def test_an_odometrys_covariance_is_turned_into_the_map() -> None:
     rng = np.random.default_rng(3)
     root = rng.normal(size=(6, 6))
     ned = root @ root.T
-    found = accuracy.of_odometry(ned[np.triu_indices(6)])
+    found = pose_covariance.of_odometry(ned[np.triu_indices(6)])
     # East, north, up out of north, east, down: of the position and of the rotation.
     turn = np.zeros((6, 6))
     turn[[0, 1, 2, 3, 4, 5], [1, 0, 2, 4, 3, 5]] = [1, 1, -1, 1, 1, -1]
@@ -126,15 +128,15 @@ def test_an_odometrys_covariance_is_turned_into_the_map() -> None:
 def test_px4_says_only_the_diagonal() -> None:
     upper = np.full(21, np.nan)
     upper[[0, 6, 11, 15, 18, 20]] = [1, 2, 3, 4, 5, 6]
-    assert_allclose(accuracy.of_odometry(upper), np.diag([2.0, 1, 3, 5, 4, 6]))
+    assert_allclose(pose_covariance.of_odometry(upper), np.diag([2.0, 1, 3, 5, 4, 6]))
     for missing in (0, 11, 20):
         partial = upper.copy()
         partial[missing] = np.nan
-        assert accuracy.of_odometry(partial) is None
-    assert accuracy.of_odometry(np.zeros(21)) is None
+        assert pose_covariance.of_odometry(partial) is None
+    assert pose_covariance.of_odometry(np.zeros(21)) is None
 
 
 def test_correlations_that_cannot_be_are_left_out() -> None:
     upper = np.zeros(21)
     upper[[0, 6, 11, 15, 18, 20]], upper[1] = 1.0, 5.0
-    assert_allclose(accuracy.of_odometry(upper), np.eye(6))
+    assert_allclose(pose_covariance.of_odometry(upper), np.eye(6))

@@ -11,8 +11,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.navigation.camera import Camera
-from ftp_dent_ros.navigation.poses.accuracy import Tag
-from ftp_dent_ros.navigation.time_and_place.geodesy import Origin
+from ftp_dent_ros.navigation.origin import Origin
+from ftp_dent_ros.navigation.pose_covariance import Tag
 from ftp_dent_ros.pose import Pose
 
 AUTOPILOT, STATION = (1, 1), (255, 190)

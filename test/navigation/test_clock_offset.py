@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from ftp_dent_ros.errors import PoseAwaitedError, PoseError
-from ftp_dent_ros.navigation.time_and_place.clock_offset import ClockOffset
-from ftp_dent_ros.navigation.time_and_place.clock_segment import MILLISECOND, SECOND
+from ftp_dent_ros.navigation.clock import MILLISECOND, SECOND, ClockOffset
 
 START = 1_800_000_000 * SECOND
 BOOT = START - 500 * SECOND  # the autopilot was switched on 500 s before

@@ -11,7 +11,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from ftp_dent_ros.errors import ConfigurationError
-from ftp_dent_ros.navigation.connection.codec import Codec, read_key
+from ftp_dent_ros.navigation.signing import Codec, read_key
 
 KEY = bytes(range(32))
 NOW = time.time_ns()

@@ -10,8 +10,8 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from test_vehicle import World
 
-from ftp_dent_ros.navigation.autopilot.vehicle_state import Settings
-from ftp_dent_ros.navigation.time_and_place.geodesy import Origin, origin_below
+from ftp_dent_ros.navigation.origin import Origin, origin_below
+from ftp_dent_ros.navigation.settings import Settings
 
 ORIGIN = Origin(47.45, 8.56, 430.0)
 ORIGIN_ID = mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN

@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from test_vehicle import GRANTED, MS, START, S, World
 
 from ftp_dent_ros.errors import PoseError
-from ftp_dent_ros.navigation.autopilot.vehicle_state import Settings
+from ftp_dent_ros.navigation.settings import Settings
 from ftp_dent_ros.simulation.mavlink.telemetry import Telemetry
 from ftp_dent_ros.simulation.vehicle.estimate import EstimateErrors, Faults
 from ftp_dent_ros.simulation.world import read_world

@@ -7,7 +7,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from ftp_dent_ros.errors import PoseAwaitedError, PoseError
-from ftp_dent_ros.navigation.poses.estimator import Estimator, is_ready
+from ftp_dent_ros.navigation.trust import Estimator, is_ready
 
 S = 1_000_000_000
 

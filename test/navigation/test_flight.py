@@ -14,10 +14,10 @@ from flight_replay import Outcome, compare, own_poses, replay
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.errors import PoseAwaitedError, PoseError
-from ftp_dent_ros.navigation.autopilot.vehicle_state import Settings
+from ftp_dent_ros.navigation import frames
 from ftp_dent_ros.navigation.link import Link
-from ftp_dent_ros.navigation.poses.estimator import is_ready
-from ftp_dent_ros.navigation.time_and_place import frames
+from ftp_dent_ros.navigation.settings import Settings
+from ftp_dent_ros.navigation.trust import is_ready
 
 
 @pytest.fixture(scope='module')

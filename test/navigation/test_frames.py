@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from ftp_dent_ros.navigation.time_and_place import frames
+from ftp_dent_ros.navigation import frames
 
 HALF = np.sqrt(0.5)
 C15, S15 = np.cos(np.radians(15)), np.sin(np.radians(15))

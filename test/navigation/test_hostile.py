@@ -12,8 +12,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from test_vehicle import MS, START, S, World
 
 from ftp_dent_ros.errors import PoseError
-from ftp_dent_ros.navigation.connection.codec import Codec
-from ftp_dent_ros.navigation.connection.roster import Roster
+from ftp_dent_ros.navigation.signing import Codec
+from ftp_dent_ros.navigation.state import Roster
 
 MESSAGES = 200_000
 AT_ONCE = 200

@@ -16,9 +16,9 @@ from hovering_autopilot import HoveringAutopilot, Wire
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from ftp_dent_ros.errors import ConfigurationError, PoseError
-from ftp_dent_ros.navigation.autopilot.vehicle_state import Settings
 from ftp_dent_ros.navigation.link import Link
 from ftp_dent_ros.navigation.report import judge
+from ftp_dent_ros.navigation.settings import Settings
 
 LOCAL = '127.0.0.1'
 

@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from test_vehicle import MS, World, tagged
 
 from ftp_dent_ros.errors import PoseError
-from ftp_dent_ros.navigation.autopilot.vehicle_state import Settings
+from ftp_dent_ros.navigation.settings import Settings
 
 
 @pytest.mark.parametrize('seen', ['not at all', 'command', 'data stream', 'answer'])

@@ -13,9 +13,9 @@ from test_pose_history import Circle
 from test_vehicle import MS, READY, START, S, gps_raw_int, heartbeat
 
 from ftp_dent_ros.errors import PoseAwaitedError, PoseError
-from ftp_dent_ros.navigation.autopilot.vehicle import Vehicle
-from ftp_dent_ros.navigation.autopilot.vehicle_state import Instant, Settings
-from ftp_dent_ros.navigation.time_and_place import frames
+from ftp_dent_ros.navigation import frames
+from ftp_dent_ros.navigation.settings import Instant, Settings
+from ftp_dent_ros.navigation.vehicle import Vehicle
 
 SECONDS = 24
 UPTIME = 100 * S

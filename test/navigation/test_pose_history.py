@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.errors import PoseAwaitedError, PoseError
-from ftp_dent_ros.navigation.poses.pose_history import PoseHistory
+from ftp_dent_ros.navigation.pose_history import PoseHistory
 
 MS = 1_000_000
 

@@ -4,7 +4,7 @@ from itertools import pairwise
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from ftp_dent_ros.navigation.autopilot.streams import Stream, Streams
+from ftp_dent_ros.navigation.requests import Stream, Streams
 
 ACCEPTED, DENIED = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_DENIED
 

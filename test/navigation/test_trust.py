@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from test_vehicle import GRANTED, MS, S, World
 
 from ftp_dent_ros.errors import PoseError
-from ftp_dent_ros.navigation.autopilot.vehicle_state import Settings
+from ftp_dent_ros.navigation.settings import Settings
 
 
 def test_without_a_report_of_the_estimator_there_is_no_pose_and_no_go() -> None:

@@ -10,10 +10,10 @@ from numpy.testing import assert_allclose
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from ftp_dent_ros.errors import PoseAwaitedError, PoseError
-from ftp_dent_ros.navigation.autopilot.vehicle import Vehicle
-from ftp_dent_ros.navigation.autopilot.vehicle_state import Instant, Settings
-from ftp_dent_ros.navigation.connection.link_state import LinkState
 from ftp_dent_ros.navigation.report import figures, judge
+from ftp_dent_ros.navigation.settings import Instant, Settings
+from ftp_dent_ros.navigation.state import LinkState
+from ftp_dent_ros.navigation.vehicle import Vehicle
 
 START = 1_800_000_000_000_000_000
 S, MS = 1_000_000_000, 1_000_000

@@ -4,7 +4,7 @@ import pytest
 
 pytest.importorskip('mcap', reason='mcap is not installed: nothing is recorded')
 
-from ftp_dent_ros.ground.recordings import Recordings
+from ftp_dent_ros.ground.commands import Recordings
 
 
 def test_one_at_a_time_begun_ended_and_told(ros, tmp_path):

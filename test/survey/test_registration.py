@@ -148,10 +148,7 @@ def test_a_skin_that_repeats_itself_is_never_tied_a_pitch_off(pitch, doubt):
             guess = Pose(true.rotation, true.translation + shift)
             found = register(*patches, guess, covariance)
             is_tied = not found.remark
-            assert (
-                not is_tied
-                or np.abs(error_of(found, true)[:2]).max() < 1e-3
-            )
+            assert not is_tied or np.abs(error_of(found, true)[:2]).max() < 1e-3
             assert is_tied or ('more places than one' in found.remark and found.told < 6)
 
 
@@ -161,9 +158,7 @@ def test_what_does_not_repeat_itself_or_a_good_guess_decides_between_pitches():
     sure = np.diag([0.004**2] * 3 + [0.001**2] * 3)
     guess = Pose(true.rotation, true.translation + np.array([0.004, 0.002, 0]))
     found = register(*patches, guess, sure)
-    assert (
-        not found.remark and np.abs(error_of(found, true)[:2]).max() < 1e-3
-    )
+    assert not found.remark and np.abs(error_of(found, true)[:2]).max() < 1e-3
     # Letters, as it were: lines of 2 mm.
     rng = np.random.default_rng(4)
     for x, y in rng.uniform([1350, 300], [1650, 500], (25, 2)).astype(int):
@@ -172,10 +167,7 @@ def test_what_does_not_repeat_itself_or_a_good_guess_decides_between_pitches():
     doubt = np.diag([0.014**2] * 3 + [0.005**2] * 3)
     guess = Pose(true.rotation, true.translation + np.array([0.035, 0, 0]))
     found = register(*patches, guess, doubt)
-    assert (
-        not found.remark
-        and np.abs(error_of(found, true)[:2]).max() < 2.5e-4
-    )
+    assert not found.remark and np.abs(error_of(found, true)[:2]).max() < 2.5e-4
 
 
 def test_a_place_where_they_do_not_overlap_refuses_no_pair(monkeypatch):
@@ -233,10 +225,7 @@ def test_a_known_place_that_is_wrong_is_looked_for_farther_off():
     known = np.diag([0.002**2] * 3 + [0.001**2] * 3)
     assert register(*patches, guess, known).remark
     found = register(*patches, guess, DOUBT, known=known)
-    assert (
-        not found.remark
-        and np.abs(error_of(found, true)[:2]).max() < 2.5e-4
-    )
+    assert not found.remark and np.abs(error_of(found, true)[:2]).max() < 2.5e-4
 
 
 def test_a_shape_laid_beside_its_place_is_not_sure_of_itself():

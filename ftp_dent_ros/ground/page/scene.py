@@ -1,26 +1,165 @@
-"""What the page shows: the latest of everything, as JSON and as few bytes."""
+"""What the page on the ground shows, out of the items that come."""
 
 from __future__ import annotations
 
 import json
+import math
 import threading
 from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.coding.cloud_codec import decode
 from ftp_dent_ros.coding.view import View
+from ftp_dent_ros.dents.dent import COVERAGE, KINDS
 from ftp_dent_ros.errors import CodecError
 from ftp_dent_ros.ground import topics
-from ftp_dent_ros.ground.item import Item
-from ftp_dent_ros.ground.page.content import coverage_of, dents_of, message_of, path_of, pose_of
-from ftp_dent_ros.ground.page.shapes import corners, relief, ring
+from ftp_dent_ros.ground.protocol import Item
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig.rig import Lens
+from ftp_dent_ros.robust import NORMAL_SPREAD
+
+_ROUND = 32  # points of an outline
+# Standard deviations of the points off a quadric beyond which one is a dent's; the least such
+# deviation, metres.
+_OUTLYING, _LEAST = 2.5, 1e-7
+
+_LARGEST = 4 << 20  # bytes of a message
 
 # Places of the path, areas seen, and poses that wait for their picture.
 _MOST = 2000, 400, 400
+
+
+def ring(dent: dict[str, Any]) -> NDArray[np.float64]:
+    """Ellipse of a dent's length and width on the skin, in the map."""
+    axis, normal = np.array(dent['axis'], float), np.array(dent['normal'], float)
+    turn = np.linspace(0, 2 * np.pi, _ROUND, endpoint=False)[:, None]
+    length, width = (float(dent[name] or 0) * 0.5e-3 for name in ('length_mm', 'width_mm'))
+    along, across = length * np.cos(turn) * axis, width * np.sin(turn) * np.cross(normal, axis)
+    return np.array(dent['place'], float) + along + across
+
+
+def corners(cloud: Cloud) -> NDArray[np.float64] | None:
+    """The four measured points nearest to the grid's corners, in order around it."""
+    rows, columns = np.nonzero(cloud.valid)
+    if len(rows) < 4:
+        return None
+    picked = [
+        int(np.argmin(sign_row * rows + sign_column * columns))
+        for sign_row, sign_column in ((1, 1), (1, -1), (-1, -1), (-1, 1))
+    ]
+    return cloud.points[rows[picked], columns[picked]].astype(float)
+
+
+def relief(cloud: Cloud) -> bytes:
+    """Points and their deviation from the smooth skin, a quadric over the grid."""
+    valid = cloud.valid
+    points = cloud.points[valid].astype(float)
+    if len(points) < 10:
+        return b''
+    centre = points.mean(axis=0)
+    x, y, z = (points - centre).T
+    basis = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
+    use = np.ones(len(z), bool)
+    for _ in range(3):  # without the dents themselves
+        coefficients, *_ = np.linalg.lstsq(basis[use], z[use], rcond=None)
+        off = z - basis @ coefficients
+        use = np.abs(off) <= _OUTLYING * max(NORMAL_SPREAD * float(np.median(np.abs(off))), _LEAST)
+    # Away from the camera is into the skin: a dent is positive.
+    values = np.column_stack([points - centre, 1e3 * off])
+    return values.astype('<f4').tobytes()
+
+
+def message_of(item: Item) -> Any:
+    """Message of CDR, without ROS."""
+    from ftp_dent_ros.recording.definitions import typestore
+
+    try:
+        if len(item.data) > _LARGEST:
+            raise ValueError
+        return typestore().deserialize_cdr(item.data, item.kind.removeprefix('cdr:'))
+    except Exception:
+        raise CodecError(f'an item of {item.topic} holds no message: it is refused') from None
+
+
+def pose_of(message: Any) -> Pose:
+    """Pose of a PoseWithCovarianceStamped."""
+    position, turn = message.pose.pose.position, message.pose.pose.orientation
+    return Pose.from_quaternion(
+        [turn.x, turn.y, turn.z, turn.w], [position.x, position.y, position.z]
+    )
+
+
+def path_of(message: Any) -> tuple[int, list[list[float]]]:
+    """Stamp of a Path (ns), and its places, metres."""
+    places = [each.pose.position for each in message.poses]
+    return _stamp(message.header), [_rounded([at.x, at.y, at.z]) for at in places]
+
+
+def coverage_of(message: Any) -> tuple[int, dict[str, list[list[list[float]]]]]:
+    """Stamp of a coverage (ns), and its strips: ``measured`` and ``gaps``, four corners each."""
+    strips: dict[str, list[list[list[float]]]] = {'measured': [], 'gaps': []}
+    for marker in message.markers:
+        if marker.ns in strips:
+            corners = [_rounded([at.x, at.y, at.z]) for at in marker.points]
+            # Two triangles each: of the second only the last corner is another.
+            strips[marker.ns] = [
+                [*corners[i : i + 3], corners[i + 5]] for i in range(0, len(corners) - 5, 6)
+            ]
+    return _stamp(message.markers[0].header), strips
+
+
+def _stamp(header: Any) -> int:
+    return int(header.stamp.sec) * 10**9 + int(header.stamp.nanosec)
+
+
+def _rounded(place: list[float]) -> list[float]:
+    if not all(map(math.isfinite, place)):
+        raise ValueError
+    return [round(value, 3) for value in place]
+
+
+def dents_of(message: Any) -> list[dict[str, Any]]:
+    """Dents of a message of dents/list: lengths in millimetres, places in metres."""
+    kinds = {7: '<f4', 6: '<u4'}  # sensor_msgs/PointField
+    row = np.dtype(
+        {
+            'names': [field.name for field in message.fields],
+            'formats': [kinds[field.datatype] for field in message.fields],
+            'offsets': [field.offset for field in message.fields],
+            'itemsize': message.point_step,
+        }
+    )
+    values = np.frombuffer(bytes(message.data), row)[:1000]
+    return [_dent(value) for value in values]
+
+
+def _dent(value: Any) -> dict[str, Any]:
+    def number(name: str, factor: float = 1.0, digits: int = 4) -> float | None:
+        given = float(value[name]) * factor
+        return round(given, digits) if math.isfinite(given) else None
+
+    def vector(name: str) -> list[float | None]:
+        return [number(f'{name}{axis}') for axis in 'xyz']
+
+    lengths = ('length', 'width', 'depth')
+    return {
+        'number': int(value['number']),
+        'kind': KINDS[int(value['kind'])],
+        'place': vector(''),
+        'normal': vector('normal_'),
+        'axis': vector('axis_'),
+        'sightings': int(value['sightings']),
+        **{f'{name}_mm': number(name, 1e3, 3) for name in lengths},
+        # Half the 95 % interval.
+        **{
+            f'{name}_interval_mm': number(f'{name}_uncertainty', COVERAGE * 1e3, 3)
+            for name in lengths
+        },
+    }
 
 
 class Scene:

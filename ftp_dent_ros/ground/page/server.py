@@ -15,9 +15,9 @@ from urllib.parse import parse_qs, urlsplit
 
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.ground.commands import COMMANDS, Answer
-from ftp_dent_ros.ground.hosts import is_here
-from ftp_dent_ros.ground.item import Item
+from ftp_dent_ros.ground.link import is_here
 from ftp_dent_ros.ground.page.scene import Scene, as_json
+from ftp_dent_ros.ground.protocol import Item
 from ftp_dent_ros.ground.station import Station
 
 _FILES = {

@@ -16,7 +16,7 @@ from ftp_dent_ros.{module}
 import numpy
 print(len(os.listdir('/proc/self/task')), os.environ['OPENBLAS_NUM_THREADS'])
 """
-CALLED = SCRIPT.format(module='threads import one_for_blas; one_for_blas()')
+CALLED = SCRIPT.format(module='process import one_for_blas; one_for_blas()')
 
 
 def threads(script: str, **told: str) -> list[int]:

@@ -1,10 +1,4 @@
-"""The messages that the autopilot is asked for, and whether they come.
-
-Asked for with MAV_CMD_SET_MESSAGE_INTERVAL, one at a time, for COMMAND_ACK does not say which
-message it is about. Any other client of the autopilot may change the rates, and a reboot forgets
-them: what comes too slowly is asked for again, at once where another client is seen to change it,
-where its own stamps are too far apart, or where it stays away. Times are steady, in seconds.
-"""
+"""What is asked of one autopilot: the time, its messages at their rates, and a few once."""
 
 from __future__ import annotations
 
@@ -12,8 +6,17 @@ from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from ftp_dent_ros.navigation.clock import ClockOffset
+from ftp_dent_ros.navigation.origin import Earth
+from ftp_dent_ros.navigation.settings import Instant, Settings
+from ftp_dent_ros.navigation.trust import Trust
+
+_INTERVAL = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
+_COMMANDS = ('COMMAND_LONG', 'COMMAND_INT')
 
 # Seconds to an answer, and how often a request without one is repeated.
 _ANSWER_TIMEOUT = 0.5
@@ -32,6 +35,47 @@ _MISSED, _HELD_UP = 5, 0.1
 _MIDDLE, _KEPT_TIMES = 0.25, 64
 # For as long it is told who changed a rate.
 _REMEMBERED = 10.0
+# Hertz: what the map's origin is made of changes slowly.
+_EARTH_RATE = 2.0
+
+
+@dataclass(frozen=True)
+class Meddling:
+    """A change of rates.
+
+    Attributes
+    ----------
+    who : str
+        System and component, and the message that says so.
+    message_id : int or None
+        The message whose rate was set; None if that may be any.
+    """
+
+    who: str
+    message_id: int | None
+
+
+def meddler(message: Any, vehicle: tuple[int, int], our_system: int) -> Meddling | None:
+    """Who changes rates by a message; None if nobody does, or we do.
+
+    `vehicle` is system and component of the autopilot; we are the onboard computer of its system.
+    """
+    name, source = message.get_type(), (message.get_srcSystem(), message.get_srcComponent())
+    ours = (our_system, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER)
+    if name == 'COMMAND_ACK':
+        target = (message.target_system, message.target_component)
+        if source == vehicle and message.command == _INTERVAL and target not in (ours, (0, 0)):
+            return Meddling(f'{target[0]}/{target[1]} (answered SET_MESSAGE_INTERVAL)', None)
+        return None
+    if name not in (*_COMMANDS, 'REQUEST_DATA_STREAM') or source in (ours, vehicle):
+        return None
+    if message.target_system not in (0, vehicle[0]):
+        return None
+    if name == 'REQUEST_DATA_STREAM':
+        return Meddling(f'{source[0]}/{source[1]} (REQUEST_DATA_STREAM)', None)
+    if message.command != _INTERVAL or not 0 <= message.param1 < 2**24:
+        return None
+    return Meddling(f'{source[0]}/{source[1]} (SET_MESSAGE_INTERVAL)', int(message.param1))
 
 
 @dataclass
@@ -230,3 +274,90 @@ class Streams:
     def _note_rerating(self, now: float) -> None:
         self._rerated += 1
         self._rerated_at = now
+
+
+class Asking:
+    """Requests to an autopilot, and what comes of them.
+
+    Parameters
+    ----------
+    settings : Settings
+    clock : ClockOffset
+    earth : Earth
+        Knows what it still needs.
+    trust : Trust
+        Knows what it watches.
+    """
+
+    def __init__(self, settings: Settings, clock: ClockOffset, earth: Earth, trust: Trust) -> None:
+        self._settings, self._clock, self._earth, self._trust = settings, clock, earth, trust
+        self._streams = Streams([])
+        self._rerated = 0
+
+    def restart(self, autopilot: int) -> None:
+        """An autopilot (a MAV_AUTOPILOT) has just been found or has rebooted: it knows nothing."""
+        rate = self._settings.rate
+        wanted = [
+            Stream('ATTITUDE_QUATERNION', rate),
+            Stream('LOCAL_POSITION_NED', rate),
+            Stream('ODOMETRY', rate, required=False),
+            Stream('SYSTEM_TIME', 1.0, required=False),
+            *(Stream(*each, required=False) for each in self._trust.rates(autopilot).items()),
+        ]
+        if self._settings.earth and self._settings.position_source != 'gps':
+            wanted.append(Stream('GLOBAL_POSITION_INT', _EARTH_RATE, required=False))
+        self._rerated += self._streams.rerated
+        self._streams = Streams(wanted)
+
+    def overheard(
+        self, message: Any, vehicle: tuple[int, int], our_system: int, now: float
+    ) -> None:
+        """Note who else sets rates, by a message of anybody's at a steady time."""
+        meddling = meddler(message, vehicle, our_system)
+        if meddling is not None:
+            self._streams.meddled(meddling.who, now, meddling.message_id)
+
+    def received(self, message: Any, now: float) -> None:
+        """Note that a message of the autopilot's has come at a steady time."""
+        boot_ms = getattr(message, 'time_boot_ms', None)
+        self._streams.received(message.get_type(), now, boot_ms)
+
+    def acknowledged(self, message: Any, our_system: int) -> None:
+        """Take a COMMAND_ACK of the autopilot's."""
+        # A MAVLink 1 autopilot leaves the addressee 0.
+        ours = (our_system, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER)
+        target = (message.target_system, message.target_component)
+        if message.command == _INTERVAL and target in (ours, (0, 0)):
+            self._streams.acknowledged(message.result)
+
+    def due(self, vehicle: tuple[int, int], at: Instant) -> list[Any]:
+        """Messages that are due to be sent."""
+        messages: list[Any] = []
+        ts1 = self._clock.request(at.ros)
+        if ts1 is not None:
+            messages.append(mavlink.MAVLink_timesync_message(tc1=0, ts1=ts1))
+        stream = self._streams.next_request(at.steady)
+        if stream is not None:
+            wanted = stream.message_id, stream.interval_us
+            messages.append(_command(vehicle, _INTERVAL, stream.retries, *wanted))
+        once = self._earth.next_request(at.steady, height=self._settings.earth)
+        if once is not None:
+            messages.append(_command(vehicle, mavlink.MAV_CMD_REQUEST_MESSAGE, 0, once, 0))
+        return messages
+
+    def state(self, now: float) -> dict[str, Any]:
+        """What `VehicleState` holds of it, at a steady time."""
+        return {
+            'rates': self._streams.rates(now),
+            'slow': self._streams.slow(now),
+            'denied': self._streams.denied(),
+            'rerated': self._rerated + self._streams.rerated,
+            'rerated_by': self._streams.rerated_by(now),
+        }
+
+
+def _command(
+    target: tuple[int, int], command: int, confirmation: int, first: float, second: float
+) -> Any:
+    parameters = (first, second, 0, 0, 0, 0, 0)
+    return mavlink.MAVLink_command_long_message(*target, command, confirmation, *parameters)

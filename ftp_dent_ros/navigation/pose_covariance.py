@@ -30,7 +30,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.navigation.time_and_place import frames
+from ftp_dent_ros.navigation import frames
 from ftp_dent_ros.pose import Pose
 
 Covariance = NDArray[np.float64]

@@ -1,1 +1,0 @@
-"""Poses out of the autopilot's messages, their history, and how good they are."""

@@ -1,1 +1,0 @@
-"""The autopilot's clock, places on the earth, and frames, in ROS's."""
