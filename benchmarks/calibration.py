@@ -25,12 +25,11 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
-from ftp_dent_ros.calibration.adjustment.solving import Solution, solve
-from ftp_dent_ros.calibration.adjustment.uncertainty import depth_slopes, depths
-from ftp_dent_ros.calibration.boards.board import Board
-from ftp_dent_ros.calibration.observing.decoding import Photographs
-from ftp_dent_ros.calibration.observing.observing import Sight, observe
-from ftp_dent_ros.calibration.observing.sequence import Sequence
+from ftp_dent_ros.calibration.board import Board
+from ftp_dent_ros.calibration.observing import Photographs, Sight, observe
+from ftp_dent_ros.calibration.sequence import Sequence
+from ftp_dent_ros.calibration.solving import Solution, solve
+from ftp_dent_ros.calibration.uncertainty import depth_slopes, depths
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.files import config_folder
 from ftp_dent_ros.pattern.pattern import Pattern
@@ -38,11 +37,7 @@ from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.rig.rig import Lens, Rig, read_rig
 from ftp_dent_ros.simulation import Dent, Panel, Photometry, Surface, render
-from ftp_dent_ros.simulation.photography.boards import (
-    photographs,
-    random_pose,
-    true_correspondences,
-)
+from ftp_dent_ros.simulation.boards import photographs, random_pose, true_correspondences
 
 BOARD = Board(10, 7, 0.025)
 NAMES = (

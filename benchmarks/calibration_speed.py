@@ -15,19 +15,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from ftp_dent_ros.calibration.adjustment.solving import STEPS, solve
-from ftp_dent_ros.calibration.boards.board import Board
-from ftp_dent_ros.calibration.observing.observation import Observation
-from ftp_dent_ros.calibration.observing.observing import observe
-from ftp_dent_ros.calibration.observing.sequence import Sequence
+from ftp_dent_ros.calibration.board import Board
+from ftp_dent_ros.calibration.observing import Observation, observe
+from ftp_dent_ros.calibration.sequence import Sequence
+from ftp_dent_ros.calibration.solving import STEPS, solve
 from ftp_dent_ros.files import config_folder
 from ftp_dent_ros.rig.rig import Lens, Rig, read_rig
 from ftp_dent_ros.simulation import Photometry
-from ftp_dent_ros.simulation.photography.boards import (
-    photographs,
-    random_pose,
-    true_correspondences,
-)
+from ftp_dent_ros.simulation.boards import photographs, random_pose, true_correspondences
 
 BOARD = Board(10, 7, 0.025)
 # Of corners in rendered photographs, pixels, standard deviation.

@@ -35,7 +35,7 @@ from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig.rig import Lens, Rig
 from ftp_dent_ros.simulation import Dent, Dirt, Paint, Panel, Photometry, Renderer, Surface
-from ftp_dent_ros.simulation.skin.shapes import Gaussian
+from ftp_dent_ros.simulation.dents import Gaussian
 
 PACKAGE = 'ftp_dent_ros.profilometry'
 FOLDER = Path(ftp_dent_ros.__file__).parent / 'profilometry'

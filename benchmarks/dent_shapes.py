@@ -31,7 +31,7 @@ from ftp_dent_ros.evaluation.scenes import make_rig
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.simulation import Dent, Dirt, Paint, Panel, Rivet, waviness
-from ftp_dent_ros.simulation.skin.shapes import (
+from ftp_dent_ros.simulation.dents import (
     SMOOTH,
     Cap,
     Crater,
@@ -42,8 +42,7 @@ from ftp_dent_ros.simulation.skin.shapes import (
     Shape,
     Valley,
 )
-from ftp_dent_ros.simulation.truth import TrueDent, true_dents
-from ftp_dent_ros.simulation.truth_matching import match_truth
+from ftp_dent_ros.simulation.truth import TrueDent, match_truth, true_dents
 
 DISTANCES = 0.6, 0.8, 1.0, 1.2
 # A dent is no deeper than this part of its width: skin folds before.

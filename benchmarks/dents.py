@@ -50,7 +50,7 @@ from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.rig.rig import Rig
 from ftp_dent_ros.simulation import Dent, Panel, Surface
-from ftp_dent_ros.simulation.truth_matching import match_truth
+from ftp_dent_ros.simulation.truth import match_truth
 
 SIZES = (
     'depth',

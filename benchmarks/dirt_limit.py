@@ -34,7 +34,7 @@ from kind_scenes import CAMERA, PATTERN, by_contour, light
 from numpy.typing import NDArray
 
 from ftp_dent_ros.dents.dent import Settings as Looked
-from ftp_dent_ros.evaluation.detection.trials import DISTANCES, LIGHTS
+from ftp_dent_ros.evaluation.detection import DISTANCES, LIGHTS
 from ftp_dent_ros.evaluation.scenes import PATTERN as OF_TRIALS
 from ftp_dent_ros.evaluation.scenes import Scene, make_rig
 from ftp_dent_ros.inspection.measuring.inspection import inspect
@@ -43,9 +43,8 @@ from ftp_dent_ros.pattern.pattern import CODES, Pattern
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.simulation import Dirt, Paint, Panel, Photometry
-from ftp_dent_ros.simulation.skin.shapes import Gaussian
-from ftp_dent_ros.simulation.truth import true_dents
-from ftp_dent_ros.simulation.truth_matching import match_truth
+from ftp_dent_ros.simulation.dents import Gaussian
+from ftp_dent_ros.simulation.truth import match_truth, true_dents
 
 BASELINE, STRIDE = 0.24, 2
 # A threshold of six, and what 90 % of a normal distribution lie above.

@@ -18,8 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ftp_dent_ros.simulation.air.radio import Conditions
-from ftp_dent_ros.simulation.air.sites import Site, joined_sites
+from ftp_dent_ros.simulation.radio import Conditions, Site, joined_sites
 from ftp_dent_ros.supervision.transport import profile
 
 

@@ -55,8 +55,7 @@ from ftp_dent_ros.ros.messages import (
     stamp_to_ns,
 )
 from ftp_dent_ros.ros.qos import CLOUDS, DENTS, DIAGNOSTICS, LATCHED, POSES
-from ftp_dent_ros.simulation.truth import true_dents
-from ftp_dent_ros.simulation.truth_matching import true_index
+from ftp_dent_ros.simulation.truth import true_dents, true_index
 from ftp_dent_ros.simulation.world import World, read_world
 from ftp_dent_ros.supervision.domain import free_domain
 

@@ -36,7 +36,7 @@ from ftp_dent_ros.ros.messages import (
     make_header,
     pose_to_message,
 )
-from ftp_dent_ros.simulation.vehicle.estimate import EstimateErrors
+from ftp_dent_ros.simulation.flight import EstimateErrors
 from ftp_dent_ros.simulation.world import World, read_world
 
 # Of the shipped simulation.

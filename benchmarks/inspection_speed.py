@@ -26,7 +26,7 @@ from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.process import keep_freed
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.simulation import Dent, Surface
-from ftp_dent_ros.simulation.skin.shapes import Gaussian
+from ftp_dent_ros.simulation.dents import Gaussian
 
 
 def main() -> None:

@@ -17,9 +17,8 @@ from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.rig.rig import Rig
-from ftp_dent_ros.simulation.photography.ground_truth import GroundTruth
-from ftp_dent_ros.simulation.truth import TrueDent, true_dents
-from ftp_dent_ros.simulation.truth_matching import match_truth
+from ftp_dent_ros.simulation.ground_truth import GroundTruth
+from ftp_dent_ros.simulation.truth import TrueDent, match_truth, true_dents
 
 METHODS = 'default', 'virtual-reference'
 # Fringes from an edge within which errors are told apart.

@@ -37,9 +37,9 @@ from ftp_dent_ros.simulation import (
     scratches,
     waviness,
 )
-from ftp_dent_ros.simulation.photography.ground_truth import GroundTruth, ground_truth
-from ftp_dent_ros.simulation.skin.fittings import Fitting
-from ftp_dent_ros.simulation.skin.shapes import SMOOTH, Gaussian, Shape
+from ftp_dent_ros.simulation.dents import SMOOTH, Gaussian, Shape
+from ftp_dent_ros.simulation.fittings import Fitting
+from ftp_dent_ros.simulation.ground_truth import GroundTruth, ground_truth
 
 CAMERA = 1280, 720, 1700.0
 PATTERN = Pattern(1280, 720, 10.0, 640.0)

@@ -30,7 +30,7 @@ from ftp_dent_ros.simulation import (
     Sunlight,
     waviness,
 )
-from ftp_dent_ros.simulation.skin.shapes import Gaussian, Plate
+from ftp_dent_ros.simulation.dents import Gaussian, Plate
 
 
 def sun_dirt_lap(rng: np.random.Generator) -> KindScene:

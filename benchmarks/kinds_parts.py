@@ -31,7 +31,7 @@ from ftp_dent_ros.simulation import (
     Rivet,
     scratches,
 )
-from ftp_dent_ros.simulation.skin.shapes import Gaussian, Valley
+from ftp_dent_ros.simulation.dents import Gaussian, Valley
 
 
 def plate_in_dent(rng: np.random.Generator) -> KindScene:

@@ -28,7 +28,7 @@ from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig.rig import Rig
 from ftp_dent_ros.simulation import Dirt, DomedRivet, Paint, Panel, Sunlight
-from ftp_dent_ros.simulation.skin.shapes import Gaussian
+from ftp_dent_ros.simulation.dents import Gaussian
 
 
 def mounted(

@@ -36,7 +36,7 @@ from ftp_dent_ros.simulation import (
     scratches,
     waviness,
 )
-from ftp_dent_ros.simulation.skin.shapes import Crater, FlatBottomed, Plate, RaisedCosine, Valley
+from ftp_dent_ros.simulation.dents import Crater, FlatBottomed, Plate, RaisedCosine, Valley
 
 _RIGS = (
     (make_rig(0.7, 0.20, (1600, 1200, 2100.0), 1750.0), 0.7),

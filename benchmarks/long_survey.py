@@ -39,7 +39,7 @@ from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.files import written_aside
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.simulation import Panel
-from ftp_dent_ros.simulation.skin.marks import Dirt
+from ftp_dent_ros.simulation.paint import Dirt
 from ftp_dent_ros.survey.footprint import Footprint, seen_skin
 from ftp_dent_ros.survey.joining import Joining
 

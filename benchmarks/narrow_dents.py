@@ -18,7 +18,7 @@ from tqdm import tqdm
 
 from ftp_dent_ros.pattern.pattern import CODES
 from ftp_dent_ros.simulation import Dirt, Paint
-from ftp_dent_ros.simulation.skin.shapes import SMOOTH, Cap, Gaussian, RaisedCosine
+from ftp_dent_ros.simulation.dents import SMOOTH, Cap, Gaussian, RaisedCosine
 
 SHAPES = {'gaussian': Gaussian(), 'smooth': SMOOTH, 'cosine': RaisedCosine(), 'cap': Cap()}
 # What light and skin are like.

@@ -31,8 +31,7 @@ from timing import processor_time
 
 from ftp_dent_ros import files
 from ftp_dent_ros.recording.reader import open_bag
-from ftp_dent_ros.simulation.air.radio import Conditions
-from ftp_dent_ros.simulation.air.sites import Joined, Site, joined_sites
+from ftp_dent_ros.simulation.radio import Conditions, Joined, Site, joined_sites
 from ftp_dent_ros.supervision.transport import profile
 
 RADIOS = {

@@ -28,7 +28,7 @@ from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.pattern.file import read_pattern
 from ftp_dent_ros.photograph.file import read_photograph
 from ftp_dent_ros.rig.rig import Rig, read_rig
-from ftp_dent_ros.simulation.truth_matching import match_truth
+from ftp_dent_ros.simulation.truth import match_truth
 
 COLUMNS = 'cover', 'outside', 'MAE', 'p95', '>0.1', '>1', 'z', '<4', 'edge z', '<4', 'scale mm'
 

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from scipy.stats import beta
 from tqdm import tqdm
 
-from ftp_dent_ros.calibration.boards.board import Board
-from ftp_dent_ros.calibration.checking.board_check import check_by_board
-from ftp_dent_ros.calibration.checking.verdict import Check, turned
-from ftp_dent_ros.calibration.checking.wall_check import check
+from ftp_dent_ros.calibration.board import Board
+from ftp_dent_ros.calibration.board_check import check_by_board
+from ftp_dent_ros.calibration.verdict import Check, turned
+from ftp_dent_ros.calibration.wall_check import check
 from ftp_dent_ros.errors import CalibrationError, RefusedFrameError
 from ftp_dent_ros.files import config_folder
 from ftp_dent_ros.pattern.file import read_pattern
@@ -29,7 +29,7 @@ from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.rig.rig import Lens, Rig, read_rig
 from ftp_dent_ros.simulation import Panel, Photometry, Surface, Wave, render
-from ftp_dent_ros.simulation.photography.boards import board_surface, random_pose
+from ftp_dent_ros.simulation.boards import board_surface, random_pose
 
 RIG = read_rig(config_folder() / 'rig.yaml')
 PATTERN = read_pattern(config_folder() / 'pattern.yaml')

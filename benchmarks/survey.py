@@ -36,9 +36,8 @@ from ftp_dent_ros.pattern.file import read_pattern
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.rig.rig import read_rig
-from ftp_dent_ros.rigid import twist_between
 from ftp_dent_ros.simulation import Dent, Paint, Panel, Photometry, Renderer, Rivet, Surface
-from ftp_dent_ros.simulation.skin.marks import Dirt, Lettering, scratches
+from ftp_dent_ros.simulation.paint import Dirt, Lettering, scratches
 from ftp_dent_ros.survey.information import COMMON
 from ftp_dent_ros.survey.joining import Joining
 from ftp_dent_ros.survey.mosaic import Mosaic
@@ -150,7 +149,7 @@ def pairs(arguments: argparse.Namespace) -> None:
             off = rng.multivariate_normal(np.zeros(6), doubt)
             guess = Pose(Rotation.from_rotvec(off[3:]) * true.rotation, true.translation + off[:3])
             found = register(patches[first], patches[second], guess, doubt)
-            error = twist_between(found.pose, true, found.centre)
+            error = found.error(true)
             if found.told < 6:
                 print(f'  skin {seed}, {first}-{second}: {found.told} told; {found.remark}')
                 continue

@@ -33,8 +33,8 @@ from ftp_dent_ros.pattern.file import read_pattern
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig.rig import read_rig
 from ftp_dent_ros.simulation import Dent, Paint, Panel, Photometry, Renderer, Rivet, Surface
-from ftp_dent_ros.simulation.skin.marks import Dirt, Lettering, scratches
-from ftp_dent_ros.simulation.skin.shapes import Gaussian
+from ftp_dent_ros.simulation.dents import Gaussian
+from ftp_dent_ros.simulation.paint import Dirt, Lettering, scratches
 
 RADIUS, SKIN, APART = 3.0, (1.0, 2.0), 0.03
 ROWS, COLUMNS, ROW = 5, 8, 0.18

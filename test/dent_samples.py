@@ -11,9 +11,8 @@ from ftp_dent_ros.dents.dent import Estimate, Inspection, MeasuredDent
 from ftp_dent_ros.inspection.measuring.skin.smoothing import shown
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig.rig import Lens
-from ftp_dent_ros.simulation.skin.dent import Dent
-from ftp_dent_ros.simulation.skin.panel import Panel
-from ftp_dent_ros.simulation.skin.surface import Surface
+from ftp_dent_ros.simulation.dents import Dent
+from ftp_dent_ros.simulation.surface import Panel, Surface
 from ftp_dent_ros.simulation.truth import TrueDent, true_dents
 
 

@@ -11,8 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.capture.source import Frame
-from ftp_dent_ros.capture.stamps import ExposureClock
+from ftp_dent_ros.capture.source import ExposureClock, Frame
 from ftp_dent_ros.errors import CameraError
 from ftp_dent_ros.photograph.photograph import Photograph
 

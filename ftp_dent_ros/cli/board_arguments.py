@@ -6,9 +6,9 @@ import argparse
 import re
 from pathlib import Path
 
-from ftp_dent_ros.calibration.boards.board import Board
-from ftp_dent_ros.calibration.observing.sequence import Sequence
-from ftp_dent_ros.calibration.observing.session import FILE, Session, read_session
+from ftp_dent_ros.calibration.board import Board
+from ftp_dent_ros.calibration.sequence import Sequence
+from ftp_dent_ros.calibration.session import FILE, Session, read_session
 from ftp_dent_ros.errors import ConfigurationError
 
 

@@ -18,17 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from ftp_dent_ros.calibration.adjustment.guidance import covered, next_pose
-from ftp_dent_ros.calibration.observing.observation import Observation
-from ftp_dent_ros.calibration.observing.observing import observe
-from ftp_dent_ros.calibration.observing.response import projector_delay, response
-from ftp_dent_ros.calibration.observing.sequence import Frame
-from ftp_dent_ros.calibration.observing.session import (
-    Session,
-    read_session,
-    see_poses,
-    write_session,
-)
+from ftp_dent_ros.calibration.guidance import covered, next_pose
+from ftp_dent_ros.calibration.observing import Observation, observe
+from ftp_dent_ros.calibration.response import projector_delay, response
+from ftp_dent_ros.calibration.sequence import Frame
+from ftp_dent_ros.calibration.session import Session, read_session, see_poses, write_session
 from ftp_dent_ros.cli.board_arguments import (
     add_board_arguments,
     add_sequence_arguments,

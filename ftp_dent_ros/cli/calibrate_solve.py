@@ -9,10 +9,9 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from ftp_dent_ros.calibration.adjustment.solving import STEPS, Solution, solve
-from ftp_dent_ros.calibration.observing.photographs import find_poses
-from ftp_dent_ros.calibration.observing.session import see_poses
-from ftp_dent_ros.calibration.reporting.page import depth_words, write_page
+from ftp_dent_ros.calibration.page import depth_words, write_page
+from ftp_dent_ros.calibration.session import find_poses, see_poses
+from ftp_dent_ros.calibration.solving import STEPS, Solution, solve
 from ftp_dent_ros.cli.board_arguments import (
     add_board_arguments,
     add_sequence_arguments,

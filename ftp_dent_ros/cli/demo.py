@@ -15,12 +15,16 @@ from typing import Any
 
 from tqdm import tqdm
 
-from ftp_dent_ros.demonstration.appraisal import appraise
-from ftp_dent_ros.demonstration.dents import DentAppraisal, appraise_dents
+from ftp_dent_ros.demonstration.appraisal import (
+    DentAppraisal,
+    SkinAppraisal,
+    appraise,
+    appraise_dents,
+    appraise_skin,
+    onto_truth,
+)
 from ftp_dent_ros.demonstration.flight import FlightError, fly, simulation_parameters
-from ftp_dent_ros.demonstration.results import write_results
-from ftp_dent_ros.demonstration.skin import SkinAppraisal, appraise_skin, onto_truth
-from ftp_dent_ros.demonstration.summary import BOUNDS, summary_of
+from ftp_dent_ros.demonstration.results import BOUNDS, summary_of, write_results
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.files import find
 from ftp_dent_ros.inspection.measuring.inspection import inspect

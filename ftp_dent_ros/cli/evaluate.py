@@ -64,9 +64,14 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _detect(arguments: argparse.Namespace, folder: Path) -> int:
     # Few need it.
-    from ftp_dent_ros.evaluation.detection.page import write_page
-    from ftp_dent_ros.evaluation.detection.results import blanks_of, rows_of, sentence
-    from ftp_dent_ros.evaluation.detection.trials import TOGETHER, trials
+    from ftp_dent_ros.evaluation.detection import (
+        TOGETHER,
+        blanks_of,
+        rows_of,
+        run_trials,
+        sentence,
+        write_page,
+    )
 
     for name in ('dents', 'blanks'):
         if getattr(arguments, name) < 1:
@@ -80,7 +85,7 @@ def _detect(arguments: argparse.Namespace, folder: Path) -> int:
     depth = arguments.smallest_depth / 1e3
     total = math.ceil(arguments.dents / TOGETHER) + arguments.blanks
     with tqdm(total=total, unit='photograph', dynamic_ncols=True, disable=None) as bar:
-        taken = trials(folder, arguments.dents, arguments.blanks, depth, bar.update)
+        taken = run_trials(folder, arguments.dents, arguments.blanks, depth, bar.update)
     rows, blanks = rows_of(taken), blanks_of(taken)
     page = write_page(folder, taken, rows, blanks, depth)
     print(sentence(rows, blanks, depth))

@@ -27,7 +27,7 @@ from ftp_dent_ros.dents.rules import Rules, read_rules, verdict
 from ftp_dent_ros.dents.sightings import ListedDent
 from ftp_dent_ros.errors import CloudError, ConfigurationError, FtpDentError
 from ftp_dent_ros.files import content_id, find
-from ftp_dent_ros.fleet.finished import begin, finish, is_made_of, made_of
+from ftp_dent_ros.fleet import begin, finish, is_made_of, made_of
 from ftp_dent_ros.inspection.inspecting import Observation, Survey, viewpoint_of
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.page import write_report
@@ -209,7 +209,7 @@ def _of_bag(
     request: Request, rules: Rules | None, progress: Callable[[int], object], jobs: int
 ) -> Report:
     # Only this needs the libraries of bags.
-    from ftp_dent_ros.fleet.processes import in_order
+    from ftp_dent_ros.fleet import in_order
     from ftp_dent_ros.inspection.bag import survey_bag
     from ftp_dent_ros.recording import provenance
     from ftp_dent_ros.recording.clouds import count_clouds
@@ -356,10 +356,10 @@ def _results(
         return iter(())
     if scheduler:
         # Only this needs Dask.
-        from ftp_dent_ros.fleet.cluster import on_cluster
+        from ftp_dent_ros.fleet import on_cluster
 
         return on_cluster(_work, tasks, scheduler)
-    from ftp_dent_ros.fleet.processes import side_by_side
+    from ftp_dent_ros.fleet import side_by_side
 
     return side_by_side(_work, tasks, jobs or len(os.sched_getaffinity(0)))
 

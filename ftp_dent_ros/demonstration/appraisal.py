@@ -1,24 +1,33 @@
-"""A recorded flight of the simulated payload, held against the simulated truth."""
+"""What a flight measured against the truth of its scene: clouds, skin and dents."""
 
 from __future__ import annotations
 
 import statistics
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
+from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image, PointCloud2
 
 from ftp_dent_ros.cloud.cloud import Cloud
+from ftp_dent_ros.dents.sightings import ListedDent
+from ftp_dent_ros.inspection.report import Report
+from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.recording.reader import Bag
 from ftp_dent_ros.recording.topic import Message
+from ftp_dent_ros.rig.rig import Lens
+from ftp_dent_ros.ros.dent_messages import KINDS, dents_from_message
 from ftp_dent_ros.ros.messages import cloud_from_message, stamp_to_ns
+from ftp_dent_ros.simulation.truth import TrueDent, is_at_lap, match_truth, true_dents, true_index
 from ftp_dent_ros.simulation.world import World
+from ftp_dent_ros.survey.surveying import Joined
 
 TYPES = {
     '/camera/image_raw': Image,
@@ -32,6 +41,21 @@ TYPES = {
 _EVERY = 3
 _MS_PER_NS = 1e-6
 _MM_PER_M = 1e3
+
+# Every so many points each way: of those that are compared, and of those that are put onto the
+# true ones, some hundred a cloud.
+_SKIN_EVERY, _FITTED = 3, 30
+_MM = 1e3
+
+# Standard uncertainties that a place may be off by: of three axes, 97 in 100 are not.
+_SIGMAS = 3.0
+# Sizes are a dent's within so many standard uncertainties and such a part of the true one: what
+# differs more is another dent, however badly it was measured.
+_SIZE_SIGMAS, _OF_SIZE = 4.0, 0.25
+# After so many, whose dent is whose changes no more.
+_ROUNDS = 4
+# How far a step may be told beside the lap's edge, metres: a row of rivets' step.
+_SEAM = 0.025
 
 
 @dataclass(frozen=True)
@@ -204,3 +228,335 @@ def _gaps(stamps: set[int], rate: float) -> int:
         return 0
     expected = round((max(stamps) - min(stamps)) * 1e-9 * rate) + 1
     return max(expected - len(stamps), 0)
+
+
+@dataclass(frozen=True)
+class SkinAppraisal:
+    """Figures of the skin that the clouds make by the survey's poses.
+
+    Attributes
+    ----------
+    skin_mae_mm, skin_mae_worst_mm : float
+        Mean distance of the clouds' points to the true skin, which each part is put onto as one:
+        over all clouds, and of the worst cloud.
+    skin_place_mm : float
+        Root mean square of how far points lie from their true places then, mostly along the skin.
+    skin_off_mm : float
+        How far the whole is off in the map, by the autopilot: root mean square.
+    skin_parts : int
+        In how many parts it is, that share nothing.
+    skin_pairs_left_out : int
+        Of the pairs of clouds, those that contradict the others.
+    """
+
+    skin_mae_mm: float
+    skin_mae_worst_mm: float
+    skin_place_mm: float
+    skin_off_mm: float
+    skin_parts: int
+    skin_pairs_left_out: int
+
+
+@dataclass(frozen=True, eq=False)
+class Onto:
+    """The moves that put each part of a survey onto the true skin, by the stamps of its clouds."""
+
+    moves: Mapping[int, Pose]
+    places: NDArray[np.float64]
+    offsets: NDArray[np.float64]
+
+    def move(self, stamp_ns: int | None) -> Pose:
+        """Of the part that a cloud belongs to; none where it is in no part."""
+        none = Pose(Rotation.identity(), np.zeros(3))
+        return none if stamp_ns is None else self.moves.get(stamp_ns, none)
+
+
+def onto_truth(bag: Bag, joined: Joined, world: World) -> Onto:
+    """Put each part of a survey as one onto its true place."""
+    parts: dict[int, list[tuple[int, NDArray, NDArray]]] = {}
+    groups = joined.joining.graph.groups()
+    for stamp, cloud in clouds_of(bag, '/points'):
+        number = joined.numbers.get(stamp)
+        if number is not None:
+            few = cloud.points[::_FITTED, ::_FITTED].astype(float)
+            few = few[np.isfinite(few).all(axis=-1)]
+            found, true = joined.poses[number].apply(few), world.camera_pose(stamp).apply(few)
+            parts.setdefault(groups[number], []).append((stamp, found, true))
+    moves: dict[int, Pose] = {}
+    places, offsets = [], []
+    for part in parts.values():
+        found, true = (np.concatenate([each[i] for each in part]) for i in (1, 2))
+        middle, there = found.mean(axis=0), true.mean(axis=0)
+        turn, _ = Rotation.align_vectors(true - there, found - middle)
+        move = Pose(turn, there - turn.apply(middle))
+        moves |= {stamp: move for stamp, *_ in part}
+        places.append(move.apply(found) - true)
+        offsets.append(found - true)
+    return Onto(moves, np.concatenate(places), np.concatenate(offsets))
+
+
+def appraise_skin(
+    bag: Bag,
+    joined: Joined,
+    world: World,
+    onto: Onto,
+    progress: Callable[[], Any] = lambda: None,
+) -> SkinAppraisal:
+    """Compare the skin that a bag's clouds make with the true one.
+
+    Parameters
+    ----------
+    bag : Bag
+    joined : Joined
+        Its clouds.
+    world : World
+        In which it was recorded.
+    onto : Onto
+        From `onto_truth`.
+    progress : callable
+        Called after each cloud.
+    """
+    errors = []
+    for stamp, cloud in clouds_of(bag, '/points'):
+        number = joined.numbers.get(stamp)
+        if number is not None:
+            placed = cloud.transformed(onto.move(stamp) @ joined.poses[number])
+            errors.append(mean_absolute(map_error(world, placed, _SKIN_EVERY)))
+        progress()
+    return SkinAppraisal(
+        skin_mae_mm=float(np.mean(errors)),
+        skin_mae_worst_mm=max(errors),
+        skin_place_mm=_rms(onto.places) * _MM,
+        skin_off_mm=_rms(onto.offsets) * _MM,
+        skin_parts=len({id(move) for move in onto.moves.values()}),
+        skin_pairs_left_out=len(joined.joining.graph.left_out),
+    )
+
+
+def _rms(offsets: NDArray[np.float64]) -> float:
+    return float(np.sqrt(np.square(offsets).sum(axis=-1).mean()))
+
+
+def check_list(listed: NDArray[Any], truth: Sequence[TrueDent]) -> tuple[int, int]:
+    """How many of the dents of a list are not there, and how many it has twice.
+
+    Each true dent has one of the list at most: of those that lie by it within what they state of
+    their places, and have its sizes, the nearest, after the autopilot's error that all have in
+    common is taken off. One that is left over is listed twice where it has the place and the
+    sizes of a true dent; any other is false.
+
+    Parameters
+    ----------
+    listed : ndarray
+        Structured, shape (n,), as of `ftp_dent_ros.ros.dent_messages.dents_from_message`, metres.
+    truth : sequence of TrueDent
+        In the list's frame of reference.
+    """
+    if not len(listed) or not truth:
+        return len(listed), 0
+    places = np.stack([listed[axis] for axis in 'xyz'], axis=-1).astype(float)
+    there = np.stack([each.position for each in truth])
+    off = places[:, None] - there
+    reach = np.array([each.length / 2 for each in truth]) + _SIGMAS * np.array(
+        listed['position_uncertainty'], float
+    ).reshape(-1, 1)
+    may_be = (np.linalg.norm(off, axis=-1) <= reach) & _sizes_agree(listed, truth)
+    shift = np.zeros(3)
+    for _ in range(_ROUNDS):
+        # Less the shift, a place that may be lies off by twice the reach at most.
+        pairs = match_truth(places - shift, there, 2 * reach, may_be)
+        if pairs:
+            shift = np.median([off[one, its] for its, one in pairs.items()], axis=0)
+    left = np.setdiff1d(np.arange(len(listed)), list(pairs.values()))
+    twice = may_be[left].any(axis=1)
+    return int((~twice).sum()), int(twice.sum())
+
+
+def _sizes_agree(listed: NDArray[Any], truth: Sequence[TrueDent]) -> NDArray[np.bool_]:
+    """Whether listed dents have the sizes of true ones, (listed, true).
+
+    A cut one is no deeper: its length and width are those of what its clouds show.
+    """
+    result = np.ones((len(listed), len(truth)), bool)
+    is_cut = listed['is_cut'].astype(bool)[:, None]
+    sizes = {
+        'length': [max(each.length, each.width) for each in truth],
+        'width': [min(each.length, each.width) for each in truth],
+        'depth': [each.depth for each in truth],
+    }
+    for name, values in sizes.items():
+        true = np.array(values)
+        more = listed[name].astype(float)[:, None] - true
+        sigma = np.nan_to_num(listed[f'{name}_uncertainty'].astype(float))[:, None]
+        allowed = _SIZE_SIGMAS * sigma + _OF_SIZE * true
+        # What is not known of a size says nothing against it.
+        differs = (more > allowed) | (~is_cut & (more < -allowed))
+        result &= ~differs if name == 'depth' else ~differs | is_cut
+    return result
+
+
+@dataclass(frozen=True)
+class DentAppraisal:
+    """Figures of the dents of one flight.
+
+    Attributes
+    ----------
+    dents : int
+        True dents that lie wholly inside some cloud.
+    dents_missed : int
+        Those of them that no cloud shows.
+    sightings, sightings_missed : int
+        How often a true dent lies wholly inside a cloud, and is not found in it.
+    dents_false, dents_twice : int
+        Listed, and not there; and one that is listed already, whole or a part of it.
+    depth_error_mm, length_error_mm, width_error_mm : float
+        Largest absolute error of the combined measurements of dents that were seen whole.
+    dents_in_list, dents_false_in_list, dents_twice_in_list : int
+        What the node's own list held at the end; what of it is no true dent by its place and
+        sizes; and what is one that it has already: where photographs lie too far apart, the
+        autopilot's poses alone do not tell that.
+    clouds_not_inspected : int
+    others, others_false : int
+        Reported as something else than a dent, and of these where there is neither a dent nor,
+        for a step, a lap.
+    """
+
+    dents: int
+    dents_missed: int
+    sightings: int
+    sightings_missed: int
+    dents_false: int
+    dents_twice: int
+    depth_error_mm: float
+    length_error_mm: float
+    width_error_mm: float
+    dents_in_list: int
+    dents_false_in_list: int
+    dents_twice_in_list: int
+    clouds_not_inspected: int
+    others: int
+    others_false: int
+
+
+def appraise_dents(
+    bag: Bag,
+    report: Report,
+    world: World,
+    camera: Lens,
+    move: Callable[[int | None], Pose],
+) -> DentAppraisal:
+    """Compare a report on a bag with the world that it was recorded in.
+
+    Parameters
+    ----------
+    bag : Bag
+    report : Report
+    world : World
+    camera : Lens
+    move : callable
+        What puts the clouds that belong to the one of a stamp onto the true skin.
+    """
+    truth = [true for true in true_dents(world.surface) if true.depth > 0]
+    clouds = dict(clouds_of(bag, '/points'))
+    expected: set[tuple[int, int]] = set()
+    for frame in report.frames:
+        stamp_ns = frame.stamp_ns
+        if stamp_ns in clouds:
+            seen_from = world.camera_pose(stamp_ns).inverse()
+            inside = _inside(clouds[stamp_ns], camera)
+            expected |= {
+                (index, frame.number)
+                for index, true in enumerate(truth)
+                if _lies_in(true, inside, seen_from, camera)
+            }
+    stamps = {frame.number: frame.stamp_ns for frame in report.frames}
+    found: set[tuple[int, int]] = set()
+    false = 0
+    listed: list[int] = []
+    errors = []
+    others_false = 0
+    for entry in report.entries:
+        is_dent = entry.dent.kind == 'dent'
+        # A dent that two parts of the flight share lies in the list where one of them has it.
+        elsewhere = [
+            move(stamps[part.frame]).apply(each.dent.position)
+            for each in entry.sightings
+            for part in entry.sightings
+        ]
+        place = move(stamps[entry.best]).apply(entry.dent.position)
+        at = (true_index(each, truth) for each in (place, *elsewhere))
+        index = next((each for each in at if each is not None), None)
+        if index is None:
+            is_step = entry.dent.kind == 'step' and is_at_lap(world.surface, place, _SEAM)
+            false += is_dent
+            others_false += not (is_dent or is_step)
+            continue
+        if entry.dent.depth.value > 0:
+            # A crease is listed as one, and what is in doubt as something else.
+            found |= {(index, sighting.frame) for sighting in entry.sightings}
+        if is_dent:
+            listed.append(index)
+        if is_dent and not entry.dent.is_cut:
+            errors.append(_errors(entry, truth[index]))
+    whole = {index for index, _ in expected}
+    listed_by_node = _last_list(bag)
+    false_in_list, twice_in_list = check_list(listed_by_node, truth)
+    worst = np.abs(errors).max(axis=0) * _MM if errors else np.full(3, np.nan)
+    return DentAppraisal(
+        dents=len(whole),
+        dents_missed=len(whole - {index for index, _ in found}),
+        sightings=len(expected),
+        sightings_missed=len(expected - found),
+        dents_false=false,
+        dents_twice=len(listed) - len(set(listed)),
+        depth_error_mm=float(worst[0]),
+        length_error_mm=float(worst[1]),
+        width_error_mm=float(worst[2]),
+        dents_in_list=len(listed_by_node),
+        dents_false_in_list=false_in_list,
+        dents_twice_in_list=twice_in_list,
+        clouds_not_inspected=len(report.refused),
+        others=len(report.others),
+        others_false=others_false,
+    )
+
+
+def _inside(cloud: Cloud, camera: Lens) -> tuple[np.ndarray, int]:
+    """Mask of the measured area with its small holes closed, and the cloud's stride."""
+    stride = round(camera.width / cloud.valid.shape[1])
+    closed = cv2.morphologyEx(
+        cloud.valid.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8)
+    )
+    return closed > 0, stride
+
+
+def _lies_in(
+    true: TrueDent, inside: tuple[np.ndarray, int], seen_from: Pose, camera: Lens
+) -> bool:
+    mask, stride = inside
+    points = seen_from.apply(np.concatenate([true.border, true.position[None]]))
+    if not (points[:, 2] > 0).all():
+        return False
+    column, row = np.round(camera.project(points) / stride).astype(int).T
+    rows, columns = mask.shape
+    if not ((row >= 0) & (row < rows) & (column >= 0) & (column < columns)).all():
+        return False
+    return bool(mask[row, column].all())
+
+
+def _errors(entry: ListedDent, true: TrueDent) -> tuple[float, float, float]:
+    dent = entry.dent
+    return (
+        dent.depth.value - true.depth,
+        dent.length.value - max(true.length, true.width),
+        dent.width.value - min(true.length, true.width),
+    )
+
+
+def _last_list(bag: Bag) -> NDArray[Any]:
+    """Dents in the last list that the node published, as of `dents_from_message`; none before."""
+    if not bag.metadata.message_counts.get('/dents/list', 0):
+        return np.zeros(0)
+    *_, last = bag.messages(['/dents/list'])
+    dents = dents_from_message(deserialize_message(last.data, PointCloud2))
+    return dents[dents['kind'] == KINDS.index('dent')]

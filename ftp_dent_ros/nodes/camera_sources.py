@@ -8,8 +8,7 @@ from collections.abc import Callable
 from ftp_dent_ros.capture.device import DeviceSource
 from ftp_dent_ros.capture.files import FileSource
 from ftp_dent_ros.capture.simulated import SimulatedSource
-from ftp_dent_ros.capture.source import Source
-from ftp_dent_ros.capture.stamps import ExposureClock, stamps_exposure_start
+from ftp_dent_ros.capture.source import ExposureClock, Source, stamps_exposure_start
 from ftp_dent_ros.capture.v4l2 import open_device
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.nodes.camera_parameters import CameraParameters

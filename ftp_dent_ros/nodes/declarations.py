@@ -49,7 +49,7 @@ def fitted(entries: Sequence[Entry]) -> tuple[Entry, ...]:
 def _fitted(entry: Entry) -> Entry:
     where, folder = f'{entry.file}: {entry.name}', entry.file.parent
     if entry.executable == SIMULATED_AUTOPILOT:
-        from ftp_dent_ros.simulation.mavlink.autopilot import build_parser
+        from ftp_dent_ros.simulation.autopilot import build_parser
 
         given = Given(entry.parameters, folder, where)
         given.file('scene', f'{files.SHIPPED}scene.yaml', 'Scene file.')

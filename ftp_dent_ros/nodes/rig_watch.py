@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo
 
-from ftp_dent_ros.calibration.checking.check_aside import CheckAside
+from ftp_dent_ros.calibration.check_aside import CheckAside
 from ftp_dent_ros.errors import CalibrationError, RigError
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.photograph.photograph import Photograph

@@ -1,16 +1,13 @@
 """The world, simulated: skin panels with dents, light, camera, flight and autopilot."""
 
-from ftp_dent_ros.simulation.photography.motion import Motion
-from ftp_dent_ros.simulation.photography.photometry import Photometry
-from ftp_dent_ros.simulation.photography.renderer import Renderer, render
-from ftp_dent_ros.simulation.skin.dent import Dent
-from ftp_dent_ros.simulation.skin.fittings import Bead, DomedRivet, MissingRivet, Rivet
-from ftp_dent_ros.simulation.skin.form import Wave, waviness
-from ftp_dent_ros.simulation.skin.marks import Dirt, Lettering, Patch, scratches
-from ftp_dent_ros.simulation.skin.paint import Paint
-from ftp_dent_ros.simulation.skin.panel import Opening, Panel
-from ftp_dent_ros.simulation.skin.sunlight import Sunlight
-from ftp_dent_ros.simulation.skin.surface import Surface
+from ftp_dent_ros.simulation.dents import Dent
+from ftp_dent_ros.simulation.fittings import Bead, DomedRivet, MissingRivet, Rivet
+from ftp_dent_ros.simulation.form import Wave, waviness
+from ftp_dent_ros.simulation.paint import Dirt, Lettering, Paint, Patch, Sunlight, scratches
+from ftp_dent_ros.simulation.renderer import Renderer, render
+from ftp_dent_ros.simulation.sensor import Photometry
+from ftp_dent_ros.simulation.surface import Opening, Panel, Surface
+from ftp_dent_ros.simulation.view import Motion
 
 __all__ = [
     'Bead',

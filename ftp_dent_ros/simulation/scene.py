@@ -8,20 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from ftp_dent_ros.calibration.boards.board import Board
-from ftp_dent_ros.simulation.photography.photometry import Photometry
-from ftp_dent_ros.simulation.skin.dent import Dent
-from ftp_dent_ros.simulation.skin.fields import Fields
-from ftp_dent_ros.simulation.skin.fitting import Fitting
-from ftp_dent_ros.simulation.skin.fittings import Bead, DomedRivet, MissingRivet, Rivet
-from ftp_dent_ros.simulation.skin.form import Wave
-from ftp_dent_ros.simulation.skin.marks import Dirt, Lettering, Mark, Patch, scratches
-from ftp_dent_ros.simulation.skin.paint import Paint
-from ftp_dent_ros.simulation.skin.panel import Opening, Panel
-from ftp_dent_ros.simulation.skin.printed import board_print
-from ftp_dent_ros.simulation.skin.shapes import (
+from ftp_dent_ros.calibration.board import Board
+from ftp_dent_ros.simulation.dents import (
     Cap,
     Crater,
+    Dent,
     FlatBottomed,
     Gaussian,
     Plate,
@@ -30,9 +21,22 @@ from ftp_dent_ros.simulation.skin.shapes import (
     Smooth,
     Valley,
 )
-from ftp_dent_ros.simulation.skin.sunlight import Sunlight
-from ftp_dent_ros.simulation.skin.surface import Surface
-from ftp_dent_ros.simulation.vehicle.flight import Flight
+from ftp_dent_ros.simulation.fields import Fields
+from ftp_dent_ros.simulation.fittings import Bead, DomedRivet, Fitting, MissingRivet, Rivet
+from ftp_dent_ros.simulation.flight import Flight
+from ftp_dent_ros.simulation.form import Wave
+from ftp_dent_ros.simulation.paint import (
+    Dirt,
+    Lettering,
+    Mark,
+    Paint,
+    Patch,
+    Sunlight,
+    board_print,
+    scratches,
+)
+from ftp_dent_ros.simulation.sensor import Photometry
+from ftp_dent_ros.simulation.surface import Opening, Panel, Surface
 
 _MATT = {'albedo': 0.8}
 _RIVETS: dict[str, Any] = {'flush': Rivet, 'domed': DomedRivet, 'missing': MissingRivet}

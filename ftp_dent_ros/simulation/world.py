@@ -15,14 +15,13 @@ from ftp_dent_ros.files import find
 from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig.rig import Rig
-from ftp_dent_ros.simulation.photography.motion import Motion
-from ftp_dent_ros.simulation.photography.photometry import Photometry
-from ftp_dent_ros.simulation.photography.renderer import Renderer
+from ftp_dent_ros.simulation.fields import Fields
+from ftp_dent_ros.simulation.flight import EstimateErrors, Faults, Flight
+from ftp_dent_ros.simulation.renderer import Renderer
 from ftp_dent_ros.simulation.scene import flight_from, photometry_from, surface_from
-from ftp_dent_ros.simulation.skin.fields import Fields
-from ftp_dent_ros.simulation.skin.surface import Surface
-from ftp_dent_ros.simulation.vehicle.estimate import EstimateErrors, Faults
-from ftp_dent_ros.simulation.vehicle.flight import Flight
+from ftp_dent_ros.simulation.sensor import Photometry
+from ftp_dent_ros.simulation.surface import Surface
+from ftp_dent_ros.simulation.view import Motion
 from ftp_dent_ros.yaml_file import read_yaml
 
 # The optical frame of a camera that looks along the drone's nose.

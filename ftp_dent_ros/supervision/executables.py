@@ -18,6 +18,6 @@ NODES = {name: f'ftp_dent_ros.nodes.{name}' for name in _NODES}
 PARAMETERS = {name: f'ftp_dent_ros.nodes.{module}' for name, module in _NODES.items()}
 #: Not a ROS node: its parameters become its options.
 SIMULATED_AUTOPILOT = 'simulated_autopilot'
-EXECUTABLES = {**NODES, SIMULATED_AUTOPILOT: 'ftp_dent_ros.simulation.mavlink.autopilot'}
+EXECUTABLES = {**NODES, SIMULATED_AUTOPILOT: 'ftp_dent_ros.simulation.autopilot'}
 # A payload flies without them: the survey, and the two ends of the link to the ground.
 OPTIONAL = frozenset({'survey', 'downlink', 'ground_station'})

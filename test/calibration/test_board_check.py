@@ -8,17 +8,17 @@ import cv2
 import numpy as np
 import pytest
 
-from ftp_dent_ros.calibration.boards.board import Board
-from ftp_dent_ros.calibration.checking.board_check import check_by_board
-from ftp_dent_ros.calibration.checking.verdict import turned
+from ftp_dent_ros.calibration.board import Board
+from ftp_dent_ros.calibration.board_check import check_by_board
+from ftp_dent_ros.calibration.verdict import turned
 from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.files import config_folder
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig.rig import write_rig
 from ftp_dent_ros.simulation import Photometry, Surface, render
-from ftp_dent_ros.simulation.photography.boards import board_surface
-from ftp_dent_ros.simulation.skin.printed import board_print
+from ftp_dent_ros.simulation.boards import board_surface
+from ftp_dent_ros.simulation.paint import board_print
 
 BOARD = Board(10, 7, 0.025)
 POSE = Pose.from_rpy((0.3, -0.2, 0.1), (-0.11, -0.09, 0.75))

@@ -3,13 +3,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ftp_dent_ros.calibration.adjustment.guidance import covered, next_pose
-from ftp_dent_ros.calibration.boards.board import Board
-from ftp_dent_ros.calibration.observing.observation import Observation
-from ftp_dent_ros.calibration.observing.response import projector_delay, response
+from ftp_dent_ros.calibration.board import Board
+from ftp_dent_ros.calibration.guidance import covered, next_pose
+from ftp_dent_ros.calibration.observing import Observation
+from ftp_dent_ros.calibration.response import projector_delay, response
 from ftp_dent_ros.files import config_folder
 from ftp_dent_ros.rig.rig import read_rig
-from ftp_dent_ros.simulation.photography.boards import random_pose, true_correspondences
+from ftp_dent_ros.simulation.boards import random_pose, true_correspondences
 
 BOARD = Board(7, 6, 0.03)
 SIZE = 1280, 720

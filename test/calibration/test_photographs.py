@@ -8,27 +8,24 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ftp_dent_ros.calibration.adjustment.model import Model
-from ftp_dent_ros.calibration.adjustment.solving import solve
-from ftp_dent_ros.calibration.boards.board import Board
-from ftp_dent_ros.calibration.observing.observing import observe
-from ftp_dent_ros.calibration.observing.photographs import PoseFolder, read_pose
-from ftp_dent_ros.calibration.observing.sequence import Frame, Sequence
-from ftp_dent_ros.calibration.observing.session import (
+from ftp_dent_ros.calibration.board import Board
+from ftp_dent_ros.calibration.bundle import Model
+from ftp_dent_ros.calibration.observing import observe
+from ftp_dent_ros.calibration.sequence import Frame, Sequence
+from ftp_dent_ros.calibration.session import (
+    PoseFolder,
     Session,
+    read_pose,
     read_session,
     see_poses,
     write_session,
 )
+from ftp_dent_ros.calibration.solving import solve
 from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.rig.rig import Lens, Rig, read_rig
 from ftp_dent_ros.simulation import Photometry
-from ftp_dent_ros.simulation.photography.boards import (
-    photographs,
-    random_pose,
-    true_correspondences,
-)
+from ftp_dent_ros.simulation.boards import photographs, random_pose, true_correspondences
 
 BOARD = Board(7, 6, 0.03)
 SEQUENCE = Sequence(400, 300, period=16, steps=5)

@@ -5,18 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ftp_dent_ros.calibration.adjustment.model import Model, rig_vector
-from ftp_dent_ros.calibration.adjustment.problem import Problem
-from ftp_dent_ros.calibration.adjustment.solving import STEPS, solve
-from ftp_dent_ros.calibration.adjustment.start import first_rig
-from ftp_dent_ros.calibration.adjustment.uncertainty import depth_deviation, depths
-from ftp_dent_ros.calibration.boards.board import Board
-from ftp_dent_ros.calibration.observing.observation import Observation
-from ftp_dent_ros.calibration.reporting.page import write_page
+from ftp_dent_ros.calibration.board import Board
+from ftp_dent_ros.calibration.bundle import Model, Problem, rig_vector
+from ftp_dent_ros.calibration.observing import Observation
+from ftp_dent_ros.calibration.page import write_page
+from ftp_dent_ros.calibration.solving import STEPS, solve
+from ftp_dent_ros.calibration.start import first_rig
+from ftp_dent_ros.calibration.uncertainty import depth_deviation, depths
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.files import config_folder
 from ftp_dent_ros.rig.rig import read_rig, write_rig
-from ftp_dent_ros.simulation.photography.boards import random_pose, true_correspondences
+from ftp_dent_ros.simulation.boards import random_pose, true_correspondences
 
 BOARD = Board(7, 6, 0.035)
 NOISE = 0.03, 0.02

@@ -15,9 +15,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ftp_dent_ros.capture.aravis import GenicamCapture, GenicamSource
-from ftp_dent_ros.capture.genicam_settings import SOFTWARE, GenicamSettings
-from ftp_dent_ros.capture.stamps import ExposureClock
+from ftp_dent_ros.capture.aravis import SOFTWARE, GenicamCapture, GenicamSettings, GenicamSource
+from ftp_dent_ros.capture.source import ExposureClock
 from ftp_dent_ros.errors import CameraError
 from ftp_dent_ros.files import config_folder
 from ftp_dent_ros.pattern.file import read_pattern

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from ftp_dent_ros.capture.stamps import ExposureClock, stamps_exposure_start
+from ftp_dent_ros.capture.source import ExposureClock, stamps_exposure_start
 
 MONOTONIC = 5_000_000_000_000
 ROS = 1_763_000_000_000_000_000

@@ -7,10 +7,9 @@ import resource
 import numpy as np
 import pytest
 
-from ftp_dent_ros.calibration.boards.board import Board
-from ftp_dent_ros.calibration.observing.photographs import find_poses
-from ftp_dent_ros.calibration.observing.sequence import Sequence
-from ftp_dent_ros.calibration.observing.session import Session
+from ftp_dent_ros.calibration.board import Board
+from ftp_dent_ros.calibration.sequence import Sequence
+from ftp_dent_ros.calibration.session import Session, find_poses
 from ftp_dent_ros.cli.calibrate_capture import _keep, _seen_before
 from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.errors import CalibrationError, ConfigurationError

@@ -7,7 +7,7 @@ import ctypes
 import numpy as np
 import pytest
 
-from ftp_dent_ros.display import drm_structures as drm
+from ftp_dent_ros.display import drm
 from ftp_dent_ros.display.drm import DrmDisplay
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.pattern.pattern import Pattern

@@ -6,9 +6,14 @@ import numpy as np
 import pytest
 
 from ftp_dent_ros.cli.main import main
-from ftp_dent_ros.evaluation.detection.probability import detection, most_calls
-from ftp_dent_ros.evaluation.detection.results import blanks_of, rows_of, sentence
-from ftp_dent_ros.evaluation.detection.trials import Trial
+from ftp_dent_ros.evaluation.detection import (
+    Trial,
+    blanks_of,
+    detection,
+    most_calls,
+    rows_of,
+    sentence,
+)
 
 
 def drawn(count, seed, a90=2e-4, steepness=6.0):

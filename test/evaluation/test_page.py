@@ -4,8 +4,7 @@ import pytest
 
 from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.evaluation.page import claims, write_pages
-from ftp_dent_ros.evaluation.study import Entry, Study, cases, steps
-from ftp_dent_ros.evaluation.trial import Figures, Trial
+from ftp_dent_ros.evaluation.study import Entry, Figures, Study, Trial, cases, steps
 
 NONE = Trial(Figures(*[float('nan')] * 4, 0.0, float('nan')), None, None)
 

@@ -4,9 +4,16 @@ import numpy as np
 import pytest
 
 from ftp_dent_ros.cloud.cloud import Cloud
-from ftp_dent_ros.evaluation.phase_noise import on_phase_map
 from ftp_dent_ros.evaluation.scenes import PATTERN, simulated_dent
-from ftp_dent_ros.evaluation.trial import LEAST_SQUARES, Bench, Figures, Trial, mean, methods
+from ftp_dent_ros.evaluation.study import (
+    LEAST_SQUARES,
+    Bench,
+    Figures,
+    Trial,
+    mean,
+    methods,
+    on_phase_map,
+)
 from ftp_dent_ros.profilometry.carrier import ReferencePlane, carrier_on
 from ftp_dent_ros.profilometry.fourier import analytic_signal, phase_of, spectrum
 

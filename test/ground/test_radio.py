@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from ftp_dent_ros.errors import ConfigurationError
-from ftp_dent_ros.simulation.air.radio import Conditions, Way
-from ftp_dent_ros.simulation.air.sites import joined_sites
+from ftp_dent_ros.simulation.radio import Conditions, Way, joined_sites
 
 END = str(Path(__file__).with_name('end_of_link.py'))
 

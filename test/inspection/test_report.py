@@ -29,7 +29,7 @@ from ftp_dent_ros.inspection.page import (
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig.rig import Lens
 from ftp_dent_ros.simulation import Panel, Surface
-from ftp_dent_ros.simulation.skin.dent import Dent
+from ftp_dent_ros.simulation.dents import Dent
 
 CAMERA = Lens(160, 120, np.array([[200.0, 0, 79.5], [0, 200, 59.5], [0, 0, 1]]), np.zeros(5))
 DENTS = (Dent(0.0, 0.0, 0.08, 0.06, 0.002), Dent(0.13, 0.05, 0.05, 0.04, 0.001))

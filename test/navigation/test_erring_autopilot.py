@@ -12,8 +12,8 @@ from test_vehicle import GRANTED, MS, START, S, World
 
 from ftp_dent_ros.errors import PoseError
 from ftp_dent_ros.navigation.settings import Settings
-from ftp_dent_ros.simulation.mavlink.telemetry import Telemetry
-from ftp_dent_ros.simulation.vehicle.estimate import EstimateErrors, Faults
+from ftp_dent_ros.simulation.autopilot import Telemetry
+from ftp_dent_ros.simulation.flight import EstimateErrors, Faults
 from ftp_dent_ros.simulation.world import read_world
 
 # As a real ArduCopter was measured: 2.5 cm rms, 10 cm largest, 1 degree.

@@ -13,7 +13,7 @@ from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.profilometry.skin_image import SkinImager
 from ftp_dent_ros.simulation import Paint
-from ftp_dent_ros.simulation.skin.marks import Dirt, Patch
+from ftp_dent_ros.simulation.paint import Dirt, Patch
 
 MARKS = (
     Dirt(0.15, scales=(0.03, 0.012), seed=5),

@@ -14,8 +14,8 @@ from rclpy.node import Node
 from sensor_msgs.msg import Image, PointCloud2
 from std_srvs.srv import Trigger
 
-from ftp_dent_ros.calibration.boards.board import Board
-from ftp_dent_ros.calibration.observing.session import read_session
+from ftp_dent_ros.calibration.board import Board
+from ftp_dent_ros.calibration.session import read_session
 from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.errors import CameraError
 from ftp_dent_ros.pattern.file import write_pattern
@@ -26,7 +26,7 @@ from ftp_dent_ros.ros import photographer
 from ftp_dent_ros.ros.messages import cloud_from_message
 from ftp_dent_ros.ros.qos import CLOUDS, LATCHED_INPUT
 from ftp_dent_ros.simulation import Panel, Surface
-from ftp_dent_ros.simulation.photography.boards import random_pose
+from ftp_dent_ros.simulation.boards import random_pose
 
 BOARD = Board(7, 6, 0.03)
 POSES = 4

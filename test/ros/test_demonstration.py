@@ -14,7 +14,7 @@ from sensor_msgs.msg import PointCloud2
 
 from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.cloud.ply import read_ply, rig_id_of
-from ftp_dent_ros.demonstration.summary import BOUNDS
+from ftp_dent_ros.demonstration.results import BOUNDS
 from ftp_dent_ros.files import find
 from ftp_dent_ros.recording.reader import open_bag, read_messages
 from ftp_dent_ros.rig.rig import read_rig

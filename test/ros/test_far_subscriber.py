@@ -12,8 +12,7 @@ from sensor_msgs.msg import PointCloud2
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.ros.fields import to_data
 from ftp_dent_ros.ros.qos import CLOUDS
-from ftp_dent_ros.simulation.air.radio import Conditions
-from ftp_dent_ros.simulation.air.sites import joined_sites
+from ftp_dent_ros.simulation.radio import Conditions, joined_sites
 from ftp_dent_ros.supervision.transport import profile
 
 SIZE, MOST_PACKETS = 1_000_000, 6

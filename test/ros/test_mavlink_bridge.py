@@ -226,7 +226,7 @@ def flying(scene: Path, start: int, port: int) -> Iterator[None]:
     """The simulated autopilot as a process of its own."""
     options = ['--scene', scene, '--start-ns', start, '--address', f'udpout:127.0.0.1:{port}']
     process = subprocess.Popen(
-        [sys.executable, '-m', 'ftp_dent_ros.simulation.mavlink.autopilot', *map(str, options)]
+        [sys.executable, '-m', 'ftp_dent_ros.simulation.autopilot', *map(str, options)]
     )
     try:
         yield

@@ -13,7 +13,7 @@ import yaml
 from scipy.spatial.transform import Rotation
 from test_calibration import write_scene
 
-from ftp_dent_ros.calibration.checking.preflight import NO, OK, WARN, examine, sharpness
+from ftp_dent_ros.calibration.preflight import NO, OK, WARN, examine, sharpness
 from ftp_dent_ros.cli.preflight import bar
 from ftp_dent_ros.pattern.file import write_pattern
 from ftp_dent_ros.pattern.pattern import CODES, Pattern

@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.files import find
-from ftp_dent_ros.simulation.mavlink.autopilot import main
+from ftp_dent_ros.simulation.autopilot import main
 from ftp_dent_ros.simulation.world import read_world
 
 os.environ['MAVLINK20'] = '1'
@@ -35,7 +35,7 @@ class Client:
         port = self.link.port.getsockname()[1]
         self.process = subprocess.Popen(
             [
-                *(sys.executable, '-m', 'ftp_dent_ros.simulation.mavlink.autopilot'),
+                *(sys.executable, '-m', 'ftp_dent_ros.simulation.autopilot'),
                 *('--address', f'udpout:127.0.0.1:{port}', '--start-ns', str(START_NS), *options),
             ]
         )
@@ -227,7 +227,7 @@ def test_ends_well_on_a_signal(client, number):
 )
 def test_bad_input_ends_it_with_one_line(options):
     done = subprocess.run(
-        [sys.executable, '-m', 'ftp_dent_ros.simulation.mavlink.autopilot', *options],
+        [sys.executable, '-m', 'ftp_dent_ros.simulation.autopilot', *options],
         capture_output=True,
         text=True,
         timeout=60,

@@ -5,7 +5,7 @@ import socket
 import pytest
 
 from ftp_dent_ros.errors import ConfigurationError, LinkError
-from ftp_dent_ros.simulation.mavlink.link import Link, mavlink
+from ftp_dent_ros.simulation.autopilot import Link, mavlink
 
 PING = mavlink.MAVLink_timesync_message(0, 7)
 

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig.rig import read_rig
 from ftp_dent_ros.simulation import Dent, Motion, Paint, Panel, Photometry, Renderer, Surface
-from ftp_dent_ros.simulation.photography.view import see
+from ftp_dent_ros.simulation.view import see
 
 
 class Scene:

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.simulation import Paint, Panel, Renderer, Sunlight, Surface
-from ftp_dent_ros.simulation.photography.ground_truth import EDGES, ground_truth
+from ftp_dent_ros.simulation.ground_truth import EDGES, ground_truth
 
 WIDE = (-0.5, 0.5, -0.5, 0.5)
 

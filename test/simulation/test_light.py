@@ -7,7 +7,7 @@ import pytest
 from brute_force import light_at
 
 from ftp_dent_ros.simulation import Photometry
-from ftp_dent_ros.simulation.photography.light import Light
+from ftp_dent_ros.simulation.renderer import Light
 
 LAMP = Photometry(projector_black=0.0)
 

@@ -28,7 +28,7 @@ from ftp_dent_ros.simulation import (
     scratches,
     waviness,
 )
-from ftp_dent_ros.simulation.photography.view import see
+from ftp_dent_ros.simulation.view import see
 
 AHEAD = Pose(Rotation.from_euler('xyz', [0.1, -0.08, 0.2]), np.array([0.004, -0.003, 0.6]))
 WIDE = (-0.5, 0.5, -0.5, 0.5)

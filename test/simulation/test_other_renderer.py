@@ -24,9 +24,9 @@ from ftp_dent_ros.simulation import (
     Surface,
     Wave,
 )
-from ftp_dent_ros.simulation.photography.sensor import expose
-from ftp_dent_ros.simulation.photography.view import see
-from ftp_dent_ros.simulation.skin.shapes import Gaussian
+from ftp_dent_ros.simulation.dents import Gaussian
+from ftp_dent_ros.simulation.sensor import expose
+from ftp_dent_ros.simulation.view import see
 
 # Kinds of their features.
 SMOOTH, GAUSSIAN, WAVE, RIVET = 0, 1, 4, 5

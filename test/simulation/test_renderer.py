@@ -21,7 +21,7 @@ from ftp_dent_ros.simulation import (
     Surface,
     render,
 )
-from ftp_dent_ros.simulation.photography.view import see
+from ftp_dent_ros.simulation.view import see
 
 TURN = Rotation.from_euler('xyz', [0.1, -0.08, 0.2])
 ORIGIN = (0.004, -0.003, 0.6)

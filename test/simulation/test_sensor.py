@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from ftp_dent_ros.simulation import Photometry
-from ftp_dent_ros.simulation.photography.sensor import blur, expose, speckle
+from ftp_dent_ros.simulation.sensor import blur, expose, speckle
 
 QUIET = Photometry(psf_px=0.0, full_well=1e15, read_noise=0.0)
 

@@ -7,7 +7,7 @@ import pytest
 
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.simulation import Dent
-from ftp_dent_ros.simulation.skin.shapes import (
+from ftp_dent_ros.simulation.dents import (
     Cap,
     Crater,
     FlatBottomed,

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.simulation.vehicle.flight import Flight
+from ftp_dent_ros.simulation.flight import Flight
 
 MIDDLE = Pose.from_rpy([0.02, -0.03, 0.6], [3.0, -2.0, 5.0])
 NONE = np.zeros(3)

@@ -3,7 +3,7 @@ import pytest
 
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.simulation import Panel, Surface
-from ftp_dent_ros.simulation.skin.dent import Dent
+from ftp_dent_ros.simulation.dents import Dent
 from ftp_dent_ros.simulation.truth import is_at_lap, true_dents
 
 POSE = Pose.from_rpy((0.3, -0.4, 2.0), (5, -3, 1))

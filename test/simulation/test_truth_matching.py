@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ftp_dent_ros.simulation.truth_matching import match_truth
+from ftp_dent_ros.simulation.truth import match_truth
 
 TRUE = np.array([[0.0, 0.0, 0.8], [0.03, 0.0, 0.8], [0.2, 0.0, 0.8]])
 

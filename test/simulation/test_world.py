@@ -9,7 +9,7 @@ import yaml
 
 from ftp_dent_ros.errors import ConfigurationError, ImageError
 from ftp_dent_ros.files import find
-from ftp_dent_ros.simulation.photography.view import see
+from ftp_dent_ros.simulation.view import see
 from ftp_dent_ros.simulation.world import read_world
 from ftp_dent_ros.yaml_file import read_yaml
 

@@ -39,7 +39,7 @@ def test_the_simulated_autopilot_has_options(tmp_path):
     )
     (entry,) = read_configuration(path)
     assert entry.program.command == (
-        *(sys.executable, '-m', 'ftp_dent_ros.simulation.mavlink.autopilot'),
+        *(sys.executable, '-m', 'ftp_dent_ros.simulation.autopilot'),
         *('--address=udpout:127.0.0.1:14550', '--start-ns=-5', '--loop'),
     )
 

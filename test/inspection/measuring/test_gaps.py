@@ -12,7 +12,7 @@ from ftp_dent_ros.inspection.measuring.skin.filling import membrane, plate, soft
 from ftp_dent_ros.inspection.measuring.skin.gaps import between, gaps_of
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.simulation import Dent, Panel
-from ftp_dent_ros.simulation.skin.shapes import Cap, FlatBottomed, Gaussian, Valley
+from ftp_dent_ros.simulation.dents import Cap, FlatBottomed, Gaussian, Valley
 
 V, U = np.mgrid[:ROWS, :COLUMNS]
 

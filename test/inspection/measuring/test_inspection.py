@@ -13,7 +13,7 @@ from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.measuring.places.kinds import Appearance, kind_of
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.simulation import Dent, Panel, Rivet
-from ftp_dent_ros.simulation.skin.shapes import Gaussian
+from ftp_dent_ros.simulation.dents import Gaussian
 
 DENT = Dent(0.02, -0.01, 0.05, 0.035, 0.001, 0.6)
 

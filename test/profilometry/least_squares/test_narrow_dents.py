@@ -8,7 +8,7 @@ from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.simulation import Dent, Panel, Photometry, Renderer, Surface
-from ftp_dent_ros.simulation.skin.shapes import Gaussian
+from ftp_dent_ros.simulation.dents import Gaussian
 
 RIG = make_rig(0.8, 0.24, (640, 360, 1700.0), 1890.0)
 PATTERN = Pattern(1280, 720, 10.0, 640.0)

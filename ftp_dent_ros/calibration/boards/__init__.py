@@ -1,1 +1,0 @@
-"""A printed board: its squares, its corners in photographs, and its print."""

@@ -1,1 +1,0 @@
-"""Whether a rig still holds, from photographs under its flight pattern."""

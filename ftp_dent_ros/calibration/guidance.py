@@ -1,0 +1,156 @@
+"""The next pose of the board that helps most, and how far the calibration is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from ftp_dent_ros.calibration.board import Board
+from ftp_dent_ros.calibration.bundle import Model, adjust
+from ftp_dent_ros.calibration.observing import Observation
+from ftp_dent_ros.calibration.start import FEWEST_POSES, first_rig
+from ftp_dent_ros.calibration.uncertainty import (
+    covariance,
+    depth_slopes,
+    information,
+    with_information,
+)
+from ftp_dent_ros.errors import CalibrationError
+from ftp_dent_ros.rig.rig import Rig
+
+# Tilt of the candidates, degrees, and their distances as parts of the median so far.
+_TILT = 28.0
+_DISTANCES = {'closer': 0.75, '': 1.0, 'farther': 1.3}
+_TILTS = {
+    '': (0, 0),
+    'its left side away': (0, -_TILT),
+    'its right side away': (0, _TILT),
+    'its upper side away': (_TILT, 0),
+    'its lower side away': (-_TILT, 0),
+}
+_PLACES = {
+    'in the middle': (0.5, 0.5),
+    'at the left': (0.3, 0.5),
+    'at the right': (0.7, 0.5),
+    'at the top': (0.5, 0.33),
+    'at the bottom': (0.5, 0.67),
+}
+# Until there is a rig to reckon with.
+_FIRST = (
+    'in the middle of the image, facing the camera',
+    'in the middle, its left side away by 30 degrees',
+    'in the middle, its upper side away by 30 degrees',
+    'closer, its right side away by 30 degrees',
+)
+# Terms that a few poses hold down.
+_MODEL = Model(1, 1)
+_RIM_PX = 4
+
+
+@dataclass(frozen=True)
+class Advice:
+    """What to do next.
+
+    Attributes
+    ----------
+    sentence : str
+        Where to hold the board.
+    depth_deviation : float
+        Of depths over the image, so far, metres (median); NaN before it is known.
+    outline : tuple of pairs of floats
+        Corners of the board there, camera pixels; empty before it is known.
+    """
+
+    sentence: str
+    depth_deviation: float = float('nan')
+    outline: tuple[tuple[float, float], ...] = ()
+
+
+def next_pose(
+    observations: list[Observation],
+    board: Board,
+    camera_size: tuple[int, int],
+    projector_size: tuple[int, int],
+) -> Advice:
+    """Which pose to show next.
+
+    With a rig estimated from the poses so far, each candidate's contribution to the normal
+    equations is added, and the one is named that leaves the least uncertainty of the depth
+    (A-optimality).
+    """
+    lit = [o for o in observations if o.has_projector]
+    if len(lit) < max(FEWEST_POSES, len(_FIRST)):
+        return Advice(f'hold the board {_FIRST[min(len(lit), len(_FIRST) - 1)]}')
+    try:
+        start, poses = first_rig(lit, board.points, camera_size, projector_size)
+    except CalibrationError as reason:
+        return Advice(f'hold the board {_FIRST[-1]} ({reason})')
+    estimate = adjust(lit, board.points, start, poses, _MODEL, tolerance=1e-5)
+    rig, distance = estimate.rig, float(np.median(poses[:, 5]))
+    pixels = rig.camera.pixel_grid()[:: camera_size[1] // 5, :: camera_size[0] // 6].reshape(-1, 2)
+    depth = np.full(len(pixels), distance)
+    best = Advice('', np.inf)
+    slopes, known = depth_slopes(rig, pixels, depth), covariance(estimate)
+
+    def uncertainty(of: NDArray) -> float:
+        return float(np.median(np.sqrt(((slopes @ of) * slopes).sum(axis=1))))
+
+    for (far, scale), (side, tilt), (place, at) in product(
+        _DISTANCES.items(), _TILTS.items(), _PLACES.items()
+    ):
+        pose = _pose(board, rig, distance * scale, tilt, at)
+        seen = _seen(board, rig, pose)
+        if seen is None:
+            continue
+        added = information(seen, board.points, estimate, pose, _MODEL)
+        left = uncertainty(with_information(known, added))
+        if left < best.depth_deviation:
+            words = [place + ' of the image', far, side + (' by 30 degrees' if side else '')]
+            rim = board.points.reshape(board.rows, board.columns, 3)[
+                [0, 0, -1, -1], [0, -1, -1, 0]
+            ]
+            turned = Rotation.from_rotvec(pose[:3]).apply(rim) + pose[3:]
+            corners = tuple((float(u), float(v)) for u, v in rig.camera.project(turned))
+            best = Advice(f'hold the board {", ".join(filter(None, words))}', left, corners)
+    if not best.sentence:
+        return Advice(
+            'hold the board wherever camera and projector see all of it', uncertainty(known)
+        )
+    return Advice(best.sentence, uncertainty(known), best.outline)
+
+
+def covered(observations: list[Observation], camera_size: tuple[int, int]) -> float:
+    """Share of a grid of 6 x 4 fields of the image in which a corner was seen."""
+    seen = np.zeros((4, 6), bool)
+    for observation in observations:
+        corners = observation.camera[np.isfinite(observation.camera[:, 0])]
+        place = (corners / camera_size * [6, 4]).astype(int).clip(0, [5, 3])
+        seen[place[:, 1], place[:, 0]] = True
+    return float(seen.mean())
+
+
+def _pose(
+    board: Board, rig: Rig, distance: float, tilt: tuple[float, float], at: tuple[float, float]
+) -> NDArray[np.float64]:
+    turn = Rotation.from_euler('xy', tilt, degrees=True)
+    ray = rig.camera.rays(np.array(at) * [rig.camera.width, rig.camera.height])
+    middle = turn.apply(board.points.mean(axis=0))
+    return np.concatenate([turn.as_rotvec(), distance * ray - middle])
+
+
+def _seen(board: Board, rig: Rig, pose: NDArray) -> Observation | None:
+    """What would be observed; None if camera or projector do not see the whole board."""
+    points = Rotation.from_rotvec(pose[:3]).apply(board.points) + pose[3:]
+    pixels = []
+    for lens, each in ((rig.camera, points), (rig.projector, rig.to_projector(points))):
+        pixel = lens.project(each)
+        if (pixel < _RIM_PX).any() or (
+            pixel > [lens.width - _RIM_PX, lens.height - _RIM_PX]
+        ).any():
+            return None
+        pixels.append(pixel)
+    return Observation('', *pixels)

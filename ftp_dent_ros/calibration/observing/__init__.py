@@ -1,1 +1,0 @@
-"""From photographs of a board under a sequence to correspondences, a pose at a time."""

@@ -1,1 +1,0 @@
-"""A calibration as a page that people read."""

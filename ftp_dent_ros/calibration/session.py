@@ -1,0 +1,237 @@
+"""A calibration's folder: what was projected on which board, and the photographs of each pose."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from ftp_dent_ros.calibration.board import Board
+from ftp_dent_ros.calibration.observing import Sight, observe
+from ftp_dent_ros.calibration.sequence import Frame, Sequence
+from ftp_dent_ros.errors import CalibrationError, ConfigurationError
+from ftp_dent_ros.files import written_aside
+from ftp_dent_ros.yaml_file import read_yaml
+
+_GREY = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH
+_SUFFIXES = ('.png', '.jpg', '.jpeg', '.tif', '.tiff', '.bmp')
+
+FILE = 'calibration.yaml'
+
+
+@dataclass(frozen=True)
+class PoseFolder:
+    """The photographs of one pose, not read yet.
+
+    Attributes
+    ----------
+    name : str
+    files : dict of int to Path
+        By the number that their names end in.
+    """
+
+    name: str
+    files: dict[int, Path]
+
+
+def find_poses(folder: Path) -> list[PoseFolder]:
+    """The pose folders below a folder, in the order of their names.
+
+    Raises
+    ------
+    CalibrationError
+        There are none, or a folder's files cannot be put in order.
+    """
+    if not folder.is_dir():
+        raise CalibrationError(f'{folder}: no such folder: give the one that holds the poses')
+    poses = []
+    for below in sorted(filter(Path.is_dir, folder.iterdir()), key=_natural):
+        # What was being written when a capture was killed.
+        if below.name.startswith('.'):
+            continue
+        files = sorted((p for p in below.iterdir() if p.suffix.lower() in _SUFFIXES), key=_natural)
+        if files:
+            poses.append(PoseFolder(below.name, _numbered(below, files)))
+    if not poses:
+        raise CalibrationError(
+            f'{folder}: holds no folders with photographs: put those of each pose into one of '
+            'its own (pose_0, pose_1, ...)'
+        )
+    first = min(min(pose.files) for pose in poses)
+    return [
+        PoseFolder(pose.name, {number - first: path for number, path in pose.files.items()})
+        for pose in poses
+    ]
+
+
+def read_pose(pose: PoseFolder, sequence: Sequence) -> dict[Frame, NDArray[np.uint8]]:
+    """Grey photographs of a pose by the frame that was projected; missing ones are left out.
+
+    Raises
+    ------
+    CalibrationError
+        A file is damaged, the sizes differ, or there are more files than frames.
+    """
+    frames = sequence.frames
+    beyond = max(pose.files) + 1
+    if beyond > len(frames):
+        raise CalibrationError(
+            f'{pose.name}: has a photograph number {beyond}, and the sequence of a '
+            f'{sequence.width}x{sequence.height} projector only {len(frames)}: check the '
+            "projector's size and the sequence"
+        )
+    levels: dict[Frame, NDArray[Any]] = {}
+    for number, path in pose.files.items():
+        data = np.fromfile(path, np.uint8)
+        image = cv2.imdecode(data, _GREY) if len(data) else None
+        if image is None:
+            raise CalibrationError(f'{path}: empty, damaged or not an image: take the pose again')
+        levels[frames[number]] = np.asarray(image)
+    taken = _of_eight_bits(levels)
+    sizes = {image.shape for image in taken.values()}
+    if len(sizes) > 1:
+        raise CalibrationError(f'{pose.name}: the photographs have {len(sizes)} different sizes')
+    return in_order(taken)
+
+
+def _of_eight_bits(levels: dict[Frame, NDArray[Any]]) -> dict[Frame, NDArray[np.uint8]]:
+    """The same in 8 bits; of 16, all are divided by what the brightest photograph needs."""
+    deep = [image for image in levels.values() if image.dtype == np.uint16]
+    highest = max((int(image.max(initial=0)) for image in deep), default=0)
+    shift = max(highest.bit_length() - 8, 0)
+    return {
+        frame: (image >> (shift if image.dtype == np.uint16 else 0)).astype(np.uint8)
+        for frame, image in levels.items()
+    }
+
+
+def in_order(taken: dict[Frame, NDArray[np.uint8]]) -> dict[Frame, NDArray[np.uint8]]:
+    """The same with white and black told apart: tools differ in which comes first."""
+    white, black = Frame('white'), Frame('black')
+    if white in taken and black in taken and taken[white].mean() < taken[black].mean():
+        return taken | {white: taken[black], black: taken[white]}
+    return taken
+
+
+def _numbered(folder: Path, files: list[Path]) -> dict[int, Path]:
+    numbers = [re.search(r'(\d+)$', path.stem) for path in files]
+    if not all(numbers):
+        named = next(path for path, number in zip(files, numbers, strict=True) if not number)
+        raise CalibrationError(
+            f'{named}: the name does not end in a number: number the photographs of a pose in '
+            'the order in which they were projected'
+        )
+    found = {int(n.group(1)): p for n, p in zip(numbers, files, strict=True) if n}
+    if len(found) < len(files):
+        raise CalibrationError(f'{folder}: two photographs have the same number: keep one of each')
+    return found
+
+
+def _natural(path: Path) -> list[tuple[int, str]]:
+    return [
+        (int(part), '') if part.isdigit() else (-1, part) for part in re.split(r'(\d+)', path.name)
+    ]
+
+
+@dataclass(frozen=True)
+class Session:
+    """What all poses of a calibration have in common.
+
+    Attributes
+    ----------
+    board : Board
+    sequence : Sequence
+    baseline : float
+        Distance between the lenses by the tape, metres; 0 if it was not measured.
+    delay : float
+        From the message to the projector's light, seconds, as measured.
+    gamma : float
+        Exponent of the projector's light over its grey level; 0 if it is not known.
+    """
+
+    board: Board
+    sequence: Sequence
+    baseline: float = 0.0
+    delay: float = 0.0
+    gamma: float = 0.0
+
+
+def write_session(folder: Path, session: Session) -> None:
+    """Write ``calibration.yaml`` into a folder."""
+    with written_aside(folder / FILE) as aside:
+        aside.write_text(yaml.safe_dump(asdict(session), sort_keys=False), encoding='utf-8')
+
+
+def read_session(folder: Path) -> Session:
+    """Read a folder's ``calibration.yaml``; raises `ConfigurationError` with what is wrong."""
+    path = folder / FILE
+    data = read_yaml(path, ConfigurationError)
+    board = _made(Board, data.get('board'), f'{path}: board')
+    sequence = _made(Sequence, data.get('sequence'), f'{path}: sequence')
+    numbers = []
+    for name in ('baseline', 'delay', 'gamma'):
+        value = data.get(name, 0.0)
+        number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        if not number or not 0 <= value < math.inf:
+            raise ConfigurationError(f'{path}: {name} is {value!r}: give a number, or 0')
+        numbers.append(float(value))
+    return Session(board, sequence, *numbers)
+
+
+def see_poses(
+    folder: Path, session: Session, progress: Callable[[str], None] = lambda name: None
+) -> tuple[list[Sight], list[str], tuple[int, int]]:
+    """Read all poses of a folder.
+
+    Returns
+    -------
+    sights : list of Sight
+    left_out : list of str
+        A sentence for each pose that cannot be used.
+    size : (int, int)
+        Width and height of the photographs.
+
+    Raises
+    ------
+    CalibrationError
+        No pose can be used, or their photographs have different sizes.
+    """
+    sights: list[Sight] = []
+    left_out: list[str] = []
+    sizes: dict[tuple[int, int], str] = {}
+    for pose in find_poses(folder):
+        try:
+            taken = read_pose(pose, session.sequence)
+            height, width = next(iter(taken.values())).shape
+            sizes.setdefault((width, height), pose.name)
+            sights.append(observe(pose.name, taken, session.sequence, session.board))
+        except CalibrationError as reason:
+            there, all_of_it = len(pose.files), len(session.sequence.frames)
+            few = f' ({there} of the {all_of_it} photographs are there)'
+            left_out.append(f'{reason}{few if there < all_of_it else ""}')
+        progress(pose.name)
+    if len(sizes) > 1:
+        listed = ', '.join(f'{w}x{h} ({name})' for (w, h), name in sizes.items())
+        raise CalibrationError(f'{folder}: photographs of different sizes: {listed}')
+    if not sights:
+        raise CalibrationError(
+            f'{folder}: none of {len(left_out)} poses can be used; the first: {left_out[0]}'
+        )
+    return sights, left_out, next(iter(sizes))
+
+
+def _made(kind: Any, fields: Any, where: str) -> Any:
+    if not isinstance(fields, dict):
+        raise ConfigurationError(f'{where} is missing: add it')
+    try:
+        return kind(**fields)
+    except TypeError as reason:
+        raise ConfigurationError(f'{where}: {reason}: correct it') from None

@@ -1,0 +1,443 @@
+"""From correspondences to a rig: start, adjust, choose the terms, hold out, say how good it is."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from ftp_dent_ros import __version__
+from ftp_dent_ros.calibration.board import Board
+from ftp_dent_ros.calibration.bundle import DISTORTIONS, SHAPES, Estimate, Model, adjust, rms
+from ftp_dent_ros.calibration.observing import Observation
+from ftp_dent_ros.calibration.start import FEWEST_POSES, first_rig
+from ftp_dent_ros.calibration.uncertainty import covariance, depths
+from ftp_dent_ros.errors import CalibrationError, RigError
+from ftp_dent_ros.rig.calibration_record import CalibrationRecord
+from ftp_dent_ros.rig.geometry import check_geometry
+from ftp_dent_ros.rig.rig import Rig
+
+# Parts of the poses, each of which is held out in turn.
+_FOLDS = 4
+# Fewer poses than this left for fitting do not hold a rig down.
+_FEWEST_TO_FIT = 3
+# Gross errors must not decide, standard deviations.
+_CLIP = 3.0
+# Scores differ by more than this part.
+_TOLERANCE = 1e-5
+
+# A pose whose residuals are this many times those of the others was not seen as it was.
+_BAD_POSE = 4.0
+_BAD_POSE_PX = 0.5
+# The tape measures the distance between two lenses to a centimetre, or to this part.
+_TAPE, _TAPE_SHARE = 0.01, 0.05
+# No rig fits its own photographs worse than this; joint, pixels.
+_HOPELESS = 5.0
+
+# A corner this many deviations off is named.
+_OUTLIER = 6.0
+
+
+def select(
+    observations: list[Observation],
+    board: NDArray[np.float64],
+    estimate: Estimate,
+    model: Model,
+    shapes: tuple[str, ...],
+    progress: Callable[[str], None],
+) -> tuple[Model, dict[Model, float]]:
+    """Choose distortion terms and the board's shape by cross-validation.
+
+    Parameters
+    ----------
+    observations, board
+    estimate : Estimate
+        With all terms: where each candidate starts.
+    model : Model
+        Of `estimate`.
+    shapes : tuple of str
+        Candidates for the board's shape.
+    progress : callable
+        Told after each candidate.
+
+    Returns
+    -------
+    model : Model
+    scores : dict
+        Mean squared held-out residual, in units of the estimated variance, of each candidate.
+    """
+    scores: dict[Model, float] = {}
+
+    def score(candidate: Model) -> float:
+        if candidate not in scores:
+            scores[candidate] = held_out_score(observations, board, estimate, candidate)
+            progress(f'{candidate.shape}, {candidate.camera}+{candidate.projector}')
+        return scores[candidate]
+
+    best = model
+    for name, values in (
+        ('shape', shapes),
+        ('projector', range(len(DISTORTIONS))),
+        ('camera', range(len(DISTORTIONS))),
+    ):
+        tried = [replace(best, **{name: value}) for value in values]  # type: ignore[arg-type]
+        best = min(tried, key=score)
+    return best, scores
+
+
+def candidates(shapes: tuple[str, ...]) -> int:
+    """How many candidates `select` judges."""
+    return len(shapes) + 2 * (len(DISTORTIONS) - 1)
+
+
+def folds(count: int, wanted: int = _FOLDS) -> list[NDArray[np.intp]]:
+    """Indices of the poses held out in turn; none if too few would be left."""
+    wanted = min(wanted, count)
+    while wanted < count and count - -(-count // wanted) < _FEWEST_TO_FIT:
+        wanted += 1
+    if count - -(-count // wanted) < _FEWEST_TO_FIT:
+        return []
+    return [np.arange(first, count, wanted) for first in range(wanted)]
+
+
+def held_out_score(
+    observations: list[Observation], board: NDArray, estimate: Estimate, candidate: Model
+) -> float:
+    """Mean squared residual of poses that a candidate was not fitted to."""
+    total, number = 0.0, 0
+    for out in folds(len(observations)):
+        for residuals in held_out(observations, board, estimate, candidate, out)[0]:
+            known = np.isfinite(residuals)
+            off = np.abs(residuals / np.repeat(estimate.deviations, 2))[known]
+            total += float(np.square(np.minimum(off, _CLIP)).sum())
+            number += int(known.sum())
+    return total / max(number, 1)
+
+
+def held_out(
+    observations: list[Observation],
+    board: NDArray,
+    estimate: Estimate,
+    candidate: Model,
+    out: NDArray[np.intp],
+) -> tuple[list[NDArray[np.float64]], Estimate]:
+    """Residuals of the poses `out` with a rig of the others, and that rig's estimate.
+
+    Of the held-out poses only where the board was is estimated.
+    """
+    kept = np.setdiff1d(np.arange(len(observations)), out)
+    fitted = adjust(
+        [observations[i] for i in kept],
+        board,
+        estimate.rig,
+        estimate.poses[kept],
+        candidate,
+        shape=estimate.shape,
+        deviations=estimate.deviations,
+        tolerance=_TOLERANCE,
+    )
+    seen = adjust(
+        [observations[i] for i in out],
+        board,
+        fitted.rig,
+        estimate.poses[out],
+        replace(candidate, shape='flat'),
+        free='none',
+        shape=fitted.shape,
+        deviations=estimate.deviations,
+        tolerance=_TOLERANCE,
+    )
+    return seen.residuals, fitted
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """What poses say of a rig that was fitted to the others, half by half.
+
+    Attributes
+    ----------
+    rms : tuple of 3 floats
+        Camera, projector and both, pixels.
+    stereo_rms : float
+        Of the projector, with the board's place told by the camera alone; pixels.
+    depth_errors : ndarray, shape (m,)
+        Of every corner: its triangulated depth less that of the board's plane; metres.
+    depths : ndarray, shape (m,)
+        Of the corners, metres.
+    """
+
+    rms: tuple[float, float, float]
+    stereo_rms: float
+    depth_errors: NDArray[np.float64]
+    depths: NDArray[np.float64]
+
+
+def hold_out(
+    used: list[Observation], points: NDArray, estimate: Estimate, model: Model
+) -> HeldOut | None:
+    """Fit to each half of the poses and look at the other; None if there are too few."""
+    parts = folds(len(used), 2)
+    if not parts:
+        return None
+    residuals, stereo, errors, places = [], [], [], []
+    for out in parts:
+        found, fitted = held_out(used, points, estimate, model, out)
+        residuals += found
+        seen = camera_alone(used, points, replace(estimate, rig=fitted.rig), out)
+        for index, pose in zip(out, seen.poses, strict=True):
+            corners = Rotation.from_rotvec(pose[:3]).apply(estimate.shape) + pose[3:]
+            predicted = fitted.rig.projector.project(fitted.rig.to_projector(corners))
+            stereo.append(used[index].projector - predicted)
+            known = np.isfinite(used[index].projector[:, 0] + used[index].camera[:, 0])
+            measured = depths(
+                fitted.rig, used[index].camera[known], used[index].projector[known, 0]
+            )
+            errors.append(measured - corners[known, 2])
+            places.append(corners[known, 2])
+    off = np.concatenate(stereo)
+    square = np.square(off[np.isfinite(off).all(axis=1)]).sum(axis=1)
+    return HeldOut(
+        rms(residuals),
+        float(np.sqrt(square.mean())),
+        np.concatenate(errors),
+        np.concatenate(places),
+    )
+
+
+def camera_alone(
+    used: list[Observation], points: NDArray, estimate: Estimate, which: NDArray
+) -> Estimate:
+    """Poses as the camera alone tells them, with an estimate's rig."""
+    return adjust(
+        [replace(used[i], projector=np.full_like(used[i].projector, np.nan)) for i in which],
+        points,
+        estimate.rig,
+        estimate.poses[which],
+        Model(),
+        free='none',
+        shape=estimate.shape,
+        deviations=estimate.deviations,
+    )
+
+
+def without_bad_poses(
+    used: list[Observation], points: NDArray, estimate: Estimate
+) -> tuple[list[Observation], Estimate, dict[str, str]]:
+    """Leave out poses that fit far worse than the others, one by one, the worst first."""
+    excluded: dict[str, str] = {}
+    while len(used) > FEWEST_POSES + 1:
+        each = [rms([residuals]) for residuals in estimate.residuals]
+        joint = np.array([part[2] for part in each])
+        worst = int(np.argmax(joint))
+        limit = max(_BAD_POSE * float(np.median(joint)), _BAD_POSE_PX)
+        if joint[worst] <= limit:
+            break
+        alone = camera_alone(used, points, estimate, np.array([worst])).rms()[0]
+        blame = (
+            'the projector coordinates: the board or the rig moved between its photographs, or '
+            'they are out of order'
+            if alone <= limit / 2
+            else 'the corners: another board, bent, or seen in a mirror'
+        )
+        excluded[used[worst].name] = (
+            f'left out: {joint[worst]:.1f} pixels off where the others are '
+            f'{np.median(joint):.2f}; what does not fit are {blame}'
+        )
+        kept = [index for index in range(len(used)) if index != worst]
+        used = [used[index] for index in kept]
+        estimate = adjust(used, points, estimate.rig, estimate.poses[kept], Model())
+    return used, estimate, excluded
+
+
+def refuse_hopeless(estimate: Estimate) -> None:
+    """Raise `CalibrationError` where no rig fits the poses, with what does not."""
+    camera, projector, joint = estimate.rms()
+    if joint <= _HOPELESS:
+        return
+    blame = (
+        "the projector coordinates: their photographs are out of order, or the projector's size "
+        'is wrong'
+        if projector > 2 * camera
+        else 'the corners: rows and columns of the board exchanged, or another board'
+    )
+    raise CalibrationError(
+        f'no rig fits these poses: {joint:.1f} pixels are left (camera {camera:.1f}, projector '
+        f'{projector:.1f}); what does not fit are {blame}'
+    )
+
+
+def refuse_wrong_scale(rig: Rig, baseline: float) -> None:
+    """Raise `CalibrationError` where the lenses are not as far apart as the tape says, metres."""
+    found = float(np.linalg.norm(rig.translation))
+    if baseline and abs(found - baseline) > max(_TAPE, _TAPE_SHARE * baseline):
+        raise CalibrationError(
+            f'the lenses come out {1e3 * found:.0f} mm apart, and {1e3 * baseline:.0f} mm were '
+            f'measured: if the tape is right, a square is {baseline / found:.3f} times what was '
+            'given: measure the print over ten squares'
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """A calibrated rig and what is known about it.
+
+    Attributes
+    ----------
+    rig : Rig
+        With its record and covariance.
+    estimate : Estimate
+    model : Model
+    scores : dict
+        Cross-validation's, by candidate.
+    observations : list of Observation
+        Those that were used, in the order of `estimate`'s poses.
+    excluded : dict of str to str
+        Poses left out, and why.
+    outliers : list of str
+        Corners far off, in words.
+    held_out : HeldOut or None
+        None if there were too few poses.
+    remarks : list of str
+    """
+
+    rig: Rig
+    estimate: Estimate
+    model: Model
+    scores: dict[Model, float]
+    board: Board
+    observations: list[Observation]
+    held_out: HeldOut | None
+    excluded: dict[str, str] = field(default_factory=dict)
+    outliers: list[str] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
+
+
+def solve(
+    observations: list[Observation],
+    board: Board,
+    camera_size: tuple[int, int],
+    projector_size: tuple[int, int],
+    baseline: float = 0.0,
+    model: Model | None = None,
+    progress: Callable[[str], None] = lambda step: None,
+) -> Solution:
+    """Calibrate a rig.
+
+    Parameters
+    ----------
+    observations : list of Observation
+        Of this tool or any other.
+    board : Board
+    camera_size, projector_size : (int, int)
+        Width and height, pixels.
+    baseline : float
+        Distance between the two lenses by the tape, metres; 0 if it was not measured. Nothing
+        else tells a wrong size of the squares.
+    model : Model, optional
+        The terms to estimate; chosen by cross-validation if left out.
+    progress : callable
+        Told after each of `STEPS` steps.
+
+    Raises
+    ------
+    CalibrationError
+        The observations give no rig; the message says what is wrong with them.
+    """
+    used = list(observations)
+    points = board.points
+    start, poses = first_rig(used, points, camera_size, projector_size)
+    progress('start')
+    estimate = adjust(used, points, start, poses, Model())
+    used, estimate, excluded = without_bad_poses(used, points, estimate)
+    progress('all poses')
+    refuse_hopeless(estimate)
+    refuse_wrong_scale(estimate.rig, baseline)
+    # A board that looks the same upside down has no shape that could be told from its mirror.
+    shapes = SHAPES if board.dictionary or (board.columns + board.rows) % 2 else SHAPES[:2]
+    scores: dict[Model, float] = {}
+    if model is None:
+        model, scores = select(used, points, estimate, Model(), shapes, progress)
+    estimate = adjust(used, points, estimate.rig, estimate.poses, model)
+    progress('final')
+    checked = hold_out(used, points, estimate, model)
+    progress('held out')
+    record = _record(estimate, board, checked)
+    rig = replace(estimate.rig, record=replace(record, id=estimate.rig.id))
+    return Solution(
+        rig,
+        estimate,
+        model,
+        scores,
+        board,
+        used,
+        checked,
+        excluded,
+        _outliers(used, estimate),
+        _remarks(estimate, baseline, checked),
+    )
+
+
+STEPS = 4 + candidates(SHAPES)
+
+
+def _record(estimate: Estimate, board: Board, checked: HeldOut | None) -> CalibrationRecord:
+    names = ('camera', 'projector', 'joint')
+    kind = f'ChArUco {board.dictionary}' if board.dictionary else 'chessboard'
+    places = np.concatenate(
+        [
+            Rotation.from_rotvec(pose[:3]).apply(estimate.shape) + pose[3:]
+            for pose in estimate.poses
+        ]
+    )
+    now = datetime.datetime.now(datetime.timezone.utc)
+    return CalibrationRecord(
+        id='',
+        date=now.strftime('%Y-%m-%dT%H:%M:%SZ'),
+        tool=f'ftp-dent calibrate solve {__version__}',
+        board=f'{kind}, {board.columns}x{board.rows} inner corners, {1e3 * board.square:g} mm',
+        poses=len(estimate.poses),
+        rms_px=dict(zip(names, estimate.rms(), strict=True)),
+        held_out_rms_px=dict(zip(names, checked.rms, strict=True)) if checked else {},
+        depth_range=(float(places[:, 2].min()), float(places[:, 2].max())),
+        covariance=covariance(estimate),
+    )
+
+
+def _outliers(used: list[Observation], estimate: Estimate) -> list[str]:
+    words = []
+    for observation, residuals in zip(used, estimate.residuals, strict=True):
+        for part, deviation, word in (
+            (slice(0, 2), estimate.deviations[0], 'seen'),
+            (slice(2, 4), estimate.deviations[1], 'lit'),
+        ):
+            off = np.linalg.norm(residuals[:, part], axis=1)
+            words += [
+                f'{observation.name}: corner {corner} is {word} {off[corner]:.2f} pixels off '
+                f'({off[corner] / deviation:.0f} standard deviations)'
+                for corner in np.flatnonzero(off > _OUTLIER * deviation)
+            ]
+    return words
+
+
+def _remarks(estimate: Estimate, baseline: float, checked: HeldOut | None) -> list[str]:
+    remarks = []
+    try:
+        check_geometry(estimate.rig)
+    except RigError as reason:
+        remarks.append(f'this rig is known now, but it cannot measure: {reason}')
+    if not baseline:
+        found = 1e3 * float(np.linalg.norm(estimate.rig.translation))
+        remarks.append(
+            f'the lenses come out {found:.0f} mm apart: check it with a tape, for nothing else '
+            'tells a wrong size of the squares (--baseline does it for you)'
+        )
+    if checked is None:
+        remarks.append('too few poses to hold half of them out: take 15')
+    tilts = np.degrees(np.linalg.norm(estimate.poses[:, :2], axis=1))
+    if np.median(tilts) < 10:
+        remarks.append('the board was hardly tilted: tilt it by 20 to 35 degrees')
+    return remarks

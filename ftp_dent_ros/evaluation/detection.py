@@ -1,0 +1,557 @@
+"""The probability of detection, as MIL-HDBK-1823A states it, on simulated photographs."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from scipy.optimize import brentq, minimize
+from scipy.stats import chi2
+
+from ftp_dent_ros import __version__
+from ftp_dent_ros.dents.dent import Inspection, Settings
+from ftp_dent_ros.errors import ConfigurationError, FtpDentError
+from ftp_dent_ros.evaluation.scenes import PATTERN, Scene, make_rig
+from ftp_dent_ros.files import written_aside
+from ftp_dent_ros.inspection.measuring.inspection import inspect
+from ftp_dent_ros.inspection.records import finite
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.profilometry import Reconstructor
+from ftp_dent_ros.profilometry import Settings as ReconstructionSettings
+from ftp_dent_ros.robust import NORMAL_SPREAD
+from ftp_dent_ros.simulation import (
+    Dent,
+    Dirt,
+    DomedRivet,
+    Lettering,
+    Paint,
+    Panel,
+    Patch,
+    Photometry,
+    Rivet,
+    waviness,
+)
+from ftp_dent_ros.simulation.dents import SMOOTH, Cap, Gaussian, RaisedCosine, Shape
+from ftp_dent_ros.simulation.truth import match_truth, true_dents
+
+DISTANCES = 0.6, 0.8, 1.2
+#: Skins with dents; blank ones have all of `SKINS`.
+DENTED = 'clean', 'dirty', 'wavy'
+SKINS = 'clean', 'dirty', 'wavy', 'rivets', 'domed rivets', 'lettering', 'patches', 'streaks'
+LIGHTS: dict[str, dict[str, Any]] = {
+    'usual': {},
+    'dim': {'exposure': 0.3},
+    'sun': {'exposure': 0.4, 'ambient': 1.2},
+}
+#: Dents a photograph.
+TOGETHER = 4
+# Of the depths and widths that are drawn, metres.
+_DEPTHS, _WIDTHS = (2e-5, 1e-3), (0.012, 0.05)
+_SHAPES: tuple[Shape, ...] = SMOOTH, RaisedCosine(), Gaussian(), Cap()
+# A dent is no deeper than this part of its width: skin folds before.
+_STEEPEST = 1 / 12
+_STRIDE = 2
+
+# The probability of detection that a90 has its name from (MIL-HDBK-1823A).
+_POD = 0.9
+# Of the profile likelihood: one-sided 95 %.
+_DEVIANCE = float(chi2.ppf(0.90, 1))
+# Sizes are counted in these: logarithms of order 1.
+_DEPTH, _WIDTH = 1e-4, 0.03
+_FEWEST = 10
+# Where bounds are looked for, in logarithms of the depth.
+_DEEPEST = math.log(100.0)
+
+Values = NDArray[np.float64]
+
+#: Width that depths are told for, metres.
+WIDTH = 0.03
+_MM = 1e3
+_COLOURS = {'clean': '#1b6ca8', 'dirty': '#b5651d', 'wavy': '#2e8b57'}
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One photograph.
+
+    Attributes
+    ----------
+    index : int
+    distance : float
+        Metres.
+    skin, light : str
+    area : float
+        Of skin that was measured, square metres.
+    dents : list of [depth, width, hit, measured depth]
+        Metres; hit is 1 or 0, and what was measured NaN of misses.
+    false_calls : int
+        Dents where there are none.
+    others : int
+        Whatever else was listed where there is no dent.
+    refused : str
+        Why there is no cloud, if there is none: its dents are missed.
+    """
+
+    index: int
+    distance: float
+    skin: str
+    light: str
+    area: float
+    dents: list[list[float]]
+    false_calls: int
+    others: int
+    refused: str = ''
+
+
+def run_trials(
+    folder: Path, dents: int, blanks: int, smallest_depth: float, progress: Callable[[], Any]
+) -> list[Trial]:
+    """All trials; those that a run before has left in the folder are not taken again.
+
+    Raises
+    ------
+    ConfigurationError
+        The folder holds trials of something else, or cannot be written.
+    """
+    path = folder / 'trials.jsonl'
+    done = _taken_before(path, json.dumps({'smallest_depth': smallest_depth}))
+    # Blank ones are numbered below 0, so that both can be added to later.
+    wanted = [*range(math.ceil(dents / TOGETHER)), *range(-1, -blanks - 1, -1)]
+    for index in wanted:
+        if index not in done:
+            done[index] = _taken(index, smallest_depth)
+            try:
+                with path.open('a') as file:
+                    file.write(json.dumps(asdict(done[index])) + '\n')
+            except OSError as reason:
+                raise ConfigurationError(
+                    f'{path} cannot be written ({reason.strerror}): make room there'
+                ) from None
+        progress()
+    return [done[index] for index in wanted]
+
+
+def _taken_before(path: Path, head: str) -> dict[int, Trial]:
+    """The trials of a file by their numbers; one that is cut short is taken off it."""
+    try:
+        whole = path.read_text() if path.exists() else ''
+        lines = whole.split('\n')[:-1] or [head]
+        kept = '\n'.join(lines) + '\n'
+        if lines[0] != head:
+            raise ConfigurationError(
+                f'{path}: is of other settings ({lines[0]}): remove it, or name another folder'
+            )
+        found = [Trial(**json.loads(line)) for line in lines[1:]]
+        if kept != whole:
+            with written_aside(path) as aside:
+                aside.write_text(kept)
+    except (OSError, ValueError, TypeError) as reason:
+        raise ConfigurationError(
+            f'{path}: holds no trials ({reason}): remove it, or name another folder'
+        ) from None
+    return {trial.index: trial for trial in found}
+
+
+def _taken(index: int, smallest_depth: float) -> Trial:
+    distance, skin, light, scene = scene_of(index)
+    truth = list(true_dents(scene.surface))
+    words = index, distance, skin, light
+    try:
+        photograph = scene.photograph(abs(index))
+        measured = reconstructor_at(distance).measure(photograph, True)
+        found = inspect(measured.cloud, Settings(smallest_depth=smallest_depth))
+    except FtpDentError as error:
+        missed = [[true.depth, true.width, 0, math.nan] for true in truth]
+        return Trial(*words, 0.0, missed, 0, 0, str(error))
+    results, false, others = _compared(truth, found)
+    return Trial(*words, area_of(measured.cloud.points), results, false, others)
+
+
+def _compared(truth, found: Inspection) -> tuple[list[list[float]], int, int]:
+    pairs = match_truth(
+        [dent.position for dent in found.dents],
+        [true.position for true in truth],
+        [true.width / 2 for true in truth],
+    )
+    results = []
+    for index, true in enumerate(truth):
+        hit = index in pairs
+        measured = found.dents[pairs[index]].depth.value if hit else math.nan
+        results.append([true.depth, true.width, int(hit), measured])
+    reach = [(true.position, true.length) for true in truth]
+    others = [o for o in found.others if all(np.linalg.norm(o.position - p) > r for p, r in reach)]
+    return results, len(found.dents) - len(pairs), len(others)
+
+
+def scene_of(index: int) -> tuple[float, str, str, Scene]:
+    """What the trial of a number photographs; a blank skin below 0."""
+    rng = np.random.default_rng([2026, abs(index), int(index < 0)])
+    skins = DENTED if index >= 0 else SKINS
+    distance = DISTANCES[abs(index) % len(DISTANCES)]
+    skin = skins[abs(index) // len(DISTANCES) % len(skins)]
+    light = str(rng.choice(list(LIGHTS)))
+    dents = tuple(_dents(rng, distance)) if index >= 0 else ()
+    pose = Pose.from_rpy(
+        (*rng.normal(0, 0.05, 2), rng.uniform(-0.2, 0.2)), (*rng.normal(0, 0.005, 2), distance)
+    )
+    panel = Panel(
+        pose,
+        (-0.6, 0.6, -0.6, 0.6),
+        float(rng.choice([0.0, 2.0])),
+        dents=dents,
+        **_skin(skin, rng, distance),
+    )
+    photometry = Photometry(reference_distance=distance, **LIGHTS[light])
+    return distance, skin, light, Scene(_rig(distance), (panel,), photometry)
+
+
+def _dents(rng: np.random.Generator, distance: float) -> Iterator[Dent]:
+    for x, y in ((-1, -1), (1, -1), (-1, 1), (1, 1)):
+        width = math.exp(rng.uniform(*np.log(_WIDTHS)))
+        depth = min(math.exp(rng.uniform(*np.log(_DEPTHS))), _STEEPEST * width)
+        shape = _SHAPES[int(rng.integers(len(_SHAPES)))]
+        part, _ = Dent(0, 0, 1, 1, 1, 0, shape).size_at()
+        place = distance * np.array([0.14 * x, 0.075 * y]) + rng.uniform(-0.01, 0.01, 2)
+        length = width * rng.uniform(1, 1.6)
+        angle = float(rng.uniform(0, math.pi))
+        at_x, at_y = map(float, place)
+        yield Dent(at_x, at_y, length / part, width / part, depth, angle, shape)
+
+
+def _skin(skin: str, rng: np.random.Generator, distance: float) -> dict[str, Any]:
+    seed = int(rng.integers(1 << 30))
+    reach = 0.2 * distance
+    if skin == 'dirty':
+        return {'paint': Paint(marks=(Dirt(0.25, seed=seed),))}
+    if skin == 'streaks':
+        angle = float(rng.uniform(0, math.pi))
+        streaks = Dirt(0.15, (0.016, 0.006), seed, stretch=8.0, angle=angle)
+        return {'paint': Paint(marks=(streaks,))}
+    if skin == 'wavy':
+        return {'waves': waviness(1e-4, float(rng.uniform(0.08, 0.2)), seed)}
+    if skin in ('rivets', 'domed rivets'):
+        kind = Rivet if skin == 'rivets' else DomedRivet
+        y = float(rng.uniform(-0.4, 0.4) * reach)
+        return {'rivets': tuple(kind(-0.3 + 0.025 * i, y) for i in range(25))}
+    if skin == 'lettering':
+        x, y = rng.uniform(-0.5, 0.5, 2) * reach
+        mark = Lettering(float(x), float(y), 'NO STEP', 0.02, (0.25, 0.3, 0.8))
+        return {'paint': Paint(marks=(mark,))}
+    if skin == 'patches':
+        places = rng.uniform(-1, 1, (3, 2)) * reach
+        marks = tuple(Patch(float(x), float(y), 0.05, 0.03, (0.5,) * 3) for x, y in places)
+        return {'paint': Paint(marks=marks)}
+    return {}
+
+
+@lru_cache(maxsize=4)
+def _rig(distance: float):
+    return make_rig(distance, 0.24, (1280, 720, 1530.0), 1810.0)
+
+
+@lru_cache(maxsize=4)
+def reconstructor_at(distance: float) -> Reconstructor:
+    """Of photographs that are taken so many metres away."""
+    return Reconstructor(_rig(distance), PATTERN, ReconstructionSettings(stride=_STRIDE))
+
+
+def area_of(points) -> float:
+    """Of a cloud's whole cells, square metres."""
+    right, down = np.diff(points, axis=1)[:-1], np.diff(points, axis=0)[:, :-1]
+    return float(np.nansum(np.linalg.norm(np.cross(right, down), axis=-1)))
+
+
+@dataclass(frozen=True)
+class Detection:
+    """What a set of hits and misses says of dents of one width.
+
+    Attributes
+    ----------
+    dents, hits : int
+    a90 : float
+        Depth that is found in 90 % of cases, metres; NaN if the set does not tell.
+    a90_95 : float
+        Its upper bound with a confidence of 95 %, metres; NaN if there is none.
+    coefficients : tuple of 3 floats
+        Of 1, ln(depth / 0.1 mm) and ln(width / 30 mm) in the logit.
+    """
+
+    dents: int
+    hits: int
+    a90: float
+    a90_95: float
+    coefficients: tuple[float, float, float]
+
+    def probability(self, depth: Values, width: float) -> Values:
+        """At depths and a width, metres."""
+        b0, b1, b2 = self.coefficients
+        logit = b0 + b1 * np.log(np.asarray(depth) / _DEPTH) + b2 * math.log(width / _WIDTH)
+        return 1 / (1 + np.exp(-np.clip(logit, -500, 500)))
+
+
+def detection(depths: Values, widths: Values, hits: Values, width: float = _WIDTH) -> Detection:
+    """Fit hits (1) and misses (0) of dents, shape (n,), metres; sizes are told at one width."""
+    count, found = len(hits), int(np.sum(hits))
+    if count < _FEWEST or found in (0, count):
+        return Detection(count, found, math.nan, math.nan, (math.nan,) * 3)
+    columns = np.stack([np.ones(count), np.log(depths / _DEPTH), np.log(widths / _WIDTH)], axis=1)
+    hits = np.asarray(hits, float)
+    best = _maximum(lambda b: _likelihood(b, columns, hits), np.array([0.0, 2.0, 0.0]))
+    top = _likelihood(best, columns, hits)
+    wanted, beside = math.log(_POD / (1 - _POD)), math.log(width / _WIDTH)
+    coefficients = float(best[0]), float(best[1]), float(best[2])
+    if best[1] <= 0:
+        return Detection(count, found, math.nan, math.nan, coefficients)
+    a90 = (wanted - best[0] - best[2] * beside) / best[1]
+
+    def excess(size: float) -> float:
+        def bound(rest: Values) -> Values:
+            return np.array([wanted - rest[0] * size - rest[1] * beside, *rest])
+
+        rest = _maximum(lambda r: _likelihood(bound(r), columns, hits), best[1:])
+        return 2 * (top - _likelihood(bound(rest), columns, hits)) - _DEVIANCE
+
+    bound = math.nan
+    if excess(_DEEPEST) > 0:
+        bound = _DEPTH * math.exp(brentq(excess, a90, _DEEPEST, xtol=1e-3))
+    return Detection(count, found, _DEPTH * math.exp(a90), bound, coefficients)
+
+
+def most_calls(calls: int, area: float) -> float:
+    """Upper bound, with a confidence of 95 %, of false calls a square metre."""
+    return float(chi2.ppf(0.95, 2 * calls + 2)) / 2 / area if area > 0 else math.nan
+
+
+def _likelihood(b: Values, columns: Values, hits: Values) -> float:
+    """Logarithm of the likelihood, with half of that of the information's determinant."""
+    logit = np.clip(columns @ b, -30, 30)
+    p = 1 / (1 + np.exp(-logit))
+    information = columns.T @ (columns * (p * (1 - p))[:, None])
+    _, determinant = np.linalg.slogdet(information + 1e-12 * np.eye(len(b)))
+    return float((hits * logit - np.logaddexp(0, logit)).sum() + determinant / 2)
+
+
+def _maximum(function, start: Values) -> Values:
+    return np.asarray(minimize(lambda b: -function(b), start, method='Nelder-Mead').x, float)
+
+
+@dataclass(frozen=True)
+class Row:
+    """Dents of one distance and skin.
+
+    Attributes
+    ----------
+    distance : float
+        Metres.
+    skin : str
+    detection : Detection
+    bias, scatter : float
+        Median of the measured depths over the true ones, less 1, and their spread (1.4826 times
+        the median absolute deviation); of those found.
+    """
+
+    distance: float
+    skin: str
+    detection: Detection
+    bias: float
+    scatter: float
+
+
+@dataclass(frozen=True)
+class Blank:
+    """Photographs without dents of one skin.
+
+    Attributes
+    ----------
+    skin : str
+    photographs, calls, others : int
+        Calls are dents in the list where there are none; others are what else is listed.
+    area : float
+        Square metres.
+    """
+
+    skin: str
+    photographs: int
+    calls: int
+    others: int
+    area: float
+
+    @property
+    def most(self) -> float:
+        """Upper bound of false calls a square metre, with a confidence of 95 %."""
+        return most_calls(self.calls, self.area)
+
+
+def rows_of(trials: Sequence[Trial]) -> list[Row]:
+    """A row a distance and skin."""
+    rows = []
+    for distance in DISTANCES:
+        for skin in DENTED:
+            some = [t for t in trials if t.dents and (t.distance, t.skin) == (distance, skin)]
+            values = np.array([dent for trial in some for dent in trial.dents], float)
+            values = values.reshape(-1, 4)
+            depth, width, hit, measured = values.T
+            ratio = (measured / depth)[hit > 0] - 1
+            bias = float(np.median(ratio)) if len(ratio) else math.nan
+            scatter = (
+                NORMAL_SPREAD * float(np.median(np.abs(ratio - bias))) if len(ratio) else math.nan
+            )
+            rows.append(Row(distance, skin, detection(depth, width, hit, WIDTH), bias, scatter))
+    return rows
+
+
+def blanks_of(trials: Sequence[Trial]) -> list[Blank]:
+    """A row a skin, and all of them together."""
+    blank = [trial for trial in trials if not trial.dents]
+    groups = [(skin, [t for t in blank if t.skin == skin]) for skin in SKINS]
+    return [
+        Blank(
+            skin,
+            len(some),
+            sum(t.false_calls for t in some),
+            sum(t.others for t in some),
+            sum(t.area for t in some),
+        )
+        for skin, some in (*groups, ('all', blank))
+    ]
+
+
+def _calls(count: int) -> str:
+    return f'was {count} false call' if count == 1 else f'were {count or "no"} false calls'
+
+
+def sentence(rows: Sequence[Row], blanks: Sequence[Blank], smallest_depth: float) -> str:
+    """What an inspector may quote, with the conditions that it holds under."""
+    clean = next(row for row in rows if (row.distance, row.skin) == (0.8, 'clean'))
+    dirty = next(row for row in rows if (row.distance, row.skin) == (0.8, 'dirty'))
+    parts = [
+        f'{_MM * row.detection.a90_95:.2f} mm on {words} skin'
+        for row, words in ((clean, 'clean'), (dirty, 'dirty (25 %)'))
+        if math.isfinite(row.detection.a90_95)
+    ]
+    every = blanks[-1]
+    count = sum(row.detection.dents for row in rows)
+    if not parts:
+        return (
+            f'These {count} dents are too few to quote a depth that is found in 90 % of cases '
+            'with a confidence of 95 %.'
+        )
+    return (
+        f'In simulation, from one photograph at 0.8 m, single smooth dents {_MM * WIDTH:g} mm '
+        'wide are found in 90 % of cases, with a confidence of 95 % (a90/95), from a depth of '
+        f'{" and ".join(parts)} on, when depths from {_MM * smallest_depth:g} mm on are looked '
+        f'for; there {_calls(every.calls)} on {every.area:.0f} m² of skin without dents '
+        f'(with a confidence of 95 % at most {every.most:.2f} a square metre). It holds for the '
+        "simulated rig, lights and skins below, for dents away from the frame's rim, and not for "
+        'a real rig until that has been tested in the same way.'
+    )
+
+
+def write_page(
+    folder: Path,
+    trials: Sequence[Trial],
+    rows: Sequence[Row],
+    blanks: Sequence[Blank],
+    smallest_depth: float,
+) -> Path:
+    """Write ``detection.html`` and ``detection.json``; return the page's path."""
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader('ftp_dent_ros.evaluation', 'templates'),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    quoted = sentence(rows, blanks, smallest_depth)
+    text = environment.get_template('detection.html.j2').render(
+        sentence=quoted,
+        rows=[_cells(row) for row in rows],
+        blanks=[_blank_cells(blank) for blank in blanks],
+        curves=_curves(trials, rows),
+        dents=sum(row.detection.dents for row in rows),
+        photographs=len(trials),
+        width=f'{_MM * WIDTH:g}',
+        smallest=f'{_MM * smallest_depth:g}',
+        version=__version__,
+    )
+    record: dict[str, Any] = {
+        'sentence': quoted,
+        'width_mm': _MM * WIDTH,
+        'smallest_depth_mm': _MM * smallest_depth,
+        'rows': [asdict(row) for row in rows],
+        'blanks': [{**asdict(blank), 'at_most_per_m2': blank.most} for blank in blanks],
+    }
+    with written_aside(folder / 'detection.json') as aside:
+        aside.write_text(json.dumps(finite(record), indent=1, allow_nan=False) + '\n')
+    page = folder / 'detection.html'
+    with written_aside(page) as aside:
+        aside.write_text(text, encoding='utf-8')
+    return page
+
+
+def _cells(row: Row) -> list[str]:
+    d = row.detection
+    return [
+        f'{row.distance:g} m',
+        row.skin,
+        f'{d.hits} of {d.dents}',
+        _mm(d.a90),
+        _mm(d.a90_95),
+        '–' if math.isnan(row.bias) else f'{100 * row.bias:+.1f} %',
+        '–' if math.isnan(row.scatter) else f'{100 * row.scatter:.1f} %',
+    ]
+
+
+def _blank_cells(blank: Blank) -> list[str]:
+    rate = '–' if not blank.area else f'{blank.calls / blank.area:.3f}'
+    most = '–' if not blank.area else f'{blank.most:.3f}'
+    numbers = [str(blank.photographs), f'{blank.area:.1f}', str(blank.calls), rate, most]
+    return [blank.skin, *numbers, str(blank.others)]
+
+
+def _mm(value: float) -> str:
+    return '–' if math.isnan(value) else f'{_MM * value:.3f}'
+
+
+def _curves(trials: Sequence[Trial], rows: Sequence[Row]) -> str:
+    """Probability of detection over the depth, a picture a distance, as a data URI."""
+    figure = Figure(figsize=(10, 3.4), layout='constrained')
+    axes = figure.subplots(1, len(DISTANCES), sharey=True)
+    depths = np.geomspace(2e-5, 1e-3, 200)
+    for axis, distance in zip(axes, DISTANCES, strict=True):
+        for row in (row for row in rows if row.distance == distance):
+            colour = _COLOURS[row.skin]
+            if math.isfinite(row.detection.a90):
+                chance = row.detection.probability(depths, WIDTH)
+                axis.plot(_MM * depths, chance, color=colour, label=row.skin)
+            if math.isfinite(row.detection.a90_95):
+                axis.plot(_MM * row.detection.a90_95, 0.9, 'o', color=colour, ms=5)
+            seen = [
+                dent
+                for trial in trials
+                if (trial.distance, trial.skin) == (distance, row.skin)
+                for dent in trial.dents
+            ]
+            if seen:
+                depth, _, hit, _ = np.array(seen, float).T
+                axis.plot(_MM * depth, hit, '|', color=colour, alpha=0.5, ms=7)
+        axis.axhline(0.9, color='#999', lw=0.7, ls=':')
+        axis.set_xscale('log')
+        axis.set_title(f'{distance:g} m', fontsize=10)
+        axis.set_xlabel('depth, mm')
+        if axis.get_legend_handles_labels()[0]:
+            axis.legend(fontsize=8, frameon=False, loc='center right')
+    axes[0].set_ylabel('probability of detection')
+    png = io.BytesIO()
+    figure.savefig(png, format='png', dpi=130)
+    return 'data:image/png;base64,' + base64.b64encode(png.getvalue()).decode()

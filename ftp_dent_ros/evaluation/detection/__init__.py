@@ -1,1 +1,0 @@
-"""Probability of detection: which dents are found, from the photograph to the list."""

@@ -1,0 +1,291 @@
+"""Many inputs side by side: on processes, or the machines of a cluster."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import islice
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from distributed import Client, as_completed
+
+from ftp_dent_ros import __version__
+from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.files import written_aside
+from ftp_dent_ros.process import VARIABLES, keep_freed
+
+Item = TypeVar('Item')
+Result = TypeVar('Result')
+
+# Items taken ahead of the results, for each process: as long as another takes to begin.
+_AHEAD = 5
+
+# Of the connection to the scheduler, seconds.
+_PATIENCE = 10
+
+#: Written last into a result's folder: with it, the result is whole.
+MARK = 'made_of.json'
+
+
+class LostWorkerError(Exception):
+    """The process that worked on an item was killed."""
+
+
+def side_by_side(
+    work: Callable[[Item], Result], items: Iterable[Item], jobs: int
+) -> Iterator[tuple[Item, Result | Exception]]:
+    """Each item with its result, or with what went wrong, in the order in which they end.
+
+    Parameters
+    ----------
+    work : callable
+        Of a module, so that a fresh process can import it.
+    items : iterable
+    jobs : int
+        How many processes.
+
+    Yields
+    ------
+    (item, result or Exception)
+        `LostWorkerError` where its process died twice, the second time with nothing beside it:
+        it is told of that item, and the others are done.
+    """
+    lost: deque[Item] = deque()
+    yield from _tried(work, deque(items), jobs, lost.append)
+    while lost:
+        # What ran as a process died is tried once more, each alone.
+        failed: list[Item] = []
+        yield from _tried(work, deque([lost.popleft()]), 1, failed.append)
+        for item in failed:
+            yield item, LostWorkerError('its process was killed')
+
+
+def _tried(
+    work: Callable[[Item], Result],
+    waiting: deque[Item],
+    jobs: int,
+    lose: Callable[[Item], object],
+) -> Iterator[tuple[Item, Result | Exception]]:
+    """Results; an item that was under way as a process died is handed to `lose`."""
+    while waiting:
+        with _pool(min(jobs, len(waiting))) as pool:
+            running: dict[Future[Result], Item] = {}
+            is_broken = False
+            while running or (waiting and not is_broken):
+                while waiting and len(running) < jobs and not is_broken:
+                    item = waiting.popleft()
+                    running[_submitted(pool, work, item)] = item
+                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                    item, failure = running.pop(future), future.exception()
+                    if isinstance(failure, BrokenProcessPool):
+                        is_broken = True
+                        lose(item)
+                    elif failure is None or isinstance(failure, Exception):
+                        yield item, future.result() if failure is None else failure
+                    else:
+                        raise failure
+
+
+def in_order(work: Callable[[Item], Result], items: Iterable[Item], jobs: int) -> Iterator[Result]:
+    """As `map`, by this process and `jobs` - 1 others beside it, which work ahead.
+
+    Parameters
+    ----------
+    work : callable
+        As for `side_by_side`; it does not raise.
+    items : iterable
+        Taken no more than a few ahead of the results.
+    jobs : int
+    """
+    if jobs < 2:
+        yield from map(work, items)
+        return
+    coming, ahead = iter(items), deque[_Ahead[Item, Result]]()
+    with _pool(jobs - 1) as pool:
+        while True:
+            ahead.extend(map(_Ahead, islice(coming, _AHEAD * jobs - len(ahead))))
+            if not ahead:
+                return
+            # One that runs and one that waits for each of the others: they never stand idle.
+            under_way = sum(each.future is not None and not each.future.done() for each in ahead)
+            free = deque(each for each in ahead if each.future is None)
+            while free and under_way < 2 * (jobs - 1):
+                each = free.popleft()
+                each.future = _submitted(pool, work, each.item)
+                under_way += 1
+            first = ahead[0].future
+            if free and (first is None or not first.done()):
+                each = free.popleft()
+                each.future = _ended(work(each.item))
+            elif first is not None:
+                failure = first.exception()
+                if isinstance(failure, BrokenProcessPool):
+                    # It was killed: this process does what is left.
+                    ahead[0].future = _ended(work(ahead[0].item))
+                else:
+                    yield first.result()
+                    ahead.popleft()
+
+
+@dataclass(eq=False)
+class _Ahead(Generic[Item, Result]):
+    """An item, and its result once it has one."""
+
+    item: Item
+    future: Future[Result] | None = None
+
+
+def _ended(result: Result) -> Future[Result]:
+    future: Future[Result] = Future()
+    future.set_result(result)
+    return future
+
+
+def _submitted(
+    pool: ProcessPoolExecutor, work: Callable[[Item], Result], item: Item
+) -> Future[Result]:
+    """The item's future, that of a broken pool ended already."""
+    # The first one begins the processes, which inherit what is blocked: Ctrl-C reaches them when
+    # they can end without a word.
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        return pool.submit(work, item)
+    except BrokenProcessPool as reason:
+        future: Future[Result] = Future()
+        future.set_exception(reason)
+        return future
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def _pool(jobs: int) -> Iterator[ProcessPoolExecutor]:
+    """Fresh interpreters, started with one thread each; what has not begun ends with the block."""
+    # As many processes as cores, and no two ways to add up.
+    before = {name: os.environ.get(name) for name in VARIABLES}
+    os.environ.update(dict.fromkeys(VARIABLES, '1'))
+    pool = ProcessPoolExecutor(jobs, get_context('spawn'), _begin)
+    try:
+        yield pool
+    finally:
+        pool.shutdown(cancel_futures=True)
+        for name, value in before.items():
+            os.environ.pop(name)
+            if value is not None:
+                os.environ[name] = value
+
+
+def _begin() -> None:
+    """Make a fresh process ready: Ctrl-C, which the terminal sends it too, ends it silently."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    one_thread()
+
+
+def one_thread() -> None:
+    """Have OpenCV compute with one thread in this process, as what runs beside it does.
+
+    And the process keep its memory from item to item.
+    """
+    import cv2
+
+    cv2.setNumThreads(1)
+    keep_freed()
+
+
+def on_cluster(
+    work: Callable[[Item], Result], items: Iterable[Item], address: str
+) -> Iterator[tuple[Item, Result | Exception]]:
+    """Each item with its result, or with what went wrong, in the order in which they end.
+
+    Parameters
+    ----------
+    work : callable
+        Of a module that is installed where the workers are.
+    items : iterable
+    address : str
+        Of the scheduler, as in ``tcp://10.0.0.1:8786``.
+
+    Raises
+    ------
+    ConfigurationError
+        There is no scheduler at the address, or it has no workers.
+    """
+    try:
+        client = Client(address, timeout=_PATIENCE)
+    except (OSError, ValueError, TimeoutError) as reason:
+        raise ConfigurationError(
+            f'--scheduler {address}: no Dask scheduler answers there ({reason}): '
+            'start one with `dask scheduler`'
+        ) from None
+    with client:
+        if not client.nthreads():
+            raise ConfigurationError(
+                f'--scheduler {address}: the scheduler has no workers: '
+                f'start some with `dask worker {address}`'
+            )
+        running = {client.submit(_alone, work, item, pure=False): item for item in items}
+        for future in as_completed(running):
+            failure = future.exception()
+            yield running[future], failure if failure is not None else future.result()
+            future.release()
+
+
+def _alone(work: Callable[[Item], Result], item: Item) -> Result:
+    one_thread()
+    return work(item)
+
+
+def made_of(path: str | os.PathLike[str], settings: Mapping[str, Any]) -> dict[str, Any]:
+    """What decides about a result: the input's files, as they are now, and the settings.
+
+    Parameters
+    ----------
+    path : path
+        A file, or a folder with all that is in it.
+    settings : mapping
+        Plain data.
+    """
+    path = Path(path)
+    files = sorted(each for each in path.rglob('*') if each.is_file()) if path.is_dir() else [path]
+    states = {each: each.stat() for each in files}
+    return {
+        'software': f'ftp_dent_ros {__version__}',
+        'input': os.path.abspath(path),
+        'files': {
+            str(each.relative_to(path)) if path.is_dir() else each.name: {
+                'bytes': state.st_size,
+                'changed_ns': state.st_mtime_ns,
+            }
+            for each, state in states.items()
+        },
+        'settings': dict(settings),
+    }
+
+
+def is_made_of(folder: Path, origin: Mapping[str, Any]) -> bool:
+    """Whether a folder holds a whole result of exactly that."""
+    try:
+        return json.loads((folder / MARK).read_text('utf-8')) == origin
+    except (OSError, ValueError):
+        return False
+
+
+def begin(folder: Path) -> None:
+    """The result in a folder, if there is one, is no longer a whole one."""
+    (folder / MARK).unlink(missing_ok=True)
+
+
+def finish(folder: Path, origin: Mapping[str, Any]) -> None:
+    """The result in a folder is whole."""
+    with written_aside(folder / MARK) as aside:
+        aside.write_text(json.dumps(origin, indent=1) + '\n', encoding='utf-8')

@@ -1,1 +1,0 @@
-"""The radio between drone and ground: a program between two network namespaces."""

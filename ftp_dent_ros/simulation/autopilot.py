@@ -1,0 +1,523 @@
+"""A simulated autopilot: its messages, its link, and the program."""
+
+from __future__ import annotations
+
+import argparse
+import errno
+import math
+import os
+import random
+import re
+import select
+import signal
+import socket
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from scipy.spatial.transform import Rotation
+
+from ftp_dent_ros.errors import ConfigurationError, FtpDentError, LinkError
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.simulation.world import World, read_world
+
+_ADDRESS = re.compile(r'(udpin|udpout|tcp|tcpin):([\w.-]+):(\d{1,5})')
+# Bytes that are read at once.
+_LARGEST = 65536
+# A UDP peer that has said nothing for so long gets nothing more; a connection that failed is tried
+# again after so long, each try no longer than that.
+_FORGOTTEN_S = 60.0
+_RETRY_S = 0.5
+_CONNECT_S = 0.2
+
+# The world's own way from ENU to NED and from FRD to FLU: a mistake in the conversions of
+# `navigation.frames` must not cancel against itself.
+_NED_FROM_ENU = Rotation.from_matrix([[0, 1, 0], [1, 0, 0], [0, 0, -1]])
+_FLU_FROM_FRD = Rotation.from_matrix(np.diag([1, -1, -1]))
+
+# Where map's origin is said to be: degrees * 1e7, millimetres; and metres per 1e-7 degrees there.
+_ORIGIN = (474_500_000, 85_600_000, 430_000)
+_METRES = 0.0111319, 0.0111319 * math.cos(math.radians(47.45))
+_NS = 1_000_000_000
+# GPS: a fix every 0.2 s, that old when it is told, and as good as a usual one says it is (mm).
+_FIX_NS, _FIX_AGE_NS = _NS // 5, 120_000_000
+_ACCURACY = (800, 1200)
+_READY = (
+    mavlink.EKF_ATTITUDE
+    | mavlink.EKF_VELOCITY_HORIZ
+    | mavlink.EKF_VELOCITY_VERT
+    | mavlink.EKF_POS_HORIZ_REL
+    | mavlink.EKF_POS_HORIZ_ABS
+    | mavlink.EKF_POS_VERT_ABS
+    | mavlink.EKF_PRED_POS_HORIZ_REL
+    | mavlink.EKF_PRED_POS_HORIZ_ABS
+)
+_WITHOUT_POSITION = (
+    mavlink.EKF_ATTITUDE
+    | mavlink.EKF_VELOCITY_VERT
+    | mavlink.EKF_POS_VERT_ABS
+    | mavlink.EKF_CONST_POS_MODE
+)
+# ArduPilot flies on by its inertial sensors for as long before it says so; seconds.
+_SAYS_READY = 7.0
+
+_SECOND_US = 1_000_000
+# Microseconds between two messages of a kind: 250 a second.
+_SHORTEST_US = 4_000
+_DEFAULTS_US = {
+    mavlink.MAVLINK_MSG_ID_HEARTBEAT: _SECOND_US,
+    mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: _SECOND_US,
+    mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: _SECOND_US,
+    mavlink.MAVLINK_MSG_ID_TIMESYNC: 10 * _SECOND_US,
+    mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: 0,
+    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 0,
+    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 0,
+    mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: 0,
+}
+# What REQUEST_DATA_STREAM of another client changes on an ArduCopter, and to what.
+_RERATED = tuple(message_id for message_id, us in _DEFAULTS_US.items() if us == 0)
+_RERATED_US = 500_000
+# Messages that are late keep their time and are sent after each other, unless that is hopeless.
+_MOST_LATE_NS = 500_000_000
+_LONGEST_WAIT_NS = 500_000_000
+
+
+os.environ.setdefault('MAVLINK20', '1')
+
+
+class Link:
+    """A connection by its address.
+
+    Parameters
+    ----------
+    address : str
+    system_id : int
+        It speaks as component 1 of this system.
+
+    Raises
+    ------
+    ConfigurationError
+        The address is none of the four kinds.
+    LinkError
+        It is taken, or cannot be reached.
+    """
+
+    def __init__(self, address: str, system_id: int) -> None:
+        match = _ADDRESS.fullmatch(address)
+        if not match or not 0 < int(match[3]) < 65536:
+            raise ConfigurationError(
+                f'{address!r} is no address: give udpout:HOST:PORT of the bridge, '
+                'udpin:HOST:PORT, tcp:HOST:PORT or tcpin:HOST:PORT'
+            )
+        self.system_id = system_id
+        self._speaker = mavlink.MAVLink(None, system_id, mavlink.MAV_COMP_ID_AUTOPILOT1)
+        try:
+            self._ends: _Datagrams | _Stream
+            place = socket.gethostbyname(match[2]), int(match[3])
+            kind = _Datagrams if match[1].startswith('udp') else _Stream
+            self._ends = kind(place, listens=match[1].endswith('in'))
+        except OSError as reason:
+            if reason.errno == errno.EADDRINUSE:
+                raise LinkError(
+                    f'{address}: another program listens there: stop it, or choose another port'
+                ) from None
+            what = reason.strerror or str(reason)
+            raise LinkError(f'{address}: cannot be opened ({what}): check the address') from None
+
+    def send(self, message: Any) -> None:
+        """Send a message to whoever is there."""
+        self._ends.write(message.pack(self._speaker))
+        self._speaker.seq = (self._speaker.seq + 1) % 256
+
+    def receive(self, timeout: float) -> Iterator[Any]:
+        """Whole messages that have come, waiting at most `timeout` seconds for the first."""
+        ready, _, _ = select.select(self._ends.sockets(), [], [], timeout)
+        for end in ready:
+            for message in self._ends.read(end) or ():
+                if message.get_type() != 'BAD_DATA':
+                    yield message
+
+
+class _Datagrams:
+    def __init__(self, place: tuple[str, int], listens: bool) -> None:
+        self._heard: dict[Any, float] = {} if listens else {place: float('inf')}
+        self._listens = listens
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        if listens:
+            self._socket.bind(place)
+
+    def sockets(self) -> list[socket.socket]:
+        return [self._socket]
+
+    def read(self, end: socket.socket) -> list[Any] | None:
+        try:
+            data, peer = end.recvfrom(_LARGEST)
+        except OSError:
+            return None  # A datagram of ours found nobody there.
+        if self._listens:
+            self._heard[peer] = time.monotonic()
+        # A datagram holds whole messages: what is cut off does not wait for the next one.
+        return _new_parser().parse_buffer(data)
+
+    def write(self, data: bytes) -> None:
+        oldest = time.monotonic() - _FORGOTTEN_S
+        self._heard = {peer: last for peer, last in self._heard.items() if last > oldest}
+        for peer in self._heard:
+            with suppress(OSError):  # Lost, as on the air.
+                self._socket.sendto(data, peer)
+
+
+class _Stream:
+    def __init__(self, place: tuple[str, int], listens: bool) -> None:
+        self._place = place
+        self._peer: socket.socket | None = None
+        self._listener: socket.socket | None = None
+        self._retry = 0.0
+        if listens:
+            self._listener = socket.create_server(place)
+            self._listener.setblocking(False)
+        else:
+            self._adopt(socket.create_connection(place, 5.0))
+
+    def sockets(self) -> list[socket.socket]:
+        if self._peer is None and self._listener is None and time.monotonic() > self._retry:
+            self._retry = time.monotonic() + _RETRY_S
+            with suppress(OSError):
+                self._adopt(socket.create_connection(self._place, _CONNECT_S))
+        return [end for end in (self._listener, self._peer) if end is not None]
+
+    def read(self, end: socket.socket) -> list[Any] | None:
+        try:
+            if end is self._listener:
+                self._adopt(end.accept()[0])
+                return None
+            if end is not self._peer:
+                return None
+            data = end.recv(_LARGEST)
+        except BlockingIOError:
+            return None
+        except OSError:
+            data = b''
+        if not data:
+            self._drop()
+            return None
+        return self._parser.parse_buffer(data)
+
+    def write(self, data: bytes) -> None:
+        if self._peer is None:
+            return
+        try:
+            # Half a message would spoil the stream of one who does not read.
+            if self._peer.send(data) < len(data):
+                self._drop()
+        except OSError:
+            self._drop()
+
+    def _adopt(self, peer: socket.socket) -> None:
+        self._drop()
+        peer.setblocking(False)
+        peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._peer, self._parser = peer, _new_parser()
+
+    def _drop(self) -> None:
+        if self._peer is not None:
+            self._peer.close()
+            self._peer = None
+
+
+def _new_parser() -> Any:
+    parser = mavlink.MAVLink(None)
+    parser.robust_parsing = True
+    return parser
+
+
+class Telemetry:
+    """Messages of one vehicle by their numbers, each for a time since boot in nanoseconds.
+
+    Parameters
+    ----------
+    world : World
+        Where the drone is, and how its autopilot errs.
+    boot_ns : int
+        ROS time of its boot.
+    start_ns : int
+        Time since boot from which its faults are counted.
+    """
+
+    def __init__(self, world: World, boot_ns: int, start_ns: int) -> None:
+        self._world, self._boot_ns, self._start_ns = world, boot_ns, start_ns
+        self._ratio = 0.0
+        self.messages: dict[int, Callable[[int], Any]] = {
+            mavlink.MAVLINK_MSG_ID_HEARTBEAT: self._heartbeat,
+            mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: self._system_time,
+            mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: self._estimator_status,
+            mavlink.MAVLINK_MSG_ID_TIMESYNC: self._timesync_request,
+            mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: self._attitude,
+            mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: self._position,
+            mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: self._global_position,
+            mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: self._gps,
+            mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: self._origin,
+        }
+
+    def _uptime(self, boot_ns: int) -> float:
+        return (boot_ns - self._start_ns) / _NS
+
+    def _estimate(self, boot_ns: int) -> Pose:
+        world = self._world
+        seconds = world.flight_time(self._boot_ns + boot_ns)
+        pose = world.errors.estimated(world.flight, seconds)
+        return Pose(pose.rotation, pose.translation + world.faults.drift(self._uptime(boot_ns)))
+
+    def _heartbeat(self, _: int) -> Any:
+        return mavlink.MAVLink_heartbeat_message(
+            mavlink.MAV_TYPE_QUADROTOR,
+            mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA,
+            mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | mavlink.MAV_MODE_FLAG_SAFETY_ARMED,
+            mavlink.COPTER_MODE_GUIDED,
+            mavlink.MAV_STATE_ACTIVE,
+            3,
+        )
+
+    def _system_time(self, boot_ns: int) -> Any:
+        unix_us = (self._boot_ns + boot_ns) // 1000
+        return mavlink.MAVLink_system_time_message(unix_us, milliseconds(boot_ns))
+
+    def _estimator_status(self, boot_ns: int) -> Any:
+        uptime, faults = self._uptime(boot_ns), self._world.faults
+        if not faults.is_frozen(uptime):
+            # A new one with every fix.
+            self._ratio = 0.5 + 0.4 * math.sin(2.4 * (boot_ns // _FIX_NS))
+        is_ready = faults.without_gps(uptime) < _SAYS_READY
+        # As large as a real one's in good weather.
+        ratios = np.array([0.02, 0.01, 0.0006]) * self._ratio
+        return mavlink.MAVLink_ekf_status_report_message(
+            _READY if is_ready else _WITHOUT_POSITION, *ratios, 0.02, 0.0
+        )
+
+    def _timesync_request(self, boot_ns: int) -> Any:
+        return mavlink.MAVLink_timesync_message(0, boot_ns)
+
+    def _origin(self, boot_ns: int) -> Any:
+        return mavlink.MAVLink_gps_global_origin_message(*_ORIGIN, boot_ns // 1000)
+
+    def _attitude(self, boot_ns: int) -> Any:
+        rotation = _NED_FROM_ENU * self._estimate(boot_ns).rotation * _FLU_FROM_FRD
+        x, y, z, w = rotation.as_quat()
+        flight = self._world.flight
+        rates = flight.body_rates(self._world.flight_time(self._boot_ns + boot_ns))
+        return mavlink.MAVLink_attitude_quaternion_message(
+            milliseconds(boot_ns), w, x, y, z, *_FLU_FROM_FRD.inv().apply(rates)
+        )
+
+    def _position(self, boot_ns: int) -> Any:
+        return mavlink.MAVLink_local_position_ned_message(
+            milliseconds(boot_ns),
+            *_NED_FROM_ENU.apply(self._estimate(boot_ns).translation),
+            *_NED_FROM_ENU.apply(self._velocity(boot_ns)),
+        )
+
+    def _velocity(self, boot_ns: int) -> NDArray[np.float64]:
+        world = self._world
+        return world.flight.velocity(world.flight_time(self._boot_ns + boot_ns))
+
+    def _global_position(self, boot_ns: int) -> Any:
+        place = self._estimate(boot_ns).translation
+        velocity = np.rint(100 * _NED_FROM_ENU.apply(self._velocity(boot_ns))).astype(int)
+        return mavlink.MAVLink_global_position_int_message(
+            milliseconds(boot_ns), *_on_earth(place), round(1e3 * place[2]), *velocity, 65535
+        )
+
+    def _gps(self, boot_ns: int) -> Any:
+        """The last fix: where the drone truly was."""
+        fix_ns = (boot_ns - _FIX_AGE_NS) // _FIX_NS * _FIX_NS
+        if self._world.faults.without_gps(self._uptime(boot_ns)):
+            return mavlink.MAVLink_gps_raw_int_message(
+                0, mavlink.GPS_FIX_TYPE_NO_FIX, 0, 0, 0, 65535, 65535, 65535, 65535, 3
+            )
+        true = self._world.base_pose(self._boot_ns + fix_ns).translation
+        return mavlink.MAVLink_gps_raw_int_message(
+            max(0, fix_ns) // 1000,
+            mavlink.GPS_FIX_TYPE_3D_FIX,
+            *_on_earth(true),
+            *(80, 120, 10, 0, 16),
+            h_acc=_ACCURACY[0],
+            v_acc=_ACCURACY[1],
+        )
+
+
+def milliseconds(boot_ns: int) -> int:
+    """``time_boot_ms``, which starts again after 49.7 days."""
+    return boot_ns // 1_000_000 % 2**32
+
+
+def _on_earth(place: NDArray[np.float64]) -> tuple[int, int, int]:
+    """Latitude and longitude in 1e-7 degrees and altitude in mm of a place in the map."""
+    east, north, up = place
+    return (
+        _ORIGIN[0] + round(north / _METRES[0]),
+        _ORIGIN[1] + round(east / _METRES[1]),
+        _ORIGIN[2] + round(1e3 * up),
+    )
+
+
+class Autopilot:
+    """One vehicle on one link.
+
+    Parameters
+    ----------
+    world : World
+        Where the drone is at a ROS time.
+    link : Link
+    uptime : float
+        Seconds since its boot when it is made.
+    """
+
+    def __init__(self, world: World, link: Link, uptime: float) -> None:
+        self._world, self._link = world, link
+        self._boot_ns = time.time_ns() - round(uptime * 1e3) * 1_000_000
+        self._intervals_us = dict(_DEFAULTS_US)
+        self._due_ns: dict[int, int] = {}
+        self._telemetry = Telemetry(world, self._boot_ns, self.time_since_boot_ns())
+        self._started = time.monotonic()
+        self._done = {'rerated': 0, 'triggered': 0}
+        for message_id, interval in self._intervals_us.items():
+            self._schedule(message_id, interval)
+
+    def run(self) -> None:
+        """Fly and talk for ever."""
+        self._send(mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN, self.time_since_boot_ns())
+        while True:
+            self._interfere()
+            wait_ns = self._send_due()
+            for message in self._link.receive(wait_ns / 1e9):
+                self._answer(message)
+
+    def time_since_boot_ns(self) -> int:
+        """The boot clock, which ``time_boot_ms`` and TIMESYNC show."""
+        return time.time_ns() - self._boot_ns
+
+    def _schedule(self, message_id: int, interval_us: int) -> None:
+        """Send from the next multiple of the interval on: equal rates share their times."""
+        self._intervals_us[message_id] = interval_us
+        if interval_us > 0:
+            interval_ns = interval_us * 1000
+            self._due_ns[message_id] = (self.time_since_boot_ns() // interval_ns + 1) * interval_ns
+        else:
+            self._due_ns.pop(message_id, None)
+
+    def _send_due(self) -> int:
+        """Send what is due; nanoseconds until the next one is."""
+        now = self.time_since_boot_ns()
+        for message_id, due in list(self._due_ns.items()):
+            interval = self._intervals_us[message_id] * 1000
+            if due < now - _MOST_LATE_NS:
+                due = now // interval * interval
+            while due <= now:
+                self._send(message_id, due)
+                due += interval
+            self._due_ns[message_id] = due
+        # Also with nothing to send, a server that was lost is looked for.
+        next_ns = min([now + _LONGEST_WAIT_NS, *self._due_ns.values()])
+        return max(next_ns - self.time_since_boot_ns(), 0)
+
+    def _send(self, message_id: int, boot_ns: int) -> None:
+        self._link.send(self._telemetry.messages[message_id](boot_ns))
+
+    def _answer(self, message: Any) -> None:
+        kind = message.get_type()
+        if kind == 'TIMESYNC' and message.tc1 == 0:
+            now = self.time_since_boot_ns()
+            self._link.send(mavlink.MAVLink_timesync_message(now, message.ts1))
+        elif kind == 'COMMAND_LONG' and message.target_system in (0, self._link.system_id):
+            result = self._obey(message)
+            self._link.send(mavlink.MAVLink_command_ack_message(message.command, result))
+
+    def _obey(self, message: Any) -> int:
+        """Result of a COMMAND_LONG, a MAV_RESULT."""
+        if message.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
+            if not all(map(math.isfinite, (message.param1, message.param2))):
+                return mavlink.MAV_RESULT_DENIED
+            return self._set_interval(int(message.param1), int(message.param2))
+        if message.command == mavlink.MAV_CMD_REQUEST_MESSAGE:
+            if message.param1 not in self._telemetry.messages:
+                return mavlink.MAV_RESULT_DENIED
+            self._send(int(message.param1), self.time_since_boot_ns())
+            return mavlink.MAV_RESULT_ACCEPTED
+        return mavlink.MAV_RESULT_UNSUPPORTED
+
+    def _set_interval(self, message_id: int, interval_us: int) -> int:
+        if message_id not in _DEFAULTS_US or 0 < interval_us < _SHORTEST_US or interval_us < -1:
+            return mavlink.MAV_RESULT_DENIED
+        if interval_us == 0:
+            interval_us = _DEFAULTS_US[message_id]
+        # Whole milliseconds: that is what its clock counts.
+        self._schedule(message_id, interval_us // 1000 * 1000 if interval_us > 0 else 0)
+        return mavlink.MAV_RESULT_ACCEPTED
+
+    def _interfere(self) -> None:
+        """What comes of others, when it is time."""
+        faults = self._world.faults
+        if self._is_time('rerated', faults.rerated_every):
+            for message_id in _RERATED:
+                if 0 < self._intervals_us[message_id] < _RERATED_US:
+                    self._schedule(message_id, _RERATED_US)
+        if self._is_time('triggered', faults.triggers_every):
+            parameters = (0, 0, 1, self._done['triggered'], 0, 0, 0)
+            capture = mavlink.MAV_CMD_IMAGE_START_CAPTURE
+            self._link.send(mavlink.MAVLink_command_long_message(0, 0, capture, 0, *parameters))
+
+    def _is_time(self, what: str, period: float) -> bool:
+        due = period > 0 and time.monotonic() - self._started > (self._done[what] + 1) * period
+        self._done[what] += due
+        return due
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """Parser of the command line; its options are the parameters of a configuration."""
+    parser = argparse.ArgumentParser(prog='simulated_autopilot', description='A simulated drone.')
+    parser.add_argument('--scene', default='shipped:scene.yaml', help='default: %(default)s')
+    parser.add_argument(
+        '--address',
+        default='udpout:127.0.0.1:14550',
+        help='udpout, udpin, tcp or tcpin:HOST:PORT; default: %(default)s',
+    )
+    parser.add_argument(
+        '--start-ns', type=int, default=0, help='ROS time at which the flight starts, ns'
+    )
+    parser.add_argument('--system-id', type=int, default=1, help='default: %(default)s')
+    parser.add_argument(
+        '--uptime',
+        type=float,
+        help='seconds since boot at the start; default: 20 to 120 by chance',
+    )
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run until SIGINT or SIGTERM: 0; 2 for bad usage or input."""
+    parsed = build_parser().parse_args(arguments)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        world = read_world(parsed.scene, parsed.start_ns)
+        uptime = random.uniform(20, 120) if parsed.uptime is None else parsed.uptime
+        if not 0 <= uptime < 1e9:
+            raise ConfigurationError(f'--uptime is {uptime}: give seconds, 0 or more')
+        if not 0 < parsed.system_id < 256:
+            raise ConfigurationError(f'--system-id is {parsed.system_id}: give 1 to 255')
+        Autopilot(world, Link(parsed.address, parsed.system_id), uptime).run()
+    except FtpDentError as error:
+        print(f'simulated_autopilot: {error}', file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        pass
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

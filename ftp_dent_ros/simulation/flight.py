@@ -1,0 +1,215 @@
+"""A simulated flight, and how an autopilot's estimate of it is off."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.pose import Pose
+
+# Fourier series of a triangle, cut off: there and back at an almost constant speed.
+_TURNS = np.array([1, 3, 5])
+_TURN_SHARES = 1 / _TURNS**2 / np.sum(1 / _TURNS**2)
+# Sway x, y, z and wobble roll, pitch, yaw: frequencies (Hz), shares and phases (radians) of what
+# a multirotor does about its set point. No two axes have the same, so that all of them mix.
+_FREQUENCIES = np.array(
+    [
+        [0.061, 0.143, 0.317],
+        [0.053, 0.127, 0.283],
+        [0.071, 0.167, 0.349],
+        [0.097, 0.229, 0.431],
+        [0.083, 0.211, 0.389],
+        [0.047, 0.109, 0.257],
+    ]
+)
+_SHARES = np.array([0.6, 0.3, 0.1])
+_PHASES = np.array([[0.3, 1.9, 4.1], [2.2, 5.3, 0.7], [4.4, 0.2, 3.0], [1.1, 3.7, 5.9]])
+_PHASES = np.vstack([_PHASES, [[5.0, 2.6, 1.3], [3.3, 4.8, 2.1]]])
+
+Vector = NDArray[np.float64]
+
+# The wander: periods by the slowest one's, shares, and phases of east, north, up and heading. No
+# two quantities reach their largest at once, or ever again in step.
+_PERIODS = np.array([1.0, 0.41, 0.17])
+_ESTIMATE_PHASES = np.array([[0.4, 2.1, 5.2], [3.7, 0.9, 1.6], [5.1, 4.4, 2.8], [1.9, 5.8, 0.3]])
+# What is left of the inertial sensors' errors without GPS, m/s2: a metre in seven seconds.
+_DRIFT = 0.04
+
+
+@dataclass(frozen=True, eq=False)
+class Flight:
+    """There and back along a track, with sway and wobble.
+
+    Attributes
+    ----------
+    middle : Pose
+        Pose of ``base_link`` in ``map`` halfway along the track, undisturbed.
+    length : float
+        Of the track, metres; it runs along ``base_link``'s y axis (left), first to the left.
+    speed : float
+        Mean speed along the track, m/s.
+    sway : ndarray, shape (3,)
+        Largest deviation along ``base_link``'s x, y, z, metres.
+    wobble : ndarray, shape (3,)
+        Largest roll, pitch and yaw about the undisturbed attitude, radians.
+
+    Raises
+    ------
+    ConfigurationError
+        A value is out of its range.
+    """
+
+    middle: Pose
+    length: float
+    speed: float
+    sway: Vector
+    wobble: Vector
+
+    def __post_init__(self) -> None:
+        for name in ('length', 'speed'):
+            if not getattr(self, name) > 0:
+                raise ConfigurationError(
+                    f'flight: {name} is {getattr(self, name)!r}: give a positive number'
+                )
+        if (self.sway < 0).any() or (self.wobble < 0).any() or (self.wobble > 1).any():
+            raise ConfigurationError(
+                'flight: sway and wobble are largest deviations: give none below 0, '
+                'and no angle above 1 radian'
+            )
+
+    @property
+    def period_ns(self) -> int:
+        """Time for the way there and back, nanoseconds."""
+        return round(2e9 * self.length / self.speed)
+
+    def pose(self, seconds: float) -> Pose:
+        """Pose of ``base_link`` (FLU) in ``map`` (ENU) so long after the start."""
+        offset, rpy, _, _ = self._deviation(seconds)
+        return self.middle @ Pose.from_rpy(rpy, offset)
+
+    def velocity(self, seconds: float) -> Vector:
+        """Velocity of ``base_link`` in ``map``, shape (3,), m/s."""
+        _, _, offset_rate, _ = self._deviation(seconds)
+        return self.middle.rotation.apply(offset_rate)
+
+    def body_rates(self, seconds: float) -> Vector:
+        """Angular velocity in ``base_link``'s axes, shape (3,), rad/s."""
+        _, (roll, pitch, _), _, (roll_rate, pitch_rate, yaw_rate) = self._deviation(seconds)
+        # The columns of Euler's kinematic matrix for the order yaw, pitch, roll.
+        about_pitch = np.array([0, math.cos(roll), -math.sin(roll)])
+        about_yaw = np.array(
+            [
+                -math.sin(pitch),
+                math.sin(roll) * math.cos(pitch),
+                math.cos(roll) * math.cos(pitch),
+            ]
+        )
+        return np.array([roll_rate, 0, 0]) + pitch_rate * about_pitch + yaw_rate * about_yaw
+
+    def _deviation(self, seconds: float) -> tuple[Vector, Vector, Vector, Vector]:
+        """Offset and roll, pitch, yaw from `middle`, and their rates, each of shape (3,)."""
+        period = self.period_ns / 1e9
+        circle = 2 * math.pi / period
+        whole = np.maximum(np.rint(_FREQUENCIES * period), 1)
+        angle = circle * whole * seconds + _PHASES
+        amplitude = np.concatenate([self.sway, self.wobble])[:, None] * _SHARES
+        value = np.sum(amplitude * np.sin(angle), axis=1)
+        rate = np.sum(amplitude * circle * whole * np.cos(angle), axis=1)
+        turn = circle * _TURNS * seconds
+        value[1] -= self.length / 2 * (_TURN_SHARES @ np.cos(turn))
+        rate[1] += self.length / 2 * circle * ((_TURN_SHARES * _TURNS) @ np.sin(turn))
+        return value[:3], value[3:], rate[:3], rate[3:]
+
+
+@dataclass(frozen=True)
+class EstimateErrors:
+    """How the autopilot's estimate is off; metres, seconds, radians.
+
+    Attributes
+    ----------
+    offset : tuple of 3 floats
+        East, north, up.
+    wander : tuple of 3 floats
+        Largest deviation from it; its root mean square is 0.48 times as much.
+    wander_period : float
+        Of the slowest part of every wander.
+    lag : float
+        How late the position is.
+    yaw, yaw_wander : float
+        Heading, counterclockwise from above.
+    height_scale : float
+        Share by which every height above the origin is too high.
+    """
+
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    wander: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    wander_period: float = 60.0
+    lag: float = 0.0
+    yaw: float = 0.0
+    yaw_wander: float = 0.0
+    height_scale: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not self.wander_period > 0:
+            raise ConfigurationError(
+                f'errors: wander_period is {self.wander_period!r}: give a positive number'
+            )
+
+    def estimated(self, flight: Flight, seconds: float) -> Pose:
+        """The pose that is estimated so long into a flight."""
+        true = flight.pose(seconds)
+        angle = 2 * math.pi / self.wander_period * seconds / _PERIODS + _ESTIMATE_PHASES
+        east, north, up, turn = np.sin(angle) @ _SHARES
+        place = flight.pose(seconds - self.lag).translation if self.lag else true.translation
+        place = place * [1, 1, 1 + self.height_scale] + self.offset
+        heading = Rotation.from_euler('z', self.yaw + self.yaw_wander * turn)
+        return Pose(heading * true.rotation, place + np.array(self.wander) * [east, north, up])
+
+
+@dataclass(frozen=True)
+class Faults:
+    """What goes wrong, and when; seconds since the autopilot was started, 0 for never.
+
+    Attributes
+    ----------
+    gps_lost_from, gps_lost_for : float
+        Without GPS the estimate drifts off, its test ratios stand still, and for 7 s it says that
+        it is ready.
+    frozen_from, frozen_for : float
+        The test ratios stand still, for no measurement is used.
+    rerated_every : float
+        Another client slows the poses down, as often.
+    triggers_every : float
+        The camera is told to shoot, as ArduPilot's driver does: to no system and no component.
+    """
+
+    gps_lost_from: float = 0.0
+    gps_lost_for: float = 0.0
+    frozen_from: float = 0.0
+    frozen_for: float = 0.0
+    rerated_every: float = 0.0
+    triggers_every: float = 0.0
+
+    def __post_init__(self) -> None:
+        if min(self.__dict__.values()) < 0:
+            raise ConfigurationError('faults: their times are in seconds: give none below 0')
+
+    def without_gps(self, uptime: float) -> float:
+        """For how long there has been no GPS, seconds; 0 while there is."""
+        since = uptime - self.gps_lost_from
+        return since if self.gps_lost_from and 0 <= since < self.gps_lost_for else 0.0
+
+    def is_frozen(self, uptime: float) -> bool:
+        """Whether the test ratios stand still."""
+        is_frozen = 0 <= uptime - self.frozen_from < self.frozen_for
+        return bool(self.frozen_from and is_frozen) or self.without_gps(uptime) > 0
+
+    def drift(self, uptime: float) -> NDArray[np.float64]:
+        """How far the estimate has drifted off, shape (3,), metres."""
+        off = _DRIFT * self.without_gps(uptime) ** 2 / 2
+        return np.array([0.8 * off, -0.6 * off, 0.0])

@@ -1,1 +1,0 @@
-"""The simulated autopilot: real MAVLink 2 over a real link."""

@@ -1,0 +1,460 @@
+"""How a panel reflects light: its paint, the marks on it, sun on parts of it, a board's print."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.calibration.board import Board
+from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.simulation.fields import require_positive
+from ftp_dent_ros.simulation.form import turned
+
+# Grains of a noise before it repeats (at 4 mm half a metre), and samples a grain: OpenCV 4 rounds
+# positions to 1/32 of a sample.
+_GRAINS = 128
+_FINE = 8
+# The correlation of white noise blurred by sigma is half at a distance of 1.67 sigma.
+_GRAIN_SIGMA = 0.5 / 1.665
+# Pixels of a letter's height: 0.1 mm of a letter of 20 mm.
+LETTER = 200
+# Of the images that lists of positions are made into.
+_COLUMNS = 4096
+
+# float32, for which OpenCV's annotations are too wide.
+Image = NDArray[Any]
+
+# Standard deviations that 99 % of a normal distribution lie within.
+_WITHIN = 2.576
+# Half the ramp at a mark's border, metres: paint ends within a tenth of a millimetre.
+_SOFT = 5e-5
+Colour = tuple[float, float, float]
+Box = tuple[float, float, float]
+
+# Reflectance of clear varnish (refractive index 1.5) at normal incidence.
+_VARNISH = 0.04
+
+# Half the narrowest ramp, metres: an edge is never sharper than a tenth of a millimetre.
+_SHARP = 5e-5
+
+_FEWEST_PIXELS = 40  # of the print, a square
+
+
+def noise(seed: int, octave: int, u: Image, v: Image) -> Image:
+    """Smooth noise of mean 0 and variance 1 with grains one unit wide."""
+    # OpenCV cannot wrap a map of positions: the field has a rim.
+    column = np.mod(u, _GRAINS) * _FINE
+    row = np.mod(v, _GRAINS) * _FINE
+    return sampled(_grains(seed, octave), column, row)
+
+
+@lru_cache(maxsize=16)
+def _grains(seed: int, octave: int) -> Image:
+    """A noise at `_FINE` samples a unit, its first column and row repeated at the end."""
+    size = _GRAINS * _FINE
+    white = np.random.default_rng([seed, octave]).standard_normal((size, size), np.float32)
+    rim = 4 * _FINE
+    padded = np.pad(white, rim, mode='wrap')
+    smooth = cv2.GaussianBlur(padded, (0, 0), _GRAIN_SIGMA * _FINE)[rim : 1 - rim, rim : 1 - rim]
+    return (smooth - smooth.mean()) / smooth.std()
+
+
+@lru_cache(maxsize=8)
+def letters_of(text: str) -> Image:
+    """Cover of a line of text, 0 to 1, capitals `LETTER` pixels high and in the middle."""
+    # OpenCV's versions draw other fonts under one name: measured on what is drawn.
+    capital = np.flatnonzero(_drawn('H').any(axis=1))
+    size = LETTER / len(capital)
+    canvas = _drawn(text)
+    above, below = capital[0], len(canvas) - 1 - capital[-1]
+    rim = ((max(below - above, 0), max(above - below, 0)), (0, 0))
+    letters: Image = cv2.resize(np.pad(canvas, rim), None, fx=size, fy=size)
+    return letters.astype(np.float32) / 255
+
+
+def _drawn(text: str) -> NDArray[np.uint8]:
+    """A line of text with room around it; its height does not depend on the letters."""
+    font, scale, thickness = cv2.FONT_HERSHEY_DUPLEX, 8.0, 24
+    (_, height), below = cv2.getTextSize('H', font, scale, thickness)
+    (width, _), _ = cv2.getTextSize(text, font, scale, thickness)
+    room = below + thickness
+    canvas = np.zeros((height + 2 * room, width + 2 * thickness), np.uint8)
+    cv2.putText(canvas, text, (thickness, height + room), font, scale, 255, thickness, cv2.LINE_AA)
+    return canvas
+
+
+def sampled(field: Image, column: Image, row: Image) -> Image:
+    """Linear interpolation of a field, 0 around it, at positions of any shape."""
+    # OpenCV limits a side to 32767: a list is made an image.
+    count = column.size
+    shape, width = column.shape, min(max(count, 1), _COLUMNS)
+    places = np.full((2, -(-count // width) * width), -2.0, np.float32)
+    places[:, :count] = column.ravel(), row.ravel()
+    column, row = places.reshape(2, -1, width)
+    values = cv2.remap(field, column, row, cv2.INTER_LINEAR, borderValue=0)
+    return values.ravel()[:count].reshape(shape)
+
+
+class Mark(Protocol):
+    """A factor on the albedo of a paint."""
+
+    @property
+    def smooth(self) -> bool:
+        """Whether it is grey, and changes over several pixels only."""
+
+    @property
+    def coloured(self) -> bool:
+        """Whether its factor differs from colour to colour."""
+
+    @property
+    def box(self) -> Box | None:
+        """Centre and half the side of a square that holds it, metres; None for everywhere."""
+
+    def factor(self, x: Image, y: Image) -> Image:
+        """At panel coordinates, metres, of shape (...): shape (...) or (3, ...)."""
+
+
+@dataclass(frozen=True)
+class Dirt:
+    """Smooth random albedo of several scales, the same everywhere.
+
+    Attributes
+    ----------
+    contrast : float
+        Half the range that holds 99 % of the factor, whose mean is 1.
+    scales : tuple of float
+        Widths of the grains (at half of their correlation), metres; each gives the same variance.
+    seed : int
+    stretch : float
+        How many times longer than wide the grains are: streaks.
+    angle : float
+        From the panel's x axis to their length, towards y, radians.
+    """
+
+    contrast: float
+    scales: tuple[float, ...] = (0.064, 0.016, 0.004)
+    seed: int = 0
+    stretch: float = 1.0
+    angle: float = 0.0
+
+    smooth = True
+    coloured = False
+    box = None
+
+    def __post_init__(self) -> None:
+        require_positive(self, 'stretch')
+        if not 0 <= self.contrast <= 1 or not self.scales or min(self.scales) <= 0:
+            raise ConfigurationError(
+                f'dirt has a contrast of {self.contrast!r} in scales {self.scales!r}: '
+                'give 0 to 1, and positive lengths'
+            )
+
+    def factor(self, x: Image, y: Image) -> Image:
+        """At panel coordinates, metres."""
+        c, s = math.cos(self.angle), math.sin(self.angle)
+        along, across = (c * x + s * y) / self.stretch, c * y - s * x
+        total = np.zeros(x.shape, np.float32)
+        for index, scale in enumerate(self.scales):
+            total += noise(self.seed, index, along / scale, across / scale)
+        total *= np.float32(self.contrast / (_WITHIN * math.sqrt(len(self.scales))))
+        total += 1
+        # No dirt swallows all light, nor does any lack of it more than double it.
+        return np.clip(total, 0.1, 1.9, out=total)
+
+
+@dataclass(frozen=True)
+class Patch:
+    """A rectangle or ellipse of another paint; long and narrow, it is a stripe or a scratch.
+
+    Attributes
+    ----------
+    x, y : float
+        Centre on the panel, metres.
+    length, width : float
+        Metres.
+    tint : tuple of 3 floats
+        Factor on the albedo of red, green and blue light.
+    angle : float
+        From the panel's x axis to its length, towards y, radians.
+    round : bool
+        An ellipse.
+    """
+
+    x: float
+    y: float
+    length: float
+    width: float
+    tint: Colour
+    angle: float = 0.0
+    round: bool = False
+
+    smooth = False
+
+    def __post_init__(self) -> None:
+        require_positive(self, 'length', 'width')
+
+    @property
+    def coloured(self) -> bool:
+        """Whether its factor differs from colour to colour."""
+        return len(set(self.tint)) > 1
+
+    @property
+    def box(self) -> Box:
+        """Centre and half the side of a square that holds it, metres."""
+        return self.x, self.y, math.hypot(self.length, self.width) / 2
+
+    def factor(self, x: Image, y: Image) -> Image:
+        """At panel coordinates, metres."""
+        along, across = _from_centre(self, x, y)
+        half_length, half_width = self.length / 2, self.width / 2
+        if self.round:
+            r = np.hypot(along / half_length, across / half_width)
+            beyond = (r - 1) * min(half_length, half_width)
+        else:
+            beyond = np.maximum(np.abs(along) - half_length, np.abs(across) - half_width)
+        return _tinted(np.clip(0.5 - beyond / (2 * _SOFT), 0, 1), self.tint)
+
+
+@dataclass(frozen=True)
+class Lettering:
+    """A line of text.
+
+    Attributes
+    ----------
+    x, y : float
+        Its centre on the panel, metres.
+    text : str
+    height : float
+        Of a capital letter, metres.
+    tint : tuple of 3 floats
+        Factor on the albedo of red, green and blue light.
+    angle : float
+        From the panel's x axis to the way it is read, towards y, radians.
+    """
+
+    x: float
+    y: float
+    text: str
+    height: float
+    tint: Colour
+    angle: float = 0.0
+
+    smooth = False
+
+    def __post_init__(self) -> None:
+        require_positive(self, 'height')
+
+    @property
+    def coloured(self) -> bool:
+        """Whether its factor differs from colour to colour."""
+        return len(set(self.tint)) > 1
+
+    @property
+    def box(self) -> Box:
+        """Centre and half the side of a square that holds it, metres."""
+        letters = letters_of(self.text)
+        return self.x, self.y, math.hypot(*letters.shape) / 2 * self.height / LETTER
+
+    def factor(self, x: Image, y: Image) -> Image:
+        """At panel coordinates, metres."""
+        letters = letters_of(self.text)
+        along, across = _from_centre(self, x, y)
+        scale = np.float32(LETTER / self.height)
+        column = along * scale + np.float32((letters.shape[1] - 1) / 2)
+        row = across * scale + np.float32((letters.shape[0] - 1) / 2)
+        return _tinted(sampled(letters, column, row), self.tint)
+
+
+def scratches(
+    count: int, extent: tuple[float, float, float, float], seed: int = 0
+) -> tuple[Patch, ...]:
+    """Narrow light and dark marks, 0.2 to 0.8 mm wide and 10 to 80 mm long.
+
+    Parameters
+    ----------
+    count : int
+    extent : tuple of 4 floats
+        x_min, x_max, y_min, y_max that their centres lie in, metres.
+    seed : int
+    """
+    rng = np.random.default_rng(seed)
+    x_min, x_max, y_min, y_max = extent
+    found = []
+    for _ in range(count):
+        tint = float(rng.choice([rng.uniform(0.25, 0.7), rng.uniform(1.1, 1.25)]))
+        found.append(
+            Patch(
+                float(rng.uniform(x_min, x_max)),
+                float(rng.uniform(y_min, y_max)),
+                float(rng.uniform(0.01, 0.08)),
+                float(rng.uniform(0.0002, 0.0008)),
+                (tint,) * 3,
+                float(rng.uniform(0, math.pi)),
+            )
+        )
+    return tuple(found)
+
+
+def _from_centre(mark: Patch | Lettering, x: Image, y: Image) -> tuple[Image, Image]:
+    """Coordinates along and across a mark from its centre, metres, float32."""
+    dx, dy = (x - mark.x).astype(np.float32), (y - mark.y).astype(np.float32)
+    return turned(dx, dy, mark.angle)
+
+
+def _tinted(cover: Image, tint: Colour) -> Image:
+    """Factor where a mark covers a part of what is seen."""
+    if min(tint) == max(tint):
+        return 1 - cover * np.float32(1 - tint[0])
+    return np.stack([1 - cover * np.float32(1 - part) for part in tint])
+
+
+@dataclass(frozen=True)
+class Paint:
+    """A diffuse paint, marked or not, under an optional varnish.
+
+    Attributes
+    ----------
+    albedo : tuple of 3 floats
+        Diffuse reflectance of red, green and blue light.
+    edge : tuple of 3 floats
+        A paint edge ``(n_x, n_y, offset)``: where n_x x + n_y y > offset on the panel,
+        `albedo_beyond` holds instead of `albedo`. The default has no edge.
+    albedo_beyond : tuple of 3 floats
+        Albedo beyond the edge.
+    roughness : float
+        Roughness alpha of the varnish's GGX microfacets (Walter et al., EGSR 2007); 0 is matt.
+    marks : tuple of Mark
+        Dirt, scratches, letters, patches: each a factor on the albedo.
+    """
+
+    albedo: tuple[float, float, float] = (0.8, 0.8, 0.8)
+    edge: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    albedo_beyond: tuple[float, float, float] = (0.8, 0.8, 0.8)
+    roughness: float = 0.0
+    marks: tuple[Mark, ...] = ()
+
+    @property
+    def coloured(self) -> bool:
+        """Whether a mark's factor differs from colour to colour."""
+        return any(mark.coloured for mark in self.marks)
+
+    def beyond_edge(self, x: NDArray, y: NDArray) -> NDArray[np.bool_]:
+        """Mask of panel coordinates beyond the paint's edge."""
+        n_x, n_y, offset = self.edge
+        if not (n_x or n_y):
+            return np.full(x.shape, offset < 0)
+        return n_x * x + n_y * y > offset
+
+    def specular(self, normal: NDArray, to_light: NDArray, to_eye: NDArray) -> NDArray[np.float64]:
+        """Specular reflectance on the scale of an albedo: pi times the GGX BRDF.
+
+        Parameters
+        ----------
+        normal, to_light, to_eye : ndarray, shape (n, 3)
+            Unit vectors.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+        """
+        if not self.roughness:
+            return np.zeros(len(normal))
+        half = to_light + to_eye
+        half /= np.sqrt(dot(half, half))[:, None]
+        cos_light = np.maximum(dot(normal, to_light), 1e-6)
+        cos_eye = np.maximum(dot(normal, to_eye), 1e-6)
+        cos_half = dot(normal, half)
+        alpha2 = self.roughness**2
+        facets = alpha2 / (math.pi * (cos_half**2 * (alpha2 - 1) + 1) ** 2)
+        fresnel = _VARNISH + (1 - _VARNISH) * (1 - dot(half, to_eye)) ** 5
+        visibility = 1 / (_smith(cos_light, alpha2) * _smith(cos_eye, alpha2))
+        return math.pi * facets * fresnel * visibility
+
+
+def dot(a: NDArray, b: NDArray) -> NDArray[np.float64]:
+    """Scalar products of vectors of shape (n, 3), shape (n,)."""
+    return np.einsum('ij,ij->i', a, b)
+
+
+def _smith(cosine: NDArray, alpha2: float) -> NDArray[np.float64]:
+    """Denominator of Smith's masking term: cos + sqrt(alpha^2 + (1 - alpha^2) cos^2)."""
+    return cosine + np.sqrt(alpha2 + (1 - alpha2) * cosine * cosine)
+
+
+@dataclass(frozen=True)
+class Sunlight:
+    """Light on one side of a line across a panel.
+
+    Attributes
+    ----------
+    level : float
+        On the lit side, as a fraction of the projector's full light on the white patch of the
+        photometry, as its `ambient` is.
+    edge : tuple of 3 floats
+        ``(n_x, n_y, offset)``: where n_x x + n_y y > offset on the panel it is lit.
+    softness : float
+        Width of the half shadow, metres: 9 mm behind an edge one metre away, in the sun.
+    """
+
+    level: float
+    edge: tuple[float, float, float]
+    softness: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.level < 0 or self.softness < 0 or not math.hypot(*self.edge[:2]) > 0:
+            raise ConfigurationError(
+                f'sunlight of level {self.level!r} and softness {self.softness!r} has the edge '
+                f'{list(self.edge)}: give none below 0, and a direction'
+            )
+
+    def at(self, x: NDArray, y: NDArray) -> NDArray:
+        """Light at panel coordinates of any shape."""
+        n_x, n_y, offset = self.edge
+        width = max(self.softness, 2 * _SHARP) * math.hypot(n_x, n_y)
+        ramp = np.clip((n_x / width) * x + (n_y / width) * y + (0.5 - offset / width), 0, 1)
+        # The sun's disc behind an edge: the part of it in view.
+        return self.level * ramp * ramp * (3 - 2 * ramp)
+
+
+@dataclass(frozen=True, eq=False)
+class Print(Paint):
+    """Ink where an image is dark: there the albedo is `albedo_beyond`.
+
+    Attributes
+    ----------
+    ink : ndarray, shape (rows, columns), bool
+    pixel : float
+        Side of the image's pixels on the panel, metres.
+    origin : tuple of 2 floats
+        Panel coordinates of the image's upper left corner, metres.
+    """
+
+    albedo: tuple[float, float, float] = (0.85, 0.85, 0.85)
+    albedo_beyond: tuple[float, float, float] = (0.05, 0.05, 0.05)
+    ink: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((1, 1), bool))
+    pixel: float = 0.001
+    origin: tuple[float, float] = (0.0, 0.0)
+
+    def beyond_edge(self, x: NDArray, y: NDArray) -> NDArray[np.bool_]:
+        """Mask of panel coordinates that are inked."""
+        place = [
+            np.floor((np.nan_to_num(along) - first) / self.pixel).astype(np.intp)
+            for along, first in zip((x, y), self.origin, strict=True)
+        ]
+        rows, columns = self.ink.shape
+        inside = (place[0] >= 0) & (place[0] < columns) & (place[1] >= 0) & (place[1] < rows)
+        return inside & self.ink[np.clip(place[1], 0, rows - 1), np.clip(place[0], 0, columns - 1)]
+
+
+def board_print(board: Board) -> Print:
+    """A calibration board's print; its first inner corner is the panel's origin."""
+    origin = (-1.5 * board.square, -1.5 * board.square)
+    pixels = board.exact_pixels(_FEWEST_PIXELS)
+    ink = board.draw(pixels) < 128
+    return Print(ink=ink, pixel=board.square / pixels, origin=origin)

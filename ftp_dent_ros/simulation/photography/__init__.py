@@ -1,1 +1,0 @@
-"""A photograph of the skin in the projector's light, by physics alone."""

@@ -1,0 +1,239 @@
+"""How bright, how noisy and how sharp a photograph is, and the sensor that takes it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ive, ndtri
+
+from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.photograph.photograph import Encoding, Photograph
+
+# float32, for which OpenCV's annotations are too wide.
+Image = NDArray[Any]
+
+# Normal deviates by their rank: three times quicker than drawing them from a generator.
+_NORMAL = ndtri((np.arange(65536) + 0.5) / 65536).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class Photometry:
+    """Projector's light, ambient light and the camera's sensor.
+
+    Attributes
+    ----------
+    exposure : float
+        Signal, as a fraction of saturation, of a white patch (albedo 1) that faces the projector
+        at `reference_distance` in full light, at the camera's centre. Above 1 it saturates.
+    reference_distance : float
+        Metres.
+    ambient : float
+        Light from elsewhere on the skin, as a fraction of that of the white patch.
+    shading : bool
+        Inverse-square law, cosine law and vignetting; without it the light is even.
+    defocus_px : float
+        Standard deviation of the projector's blur, projector pixels.
+    projector_black : float
+        Light of a black projector pixel, as a fraction of a white one.
+    projector_gamma : float
+        Light is (grey level / 255) to this power.
+    speckle_contrast : float
+        Standard deviation of a laser's speckle over its mean, in camera pixels; 0 is a lamp.
+    speckle_size_px : float
+        Standard deviation of the blur that makes speckle correlated, camera pixels.
+    phase_noise_px : float
+        White noise on the projector column that a camera pixel sees, projector pixels: the
+        noise on the phase that the paper's simulation adds, times T_p / (2 pi).
+    psf_px : float
+        Standard deviation of the camera lens's blur, camera pixels.
+    full_well : float
+        Electrons at saturation: shot noise.
+    read_noise : float
+        Standard deviation of the read noise, grey levels.
+    crosstalk : float
+        Part of each other colour's light that a colour of the sensor sees, white balanced.
+    camera_gamma : float
+        Grey level is 255 times the signal to 1 / camera_gamma; 1 is a linear camera.
+    encoding : str
+        What the camera gives of its sensor, as `Encoding.named` reads it: three colours at each
+        pixel (``rgb8``), the colours of a mosaic as they are (``bayer_rggb12``), or the mean of
+        the three colours (``mono12``).
+    bayer : bool
+        The sensor has an RGGB colour filter and its image, of three colours, is demosaiced.
+    jpeg_quality : int
+        1 to 100 for an image that came through JPEG, 0 for none.
+    samples : int
+        Points and instants at which the light on each pixel is evaluated, a power of two.
+
+    Raises
+    ------
+    ConfigurationError
+        A value is out of its range.
+    """
+
+    exposure: float = 250 / 255
+    reference_distance: float = 0.8
+    ambient: float = 0.02
+    shading: bool = True
+    defocus_px: float = 0.7
+    projector_black: float = 0.01
+    projector_gamma: float = 1.0
+    speckle_contrast: float = 0.0
+    speckle_size_px: float = 0.5
+    phase_noise_px: float = 0.0
+    psf_px: float = 0.4
+    full_well: float = 12000.0
+    read_noise: float = 0.8
+    crosstalk: float = 0.0
+    camera_gamma: float = 1.0
+    encoding: str = 'rgb8'
+    bayer: bool = False
+    jpeg_quality: int = 0
+    samples: int = 8
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if field.type == 'str':
+                named = isinstance(value, str) and Encoding.is_name(value)
+                _require(named, field.name, value, 'such as rgb8, mono12 or bayer_rggb12')
+                continue
+            if field.type == 'bool':
+                _require(isinstance(value, bool), field.name, value, 'true or false')
+                continue
+            number = isinstance(value, (int, float)) and not isinstance(value, bool)
+            if field.type == 'int':
+                _require(isinstance(value, int) and number, field.name, value, 'a whole number')
+            finite = number and math.isfinite(value) and value >= 0
+            _require(finite, field.name, value, 'a number that is not negative')
+        for name in (
+            'exposure',
+            'reference_distance',
+            'projector_gamma',
+            'full_well',
+            'camera_gamma',
+        ):
+            _require(getattr(self, name) > 0, name, getattr(self, name), 'a positive number')
+        _require(self.speckle_contrast <= 1, 'speckle_contrast', self.speckle_contrast, '0 to 1')
+        _require(self.crosstalk <= 1, 'crosstalk', self.crosstalk, '0 to 1')
+        _require(self.projector_black <= 1, 'projector_black', self.projector_black, '0 to 1')
+        _require(self.jpeg_quality <= 100, 'jpeg_quality', self.jpeg_quality, '0 to 100')
+        plain = self.encoding in ('rgb8', 'mono8') or not self.jpeg_quality
+        _require(plain, 'jpeg_quality', self.jpeg_quality, '0 for what is neither rgb8 nor mono8')
+        power = self.samples > 0 and self.samples & (self.samples - 1) == 0
+        _require(power and self.samples <= 256, 'samples', self.samples, '1, 2, 4, ... 256')
+
+
+def _require(condition: bool, name: str, value: object, expected: str) -> None:
+    if not condition:
+        raise ConfigurationError(f'photometry: {name} is {value!r}: give {expected}')
+
+
+def blur(image: Image, sigma: float) -> Image:
+    """Blur an image of camera pixels by `sigma` pixels, also where sigma is well below one.
+
+    The kernel is the discrete Gaussian ``exp(-t) I_n(t)``, t = sigma^2 (Lindeberg, PAMI 1990):
+    a sampled Gaussian of 0.4 pixels would have half the variance it should have.
+    """
+    if sigma == 0:
+        return image
+    reach = math.ceil(4 * sigma)
+    kernel = ive(np.arange(-reach, reach + 1), sigma * sigma)
+    kernel /= kernel.sum()
+    return cv2.sepFilter2D(image, -1, kernel, kernel, borderType=cv2.BORDER_REPLICATE)
+
+
+def speckle(shape: tuple[int, ...], photometry: Photometry, rng: np.random.Generator) -> Image:
+    """Factor of mean 1 on a laser's light, shape (3, height, width), correlated in each colour.
+
+    The log-normal of small contrast is close to the gamma distribution of averaged speckle.
+    """
+    white = rng.standard_normal(shape, np.float32)
+    grains = np.stack([blur(channel, photometry.speckle_size_px) for channel in white])
+    grains /= grains.std()
+    sigma2 = math.log1p(photometry.speckle_contrast**2)
+    return np.exp(math.sqrt(sigma2) * grains - sigma2 / 2)
+
+
+def read_out(signal: Image, photometry: Photometry, rng: np.random.Generator) -> Photograph:
+    """Turn the light on the pixels into levels, colour by colour.
+
+    Parameters
+    ----------
+    signal : ndarray, shape (3, height, width), float32
+        Red, green and blue; 1 saturates.
+    photometry : Photometry
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    Photograph
+        Of the encoding of `photometry`.
+    """
+    encoding = Encoding.named(photometry.encoding)
+    white = (1 << encoding.bits) - 1
+    if photometry.crosstalk:
+        signal = _mixed(signal, photometry.crosstalk)
+    if not encoding.coloured and not encoding.mosaic:
+        image = _digitised(signal.mean(axis=0), photometry, rng, white)
+        if photometry.jpeg_quality:
+            image = _through_jpeg(image, photometry.jpeg_quality)
+        return Photograph(image, white)
+    image = np.stack([_digitised(channel, photometry, rng, white) for channel in signal], axis=-1)
+    if encoding.mosaic:
+        return Photograph(_behind_filters(image, encoding.mosaic), white, encoding.mosaic)
+    if photometry.bayer:
+        image = Photograph(_behind_filters(image, 'rggb'), white, 'rggb').rgb()
+    if photometry.jpeg_quality:
+        image = _through_jpeg(image, photometry.jpeg_quality)
+    return Photograph(image, white)
+
+
+def expose(signal: Image, photometry: Photometry, rng: np.random.Generator) -> NDArray[np.uint8]:
+    """RGB of 8 bits, shape (height, width, 3), of what `read_out` gives."""
+    return read_out(signal, photometry, rng).shown()
+
+
+def _mixed(signal: Image, crosstalk: float) -> Image:
+    """Light that the colours of the sensor see when each sees a part of the others."""
+    others = signal.sum(axis=0) - signal
+    return (signal + np.float32(crosstalk) * others) * np.float32(1 / (1 + 2 * crosstalk))
+
+
+def _digitised(
+    signal: Image, photometry: Photometry, rng: np.random.Generator, white: int
+) -> NDArray[Any]:
+    """Levels of one colour, shape (height, width), up to `white`."""
+    level = 255 * blur(signal, photometry.psf_px)
+    deviation = level * np.float32(255 / photometry.full_well)
+    deviation += np.float32(photometry.read_noise**2)
+    np.sqrt(deviation, out=deviation)
+    deviation *= _NORMAL[rng.integers(0, len(_NORMAL), level.shape, np.uint16)]
+    level += deviation
+    np.clip(level, 0, 255, out=level)
+    if photometry.camera_gamma != 1:
+        level = 255 * (level / 255) ** (1 / photometry.camera_gamma)
+    if white != 255:
+        level *= np.float32(white / 255)
+    return np.rint(level, out=level).astype(np.uint8 if white == 255 else np.uint16)
+
+
+def _behind_filters(image: NDArray[Any], mosaic: str) -> NDArray[Any]:
+    """One colour of each pixel of RGB."""
+    raw = np.empty_like(image[..., 0])
+    for index, colour in enumerate(mosaic):
+        row, column = divmod(index, 2)
+        raw[row::2, column::2] = image[row::2, column::2, 'rgb'.index(colour)]
+    return raw
+
+
+def _through_jpeg(image: NDArray, quality: int) -> NDArray[np.uint8]:
+    bgr = np.ascontiguousarray(image[..., ::-1]) if image.ndim == 3 else image
+    _, data = cv2.imencode('.jpg', bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    decoded = np.asarray(cv2.imdecode(data, cv2.IMREAD_UNCHANGED))
+    return np.ascontiguousarray(decoded[..., ::-1]) if image.ndim == 3 else decoded

@@ -1,1 +1,0 @@
-"""The skin: its form, dents, fittings, paint, and what lies on it."""

@@ -1,1 +1,0 @@
-"""How the drone flies, and how its autopilot's estimate errs."""
