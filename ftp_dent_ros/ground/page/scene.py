@@ -173,7 +173,7 @@ class Scene:
 
     def __init__(self) -> None:
         self.version = 0
-        self.changed = threading.Condition()
+        self._lock = threading.Lock()
         self._dents: list[dict[str, Any]] = []
         self._path: dict[int, list[float]] = {}
         self._areas: list[tuple[int, list[list[float]]]] = []
@@ -194,17 +194,16 @@ class Scene:
         CodecError
             It is not what it says.
         """
-        with self.changed:
+        with self._lock:
             try:
                 self._take(item)
             except (ValueError, TypeError, KeyError, IndexError, AttributeError, cv2.error):
                 raise CodecError(f'an item of {item.topic} is malformed: it is refused') from None
             self.version += 1
-            self.changed.notify_all()
 
     def state(self) -> dict[str, Any]:
         """What the page needs to know, for JSON."""
-        with self.changed:
+        with self._lock:
             picture = None
             if self._picture is not None:
                 stamp, _, (width, height) = self._picture

@@ -1,6 +1,6 @@
-"""Draws docs/windows.png: bins, nodes and windows on fringes, and what windows let through.
+"""Draws docs/explanation/windows.png: bins, nodes and windows on fringes, and what windows let through.
 
-python docs/draw_windows.py [PNG]
+python docs/explanation/draw_windows.py [PNG]
 """
 
 from __future__ import annotations
