@@ -401,6 +401,7 @@ def _observe(name: str, photographs: Photographs, sequence: Sequence, board: Boa
     corners, _ = board.refine(255 * mean, np.mean(list(found.values()), axis=0))
     part = _around(corners, spacing, mean.shape)
     _refuse_clipped(photographs, part)
+    _refuse_changing_light(photographs, part)
     _refuse_disorder(photographs, part)
     codes = decode(photographs, sequence, part)
     projected, scatter = corner_coordinates(codes, corners, spacing)
@@ -452,28 +453,48 @@ def _refuse_clipped(photographs: Photographs, part: tuple[slice, slice]) -> None
         )
 
 
+def _refuse_changing_light(photographs: Photographs, part: tuple[slice, slice]) -> None:
+    """Refuse shifted fringes, of which a board shows many, that are not equally bright on it."""
+    for axis in 'uv':
+        means = [
+            float(image[part].mean())
+            for frame, image in photographs.items()
+            if (frame.kind, frame.axis) == ('shift', axis)
+        ]
+        if means and max(means) > 1.25 * min(means):
+            raise CalibrationError(
+                'the light changes from photograph to photograph: shifted fringes have mean '
+                f'levels from {min(means):.0f} to {max(means):.0f}: fix exposure and gain of the '
+                'camera, and shut out other light'
+            )
+
+
 def _refuse_disorder(photographs: Photographs, part: tuple[slice, slice]) -> None:
+    """Refuse pairs of a bit and its inverse that do not add up to white and black."""
     white, black = photographs.get(Frame('white')), photographs.get(Frame('black'))
     if white is None or black is None:
         return
     total = white[part].astype(float) + black[part]
     contrast = np.maximum(white[part].astype(float) - black[part], 1)
     lit = contrast >= np.median(contrast)
-    wrong = [
-        frame.name
-        for frame, image in photographs.items()
-        if frame.kind == 'gray'
-        and (inverse := photographs.get(Frame('inverse', frame.axis, frame.index))) is not None
-        and float(
-            np.median(
-                np.abs(image[part].astype(float) + inverse[part] - total)[lit] / contrast[lit]
+    for frame, image in photographs.items():
+        inverse = photographs.get(Frame('inverse', frame.axis, frame.index))
+        if frame.kind != 'gray' or inverse is None:
+            continue
+        pair = image[part].astype(float) + inverse[part]
+        if np.median((np.abs(pair - total) / contrast)[lit]) <= _PAIR:
+            continue
+        # Other light makes the whole board brighter or darker, another order parts of it.
+        light = float(np.median((pair / np.maximum(total, 1))[lit]))
+        left = np.abs(pair - light * total) / (light * contrast + 1e-9)
+        if np.percentile(left[lit], 90) <= _PAIR:
+            raise CalibrationError(
+                f'the light changes from photograph to photograph ({frame.name} and its inverse '
+                f'are {light:.2f} times as bright as white and black): fix exposure and gain of '
+                'the camera, and shut out other light'
             )
-        )
-        > _PAIR
-    ]
-    if wrong:
         raise CalibrationError(
-            f'the photographs are out of order: {wrong[0]} and the one after it are no bit and '
+            f'the photographs are out of order: {frame.name} and the one after it are no bit and '
             'its inverse: number them in the order in which they were projected'
         )
 
@@ -488,8 +509,8 @@ def _refuse_jumps(
     known = np.isfinite(projected).all(axis=1)
     if np.isfinite(scatter).any() and np.nanmedian(scatter) > _SCATTER_PX:
         raise CalibrationError(
-            'the codes do not run evenly over the board: photographs are out of order, or the '
-            'projector and the sequence have different sizes'
+            'the codes do not run evenly over the board: photographs are out of order, the light '
+            'changes between them, or the projector and the sequence have different sizes'
         )
     if known.sum() < 8:
         if not troubles:

@@ -12,12 +12,21 @@ from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros import __version__
 from ftp_dent_ros.calibration.board import Board
-from ftp_dent_ros.calibration.bundle import DISTORTIONS, SHAPES, Estimate, Model, adjust, rms
+from ftp_dent_ros.calibration.bundle import (
+    DISTORTIONS,
+    LENS,
+    SHAPES,
+    Estimate,
+    Model,
+    adjust,
+    rig_vector,
+    rms,
+)
 from ftp_dent_ros.calibration.observing import Observation
 from ftp_dent_ros.calibration.start import FEWEST_POSES, first_rig
 from ftp_dent_ros.calibration.uncertainty import covariance, depths
 from ftp_dent_ros.errors import CalibrationError, RigError
-from ftp_dent_ros.rig.calibration_record import CalibrationRecord
+from ftp_dent_ros.rig.calibration_record import PARAMETERS, CalibrationRecord
 from ftp_dent_ros.rig.geometry import check_geometry
 from ftp_dent_ros.rig.rig import Rig
 
@@ -37,9 +46,6 @@ _BAD_POSE_PX = 0.5
 _TAPE, _TAPE_SHARE = 0.01, 0.05
 # No rig fits its own photographs worse than this; joint, pixels.
 _HOPELESS = 5.0
-
-# A corner this many deviations off is named.
-_OUTLIER = 6.0
 
 
 def select(
@@ -297,8 +303,6 @@ class Solution:
         Those that were used, in the order of `estimate`'s poses.
     excluded : dict of str to str
         Poses left out, and why.
-    outliers : list of str
-        Corners far off, in words.
     held_out : HeldOut or None
         None if there were too few poses.
     remarks : list of str
@@ -312,7 +316,6 @@ class Solution:
     observations: list[Observation]
     held_out: HeldOut | None
     excluded: dict[str, str] = field(default_factory=dict)
-    outliers: list[str] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
 
 
@@ -363,6 +366,7 @@ def solve(
         model, scores = select(used, points, estimate, Model(), shapes, progress)
     estimate = adjust(used, points, estimate.rig, estimate.poses, model)
     progress('final')
+    _refuse_unknown(estimate)
     checked = hold_out(used, points, estimate, model)
     progress('held out')
     record = _record(estimate, board, checked)
@@ -376,9 +380,29 @@ def solve(
         used,
         checked,
         excluded,
-        _outliers(used, estimate),
         _remarks(estimate, baseline, checked),
     )
+
+
+def _refuse_unknown(estimate: Estimate) -> None:
+    """Raise `CalibrationError` where the covariance leaves a focal length or the pose open."""
+    deviation = np.sqrt(np.diag(covariance(estimate)))
+    vector = rig_vector(estimate.rig)
+    # Of focal lengths a twentieth; of the lenses' distance a tenth.
+    words = [
+        f'{PARAMETERS[i]} {vector[i]:.0f} +- {deviation[i]:.0f} pixels'
+        for i in (0, 1, LENS, LENS + 1)
+        if not deviation[i] < 0.05 * vector[i]
+    ]
+    baseline, off = np.linalg.norm(vector[21:]), np.linalg.norm(deviation[21:])
+    if not off < 0.1 * baseline:
+        words.append(f'the distance of the lenses {1e3 * baseline:.0f} +- {1e3 * off:.0f} mm')
+    if words:
+        raise CalibrationError(
+            f'{len(estimate.poses)} poses leave the rig open ({", ".join(words)}, standard '
+            'deviations): photograph more poses, close and far, with the board tilted by 20 to '
+            '35 degrees to each side'
+        )
 
 
 STEPS = 4 + candidates(SHAPES)
@@ -405,22 +429,6 @@ def _record(estimate: Estimate, board: Board, checked: HeldOut | None) -> Calibr
         depth_range=(float(places[:, 2].min()), float(places[:, 2].max())),
         covariance=covariance(estimate),
     )
-
-
-def _outliers(used: list[Observation], estimate: Estimate) -> list[str]:
-    words = []
-    for observation, residuals in zip(used, estimate.residuals, strict=True):
-        for part, deviation, word in (
-            (slice(0, 2), estimate.deviations[0], 'seen'),
-            (slice(2, 4), estimate.deviations[1], 'lit'),
-        ):
-            off = np.linalg.norm(residuals[:, part], axis=1)
-            words += [
-                f'{observation.name}: corner {corner} is {word} {off[corner]:.2f} pixels off '
-                f'({off[corner] / deviation:.0f} standard deviations)'
-                for corner in np.flatnonzero(off > _OUTLIER * deviation)
-            ]
-    return words
 
 
 def _remarks(estimate: Estimate, baseline: float, checked: HeldOut | None) -> list[str]:

@@ -113,6 +113,10 @@ class Pace:
         self._due += (1 + missed) * self._period
         return True
 
+    def pause(self, seconds: float) -> bool:
+        """Wait so long; whether all waiting was ended."""
+        return self._stop.wait(max(seconds, 0.0))
+
     @property
     def late(self) -> float:
         """Seconds since the deadline that was reached last."""

@@ -80,8 +80,6 @@ _DEFAULTS_US = {
     mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: 0,
 }
 # What REQUEST_DATA_STREAM of another client changes on an ArduCopter, and to what.
-_RERATED = tuple(message_id for message_id, us in _DEFAULTS_US.items() if us == 0)
-_RERATED_US = 500_000
 # Messages that are late keep their time and are sent after each other, unless that is hopeless.
 _MOST_LATE_NS = 500_000_000
 _LONGEST_WAIT_NS = 500_000_000
@@ -384,8 +382,6 @@ class Autopilot:
         self._intervals_us = dict(_DEFAULTS_US)
         self._due_ns: dict[int, int] = {}
         self._telemetry = Telemetry(world, self._boot_ns, self.time_since_boot_ns())
-        self._started = time.monotonic()
-        self._done = {'rerated': 0, 'triggered': 0}
         for message_id, interval in self._intervals_us.items():
             self._schedule(message_id, interval)
 
@@ -393,7 +389,6 @@ class Autopilot:
         """Fly and talk for ever."""
         self._send(mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN, self.time_since_boot_ns())
         while True:
-            self._interfere()
             wait_ns = self._send_due()
             for message in self._link.receive(wait_ns / 1e9):
                 self._answer(message)
@@ -459,23 +454,6 @@ class Autopilot:
         # Whole milliseconds: that is what its clock counts.
         self._schedule(message_id, interval_us // 1000 * 1000 if interval_us > 0 else 0)
         return mavlink.MAV_RESULT_ACCEPTED
-
-    def _interfere(self) -> None:
-        """What comes of others, when it is time."""
-        faults = self._world.faults
-        if self._is_time('rerated', faults.rerated_every):
-            for message_id in _RERATED:
-                if 0 < self._intervals_us[message_id] < _RERATED_US:
-                    self._schedule(message_id, _RERATED_US)
-        if self._is_time('triggered', faults.triggers_every):
-            parameters = (0, 0, 1, self._done['triggered'], 0, 0, 0)
-            capture = mavlink.MAV_CMD_IMAGE_START_CAPTURE
-            self._link.send(mavlink.MAVLink_command_long_message(0, 0, capture, 0, *parameters))
-
-    def _is_time(self, what: str, period: float) -> bool:
-        due = period > 0 and time.monotonic() - self._started > (self._done[what] + 1) * period
-        self._done[what] += due
-        return due
 
 
 def build_parser() -> argparse.ArgumentParser:

@@ -182,18 +182,12 @@ class Faults:
         it is ready.
     frozen_from, frozen_for : float
         The test ratios stand still, for no measurement is used.
-    rerated_every : float
-        Another client slows the poses down, as often.
-    triggers_every : float
-        The camera is told to shoot, as ArduPilot's driver does: to no system and no component.
     """
 
     gps_lost_from: float = 0.0
     gps_lost_for: float = 0.0
     frozen_from: float = 0.0
     frozen_for: float = 0.0
-    rerated_every: float = 0.0
-    triggers_every: float = 0.0
 
     def __post_init__(self) -> None:
         if min(self.__dict__.values()) < 0:
