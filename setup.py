@@ -48,7 +48,8 @@ setup(
         f'{NAME}.calibration': ['templates/*.j2'],
         f'{NAME}.evaluation': ['templates/*.j2'],
         f'{NAME}.ground.page': ['*.html', '*.css', '*.js'],
-        f'{NAME}.inspection.reporting': ['*.html', '*.css', '*.js'],
+        f'{NAME}.inspection': ['*.html', '*.js'],
+        f'{NAME}.pages': ['*.html', '*.css'],
         f'{NAME}.survey': ['*.html', '*.js'],
     },
     install_requires=[
@@ -79,7 +80,7 @@ setup(
         # Pages and pictures: of inspect, calibrate, demo and evaluate. The nodes need neither.
         'reports': list(REPORTS),
         # The link to the ground; cryptography only to make its keys.
-        'ground': ['cryptography>=38', 'eclipse-zenoh>=1.0', 'foxglove-sdk>=0.14'],
+        'ground': ['aiohttp>=3.9', 'cryptography>=38', 'eclipse-zenoh>=1.0'],
         # Inspecting many bags on the machines of a Dask cluster; apt's python3-distributed.
         'cluster': list(CLUSTER),
         'test': [

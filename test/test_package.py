@@ -24,6 +24,7 @@ TOPICS = {
 }
 # What is imported, rosdep's key for it and PyPI's name. rclpy and the messages: ROS's own.
 LIBRARIES = {
+    'aiohttp': ('python3-aiohttp', 'aiohttp'),
     'cryptography': ('python3-cryptography', 'cryptography'),
     'cv2': ('python3-opencv', 'opencv-python-headless'),
     'jinja2': ('python3-jinja2', 'jinja2'),
@@ -40,7 +41,7 @@ LIBRARIES = {
     'zstandard': ('mcap-ros2-support', 'mcap'),  # mcap brings it
 }
 # Extras of PyPI that rosdep has no key for.
-WITHOUT_KEY = {'distributed': 'distributed', 'foxglove': 'foxglove-sdk', 'zenoh': 'eclipse-zenoh'}
+WITHOUT_KEY = {'distributed': 'distributed', 'zenoh': 'eclipse-zenoh'}
 COME_WITH_RCLPY = {'rcl_interfaces', 'builtin_interfaces', 'rosidl_runtime_py', 'rpyutils'}
 
 

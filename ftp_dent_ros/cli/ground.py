@@ -10,20 +10,17 @@ import os
 import queue
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from ftp_dent_ros.errors import ConfigurationError, InputError
 from ftp_dent_ros.ground.link import Link, Security, endpoints, make_keys
+from ftp_dent_ros.ground.page import serve_page
 from ftp_dent_ros.ground.protocol import Item
+from ftp_dent_ros.ground.station import Station
 from ftp_dent_ros.supervision import transport
 from ftp_dent_ros.supervision.process_log import ProcessLog
 from ftp_dent_ros.supervision.processes import Processes, Program
 from ftp_dent_ros.supervision.respawn import keep_running
 from ftp_dent_ros.supervision.signals import stop_event
-
-if TYPE_CHECKING:
-    from ftp_dent_ros.ground.foxglove_server import FoxgloveServer
-    from ftp_dent_ros.ground.page.server import Page
 
 _PARTICIPANTS = 4  # the node, a recorder and two viewers, for the share of the shared memory
 _QUEUE = 64  # items that wait to be shown
@@ -50,20 +47,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--domain', type=int, metavar='N', help="the ground's ROS domain (default: the shell's)"
     )
     parser.add_argument(
+        '--interface',
+        default='',
+        metavar='NAME|ADDRESS',
+        help='the only network interface that ROS uses here: lo for this computer alone, so that '
+        'ROS says nothing over the radio (default: all)',
+    )
+    parser.add_argument(
         '--web',
         nargs='?',
         const='127.0.0.1:8080',
         default='',
         metavar='HOST:PORT',
-        help='serve a page for browsers (default: 127.0.0.1:8080); works without ROS too',
-    )
-    parser.add_argument(
-        '--foxglove',
-        nargs='?',
-        const='127.0.0.1:8765',
-        default='',
-        metavar='HOST:PORT',
-        help='serve a Foxglove WebSocket (default: 127.0.0.1:8765); works without ROS too',
+        help="serve a page for browsers, and Foxglove's WebSocket (default: 127.0.0.1:8080); "
+        'works without ROS too',
     )
     parser.add_argument(
         '--make-keys', type=Path, metavar='DIR', help='make the keys of a link, and end'
@@ -80,49 +77,32 @@ def run(arguments: argparse.Namespace) -> int:
         raise ConfigurationError("the drone's address is missing: give HOST or HOST:PORT")
     endpoints(arguments.address, Security(arguments.keys, arguments.open), 'ground')
     alone = importlib.util.find_spec('rclpy') is None
-    if alone and (arguments.web or arguments.foxglove):
-        return _run_shows(arguments)
+    if alone and arguments.web:
+        return _run_page(arguments)
     return _run_node(arguments)
 
 
-def _run_shows(arguments: argparse.Namespace) -> int:
-    """The page and the WebSocket alone: this machine has no ROS."""
-    from ftp_dent_ros.ground.foxglove_server import FoxgloveServer
-    from ftp_dent_ros.ground.page.server import Page
-    from ftp_dent_ros.ground.station import Station
-
+def _run_page(arguments: argparse.Namespace) -> int:
+    """The page alone: this machine has no ROS."""
     stop = stop_event()
     items: queue.Queue[Item] = queue.Queue(_QUEUE)
     security = Security(arguments.keys, arguments.open)
     link = Link('ground', arguments.address, security, arguments.name)
-    station = Station(link, items.put, arguments.station)
-    shows: list[Page | FoxgloveServer] = []
-    try:
-        if arguments.web:
-            shows.append(Page(arguments.web, station))
-        if arguments.foxglove:
-            shows.append(FoxgloveServer(arguments.foxglove))
-        for show in shows:
-            print(f'what comes is shown at {show.url} (no ROS here: no topics)', flush=True)
+    with (
+        contextlib.closing(Station(link, items.put, arguments.station)) as station,
+        contextlib.closing(serve_page(arguments.web, station)) as page,
+    ):
+        print(f'what comes is shown at {page.url} (no ROS here: no topics)', flush=True)
+        print(f'for Foxglove it is at {page.foxglove_url}', flush=True)
         while not stop.is_set():
             if change := station.change():
                 print(change, flush=True)
             with contextlib.suppress(queue.Empty):
-                item = items.get(timeout=0.2)
-                for show in shows:
-                    _show(show, item)
-    finally:
-        for show in shows:
-            show.close()
-        station.close()
+                try:
+                    page.take(items.get(timeout=0.2))
+                except InputError as error:
+                    print(error, file=sys.stderr, flush=True)
     return 0
-
-
-def _show(show: Page | FoxgloveServer, item: Item) -> None:
-    try:
-        show.take(item)
-    except InputError as error:
-        print(error, file=sys.stderr, flush=True)
 
 
 def _make_keys(folder: Path) -> int:
@@ -139,7 +119,7 @@ def _run_node(arguments: argparse.Namespace) -> int:
     if importlib.util.find_spec('rclpy') is None:
         raise ConfigurationError(
             'needs rclpy, which is not here: see "Install" in the README, or watch without ROS '
-            'with --web or --foxglove'
+            'with --web'
         )
     if arguments.domain is not None:
         os.environ['ROS_DOMAIN_ID'] = str(arguments.domain)
@@ -151,7 +131,6 @@ def _run_node(arguments: argparse.Namespace) -> int:
         ('name', arguments.name),
         ('station', arguments.station),
         ('web', arguments.web),
-        ('foxglove', arguments.foxglove),
     ):
         words += ['-p', f'{name}:={json.dumps(value)}']
     program = Program(
@@ -159,7 +138,7 @@ def _run_node(arguments: argparse.Namespace) -> int:
     )
     stopping = stop_event().is_set
     with (
-        transport.profile(_PARTICIPANTS) as variables,
+        transport.profile(_PARTICIPANTS, arguments.interface) as variables,
         ProcessLog([program.name]) as log,
         Processes(log.show, variables) as processes,
     ):

@@ -59,8 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
     # Only this needs the libraries of bags.
     from ftp_dent_ros.recording.clouds import count_clouds
     from ftp_dent_ros.recording.reader import open_bag
-    from ftp_dent_ros.survey.aircraft_frame import aircraft_frame
-    from ftp_dent_ros.survey.reference_points import read_reference_points
+    from ftp_dent_ros.survey.aircraft_frame import aircraft_frame, read_reference_points
     from ftp_dent_ros.survey.store import Store
     from ftp_dent_ros.survey.surveying import survey_bags
     from ftp_dent_ros.survey.writing import write_survey

@@ -188,16 +188,22 @@ class Feed:
         if report.link != self.link:
             return []  # It has heard nothing of this feed yet.
         done: list[Kept] = []
-        while self._under_way and self._under_way[0].sequence <= report.sequence:
-            flight = self._under_way.popleft()
-            self._bytes_under_way -= flight.size
-            self._last_news, self._trials = self._now(), 0
+        now, flights = self._now(), list(self._under_way)
+        # What stands before a piece in a queue holds it up, too.
+        overdue = self.pace.longest_trip + self._bytes_under_way / self.pace.rate
+        self._under_way.clear()
+        for flight in flights:
             age = report.sequence - flight.sequence
-            if age < WINDOW and report.received >> age & 1:
+            if 0 <= age < WINDOW and report.received >> age & 1:
+                self._last_news, self._trials = now, 0
+                self._bytes_under_way -= flight.size
                 self.pace.acknowledged(flight.size, flight.mark, flight.was_full)
                 done += self._arrived(flight)
-            else:
+            elif age >= WINDOW or (age > 0 and now > flight.mark.sent_at + overdue):
+                self._bytes_under_way -= flight.size
                 self._send_again(flight)
+            else:  # a later piece may have overtaken it
+                self._under_way.append(flight)
         return done
 
     def _arrived(self, flight: _UnderWay) -> list[Kept]:

@@ -1,8 +1,9 @@
-"""How much may be under way: the rate that a link delivers, and its shortest round trip.
+"""How much may be under way: the rate that a link delivers, and its round trip.
 
 After BBR (Cardwell et al., ACM Queue 14(5), 2016), on pieces of items: what is under way can no
 longer be overtaken by what is more important. So no more is than the link carries in a round trip,
-and a little. A loss slows nothing down: radios lose without being full.
+and a little. The round trip is that of pieces which found no queue: a long trip through an empty
+link is jitter. A loss slows nothing down: radios lose without being full.
 """
 
 from __future__ import annotations
@@ -41,6 +42,7 @@ class Mark(NamedTuple):
     delivered: int
     delivered_at: float
     first_sent_at: float
+    is_unqueued: bool
 
 
 class Pace:
@@ -59,6 +61,7 @@ class Pace:
         self._now = now
         self._rates: deque[tuple[float, float]] = deque()
         self._trips: deque[tuple[float, float]] = deque()
+        self._unqueued: deque[tuple[float, float]] = deque()
         self._delivered = 0
         self._delivered_at = self._first_sent_at = now()
         self._growing = True
@@ -76,14 +79,27 @@ class Pace:
 
     @property
     def trip(self) -> float:
-        """Shortest round trip of late, seconds."""
+        """Mean round trip of late where nothing was queued, seconds."""
+        trips = [trip for _, trip in self._unqueued] or [self._shortest]
+        return sum(trips) / len(trips)
+
+    @property
+    def longest_trip(self) -> float:
+        """Longest round trip of late where nothing was queued, seconds."""
+        return max((trip for _, trip in self._unqueued), default=self._shortest)
+
+    @property
+    def _shortest(self) -> float:
         return min((trip for _, trip in self._trips), default=0.2)
+
+    def _drains(self, now: float) -> bool:
+        return now < self._drained_at + max(2 * self.trip, _SHORTEST_DRAIN)
 
     @property
     def window(self) -> int:
         """Bytes that may be under way."""
         gain = _FIRST_GAIN if self._growing else _GAIN
-        if self._now() < self._drained_at + max(2 * self.trip, _SHORTEST_DRAIN):
+        if self._drains(self._now()):
             gain = _DRAINING_GAIN
         return max(2 * self.piece, round(gain * self.rate * self.trip) + self.piece)
 
@@ -123,7 +139,8 @@ class Pace:
         self._budget -= size
         if alone:
             self._delivered_at = self._first_sent_at = now
-        return Mark(now, self._delivered, self._delivered_at, self._first_sent_at)
+        is_unqueued = alone or (self._drains(now) and now > self._drained_at + self.trip)
+        return Mark(now, self._delivered, self._delivered_at, self._first_sent_at, is_unqueued)
 
     def acknowledged(self, size: int, mark: Mark, was_full: bool) -> None:
         """Note a delivery.
@@ -142,15 +159,18 @@ class Pace:
         self._delivered_at, self._first_sent_at = now, mark.sent_at
         trip = max(now - mark.sent_at, 1e-4)
         self._trips.append((now, trip))
+        if mark.is_unqueued:
+            self._unqueued.append((now, trip))
         # What had to wait before the link tells its rate, whether more came after it or not.
-        was_full = was_full or trip > _WAITED * self.trip
+        was_full = was_full or trip > _WAITED * self.longest_trip
         # Acknowledgements may come in a heap after a stall, but none faster than it was sent.
         took = max(now - mark.delivered_at, mark.sent_at - mark.first_sent_at, 1e-4)
         rate = (self._delivered - mark.delivered) / took
         if was_full or rate > self.rate:
             self._rates.append((now, rate))
-        while self._trips and self._trips[0][0] < now - _MEMORY_OF_TRIP:
-            self._trips.popleft()
+        for trips in (self._trips, self._unqueued):
+            while trips and trips[0][0] < now - _MEMORY_OF_TRIP:
+                trips.popleft()
         oldest = now - max(_MEMORY_OF_RATE, _ROUNDS_OF_RATE * self.trip)
         while len(self._rates) > 1 and self._rates[0][0] < oldest:
             self._rates.popleft()

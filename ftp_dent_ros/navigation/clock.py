@@ -103,6 +103,8 @@ class ClockState:
         Median and least of the last exchanges.
     silence : float or None
         Time since the last one.
+    maximum_error : float
+        Largest uncertainty at which a stamp is still converted.
     """
 
     converged: bool
@@ -114,6 +116,7 @@ class ClockState:
     restarts: int
     least_round_trip: float | None = None
     silence: float | None = None
+    maximum_error: float = 0.0
 
 
 class ClockOffset:
@@ -280,6 +283,7 @@ class ClockOffset:
             self._restarts,
             min(self._round_trips) / SECOND,
             (now - self._answered) / SECOND,
+            self._maximum_error / SECOND,
         )
 
     def _is_converged(self, segment: Segment) -> bool:

@@ -6,11 +6,12 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
+from ftp_dent_ros.navigation.settings import MOST_CLOCK_ERROR
 from ftp_dent_ros.navigation.state import LinkState, VehicleState
 
 # Exchanges after which a clock that is not known well will not be; seconds without an answer.
 _SETTLED, _UNANSWERED = 30, 2.0
-# What is proposed for maximum_clock_error: some more than the uncertainty of now, in whole steps.
+# What is proposed for maximum_clock_error: some more than the best uncertainty, in whole steps.
 _MARGIN, _STEP = 1.2, 0.005
 
 _ESTIMATOR = {
@@ -84,16 +85,24 @@ def _clock_verdict(state: LinkState) -> Verdict | None:
             f'the autopilot has not answered TIMESYNC for {clock.silence:.1f} s, so that no cloud '
             'can be tagged',
         )
-    if clock.answers >= _SETTLED and clock.least_round_trip is not None:
-        known = max(clock.uncertainty or 0.0, clock.least_round_trip / 2)
-        allowed = math.ceil(_MARGIN * known / _STEP) * _STEP
+    if clock.answers < _SETTLED or clock.least_round_trip is None:
+        return Verdict('warning', "the autopilot's clock is not known well enough yet")
+    quickest = clock.least_round_trip / 2
+    if quickest <= clock.maximum_error:
         return Verdict(
             'warning',
-            f"the autopilot's clock is known to within {1e3 * known:.0f} ms only, for the "
-            f'quickest answers take {1e3 * clock.least_round_trip:.0f} ms: make the link quicker, '
-            f'or set maximum_clock_error to {allowed:.3f} (each tag tells what that costs)',
+            "the autopilot's clock and this computer's have stepped against each other: wait some "
+            'seconds until the offset is known again, and let nothing set a clock in flight',
         )
-    return Verdict('warning', "the autopilot's clock is not known well enough yet")
+    allowed = math.ceil(_MARGIN * quickest / _STEP) * _STEP
+    advice = 'make the link quicker'
+    if allowed <= MOST_CLOCK_ERROR:
+        advice += f', or set maximum_clock_error to {allowed:.3f} (each tag tells what that costs)'
+    return Verdict(
+        'warning',
+        f"the autopilot's clock is known to within {1e3 * quickest:.0f} ms at best, for the "
+        f'quickest answers take {1e3 * clock.least_round_trip:.0f} ms: {advice}',
+    )
 
 
 def _estimate_verdict(vehicle: VehicleState) -> Verdict | None:

@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+#: The largest maximum_clock_error, seconds: at 1 m/s it costs a metre.
+MOST_CLOCK_ERROR = 1.0
+
 
 @dataclass(frozen=True)
 class Instant:

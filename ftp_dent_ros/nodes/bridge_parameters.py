@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from ftp_dent_ros.navigation import pose_covariance
 from ftp_dent_ros.navigation.pose_covariance import Covariance
-from ftp_dent_ros.navigation.settings import Settings
+from ftp_dent_ros.navigation.settings import MOST_CLOCK_ERROR, Settings
 from ftp_dent_ros.navigation.signing import read_key
 from ftp_dent_ros.parameters import Declarations
 from ftp_dent_ros.pose import Pose
@@ -136,7 +136,7 @@ def declare_settings(parameters: Declarations) -> Settings:
             default.maximum_clock_error,
             "Largest uncertainty of the autopilot's clock at which a cloud is tagged, seconds.",
             minimum=0.0001,
-            maximum=1.0,
+            maximum=MOST_CLOCK_ERROR,
         ),
         earth=parameters.declare(
             'earth',

@@ -15,7 +15,6 @@ class GroundParameters:
     link: LinkParameters
     station: str
     web: str
-    foxglove: str
 
 
 def declare(parameters: Declarations) -> GroundParameters:
@@ -32,8 +31,9 @@ def declare(parameters: Declarations) -> GroundParameters:
             '',
             "Name of this ground, other than any other's of the drone; the machine's by default.",
         ),
-        web=parameters.declare('web', '', 'HOST:PORT of the page for browsers; empty for none.'),
-        foxglove=parameters.declare(
-            'foxglove', '', 'HOST:PORT of a Foxglove WebSocket; empty for none.'
+        web=parameters.declare(
+            'web',
+            '',
+            "HOST:PORT of the page for browsers and of Foxglove's WebSocket; empty for none.",
         ),
     )

@@ -17,9 +17,8 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from ftp_dent_ros.errors import ConfigurationError, InputError, PoseError
-from ftp_dent_ros.ground.foxglove_server import FoxgloveServer
 from ftp_dent_ros.ground.link import Link
-from ftp_dent_ros.ground.page.server import Page
+from ftp_dent_ros.ground.page import serve_page
 from ftp_dent_ros.ground.protocol import Item
 from ftp_dent_ros.ground.station import Station
 from ftp_dent_ros.nodes.declarations import names_of_all
@@ -60,18 +59,16 @@ class GroundStation(Node):
             self._queue.put,
             given.station,
         )
-        self._shows: list[Page | FoxgloveServer] = []
+        self._page = None
         try:
             if given.web:
-                self._shows.append(Page(given.web, self._station))
-            if given.foxglove:
-                self._shows.append(FoxgloveServer(given.foxglove))
+                self._page = serve_page(given.web, self._station)
+                self.get_logger().info(f'what comes is shown at {self._page.url}')
+                self.get_logger().info(f'for Foxglove it is at {self._page.foxglove_url}')
         except ConfigurationError:
             # The link's threads would keep the process.
             self._close()
             raise
-        for show in self._shows:
-            self.get_logger().info(f'what comes is shown at {show.url}')
         self._worker = threading.Thread(target=self._run, name='decoding', daemon=True)
         self._worker.start()
         group = ReentrantCallbackGroup()
@@ -87,8 +84,8 @@ class GroundStation(Node):
         super().destroy_node()
 
     def _close(self) -> None:
-        for show in self._shows:
-            show.close()
+        if self._page is not None:
+            self._page.close()
         self._station.close()
 
     def _commander(self, command: str):
@@ -110,8 +107,8 @@ class GroundStation(Node):
 
     def _publish_or_refuse(self, item: Item) -> None:
         try:
-            for show in self._shows:
-                show.take(item)
+            if self._page is not None:
+                self._page.take(item)
             self._publish(item)
         except (InputError, PoseError) as error:
             self._diagnostics.refuse('wrong item', str(error))

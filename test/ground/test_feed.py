@@ -25,9 +25,12 @@ GROUND = bytes(range(16))
 class Line:
     """Feed and assembly, joined by a line of a rate, a delay and losses; time is simulated."""
 
-    def __init__(self, folder=None, rate=30_000.0, delay=0.05, loss=0.0, limit=0.0, size=10**9):
+    def __init__(
+        self, folder=None, rate=30_000.0, delay=0.05, loss=0.0, limit=0.0, size=10**9, jitter=0.0
+    ):
         self.time = 1000.0
         self.rate, self.delay, self.loss, self.up = rate, delay, loss, True
+        self.jitter = jitter
         self.store = Store(folder, size, boot=7)
         self.feed = Feed(GROUND, 1, 11, self.store, Pace(limit, self.now), self.now)
         self.ground = Assembly(GROUND, 1, self.now)
@@ -60,7 +63,11 @@ class Line:
             self.pieces.append((self.time, piece))
             self._free = max(self._free, self.time) + (len(piece.data) + 40) / self.rate
             if self.up and self._chance.random() >= self.loss:
-                self._down.append((self._free + self.delay, piece.pack()))
+                self._down.append((self._free + self._way(), piece.pack()))
+                self._down.sort()
+
+    def _way(self):
+        return self.delay + self.jitter * self._chance.random()
 
     def _receive(self):
         while self._down and self._down[0][0] <= self.time:
@@ -70,10 +77,12 @@ class Line:
                 if item is not None:
                     self.items.append(item)
                     self.arrivals.append(self.time)
-                self._reports.append((self.time + self.delay, self.ground.report().pack()))
+                self._reports.append((self.time + self._way(), self.ground.report().pack()))
+                self._reports.sort()
         if self.time >= self._next_report:
             self._next_report = self.time + 0.5
-            self._reports.append((self.time + self.delay, self.ground.report().pack()))
+            self._reports.append((self.time + self._way(), self.ground.report().pack()))
+            self._reports.sort()
         while self._reports and self._reports[0][0] <= self.time:
             _, data = self._reports.pop(0)
             if self.up:
@@ -152,6 +161,18 @@ def test_it_finds_the_rate_of_the_link_and_does_not_flood_it(rate):
     # What waits in the link's buffer delays all that comes after it.
     waiting = line._free - line.time
     assert waiting < 0.25
+
+
+@pytest.mark.parametrize('jitter', [0.05, 0.2])
+def test_a_link_that_jitters_is_no_slow_link(jitter):
+    line = Line(rate=250_000.0, delay=0.03, jitter=jitter)
+    line.put(Importance.CLOUDS, 1, 30_000_000)
+    line.run(20)
+    half = line.ground.bytes
+    line.run(20)
+    assert (line.ground.bytes - half) / 20 > 0.8 * line.rate
+    assert line.feed.lost < 0.02 * line.feed.sent_pieces
+    assert line._free - line.time < 0.3
 
 
 def test_minutes_of_a_full_link_do_not_fill_its_buffer():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from test_vehicle import MS, World, tagged
+from test_vehicle import MS, S, World, tagged
 
 from ftp_dent_ros.errors import PoseError
 from ftp_dent_ros.navigation.settings import Settings
@@ -63,3 +63,21 @@ def test_round_trips_that_are_too_long_name_the_remedy() -> None:
             assert 'the quickest answers take 5' in world.verdict()
             with pytest.raises(PoseError, match='more than maximum_clock_error allows'):
                 world.pose_at(0.5)
+
+
+@pytest.mark.parametrize('step', [0.3, 4.1, -0.3, -4.1, 3600.0, -3600.0])
+@pytest.mark.parametrize('at', ['between exchanges', 'in an exchange'])
+def test_a_step_of_the_computers_clock_is_called_that(step: float, at: str) -> None:
+    world = World(Settings(maximum_clock_error=0.02))
+    world.round_trip = 15 * MS
+    world.run(6)
+    if at == 'in an exchange':
+        while not world._answers:
+            world.run(0.01)
+    world.ahead += round(step * S)
+    verdicts = set()
+    for _ in range(100):
+        verdicts.add(world.run(0.2).verdict())
+    assert not any('maximum_clock_error' in each or 'cable' in each for each in verdicts), verdicts
+    assert world.verdict() == 'believing the autopilot 1/1'
+    assert world.vehicle.tag_at(world.at.ros - 500 * MS, world.at)

@@ -43,6 +43,7 @@ class World:
     def __init__(self, settings: Settings | None = None, boot: int = START - 100 * S) -> None:
         self.vehicle = Vehicle(settings or Settings())
         self.now = START
+        self.ahead = 0  # of the computer's clock
         self.boot = boot
         self.flags = READY
         self.reports = True
@@ -62,7 +63,7 @@ class World:
 
     @property
     def at(self) -> Instant:
-        return Instant(self.now, self.now / S)
+        return Instant(self.now + self.ahead, self.now / S)
 
     def boot_ms(self) -> int:
         return (self.now - self.boot) // MS

@@ -14,8 +14,8 @@ from mcap.writer import Writer
 
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.errors import BagError, CloudError
+from ftp_dent_ros.inspection.bag import survey_bag
 from ftp_dent_ros.inspection.measuring.inspection import inspect
-from ftp_dent_ros.inspection.reporting.bag import survey_bag
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.recording.clouds import bag_clouds, count_clouds
 from ftp_dent_ros.recording.definitions import typestore

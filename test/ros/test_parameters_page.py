@@ -1,4 +1,4 @@
-"""The tables of docs/parameters.md are what the nodes declare."""
+"""The tables of docs/reference/parameters.md are what the nodes declare."""
 
 import importlib
 import re
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-PAGE = Path(__file__).resolve().parents[2] / 'docs/parameters.md'
+PAGE = Path(__file__).resolve().parents[2] / 'docs/reference/parameters.md'
 # What a node cannot start without, or would disturb another test with.
 GIVEN = {
     'pattern_publisher': {'rig': 'shipped:rig.yaml', 'pattern': 'shipped:pattern.yaml'},

@@ -157,7 +157,7 @@ NUMBER = 'a finite number'
         (['panels', 0, 'pose', 'rpy'], [0, 0], 'pose: rpy is [0, 0]: give a list of 3 numbers'),
         (['panels', 0, 'pose', 'yaw'], 1, "pose: unknown field 'yaw': remove it"),
         (['panels', 0, 'colour'], 1, "panels[0]: unknown field 'colour': remove it"),
-        (['panels', 0, 'paint', 'albedo'], 1.5, 'paint: albedo is [1.5, 1.5, 1.5]: give one or three'),
+        (['panels', 0, 'paint', 'albedo'], 1.5, 'albedo is [1.5, 1.5, 1.5]: give one or three'),
         (['panels', 0, 'paint', 'albedo'], [1, 1], 'paint: albedo is [1, 1]: give one or three'),
         (['panels', 0, 'paint', 'edge'], [1], 'paint: edge is [1]: give a list of 3 numbers'),
         (['panels', 0, 'paint', 'roughness'], 2, 'paint: roughness is 2.0: give 0 (matt) to 1'),
@@ -178,7 +178,7 @@ NUMBER = 'a finite number'
         (['camera', 'seed'], -1, 'camera: seed is -1: give a whole number'),
         (['camera', 'gain'], 1, "camera: unknown field 'gain': remove it"),
         (['photometry', 'read_noise'], -1, 'photometry: read_noise is -1.0: give a number'),
-        (['photometry', 'fog'], 1, 'photometry: unknown field 'fog': remove it'),
+        (['photometry', 'fog'], 1, "photometry: unknown field 'fog': remove it"),
         (['weather'], 'fine', "unknown field 'weather': remove it"),
     ],
 )

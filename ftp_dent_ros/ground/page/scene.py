@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.coding.cloud_codec import decode
 from ftp_dent_ros.coding.view import View
+from ftp_dent_ros.dents.dent import COVERAGE, KINDS
 from ftp_dent_ros.errors import CodecError
 from ftp_dent_ros.ground import topics
 from ftp_dent_ros.ground.protocol import Item
-from ftp_dent_ros.inspection.dent import KINDS
-from ftp_dent_ros.median import NORMAL_SPREAD
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig.rig import Lens
+from ftp_dent_ros.robust import NORMAL_SPREAD
 
 _ROUND = 32  # points of an outline
 # Standard deviations of the points off a quadric beyond which one is a dent's; the least such
@@ -154,7 +154,11 @@ def _dent(value: Any) -> dict[str, Any]:
         'axis': vector('axis_'),
         'sightings': int(value['sightings']),
         **{f'{name}_mm': number(name, 1e3, 3) for name in lengths},
-        **{f'{name}_uncertainty_mm': number(f'{name}_uncertainty', 1e3, 3) for name in lengths},
+        # Half the 95 % interval.
+        **{
+            f'{name}_interval_mm': number(f'{name}_uncertainty', COVERAGE * 1e3, 3)
+            for name in lengths
+        },
     }
 
 
@@ -169,7 +173,7 @@ class Scene:
 
     def __init__(self) -> None:
         self.version = 0
-        self.changed = threading.Condition()
+        self._lock = threading.Lock()
         self._dents: list[dict[str, Any]] = []
         self._path: dict[int, list[float]] = {}
         self._areas: list[tuple[int, list[list[float]]]] = []
@@ -190,17 +194,16 @@ class Scene:
         CodecError
             It is not what it says.
         """
-        with self.changed:
+        with self._lock:
             try:
                 self._take(item)
             except (ValueError, TypeError, KeyError, IndexError, AttributeError, cv2.error):
                 raise CodecError(f'an item of {item.topic} is malformed: it is refused') from None
             self.version += 1
-            self.changed.notify_all()
 
     def state(self) -> dict[str, Any]:
         """What the page needs to know, for JSON."""
-        with self.changed:
+        with self._lock:
             picture = None
             if self._picture is not None:
                 stamp, _, (width, height) = self._picture
