@@ -35,8 +35,6 @@ _ROBUST = 2.0
 # Weights are standard deviations of camera and projector, found in these rounds; pixels.
 _ROUNDS = 2
 _RESTARTS, _FEW = 4, 10
-# What the data leave open moves no farther than this makes it.
-_JITTER = 1e-10
 
 
 @dataclass(frozen=True)
@@ -410,7 +408,8 @@ def _descend(
     scale = 1 / np.sqrt(np.maximum(jacobian.multiply(jacobian).sum(axis=0).A1, 1e-300))
     scaled = jacobian @ diags(scale)
     normal = (scaled.T @ scaled).toarray()
-    factor = cholesky(normal + _JITTER * np.eye(len(normal)))
+    # What the data leave open moves no farther than this makes it.
+    factor = cholesky(normal + 1e-10 * np.eye(len(normal)))
 
     def to_active(step: NDArray) -> NDArray[np.float64]:
         return start + scale * solve_triangular(factor, step)

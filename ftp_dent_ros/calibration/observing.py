@@ -21,8 +21,6 @@ _LEAST_CONTRAST = 6.0
 # Phases noisier than this could be of the next code word; radians.
 _LARGEST_PHASE_NOISE = 0.4
 _SATURATED = 254
-# Wrong bits in dark squares put fewer codes than this off the projector.
-_OUTSIDE = 0.05
 
 Photographs = Mapping[Frame, NDArray[np.uint8]]
 
@@ -34,18 +32,11 @@ _FEWEST = 40
 # A pixel this many robust deviations off the fit has a wrong code.
 _OUTLYING = 4.0
 _ROUNDS = 4
-# More pixels than about this many along a window's side tell nothing more.
-_SIDE = 49
 
-# Corners of a board that stands still agree to 0.03 pixels between photographs; a board that
-# moved by more than this is off by as much.
-_MOVED_PX = 0.15
 # Edges softer than this part of a square (standard deviation) blur one corner into the next.
 _BLURRED = 0.12
 _CLIPPED_SHARE = 0.5
 _CLIPPED = 254
-# Codes of neighbouring pixels scatter by a third of a pixel (rounding); more is no plane.
-_SCATTER_PX = 1.0
 # A lens bends a plane's image by less than this part of the projector's width.
 _BENT = 0.03
 _BEND_SHARE = 0.15
@@ -200,7 +191,8 @@ def _on_projector(
     """Values without those that are not known or off the projector, of which there are few."""
     size = sequence.size(axis)
     beyond = value > size - 0.5
-    if np.any(known) and float(np.mean(beyond[known])) > _OUTSIDE:
+    # Wrong bits in dark squares put fewer codes than this off the projector.
+    if np.any(known) and float(np.mean(beyond[known])) > 0.05:
         raise CalibrationError(
             f'{_word(axis)}: codes reach {np.percentile(value[known], 98):.0f}, and the projector '
             f'has {size} of them: give its width and height in this order, and the photographs '
@@ -293,7 +285,8 @@ def corner_coordinates(
     at their edges cancels.
     """
     radius = max(3, int(_REACH * spacing))
-    step = max(1, round(2 * radius / _SIDE))
+    # More pixels than about this many along a window's side tell nothing more.
+    step = max(1, round(2 * radius / 49))
     result, scatter = np.full((2, *corners.shape), np.nan)
     for index, corner in enumerate(corners):
         if not np.isfinite(corner).all():
@@ -392,7 +385,9 @@ def _observe(name: str, photographs: Photographs, sequence: Sequence, board: Boa
             'focus the camera, or bring the board into its depth of field'
         )
     moved, between = _movement(found)
-    if moved > _MOVED_PX:
+    # Corners of a board that stands still agree to 0.03 pixels between photographs; a board that
+    # moved by more than this is off by as much.
+    if moved > 0.15:
         raise CalibrationError(
             f'the board moved by {moved:.1f} pixels between {between[0]} and {between[1]}: hold '
             'it still and take the pose again'
@@ -507,7 +502,8 @@ def _refuse_jumps(
     troubles: tuple[str, ...],
 ) -> None:
     known = np.isfinite(projected).all(axis=1)
-    if np.isfinite(scatter).any() and np.nanmedian(scatter) > _SCATTER_PX:
+    # Codes of neighbouring pixels scatter by a third of a pixel (rounding); more is no plane.
+    if np.isfinite(scatter).any() and np.nanmedian(scatter) > 1.0:
         raise CalibrationError(
             'the codes do not run evenly over the board: photographs are out of order, the light '
             'changes between them, or the projector and the sequence have different sizes'

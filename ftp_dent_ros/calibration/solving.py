@@ -30,22 +30,14 @@ from ftp_dent_ros.rig.calibration_record import PARAMETERS, CalibrationRecord
 from ftp_dent_ros.rig.geometry import check_geometry
 from ftp_dent_ros.rig.rig import Rig
 
-# Parts of the poses, each of which is held out in turn.
-_FOLDS = 4
 # Fewer poses than this left for fitting do not hold a rig down.
 _FEWEST_TO_FIT = 3
-# Gross errors must not decide, standard deviations.
-_CLIP = 3.0
 # Scores differ by more than this part.
 _TOLERANCE = 1e-5
 
 # A pose whose residuals are this many times those of the others was not seen as it was.
 _BAD_POSE = 4.0
 _BAD_POSE_PX = 0.5
-# The tape measures the distance between two lenses to a centimetre, or to this part.
-_TAPE, _TAPE_SHARE = 0.01, 0.05
-# No rig fits its own photographs worse than this; joint, pixels.
-_HOPELESS = 5.0
 
 
 def select(
@@ -100,7 +92,8 @@ def candidates(shapes: tuple[str, ...]) -> int:
     return len(shapes) + 2 * (len(DISTORTIONS) - 1)
 
 
-def folds(count: int, wanted: int = _FOLDS) -> list[NDArray[np.intp]]:
+# Parts of the poses, each of which is held out in turn.
+def folds(count: int, wanted: int = 4) -> list[NDArray[np.intp]]:
     """Indices of the poses held out in turn; none if too few would be left."""
     wanted = min(wanted, count)
     while wanted < count and count - -(-count // wanted) < _FEWEST_TO_FIT:
@@ -119,7 +112,8 @@ def held_out_score(
         for residuals in held_out(observations, board, estimate, candidate, out)[0]:
             known = np.isfinite(residuals)
             off = np.abs(residuals / np.repeat(estimate.deviations, 2))[known]
-            total += float(np.square(np.minimum(off, _CLIP)).sum())
+            # Gross errors must not decide, standard deviations.
+            total += float(np.square(np.minimum(off, 3.0)).sum())
             number += int(known.sum())
     return total / max(number, 1)
 
@@ -262,7 +256,8 @@ def without_bad_poses(
 def refuse_hopeless(estimate: Estimate) -> None:
     """Raise `CalibrationError` where no rig fits the poses, with what does not."""
     camera, projector, joint = estimate.rms()
-    if joint <= _HOPELESS:
+    # No rig fits its own photographs worse than this; joint, pixels.
+    if joint <= 5.0:
         return
     blame = (
         "the projector coordinates: their photographs are out of order, or the projector's size "
@@ -279,7 +274,8 @@ def refuse_hopeless(estimate: Estimate) -> None:
 def refuse_wrong_scale(rig: Rig, baseline: float) -> None:
     """Raise `CalibrationError` where the lenses are not as far apart as the tape says, metres."""
     found = float(np.linalg.norm(rig.translation))
-    if baseline and abs(found - baseline) > max(_TAPE, _TAPE_SHARE * baseline):
+    # The tape measures the distance between two lenses to a centimetre, or to this part.
+    if baseline and abs(found - baseline) > max(0.01, 0.05 * baseline):
         raise CalibrationError(
             f'the lenses come out {1e3 * found:.0f} mm apart, and {1e3 * baseline:.0f} mm were '
             f'measured: if the tape is right, a square is {baseline / found:.3f} times what was '

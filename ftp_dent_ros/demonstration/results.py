@@ -38,8 +38,6 @@ _MM = 1000.0
 
 # First, middle and last are enough to look at; the bag has them all.
 _KEPT = 3
-# As many points as a 3-D picture of this size can show.
-_SHOWN = 120_000
 
 # What the payload promises in this simulation: how many, and millimetres. A busy machine may leave
 # photographs out, which is shown.
@@ -202,7 +200,8 @@ def _picture_of_all(bag: Bag, world: World, poses: Mapping[int, Pose], folder: P
     for stamp, cloud in clouds_of(bag, '/points'):
         if stamp in poses:
             points = cloud.points[cloud.valid].astype(np.float64)
-            step = max(1, len(points) * len(poses) // _SHOWN)
+            # As many points as a 3-D picture of this size can show.
+            step = max(1, len(points) * len(poses) // 120_000)
             every.append(poses[stamp].apply(points[::step]))
     skin = np.concatenate(every)
     undented = Surface(tuple(replace(panel, dents=()) for panel in world.surface.panels))

@@ -63,8 +63,6 @@ _WITHOUT_POSITION = (
     | mavlink.EKF_POS_VERT_ABS
     | mavlink.EKF_CONST_POS_MODE
 )
-# ArduPilot flies on by its inertial sensors for as long before it says so; seconds.
-_SAYS_READY = 7.0
 
 _SECOND_US = 1_000_000
 # Microseconds between two messages of a kind: 250 a second.
@@ -291,7 +289,8 @@ class Telemetry:
         if not faults.is_frozen(uptime):
             # A new one with every fix.
             self._ratio = 0.5 + 0.4 * math.sin(2.4 * (boot_ns // _FIX_NS))
-        is_ready = faults.without_gps(uptime) < _SAYS_READY
+        # ArduPilot flies on by its inertial sensors for as long before it says so; seconds.
+        is_ready = faults.without_gps(uptime) < 7.0
         # As large as a real one's in good weather.
         ratios = np.array([0.02, 0.01, 0.0006]) * self._ratio
         return mavlink.MAVLink_ekf_status_report_message(

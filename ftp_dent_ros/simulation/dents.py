@@ -25,9 +25,6 @@ DIRECTIONS = 720
 _ALONG_A_RAY = 400
 _HALVINGS = 32
 
-# From this part of the depth on a mark is whole.
-_MARKED = 0.3
-
 
 class Shape(Protocol):
     """What a dent's height is, as a part of its depth; equal if it is the same."""
@@ -290,7 +287,8 @@ class Dent:
     def clean(self, x: Field, y: Field) -> Field:
         """Factor on the paint's albedo at panel coordinates."""
         u, v = self._normalised(x, y)
-        return 1 + (self.mark - 1) * np.clip(self.shape.fraction(u, v)[0] / _MARKED, 0, 1)
+        # From this part of the depth on a mark is whole.
+        return 1 + (self.mark - 1) * np.clip(self.shape.fraction(u, v)[0] / 0.3, 0, 1)
 
     def size_at(self, level: float = 0.1) -> tuple[float, float]:
         """Length and width of the contour at a fraction `level` of the depth, metres.

@@ -14,11 +14,6 @@ from ftp_dent_ros.simulation.fields import require_positive
 
 Field = NDArray[np.float64]
 
-# At 1.6 radii a rivet's groove and step have died out to 1e-8 of their height.
-_RIVET_REACH = 1.6
-# A groove has died out at this many of its half widths.
-_GROOVE = 4.0
-
 
 @dataclass(frozen=True)
 class Fitting:
@@ -97,7 +92,8 @@ class Rivet(Fitting):
     @property
     def reach(self) -> float:
         """Half the side of a square around the centre that holds the rivet, metres."""
-        return _RIVET_REACH * self.radius
+        # At 1.6 radii a rivet's groove and step have died out to 1e-8 of their height.
+        return 1.6 * self.radius
 
     @property
     def rise(self) -> float:
@@ -106,7 +102,8 @@ class Rivet(Fitting):
 
     def sharp(self, x: Field, y: Field, margin: float) -> NDArray[np.bool_]:
         """Mask of panel coordinates within `margin` metres of head and groove."""
-        return self._within(self.radius + _GROOVE * self.sigma + margin, x, y)
+        # A groove has died out at this many of its half widths.
+        return self._within(self.radius + 4.0 * self.sigma + margin, x, y)
 
     def height(self, x: Field, y: Field) -> tuple[Field, Field, Field]:
         """Height and its derivatives along x and y, at panel coordinates of any shape."""

@@ -37,8 +37,6 @@ Vector = NDArray[np.float64]
 # two quantities reach their largest at once, or ever again in step.
 _PERIODS = np.array([1.0, 0.41, 0.17])
 _ESTIMATE_PHASES = np.array([[0.4, 2.1, 5.2], [3.7, 0.9, 1.6], [5.1, 4.4, 2.8], [1.9, 5.8, 0.3]])
-# What is left of the inertial sensors' errors without GPS, m/s2: a metre in seven seconds.
-_DRIFT = 0.04
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,5 +203,6 @@ class Faults:
 
     def drift(self, uptime: float) -> NDArray[np.float64]:
         """How far the estimate has drifted off, shape (3,), metres."""
-        off = _DRIFT * self.without_gps(uptime) ** 2 / 2
+        # What is left of the inertial sensors' errors without GPS, m/s2: a metre in seven seconds.
+        off = 0.04 * self.without_gps(uptime) ** 2 / 2
         return np.array([0.8 * off, -0.6 * off, 0.0])

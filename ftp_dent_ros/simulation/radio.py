@@ -20,8 +20,6 @@ from itertools import count
 
 from ftp_dent_ros.errors import ConfigurationError
 
-# Bytes that are read at once: no IP packet is larger.
-_LARGEST_PACKET = 65536
 # Packets taken from one device before the other one has its turn.
 _TURN = 32
 
@@ -174,7 +172,8 @@ def carry(devices: tuple[int, int], control: int) -> None:
 def _take(device: int, way: Way, now: float) -> None:
     with contextlib.suppress(OSError):  # no more, or an end that is gone
         for _ in range(_TURN):
-            way.put(os.read(device, _LARGEST_PACKET), now)
+            # Bytes that are read at once: no IP packet is larger.
+            way.put(os.read(device, 65536), now)
 
 
 if __name__ == '__main__':

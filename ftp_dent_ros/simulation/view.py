@@ -26,8 +26,6 @@ Field = NDArray[np.float64]
 _NODE_SPACING = 16
 _NODE_ANGLE = 0.01
 
-# A lens model may fold far outside its image: beyond this part of its corner it casts no light.
-_FIELD = 1.2
 # A shadow's caster is at least this much nearer to the projector, as a part of the distance.
 _CLEAR = 1e-5
 # The tone of what is no panel.
@@ -302,7 +300,9 @@ def projector_pixel(rig: Rig, points: Field) -> tuple[Field, Field]:
     seen = rig.to_projector(points)
     with np.errstate(all='ignore'):
         radius = np.hypot(seen[:, 0], seen[:, 1]) / seen[:, 2]
-        reached = (seen[:, 2] > 0) & (radius < _FIELD * _corner(rig.projector))
+        # A lens model may fold far outside its image: beyond this part of its corner it casts no
+        # light.
+        reached = (seen[:, 2] > 0) & (radius < 1.2 * _corner(rig.projector))
         pixel = rig.projector.project(seen)
     pixel[~reached] = np.nan
     return pixel[:, 0], pixel[:, 1]
