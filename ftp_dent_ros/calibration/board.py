@@ -20,7 +20,6 @@ _FEWEST = 6
 # Levenberg and Marquardt's damping: first, and its factor from step to step.
 _DAMPING, _FACTOR = 1e-2, 10.0
 _STEPS = 25
-_CONVERGED = 1e-4
 
 # Windows reach this part of the way to the nearest corner, so that one crossing alone is in them,
 # and these pixels at most: lens distortion bends longer edges.
@@ -183,7 +182,7 @@ def _fit(state: NDArray, x: NDArray, y: NDArray, values: NDArray) -> NDArray[np.
         jacobian = np.where(better[:, None, None], new_jacobian, jacobian)
         cost = np.where(better, new_cost, cost)
         damping = np.clip(np.where(better, damping / _FACTOR, damping * _FACTOR), 1e-9, 1e9)
-        if np.abs(step[:, :2]).max() < _CONVERGED:
+        if np.abs(step[:, :2]).max() < 1e-4:
             break
     return state
 

@@ -49,9 +49,6 @@ _PRINT_FIT_FEWEST = 6
 
 # Corners through fringes are known to this at first and at best; pixels, standard deviation.
 _CORNER_FIRST, _CORNER_LEAST = 0.05, 0.01
-# Neighbouring corners that err more alike than this are one; their correlation.
-_MOST_ALIKE = 0.8
-_ROUNDS = 3
 
 
 def albedo_of(board: Board) -> NDArray[np.float64]:
@@ -485,7 +482,7 @@ def check_by_board(
     )
     start = np.concatenate([np.zeros(3), np.ravel(turn), np.ravel(shift), [1.0], np.zeros(3)])
     corner_px, phase_px = np.full(2, _CORNER_FIRST), PHASE_PX
-    for _ in range(_ROUNDS):
+    for _ in range(3):
         found = least_squares(residuals, start, x_scale='jac', loss='soft_l1', f_scale=2.0)
         off, across, _ = misfit(found.x)
         grid = np.full((board.rows, board.columns, 2), np.nan)
@@ -514,6 +511,7 @@ def _corner_noise(off: NDArray) -> float:
     factor = 1.0
     for first, second in ((off[1:], off[:-1]), (off[:, 1:], off[:, :-1])):
         ratio = np.nanmean(first * second) / np.nanmean(off**2)
-        ratio = np.clip(ratio, 0, _MOST_ALIKE)
+        # Neighbouring corners that err more alike than this are one; their correlation.
+        ratio = np.clip(ratio, 0, 0.8)
         factor *= (1 + ratio) / (1 - ratio)
     return float(np.sqrt(np.nanmean(off**2) * factor))

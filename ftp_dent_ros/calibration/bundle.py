@@ -27,14 +27,10 @@ RIG = 2 * LENS + 6
 _FREEDOM = 0.0003
 # Before anything is known, pixels, standard deviation of camera and projector.
 FIRST_DEVIATIONS = (0.3, 0.3)
-_LEAST_DEVIATION = 0.005
 
 # Residuals beyond this many standard deviations count linearly (Huber's 95 % is 1.345; corners
 # that are merely blurred are to keep their say).
 _ROBUST = 2.0
-# Weights are standard deviations of camera and projector, found in these rounds; pixels.
-_ROUNDS = 2
-_RESTARTS, _FEW = 4, 10
 
 
 @dataclass(frozen=True)
@@ -273,7 +269,7 @@ class Problem:
             deviation = (
                 NORMAL_SPREAD * float(np.median(known)) if len(known) else FIRST_DEVIATIONS[0]
             )
-            result.append(max(_LEAST_DEVIATION, deviation / np.sqrt(max(1 - spent, 0.1))))
+            result.append(max(0.005, deviation / np.sqrt(max(1 - spent, 0.1))))
         return result[0], result[1]
 
 
@@ -367,7 +363,8 @@ def adjust(
         vector[np.setdiff1d(np.arange(RIG), problem.active)] = 0
     estimated = deviations is None
     deviations = deviations or FIRST_DEVIATIONS
-    for _ in range(_ROUNDS + 1 if estimated else 1):
+    # Weights are standard deviations of camera and projector, found in these rounds; pixels.
+    for _ in range(3 if estimated else 1):
         problem.deviations = deviations
         vector = _solve(problem, vector, tolerance)
         if estimated:
@@ -387,9 +384,9 @@ def weighted_jacobian(
 
 def _solve(problem: Problem, vector: NDArray[np.float64], tolerance: float) -> NDArray[np.float64]:
     """All parameters at the least squares."""
-    for _ in range(_RESTARTS):
+    for _ in range(4):
         vector, evaluations = _descend(problem, vector, tolerance)
-        if evaluations < _FEW:
+        if evaluations < 10:
             break
     return vector
 

@@ -18,9 +18,6 @@ from ftp_dent_ros.robust import NORMAL_SPREAD
 
 # A lit pixel is brighter by this than an unlit one: three times what rounding and read noise do.
 _LEAST_CONTRAST = 6.0
-# Phases noisier than this could be of the next code word; radians.
-_LARGEST_PHASE_NOISE = 0.4
-_SATURATED = 254
 
 Photographs = Mapping[Frame, NDArray[np.uint8]]
 
@@ -29,17 +26,7 @@ Photographs = Mapping[Frame, NDArray[np.uint8]]
 _REACH = 0.9
 # Fewer pixels than this do not hold down the six coefficients.
 _FEWEST = 40
-# A pixel this many robust deviations off the fit has a wrong code.
-_OUTLYING = 4.0
-_ROUNDS = 4
 
-# Edges softer than this part of a square (standard deviation) blur one corner into the next.
-_BLURRED = 0.12
-_CLIPPED_SHARE = 0.5
-_CLIPPED = 254
-# A lens bends a plane's image by less than this part of the projector's width.
-_BENT = 0.03
-_BEND_SHARE = 0.15
 # A pair of bit and inverse adds up to white and black, to this part of their contrast.
 _PAIR = 0.25
 
@@ -182,7 +169,8 @@ def _decode_axis(
         turn < 0.25, (word + 1) // 2, np.where(turn < 0.75, word // 2, (word - 1) // 2)
     )
     value = ((order + turn) * sequence.period).astype(np.float32)
-    return _on_projector(value, lit & (noise <= _LARGEST_PHASE_NOISE), sequence, axis)
+    # Phases noisier than this could be of the next code word; radians.
+    return _on_projector(value, lit & (noise <= 0.4), sequence, axis)
 
 
 def _on_projector(
@@ -262,7 +250,7 @@ def _phase(
     stack = np.stack(list(shifts.values()))
     mean, cosine, sine = np.tensordot(inverse, stack, axes=(1, 0))
     modulation = np.maximum(np.hypot(cosine, sine), 1e-3)
-    clipped = (stack > _SATURATED).any(axis=0)
+    clipped = (stack > 254).any(axis=0)
     noise = np.sqrt(2 / len(stack)) / modulation
     noise[clipped] = np.inf
     return np.arctan2(sine, cosine), noise, mean
@@ -313,12 +301,13 @@ def _at(values: NDArray, centre: NDArray, radius: float) -> tuple[float, float]:
     # A first guess that half of the pixels may spoil: about the median.
     kept = np.abs(value - np.median(value)) <= 3 * np.median(np.abs(value - np.median(value))) + 1
     coefficients, off = np.zeros(6), np.full(len(value), np.inf)
-    for _ in range(_ROUNDS):
+    for _ in range(4):
         if kept.sum() < _FEWEST:
             return np.nan, np.nan
         coefficients, *_ = np.linalg.lstsq(basis[kept], value[kept], rcond=None)
         off = np.abs(basis @ coefficients - value)
-        kept = off <= _OUTLYING * NORMAL_SPREAD * np.median(off[kept]) + 1e-3
+        # A pixel this many robust deviations off the fit has a wrong code.
+        kept = off <= 4.0 * NORMAL_SPREAD * np.median(off[kept]) + 1e-3
     scatter = float(np.median(off))
     return (float(coefficients[0]) if kept.mean() > 0.5 else np.nan), scatter
 
@@ -379,7 +368,8 @@ def _observe(name: str, photographs: Photographs, sequence: Sequence, board: Boa
     moment, corners = next(iter(found.items()))
     spacing = board.spacing(corners)
     _, blur = board.refine(even[moment], corners)
-    if not blur <= _BLURRED * spacing:
+    # Edges softer than this part of a square (standard deviation) blur one corner into the next.
+    if not blur <= 0.12 * spacing:
         raise CalibrationError(
             f'blurred: edges are {blur:.1f} pixels soft, and a square is {spacing:.0f} pixels: '
             'focus the camera, or bring the board into its depth of field'
@@ -440,8 +430,8 @@ def _refuse_clipped(photographs: Photographs, part: tuple[slice, slice]) -> None
         return
     brightest = np.max(shifts, axis=0)
     lit = brightest >= np.median(brightest)
-    clipped = float((brightest[lit] >= _CLIPPED).mean()) if lit.any() else 0.0
-    if clipped > _CLIPPED_SHARE:
+    clipped = float((brightest[lit] >= 254).mean()) if lit.any() else 0.0
+    if clipped > 0.5:
         raise CalibrationError(
             f'saturated: {100 * clipped:.0f} % of the white squares are clipped: shorten the '
             'exposure or close the aperture'
@@ -515,11 +505,12 @@ def _refuse_jumps(
                 'whole board, and see that the photographs are in order'
             )
         return
+    # A lens bends a plane's image by less than this part of the projector's width.
     plane, inliers = cv2.findHomography(
-        board.points[known, :2], projected[known], cv2.RANSAC, _BENT * sequence.width
+        board.points[known, :2], projected[known], cv2.RANSAC, 0.03 * sequence.width
     )
     share = 1.0 if plane is None else 1 - float(np.mean(np.asarray(inliers)))
-    if share > _BEND_SHARE:
+    if share > 0.15:
         raise CalibrationError(
             f'the codes jump: at {100 * share:.0f} % of the corners they do not lie on a plane: '
             'photographs are out of order'

@@ -35,10 +35,6 @@ _FEWEST_TO_FIT = 3
 # Scores differ by more than this part.
 _TOLERANCE = 1e-5
 
-# A pose whose residuals are this many times those of the others was not seen as it was.
-_BAD_POSE = 4.0
-_BAD_POSE_PX = 0.5
-
 
 def select(
     observations: list[Observation],
@@ -233,7 +229,8 @@ def without_bad_poses(
         each = [rms([residuals]) for residuals in estimate.residuals]
         joint = np.array([part[2] for part in each])
         worst = int(np.argmax(joint))
-        limit = max(_BAD_POSE * float(np.median(joint)), _BAD_POSE_PX)
+        # A pose whose residuals are this many times those of the others was not seen as it was.
+        limit = max(4.0 * float(np.median(joint)), 0.5)
         if joint[worst] <= limit:
             break
         alone = camera_alone(used, points, estimate, np.array([worst])).rms()[0]

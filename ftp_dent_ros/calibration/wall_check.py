@@ -26,14 +26,10 @@ _INWARD = 8.0
 
 # Fringes are known to this at first and at best, projector pixels.
 PHASE_PX, PHASE_LEAST = 0.03, 0.003
-# A rim's places are known to this at best, projector rows, and at first.
-_RIM_LEAST, _RIM_FIRST = 0.01, 0.15
-_ROUNDS = 3
 # A residual beyond so many standard deviations is another thing's edge: 1 of 16,000 of noise is.
 _FAR = 4.0
 # Neighbours err together: as if there were a tenth as many (its square).
 _ALIKE = np.sqrt(10)
-_MOST_POINTS = 1500
 # No projector has turned by more, radians: what tells nothing leaves this open.
 ANY_TURN = 0.1
 # Rounds of the search for a ray's depth, and its relative step.
@@ -203,7 +199,8 @@ def check(
     rim = find_rim(rig, pattern, fringe_levels(image, rig), shape)
     flat = np.isfinite(flatness)
     surface = _wall(rig, told, seen, shape, rim, flatness) if flat else _skin(rig, told, seen, rim)
-    rim_noise = np.full(len(rim), _RIM_FIRST)
+    # A rim's places are known to this at best, projector rows, and at first.
+    rim_noise = np.full(len(rim), 0.15)
 
     def off_rim(state: NDArray) -> NDArray[np.float64]:
         by = turned(rig, state[:3])
@@ -219,11 +216,11 @@ def check(
         return np.concatenate([rest, off_rim(state) / rim_noise, known])
 
     start = np.concatenate([np.zeros(4), surface.start])
-    for _ in range(_ROUNDS):
+    for _ in range(3):
         found = least_squares(residuals, start, x_scale='jac', loss='soft_l1', f_scale=2.0)
         start, off = found.x, off_rim(found.x)
         for side in rim.sides():
-            rim_noise[side] = scatter(off[side], _RIM_LEAST)
+            rim_noise[side] = scatter(off[side], 0.01)
     middle = np.median(seen, axis=0)
     # Numbers that the places of the rims tell beside their own noise: three turns, the response.
     freedom = max(1, len(rim) - 4) if len(rim) else None
@@ -254,7 +251,7 @@ def _wall(
     rig: Rig, told: int, seen: NDArray, shape: NDArray, rim: Rim, flatness: float
 ) -> _Surface:
     """A plane that is bent by no more than it is known to be: its fringes tell the yaw."""
-    seen = seen[:: max(1, len(seen) // _MOST_POINTS)]
+    seen = seen[:: max(1, len(seen) // 1500)]
     rays, rim_rays = seen / seen[:, 2:], _rays(rig, rim)
     columns = rig.projector.project(rig.to_projector(seen))[:, told]
     distance = float(np.median(seen[:, 2]))

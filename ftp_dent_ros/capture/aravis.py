@@ -53,7 +53,6 @@ SOFTWARE = 'Software'
 
 # Without a trigger, silence of so long means that the camera is gone, seconds.
 _SILENCE = 3.0
-_SUCCESS = 0
 
 
 class Error(ctypes.Structure):
@@ -161,7 +160,7 @@ class GenicamCapture:
                     return False
                 continue
             try:
-                if self._library.arv_buffer_get_status(buffer) != _SUCCESS:
+                if self._library.arv_buffer_get_status(buffer) != 0:
                     self.dropped += 1
                     if time.monotonic() - begin > _SILENCE:
                         return False

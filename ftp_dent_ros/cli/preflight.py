@@ -38,7 +38,6 @@ _HEARD = 10.0
 # A stamp is that old at most when its photograph arrives, seconds.
 _LATEST = 2.0
 _LEVEL = {OK: '  ok ', WARN: 'WARN ', NO: 'NO GO'}
-_BAR = '\u2588'
 # Last state of every node, and its time, ns.
 States = dict[str, tuple[int, DiagnosticStatus]]
 
@@ -169,7 +168,7 @@ def bar(value: float, best: float, columns: int) -> str:
     """Five lines that fill the terminal's width and are drawn over each other."""
     width = max(10, columns - 2)
     filled, mark = round(value * width), min(width - 1, round(best * width))
-    line = list(_BAR * filled + ' ' * (width - filled))
+    line = list('\u2588' * filled + ' ' * (width - filled))
     line[mark] = '|'
     rows = [f'\x1b[2K{"".join(line)}'] * 4
     words = f'\x1b[2KFOCUS {100 * value:.0f} %   best {100 * best:.0f} %'

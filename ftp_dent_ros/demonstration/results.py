@@ -13,7 +13,6 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.cloud.ply import write_ply
 from ftp_dent_ros.decoding.images import image_from_message
 from ftp_dent_ros.demonstration.appraisal import (
@@ -23,7 +22,6 @@ from ftp_dent_ros.demonstration.appraisal import (
     camera_error,
     clouds_of,
     image_at,
-    map_error,
     mean_absolute,
 )
 from ftp_dent_ros.files import written_aside
@@ -33,7 +31,6 @@ from ftp_dent_ros.recording.reader import Bag
 from ftp_dent_ros.simulation.surface import Surface
 from ftp_dent_ros.simulation.world import World
 
-_NOTHING = '0.85'
 _MM = 1000.0
 
 # First, middle and last are enough to look at; the bag has them all.
@@ -57,21 +54,16 @@ BOUNDS = {
 }
 
 
-def depth_map(path: Path, cloud: Cloud) -> None:
-    """Draw the depth of a cloud in the camera's frame."""
-    figure, axes = _image_axes('Depth along the optical axis')
-    depth = cloud.points[..., 2] * _MM
-    low, high = (float(np.nanpercentile(depth, share)) for share in (0.5, 99.5))
-    _draw(figure, axes, depth, low, high, 'viridis', 'depth, mm')
-    _save(figure, path)
-
-
 def error_map(path: Path, error: NDArray[np.float64], title: str) -> None:
     """Draw signed distances to the true surface, shape (rows, columns), metres."""
-    figure, axes = _image_axes(title)
+    figure = Figure(figsize=(9, 5), layout='constrained')
+    axes = figure.add_subplot()
+    axes.set(title=title, xlabel='column of the cloud', ylabel='row of the cloud')
     limit = float(np.nanpercentile(np.abs(error), 99)) * _MM
-    label = 'behind (+) or before (-) the true skin, mm'
-    _draw(figure, axes, error * _MM, -limit, limit, 'RdBu_r', label)
+    colours = matplotlib.colormaps['RdBu_r'].copy()
+    colours.set_bad('0.85')
+    image = axes.imshow(error * _MM, colours, vmin=-limit, vmax=limit, interpolation='nearest')
+    figure.colorbar(image, ax=axes, label='behind (+) or before (-) the true skin, mm')
     _save(figure, path)
 
 
@@ -117,21 +109,6 @@ def view_3d(
     scale = figure.add_axes((0.9, 0.2, 0.015, 0.6))
     figure.colorbar(colours, cax=scale, label='depth, mm')
     _save(figure, path)
-
-
-def _image_axes(title: str):
-    figure = Figure(figsize=(9, 5), layout='constrained')
-    axes = figure.add_subplot()
-    axes.set_title(title)
-    axes.set(xlabel='column of the cloud', ylabel='row of the cloud')
-    return figure, axes
-
-
-def _draw(figure, axes, values, low: float, high: float, colours: str, label: str) -> None:
-    colour_map = matplotlib.colormaps[colours].copy()
-    colour_map.set_bad(_NOTHING)
-    image = axes.imshow(values, cmap=colour_map, vmin=low, vmax=high, interpolation='nearest')
-    figure.colorbar(image, ax=axes, label=label)
 
 
 def _save(figure: Figure, path: Path) -> None:
@@ -181,17 +158,11 @@ def _pictures_of_one(
         with written_aside(folder / 'camera.png') as aside:
             cv2.imwrite(str(aside), image)
         progress()
-    for topic, frame in (('/points', 'camera'), ('/tagged/points', 'map')):
-        cloud = next(cloud for stamp, cloud in clouds_of(bag, topic) if stamp == stamp_ns)
-        if frame == 'camera':
-            error = camera_error(world, cloud, stamp_ns)
-            depth_map(folder / 'depth.png', cloud)
-            progress()
-        else:
-            error = map_error(world, cloud)
-        title = f'Error in the {frame} frame, MAE {mean_absolute(error):.4f} mm'
-        error_map(folder / f'error_{frame}.png', error, title)
-        progress()
+    cloud = next(cloud for stamp, cloud in clouds_of(bag, '/points') if stamp == stamp_ns)
+    error = camera_error(world, cloud, stamp_ns)
+    title = f'Error in the camera frame, MAE {mean_absolute(error):.4f} mm'
+    error_map(folder / 'error_camera.png', error, title)
+    progress()
 
 
 def _picture_of_all(bag: Bag, world: World, poses: Mapping[int, Pose], folder: Path) -> None:

@@ -29,10 +29,6 @@ from ftp_dent_ros.profilometry.fourier_transform import FourierTransform
 from ftp_dent_ros.profilometry.fourier_transform.region import Window
 from ftp_dent_ros.rig.rig import Rig
 
-# The depth at the dent's centre is the mean over this share of its half axes.
-_CENTRE = 0.15
-_MM = 1e3
-
 PHASE_NOISE = 0.6  # radians, standard deviation
 
 
@@ -157,7 +153,7 @@ class Bench:
             figures = Figures(nothing, nothing, nothing, nothing, 0.0, nothing)
             return Trial(figures, None, None)
         error = np.full(cloud.valid.shape, np.nan)
-        error[cloud.valid] = _MM * scene.error(cloud.points[cloud.valid])
+        error[cloud.valid] = 1e3 * scene.error(cloud.points[cloud.valid])
         return Trial(_figures(scene, lit, cloud, error, seconds), cloud, error)
 
 
@@ -167,7 +163,8 @@ def _figures(scene: Scene, lit, cloud: Cloud, error, seconds: float) -> Figures:
     x, y = scene.on_panel(cloud.points[valid])
     dent = scene.dent
     across = np.hypot(x / (dent.length / 2), y / (dent.width / 2))
-    on_dent, around, centre = across < 1, (across > 1.2) & (across < 2), across < _CENTRE
+    # The depth at the dent's centre is the mean over this share of its half axes.
+    on_dent, around, centre = across < 1, (across > 1.2) & (across < 2), across < 0.15
     if not on_dent.any() or not centre.any():
         dent_mae = depth_bias = math.nan
     else:

@@ -29,11 +29,6 @@ from ftp_dent_ros.simulation.world import World, read_world
 _ADDRESS = re.compile(r'(udpin|udpout|tcp|tcpin):([\w.-]+):(\d{1,5})')
 # Bytes that are read at once.
 _LARGEST = 65536
-# A UDP peer that has said nothing for so long gets nothing more; a connection that failed is tried
-# again after so long, each try no longer than that.
-_FORGOTTEN_S = 60.0
-_RETRY_S = 0.5
-_CONNECT_S = 0.2
 
 # The world's own way from ENU to NED and from FRD to FLU: a mistake in the conversions of
 # `navigation.frames` must not cancel against itself.
@@ -77,10 +72,6 @@ _DEFAULTS_US = {
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 0,
     mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: 0,
 }
-# What REQUEST_DATA_STREAM of another client changes on an ArduCopter, and to what.
-# Messages that are late keep their time and are sent after each other, unless that is hopeless.
-_MOST_LATE_NS = 500_000_000
-_LONGEST_WAIT_NS = 500_000_000
 
 
 os.environ.setdefault('MAVLINK20', '1')
@@ -162,7 +153,9 @@ class _Datagrams:
         return _new_parser().parse_buffer(data)
 
     def write(self, data: bytes) -> None:
-        oldest = time.monotonic() - _FORGOTTEN_S
+        # A UDP peer that has said nothing for so long gets nothing more; a connection that failed
+        # is tried again after so long, each try no longer than that.
+        oldest = time.monotonic() - 60.0
         self._heard = {peer: last for peer, last in self._heard.items() if last > oldest}
         for peer in self._heard:
             with suppress(OSError):  # Lost, as on the air.
@@ -183,9 +176,9 @@ class _Stream:
 
     def sockets(self) -> list[socket.socket]:
         if self._peer is None and self._listener is None and time.monotonic() > self._retry:
-            self._retry = time.monotonic() + _RETRY_S
+            self._retry = time.monotonic() + 0.5
             with suppress(OSError):
-                self._adopt(socket.create_connection(self._place, _CONNECT_S))
+                self._adopt(socket.create_connection(self._place, 0.2))
         return [end for end in (self._listener, self._peer) if end is not None]
 
     def read(self, end: socket.socket) -> list[Any] | None:
@@ -410,14 +403,17 @@ class Autopilot:
         now = self.time_since_boot_ns()
         for message_id, due in list(self._due_ns.items()):
             interval = self._intervals_us[message_id] * 1000
-            if due < now - _MOST_LATE_NS:
+            # What REQUEST_DATA_STREAM of another client changes on an ArduCopter, and to what.
+            # Messages that are late keep their time and are sent after each other, unless that is
+            # hopeless.
+            if due < now - 500_000_000:
                 due = now // interval * interval
             while due <= now:
                 self._send(message_id, due)
                 due += interval
             self._due_ns[message_id] = due
         # Also with nothing to send, a server that was lost is looked for.
-        next_ns = min([now + _LONGEST_WAIT_NS, *self._due_ns.values()])
+        next_ns = min([now + 500_000_000, *self._due_ns.values()])
         return max(next_ns - self.time_since_boot_ns(), 0)
 
     def _send(self, message_id: int, boot_ns: int) -> None:

@@ -23,7 +23,6 @@ Field = NDArray[np.float64]
 # crossing; halving the bracket so often leaves 1e-12 of the axes.
 DIRECTIONS = 720
 _ALONG_A_RAY = 400
-_HALVINGS = 32
 
 
 class Shape(Protocol):
@@ -331,7 +330,7 @@ def _contour(shape: Shape, level: float) -> Field:
     above = shape.fraction(u, v)[0] > level
     last = _ALONG_A_RAY - 1 - np.argmax(above[::-1], axis=0)
     low, high = radii[last], radii[np.minimum(last + 1, _ALONG_A_RAY - 1)]
-    for _ in range(_HALVINGS):
+    for _ in range(32):
         middle = (low + high) / 2
         inside = shape.fraction(*(middle * direction))[0] > level
         low, high = np.where(inside, middle, low), np.where(inside, high, middle)

@@ -22,9 +22,6 @@ from ftp_dent_ros.simulation.surface import Panel, Surface
 
 Field = NDArray[np.float64]
 
-# Between nodes, at most: pixels, and radians.
-_NODE_SPACING = 16
-_NODE_ANGLE = 0.01
 
 # A shadow's caster is at least this much nearer to the projector, as a part of the distance.
 _CLEAR = 1e-5
@@ -178,7 +175,8 @@ def pixel_grid(lens: Lens) -> PixelGrid:
 
 def _interpolation(size: int, focal: float) -> tuple[NDArray[np.float64], csr_matrix]:
     """Nodes over 0 ... size - 1, and the matrix of Lagrange's cubic from them to each pixel."""
-    spacing = min(_NODE_SPACING, _NODE_ANGLE * focal)
+    # Between nodes, at most: pixels, and radians.
+    spacing = min(16, 0.01 * focal)
     count = max(4, min(math.ceil((size - 1) / spacing) + 1, size))
     nodes = np.linspace(0, size - 1, count)
     position = np.arange(size) / max(size - 1, 1) * (count - 1)

@@ -202,9 +202,9 @@ class LiveWorld:
     """
 
     def __init__(self, path: str | os.PathLike[str], start_ns: int) -> None:
-        self._path, self._start_ns = path, start_ns
+        self._path, self._start_ns = find(path), start_ns
         self._version = self._stat()
-        self._world = read_world(path, start_ns=start_ns)
+        self._world = read_world(self._path, start_ns=start_ns)
         self._whites = self._moves = 0
 
     def photograph(self, rig: Rig, projected: NDArray[np.uint8], stamp_ns: int) -> Photograph:

@@ -225,7 +225,7 @@ def test_folders_that_cannot_be_used(tmp_path, capsys):
 
 
 def test_a_session_is_kept_in_its_folder(tmp_path):
-    session = Session(Board(7, 6, 0.03), SEQUENCE, 0.25, 0.05, 1.8)
+    session = Session(Board(7, 6, 0.03), SEQUENCE, 0.25, 0.05)
     write_session(tmp_path, session)
     assert read_session(tmp_path) == session
 

@@ -1,16 +1,19 @@
 """The world: the skin, the drone and the camera agree on where things are."""
 
 import dataclasses
+from itertools import pairwise
 
 import cv2
 import numpy as np
 import pytest
 import yaml
 
+from ftp_dent_ros.calibration.board import Board
 from ftp_dent_ros.errors import ConfigurationError, ImageError
 from ftp_dent_ros.files import find
+from ftp_dent_ros.rig.rig import read_rig
 from ftp_dent_ros.simulation.view import see
-from ftp_dent_ros.simulation.world import read_world
+from ftp_dent_ros.simulation.world import LiveWorld, read_world
 from ftp_dent_ros.yaml_file import read_yaml
 
 START_NS = 1_700_000_000_000_000_000
@@ -194,3 +197,34 @@ def test_a_file_that_is_no_scene_is_refused(tmp_path):
             read_world(file)
     with pytest.raises(ConfigurationError, match=r'none\.yaml'):
         read_world(tmp_path / 'none.yaml')
+
+
+def test_a_board_is_moved_by_the_second_white_photograph_in_a_row(rig, pattern):
+    """As a capture takes them between two poses, and never amid the photographs of one."""
+    world = LiveWorld('shipped:board_scene.yaml', 0)
+    shipped = read_rig(find('shipped:rig.yaml'))
+    size = (shipped.projector.height, shipped.projector.width, 3)
+    white, black = np.full(size, 254, np.uint8), np.zeros(size, np.uint8)
+    board = Board(10, 7, 0.025)
+    corners = []
+    for image in (white, white, white, black, white, white):
+        photograph = world.photograph(shipped, image, 0)
+        if image is white:
+            corners.append(board.find(photograph.shown()[..., 1]))
+    moved = [np.abs(b - a).max() > 5 for a, b in pairwise(corners)]
+    assert moved == [True, False, False, True]
+
+
+def test_the_shipped_board_is_seen_whole_in_each_of_its_poses():
+    world, shipped = read_world('shipped:board_scene.yaml'), read_rig(find('shipped:rig.yaml'))
+    x, y = np.meshgrid(np.arange(10), np.arange(7))
+    corners = 0.025 * np.stack([x.ravel(), y.ravel(), np.zeros(70)], axis=-1)
+    assert len(world.board_poses) > 15
+    for pose in world.board_poses:
+        points = pose.apply(corners)
+        for lens, seen in (
+            (shipped.camera, points),
+            (shipped.projector, shipped.to_projector(points)),
+        ):
+            pixel = lens.project(seen)
+            assert (pixel > 5).all() and (pixel < [lens.width - 6, lens.height - 6]).all()
