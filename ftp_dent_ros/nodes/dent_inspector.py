@@ -39,10 +39,9 @@ from ftp_dent_ros.pose import IDENTITY
 from ftp_dent_ros.ros.dent_messages import dents_to_message
 from ftp_dent_ros.ros.diagnostics import OK, WARN, Diagnostics
 from ftp_dent_ros.ros.messages import cloud_from_message, image_from_message, stamp_to_ns
-from ftp_dent_ros.ros.node import run
+from ftp_dent_ros.ros.node import NewestWorker, run
 from ftp_dent_ros.ros.parameters import Parameters
 from ftp_dent_ros.ros.qos import CLOUDS, DENTS, LATCHED, OVERRIDABLE, POSES
-from ftp_dent_ros.ros.worker import NewestWorker
 
 # Clouds that may wait: one whose surveyed pose was lost comes together with the next.
 _WAITING = 2

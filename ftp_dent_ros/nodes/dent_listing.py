@@ -28,8 +28,8 @@ from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.ros.dent_messages import dents_to_markers, dents_to_message
 from ftp_dent_ros.ros.diagnostics import Diagnostics
 from ftp_dent_ros.ros.messages import pose_from_message, stamp_to_ns
+from ftp_dent_ros.ros.node import NewestWorker
 from ftp_dent_ros.ros.qos import LATCHED
-from ftp_dent_ros.ros.worker import NewestWorker
 
 # Clouds' dents that may wait while a long list is corrected: minutes of them.
 _WAITING = 1000

@@ -19,8 +19,8 @@ from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.ros.coverage_messages import coverage_to_markers
 from ftp_dent_ros.ros.diagnostics import Diagnostics
 from ftp_dent_ros.ros.messages import make_header, pose_stamped_message
+from ftp_dent_ros.ros.node import NewestWorker
 from ftp_dent_ros.ros.qos import LATCHED
-from ftp_dent_ros.ros.worker import NewestWorker
 from ftp_dent_ros.survey.footprint import Footprint, seen_skin
 
 # Seconds between two, and of the time spent on one, how often that is rested.
