@@ -19,7 +19,7 @@ from ftp_dent_ros.dents.dent_list import EXACT, DentList
 from ftp_dent_ros.dents.glass import sentence
 from ftp_dent_ros.dents.rules import Rules
 from ftp_dent_ros.dents.sightings import ListedDent
-from ftp_dent_ros.errors import FtpDentError
+from ftp_dent_ros.errors import CloudError, FtpDentError
 from ftp_dent_ros.inspection.repeatability import halves, repeats_of, study
 from ftp_dent_ros.inspection.report import Frame, Mesh, Report, View
 from ftp_dent_ros.pages.drawing import jpeg
@@ -281,10 +281,27 @@ class Inspected:
     reason: str = ''
 
 
+def check_resolution(cloud: Cloud) -> Cloud:
+    """The cloud, if its resolution can be true.
+
+    Raises
+    ------
+    CloudError
+        It cannot be: no window of a photograph is a metre wide.
+    """
+    largest = float(np.nanmax(cloud.resolution, initial=0.0))
+    if not largest < 1:
+        raise CloudError(
+            f'the cloud states a resolution of {largest:.3g} m, where less than 1 m can be: '
+            'correct its field resolution, in metres'
+        )
+    return cloud
+
+
 def inspected(inspect: Inspect, settings: Settings, task: Task) -> Inspected:
     """Inspect a cloud and, if that is asked for, its halves."""
     try:
-        found = inspect(task.cloud, settings=settings, viewpoint=task.viewpoint)
+        found = inspect(check_resolution(task.cloud), settings=settings, viewpoint=task.viewpoint)
         again = []
         for half in halves(task.cloud) if task.in_halves else ():
             other = inspect(half, settings=settings, viewpoint=task.viewpoint)

@@ -133,7 +133,7 @@ def test_a_kept_list_that_is_corrected_and_read_again_leaves_marks_out(tmp_path)
     aside = Pose(Rotation.identity(), np.array([0.02, 0.0, 0.0]))
     assert kept.correct('map', {n: aside @ pose for n, (pose, _) in enumerate(frames)})
     after = {each.number: each.dent.position for each in kept.entries}
-    assert len(kept.glass) == len(MARKS) and before.keys() == after.keys()
+    assert len(kept.snapshot().glass) == len(MARKS) and before.keys() == after.keys()
     assert all(np.allclose(after[n] - before[n], [0.02, 0, 0], atol=1e-3) for n in before)
     again = KeptList(tmp_path / 'list')
     assert len(again.glass) == len(MARKS)
