@@ -211,12 +211,12 @@ def _of_bag(
     # Only this needs the libraries of bags.
     from ftp_dent_ros.fleet import in_order
     from ftp_dent_ros.inspection.bag import survey_bag
-    from ftp_dent_ros.recording import provenance
+    from ftp_dent_ros.recording import clouds
     from ftp_dent_ros.recording.clouds import count_clouds
     from ftp_dent_ros.recording.reader import open_bag
 
     bag = open_bag(request.path)
-    named, camera = _rig(request, provenance.rig_id_of(bag))
+    named, camera = _rig(request, clouds.rig_id_of(bag))
     count, _ = count_clouds(bag)
     if request.joined:
         from ftp_dent_ros.survey.surveying import report_on_skin

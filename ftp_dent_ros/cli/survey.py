@@ -114,13 +114,13 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _rig_of(bags: Sequence[Bag], name: str | None) -> str:
     """Id of the one rig that measured all bags, as far as they tell; else of the file given."""
-    from ftp_dent_ros.recording import provenance
+    from ftp_dent_ros.recording import clouds
 
     given = find(name) if name else None
     # The first that tells which rig it is: a file, or a bag.
     known, whose = (read_rig(given).id, given) if given else ('', None)
     for bag in bags:
-        told = provenance.rig_id_of(bag)
+        told = clouds.rig_id_of(bag)
         if told and known and told != known:
             raise ConfigurationError(
                 f'{bag.path}: was measured by the rig {told}, and {whose} is of the rig {known}: '

@@ -20,8 +20,13 @@ from ftp_dent_ros.inspection.inspecting import (
 )
 from ftp_dent_ros.inspection.report import Report
 from ftp_dent_ros.pose import IDENTITY
-from ftp_dent_ros.recording.clouds import BagCloud, Skipped, bag_clouds, count_clouds
-from ftp_dent_ros.recording.coverages import coverages_of
+from ftp_dent_ros.recording.clouds import (
+    BagCloud,
+    SkippedMessage,
+    bag_clouds,
+    count_clouds,
+    coverages_of,
+)
 from ftp_dent_ros.recording.reader import Bag
 from ftp_dent_ros.rig.rig import Lens
 
@@ -79,7 +84,7 @@ def survey_bag(
     repeat = tagged and prepared is None
     survey = Survey(inspect, count, repeat=repeat, placed=tagged, settings=settings)
     frame_id, in_camera = '', True
-    skipped: list[Skipped] = []
+    skipped: list[SkippedMessage] = []
     read: deque[tuple[BagCloud, Observation]] = deque()
 
     def tasks() -> Iterator[Task]:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ftp_dent_ros import __version__
 from ftp_dent_ros.cloud.cloud import Cloud
+from ftp_dent_ros.cloud.coverage import Coverage
 from ftp_dent_ros.dents.dent import Inspection, MeasuredDent, Settings
 from ftp_dent_ros.dents.dent_list import EXACT, DentList
 from ftp_dent_ros.dents.glass import sentence
@@ -24,7 +25,6 @@ from ftp_dent_ros.inspection.repeatability import halves, repeats_of, study
 from ftp_dent_ros.inspection.report import Frame, Mesh, Report, View
 from ftp_dent_ros.pages.drawing import jpeg
 from ftp_dent_ros.pose import IDENTITY, Pose
-from ftp_dent_ros.profilometry.coverage import Coverage
 from ftp_dent_ros.rig.rig import Lens
 
 # Of the 3-D view: in one cloud, and in all of them.

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.cloud.coverage import Coverage
 from ftp_dent_ros.dents.dent import Settings, Waviness
 from ftp_dent_ros.dents.rules import Finding, Rules
 from ftp_dent_ros.dents.sightings import ListedDent
 from ftp_dent_ros.inspection.repeatability import Repeatability
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.profilometry.coverage import Coverage
 from ftp_dent_ros.rig.rig import Lens
 
 # What stands for no measurement among 16 bits of micrometres.

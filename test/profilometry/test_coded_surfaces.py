@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from small_scenes import DEPTH, PATTERN, RIG, Scene, panel
 
+from ftp_dent_ros.cloud.coverage import UNNUMBERED
 from ftp_dent_ros.errors import PatternError
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
-from ftp_dent_ros.profilometry.coverage import UNNUMBERED
 from ftp_dent_ros.simulation import Dent, Panel, Sunlight
 
 CODED = replace(PATTERN, code='contrast')

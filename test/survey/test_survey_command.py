@@ -14,8 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.recording.definitions import typestore
-from ftp_dent_ros.recording.topic import Message
+from ftp_dent_ros.recording.topic import Message, typestore
 from ftp_dent_ros.recording.writer import BagWriter
 from ftp_dent_ros.survey.mosaic import Mosaic
 from ftp_dent_ros.survey.store import Store

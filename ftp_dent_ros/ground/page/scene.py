@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud.cloud import Cloud
-from ftp_dent_ros.coding.cloud_codec import decode
-from ftp_dent_ros.coding.view import View
+from ftp_dent_ros.coding.cloud_codec import View, decode
 from ftp_dent_ros.dents.dent import COVERAGE, KINDS
 from ftp_dent_ros.errors import CodecError
 from ftp_dent_ros.ground import topics
@@ -75,7 +74,7 @@ def relief(cloud: Cloud) -> bytes:
 
 def message_of(item: Item) -> Any:
     """Message of CDR, without ROS."""
-    from ftp_dent_ros.recording.definitions import typestore
+    from ftp_dent_ros.recording.topic import typestore
 
     try:
         if len(item.data) > _LARGEST:

@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.cloud.coverage import Coverage
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.profilometry.carrier import ReferencePlane, carrier_on
-from ftp_dent_ros.profilometry.coverage import Coverage
 from ftp_dent_ros.profilometry.epipolar_check import EpipolarCheck, check_epipolar
 from ftp_dent_ros.profilometry.least_squares.bins.exposure import check_exposure
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid

@@ -37,6 +37,8 @@ _UNCONFIRMED = (
     'the pattern is the one told could not be checked'
 )
 REASONS = tuple(_SENTENCES)
+#: Name, in diagnostics, of the stamp (ns) of the cloud that the shares beside it are of.
+NOTED_STAMP = 'lit area at (ns)'
 # Names of shares among the values of diagnostics.
 _WITH, _WITHOUT = 'lit area with points', 'lit but '
 

@@ -7,13 +7,14 @@ any publisher.
 
 from __future__ import annotations
 
+import importlib
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ftp_dent_ros.cloud.cloud import Cloud
-from ftp_dent_ros.errors import CloudError, PoseError, RigError
+from ftp_dent_ros.errors import CloudError, ConfigurationError, PoseError, RigError
 from ftp_dent_ros.rig.rig import Lens
 
 if TYPE_CHECKING:
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from sensor_msgs.msg import CameraInfo, PointCloud2
 
     from ftp_dent_ros.pose import Pose
+
 
 CLOUD_FIELDS = ('x', 'y', 'z', 'intensity', 'sigma', 'resolution')
 # Of sensor_msgs/PointField: FLOAT32 and FLOAT64.
@@ -215,3 +217,20 @@ def covariance_from_message(values: ArrayLike) -> NDArray[np.float64]:
             'wrong pose',
         )
     return (covariance + covariance.T) / 2 + _SURE * np.eye(6)
+
+
+def message_class(type_name: str) -> type[Any]:
+    """Class of a message type such as ``sensor_msgs/msg/Image``.
+
+    Raises
+    ------
+    ConfigurationError
+        Its package is not installed.
+    """
+    package, _, name = type_name.partition('/msg/')
+    try:
+        return getattr(importlib.import_module(f'{package}.msg'), name)
+    except (ImportError, AttributeError, ValueError):
+        raise ConfigurationError(
+            f'{type_name}: this message type is not installed: install or source its package'
+        ) from None
