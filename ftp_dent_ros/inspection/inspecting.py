@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ftp_dent_ros import __version__
-from ftp_dent_ros.cloud.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud, check_resolution
 from ftp_dent_ros.cloud.coverage import Coverage
 from ftp_dent_ros.dents.dent import Inspection, MeasuredDent, Settings
 from ftp_dent_ros.dents.dent_list import EXACT, DentList
 from ftp_dent_ros.dents.glass import sentence
 from ftp_dent_ros.dents.rules import Rules
 from ftp_dent_ros.dents.sightings import ListedDent
-from ftp_dent_ros.errors import CloudError, FtpDentError
+from ftp_dent_ros.errors import FtpDentError
 from ftp_dent_ros.inspection.repeatability import halves, repeats_of, study
 from ftp_dent_ros.inspection.report import Frame, Mesh, Report, View
 from ftp_dent_ros.pages.drawing import jpeg
@@ -279,23 +279,6 @@ class Inspected:
     found: Inspection | None = None
     again: tuple[tuple[MeasuredDent, ...], ...] = ()
     reason: str = ''
-
-
-def check_resolution(cloud: Cloud) -> Cloud:
-    """The cloud, if its resolution can be true.
-
-    Raises
-    ------
-    CloudError
-        It cannot be: no window of a photograph is a metre wide.
-    """
-    largest = float(np.nanmax(cloud.resolution, initial=0.0))
-    if not largest < 1:
-        raise CloudError(
-            f'the cloud states a resolution of {largest:.3g} m, where less than 1 m can be: '
-            'correct its field resolution, in metres'
-        )
-    return cloud
 
 
 def inspected(inspect: Inspect, settings: Settings, task: Task) -> Inspected:

@@ -30,12 +30,12 @@ from sensor_msgs.msg import Image, PointCloud2
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
+from ftp_dent_ros.cloud.cloud import check_resolution
 from ftp_dent_ros.dents.dent import Inspection, MeasuredDent
 from ftp_dent_ros.dents.dent_list import EXACT, DentList
 from ftp_dent_ros.dents.glass import sentence
 from ftp_dent_ros.dents.kept_list import KeptList
 from ftp_dent_ros.errors import CloudError, ImageError, PoseError
-from ftp_dent_ros.inspection.inspecting import check_resolution
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.records import list_record
 from ftp_dent_ros.nodes.declarations import names_of_all
