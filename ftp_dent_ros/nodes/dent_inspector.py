@@ -52,10 +52,9 @@ from ftp_dent_ros.ros.messages import (
     pose_from_message,
     stamp_to_ns,
 )
-from ftp_dent_ros.ros.node import run
+from ftp_dent_ros.ros.node import NewestWorker, run
 from ftp_dent_ros.ros.parameters import Parameters
 from ftp_dent_ros.ros.qos import CLOUDS, DENTS, LATCHED, OVERRIDABLE, POSES
-from ftp_dent_ros.ros.worker import NewestWorker
 
 # Clouds that may wait to be inspected, each of some megabytes: one whose surveyed pose was lost
 # comes together with the next. And those whose dents wait while a long list is corrected.

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from typing import Generic, TypeVar
 
 from ftp_dent_ros.ros.diagnostics import Diagnostics
-from ftp_dent_ros.ros.worker import NewestWorker
+from ftp_dent_ros.ros.node import NewestWorker
 
 State = TypeVar('State')
 

@@ -35,10 +35,9 @@ from ftp_dent_ros.ros.messages import (
     pose_to_message,
     stamp_to_ns,
 )
-from ftp_dent_ros.ros.node import run
+from ftp_dent_ros.ros.node import NewestWorker, run
 from ftp_dent_ros.ros.parameters import Parameters
 from ftp_dent_ros.ros.qos import CLOUDS, LATCHED, OVERRIDABLE, POSES
-from ftp_dent_ros.ros.worker import NewestWorker
 from ftp_dent_ros.survey.footprint import Footprint, seen_skin
 from ftp_dent_ros.survey.joining import Joining
 

@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from ftp_dent_ros.ros.worker import NewestWorker
+from ftp_dent_ros.ros.node import NewestWorker
 
 
 @pytest.mark.parametrize(
