@@ -37,10 +37,6 @@ from ftp_dent_ros.photograph.file import is_photograph, read_photograph
 from ftp_dent_ros.rig.rig import Lens, read_rig
 
 _CAMERA_FRAME = 'camera_optical_frame'
-# Clouds that take as long as another process does to begin.
-_WORTH = 10
-
-_FAILED = 2
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -223,7 +219,8 @@ def _of_bag(
 
         thrice = partial(progress, 3 * count)
         return report_on_skin(bag, inspect, named, camera, rules, request.settings, thrice)[0]
-    once, each = partial(progress, count), partial(in_order, jobs=min(jobs, count // _WORTH))
+    # Clouds that take as long as another process does to begin.
+    once, each = partial(progress, count), partial(in_order, jobs=min(jobs, count // 10))
     return survey_bag(
         bag, inspect, named, camera, rules, request.settings, progress=once, each=each
     )
@@ -346,7 +343,7 @@ def inspect_several(
             bar.write(line, file=sys.stderr if outcome.failed else sys.stdout)
             bar.update()
     print(f'{counts[False]} inspected, {len(done)} done before, {counts[True]} failed')
-    return _FAILED if counts[True] else 0
+    return 2 if counts[True] else 0
 
 
 def _results(

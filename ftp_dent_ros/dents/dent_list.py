@@ -33,13 +33,8 @@ _PLACE, _OF_WIDTH = 2e-3, 0.06
 # Or farther, where its sizes agree, but no farther than this part of the way to the next dent:
 # frames that were put to each other over many others have drifted, metres.
 _FREE, _FARTHEST = 0.4, 20e-3
-# Farther from each other than this no pose puts one dent, and its length; metres.
-_ELSEWHERE = 1.0
 
 Indices = list[tuple[int, int]]
-
-# Of a dent's width: better than that a place must be known to lie in it, where poses alone tell.
-_KNOWN = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -402,7 +397,8 @@ def _thinkable(
     near = np.linalg.norm(along, axis=-1) < 1.1 * _FARTHEST + 0.6 * longest
     cut = np.array([d.is_cut for d in dents])[:, None] | np.array([d.is_cut for d in known])
     same = np.array([entry.group == group for entry in entries])
-    far = np.linalg.norm(apart, axis=-1) > _ELSEWHERE + longest
+    # Farther from each other than this no pose puts one dent, and its length; metres.
+    far = np.linalg.norm(apart, axis=-1) > 1.0 + longest
     return np.where(same, near, cut) & ~far
 
 
@@ -465,7 +461,9 @@ def _is_part(each: Entry, other: Entry) -> bool:
 def _is_known(each: Entry, other: Entry) -> bool:
     """Whether poses tell where one entry lies to the other, as those of a survey do."""
     spread = each.listed.position_covariance + other.listed.position_covariance
-    return bool(np.sqrt(np.linalg.eigvalsh(spread)[-1]) < _KNOWN * other.dent.width.value)
+    # Of a dent's width: better than that a place must be known to lie in it, where poses alone
+    # tell.
+    return bool(np.sqrt(np.linalg.eigvalsh(spread)[-1]) < 0.25 * other.dent.width.value)
 
 
 def doubles(dents: Sequence[MeasuredDent], entries: Sequence[Entry]) -> list[tuple[int, ...]]:

@@ -29,11 +29,6 @@ from ftp_dent_ros.rig.rig import Lens
 
 # Of the 3-D view: in one cloud, and in all of them.
 _VERTICES, _ALL_VERTICES = 16_000, 120_000
-# The maps of so many frames are kept, whatever else they show, where there are no dents.
-_LEAST_VIEWS = 1
-# Clouds whose halves are measured too, evenly over the flight: with a few dents in each they give
-# some 25 degrees of freedom, so the gauge study's standard deviations to a seventh.
-_HALVED = 10
 
 Inspect = Callable[..., Inspection]
 
@@ -66,7 +61,10 @@ class Survey:
         #: Inspects a task, in whatever process.
         self.inspect = partial(inspected, inspect, self._settings)
         self._repeat, self._placed = repeat, placed
-        self._every, self._come = math.ceil(max(clouds, 1) / _HALVED), 0
+        # Clouds whose halves are measured too, evenly over the flight: with a few dents in each
+        # they give some 25 degrees of freedom, so the gauge study's standard deviations to a
+        # seventh.
+        self._every, self._come = math.ceil(max(clouds, 1) / 10), 0
         self._vertices = max(400, min(_VERTICES, _ALL_VERTICES // max(clouds, 1)))
         self._lists: list[DentList] = []
         self._frames: list[Frame] = []
@@ -162,7 +160,9 @@ class Survey:
         """Keep the maps of the frames alone that show some dent best, the last one's too."""
         best = {entry.best for entry in self._entries()}
         if not best:
-            best = {frame.number for frame in self._frames[:_LEAST_VIEWS]}
+            # The maps of so many frames are kept, whatever else they show, where there are no
+            # dents.
+            best = {frame.number for frame in self._frames[:1]}
         last = self._frames[-1]
         if last.number in best:
             self._frames[-1] = replace(last, view=_view(observation, found))

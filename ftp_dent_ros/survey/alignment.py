@@ -23,8 +23,6 @@ from ftp_dent_ros.survey.patch import Patch
 # are compared, metres: at about this distance errors are independent.
 _HEIGHTS, _PAINT = 0.006, 0.004
 _MOST_HEIGHTS, _MOST_PAINT = 3000, 4000
-# Of these, every so many-th finds the way; the last steps are by all.
-_FEW = 4
 # No two clouds fit each other better: a height's and a paint's standard deviation.
 _LEAST_HEIGHT, _LEAST_PAINT = 2e-6, 1e-3
 
@@ -51,7 +49,8 @@ class Samples:
     @cached_property
     def few(self) -> Samples:
         """Every fourth of them: enough to find the way."""
-        some = slice(None, None, _FEW)
+        # Of these, every so many-th finds the way; the last steps are by all.
+        some = slice(None, None, 4)
         return Samples(
             self.heights[some],
             self.height_values[some],

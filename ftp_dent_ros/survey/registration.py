@@ -26,22 +26,11 @@ LEAST_OVERLAP, _LEAST_POINTS, _LEAST_FEW = 0.15, 200, 50
 # Steps of least squares by few points, and the step that is small enough, metres and radians; the
 # last step is by all of them, and comes with what is told.
 _STEPS, _SHAPE_STEPS, _DONE = 8, 2, 5e-5
-# Heights' misfit by what the clouds state, above which they do not show one surface.
-_MOST_MISFIT = 25.0
-# Share of the points within three standard deviations, that both must have in common.
-_LEAST_ALIKE = 0.5
 # Standard deviations of a guess within which the truth lies.
 _GATE = 5.0
 _NO_PAINT = 'without a skin image: laid on each other by their shape alone'
 _NOWHERE = 'its paint is found nowhere on the other: by their shape alone'
 _AMBIGUOUS = 'its marks fit in more places than one: by their shape alone'
-# Places that are alike at first sight: more cannot all be judged.
-_MOST_PLACES = 32
-# As many that are as good as the best one are enough to give up.
-_MOST_RIVALS = 2
-# By how much a place may move along the skin as patches are laid on each other there: the cells
-# that it was found by, metres.
-_HELD = 0.003
 
 
 def register(
@@ -141,16 +130,20 @@ def _by_paint(
     few, pose = samples.few, near.pose
     loose = 1e-3 * np.linalg.inv(near.doubt).astype(float)
     if places is not None:
-        if len(places) > _MOST_PLACES:
+        # Places that are alike at first sight: more cannot all be judged.
+        if len(places) > 32:
             return None, _AMBIGUOUS
         # How high and how tilted they lie is the shape's to tell: a curved skin turns what slides
         # on it by far more than a guess is unsure of at its own place.
-        held = np.diag([1 / _HELD**2] * 2 + [0.0] * 3 + [loose[5, 5]])
+        # By how much a place may move along the skin as patches are laid on each other there: the
+        # cells that it was found by, metres.
+        held = np.diag([1 / 0.003**2] * 2 + [0.0] * 3 + [loose[5, 5]])
         slidden = [slid(first, few, each, near.centre, held) for each in places]
         rough = (Place.at(first, few, each, near, rough=True) for each in slidden)
         left = not_worse(rough, len(places))
         judged = (_judged(first, samples, each, near, held) for each in left)
-        left = not_worse(judged, _MOST_RIVALS)
+        # As many that are as good as the best one are enough to give up.
+        left = not_worse(judged, 2)
         if len(left) != 1:
             return None, _AMBIGUOUS if left else _NOWHERE
         pose = left[0].pose
@@ -229,11 +222,13 @@ def _check(found: Equations, samples: Samples, remark: str) -> None:
     heights = ~found.is_paint
     if heights.sum() < max(_LEAST_POINTS, LEAST_OVERLAP * len(samples.heights)):
         raise UnlikePairError('they do not overlap')
-    if found.spread[0] > _MOST_MISFIT:
+    # Heights' misfit by what the clouds state, above which they do not show one surface.
+    if found.spread[0] > 25.0:
         raise UnlikePairError(
             f'their heights differ {found.spread[0]:.0f} times as much as they state'
         )
-    if np.mean(np.abs(found.residual[heights]) < 3) < _LEAST_ALIKE:
+    # Share of the points within three standard deviations, that both must have in common.
+    if np.mean(np.abs(found.residual[heights]) < 3) < 0.5:
         raise UnlikePairError('most of their heights differ')
 
 
