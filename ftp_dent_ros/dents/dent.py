@@ -28,7 +28,7 @@ Points = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Settings:
+class SmallestDent:
     """The smallest dent that is looked for.
 
     Attributes

@@ -68,7 +68,7 @@ class Change:
 
 
 @dataclass(frozen=True)
-class Scale:
+class CommonFactor:
     """What two surveys have in common in one quantity: the factor of the later one's values."""
 
     quantity: str
@@ -81,7 +81,7 @@ def changes_of(
     earlier: Sequence[MeasuredDent],
     later: Sequence[MeasuredDent],
     deeper: Sequence[Growth | None] = (),
-) -> tuple[list[tuple[Change, ...]], tuple[Scale, ...]]:
+) -> tuple[list[tuple[Change, ...]], tuple[CommonFactor, ...]]:
     """Changes of dents that are the same, in their order, and the surveys' common factors.
 
     Parameters
@@ -129,7 +129,7 @@ def _compared(
     later: Sequence[Estimate],
     given: Sequence[Growth | None],
     usable: NDArray[np.bool_],
-) -> tuple[Scale, list[Estimate], list[float]]:
+) -> tuple[CommonFactor, list[Estimate], list[float]]:
     """How most dents compare; each one's difference, and its degrees of freedom."""
     later = [
         b if d is None else Estimate(a.value + d.estimate.value, a.uncertainty)
@@ -178,7 +178,7 @@ def _scale(
     later: Sequence[Estimate],
     stated: NDArray[np.float64],
     usable: NDArray[np.bool_],
-) -> tuple[Scale, float]:
+) -> tuple[CommonFactor, float]:
     """Factor of later over earlier values, the factor on their noise, and its freedom."""
     a, b = (np.array([[e.value, e.uncertainty] for e in each]) for each in (earlier, later))
     known = usable & np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
@@ -197,10 +197,12 @@ def _scale(
         information = float((weight * a[:, 0] ** 2).sum()) + _SCALE**-2
         factor = (float((weight * a[:, 0] * b[:, 0]).sum()) + _SCALE**-2) / information
         spread = information**-0.5
-    return Scale(quantity, factor, spread, noise), freedom
+    return CommonFactor(quantity, factor, spread, noise), freedom
 
 
-def _difference(earlier: Estimate, later: Estimate, stated: float, scale: Scale) -> Estimate:
+def _difference(
+    earlier: Estimate, later: Estimate, stated: float, scale: CommonFactor
+) -> Estimate:
     value = later.value / scale.factor - earlier.value
     noise = scale.noise * stated
     return Estimate(value, float(np.hypot(noise, earlier.value * scale.uncertainty)))

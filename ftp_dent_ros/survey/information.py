@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rigid import moved_along, twist_between
-from ftp_dent_ros.survey.alignment import Equations
+from ftp_dent_ros.survey.alignment import PairEquations
 
 Array = NDArray[np.float64]
 
@@ -60,12 +60,12 @@ class Told:
     count: int
 
 
-def told_by(found: Equations, centre: Array, parallax: Array) -> Told:
+def told_by(found: PairEquations, centre: Array, parallax: Array) -> Told:
     """What equations at their solution tell.
 
     Parameters
     ----------
-    found : Equations
+    found : PairEquations
     centre : ndarray, shape (3,)
         Of what both saw, metres.
     parallax : ndarray, shape (2,)

@@ -13,7 +13,7 @@ from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.survey.alignment import Samples, samples_of
 from ftp_dent_ros.survey.information import RelativePose, UnlikePairError
-from ftp_dent_ros.survey.patch import Kept, outline_of, patch_of
+from ftp_dent_ros.survey.patch import KeptPatch, outline_of, patch_of
 from ftp_dent_ros.survey.pose_graph import PoseGraph
 from ftp_dent_ros.survey.pose_terms import Node, relative_doubt, share_kept
 from ftp_dent_ros.survey.registration import register
@@ -56,7 +56,7 @@ class Joining:
         self.remarks: list[str] = []
         self.without_skin = 0
         self._remark = remark
-        self._kept: dict[int, Kept] = {}
+        self._kept: dict[int, KeptPatch] = {}
         self._last_key = -1
         self._was_refused = False
         self._last_closed = self._last_slid = -1
@@ -102,7 +102,7 @@ class Joining:
         size = float(np.ptp(samples.heights[:, :2], axis=0).min())
         self.outlines.append(patch.frame.apply(outline_of(samples.heights)))
         self.normals.append(patch.frame.rotation.apply([0.0, 0.0, 1.0]))
-        self._kept[number] = Kept(patch, size)
+        self._kept[number] = KeptPatch(patch, size)
         for other in self._neighbours(number):
             if self._join(other, number, samples) and other == number - 1:
                 # A guess for the others that is nearly right.
@@ -255,7 +255,7 @@ class Joining:
         self._remark(text)
 
 
-def closures(graph: PoseGraph, kept: Mapping[int, Kept], number: int, last: int) -> list[int]:
+def closures(graph: PoseGraph, kept: Mapping[int, KeptPatch], number: int, last: int) -> list[int]:
     """Of other passes that show the same skin, the nearest cloud of each.
 
     Parameters
@@ -287,7 +287,7 @@ def _are_passes(graph: PoseGraph, one: int, other: int) -> bool:
     return abs(one - other) >= _APART or nodes[one].flight != nodes[other].flight
 
 
-def _is_same_skin(graph: PoseGraph, cloud: Kept, number: int, last: int) -> bool:
+def _is_same_skin(graph: PoseGraph, cloud: KeptPatch, number: int, last: int) -> bool:
     if last < 0 or _are_passes(graph, last, number):
         return False
     apart = np.linalg.norm(graph.poses[last].translation - graph.poses[number].translation)

@@ -51,7 +51,7 @@ _EXPECTED, _GIVE_OR_TAKE = 1e-6, 4.6
 
 
 @dataclass(frozen=True, eq=False)
-class Matching:
+class DentMatching:
     """The dents of a later survey among those of an earlier one.
 
     Attributes
@@ -85,7 +85,7 @@ class NoMatchError(InputError):
     """Two surveys cannot be laid on each other."""
 
 
-def match(earlier: Sequence[MeasuredDent], later: Sequence[MeasuredDent]) -> Matching:
+def match(earlier: Sequence[MeasuredDent], later: Sequence[MeasuredDent]) -> DentMatching:
     """Find the same dents.
 
     Parameters
@@ -147,7 +147,7 @@ def _followed(
     motion: Pose,
     pairs: list[tuple[int, int]],
     place: Array,
-) -> Matching:
+) -> DentMatching:
     """From some pairs outward, until nothing is added."""
     there = np.stack([dent.position for dent in earlier])
     moved = motion.apply(np.stack([dent.position for dent in later]))
@@ -172,7 +172,7 @@ def _followed(
         pairs = found
     i, j = np.array(pairs).T
     shifts, spreads = there[i] - moved[j], place[i, j] * math.sqrt(2)
-    return Matching(
+    return DentMatching(
         tuple(pairs), motion, fit(moved[j], shifts, spreads), fit(there[i], -shifts, spreads)
     )
 

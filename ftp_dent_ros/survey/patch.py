@@ -40,7 +40,7 @@ _SHARED = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Patch:
+class SkinPatch:
     """A cloud over its tangent plane; arrays of shape (rows, columns), NaN where unknown.
 
     Attributes
@@ -122,7 +122,7 @@ class Patch:
 
 def patch_of(
     cloud: Cloud, skin: NDArray[np.uint8] | None = None, pitch: float | None = None
-) -> Patch:
+) -> SkinPatch:
     """Patch of a cloud in its camera's frame.
 
     Parameters
@@ -167,7 +167,7 @@ def patch_of(
     light = None
     if skin is not None and skin.any():
         light = remap(_LOGARITHMS[skin], u, v)
-    return Patch(frame, size, low, height, deviation, light)
+    return SkinPatch(frame, size, low, height, deviation, light)
 
 
 def outline_of(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -331,7 +331,7 @@ class FoldedPatch:
     level: float
 
     @classmethod
-    def of(cls, patch: Patch) -> FoldedPatch:
+    def of(cls, patch: SkinPatch) -> FoldedPatch:
         """Fold a patch."""
         known = np.isfinite(patch.height)
         low, high = float(patch.height[known].min()), float(patch.height[known].max())
@@ -362,7 +362,7 @@ class FoldedPatch:
         )
 
     @lru_cache(maxsize=8)  # noqa: B019 - the last that were used, with their layers, on purpose
-    def unfolded(self) -> Patch:
+    def unfolded(self) -> SkinPatch:
         """The patch; the last ones are kept."""
         rows, columns = self.shape
         height = self.middle + self.step * _unpacked(self.steps, self.shape)
@@ -371,7 +371,7 @@ class FoldedPatch:
         if self.light is not None:
             there = _LIGHT_STEP * _unpacked(self.light, self.shape) + self.level
             light = there.astype(np.float32)
-        return Patch(
+        return SkinPatch(
             self.frame,
             self.pitch,
             self.corner,
@@ -397,17 +397,17 @@ def _unpacked(packed: bytes, shape: tuple[int, int]) -> NDArray[np.float64]:
 
 
 @dataclass(frozen=True, eq=False)
-class Kept:
+class KeptPatch:
     """A patch that clouds to come may be laid on, whole or folded, and its lesser side, metres."""
 
-    whole: Patch | FoldedPatch
+    whole: SkinPatch | FoldedPatch
     size: float
 
     @property
-    def patch(self) -> Patch:
+    def patch(self) -> SkinPatch:
         """The patch."""
-        return self.whole if isinstance(self.whole, Patch) else self.whole.unfolded()
+        return self.whole if isinstance(self.whole, SkinPatch) else self.whole.unfolded()
 
-    def folded(self) -> Kept:
+    def folded(self) -> KeptPatch:
         """The same in less memory."""
-        return Kept(FoldedPatch.of(self.patch), self.size)
+        return KeptPatch(FoldedPatch.of(self.patch), self.size)

@@ -20,7 +20,7 @@ from scipy import fft
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rigid import moved
 from ftp_dent_ros.survey.alignment import Samples, of_paint
-from ftp_dent_ros.survey.patch import Patch
+from ftp_dent_ros.survey.patch import SkinPatch
 from ftp_dent_ros.survey.resampling import Grid
 
 # Standard deviations of the evidence against a place beyond which it is not the right one.
@@ -87,7 +87,7 @@ class Place:
 
     @classmethod
     def at(
-        cls, first: Patch, samples: Samples, pose: Pose, near: Guess, rough: bool = False
+        cls, first: SkinPatch, samples: Samples, pose: Pose, near: Guess, rough: bool = False
     ) -> Place:
         """Look up what lies below the samples; roughly: by the coarse paint alone."""
         layer, values = (
@@ -128,7 +128,7 @@ class Place:
         return float(evidence)
 
 
-def slid(first: Patch, samples: Samples, pose: Pose, centre: Array, held: Array) -> Pose:
+def slid(first: SkinPatch, samples: Samples, pose: Pose, centre: Array, held: Array) -> Pose:
     """Where the coarse paints lie on each other near a pose, as it slides and turns on the skin.
 
     Parameters
@@ -178,8 +178,8 @@ def is_right(doubt: NDArray[np.float64]) -> bool:
 
 
 def candidates(
-    first: Patch,
-    second: Patch,
+    first: SkinPatch,
+    second: SkinPatch,
     guess: Pose,
     centre: NDArray[np.float64],
     doubt: NDArray[np.float64],
@@ -218,7 +218,9 @@ def candidates(
     return [moved(guess, step, centre) for step in kept]
 
 
-def _peaks(first: Patch, second: Patch, pose: Pose, reach: NDArray) -> list[tuple[float, NDArray]]:
+def _peaks(
+    first: SkinPatch, second: SkinPatch, pose: Pose, reach: NDArray
+) -> list[tuple[float, NDArray]]:
     """Correlations and shifts of the maxima within reach that rival the highest one."""
     size = max(1, round(_CELL / first.pitch)) * first.pitch
     steps = np.ceil(reach / size).astype(int)
@@ -260,7 +262,7 @@ def _spectra(values: Grid, known: Grid) -> tuple[NDArray[np.complex64], ...]:
 
 @lru_cache(maxsize=4)
 def _spectra_of_first(
-    patch: Patch, size: float, shape: tuple[int, int]
+    patch: SkinPatch, size: float, shape: tuple[int, int]
 ) -> tuple[NDArray[np.complex64], ...]:
     """Spectra of the coarse paint of a patch, of its squares and of where it is known."""
     step = round(size / patch.pitch)
@@ -271,7 +273,12 @@ def _spectra_of_first(
 
 
 def _seen_by_first(
-    first: Patch, second: Patch, pose: Pose, size: float, steps: NDArray, shape: tuple[int, int]
+    first: SkinPatch,
+    second: SkinPatch,
+    pose: Pose,
+    size: float,
+    steps: NDArray,
+    shape: tuple[int, int],
 ) -> Grid:
     """Coarse paint of the second patch, and where it is known, on the grid of the first one.
 

@@ -22,10 +22,10 @@ from ftp_dent_ros.survey.information import COMMON, RelativePose
 from ftp_dent_ros.survey.pose_terms import (
     ANCHOR,
     Array,
-    Link,
     LinkTerms,
     Node,
     NormalEquations,
+    PairLink,
     StatedTerms,
     distances,
 )
@@ -54,7 +54,7 @@ class PoseGraph:
     nodes : list of Node
     poses, guesses : list of Pose
         As they are found, and as they were guessed.
-    links : list of Link
+    links : list of PairLink
         Each second cloud's number is no less than the last one's.
     left_out : set of int
         Numbers of the links that contradict the others.
@@ -67,7 +67,7 @@ class PoseGraph:
         self.nodes: list[Node] = []
         self.poses: list[Pose] = []
         self.guesses: list[Pose] = []
-        self.links: list[Link] = []
+        self.links: list[PairLink] = []
         self.left_out: set[int] = set()
         self.refused = 0.0
         # The poses once more, in arrays that grow by doubling.
@@ -88,7 +88,7 @@ class PoseGraph:
 
     def link(self, first: int, second: int, relative: RelativePose) -> None:
         """Another relative pose; the second cloud is the newer one."""
-        self.links.append(Link(first, second, relative))
+        self.links.append(PairLink(first, second, relative))
 
     def first_link(self, number: int) -> int:
         """Number of the first link to a pose or a newer one."""

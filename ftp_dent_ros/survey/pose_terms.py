@@ -295,7 +295,7 @@ class NormalEquations:
 
 
 @dataclass(frozen=True, eq=False)
-class Link:
+class PairLink:
     """A relative pose between two clouds, the second's seen from the first."""
 
     first: int
@@ -337,7 +337,7 @@ class LinkTerms:
     common: Array
 
     @classmethod
-    def of(cls, links: Sequence[Link], numbers: Sequence[int]) -> LinkTerms:
+    def of(cls, links: Sequence[PairLink], numbers: Sequence[int]) -> LinkTerms:
         """Terms of links, and the links' numbers."""
         relative = [link.relative for link in links]
         count = len(links)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rigid import about, moved
 from ftp_dent_ros.robust import deviation
-from ftp_dent_ros.survey.alignment import Equations, Samples, equations, samples_of
+from ftp_dent_ros.survey.alignment import PairEquations, Samples, equations, samples_of
 from ftp_dent_ros.survey.information import (
     RelativePose,
     UnlikePairError,
@@ -18,7 +18,7 @@ from ftp_dent_ros.survey.information import (
     slid_information,
     told_by,
 )
-from ftp_dent_ros.survey.patch import Patch
+from ftp_dent_ros.survey.patch import SkinPatch
 from ftp_dent_ros.survey.places import Guess, Place, candidates, is_right, not_worse, slid
 
 # Share of the second cloud that has to lie on the first, and points; of the few that find the way.
@@ -34,8 +34,8 @@ _AMBIGUOUS = 'its marks fit in more places than one: by their shape alone'
 
 
 def register(
-    first: Patch,
-    second: Patch,
+    first: SkinPatch,
+    second: SkinPatch,
     guess: Pose,
     doubt: NDArray[np.float64],
     samples: Samples | None = None,
@@ -45,7 +45,7 @@ def register(
 
     Parameters
     ----------
-    first, second : Patch
+    first, second : SkinPatch
     guess : Pose
         Of the second camera in the first one's frame.
     doubt : ndarray, shape (6, 6)
@@ -103,8 +103,8 @@ def register(
 
 
 def _placed(
-    first: Patch, second: Patch, samples: Samples, near: Guess
-) -> tuple[Pose, Guess, Equations | None, str]:
+    first: SkinPatch, second: SkinPatch, samples: Samples, near: Guess
+) -> tuple[Pose, Guess, PairEquations | None, str]:
     """The pose by paint with its equations; or by shape alone, and why."""
     by_shape, places = near.pose, None
     if not is_right(near.doubt):
@@ -124,7 +124,7 @@ def _placed(
 
 
 def _by_paint(
-    first: Patch, samples: Samples, places: list[Pose] | None, near: Guess
+    first: SkinPatch, samples: Samples, places: list[Pose] | None, near: Guess
 ) -> tuple[Pose | None, str]:
     """The pose at which the paints lie on each other, unless there is none, or more than one."""
     few, pose = samples.few, near.pose
@@ -151,7 +151,7 @@ def _by_paint(
 
 
 def _judged(
-    first: Patch, samples: Samples, place: Place, near: Guess, held: NDArray[np.float64]
+    first: SkinPatch, samples: Samples, place: Place, near: Guess, held: NDArray[np.float64]
 ) -> Place:
     """A place with the patches laid on each other there, by all samples."""
     try:
@@ -163,7 +163,7 @@ def _judged(
 
 
 def _solved(
-    first: Patch,
+    first: SkinPatch,
     samples: Samples,
     pose: Pose,
     centre: NDArray[np.float64],
@@ -192,7 +192,7 @@ def _laid(first, few, pose, centre, prior):
     return _solved(first, few, pose, centre, prior, with_paint=False, steps=_SHAPE_STEPS)
 
 
-def _centre(first: Patch, samples: Samples, pose: Pose) -> NDArray[np.float64]:
+def _centre(first: SkinPatch, samples: Samples, pose: Pose) -> NDArray[np.float64]:
     place = pose.apply(samples.heights)
     met = np.isfinite(first.looked_up(first.surface, place)[:, 0])
     if met.sum() < max(_LEAST_FEW, LEAST_OVERLAP * len(place)):
@@ -210,7 +210,7 @@ def _doubt_at(first, guess, doubt, centre):
 
 
 def _parallax(
-    first: Patch, second: Patch, pose: Pose, centre: NDArray[np.float64]
+    first: SkinPatch, second: SkinPatch, pose: Pose, centre: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Difference of the directions from which the centre is seen, shape (2,), patch's axes."""
     cameras = first.frame.inverse(), pose @ second.frame.inverse()
@@ -218,7 +218,7 @@ def _parallax(
     return views[1][:2] / views[1][2] - views[0][:2] / views[0][2]
 
 
-def _check(found: Equations, samples: Samples, remark: str) -> None:
+def _check(found: PairEquations, samples: Samples, remark: str) -> None:
     heights = ~found.is_paint
     if heights.sum() < max(_LEAST_POINTS, LEAST_OVERLAP * len(samples.heights)):
         raise UnlikePairError('they do not overlap')
@@ -232,7 +232,7 @@ def _check(found: Equations, samples: Samples, remark: str) -> None:
         raise UnlikePairError('most of their heights differ')
 
 
-def _misfit(first: Patch, samples: Samples, pose: Pose) -> float:
+def _misfit(first: SkinPatch, samples: Samples, pose: Pose) -> float:
     place = pose.apply(samples.heights)
     here = first.looked_up(first.surface, place)
     off = place[:, 2] - here[:, 0]
