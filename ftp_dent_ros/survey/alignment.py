@@ -176,7 +176,7 @@ def of_paint(
     centre: NDArray[np.float64],
     coarse: bool = False,
 ) -> tuple[tuple[NDArray[np.float64], ...], float]:
-    """Residuals, both slopes, weights and places of the paint, as in `PairEquations`; its spread."""
+    """Residuals, both slopes, weights and places of the paint, as `PairEquations` has; spread."""
     layer, values = (
         (first.coarse, second.coarse_values) if coarse else (first.paint, second.paint_values)
     )
