@@ -66,10 +66,10 @@ class BridgeCamera:
         """Answer what can be answered by now."""
         send: Callable[[Any], None] = lambda message: link.send(message, COMPONENT)  # noqa: E731
         has_news = self._commands or self._images or self._size != self._told_size
-        state = link.state().vehicle if has_news else None
+        state = link.state() if has_news else None
         if state is None or state.identity is None:
             return
-        offset = state.clock.offset
+        offset = state.clock_offset
         boot_ms = 0 if offset is None else round(1e3 * (now_ns / 1e9 - offset))
         if self._size != self._told_size:
             # Whoever asked before the first image was told that it is not known.

@@ -25,7 +25,7 @@ from ftp_dent_ros.errors import CloudError, PoseAwaitedError, PoseError
 from ftp_dent_ros.navigation.link import Link
 from ftp_dent_ros.navigation.origin import Origin
 from ftp_dent_ros.navigation.pose_covariance import Tag
-from ftp_dent_ros.navigation.report import Verdict, figures, judge
+from ftp_dent_ros.navigation.report import Verdict
 from ftp_dent_ros.nodes.bridge_camera import BridgeCamera
 from ftp_dent_ros.nodes.bridge_parameters import declare
 from ftp_dent_ros.nodes.bridge_tags import BridgeTags
@@ -203,11 +203,11 @@ class MavlinkBridge(Node):
 
     def _judge(self) -> tuple[bytes, str]:
         state = self._link.state()
-        for name, value in figures(state).items():
+        for name, value in state.figures.items():
             self._diagnostics.note(name, value)
         self._diagnostics.note('clouds waiting', len(self._waiting))
-        self._follow_origin(state.vehicle.origin)
-        verdict = judge(state, self._address)
+        self._follow_origin(state.origin)
+        verdict = state.verdict
         if verdict != self._said:
             self._said = verdict
             # One line a severity: rclpy ties a severity to the line that logs.
