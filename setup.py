@@ -48,7 +48,8 @@ setup(
         f'{NAME}.calibration': ['templates/*.j2'],
         f'{NAME}.evaluation': ['templates/*.j2'],
         f'{NAME}.ground.page': ['*.html', '*.css', '*.js'],
-        f'{NAME}.inspection.reporting': ['*.html', '*.css', '*.js'],
+        f'{NAME}.inspection': ['*.html', '*.js'],
+        f'{NAME}.pages': ['*.html', '*.css'],
         f'{NAME}.survey': ['*.html', '*.js'],
     },
     install_requires=[

@@ -17,10 +17,10 @@ import cv2
 import numpy as np
 from tqdm import tqdm
 
+from ftp_dent_ros.dents.dent import Settings
 from ftp_dent_ros.errors import FtpDentError
 from ftp_dent_ros.evaluation.detection import area_of, reconstructor_at, scene_of
 from ftp_dent_ros.inspection.measuring.inspection import inspect
-from ftp_dent_ros.inspection.settings import Settings
 
 # A fitting's groove and what the fringes make of it end within so many of its radii.
 _REACH = 2.5

@@ -13,9 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ftp_dent_ros.coding.cloud_codec import decode, encode
-from ftp_dent_ros.coding.view import View
-from ftp_dent_ros.decoding.messages import cloud_from_message, lens_from_message
+from ftp_dent_ros.coding.cloud_codec import View, decode, encode
+from ftp_dent_ros.coding.messages import cloud_from_message, lens_from_message
 from ftp_dent_ros.recording.compression import CompressedBagWriter
 from ftp_dent_ros.recording.reader import open_bag
 

@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.inspection.dent import COVERAGE
+from ftp_dent_ros.dents.dent import COVERAGE
 
 SIZES = 'depth', 'length', 'width'
 _HELD = 0.95

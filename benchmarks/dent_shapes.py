@@ -25,9 +25,9 @@ from kind_figures import METHODS, reconstructor
 from kind_scenes import CAMERA, PATTERN, KindScene, by_contour, scene
 from tqdm import tqdm
 
+from ftp_dent_ros.dents.dent import MeasuredDent
 from ftp_dent_ros.errors import FtpDentError
 from ftp_dent_ros.evaluation.scenes import make_rig
-from ftp_dent_ros.inspection.dent import MeasuredDent
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.simulation import Dent, Dirt, Paint, Panel, Rivet, waviness

@@ -22,7 +22,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
-from ftp_dent_ros.inspection.tracking.dent_list import DentList
+from ftp_dent_ros.dents.dent_list import DentList
 from ftp_dent_ros.pose import Pose
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / 'test'))

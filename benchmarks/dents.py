@@ -44,8 +44,8 @@ from scipy.integrate import quad
 from tqdm import tqdm
 
 from ftp_dent_ros.cloud.cloud import Cloud
+from ftp_dent_ros.dents.dent import Inspection, MeasuredDent
 from ftp_dent_ros.errors import RefusedFrameError
-from ftp_dent_ros.inspection.dent import Inspection, MeasuredDent
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.rig.rig import Rig

@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from ftp_dent_ros.cloud.cloud import Cloud
+from ftp_dent_ros.dents.dent import Settings
 from ftp_dent_ros.errors import FtpDentError
 from ftp_dent_ros.evaluation.detection import detection, reconstructor_at, scene_of
 from ftp_dent_ros.evaluation.scenes import Scene
@@ -37,7 +38,6 @@ from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.measuring.places.detection import SIGNIFICANT
 from ftp_dent_ros.inspection.measuring.places.evidence import chance
 from ftp_dent_ros.inspection.measuring.skin.noise import Noise, reach_of
-from ftp_dent_ros.inspection.settings import Settings
 from ftp_dent_ros.simulation import Dent
 from ftp_dent_ros.simulation.dents import SMOOTH, Cap, Gaussian, RaisedCosine, Shape
 from ftp_dent_ros.simulation.truth import TrueDent, match_truth, true_dents

@@ -33,12 +33,12 @@ import numpy as np
 from kind_scenes import CAMERA, PATTERN, by_contour, light
 from numpy.typing import NDArray
 
+from ftp_dent_ros.dents.dent import Settings as Looked
 from ftp_dent_ros.evaluation.detection import DISTANCES, LIGHTS
 from ftp_dent_ros.evaluation.scenes import PATTERN as OF_TRIALS
 from ftp_dent_ros.evaluation.scenes import Scene, make_rig
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.measuring.places.evidence import TENTH
-from ftp_dent_ros.inspection.settings import Settings as Looked
 from ftp_dent_ros.pattern.pattern import CODES, Pattern
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings

@@ -104,7 +104,7 @@ def run(arguments: argparse.Namespace) -> None:
     words += ['--seconds', str(arguments.seconds), '--megabytes', str(arguments.megabytes)]
     with (
         joined_sites(Conditions(delay=0.005, loss=arguments.loss)) as joined,
-        profile(3) as transport,
+        profile() as transport,
     ):
         tbf = ('tc', 'qdisc', 'add', 'dev', joined.drone.interface, 'root', 'tbf')
         limits = ('rate', f'{arguments.rate:g}mbit', 'burst', '64kb', 'limit', '40mb')

@@ -57,7 +57,7 @@ from ftp_dent_ros.ros.messages import (
 from ftp_dent_ros.ros.qos import CLOUDS, DENTS, DIAGNOSTICS, LATCHED, POSES
 from ftp_dent_ros.simulation.truth import true_dents, true_index
 from ftp_dent_ros.simulation.world import World, read_world
-from ftp_dent_ros.supervision.domain import free_domain
+from ftp_dent_ros.supervision.transport import free_domain
 
 LONGEST_RECOVERY = 10.0
 # Of what the busy loops leave: with less, others have the processor and a recovery is no measure.
@@ -472,7 +472,7 @@ def main() -> int:
         configuration.write_text(yaml.safe_dump(blocks))
         logs = Path(folder) / 'log'
         logs.mkdir()
-        with free_domain(len(blocks) + 2, largest=32 << 20):
+        with free_domain():
             rclpy.init(args=[])
             payload, witness = Payload(configuration, logs), Witness(world, rng)
             probe = Probe(arguments.load)

@@ -26,8 +26,7 @@ from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.recording.clouds import CAMERA_POSE, PHOTOGRAPHS, POINTS, SKIN
-from ftp_dent_ros.recording.definitions import find_definition, type_hash
-from ftp_dent_ros.recording.topic import Message, Qos, Topic
+from ftp_dent_ros.recording.topic import Message, Qos, Topic, find_definition, type_hash
 from ftp_dent_ros.recording.writer import BagWriter
 from ftp_dent_ros.rig.rig import Rig, read_rig
 from ftp_dent_ros.ros.messages import (

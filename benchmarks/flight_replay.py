@@ -50,7 +50,7 @@ from ftp_dent_ros.ros.messages import (  # noqa: E402
     stamp_to_ns,
 )
 from ftp_dent_ros.ros.qos import CLOUDS, POSES  # noqa: E402
-from ftp_dent_ros.supervision.domain import free_domain  # noqa: E402
+from ftp_dent_ros.supervision.transport import free_domain  # noqa: E402
 
 SHIPPED = ROOT / 'test' / 'data' / 'flight' / 'copter_flight_square.tlog.xz'
 LATENCY_NS = 200_000_000

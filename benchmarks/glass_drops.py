@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from ftp_dent_ros.dents.dent_list import DentList
 from ftp_dent_ros.errors import FtpDentError
 from ftp_dent_ros.files import find
 from ftp_dent_ros.inspection.measuring.inspection import inspect
-from ftp_dent_ros.inspection.tracking.dent_list import DentList
 from ftp_dent_ros.pattern.file import read_pattern
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.recording.clouds import bag_clouds

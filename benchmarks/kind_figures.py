@@ -12,7 +12,7 @@ from kind_scenes import KindScene
 from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud.cloud import Cloud
-from ftp_dent_ros.inspection.dent import Inspection, MeasuredDent
+from ftp_dent_ros.dents.dent import Inspection, MeasuredDent
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.profilometry import Reconstructor, Settings

@@ -38,7 +38,7 @@ from test_hostile import hostile  # noqa: E402
 from ftp_dent_ros.cloud.cloud import Cloud  # noqa: E402
 from ftp_dent_ros.ros.messages import cloud_to_message, stamp_to_ns  # noqa: E402
 from ftp_dent_ros.ros.qos import CLOUDS, POSES  # noqa: E402
-from ftp_dent_ros.supervision.domain import free_domain  # noqa: E402
+from ftp_dent_ros.supervision.transport import free_domain  # noqa: E402
 
 LOCAL = '127.0.0.1'
 FLOOD = 5000

@@ -40,8 +40,8 @@ from ftp_dent_ros.files import written_aside
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.simulation import Panel
 from ftp_dent_ros.simulation.paint import Dirt
-from ftp_dent_ros.survey.poses.joining import Joining
-from ftp_dent_ros.survey.skin_map.footprint import Footprint, seen_skin
+from ftp_dent_ros.survey.footprint import Footprint, seen_skin
+from ftp_dent_ros.survey.joining import Joining
 
 # Clouds of a period; where the passes are, metres: a cloud is 0.34 m across.
 PERIOD, PASSES = 40, (-0.24, 0.0, 0.24)

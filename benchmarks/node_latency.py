@@ -33,7 +33,7 @@ from ftp_dent_ros.rig.rig import Lens, Rig, write_rig
 from ftp_dent_ros.ros.messages import image_to_message, stamp_to_ns
 from ftp_dent_ros.ros.qos import CLOUDS, IMAGES, PATTERNS
 from ftp_dent_ros.simulation import Panel, Renderer, Surface
-from ftp_dent_ros.supervision.domain import free_domain
+from ftp_dent_ros.supervision.transport import free_domain
 
 # Stamp of the first image: long after the pattern's.
 _SETTLED_NS = 1_000_000_000
@@ -68,7 +68,7 @@ def main() -> None:
     skin = Surface((Panel(Pose.from_rpy([0, 0.1, 0], [0, 0, 0.65]), (-1, 1, -1, 1), 2.0),))
     image = Renderer(rig, pattern.draw()).render(skin)
 
-    with tempfile.TemporaryDirectory() as folder, free_domain(2):
+    with tempfile.TemporaryDirectory() as folder, free_domain():
         rig_file = Path(folder) / 'rig.yaml'
         write_rig(rig_file, rig)
         words = ['-p', f'rig:={rig_file}', '-p', f'stride:={arguments.stride}']

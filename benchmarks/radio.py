@@ -64,7 +64,7 @@ def listen(output: Path, names: list[str]) -> None:
     import rclpy
     from rclpy.qos import QoSProfile
 
-    from ftp_dent_ros.decoding.message_types import message_class
+    from ftp_dent_ros.coding.messages import message_class
     from ftp_dent_ros.ros.qos import CLOUDS, LATCHED
 
     rclpy.init()
@@ -99,7 +99,7 @@ class Run:
         self.processes: dict[str, subprocess.Popen] = {}
         self.environment = dict(os.environ)
         self.environment.pop('ROS_AUTOMATIC_DISCOVERY_RANGE', None)
-        self.environment.update(self.stack.enter_context(profile(10)))
+        self.environment.update(self.stack.enter_context(profile()))
         self.environment.update(OPENBLAS_NUM_THREADS='1', OMP_NUM_THREADS='1')
 
     def start(self, name: str, site: Site, domain: int, *words: str) -> None:

@@ -68,7 +68,7 @@ def run(name: str, specifications: tuple[str, ...], seconds: float, kill: bool) 
 
     folder = Path(tempfile.mkdtemp(prefix='ftp_dent_ros.'))
     bag = folder / 'bag'
-    with transport.profile(3) as variables:
+    with transport.profile() as variables:
         environment = {**os.environ, **variables}
         record = [sys.executable, '-m', 'ftp_dent_ros.cli.main', 'record', '--all']
         recorder = subprocess.Popen(

@@ -22,8 +22,8 @@ from kind_scenes import KINDS
 from tqdm import tqdm
 
 from ftp_dent_ros.cloud.cloud import Cloud
+from ftp_dent_ros.dents.dent import Estimate, MeasuredDent
 from ftp_dent_ros.errors import RefusedFrameError
-from ftp_dent_ros.inspection.dent import Estimate, MeasuredDent
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 

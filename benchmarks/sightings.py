@@ -21,11 +21,10 @@ from dent_shapes import FAMILIES, SIZES
 from kind_scenes import CAMERA, PATTERN, scene
 from tqdm import tqdm
 
+from ftp_dent_ros.dents.dent_list import EXACT, DentList
 from ftp_dent_ros.errors import FtpDentError
 from ftp_dent_ros.evaluation.scenes import make_rig
 from ftp_dent_ros.inspection.measuring.inspection import inspect
-from ftp_dent_ros.inspection.tracking.dent_list import DentList
-from ftp_dent_ros.inspection.tracking.pose_errors import EXACT
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.simulation import Dent, Dirt, Paint, Panel, waviness

@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from ftp_dent_ros.ros.qos import IMAGES
-from ftp_dent_ros.supervision.domain import free_domain
+from ftp_dent_ros.supervision.transport import free_domain
 
 _BYTES, _RATE = 2_764_800, 2.0  # 1280x720 of rgb8; photographs a second
 _READERS = 2
@@ -85,7 +85,7 @@ def run(arguments: argparse.Namespace) -> None:
     words = [sys.executable, str(Path(__file__).resolve()), '--count', str(arguments.count)]
     words += ['--depth', str(arguments.depth), '--role']
     theirs = os.environ.get(_VARIABLE)
-    with free_domain(_READERS + 1):
+    with free_domain():
         if theirs:
             os.environ[_VARIABLE] = theirs
         loops = [multiprocessing.Process(target=_spin) for _ in range(arguments.load)]

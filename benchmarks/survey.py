@@ -38,12 +38,12 @@ from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.rig.rig import read_rig
 from ftp_dent_ros.simulation import Dent, Paint, Panel, Photometry, Renderer, Rivet, Surface
 from ftp_dent_ros.simulation.paint import Dirt, Lettering, scratches
-from ftp_dent_ros.survey.patches.patch import patch_of
-from ftp_dent_ros.survey.poses.joining import Joining
-from ftp_dent_ros.survey.registration.common_errors import COMMON
-from ftp_dent_ros.survey.registration.registration import register
-from ftp_dent_ros.survey.skin_map.mosaic import Mosaic
-from ftp_dent_ros.survey.skin_map.unrolling import Unrolled
+from ftp_dent_ros.survey.information import COMMON
+from ftp_dent_ros.survey.joining import Joining
+from ftp_dent_ros.survey.mosaic import Mosaic
+from ftp_dent_ros.survey.patch import patch_of
+from ftp_dent_ros.survey.registration import register
+from ftp_dent_ros.survey.unrolled import Unrolled
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / 'test'))
 from flown_skin import STATED, erring

@@ -33,10 +33,10 @@ from scipy.ndimage import gaussian_filter
 from tqdm import tqdm
 
 from ftp_dent_ros.cli.main import main as command
-from ftp_dent_ros.inspection.dent import Estimate
+from ftp_dent_ros.dents.dent import Estimate
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.simulation.world import read_world
-from ftp_dent_ros.survey.comparing.comparison import compare
+from ftp_dent_ros.survey.comparison import compare
 from ftp_dent_ros.survey.result import CoverageCells, Relief, SurveyedDent, SurveyResult
 from ftp_dent_ros.survey.store import Store
 

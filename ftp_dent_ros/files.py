@@ -6,8 +6,8 @@ import errno
 import hashlib
 import os
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -160,3 +160,24 @@ def written_aside(path: str | os.PathLike[str]) -> Iterator[Path]:
         raise
     finally:
         aside.unlink(missing_ok=True)
+
+
+@contextmanager
+def written_together(
+    folder: str | os.PathLike[str], names: Iterable[str], what: str
+) -> Iterator[dict[str, Path]]:
+    """Yield a temporary path for each name; the files are there only if all went well.
+
+    Raises
+    ------
+    ConfigurationError
+        They cannot be written: `what` they are, say ``'the report'``.
+    """
+    try:
+        with ExitStack() as stack:
+            yield {name: stack.enter_context(written_aside(Path(folder) / name)) for name in names}
+    except OSError as reason:
+        raise ConfigurationError(
+            f'{folder}: {what} cannot be written ({reason.strerror}): make room there, or name '
+            'another folder'
+        ) from None

@@ -162,6 +162,8 @@ class Given(Declarations):
         self.names: list[str] = []
         #: Parameters that hold relative paths, as paths that do not depend on a folder.
         self.absolute: dict[str, str] = {}
+        #: Parameters that name a file to be read, but secret ones.
+        self.files: dict[str, Path] = {}
 
     def take(self, declaration: Declaration) -> Any:
         """As `Declarations.take`."""
@@ -191,9 +193,12 @@ class Given(Declarations):
         """As `Declarations.file`."""
         value = self.path(name, default, description)
         try:
-            return files.find(value) if value else None
+            path = files.find(value) if value else None
         except ConfigurationError as error:
             raise ConfigurationError(f'{self._where}: parameter {name}: {error}') from None
+        if path is not None and not secret:
+            self.files[name] = path
+        return path
 
     def refuse_others(self, shared: Sequence[str] = (), elsewhere: Sequence[str] = ()) -> None:
         """Refuse what was given and not declared; `shared` ones may be declared `elsewhere`."""

@@ -58,3 +58,7 @@ class Pose:
         """Pose of the parent frame in the child frame."""
         rotation = self.rotation.inv()
         return Pose(rotation, -rotation.apply(self.translation))
+
+
+#: Of a frame in itself.
+IDENTITY = Pose(Rotation.identity(), np.zeros(3))

@@ -8,8 +8,10 @@ Runs what ``ftp-dent up`` runs, of the same file: see `ftp_dent_ros.supervision.
 """
 
 import atexit
+import tempfile
 import time
 from contextlib import ExitStack
+from pathlib import Path
 
 from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
 from launch.actions import (
@@ -25,12 +27,11 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from ftp_dent_ros.nodes.declarations import fitted
-from ftp_dent_ros.ros.presence import refuse_second
-from ftp_dent_ros.supervision.configuration import Entry, read_configuration
+from ftp_dent_ros.ros.session import check_parameters, refuse_second
+from ftp_dent_ros.supervision.configuration import NodeEntry, frozen, read_configuration
 from ftp_dent_ros.supervision.executables import NODES
-from ftp_dent_ros.supervision.payload import prepared
-from ftp_dent_ros.supervision.respawn import Respawn, verdict
-from ftp_dent_ros.supervision.shared_memory import free_leftovers
+from ftp_dent_ros.supervision.processes import Respawn, verdict
+from ftp_dent_ros.supervision.transport import environment_of, held_names, profile
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -53,22 +54,27 @@ def payload(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     entries = fitted(read_configuration(name))
     stack = ExitStack()
     atexit.register(stack.close)
+    check_parameters(entries)
     names = [entry.name for entry in entries]
+    stack.enter_context(held_names(names))
+    folder = stack.enter_context(tempfile.TemporaryDirectory(prefix='ftp_dent_ros.'))
     interface = LaunchConfiguration('interface').perform(context)
-    variables = stack.enter_context(prepared(names, interface, refuse_second, print))
+    variables = stack.enter_context(profile(interface))
+    with environment_of(variables):
+        refuse_second(names)
+    entries = frozen(entries, Path(folder))
     return [
         *(SetEnvironmentVariable(name, value) for name, value in variables.items()),
         *(process(entry) for entry in entries),
     ]
 
 
-def process(entry: Entry, respawn: Respawn | None = None) -> LaunchDescriptionEntity:
+def process(entry: NodeEntry, respawn: Respawn | None = None) -> LaunchDescriptionEntity:
     """One entry of the configuration, kept running as ``ftp-dent up`` does it."""
     policy = respawn or Respawn()
     began = time.monotonic()
 
     def ended(event: ProcessExited, context: LaunchContext) -> list[LaunchDescriptionEntity]:
-        free_leftovers()
         if context.is_shutdown:
             return []
         delay = policy.delay(event.returncode, time.monotonic() - began)

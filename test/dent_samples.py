@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ftp_dent_ros.cloud.cloud import Cloud
-from ftp_dent_ros.inspection.dent import Estimate, Inspection, MeasuredDent
+from ftp_dent_ros.dents.dent import Estimate, Inspection, MeasuredDent
 from ftp_dent_ros.inspection.measuring.skin.smoothing import shown
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig.rig import Lens

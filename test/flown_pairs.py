@@ -12,10 +12,9 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.survey.poses.pose_graph import PoseGraph
-from ftp_dent_ros.survey.poses.stated_poses import Node
-from ftp_dent_ros.survey.registration.common_errors import COMMON, in_common
-from ftp_dent_ros.survey.registration.relative_pose import RelativePose
+from ftp_dent_ros.survey.information import COMMON, RelativePose, in_common
+from ftp_dent_ros.survey.pose_graph import PoseGraph
+from ftp_dent_ros.survey.pose_terms import Node
 
 DISTANCE, STEP, APART, HALF_S = 0.8, 0.045, 0.24, 0.5
 # Of a pair of neighbours on a skin with rivets and dirt (survey.py); of passes that overlap by a

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from ftp_dent_ros.cloud.cloud import Cloud
-from ftp_dent_ros.coding.view import View
+from ftp_dent_ros.coding.cloud_codec import View
 from ftp_dent_ros.rig.rig import Lens
 
 NOISE = 4e-6  # m

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from dent_samples import make_dent
 
-from ftp_dent_ros.inspection.dent import Estimate
+from ftp_dent_ros.dents.dent import Estimate
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.survey.result import CoverageCells, SurveyedDent, SurveyResult
 

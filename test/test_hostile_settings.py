@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 import yaml
 
+from ftp_dent_ros.dents.rules import read_rules
 from ftp_dent_ros.errors import FtpDentError
 from ftp_dent_ros.files import config_folder
-from ftp_dent_ros.inspection.reporting.rules import read_rules
 from ftp_dent_ros.pattern.file import read_pattern
 from ftp_dent_ros.rig.rig import read_rig
 from ftp_dent_ros.simulation.world import read_world

@@ -26,7 +26,7 @@ PARTS = (
 COMMANDS = {'ftp-dent', *EXECUTABLES}
 ASK = (
     'import json, ftp_dent_ros\nfrom importlib import resources\nfrom ftp_dent_ros import files\n'
-    'report = resources.files("ftp_dent_ros.inspection.reporting")\n'
+    'report = resources.files("ftp_dent_ros.inspection")\n'
     'assert all(report.joinpath(name).is_file() for name in ("page.html", "view.js"))\n'
     'print(json.dumps([ftp_dent_ros.__file__, str(files.config_folder())]))'
 )

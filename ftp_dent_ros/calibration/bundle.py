@@ -13,8 +13,8 @@ from scipy.sparse.linalg import LinearOperator
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.calibration.observing import Observation
-from ftp_dent_ros.median import NORMAL_SPREAD
 from ftp_dent_ros.rig.rig import Lens, Rig
+from ftp_dent_ros.robust import NORMAL_SPREAD
 
 # Coefficients k1, k2, p1, p2, k3 as they come in, one candidate after the other.
 DISTORTIONS: tuple[tuple[int, ...], ...] = ((), (0,), (0, 1), (0, 1, 2, 3), (0, 1, 2, 3, 4))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ftp_dent_ros.calibration.board import Board
 from ftp_dent_ros.calibration.sequence import Frame, Sequence
 from ftp_dent_ros.errors import CalibrationError
-from ftp_dent_ros.median import NORMAL_SPREAD
+from ftp_dent_ros.robust import NORMAL_SPREAD
 
 # A lit pixel is brighter by this than an unlit one: three times what rounding and read noise do.
 _LEAST_CONTRAST = 6.0

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.calibration.wall_check import check
 from ftp_dent_ros.cloud.cloud import Cloud
+from ftp_dent_ros.dents.dent import Settings as Smallest
 from ftp_dent_ros.errors import CalibrationError, CloudError, RefusedFrameError
 from ftp_dent_ros.inspection.measuring.inspection import inspect
-from ftp_dent_ros.inspection.settings import Settings as Smallest
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.profilometry import Reconstructor
@@ -104,7 +104,7 @@ def examine(
         Of `rig` and `pattern`.
     exposure : float
         Of the photographs, seconds; 0 if it is not known.
-    smallest : ftp_dent_ros.inspection.settings.Settings, optional
+    smallest : ftp_dent_ros.dents.dent.Settings, optional
         The smallest dent that will be looked for.
     """
     lit = _lit(white, black)

@@ -7,17 +7,21 @@ from collections import Counter
 from pathlib import Path
 
 from ftp_dent_ros.cli.inspection_arguments import output_folder
+from ftp_dent_ros.dents.rules import read_rules
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.files import find, written_aside
-from ftp_dent_ros.inspection.reporting.rules import read_rules
-from ftp_dent_ros.survey.aircraft_frame import aircraft_frame
-from ftp_dent_ros.survey.comparing.chart import Row, chart, chart_csv, growth_of
-from ftp_dent_ros.survey.comparing.comparison import STATUSES, compare
-from ftp_dent_ros.survey.comparing.comparison_page import comparison_page
-from ftp_dent_ros.survey.from_report import survey_from_report
-from ftp_dent_ros.survey.reference_points import read_reference_points
+from ftp_dent_ros.survey.aircraft_frame import aircraft_frame, read_reference_points
+from ftp_dent_ros.survey.comparison import (
+    STATUSES,
+    Row,
+    chart,
+    chart_csv,
+    compare,
+    comparison_page,
+    growth_of,
+)
 from ftp_dent_ros.survey.result import SurveyResult
-from ftp_dent_ros.survey.store import Store
+from ftp_dent_ros.survey.store import Store, survey_from_report
 
 PAGE, TABLE = 'comparison.html', 'chart.csv'
 _SQLITE = b'SQLite format 3\x00'

@@ -28,13 +28,13 @@ from ftp_dent_ros.demonstration.results import BOUNDS, summary_of, write_results
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.files import find
 from ftp_dent_ros.inspection.measuring.inspection import inspect
-from ftp_dent_ros.inspection.reporting.files import write_report
+from ftp_dent_ros.inspection.page import write_report
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.recording.reader import Bag, open_bag
 from ftp_dent_ros.rig.rig import read_rig
 from ftp_dent_ros.simulation.world import World, read_world
 from ftp_dent_ros.supervision.configuration import read_configuration
-from ftp_dent_ros.survey.reporting import report_on_skin
+from ftp_dent_ros.survey.surveying import report_on_skin
 
 OUT_OF_BOUND = 1
 SUMMARY = 'summary.json'

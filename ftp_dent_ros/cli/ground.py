@@ -17,12 +17,14 @@ from ftp_dent_ros.ground.page import serve_page
 from ftp_dent_ros.ground.protocol import Item
 from ftp_dent_ros.ground.station import Station
 from ftp_dent_ros.supervision import transport
-from ftp_dent_ros.supervision.process_log import ProcessLog
-from ftp_dent_ros.supervision.processes import Processes, Program
-from ftp_dent_ros.supervision.respawn import keep_running
-from ftp_dent_ros.supervision.signals import stop_event
+from ftp_dent_ros.supervision.processes import (
+    Processes,
+    ProcessLog,
+    Program,
+    keep_running,
+    stop_event,
+)
 
-_PARTICIPANTS = 4  # the node, a recorder and two viewers, for the share of the shared memory
 _QUEUE = 64  # items that wait to be shown
 _LAST_DOMAIN = 232  # the ports of others are beyond 65535 (DDSI-RTPS, 9.6.1)
 
@@ -138,7 +140,7 @@ def _run_node(arguments: argparse.Namespace) -> int:
     )
     stopping = stop_event().is_set
     with (
-        transport.profile(_PARTICIPANTS, arguments.interface) as variables,
+        transport.profile(arguments.interface) as variables,
         ProcessLog([program.name]) as log,
         Processes(log.show, variables) as processes,
     ):

@@ -4,23 +4,43 @@ from __future__ import annotations
 
 import argparse
 import os
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 from tqdm import tqdm
 
 from ftp_dent_ros import profilometry
-from ftp_dent_ros.cli.inspect_several import inspect_several
 from ftp_dent_ros.cli.inspection_arguments import (
     add_settings_arguments,
     output_folder,
     settings_of,
 )
-from ftp_dent_ros.cli.inspection_request import Request, report_of
-from ftp_dent_ros.errors import ConfigurationError
-from ftp_dent_ros.inspection.reporting.content import Report
-from ftp_dent_ros.inspection.reporting.files import write_report
-from ftp_dent_ros.inspection.reporting.rules import verdict
-from ftp_dent_ros.inspection.tracking.sightings import ListedDent
+from ftp_dent_ros.cloud.ply import read_ply, rig_id_of
+from ftp_dent_ros.dents.dent import Settings
+from ftp_dent_ros.dents.rules import Rules, read_rules, verdict
+from ftp_dent_ros.dents.sightings import ListedDent
+from ftp_dent_ros.errors import CloudError, ConfigurationError, FtpDentError
+from ftp_dent_ros.files import content_id, find
+from ftp_dent_ros.fleet import begin, finish, is_made_of, made_of
+from ftp_dent_ros.inspection.inspecting import Observation, Survey, viewpoint_of
+from ftp_dent_ros.inspection.measuring.inspection import inspect
+from ftp_dent_ros.inspection.page import write_report
+from ftp_dent_ros.inspection.report import Report
+from ftp_dent_ros.pattern.file import read_pattern
+from ftp_dent_ros.photograph.file import is_photograph, read_photograph
+from ftp_dent_ros.rig.rig import Lens, read_rig
+
+_CAMERA_FRAME = 'camera_optical_frame'
+# Clouds that take as long as another process does to begin.
+_WORTH = 10
+
+_FAILED = 2
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -120,3 +140,269 @@ def _other(entry: ListedDent) -> str:
     dent = entry.dent
     sizes = f'{dent.depth.value * 1e3:.3f} mm, length {dent.length.value * 1e3:.1f} mm'
     return f'      {dent.kind} {sizes}' + (f': {entry.reason}' if entry.reason else '')
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is to be inspected, and how: plain data, that another process can be given.
+
+    Attributes
+    ----------
+    path : Path
+        A cloud, a photograph or a bag.
+    rig, pattern, rules : str, optional
+        Names of files.
+    settings : Settings
+    stride : int
+        Of a photograph.
+    joined : bool
+        Whether a bag's clouds are laid on each other first.
+    """
+
+    path: Path
+    rig: str | None
+    pattern: str | None
+    rules: str | None
+    settings: Settings
+    stride: int
+    joined: bool = False
+
+
+def report_of(
+    request: Request,
+    progress: Callable[[int], object] = lambda count: None,
+    jobs: int = 1,
+) -> Report:
+    """Inspect what is asked for.
+
+    Parameters
+    ----------
+    request : Request
+    progress : callable
+        Called after each cloud of a bag with how many there are.
+    jobs : int
+        Processes that inspect a bag's clouds.
+
+    Raises
+    ------
+    FtpDentError
+        It cannot be inspected; the message says why.
+    """
+    path = request.path
+    rules = read_rules(find(request.rules)) if request.rules else None
+    if not path.exists():
+        raise ConfigurationError(f'{path}: no such file: check the path')
+    if path.is_dir() or path.suffix.lower() == '.mcap':
+        return _of_bag(request, rules, progress, jobs)
+    if request.joined:
+        raise ConfigurationError(f'{path}: is no bag, whose clouds --survey joins: leave it out')
+    if path.suffix.lower() == '.ply':
+        return _of_cloud(request, rules)
+    if is_photograph(path):
+        return _of_photograph(request, rules)
+    raise ConfigurationError(
+        f'{path}: neither a cloud (.ply), nor a photograph, nor a bag: give one of them'
+    )
+
+
+def _of_bag(
+    request: Request, rules: Rules | None, progress: Callable[[int], object], jobs: int
+) -> Report:
+    # Only this needs the libraries of bags.
+    from ftp_dent_ros.fleet import in_order
+    from ftp_dent_ros.inspection.bag import survey_bag
+    from ftp_dent_ros.recording import clouds
+    from ftp_dent_ros.recording.clouds import count_clouds
+    from ftp_dent_ros.recording.reader import open_bag
+
+    bag = open_bag(request.path)
+    named, camera = _rig(request, clouds.rig_id_of(bag))
+    count, _ = count_clouds(bag)
+    if request.joined:
+        from ftp_dent_ros.survey.surveying import report_on_skin
+
+        thrice = partial(progress, 3 * count)
+        return report_on_skin(bag, inspect, named, camera, rules, request.settings, thrice)[0]
+    once, each = partial(progress, count), partial(in_order, jobs=min(jobs, count // _WORTH))
+    return survey_bag(
+        bag, inspect, named, camera, rules, request.settings, progress=once, each=each
+    )
+
+
+def _of_cloud(request: Request, rules: Rules | None) -> Report:
+    cloud, frame_id = read_ply(request.path)
+    in_camera = frame_id == _CAMERA_FRAME
+    viewpoint = (0.0, 0.0, 0.0) if in_camera else viewpoint_of(cloud)
+    observation = Observation(request.path.name, cloud, viewpoint=viewpoint)
+    return _of_one(request, observation, frame_id, rules, rig_id_of(request.path))
+
+
+def _of_photograph(request: Request, rules: Rules | None) -> Report:
+    from ftp_dent_ros import profilometry
+
+    if not request.rig or not request.pattern:
+        raise ConfigurationError(
+            f'{request.path}: a photograph needs its rig and its pattern: '
+            'give --rig RIG.yaml and --pattern PATTERN.yaml'
+        )
+    rig, pattern = read_rig(find(request.rig)), read_pattern(find(request.pattern))
+    reconstructor = profilometry.Reconstructor(
+        rig, pattern, profilometry.Settings(stride=request.stride)
+    )
+    photograph = read_photograph(str(request.path))
+    measured = reconstructor.measure(photograph, True)
+    observation = Observation(
+        request.path.name,
+        measured.cloud,
+        coverage=measured.coverage,
+        photograph=photograph.shown(),
+    )
+    return _of_one(request, observation, _CAMERA_FRAME, rules)
+
+
+def _of_one(
+    request: Request,
+    observation: Observation,
+    frame_id: str,
+    rules: Rules | None,
+    measured_by: str = '',
+) -> Report:
+    named, camera = _rig(request, measured_by)
+    survey = Survey(inspect, settings=request.settings)
+    if survey.add(observation) is None:
+        raise CloudError(survey.refused[0])
+    in_camera = frame_id == _CAMERA_FRAME
+    camera = camera if in_camera else None
+    return survey.report(str(request.path), frame_id, named, camera, rules)
+
+
+def _rig(request: Request, measured_by: str) -> tuple[tuple[str, str], Lens | None]:
+    """Name and id of the calibration, and its camera; the input may say which id it is."""
+    if not request.rig:
+        return ('', measured_by), None
+    file = find(request.rig)
+    rig = read_rig(file)
+    if measured_by and measured_by != rig.id:
+        raise ConfigurationError(
+            f'{file}: is the rig {rig.id}, and {request.path} was measured by the rig '
+            f'{measured_by}: give that one, or none'
+        )
+    return (file.name, rig.id), rig.camera
+
+
+@dataclass(frozen=True)
+class _Task:
+    """One input, and the folder for its report."""
+
+    request: Request
+    folder: Path
+    origin: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class _Outcome:
+    """What a process tells of a task: its words, and whether it failed."""
+
+    text: str
+    seconds: float = 0.0
+    failed: bool = False
+
+
+def inspect_several(
+    requests: Sequence[Request], output: Path, jobs: int | None, scheduler: str | None
+) -> int:
+    """Inspect all that is not done yet; 2 if any of them failed.
+
+    Raises
+    ------
+    ConfigurationError
+        A file of settings is not there, two inputs are one, or there is no scheduler.
+    """
+    settings = _settings(requests[0])
+    tasks = []
+    for request, folder in zip(requests, _folders(requests, output), strict=True):
+        try:
+            origin = made_of(request.path, settings)
+        except OSError:
+            origin = {}  # Not there: the inspection says so.
+        tasks.append(_Task(request, folder, origin))
+    done = [task for task in tasks if task.origin and is_made_of(task.folder, task.origin)]
+    waiting = [task for task in tasks if task not in done]
+    for task in done:
+        print(f'{task.request.path}: done before, and nothing has changed since: {task.folder}')
+    counts: Counter[bool] = Counter()
+    with tqdm(
+        desc='inspecting', total=len(waiting), unit='input', dynamic_ncols=True, disable=None
+    ) as bar:
+        for task, outcome in _results(waiting, jobs, scheduler):
+            if isinstance(outcome, Exception):
+                outcome = _Outcome(f'not inspected ({outcome}): try it alone', failed=True)
+            counts[outcome.failed] += 1
+            line = outcome.text
+            if not line.startswith(str(task.request.path)):
+                line = f'{task.request.path}: {line}'
+            if not outcome.failed:
+                line += f' in {outcome.seconds:.1f} s: {task.folder}'
+            bar.write(line, file=sys.stderr if outcome.failed else sys.stdout)
+            bar.update()
+    print(f'{counts[False]} inspected, {len(done)} done before, {counts[True]} failed')
+    return _FAILED if counts[True] else 0
+
+
+def _results(
+    tasks: Sequence[_Task], jobs: int | None, scheduler: str | None
+) -> Iterator[tuple[_Task, _Outcome | Exception]]:
+    if not tasks:
+        return iter(())
+    if scheduler:
+        # Only this needs Dask.
+        from ftp_dent_ros.fleet import on_cluster
+
+        return on_cluster(_work, tasks, scheduler)
+    from ftp_dent_ros.fleet import side_by_side
+
+    return side_by_side(_work, tasks, jobs or len(os.sched_getaffinity(0)))
+
+
+def _work(task: _Task) -> _Outcome:
+    """Inspect one input and write its report, in whatever process this is."""
+    started = time.perf_counter()
+    try:
+        begin(task.folder)
+        report = report_of(task.request)
+        write_report(task.folder, report)
+        finish(task.folder, task.origin)
+    except FtpDentError as error:
+        return _Outcome(str(error), failed=True)
+    except Exception as error:
+        # One input must not cost all the others.
+        said = f'{type(error).__name__}: {error}'
+        return _Outcome(f'a defect of the software ({said}): report it', failed=True)
+    skipped = len(report.refused) + len(report.skipped)
+    text = f'{len(report.dents)} dents, {len(report.others)} others'
+    text += f', {len(report.frames)} clouds' if len(report.frames) > 1 else ''
+    text += f', {skipped} left out' if skipped else ''
+    return _Outcome(text, time.perf_counter() - started)
+
+
+def _settings(request: Request) -> dict[str, Any]:
+    """What decides beside the input: files of settings by what is in them."""
+    files = {name: getattr(request, name) for name in ('rig', 'pattern', 'rules')}
+    return {
+        **{name: content_id(find(file)) if file else None for name, file in files.items()},
+        **asdict(request.settings),
+        'stride': request.stride,
+        'joined': request.joined,
+    }
+
+
+def _folders(requests: Sequence[Request], output: Path) -> list[Path]:
+    """A folder for each input, by as much of its path as tells it from the others."""
+    paths = [Path(os.path.abspath(request.path)) for request in requests]
+    for path, times in Counter(paths).items():
+        if times > 1:
+            raise ConfigurationError(f'{path} is given {times} times: give each input once')
+    above = Path(os.path.commonpath([path.parent for path in paths]))
+    names = [path.relative_to(above) for path in paths]
+    short = [name.with_suffix('') for name in names]
+    return [output / name for name in (short if len(set(short)) == len(short) else names)]

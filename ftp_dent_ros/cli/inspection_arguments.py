@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from ftp_dent_ros.dents.dent import RANGES, Settings
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.files import why_not_writable
-from ftp_dent_ros.inspection.settings import RANGES, Settings
 
 _MM = 1e3
 

@@ -18,16 +18,16 @@ from rclpy.node import Node
 from rclpy.time import Time
 
 from ftp_dent_ros.calibration.preflight import NO, OK, WARN, Finding, examine, sharpness
+from ftp_dent_ros.dents.dent import Settings as Smallest
 from ftp_dent_ros.errors import CameraError, ConfigurationError
 from ftp_dent_ros.files import find, nearest_folder
-from ftp_dent_ros.inspection.settings import Settings as Smallest
 from ftp_dent_ros.pattern.drawn import pattern_from_image
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.rig.rig import read_rig
 from ftp_dent_ros.ros.photographer import Photographer
 from ftp_dent_ros.ros.qos import DIAGNOSTICS
 from ftp_dent_ros.ros.session import session
-from ftp_dent_ros.supervision.configuration import Entry, read_configuration
+from ftp_dent_ros.supervision.configuration import NodeEntry, read_configuration
 
 _PHOTOGRAPHS = 6  # for the flicker
 # No projector is later, nanoseconds.
@@ -95,7 +95,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _photographs(
-    photographer: Photographer, size: tuple[int, int], entries: Mapping[str, Entry]
+    photographer: Photographer, size: tuple[int, int], entries: Mapping[str, NodeEntry]
 ) -> list[Finding]:
     pattern = pattern_from_image(photographer.projected())
     rig = read_rig(find(_parameter(entries['reconstruction'], 'rig', '')))
@@ -190,13 +190,13 @@ def _listen(node: Node) -> States:
     return states
 
 
-def _heard(states: States, entries: Mapping[str, Entry], since_ns: int = 0) -> Iterable[bool]:
+def _heard(states: States, entries: Mapping[str, NodeEntry], since_ns: int = 0) -> Iterable[bool]:
     """Of every node that tells its state, whether it has since a moment."""
     telling = (e.name for e in entries.values() if e.executable != 'simulated_autopilot')
     return (name in states and states[name][0] >= since_ns for name in telling)
 
 
-def _nodes(states: States, entries: Mapping[str, Entry]) -> list[Finding]:
+def _nodes(states: States, entries: Mapping[str, NodeEntry]) -> list[Finding]:
     findings = []
     for entry in entries.values():
         if entry.executable == 'simulated_autopilot':
@@ -221,7 +221,7 @@ def _disk(folder: Path) -> Finding:
     return Finding('disk', verdict, f'{free / 1e9:.0f} GB free, some {minutes:.0f} minutes of bag')
 
 
-def _parameter(entry: Entry, name: str, default: Any) -> Any:
+def _parameter(entry: NodeEntry, name: str, default: Any) -> Any:
     """A parameter of an entry, written flat or nested."""
     for block in (entry.absolute, entry.parameters, entry.shared):
         value: Any = block
@@ -234,7 +234,7 @@ def _parameter(entry: Entry, name: str, default: Any) -> Any:
     return default
 
 
-def _smallest(entry: Entry | None) -> Smallest:
+def _smallest(entry: NodeEntry | None) -> Smallest:
     """The smallest dent that the payload looks for."""
     if entry is None:
         return Smallest()

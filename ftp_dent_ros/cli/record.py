@@ -18,19 +18,16 @@ from typing import Any
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from ftp_dent_ros.decoding.message_types import message_class
+from ftp_dent_ros.coding.messages import message_class
 from ftp_dent_ros.errors import BagError, ConfigurationError
-from ftp_dent_ros.recording.provenance import RIG, rig_id_in
+from ftp_dent_ros.recording.clouds import RIG, rig_id_in
 from ftp_dent_ros.recording.ros.recorder import DISCOVERY_PERIOD_S, Recorder
-from ftp_dent_ros.recording.selection import Selection
-from ftp_dent_ros.recording.spool import Spool
-from ftp_dent_ros.recording.writer import BagWriter
+from ftp_dent_ros.recording.topic import Selection
+from ftp_dent_ros.recording.writer import BagSpool, BagWriter
 from ftp_dent_ros.ros.qos import DIAGNOSTICS
 from ftp_dent_ros.ros.session import session
-from ftp_dent_ros.supervision.hearing import Hearing
 
 _MEGABYTE = 10**6
-_UNITS = {'': 1, 'K': 10**3, 'M': 10**6, 'G': 10**9}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -81,16 +78,23 @@ def run(arguments: argparse.Namespace) -> int:
     output = arguments.output or Path(time.strftime('rosbag2_%Y_%m_%d-%H_%M_%S'))
     with session('recorder') as (node, stop):
         writer = _writer(arguments, output)
-        spool = Spool(writer, arguments.max_cache_size)
+        spool = BagSpool(writer, arguments.max_cache_size)
         recorder = Recorder(node, writer.add_topic, spool.put, selection)
         _note_rig(node, writer)
-        progress = _Progress(writer)
+        failure: Exception | None = None
+        start = time.monotonic()
         try:
-            deaf = _receive(node, recorder, spool, stop, progress)
+            _receive(node, recorder, spool, writer, stop)
         finally:
             spool.close()
-            failure = _close(writer)
-            progress.end()
+            try:
+                writer.close()
+            except BagError as error:
+                failure = error
+    total = (
+        f'{writer.message_count} messages, {writer.size / _MEGABYTE:.1f} MB '
+        f'in {time.monotonic() - start:.1f} s'
+    )
     for name in recorder.missing():
         _say(f'{name}: not recorded, for nobody published it')
     if recorder.lost or spool.dropped:
@@ -102,19 +106,12 @@ def run(arguments: argparse.Namespace) -> int:
         raise spool.error
     if failure is not None:
         raise BagError(
-            f'{spool.error or failure}; the recording ends after {progress.total()}: '
+            f'{spool.error or failure}; the recording ends after {total}: '
             f'make it whole with `ftp-dent recover {output} --output NEW` on a disk with room'
         )
     if spool.error is not None:
-        raise BagError(
-            f'{spool.error}; the recording ends after {progress.total()}, which are a whole bag'
-        )
-    if deaf:
-        raise BagError(
-            'nothing comes through the shared memory any more, for this process stood still; the '
-            f'recording ends after {progress.total()}, which are a whole bag: begin another'
-        )
-    print(f'{output}: {progress.total()}, {len(writer.topics)} topics')
+        raise BagError(f'{spool.error}; the recording ends after {total}, which are a whole bag')
+    print(f'{output}: {total}, {len(writer.topics)} topics')
     return 0
 
 
@@ -127,7 +124,7 @@ def _writer(arguments: argparse.Namespace, output: Path) -> BagWriter:
 
 
 def _note_rig(node: Node, writer: BagWriter) -> None:
-    """Have the bag say which rig measures, as the diagnostics tell it: the latest."""
+    """Have the bag say which rig measures: the latest in the diagnostics."""
 
     def on_array(array: Any) -> None:
         rig_id = rig_id_in(array)
@@ -139,21 +136,18 @@ def _note_rig(node: Node, writer: BagWriter) -> None:
 
 
 def _receive(
-    node: Node,
-    recorder: Recorder,
-    spool: Spool,
-    stop: threading.Event,
-    progress: _Progress,
-) -> bool:
-    """Take what comes until it is enough; whether nothing can come any more."""
-    executor, hearing = SingleThreadedExecutor(), Hearing()
+    node: Node, recorder: Recorder, spool: BagSpool, writer: BagWriter, stop: threading.Event
+) -> None:
+    """Take what comes until it is enough, and say every five seconds how much that is."""
+    executor = SingleThreadedExecutor()
     executor.add_node(node)
-    deaf = False
+    shown = time.monotonic()
     try:
-        while not (deaf or stop.is_set() or spool.error):
+        while not (stop.is_set() or spool.error):
             executor.spin_once(timeout_sec=DISCOVERY_PERIOD_S)
-            progress.show()
-            deaf = hearing.is_lost()
+            if time.monotonic() - shown > 5.0:
+                shown = time.monotonic()
+                _say(f'{writer.message_count} messages, {writer.size / _MEGABYTE:.1f} MB')
         # What had arrived when the signal came is taken too.
         end = time.monotonic() + 1.0
         before = -1
@@ -161,57 +155,15 @@ def _receive(
             before = recorder.received
             for _ in range(5):  # some turns go to timers and events
                 executor.spin_once(timeout_sec=0.0)
-        return deaf
     finally:
         executor.shutdown()
-
-
-def _close(writer: BagWriter) -> BagError | None:
-    try:
-        writer.close()
-    except BagError as error:
-        return error
-    return None
-
-
-class _Progress:
-    """What is written so far: in place on a terminal, now and then elsewhere."""
-
-    def __init__(self, writer: BagWriter) -> None:
-        self._writer = writer
-        self._in_place = sys.stderr.isatty()
-        self._period = 0.5 if self._in_place else 5.0
-        self._start = self._shown = time.monotonic()
-        self._shown_size = 0
-
-    def show(self) -> None:
-        """Print a line if it is time for one."""
-        now = time.monotonic()
-        if now - self._shown < self._period:
-            return
-        rate = (self._writer.size - self._shown_size) / (now - self._shown)
-        text = f'{self.total()}, {rate / _MEGABYTE:.1f} MB/s  '
-        print(text, end='\r' if self._in_place else '\n', file=sys.stderr, flush=True)
-        self._shown, self._shown_size = now, self._writer.size
-
-    def end(self) -> None:
-        """Leave the line on the terminal as it is."""
-        if self._in_place:
-            print(file=sys.stderr)
-
-    def total(self) -> str:
-        """Messages, megabytes and seconds so far."""
-        return (
-            f'{self._writer.message_count} messages, {self._writer.size / _MEGABYTE:.1f} MB '
-            f'in {time.monotonic() - self._start:.1f} s'
-        )
 
 
 def _size(text: str) -> int:
     match = re.fullmatch(r'(\d+)([KMG]?)B?', text.upper())
     if not match:
         raise argparse.ArgumentTypeError(f'{text!r} is no size: write it as 500000, 500M or 4G')
-    return int(match.group(1)) * _UNITS[match.group(2)]
+    return int(match.group(1)) * {'': 1, 'K': 10**3, 'M': 10**6, 'G': 10**9}[match.group(2)]
 
 
 def _say(text: str) -> None:

@@ -10,8 +10,7 @@ from pathlib import Path
 from ftp_dent_ros.errors import BagError
 from ftp_dent_ros.recording.reader import Bag, open_bag
 from ftp_dent_ros.recording.ros.player import Player
-from ftp_dent_ros.recording.selection import Selection
-from ftp_dent_ros.recording.topic import Topic
+from ftp_dent_ros.recording.topic import Selection, Topic
 from ftp_dent_ros.ros.session import session
 
 
@@ -58,10 +57,13 @@ def run(arguments: argparse.Namespace) -> int:
         player = Player(node, bag, topics, stop)
         player.wait_for_subscribers(all_of_them=arguments.wait_for_subscribers)
         start = time.monotonic()
+        offset_ns, later_ns = round(arguments.start_offset * 1e9), 0
         while not stop.is_set():
-            player.play(arguments.rate, round(arguments.start_offset * 1e9))
+            player.play(arguments.rate, offset_ns, later_ns)
             if not arguments.loop:
                 break
+            # Time goes on: a stamp that came before is refused, or overwrites what it was of.
+            later_ns += max(0, bag.metadata.duration_ns - offset_ns) + 100_000_000
         player.wait_for_acknowledgements()
     print(
         f'{arguments.bag}: {player.published} messages of {len(player.topics)} topics '

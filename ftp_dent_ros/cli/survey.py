@@ -59,8 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
     # Only this needs the libraries of bags.
     from ftp_dent_ros.recording.clouds import count_clouds
     from ftp_dent_ros.recording.reader import open_bag
-    from ftp_dent_ros.survey.aircraft_frame import aircraft_frame
-    from ftp_dent_ros.survey.reference_points import read_reference_points
+    from ftp_dent_ros.survey.aircraft_frame import aircraft_frame, read_reference_points
     from ftp_dent_ros.survey.store import Store
     from ftp_dent_ros.survey.surveying import survey_bags
     from ftp_dent_ros.survey.writing import write_survey
@@ -115,13 +114,13 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _rig_of(bags: Sequence[Bag], name: str | None) -> str:
     """Id of the one rig that measured all bags, as far as they tell; else of the file given."""
-    from ftp_dent_ros.recording import provenance
+    from ftp_dent_ros.recording import clouds
 
     given = find(name) if name else None
     # The first that tells which rig it is: a file, or a bag.
     known, whose = (read_rig(given).id, given) if given else ('', None)
     for bag in bags:
-        told = provenance.rig_id_of(bag)
+        told = clouds.rig_id_of(bag)
         if told and known and told != known:
             raise ConfigurationError(
                 f'{bag.path}: was measured by the rig {told}, and {whose} is of the rig {known}: '

@@ -6,9 +6,8 @@ import argparse
 from pathlib import Path
 
 from ftp_dent_ros.errors import ConfigurationError
-from ftp_dent_ros.survey.comparing.chart import date_of
-from ftp_dent_ros.survey.from_report import survey_from_report
-from ftp_dent_ros.survey.store import Store
+from ftp_dent_ros.pages.words import date_of
+from ftp_dent_ros.survey.store import Store, survey_from_report
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

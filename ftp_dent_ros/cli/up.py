@@ -5,19 +5,22 @@ from __future__ import annotations
 import argparse
 import importlib.util
 import shlex
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.nodes.declarations import fitted
 from ftp_dent_ros.supervision import transport
-from ftp_dent_ros.supervision.configuration import read_configuration
-from ftp_dent_ros.supervision.gate import Gate
-from ftp_dent_ros.supervision.payload import prepared
-from ftp_dent_ros.supervision.process_log import ProcessLog
-from ftp_dent_ros.supervision.processes import Processes, Program
-from ftp_dent_ros.supervision.respawn import keep_running
-from ftp_dent_ros.supervision.signals import stop_event
+from ftp_dent_ros.supervision.configuration import frozen, read_configuration
+from ftp_dent_ros.supervision.processes import (
+    Processes,
+    ProcessLog,
+    Program,
+    keep_running,
+    stop_event,
+)
+from ftp_dent_ros.supervision.transport import held_names
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -46,37 +49,32 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Run until SIGINT or SIGTERM: 0, or 2 if a node could not use its parameters."""
     entries = fitted(read_configuration(arguments.configuration))
-    programs = [entry.program for entry in entries]
-    names = [each.name for each in programs]
     if arguments.dry_run:
-        return _print(programs, arguments.interface)
+        return _print([entry.program for entry in entries], arguments.interface)
     if importlib.util.find_spec('rclpy') is None:
         raise ConfigurationError('needs rclpy, which is not here: see "Install" in the README')
-    from ftp_dent_ros.ros.presence import refuse_second
+    from ftp_dent_ros.ros.session import check_parameters, refuse_second
 
+    check_parameters(entries)
+    names = [entry.name for entry in entries]
     stopping = stop_event().is_set
     with (
+        tempfile.TemporaryDirectory(prefix='ftp_dent_ros.') as folder,
         ProcessLog(names, folder=arguments.log_dir) as log,
+        held_names(names),
+        transport.profile(arguments.interface) as variables,
+        transport.environment_of(variables),
         Processes(
             log.show, {'RCUTILS_COLORIZED_OUTPUT': '1' if log.coloured else '0'}
         ) as processes,
-        Gate() as gate,
     ):
-
-        def refuse(names: Sequence[str]) -> None:
-            # They start up to where they would be seen, meanwhile.
-            for program in programs:
-                processes.start(program, gate)
-            refuse_second(names)
-
-        with prepared(names, arguments.interface, refuse, log.say) as variables:
-            processes.add(variables)
-            gate.open(len(programs))
-            return keep_running(programs, processes, log.say, stopping)
+        programs = [entry.program for entry in frozen(entries, Path(folder))]
+        refuse_second(names)
+        return keep_running(programs, processes, log.say, stopping)
 
 
 def _print(programs: Sequence[Program], interface: str) -> int:
-    with transport.profile(len(programs), interface) as variables:
+    with transport.profile(interface) as variables:
         for name, value in variables.items():
             print(f'{name}={shlex.quote(value)}')
     for program in programs:

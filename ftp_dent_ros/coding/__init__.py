@@ -1,1 +1,1 @@
-"""Clouds in few bytes, for thin links and small bags."""
+"""Messages to the package's arrays, without rclpy, and clouds and depths in few bytes."""

@@ -17,8 +17,8 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image, PointCloud2
 
 from ftp_dent_ros.cloud.cloud import Cloud
-from ftp_dent_ros.inspection.reporting.content import Report
-from ftp_dent_ros.inspection.tracking.sightings import ListedDent
+from ftp_dent_ros.dents.sightings import ListedDent
+from ftp_dent_ros.inspection.report import Report
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.recording.reader import Bag
 from ftp_dent_ros.recording.topic import Message
@@ -27,7 +27,7 @@ from ftp_dent_ros.ros.dent_messages import KINDS, dents_from_message
 from ftp_dent_ros.ros.messages import cloud_from_message, stamp_to_ns
 from ftp_dent_ros.simulation.truth import TrueDent, is_at_lap, match_truth, true_dents, true_index
 from ftp_dent_ros.simulation.world import World
-from ftp_dent_ros.survey.joined import Joined
+from ftp_dent_ros.survey.surveying import Joined
 
 TYPES = {
     '/camera/image_raw': Image,

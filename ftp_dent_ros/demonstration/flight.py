@@ -26,10 +26,9 @@ from ftp_dent_ros.nodes.declarations import fitted
 from ftp_dent_ros.ros.messages import stamp_to_ns
 from ftp_dent_ros.ros.qos import DIAGNOSTICS, IMAGES, POSES
 from ftp_dent_ros.supervision.configuration import read_configuration
-from ftp_dent_ros.supervision.domain import free_domain
 from ftp_dent_ros.supervision.executables import EXECUTABLES, OPTIONAL
-from ftp_dent_ros.supervision.process_log import ProcessLog
-from ftp_dent_ros.supervision.processes import Processes, Program
+from ftp_dent_ros.supervision.processes import Processes, ProcessLog, Program
+from ftp_dent_ros.supervision.transport import free_domain
 
 # Until everything is discovered and the clocks are matched, on a slow and busy machine.
 _READY_S = 120.0
@@ -105,7 +104,7 @@ def fly(
     record = ('-m', 'ftp_dent_ros.cli.main', 'record', '--all', '--output', str(bag))
     programs[_RECORDER] = Program(_RECORDER, (sys.executable, *record))
     with (
-        free_domain(len(programs) + 1),
+        free_domain(),
         (folder / 'terminal.log').open('w') as quiet,
         ProcessLog(tuple(programs), folder=logs, terminal=quiet) as log,
         Processes(log.show) as processes,

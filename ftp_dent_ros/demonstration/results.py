@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.cloud.ply import write_ply
-from ftp_dent_ros.decoding.images import image_from_message
+from ftp_dent_ros.coding.images import image_from_message
 from ftp_dent_ros.demonstration.appraisal import (
     Appraisal,
     DentAppraisal,
@@ -28,7 +28,7 @@ from ftp_dent_ros.demonstration.appraisal import (
 )
 from ftp_dent_ros.files import written_aside
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.recording.provenance import rig_id_of
+from ftp_dent_ros.recording.clouds import rig_id_of
 from ftp_dent_ros.recording.reader import Bag
 from ftp_dent_ros.simulation.surface import Surface
 from ftp_dent_ros.simulation.world import World

@@ -20,17 +20,16 @@ from scipy.optimize import brentq, minimize
 from scipy.stats import chi2
 
 from ftp_dent_ros import __version__
+from ftp_dent_ros.dents.dent import Inspection, Settings
 from ftp_dent_ros.errors import ConfigurationError, FtpDentError
 from ftp_dent_ros.evaluation.scenes import PATTERN, Scene, make_rig
 from ftp_dent_ros.files import written_aside
-from ftp_dent_ros.inspection.dent import Inspection
 from ftp_dent_ros.inspection.measuring.inspection import inspect
-from ftp_dent_ros.inspection.reporting.records import finite
-from ftp_dent_ros.inspection.settings import Settings
-from ftp_dent_ros.median import NORMAL_SPREAD
+from ftp_dent_ros.inspection.records import finite
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor
 from ftp_dent_ros.profilometry import Settings as ReconstructionSettings
+from ftp_dent_ros.robust import NORMAL_SPREAD
 from ftp_dent_ros.simulation import (
     Dent,
     Dirt,

@@ -10,7 +10,7 @@ from typing import Any
 
 from ftp_dent_ros import files
 from ftp_dent_ros.parameters import Declarations, Given, flat
-from ftp_dent_ros.supervision.configuration import Entry
+from ftp_dent_ros.supervision.configuration import NodeEntry
 from ftp_dent_ros.supervision.executables import NODES, PARAMETERS, SIMULATED_AUTOPILOT
 
 
@@ -33,7 +33,7 @@ def names_of(node: str) -> tuple[str, ...]:
     return tuple(given.names)
 
 
-def fitted(entries: Sequence[Entry]) -> tuple[Entry, ...]:
+def fitted(entries: Sequence[NodeEntry]) -> tuple[NodeEntry, ...]:
     """Entries whose parameters the nodes will take, with their relative paths made absolute.
 
     Relative to the folder of the configuration, that is.
@@ -46,7 +46,7 @@ def fitted(entries: Sequence[Entry]) -> tuple[Entry, ...]:
     return tuple(map(_fitted, entries))
 
 
-def _fitted(entry: Entry) -> Entry:
+def _fitted(entry: NodeEntry) -> NodeEntry:
     where, folder = f'{entry.file}: {entry.name}', entry.file.parent
     if entry.executable == SIMULATED_AUTOPILOT:
         from ftp_dent_ros.simulation.autopilot import build_parser
@@ -60,4 +60,4 @@ def _fitted(entry: Entry) -> Entry:
         given = Given({**shared, **own}, folder, where)
         declarations(entry.executable)(given)
         given.refuse_others([name for name in shared if name not in own], names_of_all())
-    return replace(entry, absolute=given.absolute)
+    return replace(entry, absolute=given.absolute, files=given.files)

@@ -25,18 +25,17 @@ from rclpy.node import Node
 from sensor_msgs.msg import Image, PointCloud2
 from std_srvs.srv import Trigger
 
+from ftp_dent_ros.dents.dent import Inspection
+from ftp_dent_ros.dents.dent_list import EXACT, DentList
+from ftp_dent_ros.dents.kept_list import KeptList
 from ftp_dent_ros.errors import CloudError, ImageError, PoseError
-from ftp_dent_ros.inspection.dent import Inspection
 from ftp_dent_ros.inspection.measuring.inspection import inspect
-from ftp_dent_ros.inspection.observation import SAME
-from ftp_dent_ros.inspection.reporting.records import finite
-from ftp_dent_ros.inspection.tracking.dent_list import DentList
-from ftp_dent_ros.inspection.tracking.kept_list import KeptList
-from ftp_dent_ros.inspection.tracking.pose_errors import EXACT
 from ftp_dent_ros.nodes.declarations import names_of_all
 from ftp_dent_ros.nodes.dent_listing import DentListing, Shown
 from ftp_dent_ros.nodes.inspector_parameters import declare
 from ftp_dent_ros.nodes.matching import Matched, Matching, located
+from ftp_dent_ros.pages.words import finite
+from ftp_dent_ros.pose import IDENTITY
 from ftp_dent_ros.ros.dent_messages import dents_to_message
 from ftp_dent_ros.ros.diagnostics import OK, WARN, Diagnostics
 from ftp_dent_ros.ros.messages import cloud_from_message, image_from_message, stamp_to_ns
@@ -139,7 +138,7 @@ class DentInspector(Node):
         started_ns = self._now_ns()
         header = item.cloud.header
         stamp_ns = stamp_to_ns(header.stamp)
-        pose, covariance, frame_id = SAME, EXACT, header.frame_id
+        pose, covariance, frame_id = IDENTITY, EXACT, header.frame_id
         stated = item.best_pose
         if stated is not None:
             pose, covariance = located(stated, header.frame_id, self._map)

@@ -17,13 +17,13 @@ from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import MarkerArray
 
+from ftp_dent_ros.dents.dent import MeasuredDent
+from ftp_dent_ros.dents.glass import sentence
+from ftp_dent_ros.dents.kept_list import KeptList
+from ftp_dent_ros.dents.rules import Rules
+from ftp_dent_ros.dents.sightings import ListedDent
 from ftp_dent_ros.errors import CloudError, PoseError
-from ftp_dent_ros.inspection.dent import MeasuredDent
-from ftp_dent_ros.inspection.reporting.records import list_record
-from ftp_dent_ros.inspection.reporting.rules import Rules
-from ftp_dent_ros.inspection.tracking.glass import sentence
-from ftp_dent_ros.inspection.tracking.kept_list import KeptList
-from ftp_dent_ros.inspection.tracking.sightings import ListedDent
+from ftp_dent_ros.inspection.records import list_record
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.ros.dent_messages import dents_to_markers, dents_to_message
 from ftp_dent_ros.ros.diagnostics import Diagnostics

@@ -24,7 +24,7 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_srvs.srv import Trigger
 
-from ftp_dent_ros.decoding.message_types import message_class
+from ftp_dent_ros.coding.messages import message_class
 from ftp_dent_ros.errors import InputError
 from ftp_dent_ros.ground import topics
 from ftp_dent_ros.ground.commands import Answer, Executive, Recordings

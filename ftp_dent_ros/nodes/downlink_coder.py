@@ -10,8 +10,7 @@ import cv2
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 from ftp_dent_ros.cloud.cloud import Cloud
-from ftp_dent_ros.coding.cloud_codec import encode, thinned
-from ftp_dent_ros.coding.view import View
+from ftp_dent_ros.coding.cloud_codec import View, encode, thinned
 from ftp_dent_ros.errors import FtpDentError, InputError
 from ftp_dent_ros.ground import topics
 from ftp_dent_ros.ground.difference import shortened

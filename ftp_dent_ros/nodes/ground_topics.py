@@ -13,10 +13,9 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 
 from ftp_dent_ros.cloud.cloud import Cloud
-from ftp_dent_ros.coding.cloud_codec import decode
+from ftp_dent_ros.coding.cloud_codec import View, decode
 from ftp_dent_ros.coding.compressed_depth import FORMAT, depth_image
-from ftp_dent_ros.coding.view import View
-from ftp_dent_ros.decoding.message_types import message_class
+from ftp_dent_ros.coding.messages import message_class
 from ftp_dent_ros.errors import CodecError
 from ftp_dent_ros.ground import topics
 from ftp_dent_ros.ground.protocol import Item

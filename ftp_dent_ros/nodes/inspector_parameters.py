@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ftp_dent_ros.inspection.reporting.rules import Rules, read_rules
-from ftp_dent_ros.inspection.settings import RANGES, Settings
+from ftp_dent_ros.dents.dent import RANGES, Settings
+from ftp_dent_ros.dents.rules import Rules, read_rules
 from ftp_dent_ros.parameters import Declarations
 
 TAGGED = 'tagged'

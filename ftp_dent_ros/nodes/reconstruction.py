@@ -18,6 +18,7 @@ from typing import Any
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
+from ftp_dent_ros.cloud.coverage import NOTED_STAMP, Coverage
 from ftp_dent_ros.errors import (
     ImageError,
     InputError,
@@ -34,8 +35,6 @@ from ftp_dent_ros.pattern.drawn import pattern_from_image
 from ftp_dent_ros.pattern.history import PatternHistory
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.profilometry import Reconstructor, Settings
-from ftp_dent_ros.profilometry.coverage import Coverage
-from ftp_dent_ros.recording.coverages import NOTED_STAMP
 from ftp_dent_ros.ros.any_publisher import AnySubscription
 from ftp_dent_ros.ros.diagnostics import OK, WARN, Diagnostics
 from ftp_dent_ros.ros.messages import (

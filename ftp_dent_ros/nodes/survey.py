@@ -34,8 +34,8 @@ from ftp_dent_ros.ros.node import run
 from ftp_dent_ros.ros.parameters import Parameters
 from ftp_dent_ros.ros.qos import CLOUDS, OVERRIDABLE, POSES
 from ftp_dent_ros.ros.worker import NewestWorker
-from ftp_dent_ros.survey.poses.joining import Joining
-from ftp_dent_ros.survey.skin_map.footprint import Footprint
+from ftp_dent_ros.survey.footprint import Footprint
+from ftp_dent_ros.survey.joining import Joining
 
 
 class Survey(Node):

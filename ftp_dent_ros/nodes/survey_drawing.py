@@ -21,7 +21,7 @@ from ftp_dent_ros.ros.diagnostics import Diagnostics
 from ftp_dent_ros.ros.messages import make_header, pose_stamped_message
 from ftp_dent_ros.ros.qos import LATCHED
 from ftp_dent_ros.ros.worker import NewestWorker
-from ftp_dent_ros.survey.skin_map.footprint import Footprint, seen_skin
+from ftp_dent_ros.survey.footprint import Footprint, seen_skin
 
 # Seconds between two, and of the time spent on one, how often that is rested.
 _PERIOD, _REST = 1.0, 10.0

@@ -21,11 +21,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.median import NORMAL_SPREAD
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.profilometry.projector_rows import Blocks, Rows, blocks_of
 from ftp_dent_ros.profilometry.triangulation import triangulate
 from ftp_dent_ros.rig.rig import Rig
+from ftp_dent_ros.robust import NORMAL_SPREAD
 
 # What is searched before the fit: turns and stretches up to so much.
 _MOST_TURN, _MOST_STRETCH = 0.06, 0.12

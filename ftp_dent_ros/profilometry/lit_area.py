@@ -12,10 +12,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.median import median
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.profilometry.triangulation import triangulate
 from ftp_dent_ros.rig.rig import Rig
+from ftp_dent_ros.robust import median
 
 # Fringes within which the ends of rows lie on one column, and the share of the rows that must.
 _PARALLEL, _SHARE = 0.15, 0.25

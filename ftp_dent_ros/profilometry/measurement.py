@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from ftp_dent_ros.cloud.cloud import Cloud
-from ftp_dent_ros.profilometry.coverage import Coverage
+from ftp_dent_ros.cloud.coverage import Coverage
 from ftp_dent_ros.profilometry.epipolar_check import EpipolarCheck
 
 

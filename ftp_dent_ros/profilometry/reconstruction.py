@@ -8,10 +8,10 @@ from typing import Any, Protocol
 from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud.cloud import Cloud
+from ftp_dent_ros.cloud.coverage import DIM
 from ftp_dent_ros.errors import ImageError, NoStripeError, PatternError, TooDarkError
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.photograph.photograph import Photograph
-from ftp_dent_ros.profilometry.coverage import DIM
 from ftp_dent_ros.profilometry.fourier_transform import FourierTransform
 from ftp_dent_ros.profilometry.least_squares import LeastSquares
 from ftp_dent_ros.profilometry.measurement import Measurement

@@ -1,8 +1,4 @@
-"""Bags: record, replay, recover.
-
-The libraries `mcap` and `rosbags` do what they can; each module says which promise needs it
-beside them.
-"""
+"""Bags: record, replay, recover, by the libraries `mcap` and `rosbags`."""
 
 from ftp_dent_ros.recording.reader import Bag, open_bag, read_messages
 from ftp_dent_ros.recording.topic import Message, Topic

@@ -1,6 +1,6 @@
-"""The clouds of a bag with all that the bag knows of each.
+"""The clouds of a bag with all that the bag says of each.
 
-Its promise: a message that cannot be used costs its own cloud alone, named by topic and stamp.
+A message that cannot be used costs its own cloud alone, named by topic and stamp.
 """
 
 from __future__ import annotations
@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud.cloud import Cloud
-from ftp_dent_ros.decoding.images import image_from_message
-from ftp_dent_ros.decoding.messages import (
+from ftp_dent_ros.cloud.coverage import NOTED_STAMP, Coverage
+from ftp_dent_ros.coding.images import image_from_message
+from ftp_dent_ros.coding.messages import (
     cloud_from_message,
     covariance_from_message,
     pose_from_message,
@@ -22,7 +23,6 @@ from ftp_dent_ros.decoding.messages import (
 )
 from ftp_dent_ros.errors import BagError, FtpDentError
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.recording.moved_cloud import pose_between
 from ftp_dent_ros.recording.reader import Bag
 from ftp_dent_ros.recording.topic import Message
 
@@ -38,8 +38,10 @@ _TYPES = {
     CAMERA_POSE: 'geometry_msgs/msg/PoseWithCovarianceStamped',
     SKIN: 'sensor_msgs/msg/Image',
 }
-# So many exposures may be under way at once: what belongs to older ones has not come.
-_LONGEST_WAIT = 30
+#: Name of the rig's id, in a bag's custom data as in the diagnostics of ``reconstruction``.
+RIG = 'rig'
+NO_RIG = 'none'
+_DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +57,7 @@ class BagCloud:
         ``map`` of tagged clouds, else the camera's frame.
     in_camera : bool
     pose : Pose or None
-        Of the camera in `frame_id`, where both clouds were recorded.
+        Of the camera in `frame_id`, where it was recorded.
     vehicle : Pose or None
         Of the camera in `frame_id`, or of ``base_link`` where that alone was recorded.
     covariance : ndarray, shape (6, 6), or None
@@ -78,7 +80,7 @@ class BagCloud:
 
 
 @dataclass(frozen=True)
-class Skipped:
+class SkippedMessage:
     """A message that could not be used.
 
     Attributes
@@ -107,12 +109,12 @@ def count_clouds(bag: Bag) -> tuple[int, bool]:
     """
     counts = _counts(bag)
     wanted = _wanted(bag)
-    return min(counts.get(topic, 0) for topic in wanted), len(wanted) > 1
+    return min(counts[topic] for topic in wanted), len(wanted) > 1
 
 
 def bag_clouds(
     bag: Bag,
-    skip: Callable[[Skipped], object] = lambda skipped: None,
+    skip: Callable[[SkippedMessage], object] = lambda skipped: None,
     photographs: bool = True,
 ) -> Iterator[BagCloud]:
     """Clouds of a bag in the order of their arrival: the tagged ones, else those of `POINTS`.
@@ -132,23 +134,27 @@ def bag_clouds(
         The bag has no clouds, or its file is damaged.
     """
     wanted = _wanted(bag)
-    # With the camera's pose, nothing is asked of the tagged clouds, the largest of all messages.
-    unused = {TAGGED, POSE} if CAMERA_POSE in wanted else set()
-    unused |= set() if photographs else {PHOTOGRAPHS}
-    topics = [topic for topic, count in _counts(bag).items() if count and topic not in unused]
+    others = {SKIN, PHOTOGRAPHS} if photographs else {SKIN}
+    topics = [topic for topic, count in _counts(bag).items() if count and topic in wanted | others]
     waiting: dict[int, dict[str, Any]] = {}
     done: set[int] = set()
     for message in bag.messages(topics):
+        stamp_ns, content = None, None
         try:
-            stamp_ns, content = _content(bag, message)
-        except _UnusableError as error:
-            skip(error.skipped)
-            if error.stamp_ns is None:
+            if message.type != _TYPES[message.topic]:
+                raise BagError(f'is a {message.type}, not a {_TYPES[message.topic]}')
+            content = bag.deserialise(message)
+            stamp_ns = stamp_to_ns(content.header.stamp)
+            content = _usable(message, content)
+        except FtpDentError as reason:
+            at_ns = message.log_time_ns if stamp_ns is None else stamp_ns
+            skip(SkippedMessage(message.topic, at_ns, str(reason)))
+            if stamp_ns is None:
                 continue
-            stamp_ns, content = error.stamp_ns, None
+            content = None
         if stamp_ns in done:
             if message.topic in wanted:
-                skip(Skipped(message.topic, stamp_ns, 'is there a second time'))
+                skip(SkippedMessage(message.topic, stamp_ns, 'is there a second time'))
             continue
         parts = waiting.setdefault(stamp_ns, {})
         parts[message.topic] = content
@@ -157,8 +163,50 @@ def bag_clouds(
             done.add(stamp_ns)
             if all(parts[topic] is not None for topic in wanted):
                 yield _bag_cloud(stamp_ns, parts)
-        while len(waiting) > _LONGEST_WAIT:
+        # So many exposures may be under way at once: what belongs to older ones has not come.
+        while len(waiting) > 30:
             del waiting[next(iter(waiting))]
+
+
+def rig_id_in(array: Any) -> str:
+    """Id of the rig in a diagnostic_msgs/DiagnosticArray; empty if there is none."""
+    for status in array.status:
+        for value in status.values:
+            if value.key == RIG and value.value not in ('', NO_RIG):
+                return str(value.value)
+    return ''
+
+
+def rig_id_of(bag: Bag) -> str:
+    """Id of the rig that measured a bag's clouds; empty if the bag does not say it.
+
+    The recorder writes it into the metadata. Where the recorder was killed, the recorded
+    diagnostics have it.
+    """
+    noted = bag.metadata.custom_data.get(RIG, '')
+    return noted or next(filter(None, map(rig_id_in, _diagnostics(bag))), '')
+
+
+def coverages_of(bag: Bag) -> dict[int, Coverage]:
+    """Coverage of a bag's clouds by their stamps, nanoseconds.
+
+    The diagnostics of ``reconstruction`` have that of the worst cloud of each second.
+    """
+    coverages = {}
+    for array in _diagnostics(bag):
+        for status in array.status:
+            values = {str(item.key): str(item.value) for item in status.values}
+            stamp, coverage = values.get(NOTED_STAMP, ''), Coverage.noted(values)
+            if coverage is not None and stamp.isdecimal():
+                coverages[int(stamp)] = coverage
+    return coverages
+
+
+def _diagnostics(bag: Bag) -> Iterator[Any]:
+    topics = [topic.name for topic in bag.metadata.topics if topic.type == _DIAGNOSTICS]
+    for message in bag.messages(topics) if topics else ():
+        if message.type == _DIAGNOSTICS:
+            yield bag.deserialise(message)
 
 
 def _wanted(bag: Bag) -> frozenset[str]:
@@ -181,63 +229,30 @@ def _counts(bag: Bag) -> dict[str, int]:
     }
 
 
-class _UnusableError(Exception):
-    def __init__(self, skipped: Skipped, stamp_ns: int | None) -> None:
-        super().__init__(str(skipped))
-        self.skipped, self.stamp_ns = skipped, stamp_ns
-
-
-def _content(bag: Bag, message: Message) -> tuple[int, Any]:
-    """Stamp of a message, and what it holds as the package's own."""
-    stamp_ns = None
-    try:
-        if message.type != _TYPES[message.topic]:
-            raise BagError(f'is a {message.type}, not a {_TYPES[message.topic]}')
-        content = bag.deserialise(message)
-        stamp_ns = stamp_to_ns(content.header.stamp)
-        if message.topic == PHOTOGRAPHS:
-            return stamp_ns, image_from_message(content)
-        if message.topic == SKIN:
-            return stamp_ns, image_from_message(content)[..., 0]
-        if message.topic in (POSE, CAMERA_POSE):
-            return stamp_ns, (*_located(content.pose), content.header.frame_id)
-        return stamp_ns, (cloud_from_message(content), content.header.frame_id)
-    except FtpDentError as reason:
-        at_ns = message.log_time_ns if stamp_ns is None else stamp_ns
-        skipped = Skipped(message.topic, at_ns, str(reason))
-        raise _UnusableError(skipped, stamp_ns) from None
-
-
-def _located(message: Any) -> tuple[Pose, NDArray[np.float64]]:
-    return pose_from_message(message.pose), covariance_from_message(message.covariance)
+def _usable(message: Message, content: Any) -> Any:
+    """What a message holds, as the package's own."""
+    if message.topic == PHOTOGRAPHS:
+        return image_from_message(content)
+    if message.topic == SKIN:
+        return image_from_message(content)[..., 0]
+    frame_id = content.header.frame_id
+    if message.topic in (POSE, CAMERA_POSE):
+        covariance = covariance_from_message(content.pose.covariance)
+        return pose_from_message(content.pose.pose), covariance, frame_id
+    return cloud_from_message(content), frame_id
 
 
 def _bag_cloud(stamp_ns: int, parts: dict[str, Any]) -> BagCloud:
-    photograph = parts.get(PHOTOGRAPHS)
     skin = parts.get(SKIN)
-    for topic in (POINTS, TAGGED):
-        if parts.get(topic) is not None:
-            cloud, frame_id = parts[topic]
-            parts[topic] = cloud.with_skin(skin), frame_id
-    if parts.get(CAMERA_POSE) is not None and parts.get(POINTS) is not None:
+    others = {'photograph': parts.get(PHOTOGRAPHS), 'skin': skin}
+    cloud, frame_id = parts[TAGGED if TAGGED in parts else POINTS]
+    cloud = cloud.with_skin(skin)
+    if TAGGED in parts:
+        vehicle, covariance, _ = parts[POSE]
+        return BagCloud(
+            stamp_ns, cloud, frame_id, False, vehicle=vehicle, covariance=covariance, **others
+        )
+    if CAMERA_POSE in parts:
         pose, covariance, frame_id = parts[CAMERA_POSE]
-        cloud, _ = parts[POINTS]
-        return BagCloud(stamp_ns, cloud, frame_id, True, pose, pose, covariance, photograph, skin)
-    if parts.get(TAGGED) is None or parts.get(POSE) is None:
-        cloud, frame_id = parts[POINTS]
-        return BagCloud(stamp_ns, cloud, frame_id, True, photograph=photograph, skin=skin)
-    placed, frame_id = parts[TAGGED]
-    seen = None if parts.get(POINTS) is None else parts[POINTS][0]
-    pose = None if seen is None else pose_between(seen, placed)
-    vehicle, covariance, _ = parts[POSE]
-    return BagCloud(
-        stamp_ns=stamp_ns,
-        cloud=placed if pose is None or seen is None else seen,
-        frame_id=frame_id,
-        in_camera=pose is not None,
-        pose=pose,
-        vehicle=vehicle,
-        covariance=covariance,
-        photograph=photograph,
-        skin=skin,
-    )
+        return BagCloud(stamp_ns, cloud, frame_id, True, pose, pose, covariance, **others)
+    return BagCloud(stamp_ns, cloud, frame_id, True, **others)

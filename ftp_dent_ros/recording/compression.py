@@ -19,20 +19,25 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ftp_dent_ros.coding.cloud_codec import VERSION, decode, encode
-from ftp_dent_ros.coding.view import View
-from ftp_dent_ros.decoding.images import image_from_message, photograph_from_message
-from ftp_dent_ros.decoding.messages import CLOUD_FIELDS, cloud_from_message, lens_from_message
+from ftp_dent_ros.coding.cloud_codec import VERSION, View, decode, encode
+from ftp_dent_ros.coding.images import image_from_message, photograph_from_message
+from ftp_dent_ros.coding.messages import CLOUD_FIELDS, cloud_from_message, lens_from_message
 from ftp_dent_ros.errors import BagError, InputError
-from ftp_dent_ros.recording.definitions import find_definition, type_hash, typestore
-from ftp_dent_ros.recording.topic import SUFFIXES, Message, Topic
+from ftp_dent_ros.recording.topic import (
+    CODED,
+    Message,
+    Topic,
+    find_definition,
+    type_hash,
+    typestore,
+)
 from ftp_dent_ros.recording.writer import BagWriter
 from ftp_dent_ros.rig.rig import Lens
 
 _CODED = 'sensor_msgs/msg/CompressedImage'
 _CLOUD, _IMAGE = 'sensor_msgs/msg/PointCloud2', 'sensor_msgs/msg/Image'
 _INFO = 'sensor_msgs/msg/CameraInfo'
-_SUFFIXES = dict(zip((_CLOUD, _IMAGE), SUFFIXES, strict=True))
+_SUFFIXES = dict(zip((_CLOUD, _IMAGE), CODED, strict=True))
 _FLOAT32 = 7  # of sensor_msgs/PointField
 _FORMAT = re.compile(r'ftp_dent_ros cloud (\d+), (\d) fields|ftp_dent_ros (\w+), (?:jpeg|png)')
 # Of one level a pixel: JPEG would mix a mosaic's colours, and has eight bits.

@@ -1,7 +1,5 @@
 """Reading bags: rosbag2 folders with MCAP files, and bare ``.mcap`` files.
 
-Its promise: compressed topics are read as what they stand for, and a hostile file is refused.
-
 >>> bag = open_bag('out/demo/bag')
 >>> for message in bag.messages(['/points']):
 ...     cloud = bag.deserialise(message)
@@ -11,27 +9,25 @@ from __future__ import annotations
 
 import os
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
+from mcap.reader import SeekingReader
 from mcap.records import Channel, Schema
 
 from ftp_dent_ros.errors import BagError
-from ftp_dent_ros.recording.mcap_file import MAGIC
-from ftp_dent_ros.recording.metadata import (
+from ftp_dent_ros.recording.topic import CODED, Message, Topic, deserialise, qos_from
+from ftp_dent_ros.recording.writer import (
+    MAGIC,
     METADATA_FILE,
     NO_TIME_NS,
     BagFile,
     BagMetadata,
-    read_metadata,
 )
-from ftp_dent_ros.recording.stored import stored_messages, summary_of
-from ftp_dent_ros.recording.topic import SUFFIXES, Definition, Message, Qos, Topic, qos_from
-
-_LONGEST_QOS = 1 << 20  # characters: of some thousand publishers
+from ftp_dent_ros.yaml_file import read_yaml
 
 
 @dataclass(frozen=True)
@@ -46,14 +42,14 @@ class Bag:
         Its MCAP files, in order.
     metadata : BagMetadata
         Topics, counts and times, as they were recorded.
-    coded : dict
+    coded : mapping
         Names of topics that were compressed as they were recorded, and what they stand for.
     """
 
     path: Path
     files: tuple[Path, ...]
     metadata: BagMetadata
-    coded: dict[str, str] = field(default_factory=dict)
+    coded: Mapping[str, str]
 
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int | None = None
@@ -80,23 +76,31 @@ class Bag:
         return self._messages(topics, start_ns)
 
     def deserialise(self, message: Message) -> Any:
-        """Content of a message of this bag, without ROS: see `definitions.deserialise`."""
-        # Only this needs the library `rosbags`.
-        from ftp_dent_ros.recording.definitions import deserialise
-
+        """Content of a message of this bag, without ROS: see `topic.deserialise`."""
         wanted = (message.topic, message.type)
         topic = next(each for each in self.metadata.topics if (each.name, each.type) == wanted)
         return deserialise(message.data, message.type, topic.definition)
 
     def _messages(self, topics: Collection[str] | None, start_ns: int | None) -> Iterator[Message]:
-        stored = topics
-        if topics is not None and self.coded:
-            stored = {*topics, *(code for code, name in self.coded.items() if name in topics)}
+        if topics is not None:
+            topics = {*topics, *(code for code, name in self.coded.items() if name in topics)}
         for path in self.files:
-            with _whole_file(path) as stream:
-                for message in stored_messages(stream, stored, start_ns):
-                    name = self.coded.get(message.topic)
-                    yield message if name is None else _decoded(message, name)
+            with _whole_file(path) as reader:
+                for schema, channel, record in reader.iter_messages(topics, starting_at=start_ns):
+                    message = Message(
+                        channel.topic,
+                        schema.name if schema else '',
+                        record.log_time,
+                        record.publish_time,
+                        record.data,
+                        record.sequence,
+                    )
+                    if channel.topic in self.coded:
+                        # Only this needs OpenCV.
+                        from ftp_dent_ros.recording.compression import decoded
+
+                        message = decoded(message, self.coded[channel.topic])
+                    yield message
 
 
 def open_bag(path: str | os.PathLike[str]) -> Bag:
@@ -110,21 +114,19 @@ def open_bag(path: str | os.PathLike[str]) -> Bag:
     path = Path(path)
     if not path.exists():
         raise BagError(f'{path}: no such bag: check the path')
-    if not path.is_dir():
-        return _bag(path, [path], _metadata([path], {}, ''))
-    if not (path / METADATA_FILE).is_file():
-        if not any(path.glob('*.mcap')):
-            raise BagError(f'{path}: holds no MCAP file: check the path')
-        raise BagError(
-            f'{path}: has no {METADATA_FILE}, so its recorder did not come to close it: '
-            f'make a whole bag of it with `ftp-dent recover {path} --output NEW`'
-        )
-    written = read_metadata(path)
-    # Before version 4 the names included the bag's own folder.
-    files = [path / Path(file.path).name for file in written.files]
-    topics = {(topic.name, topic.type): topic for topic in written.topics}
-    found = _metadata(files, topics, written.ros_distro)
-    return _bag(path, files, replace(found, custom_data=written.custom_data))
+    files, distro, custom = ([path], '', {}) if not path.is_dir() else _read_metadata(path)
+    metadata = replace(_metadata(files), ros_distro=distro, custom_data=custom)
+    coded: Mapping[str, str] = {}
+    if any(topic.name.endswith(CODED) for topic in metadata.topics):
+        from ftp_dent_ros.recording.compression import plain_topics
+
+        coded, plain = plain_topics(metadata.topics)
+        counts: dict[str, int] = defaultdict(int)
+        for name, count in metadata.message_counts.items():
+            counts[coded.get(name, name)] += count
+        topics = {(topic.name, topic.type): topic for topic in plain}
+        metadata = replace(metadata, topics=tuple(topics.values()), message_counts=dict(counts))
+    return Bag(path, tuple(files), metadata, coded)
 
 
 def read_messages(
@@ -147,79 +149,70 @@ def topic_from(channel: Channel, schema: Schema | None) -> Topic:
             f"{channel.topic} holds {channel.message_encoding} messages, not ROS 2's cdr: "
             'only bags of ROS 2 are read here'
         )
+    described = schema is not None and schema.encoding == 'ros2msg'
     return Topic(
         name=channel.topic,
         type=schema.name if schema else '',
         type_hash=channel.metadata.get('topic_type_hash', ''),
-        offered_qos=_offered_qos(channel),
-        definition=Definition(schema.encoding, schema.data.decode()) if schema else Definition(),
+        offered_qos=qos_from(channel.metadata.get('offered_qos_profiles', '')),
+        definition=schema.data.decode() if schema is not None and described else '',
     )
 
 
-def _bag(path: Path, files: Sequence[Path], metadata: BagMetadata) -> Bag:
-    if not any(topic.name.endswith(SUFFIXES) for topic in metadata.topics):
-        return Bag(path, tuple(files), metadata)
-    # Only this needs OpenCV and the library `rosbags`.
-    from ftp_dent_ros.recording.compression import plain_topics
-
-    coded, plain = plain_topics(metadata.topics)
-    counts: dict[str, int] = defaultdict(int)
-    for name, count in metadata.message_counts.items():
-        counts[coded.get(name, name)] += count
-    topics = {(topic.name, topic.type): topic for topic in plain}
-    shown = replace(metadata, topics=tuple(topics.values()), message_counts=dict(counts))
-    return Bag(path, tuple(files), shown, coded)
-
-
-def _decoded(message: Message, name: str) -> Message:
-    from ftp_dent_ros.recording.compression import decoded
-
-    return decoded(message, name)
-
-
-def _offered_qos(channel: Channel) -> tuple[Qos, ...]:
-    """What nobody can read is as good as not told: only a replay asks for it."""
-    text = channel.metadata.get('offered_qos_profiles', '')
-    if len(text) > _LONGEST_QOS:
-        return ()
+def _read_metadata(folder: Path) -> tuple[list[Path], str, dict[str, str]]:
+    """Files of a bag's folder, the ROS distribution that wrote it, and its custom data."""
+    path = folder / METADATA_FILE
+    if not path.is_file():
+        if not any(folder.glob('*.mcap')):
+            raise BagError(f'{folder}: holds no MCAP file: check the path')
+        raise BagError(
+            f'{folder}: has no {METADATA_FILE}, so its recorder did not come to close it: '
+            f'make a whole bag of it with `ftp-dent recover {folder} --output NEW`'
+        )
+    data = read_yaml(path, BagError)
     try:
-        return qos_from(text)
-    except Exception:  # YAML's own, and whatever stands in the fields' place
-        return ()
+        information = data['rosbag2_bagfile_information']
+        storage, mode = information['storage_identifier'], information.get('compression_mode', '')
+        # Before version 4 the names included the bag's own folder.
+        files = [folder / Path(name).name for name in information['relative_file_paths']]
+        distro = str(information.get('ros_distro') or '')
+        custom = dict(information.get('custom_data') or {})
+    except (KeyError, TypeError, ValueError, AttributeError) as reason:
+        raise BagError(
+            f'{path}: not a rosbag2 metadata file ({type(reason).__name__}: {reason}): '
+            f'make a whole bag of {folder} with `ftp-dent recover`'
+        ) from None
+    if storage != 'mcap' or mode not in ('', 'NONE', 'none'):
+        raise BagError(
+            f'{folder}: stored as {storage} {mode}'.rstrip()
+            + ', and only MCAP is read here: convert it with `ros2 bag convert`'
+        )
+    return files, distro, {str(name): str(value) for name, value in custom.items()}
 
 
-def _metadata(
-    files: Iterable[Path], topics: dict[tuple[str, str], Topic], distro: str
-) -> BagMetadata:
-    """Metadata of files; `topics` are preferred to what the files say of the same ones."""
+def _metadata(files: Sequence[Path]) -> BagMetadata:
+    """What the ends of the files say."""
     counts: dict[str, int] = defaultdict(int)
-    found: dict[tuple[str, str], Topic] = {}
+    topics: dict[tuple[str, str], Topic] = {}
     described = []
     for path in files:
-        with _whole_file(path) as stream:
-            summary = summary_of(stream)
+        with _whole_file(path) as reader:
+            summary = reader.get_summary()
             if summary is None or summary.statistics is None:
                 raise ValueError('it has no index')
-            statistics = summary.statistics
             for channel in summary.channels.values():
                 topic = topic_from(channel, summary.schemas.get(channel.schema_id))
-                key = topic.name, topic.type
-                preferred = topics.get(key, topic)
-                found.setdefault(key, replace(preferred, definition=topic.definition))
-                counts[topic.name] += statistics.channel_message_counts.get(channel.id, 0)
-        described.append(
-            BagFile(
-                path=path.name,
-                start_ns=statistics.message_start_time if statistics.message_count else NO_TIME_NS,
-                duration_ns=statistics.message_end_time - statistics.message_start_time,
-                message_count=statistics.message_count,
-            )
-        )
-    return BagMetadata(tuple(described), tuple(found.values()), dict(counts), distro)
+                topics.setdefault((topic.name, topic.type), topic)
+                counts[topic.name] += summary.statistics.channel_message_counts.get(channel.id, 0)
+        count = summary.statistics.message_count
+        start_ns = summary.statistics.message_start_time
+        duration_ns = summary.statistics.message_end_time - start_ns
+        described.append(BagFile(path.name, start_ns if count else NO_TIME_NS, duration_ns, count))
+    return BagMetadata(tuple(described), tuple(topics.values()), dict(counts))
 
 
 @contextmanager
-def _whole_file(path: Path) -> Iterator[BinaryIO]:
+def _whole_file(path: Path) -> Iterator[SeekingReader]:
     """Open an MCAP file; whatever the library makes of damaged data becomes a BagError."""
     try:
         stream = path.open('rb')
@@ -231,20 +224,17 @@ def _whole_file(path: Path) -> Iterator[BinaryIO]:
             what = 'not an MCAP file' if head else 'an empty file'
             raise BagError(f'{path}: {what}: there is nothing to read in it')
         stream.seek(-len(MAGIC), os.SEEK_END)
-        if stream.read() != MAGIC:
-            raise _damaged(path, 'it has no end')
-        stream.seek(0)
         try:
-            yield stream
+            if stream.read() != MAGIC:
+                raise ValueError('it has no end')
+            stream.seek(0)
+            size = path.stat().st_size
+            yield SeekingReader(stream, validate_crcs=True, record_size_limit=size)
         except BagError as error:
             raise BagError(f'{path}: {error}') from None
         except Exception as reason:
-            raise _damaged(path, reason) from None
-
-
-def _damaged(path: Path, reason: object) -> BagError:
-    bag = path.parent if (path.parent / METADATA_FILE).is_file() else path
-    return BagError(
-        f'{path}: not a whole MCAP file ({reason}): '
-        f'make a whole bag of it with `ftp-dent recover {bag} --output NEW`'
-    )
+            bag = path.parent if (path.parent / METADATA_FILE).is_file() else path
+            raise BagError(
+                f'{path}: not a whole MCAP file ({reason or type(reason).__name__}): '
+                f'make a whole bag of it with `ftp-dent recover {bag} --output NEW`'
+            ) from None

@@ -1,7 +1,7 @@
 """Making a whole bag of one whose recorder was killed, or whose disk filled.
 
-Its promise: of a bag without footers and metadata, which `rosbags` and `mcap` refuse, every whole
-message comes back.
+MCAP is read from front to back: the first record that does not fit tells where the writer was
+stopped. Every whole chunk before it comes back.
 """
 
 from __future__ import annotations
@@ -10,17 +10,20 @@ import os
 import re
 import shutil
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
+from mcap.records import Channel, Chunk, Footer, McapRecord, Schema
+from mcap.records import Message as MessageRecord
+from mcap.stream_reader import StreamReader, breakup_chunk
+
 from ftp_dent_ros.errors import BagError
-from ftp_dent_ros.recording.metadata import METADATA_FILE
-from ftp_dent_ros.recording.salvage import Salvage
-from ftp_dent_ros.recording.topic import Message
-from ftp_dent_ros.recording.writer import BagWriter
+from ftp_dent_ros.recording.reader import topic_from
+from ftp_dent_ros.recording.topic import Message, Topic
+from ftp_dent_ros.recording.writer import MAGIC, METADATA_FILE, BagWriter
 
 
-@dataclass(frozen=True)
+@dataclass
 class Recovery:
     """What was saved and what was not.
 
@@ -29,27 +32,27 @@ class Recovery:
     message_counts : dict of str to int
         Messages saved, by topic, topics without any included.
     cut : dict of str to int
-        Bytes at the end of files, by file name, that hold no whole message; only files that have
+        Bytes at the end of files, by file name, that hold no whole record; only files that have
         such bytes.
     damaged : int
-        Chunks left out because their checksum is wrong, and unreadable records.
+        Chunks left out because their checksum is wrong.
     skipped : dict of str to str
         Files left out as a whole, with the reason.
     whole : bool
         The bag was whole, and the new one is a copy.
     """
 
-    message_counts: dict[str, int]
-    cut: dict[str, int]
-    damaged: int
-    skipped: dict[str, str]
-    whole: bool
+    message_counts: dict[str, int] = field(default_factory=dict)
+    cut: dict[str, int] = field(default_factory=dict)
+    damaged: int = 0
+    skipped: dict[str, str] = field(default_factory=dict)
+    whole: bool = True
 
 
 def recover(
     bag: Path, output: Path, progress: Callable[[int], object] = lambda size: None
 ) -> Recovery:
-    """Write a new whole bag with every whole message of `bag`, which is left as it is.
+    """Write a new whole bag with every whole chunk of `bag`, which is left as it is.
 
     Parameters
     ----------
@@ -71,13 +74,29 @@ def recover(
             f'{output}: exists already and is not overwritten: choose another output folder'
         )
     aside = output.with_name(f'.{output.name}.{os.getpid()}')
+    recovery = Recovery(whole=bag.is_file() or (bag / METADATA_FILE).is_file())
     try:
-        recovery = _recover(bag, files, aside, Path(os.path.abspath(output)).name, progress)
+        with BagWriter(aside, Path(os.path.abspath(output)).name) as writer:
+            for path in files:
+                try:
+                    _check(path)
+                except BagError as reason:
+                    recovery.skipped[path.name] = str(reason)
+                    continue
+                if writer.message_count:
+                    writer.split()
+                writer.write(_messages(path, writer, recovery, progress))
+            if len(recovery.skipped) == len(files):
+                raise BagError(next(iter(recovery.skipped.values())))
         os.rename(aside, output)
     except BagError as error:
         raise BagError(str(error).replace(str(aside), str(output))) from None
     finally:
         shutil.rmtree(aside, ignore_errors=True)
+    recovery.whole &= not (recovery.skipped or recovery.damaged)
+    recovery.message_counts = {
+        topic.name: writer.message_counts[topic.name] for topic in writer.topics
+    }
     return recovery
 
 
@@ -91,51 +110,75 @@ def mcap_files(bag: Path) -> list[Path]:
     """
     if bag.is_file():
         return [bag]
-    files = sorted(bag.glob('*.mcap'), key=_number)
+
+    def number(path: Path) -> tuple[int, str]:
+        digits = re.search(r'(\d+)$', path.stem)
+        return (int(digits.group(1)) if digits else 0, path.name)
+
+    files = sorted(bag.glob('*.mcap'), key=number)
     if not files:
         what = 'holds no MCAP file' if bag.is_dir() else 'no such bag'
         raise BagError(f'{bag}: {what}: check the path')
     return files
 
 
-def _recover(
-    bag: Path, files: list[Path], aside: Path, name: str, progress: Callable[[int], object]
-) -> Recovery:
-    cut: dict[str, int] = {}
-    skipped: dict[str, str] = {}
-    damaged = 0
-    whole = bag.is_file() or (bag / METADATA_FILE).is_file()
-    with BagWriter(aside, name) as writer:
-        for path in files:
-            try:
-                salvage = Salvage(path)
-            except BagError as reason:
-                skipped[path.name] = str(reason)
-                continue
-            if writer.message_count:
-                writer.split()
-            writer.write(_announced(salvage, writer, progress))
-            for topic in salvage.topics.values():
-                writer.add_topic(topic)
-            if salvage.cut:
-                cut[path.name] = salvage.cut
-            damaged += salvage.damaged
-            whole = whole and salvage.whole
-        if len(skipped) == len(files):
-            raise BagError(next(iter(skipped.values())))
-    counts = {topic.name: writer.message_counts[topic.name] for topic in writer.topics}
-    return Recovery(counts, cut, damaged, skipped, whole and not skipped and not damaged)
+def _check(path: Path) -> None:
+    try:
+        with path.open('rb') as stream:
+            head = stream.read(len(MAGIC))
+    except OSError as reason:
+        raise BagError(f'{path}: cannot be read ({reason.strerror}): check it') from None
+    if head != MAGIC:
+        what = 'not an MCAP file' if head else 'an empty file'
+        raise BagError(f'{path}: {what}: there is nothing to recover in it')
 
 
-def _announced(
-    salvage: Salvage, writer: BagWriter, progress: Callable[[int], object]
+def _messages(
+    path: Path, writer: BagWriter, recovery: Recovery, progress: Callable[[int], object]
 ) -> Iterator[Message]:
-    for message in salvage.messages():
-        writer.add_topic(salvage.topics[message.topic])
-        progress(len(message.data))
-        yield message
+    """Every message of whole records, in the order of the file; their topics go to `writer`."""
+    schemas: dict[int, Schema] = {}
+    topics: dict[int, Topic] = {}
+    for record in _records(path, recovery):
+        if isinstance(record, Schema):
+            schemas[record.id] = record
+        elif isinstance(record, Channel):
+            topic = topics[record.id] = topic_from(record, schemas.get(record.schema_id))
+            writer.add_topic(topic)
+        elif isinstance(record, MessageRecord) and record.channel_id in topics:
+            topic = topics[record.channel_id]
+            progress(len(record.data))
+            times = record.log_time, record.publish_time
+            yield Message(topic.name, topic.type, *times, record.data, record.sequence)
 
 
-def _number(path: Path) -> tuple[int, str]:
-    digits = re.search(r'(\d+)$', path.stem)
-    return (int(digits.group(1)) if digits else 0, path.name)
+def _records(path: Path, recovery: Recovery) -> Iterator[McapRecord]:
+    size = path.stat().st_size
+    with path.open('rb') as stream:
+        end = stream.tell()
+        ended = False
+        reader = StreamReader(stream, emit_chunks=True, record_size_limit=size)
+        records = iter(reader.records)
+        while True:
+            try:
+                record = next(records, None)
+            except Exception:  # the end of the file, and whatever damaged data make of the library
+                break
+            if record is None:
+                ended = stream.tell() == size
+                break
+            if stream.tell() > size:
+                break
+            end = stream.tell() + (len(MAGIC) if isinstance(record, Footer) else 0)
+            if not isinstance(record, Chunk):
+                yield record
+                continue
+            try:
+                content = breakup_chunk(record, validate_crc=True)
+            except Exception:
+                recovery.damaged += 1
+                continue
+            yield from content
+        recovery.whole &= ended
+        if end < size:
+            recovery.cut[path.name] = size - end

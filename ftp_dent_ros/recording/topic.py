@@ -1,38 +1,31 @@
-"""What a bag holds: messages, and topics with their type and quality of service.
-
-A replayed topic has the quality of service that it was recorded with, as ``ros2 bag`` does it; the
-libraries keep the text alone.
-"""
+"""What a bag holds: messages, topics with type and quality of service, and which are wanted."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from functools import lru_cache
+import os
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import yaml
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
 
-INFINITE_NS = 2**63 - 1  # rmw's duration that never ends
-_SECOND_NS = 10**9
-# Of topics that hold another one's messages compressed (`compression`): clouds, and pictures.
-SUFFIXES = ('/coded_cloud', '/coded_image')
-_DURATIONS = ('deadline', 'lifespan', 'liveliness_lease_duration')
+from ftp_dent_ros.errors import BagError, ConfigurationError
 
-# rmw/types.h, in the order of its enumerations.
-_POLICIES = {
-    'history': ('system_default', 'keep_last', 'keep_all', 'unknown'),
-    'reliability': ('system_default', 'reliable', 'best_effort', 'unknown', 'best_available'),
-    'durability': ('system_default', 'transient_local', 'volatile', 'unknown', 'best_available'),
-    'liveliness': (
-        'system_default',
-        'automatic',
-        'unknown',
-        'manual_by_topic',
-        'unknown',
-        'best_available',
-    ),
-}
+#: Of topics that hold another one's messages compressed (`compression`): clouds, and pictures.
+CODED = ('/coded_cloud', '/coded_image')
+# rmw's duration that never ends, as rosbag2 writes it.
+_INFINITE = {'sec': 9223372036, 'nsec': 854775807}
+# rmw/types.h: the numbers that rosbag2 wrote up to version 8.
+_RELIABILITIES = {2: 'best_effort', 'best_effort': 'best_effort'}
+_DURABILITIES = {1: 'transient_local', 'transient_local': 'transient_local'}
+# Of an absolute topic, as ROS 2 takes them.
+_NAME = re.compile(r'(/[A-Za-z_][A-Za-z0-9_]*)+')
 
 
 class Message(NamedTuple):
@@ -50,31 +43,11 @@ class Message(NamedTuple):
     sequence: int = 0
 
 
-@dataclass(frozen=True)
-class Qos:
-    """Quality of service that a publisher offered, in the words of rmw and of rosbag2.
+class Qos(NamedTuple):
+    """What a publisher offered of the policies that decide who hears it, in rosbag2's words."""
 
-    Discovery does not tell a publisher's history, hence 'unknown' and depth 0. Durations are in
-    nanoseconds.
-    """
-
-    history: str = 'unknown'
-    depth: int = 0
     reliability: str = 'reliable'
     durability: str = 'volatile'
-    deadline: int = INFINITE_NS
-    lifespan: int = INFINITE_NS
-    liveliness: str = 'automatic'
-    liveliness_lease_duration: int = INFINITE_NS
-    avoid_ros_namespace_conventions: bool = False
-
-
-@dataclass(frozen=True)
-class Definition:
-    """The text that defines a message type: `encoding` is 'ros2msg', or '' for none."""
-
-    encoding: str = ''
-    text: str = ''
 
 
 @dataclass(frozen=True)
@@ -89,57 +62,188 @@ class Topic:
         REP 2016's ``RIHS01_...`` of the type, or '' where it is not known.
     offered_qos : tuple of Qos
         One for each publisher that there was when the recording of the topic began.
-    definition : Definition
-        Of the type and all that it contains.
+    definition : str
+        Of the type and all that it contains, in the format ``ros2msg``; '' where not known.
     """
 
     name: str
     type: str
     type_hash: str = ''
     offered_qos: tuple[Qos, ...] = ()
-    definition: Definition = Definition()
+    definition: str = ''
 
 
 def qos_to_list(profiles: Sequence[Qos]) -> list[dict[str, Any]]:
-    """``offered_qos_profiles`` as version 9 has it: policies by name, durations split."""
+    """``offered_qos_profiles`` as version 9 of rosbag2's metadata has it."""
     return [
-        {field.name: _split(field.name, getattr(qos, field.name)) for field in fields(Qos)}
+        {
+            'history': 'unknown',
+            'depth': 0,
+            'reliability': qos.reliability,
+            'durability': qos.durability,
+            'deadline': dict(_INFINITE),
+            'lifespan': dict(_INFINITE),
+            'liveliness': 'automatic',
+            'liveliness_lease_duration': dict(_INFINITE),
+            'avoid_ros_namespace_conventions': False,
+        }
         for qos in profiles
     ]
 
 
-def qos_to_yaml(profiles: Sequence[Qos]) -> str:
-    """``offered_qos_profiles`` as text, as MCAP's channels hold it."""
-    return yaml.safe_dump(qos_to_list(profiles), sort_keys=False).strip()
+def qos_from(text: str) -> tuple[Qos, ...]:
+    """Read ``offered_qos_profiles`` of any version; what is malformed offers nothing."""
+    try:
+        return tuple(
+            Qos(
+                _RELIABILITIES.get(profile['reliability'], 'reliable'),
+                _DURABILITIES.get(profile['durability'], 'volatile'),
+            )
+            for profile in yaml.safe_load(text) or ()
+        )
+    except Exception:  # YAML's own, and what comes of values in other places
+        return ()
 
 
-def qos_from(value: object) -> tuple[Qos, ...]:
-    """Read ``offered_qos_profiles`` back, from text or list, with names or rmw's numbers.
+@cache
+def typestore() -> Typestore:
+    """All of Jazzy's common interfaces, from the library `rosbags`."""
+    return get_typestore(Stores.ROS2_JAZZY)
 
-    Up to version 8 policies are numbers and the list is text within the text.
+
+def type_hash(type_name: str) -> str:
+    """REP 2016's hash of a known type, '' of any other."""
+    return typestore().hash_rihs01(type_name) if type_name in typestore().fielddefs else ''
+
+
+def find_definition(type_name: str, recorded_hash: str = '') -> str:
+    """Definition of a message type, with those of all types that it contains; '' if not found.
+
+    Jazzy's common interfaces are known; others are looked up in the ``.msg`` files of the
+    sourced ROS workspaces.
+
+    Parameters
+    ----------
+    type_name : str
+        As in ``sensor_msgs/msg/Image``.
+    recorded_hash : str, optional
+        Hash that the publisher announced: a definition with another hash would be a wrong one.
     """
-    profiles: Any = _parsed(value) if isinstance(value, str) else value
-    return tuple(
-        Qos(**{field.name: _joined(field.name, profile[field.name]) for field in fields(Qos)})
-        for profile in profiles or ()
-    )
+    store = typestore()
+    if type_name not in store.fielddefs:
+        _register_installed(type_name)
+    if type_name not in store.fielddefs or recorded_hash not in ('', type_hash(type_name)):
+        return ''
+    return store.generate_msgdef(type_name, ros_version=2)[0]
 
 
-@lru_cache(maxsize=64)
-def _parsed(text: str) -> Any:
-    """What profiles say as text: the topics of a bag have few different ones."""
-    return yaml.safe_load(text)
+def deserialise(data: bytes, type_name: str, definition: str = '') -> Any:
+    """Content of a serialised (CDR) message, its arrays as numpy arrays.
+
+    Parameters
+    ----------
+    data : bytes
+        As recorded.
+    type_name : str
+        As in ``sensor_msgs/msg/Image``.
+    definition : str, optional
+        Needed for types that are not among Jazzy's common interfaces.
+
+    Raises
+    ------
+    BagError
+        The type is not known, or the data are not of that type.
+    """
+    store = typestore()
+    try:
+        if type_name not in store.fielddefs and definition:
+            store.register(get_types_from_msg(definition, type_name))
+        return store.deserialize_cdr(data, type_name)
+    except KeyError:
+        raise BagError(
+            f'the message type {type_name} is unknown: read it where its package is installed'
+        ) from None
+    except Exception as reason:  # the library's own, of several kinds
+        raise BagError(f'a message is no {type_name} ({reason}): the bag is damaged') from None
 
 
-def _split(name: str, value: Any) -> Any:
-    if name not in _DURATIONS:
-        return value
-    return {'sec': value // _SECOND_NS, 'nsec': value % _SECOND_NS}
+def _register_installed(type_name: str) -> None:
+    """Make a type of the sourced workspaces known, with all that it contains, or nothing."""
+    found: Any = {}
+    missing = [type_name]
+    while missing:
+        name = missing.pop()
+        package, *_, message = name.split('/')
+        prefixes = filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep))
+        paths = (Path(prefix, 'share', package, 'msg', f'{message}.msg') for prefix in prefixes)
+        path = next((path for path in paths if path.is_file()), None)
+        if path is None:
+            return
+        found.update(get_types_from_msg(path.read_text(encoding='utf-8'), name))
+        known = found.keys() | typestore().fielddefs.keys()
+        missing += {part for _, field in found[name][1] for part in _names_in(field)} - known
+    typestore().register(found)
 
 
-def _joined(name: str, value: Any) -> Any:
-    if name in _DURATIONS:
-        return min(value['sec'] * _SECOND_NS + value['nsec'], INFINITE_NS)
-    if name in _POLICIES and isinstance(value, int):
-        return _POLICIES[name][value]
-    return value
+def _names_in(field: Any) -> Iterator[str]:
+    """Names of the types in a field's description, as `rosbags` parses it."""
+    kind, content = field
+    if kind == Nodetype.NAME:
+        yield content
+    elif kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+        yield from _names_in(content[0])
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Topics chosen by name or by regular expression, as ``ros2 bag`` does it.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Wanted in any case; a name without a leading slash is taken from the root namespace.
+    everything : bool
+        All topics, but not hidden ones (a part of the name begins with ``_``).
+    regex, exclude_regex : str
+        Searched for in the names of topics that are not hidden; '' for none.
+
+    Raises
+    ------
+    ConfigurationError
+        A name or an expression is malformed.
+    """
+
+    names: tuple[str, ...] = ()
+    everything: bool = False
+    regex: str = ''
+    exclude_regex: str = ''
+
+    def __post_init__(self) -> None:
+        for expression in (self.regex, self.exclude_regex):
+            try:
+                re.compile(expression)
+            except re.error as reason:  # noqa: PERF203
+                raise ConfigurationError(
+                    f'{expression!r} is no regular expression ({reason}): correct it'
+                ) from None
+
+    @classmethod
+    def of(cls, names: Sequence[str], **others: bool | str) -> Selection:
+        """Selection with the names made absolute."""
+        absolute = [name if name.startswith('/') else f'/{name}' for name in names]
+        for name in absolute:
+            if not _NAME.fullmatch(name):
+                raise ConfigurationError(
+                    f'{name!r} is no name of a topic: give letters, digits, _ and / alone, or a '
+                    'regular expression with --regex'
+                )
+        return cls(tuple(dict.fromkeys(absolute)), **others)  # type: ignore[arg-type]
+
+    def wants(self, topic: str) -> bool:
+        """Whether a topic is chosen."""
+        if topic in self.names:
+            return True
+        hidden = any(part.startswith('_') for part in topic.split('/'))
+        if hidden or (self.exclude_regex and re.search(self.exclude_regex, topic)):
+            return False
+        return self.everything or bool(self.regex and re.search(self.regex, topic))

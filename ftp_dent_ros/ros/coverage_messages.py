@@ -9,7 +9,7 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from ftp_dent_ros.ros.messages import make_header
-from ftp_dent_ros.survey.skin_map.footprint import SeenSkin
+from ftp_dent_ros.survey.footprint import SeenSkin
 
 # Height of a letter, and gaps that have one: the largest; metres.
 _TEXT, _LABELLED = 0.03, 20

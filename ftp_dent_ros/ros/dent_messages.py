@@ -11,9 +11,9 @@ from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
+from ftp_dent_ros.dents.dent import KINDS
+from ftp_dent_ros.dents.sightings import ListedDent
 from ftp_dent_ros.errors import CloudError
-from ftp_dent_ros.inspection.dent import KINDS
-from ftp_dent_ros.inspection.tracking.sightings import ListedDent
 from ftp_dent_ros.ros.fields import make_header, to_data
 
 _ESTIMATES = (

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo, Image, NavSatFix, NavSatStatus, PointCloud2, PointField
 
 from ftp_dent_ros.cloud.cloud import Cloud
-from ftp_dent_ros.decoding.images import image_from_message, photograph_from_message
-from ftp_dent_ros.decoding.messages import (
+from ftp_dent_ros.coding.images import image_from_message, photograph_from_message
+from ftp_dent_ros.coding.messages import (
     CLOUD_FIELDS,
     cloud_from_message,
     covariance_from_message,

@@ -13,14 +13,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from ftp_dent_ros.errors import FtpDentError
-from ftp_dent_ros.supervision import gate
-from ftp_dent_ros.supervision.hearing import Hearing
-from ftp_dent_ros.supervision.signals import stop_event
-
-# A signal is noticed after that long at most, seconds.
-_LONGEST_WAIT = 0.2
-# For a callback that waits.
-_TIME_TO_END = 2.0
+from ftp_dent_ros.supervision.processes import stop_event
 
 
 class ThreadedExecutor(MultiThreadedExecutor):
@@ -44,8 +37,7 @@ def run(
     """Run a node until SIGINT, SIGTERM or SIGHUP.
 
     An exception of a callback is logged and the node goes on: a message from anywhere must not
-    end it. What a node holds (threads, devices, sockets) it lets go in its `destroy_node`. A node
-    to which the transport brings nothing any more is made anew.
+    end it. What a node holds (threads, devices, sockets) it lets go in its `destroy_node`.
 
     Parameters
     ----------
@@ -64,25 +56,9 @@ def run(
         Exit status: 0 after a signal, 2 if the parameters or arguments are wrong (one line on
         stderr).
     """
-    if not gate.wait():
-        return 0
     stop = stop_event()
-    while (status := _run_until_deaf(make_node, name, arguments, threads, stop)) is None:
-        pass
-    return status
-
-
-def _run_until_deaf(
-    make_node: Callable[[], Node],
-    name: str,
-    arguments: Sequence[str] | None,
-    threads: int,
-    stop: threading.Event,
-) -> int | None:
-    """Exit status, as `run`; None if the node has to be made anew."""
     node: Node | None = None
     executor: Executor | None = None
-    hearing = Hearing()
     try:
         # Not rclpy's own handlers: they end the context while threads still publish.
         rclpy.init(
@@ -93,12 +69,12 @@ def _run_until_deaf(
         node = make_node()
         executor.add_node(node)
         while rclpy.ok() and not stop.is_set():
-            _spin_once(executor, node)
-            if hearing.is_lost():
+            try:
+                executor.spin_once(timeout_sec=0.2)
+            except Exception as error:  # noqa: PERF203
                 node.get_logger().error(
-                    'nothing comes through the shared memory any more: begun anew'
+                    f'unexpected {type(error).__name__}: {error}\n{traceback.format_exc()}'
                 )
-                return None
     except FtpDentError as error:
         print(f'{name}: {error}', file=sys.stderr)
         return 2
@@ -109,7 +85,7 @@ def _run_until_deaf(
         return 2
     finally:
         if executor is not None:
-            executor.shutdown(_TIME_TO_END)
+            executor.shutdown(2.0)  # for a callback that waits
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
@@ -119,12 +95,3 @@ def _run_until_deaf(
 def _is_of_rclpy(error: Exception) -> bool:
     """Whether rclpy complains: of arguments, of a QoS override or of the environment."""
     return isinstance(error, RuntimeError) or type(error).__module__.startswith('rclpy')
-
-
-def _spin_once(executor: Executor, node: Node) -> None:
-    try:
-        executor.spin_once(timeout_sec=_LONGEST_WAIT)
-    except Exception as error:
-        node.get_logger().error(
-            f'unexpected {type(error).__name__}: {error}\n{traceback.format_exc()}'
-        )

@@ -1,20 +1,24 @@
-"""What a command needs of ROS: a node, and to be told to stop without being broken into."""
+"""What commands need of ROS: a node, and whether a payload may be started."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.ros.qos import DIAGNOSTICS
 from ftp_dent_ros.supervision import transport
-from ftp_dent_ros.supervision.signals import stop_event_meanwhile
-
-_PARTICIPANTS = 8  # a payload and a few tools, for the share of the shared memory
+from ftp_dent_ros.supervision.configuration import NodeEntry
+from ftp_dent_ros.supervision.executables import NODES
+from ftp_dent_ros.supervision.processes import stop_event_meanwhile
 
 
 @contextmanager
@@ -38,7 +42,7 @@ def session(name: str, arguments: Sequence[str] = ()) -> Iterator[tuple[Node, th
     """
     with (
         stop_event_meanwhile() as stop,
-        transport.profile(_PARTICIPANTS) as variables,
+        transport.profile() as variables,
         transport.environment_of(variables),
     ):
         try:
@@ -58,3 +62,76 @@ def session(name: str, arguments: Sequence[str] = ()) -> Iterator[tuple[Node, th
                 node.destroy_node()
         finally:
             rclpy.try_shutdown()
+
+
+def check_parameters(entries: Iterable[NodeEntry]) -> None:
+    """Have ROS's own parser read the nodes' parameters: it takes less of YAML than others do.
+
+    Raises
+    ------
+    ConfigurationError
+        It does not understand them.
+    """
+    for entry in entries:
+        if entry.executable not in NODES:
+            continue
+        context = rclpy.Context()
+        try:
+            context.init(['--ros-args', *entry.parameter_words])
+        except Exception as reason:
+            why = str(reason).splitlines()[0]
+            raise ConfigurationError(
+                f'{entry.file}: not understood by ROS ({why}): write mappings and lists over '
+                'several lines, and texts in quotes'
+            ) from None
+        finally:
+            context.try_shutdown()
+
+
+def refuse_second(names: Collection[str]) -> None:
+    """Refuse to start nodes whose names are in use: two cameras would feed one reconstruction.
+
+    Parameters
+    ----------
+    names : collection of str
+        Fully qualified, without the leading slash.
+
+    Raises
+    ------
+    ConfigurationError
+        One of them lives.
+    """
+    for name in sorted(alive(names)):
+        raise ConfigurationError(
+            f'a node of the name {name} runs already in this domain: end it, or take another '
+            'namespace or ROS_DOMAIN_ID'
+        )
+
+
+def alive(names: Collection[str]) -> set[str]:
+    """Those of the names whose nodes live, as far as that shows within a few seconds."""
+    wanted, heard = set(names), set[str]()
+    with session('presence') as (node, stop):
+
+        def listen(message: DiagnosticArray) -> None:
+            heard.update(status.name for status in message.status)
+
+        node.create_subscription(DiagnosticArray, '/diagnostics', listen, DIAGNOSTICS)
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        start = time.monotonic()
+        longest = 2.0  # in which participants on one network find each other
+        try:
+            while not stop.is_set() and time.monotonic() < start + longest:
+                executor.spin_once(timeout_sec=0.1)
+                if heard & wanted:
+                    break
+                found = node.get_node_names_and_namespaces()
+                if wanted & {f'{namespace}/{name}'.strip('/') for name, namespace in found}:
+                    # A node that lives states so every second; a killed one is named for longer.
+                    longest = 3.0
+        finally:
+            executor.shutdown()
+        if stop.is_set():
+            raise KeyboardInterrupt
+    return heard & wanted

@@ -18,9 +18,10 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 import sys
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +36,7 @@ _NAME = re.compile(r'(/?[A-Za-z_]\w*)(/[A-Za-z_]\w*)*')
 
 
 @dataclass(frozen=True)
-class Entry:
+class NodeEntry:
     """One process of a configuration.
 
     Attributes
@@ -52,6 +53,8 @@ class Entry:
         What stands under ``/**``.
     absolute : mapping
         Parameters that hold a path relative to the configuration, as one that is not.
+    files : mapping
+        Parameters that name a file to be read, with its path; no secret ones.
     """
 
     executable: str
@@ -60,6 +63,7 @@ class Entry:
     file: Path
     shared: Mapping[str, Any] = field(default_factory=dict)
     absolute: Mapping[str, str] = field(default_factory=dict)
+    files: Mapping[str, Path] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -104,7 +108,27 @@ class Entry:
         return ('--params-file', str(self.file), *(word for pair in pairs for word in pair))
 
 
-def read_configuration(path: str | Path) -> tuple[Entry, ...]:
+def frozen(entries: Sequence[NodeEntry], folder: Path) -> tuple[NodeEntry, ...]:
+    """Entries whose configuration and files are copies in a folder.
+
+    The rig and the pattern of a flight are those of its start, whatever is written into their
+    files meanwhile and however often a node is restarted.
+    """
+    made = []
+    for entry in entries:
+        own = folder / entry.name.replace('/', '.')
+        copies = {}
+        for name, path in {'configuration': entry.file, **entry.files}.items():
+            copies[name] = own / name / path.name
+            copies[name].parent.mkdir(parents=True)
+            shutil.copyfile(path, copies[name])
+        file = copies.pop('configuration')
+        absolute = {**entry.absolute, **{name: str(path) for name, path in copies.items()}}
+        made.append(replace(entry, file=file, absolute=absolute))
+    return tuple(made)
+
+
+def read_configuration(path: str | Path) -> tuple[NodeEntry, ...]:
     """Processes of a configuration: a path, or ``shipped:`` and the name of a shipped one.
 
     Raises
@@ -132,7 +156,7 @@ def read_configuration(path: str | Path) -> tuple[Entry, ...]:
             )
         parameters = block.get('ros__parameters') or {}
         shared = (blocks.get('/**') or {}).get('ros__parameters') or {}
-        entries.append(Entry(executable, f'/{namespace}', parameters, file, shared))
+        entries.append(NodeEntry(executable, f'/{namespace}', parameters, file, shared))
     if not entries:
         raise ConfigurationError(f'{file}: names no node: use some of {", ".join(EXECUTABLES)}')
     twice = {entry.name for entry in entries if [e.name for e in entries].count(entry.name) > 1}

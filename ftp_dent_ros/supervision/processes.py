@@ -1,4 +1,4 @@
-"""Processes that are started, watched and stopped together."""
+"""Processes that are started, watched, started again and stopped together."""
 
 from __future__ import annotations
 
@@ -6,21 +6,21 @@ import os
 import shutil
 import signal
 import subprocess
+import sys
 import threading
 import time
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from pathlib import Path
 from types import TracebackType
+from typing import TextIO
 
-from ftp_dent_ros.supervision.gate import Gate
+from ftp_dent_ros.errors import ConfigurationError
 
 # Of util-linux; it replaces itself by the program. (A preexec_fn is not safe beside threads.)
 _ENDS_WITH_US = ('setpriv', '--pdeathsig', 'TERM', '--') if shutil.which('setpriv') else ()
-
-
-# For the output of what has ended; a busy machine takes that long to read it, seconds.
-_LAST_LINES = 5.0
+WRONG_PARAMETERS = 2  # the exit status of a node that cannot use what it was given
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Program:
 
 
 @dataclass(frozen=True)
-class Ended:
+class EndedProgram:
     """A process that ended by itself; a negative status is the signal that killed it."""
 
     program: Program
@@ -50,9 +50,9 @@ class Processes:
     """Running programs, each in a process group of its own, so that Ctrl-C reaches us alone.
 
     Leaving the ``with`` block stops all. If this process dies in whatever way, the kernel sends
-    SIGTERM to the others (where setpriv is: any usual Linux), so that they end cleanly and give
-    their shared memory back. It watches the thread that started them: start programs from one
-    that lives as long as they should.
+    SIGTERM to the others (where setpriv is: any usual Linux), so that they end cleanly. It
+    watches the thread that started them: start programs from one that lives as long as they
+    should.
 
     Parameters
     ----------
@@ -79,12 +79,8 @@ class Processes:
         """Process id of a program in `names`."""
         return self._running[name].process.pid
 
-    def add(self, environment: Mapping[str, str]) -> None:
-        """Add variables for the programs that are started from now on."""
-        self._environment.update(environment)
-
-    def start(self, program: Program, gate: Gate | None = None) -> None:
-        """Start a program, before a gate if one is given; no other of its name may be running."""
+    def start(self, program: Program) -> None:
+        """Start a program; no other of its name may be running."""
         if program.name in self._running:
             raise ValueError(f'{program.name} runs already')
         process = subprocess.Popen(
@@ -92,8 +88,7 @@ class Processes:
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
-            env={**os.environ, **self._environment, **(gate.variables if gate else {})},
-            pass_fds=(gate.descriptor,) if gate else (),
+            env={**os.environ, **self._environment},
             start_new_session=True,
             text=True,
             errors='replace',
@@ -104,7 +99,7 @@ class Processes:
         self._running[program.name] = _Running(program, process, reader, time.monotonic())
         reader.start()
 
-    def ended(self, timeout: float = 0.0) -> list[Ended]:
+    def ended(self, timeout: float = 0.0) -> list[EndedProgram]:
         """Programs that ended by themselves since the last call, waiting for one if need be."""
         self._one_ended.wait(timeout)
         self._one_ended.clear()
@@ -115,7 +110,7 @@ class Processes:
                 seconds = time.monotonic() - running.since
                 running.close()
                 del self._running[name]
-                reports.append(Ended(running.program, status, seconds))
+                reports.append(EndedProgram(running.program, status, seconds))
         return reports
 
     def stop(self, *names: str, patience: float = 5.0) -> dict[str, int]:
@@ -179,6 +174,167 @@ class _Running:
 
     def close(self) -> None:
         # The last lines are worth a moment; a grandchild that keeps the pipe open is not.
-        self.reader.join(_LAST_LINES)
+        self.reader.join(5.0)
         if self.process.stdout is not None and not self.reader.is_alive():
             self.process.stdout.close()
+
+
+class Respawn:
+    """Policy for one process: restarted however it ends, but not with wrong parameters.
+
+    What ran for longer than ten seconds is restarted at once: it had what it needed, and the
+    flight goes on without it meanwhile. What ends sooner waits, twice as long each time, up to
+    half a minute.
+    """
+
+    def __init__(self, first_delay: float = 1.0) -> None:
+        self._first = self._next = first_delay
+
+    def delay(self, status: int, seconds: float) -> float | None:
+        """Seconds until a process that ended after running for `seconds` is started again.
+
+        Returns
+        -------
+        float or None
+            None if it is not: it would end in the same way.
+        """
+        if status == WRONG_PARAMETERS:
+            return None
+        if seconds > 10.0:
+            self._next = self._first
+            return 0.0
+        delay, self._next = self._next, min(2.0 * self._next, 30.0)
+        return delay
+
+
+def verdict(delay: float | None) -> str:
+    """What to say of a process that has ended."""
+    if delay is None:
+        return 'it cannot run with what it was given, so it is not restarted'
+    return f'restarting it in {delay:g} s' if delay else 'restarting it at once'
+
+
+def keep_running(
+    programs: Sequence[Program],
+    processes: Processes,
+    say: Callable[[str], None],
+    stopping: Callable[[], bool],
+    first_delay: float = 1.0,
+) -> int:
+    """Start programs, restart those that end, until `stopping` or none is left.
+
+    Returns
+    -------
+    int
+        0, or 2 if a program ended with that status: it is not started again.
+    """
+    # When to start, on the monotonic clock.
+    due = dict.fromkeys(programs, 0.0)
+    respawns = {program: Respawn(first_delay) for program in programs}
+    status = 0
+    while not stopping():
+        for program in [each for each, when in due.items() if when <= time.monotonic()]:
+            del due[program]
+            processes.start(program)
+        for end in processes.ended(timeout=0.2):
+            delay = respawns[end.program].delay(end.status, end.seconds)
+            say(f'{end}: {verdict(delay)}')
+            if delay is None:
+                status = WRONG_PARAMETERS
+            else:
+                due[end.program] = time.monotonic() + delay
+        if not due and not processes.names:
+            say('no node is left to run')
+            return status
+    say('stopping')
+    for name, code in processes.stop().items():
+        if code == -signal.SIGKILL:
+            say(f'{name} did not end when asked to, and was killed')
+    say('stopped')
+    return status
+
+
+class ProcessLog:
+    """Lines of several programs on one terminal, each behind its program's name.
+
+    Parameters
+    ----------
+    names : sequence of str
+        The programs.
+    folder : Path, optional
+        Where each program's lines are also written, as NAME.log.
+    terminal : text file, optional
+        Standard output by default; the names are coloured where it is a terminal.
+    """
+
+    def __init__(
+        self, names: Sequence[str], folder: Path | None = None, terminal: TextIO | None = None
+    ) -> None:
+        self._terminal = terminal or sys.stdout
+        self.coloured = self._terminal.isatty()
+        self._width = max(map(len, (*names, 'up')))
+        colours = (36, 32, 33, 35, 34, 96, 92, 93)
+        self._colour = {name: colours[i % len(colours)] for i, name in enumerate(names)}
+        self._lock = threading.Lock()
+        self._files: dict[str, TextIO] = {}
+        if folder is not None:
+            try:
+                folder.mkdir(parents=True, exist_ok=True)
+                for name in names:
+                    path = folder / f'{name.replace("/", ".")}.log'
+                    self._files[name] = path.open('a', encoding='utf-8')
+            except OSError as error:
+                raise ConfigurationError(
+                    f'{folder}: no log can be written there ({error.strerror}): choose another'
+                ) from None
+
+    def show(self, name: str, line: str) -> None:
+        """Print one line of a program."""
+        label = f'{name:>{self._width}} |'
+        if self.coloured:
+            label = f'\033[{self._colour.get(name, 1)}m{label}\033[0m'
+        with self._lock:
+            if name in self._files:
+                print(line, file=self._files[name], flush=True)
+            try:
+                print(label, line, file=self._terminal, flush=True)
+            except OSError:
+                # Whoever read it has gone; the programs go on, and so do the files.
+                with open(os.devnull, 'w') as nowhere:
+                    os.dup2(nowhere.fileno(), self._terminal.fileno())
+
+    def say(self, line: str) -> None:
+        """Print a line of our own."""
+        self.show('up', line)
+
+    def __enter__(self) -> ProcessLog:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for file in self._files.values():
+            file.close()
+
+
+@contextmanager
+def stop_event_meanwhile() -> Iterator[threading.Event]:
+    """As `stop_event`, until the end of the ``with`` block."""
+    signals = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = {number: signal.getsignal(number) for number in signals}
+    try:
+        yield stop_event()
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def stop_event() -> threading.Event:
+    """Event that SIGINT, SIGTERM and SIGHUP set from now on, however often they come.
+
+    To be called in the main thread. SIGHUP is a closed terminal or a lost ssh connection; one
+    that `nohup` lets be ignored stays ignored.
+    """
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, lambda *_: stop.set())
+    return stop

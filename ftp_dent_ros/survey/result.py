@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from ftp_dent_ros.inspection.dent import MeasuredDent
-from ftp_dent_ros.inspection.settings import Settings
+from ftp_dent_ros.dents.dent import MeasuredDent, Settings
 from ftp_dent_ros.pose import Pose
 
 Array = NDArray[np.float64]

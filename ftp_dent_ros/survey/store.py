@@ -2,18 +2,33 @@
 
 from __future__ import annotations
 
+import json
+import math
 import os
 import sqlite3
+import time
 import zlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import asdict
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.dents.dent import (
+    Estimate,
+    MeasuredDent,
+    Settings,
+    dent_from_plain,
+    dent_to_plain,
+)
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.files import check_writable
-from ftp_dent_ros.survey.result import SurveyResult
-from ftp_dent_ros.survey.store_rows import result_of, rows_of, survey_row
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.survey.result import CoverageCells, Relief, SurveyedDent, SurveyResult
 
 # "FtpD", in the file's header; and of the tables below.
 _APPLICATION, VERSION = 0x46747044, 2
@@ -34,6 +49,13 @@ _TABLES = {
 }
 # Those that files of the version before lack: they are added, empty, when one is opened.
 _SINCE_1 = ('reliefs',)
+
+_CELLS = {'positions': '<f4', 'findable': '<f4', 'noise': '<f4', 'views': '<i8', 'best': '<i8'}
+
+Row = tuple[Any, ...]
+
+_MM = 1e-3
+_NOTHING = np.zeros((0, 3))
 
 
 class Store:
@@ -195,3 +217,195 @@ def _insert(
         marks = ', '.join('?' * len(values))
         last = file.execute(f'INSERT INTO {table} VALUES ({marks})', values).lastrowid
     return last
+
+
+def survey_row(result: SurveyResult) -> Row:
+    """A survey's own row, but for its number; that it is added now is in it."""
+    settings = json.dumps(asdict(result.settings))
+    return (
+        *(result.name, result.taken_ns, time.time_ns(), result.frame_id),
+        *(json.dumps(result.sources), settings, result.rig_id, result.software),
+    )
+
+
+def rows_of(result: SurveyResult) -> dict[str, list[Row]]:
+    """Rows of the other tables, but for the survey's number, by the tables' names."""
+    poses = zip(result.stamps_ns, result.poses, result.covariances, strict=True)
+    reliefs = [(each.number, each.relief) for each in result.dents if each.relief is not None]
+    return {
+        'poses': [
+            (stamp, *p.translation.tolist(), *p.quaternion.tolist(), _bytes(covariance))
+            for stamp, p, covariance in poses
+        ],
+        'dents': [_dent_row(each) for each in result.dents],
+        'reliefs': [
+            (number, each.spacing, each.heights.shape[1], _packed(each.heights, '<f4'))
+            for number, each in reliefs
+        ],
+        'coverage': [] if result.coverage is None else [_coverage_row(result.coverage)],
+    }
+
+
+def _coverage_row(cells: CoverageCells) -> Row:
+    return (cells.size, *(_packed(getattr(cells, name), kind) for name, kind in _CELLS.items()))
+
+
+def _dent_row(each: SurveyedDent) -> Row:
+    dent = each.dent
+    sizes = (dent.length.value, dent.width.value, dent.depth.value)
+    place = (float(value) for value in dent.position)
+    spread = _bytes(each.position_covariance)
+    record = json.dumps(dent_to_plain(dent))
+    return (each.number, dent.kind, *place, *map(float, sizes), each.sightings, spread, record)
+
+
+def result_of(
+    survey: Any, poses: list[Any], dents: list[Any], coverage: list[Any], reliefs: list[Any]
+) -> SurveyResult:
+    """The survey of the rows of its tables, by the names of their columns.
+
+    Raises
+    ------
+    ValueError, KeyError, TypeError, zlib.error
+        They are damaged.
+    """
+    about = {row['number']: _relief(row) for row in reliefs}
+    return SurveyResult(
+        name=survey['name'],
+        sources=tuple(json.loads(survey['sources'])),
+        taken_ns=survey['taken_ns'],
+        frame_id=survey['frame_id'],
+        dents=tuple(
+            SurveyedDent(
+                row['number'],
+                dent_from_plain(json.loads(row['record'])),
+                _floats(row['position_covariance']).reshape(3, 3),
+                row['sightings'],
+                about.get(row['number']),
+            )
+            for row in dents
+        ),
+        stamps_ns=tuple(row['stamp_ns'] for row in poses),
+        poses=tuple(
+            Pose.from_quaternion([row[f'q{axis}'] for axis in 'xyzw'], [row[a] for a in 'xyz'])
+            for row in poses
+        ),
+        covariances=np.array([_floats(row['covariance']) for row in poses]).reshape(-1, 6, 6),
+        coverage=_cells(coverage[0]) if coverage else None,
+        settings=Settings(**json.loads(survey['settings'])),
+        rig_id=survey['rig_id'],
+        software=survey['software'],
+    )
+
+
+def _cells(row: Any) -> CoverageCells:
+    values = {name: np.frombuffer(zlib.decompress(row[name]), k) for name, k in _CELLS.items()}
+    values['positions'] = values['positions'].reshape(-1, 3)
+    return CoverageCells(row['size'], **values)
+
+
+def _relief(row: Any) -> Relief:
+    heights = np.frombuffer(zlib.decompress(row['heights']), '<f4')
+    return Relief(row['spacing'], heights.reshape(-1, row['columns']))
+
+
+def _packed(values: NDArray[np.number], kind: str) -> bytes:
+    return zlib.compress(np.asarray(values, kind).tobytes())
+
+
+def _bytes(values: NDArray[np.float64]) -> bytes:
+    return np.asarray(values, '<f8').tobytes()
+
+
+def _floats(data: bytes) -> NDArray[np.float64]:
+    return np.frombuffer(data, '<f8').copy()
+
+
+def survey_from_report(path: str | os.PathLike[str], name: str = '') -> SurveyResult:
+    """Read a ``dents.json``, or a folder with one.
+
+    Parameters
+    ----------
+    path : path
+    name : str, optional
+        Of the survey; the folder's by default.
+
+    Raises
+    ------
+    ConfigurationError
+        It is none.
+    """
+    path = Path(path)
+    file = path / 'dents.json' if path.is_dir() else path
+    try:
+        record = json.loads(file.read_text('utf-8'))
+        stamps = [f['stamp_ns'] for f in record['frames'] if f['stamp_ns'] is not None]
+        written = datetime.fromisoformat(record['written'].replace('Z', '+00:00'))
+        posed = [each['pose'] is not None for each in record['frames']]
+        dents = tuple(map(_dent, [*record['dents'], *record['others']]))
+        settings = Settings(record['smallest_depth_mm'] * _MM, record['smallest_width_mm'] * _MM)
+        result = SurveyResult(
+            name or file.resolve().parent.name,
+            (record['source'],),
+            min(stamps, default=int(written.timestamp()) * 10**9),
+            record['frame_id'],
+            dents,
+            settings=settings,
+            rig_id=(record['rig'] or {}).get('id', ''),
+            software=record['software'],
+        )
+    except OSError as reason:
+        if (file.parent / 'survey.json').exists():
+            raise ConfigurationError(
+                f'{path}: is of `ftp-dent survey`, which keeps what can be compared in the file '
+                'of --store: give FILE.sqlite:NAME'
+            ) from None
+        raise ConfigurationError(
+            f'{file}: cannot be read ({reason.strerror}): give what `ftp-dent inspect` has written'
+        ) from None
+    except (ValueError, KeyError, TypeError, AttributeError):
+        raise ConfigurationError(
+            f'{file}: is no dents.json of `ftp-dent inspect`: give one'
+        ) from None
+    if len(posed) > 1 and not all(posed):
+        raise ConfigurationError(
+            f'{file}: is of clouds without poses, each in a frame of its own: '
+            'make a survey of the bag with `ftp-dent survey`'
+        )
+    return result
+
+
+def _dent(record: Mapping[str, Any]) -> SurveyedDent:
+    def estimate(name: str, factor: float, unit: str = '_mm') -> Estimate:
+        values = (record[f'{name}{unit}'], record[f'{name}_uncertainty{unit}'])
+        return Estimate(*(math.nan if each is None else each * factor for each in values))
+
+    normal = np.array([record[f'normal_{axis}'] for axis in 'xyz'], float)
+    clearance, spread = record['clearance_mm'], record['position_uncertainty_mm']
+    radius = record['bottom_radius_mm']
+    dent = MeasuredDent(
+        kind=str(record['kind']),
+        position=np.array([record[axis] for axis in 'xyz'], float),
+        normal=normal,
+        axis=np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))]),
+        depth=estimate('depth', _MM),
+        length=estimate('length', _MM),
+        width=estimate('width', _MM),
+        model_length=estimate('model_length', _MM),
+        model_width=estimate('model_width', _MM),
+        orientation=estimate('orientation', math.pi / 180, '_deg'),
+        area=estimate('area', _MM**2, '_mm2'),
+        volume=estimate('volume', _MM**3, '_mm3'),
+        bottom_radius=math.nan if radius is None else radius * _MM,
+        significance=float(record['significance']),
+        is_cut=bool(record['is_cut']),
+        outline=_NOTHING,
+        length_profile=_NOTHING[:, :2],
+        width_profile=_NOTHING[:, :2],
+        reason=str(record['reason']),
+        clearance=math.inf if clearance is None else clearance * _MM,
+    )
+    spread = (math.nan if spread is None else spread) * _MM
+    return SurveyedDent(
+        int(record['number']), dent, np.eye(3) * spread**2, int(record['sightings'])
+    )

@@ -2,24 +2,47 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ftp_dent_ros import __version__
 from ftp_dent_ros.cloud.cloud import Cloud
-from ftp_dent_ros.errors import FtpDentError
-from ftp_dent_ros.inspection.dent import Inspection
+from ftp_dent_ros.dents.dent import Estimate, Inspection, MeasuredDent, Settings
+from ftp_dent_ros.dents.dent_list import DentList, position_covariance
+from ftp_dent_ros.dents.glass import sentence
+from ftp_dent_ros.dents.rules import Rules
+from ftp_dent_ros.errors import BagError, CloudError, FtpDentError
+from ftp_dent_ros.inspection.bag import survey_bag
+from ftp_dent_ros.inspection.inspecting import Inspect
 from ftp_dent_ros.inspection.measuring.inspection import inspect
-from ftp_dent_ros.inspection.settings import Settings
-from ftp_dent_ros.inspection.tracking.dent_list import DentList
-from ftp_dent_ros.inspection.tracking.glass import sentence
-from ftp_dent_ros.inspection.tracking.pose_errors import position_covariance
+from ftp_dent_ros.inspection.report import Report
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.recording.clouds import BagCloud, bag_clouds
 from ftp_dent_ros.recording.reader import Bag
-from ftp_dent_ros.survey.fused_skin import FusedSkin
-from ftp_dent_ros.survey.joined import join_bags
-from ftp_dent_ros.survey.result import SurveyedDent, SurveyResult
-from ftp_dent_ros.survey.skin_map.mosaic import Mosaic
+from ftp_dent_ros.rig.rig import Lens
+from ftp_dent_ros.survey.fusion import PIXEL, Fusion
+from ftp_dent_ros.survey.joining import Joining
+from ftp_dent_ros.survey.mosaic import Mosaic
+from ftp_dent_ros.survey.result import Relief, SurveyedDent, SurveyResult
+from ftp_dent_ros.survey.unrolled import Unrolled
+from ftp_dent_ros.survey.writing import skin_of
+
+# Of a pose that says nothing of its accuracy: metres, radians; more than the dent list takes.
+_UNKNOWN = np.diag([0.03**2] * 3 + [0.015**2] * 3)
+# Frame of a survey that no autopilot has placed.
+_OWN_FRAME = 'survey'
+# Parts of a skin whose sizes a sentence names.
+_SIZES = 8
+
+# Of the skin that is kept about a dent: times the dent's own sizes, metres beside them, and points
+# across, at most.
+_BEYOND, _BESIDE, _POINTS = 1.5, 0.006, 80
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,3 +148,351 @@ def _inspected(cloud: Cloud, settings: Settings) -> Inspection | None:
         return inspect(cloud, settings)
     except FtpDentError:
         return None
+
+
+@dataclass(frozen=True, eq=False)
+class Joined:
+    """Clouds, and where their cameras were.
+
+    Attributes
+    ----------
+    joining : Joining
+    frame_id : str
+        Of the poses.
+    remarks : tuple of str
+        What could not be used, and why; what was assumed.
+    """
+
+    joining: Joining
+    frame_id: str
+    remarks: tuple[str, ...]
+
+    @property
+    def poses(self) -> Sequence[Pose]:
+        """Of the camera at each cloud."""
+        return self.joining.graph.poses
+
+    @cached_property
+    def numbers(self) -> dict[int, int]:
+        """Number of each cloud, from 0, by its stamp (ns)."""
+        return {stamp: number for number, stamp in enumerate(self.joining.stamps_ns)}
+
+    @cached_property
+    def covariances(self) -> NDArray[np.float64]:
+        """Of the poses in the map, shape (n, 6, 6), as in geometry_msgs/PoseWithCovariance."""
+        return self.joining.graph.covariances()
+
+    @cached_property
+    def covariances_among_them(self) -> NDArray[np.float64]:
+        """The same as seen from the middle cloud."""
+        return self.joining.graph.covariances(anchor=len(self.poses) // 2)
+
+    def mosaic(self) -> Mosaic:
+        """A mosaic that has room for all clouds."""
+        return Mosaic(*_skin(self.joining))
+
+    def fusion(self) -> Fusion:
+        """What all clouds tell together, with room for all and none in it yet."""
+        return Fusion(*_skin(self.joining))
+
+
+def join_bags(
+    bags: Sequence[Bag],
+    progress: Callable[[], Any] = lambda: None,
+    remark: Callable[[str], Any] = lambda text: None,
+) -> Joined:
+    """Join all clouds of all bags, which show one aircraft.
+
+    Parameters
+    ----------
+    bags : sequence of Bag
+    progress : callable
+        Called after each cloud.
+    remark : callable
+        Called with each remark as it comes up.
+
+    Raises
+    ------
+    BagError
+        A bag has no clouds in the camera's frame, or poses in another map than the others.
+    CloudError
+        No cloud can be used, or nothing tells where a bag's skin lies.
+    """
+    remarks: list[str] = []
+
+    def say(text: str) -> None:
+        remarks.append(text)
+        remark(text)
+
+    joining = Joining(say)
+    frame_id, known = '', set[int]()
+    unplaced = without_covariance = 0
+    for flight, bag in enumerate(bags):
+        for item in bag_clouds(bag, lambda skipped: say(str(skipped)), False):
+            if not item.in_camera:
+                raise BagError(
+                    f'{bag.path}: has its clouds in {item.frame_id} alone: record /points too'
+                )
+            if item.stamp_ns in known:
+                continue
+            known.add(item.stamp_ns)
+            if item.pose is not None:
+                if frame_id not in ('', item.frame_id):
+                    raise BagError(
+                        f'{bag.path}: its poses are in {item.frame_id!r}, those before in '
+                        f'{frame_id!r}: survey them one by one'
+                    )
+                frame_id = item.frame_id
+            covariance = item.covariance
+            if item.pose is not None and (covariance is None or not np.any(covariance)):
+                covariance, without_covariance = _UNKNOWN, without_covariance + 1
+            unplaced += item.pose is None
+            try:
+                joining.add(item.stamp_ns, item.cloud, item.skin, item.pose, covariance, flight)
+            except CloudError as reason:
+                say(f'cloud at {item.stamp_ns / 1e9:.3f} s: {reason}')
+            progress()
+    if not joining.stamps_ns:
+        raise CloudError(f'{bags[0].path}: no cloud in it can be used: check the clouds')
+    joining.finish()
+    _require_ties(joining, bags)
+    clouds = len(joining.stamps_ns)
+    if unplaced:
+        say(
+            f'{unplaced} of {clouds} clouds have no pose: they are placed by what they share with '
+            'the others alone' + ('' if frame_id else ', in a frame of their own')
+        )
+    if without_covariance:
+        say(f'{without_covariance} poses do not state how good they are: 30 mm is taken')
+    if joining.without_skin:
+        else_told = 'the autopilot' if frame_id else 'their shape'
+        say(
+            f'{joining.without_skin} of {clouds} clouds have no image of the skin: along the skin '
+            f'only {else_told} tells where they lie; record /skin too'
+        )
+    _tell_groups(joining, say)
+    return Joined(joining, frame_id or _OWN_FRAME, tuple(remarks))
+
+
+def _require_ties(joining: Joining, bags: Sequence[Bag]) -> None:
+    """Refuse what nothing places: a bag that shares no skin, or clouds by guess alone."""
+    nodes = joining.graph.nodes
+    parts: dict[int, set[int]] = {}
+    for node, group in zip(nodes, joining.graph.groups(), strict=True):
+        parts.setdefault(node.flight, set()).add(group)
+    placed = {node.flight for node in nodes if node.stated is not None}
+    # Without any poses, the first bag's skin is the frame of the others.
+    for flight in sorted(parts.keys() - placed)[0 if placed else 1 :]:
+        others = set().union(*(parts[each] for each in parts if each != flight))
+        if not parts[flight] & others:
+            raise CloudError(
+                f'{bags[flight].path}: has no poses, and shares no skin with the other bags, so '
+                'that nothing tells where it lies: survey it by itself'
+            )
+    blind = not placed and joining.without_skin == len(nodes)
+    if blind and len(set().union(*parts.values())) > 1:
+        raise CloudError(
+            f'{bags[0].path}: has neither poses nor images of the skin, and its shape alone does '
+            'not tell how the clouds lie: record /skin and /tagged/camera_pose too'
+        )
+
+
+def _tell_groups(joining: Joining, say: Callable[[str], Any]) -> None:
+    groups: dict[int, list[int]] = {}
+    for number, group in enumerate(joining.graph.groups()):
+        groups.setdefault(group, []).append(number)
+    if len(groups) == 1:
+        return
+    parts = sorted(groups.values(), key=len, reverse=True)
+    sizes = ', '.join(str(len(each)) for each in parts[:_SIZES])
+    if len(parts) > _SIZES:
+        sizes += ', ...'
+    nodes = joining.graph.nodes
+    adrift = sum(all(nodes[number].stated is None for number in part) for part in parts)
+    told = 'only the autopilot tells how these lie to each other'
+    if adrift == len(parts):
+        told = 'nothing tells how these lie to each other: they lie there by guess'
+    elif adrift:
+        told += f', and {adrift} of them have no poses: they lie there by guess'
+    say(f'the clouds are not one skin but {len(parts)} parts ({sizes} clouds): {told}')
+
+
+def _skin(
+    joining: Joining,
+) -> tuple[Unrolled, NDArray[np.float64], NDArray[np.float64]]:
+    """The unrolled skin, and its extent."""
+    points = np.concatenate(
+        [
+            pose.apply(each)
+            for pose, each in zip(joining.graph.poses, joining.outlines, strict=True)
+        ]
+    )
+    normals = np.stack(
+        [
+            pose.rotation.apply(each)
+            for pose, each in zip(joining.graph.poses, joining.normals, strict=True)
+        ]
+    )
+    repeated = np.repeat(normals, [len(each) for each in joining.outlines], axis=0)
+    skin = Unrolled.through(points, repeated)
+    place = skin.place(points)[:, :2]
+    room = 0.05
+    return skin, place.min(axis=0) - room, place.max(axis=0) + room
+
+
+class FusedSkin:
+    """What all clouds of some bags tell together, and the picture that they make.
+
+    Parameters
+    ----------
+    bags : sequence of Bag
+    joined : Joined
+        Their clouds.
+    progress : callable
+        Called after each cloud.
+    """
+
+    def __init__(
+        self, bags: Sequence[Bag], joined: Joined, progress: Callable[[], Any] = lambda: None
+    ) -> None:
+        self._bags, self._joined = bags, joined
+        self.mosaic, self._fusion = joined.mosaic(), joined.fusion()
+        for item in self.clouds():
+            self._fusion.add(item.cloud, joined.poses[joined.numbers[item.stamp_ns]])
+            progress()
+
+    def clouds(self) -> Iterator[BagCloud]:
+        """The clouds that were joined, each the first time that it comes."""
+        known = set(self._joined.numbers)
+        for bag in self._bags:
+            for item in bag_clouds(bag, photographs=False):
+                if item.stamp_ns in known:
+                    known.discard(item.stamp_ns)
+                    yield item
+
+    def prepared(self, item: BagCloud) -> BagCloud:
+        """A cloud in its place as seen from the middle one, its points those of all clouds.
+
+        One that was not joined is as it was.
+        """
+        number = self._joined.numbers.get(item.stamp_ns)
+        if number is None:
+            return item
+        pose = self._joined.poses[number]
+        return replace(
+            item,
+            cloud=self._fusion.fused(item.cloud, pose),
+            pose=pose,
+            vehicle=pose,
+            covariance=self._joined.covariances_among_them[number],
+        )
+
+    def relief(self, dent: MeasuredDent) -> Relief | None:
+        """The skin about a dent; None where its sizes are not known."""
+        if dent.is_cut or not (dent.length.is_measured and dent.width.is_measured):
+            return None
+        halves = np.array([dent.length.value, dent.width.value]) / 2 * _BEYOND + _BESIDE
+        spacing = max(PIXEL, 2 * float(halves.max()) / _POINTS)
+        columns, rows = np.ceil(halves / spacing).astype(int)
+        empty = np.full((2 * rows + 1, 2 * columns + 1), np.nan, np.float32)
+        a, b = Relief(spacing, empty).places()
+        across = np.cross(dent.normal, dent.axis)
+        plane = dent.position + a[..., None] * dent.axis + b[..., None] * across
+        heights = (self._fusion.heights(plane) - dent.position) @ dent.normal
+        return Relief(spacing, heights.astype(np.float32))
+
+    def shown(self, item: BagCloud, found: Inspection | None) -> None:
+        """Draw a prepared cloud into the picture, with what its inspection tells."""
+        number = self._joined.numbers.get(item.stamp_ns)
+        if number is not None:
+            self.mosaic.add(number, item.cloud, self._joined.poses[number], item.skin, found)
+
+    def told(self, item: BagCloud, found: Inspection) -> Inspection:
+        """What is told of a prepared cloud: depths as uncertain as what all clouds may share."""
+        if item.pose is None or item.stamp_ns not in self._joined.numbers:
+            return found
+        pose, shared = item.pose, self._fusion.shared
+        dents, others = (
+            tuple(_with_shared(each, shared(pose.apply(each.position))) for each in part)
+            for part in (found.dents, found.others)
+        )
+        return replace(found, dents=dents, others=others)
+
+
+def _with_shared(dent: MeasuredDent, shared: float) -> MeasuredDent:
+    """The same dent, its depth and volume as uncertain as what all its clouds may share."""
+    part = shared / abs(dent.depth.value)
+    depth, volume = (
+        Estimate(each.value, math.hypot(each.uncertainty, part * each.value))
+        for each in (dent.depth, dent.volume)
+    )
+    return replace(dent, depth=depth, volume=volume)
+
+
+def report_on_skin(
+    bag: Bag,
+    inspect: Inspect,
+    rig: tuple[str, str] = ('', ''),
+    camera: Lens | None = None,
+    rules: Rules | None = None,
+    settings: Settings | None = None,
+    progress: Callable[[], Any] = lambda: None,
+) -> tuple[Report, Joined]:
+    """Join a bag's clouds, inspect each with what all tell of its place, and show the whole skin.
+
+    Parameters
+    ----------
+    bag : Bag
+    inspect : callable
+        `ftp_dent_ros.inspection.measuring.inspection.inspect`.
+    rig, camera, rules, settings
+        As `ftp_dent_ros.inspection.bag.survey_bag` has them.
+    progress : callable
+        Called after each cloud, three times for each.
+
+    Raises
+    ------
+    BagError
+        It has no clouds in the camera's frame, or is damaged.
+    CloudError
+        No cloud in it could be used.
+    """
+    joined = join_bags([bag], progress)
+    skin = FusedSkin([bag], joined, progress)
+
+    def told(item: BagCloud, found: Inspection) -> Inspection:
+        skin.shown(item, found)
+        return skin.told(item, found)
+
+    report = survey_bag(bag, inspect, rig, camera, rules, settings, progress, skin.prepared, told)
+    report = replace(_in_the_map(report, joined), frame_id=joined.frame_id)
+    dents = [
+        SurveyedDent(each.number, each.dent, each.position_covariance, len(each.sightings))
+        for each in report.entries
+    ]
+    links, left_out = joined.joining.graph.links, joined.joining.graph.left_out
+    facts = [
+        ('Joined by', f'{len(links) - len(left_out)} pairs of clouds, {len(left_out)} left out')
+    ]
+    return replace(report, skin=skin_of(skin.mosaic, dents, facts, joined.remarks)), joined
+
+
+def _in_the_map(report: Report, joined: Joined) -> Report:
+    """Places with what all of them have in common: the error of the autopilot's poses."""
+    frames = [
+        frame
+        if frame.stamp_ns not in joined.numbers
+        else replace(frame, covariance=joined.covariances[joined.numbers[frame.stamp_ns]])
+        for frame in report.frames
+    ]
+    by_number = {frame.number: frame for frame in frames}
+    entries = [
+        replace(
+            each,
+            position_covariance=position_covariance(
+                each.dent.position, by_number[each.best].pose, by_number[each.best].covariance
+            ),
+        )
+        for each in report.entries
+    ]
+    return replace(report, frames=tuple(frames), entries=tuple(entries))

@@ -2,26 +2,36 @@
 
 from __future__ import annotations
 
+import base64
 import json
+import math
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
+
+from ftp_dent_ros.files import written_together
+from ftp_dent_ros.pages.page import render
+from ftp_dent_ros.pages.words import date_of, interval, position_interval
+
+if TYPE_CHECKING:
+    from ftp_dent_ros.survey.surveying import Surveyed
+from collections.abc import Iterable, Sequence
+
 from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud.ply import write_ply
-from ftp_dent_ros.files import write_png, written_aside
+from ftp_dent_ros.pages import drawing
 from ftp_dent_ros.survey.aircraft_frame import AircraftFrame
-from ftp_dent_ros.survey.page import survey_page
-from ftp_dent_ros.survey.skin_map.mosaic import PIXEL, PIXELS_A_CELL, Mosaic
-from ftp_dent_ros.survey.surveying import Surveyed
+from ftp_dent_ros.survey.mosaic import PIXEL, PIXELS_A_CELL, Mosaic
+from ftp_dent_ros.survey.result import CoverageCells, SurveyedDent
 
 # Depth that the picture of the deviation shows at its ends, metres.
 _DEEPEST = 0.5e-3
-# Views from which on the picture of the coverage is white.
-_MANY = 10
-_GREY = 40
+
+# Of the heights in the page, metres, and the number of one that is not known.
+_STEP, _UNKNOWN = 1e-5, -32768
 
 
 def write_survey(
@@ -47,27 +57,29 @@ def write_survey(
         The files by their kind.
     """
     mosaic = survey.mosaic
-    pictures = {
-        'skin': mosaic.image,
-        'deviation': _coloured(mosaic.deviation),
-        'coverage': _coverage(mosaic),
+    names = {
+        **{name: f'{name}.png' for name in ('skin', 'deviation', 'coverage')},
+        'points': 'mosaic.ply',
+        'list': 'survey.json',
+        'page': 'survey.html',
     }
-    files = {}
-    for name, picture in pictures.items():
-        files[name] = folder / f'{name}.png'
-        # y grows upwards on the skin, rows grow downwards.
-        write_png(files[name], picture[::-1])
-        with written_aside(folder / f'{name}.pgw') as aside:
-            aside.write_text(_world_file(mosaic), encoding='ascii')
-    files['points'] = folder / 'mosaic.ply'
-    write_ply(files['points'], mosaic.cloud(), survey.result.frame_id)
-    files['list'] = folder / 'survey.json'
-    with written_aside(files['list']) as aside:
-        aside.write_text(json.dumps(fields(survey, frame), indent=1), encoding='utf-8')
-    files['page'] = folder / 'survey.html'
-    with written_aside(files['page']) as aside:
-        aside.write_text(survey_page(survey, frame), encoding='utf-8', errors='backslashreplace')
-    return files
+    worlds = [f'{name}.pgw' for name in ('skin', 'deviation', 'coverage')]
+    with written_together(folder, [*names.values(), *worlds], 'the survey') as asides:
+        for name, picture in (
+            ('skin', mosaic.image),
+            ('deviation', _coloured(mosaic.deviation)),
+            ('coverage', _coverage(mosaic)),
+        ):
+            # y grows upwards on the skin, rows grow downwards.
+            _, data = cv2.imencode('.png', picture[::-1])
+            asides[f'{name}.png'].write_bytes(data.tobytes())
+            asides[f'{name}.pgw'].write_text(_world_file(mosaic), encoding='ascii')
+        write_ply(asides['mosaic.ply'], mosaic.cloud(), survey.result.frame_id)
+        record = json.dumps(fields(survey, frame), indent=1)
+        asides['survey.json'].write_text(record, encoding='utf-8')
+        page = survey_page(survey, frame)
+        asides['survey.html'].write_text(page, encoding='utf-8', errors='backslashreplace')
+    return {kind: folder / name for kind, name in names.items()}
 
 
 def fields(survey: Surveyed, frame: AircraftFrame | None = None) -> dict[str, Any]:
@@ -179,12 +191,12 @@ def _coloured(deviation: NDArray[np.float32]) -> NDArray[np.uint8]:
     red, blue = np.maximum(share, 0), np.maximum(-share, 0)
     picture = 255 * np.stack([1 - red, 1 - red - blue, 1 - blue], axis=-1)
     known = np.isfinite(deviation)[..., None]
-    return np.where(known, np.nan_to_num(picture), _GREY).astype(np.uint8)
+    return np.where(known, np.nan_to_num(picture), 40).astype(np.uint8)
 
 
 def _coverage(mosaic: Mosaic) -> NDArray[np.uint8]:
     """BGR: brighter the more often it was seen, gaps red."""
-    share = np.minimum(mosaic.views, _MANY) / _MANY
+    share = np.minimum(mosaic.views, 10) / 10
     picture = np.repeat((np.where(share > 0, 80 + 175 * share, 0))[..., None], 3, axis=-1)
     picture = np.ascontiguousarray(picture.astype(np.uint8))
     for gap in mosaic.gaps():
@@ -194,3 +206,230 @@ def _coverage(mosaic: Mosaic) -> NDArray[np.uint8]:
         box[mosaic.views[low[1] : high[1], low[0] : high[0]] == 0] = (40, 40, 220)
         cv2.rectangle(picture, low.tolist(), high.tolist(), (40, 40, 220), 1)
     return picture
+
+
+def survey_page(survey: Surveyed, frame: AircraftFrame | None = None) -> str:
+    """The whole page as HTML.
+
+    Parameters
+    ----------
+    survey : Surveyed
+    frame : AircraftFrame, optional
+        In which places are given besides.
+    """
+    result = survey.result
+    dents = [each for each in result.dents if each.dent.kind == 'dent']
+    used = survey.pairs - survey.left_out
+    facts = [
+        ('Flown', f'{date_of(result.taken_ns)}, {len(result.stamps_ns)} clouds'),
+        ('Joined by', f'{used} pairs of clouds, {survey.left_out} left out'),
+        ('Frame', result.frame_id),
+        ('Rig', result.rig_id or 'not told'),
+    ]
+    if frame is not None:
+        off = float(np.linalg.norm(frame.residuals, axis=1).max()) * 1e3
+        facts.append(('Aircraft', f'{len(frame.points)} points, {off:.1f} mm off at most'))
+    return render(
+        'ftp_dent_ros.survey',
+        'survey.html',
+        name=result.name,
+        sources=result.sources,
+        software=result.software,
+        headline=f'{len(dents)} dents, {len(result.dents) - len(dents)} others',
+        skin=skin_of(survey.mosaic, result.dents, facts, survey.remarks),
+        dents=[_dent(each, survey, frame) for each in result.dents],
+        frame=frame,
+        places=json.dumps(_places(survey)),
+    )
+
+
+def _dent(each: SurveyedDent, survey: Surveyed, frame: AircraftFrame | None) -> dict[str, Any]:
+    dent = each.dent
+    told: dict[str, Any] = {
+        'number': each.number,
+        'kind': dent.kind,
+        'cut': dent.is_cut,
+        'reason': dent.reason,
+        'sightings': each.sightings,
+        'unrolled': ', '.join(f'{v:.3f}' for v in survey.mosaic.skin.place(dent.position)[:2]),
+        'position': ', '.join(f'{value:.3f}' for value in dent.position),
+        'spread': position_interval(each.position_covariance),
+        **{name: interval(getattr(dent, name)) for name in ('depth', 'length', 'width')},
+    }
+    if frame is not None:
+        place, spread = frame.place(dent.position)
+        told['aircraft'] = ', '.join(f'{value * 1e3:.1f}' for value in place)
+        told['aircraft_spread'] = position_interval(spread)
+    return told
+
+
+def _places(survey: Surveyed) -> dict[str, Any]:
+    """What the page needs to tell the place of a pixel."""
+    mosaic, cells = survey.mosaic, survey.mosaic.coverage()
+    skin = mosaic.skin
+    height = by_cell(mosaic, cells, skin.place(cells.positions.astype(float))[:, 2])
+    findable = by_cell(mosaic, cells, cells.findable)
+    return {
+        'name': survey.result.name,
+        'pixel': PIXEL,
+        'side': cells.size,
+        'low': mosaic.low.tolist(),
+        'rows': height.shape[0],
+        'columns': height.shape[1],
+        'step': _STEP,
+        'unknown': _UNKNOWN,
+        'height': _coded(height),
+        'findable': _coded(findable),
+        'origin': skin.origin.tolist(),
+        'axis': skin.axis.tolist(),
+        'around': skin.around.tolist(),
+        'normal': skin.normal.tolist(),
+        'radius': float(skin.radius) if np.isfinite(skin.radius) else None,
+    }
+
+
+def _coded(values: NDArray[np.float64]) -> str:
+    steps = np.where(np.isfinite(values), np.rint(values / _STEP), _UNKNOWN)
+    return base64.b64encode(np.clip(steps, _UNKNOWN, 32767).astype('<i2').tobytes()).decode()
+
+
+def skin_of(
+    mosaic: Mosaic,
+    dents: Iterable[SurveyedDent],
+    facts: Sequence[tuple[str, str]] = (),
+    remarks: Sequence[str] = (),
+) -> dict[str, Any]:
+    """The skin as pages show it (``macros.html``); lengths are pixels of the mosaic.
+
+    Parameters
+    ----------
+    mosaic : Mosaic
+    dents : iterable of SurveyedDent
+        In the mosaic's frame.
+    facts : sequence of (str, str)
+        Of the flight, before those of the coverage.
+    remarks : sequence of str
+        What could not be used, and why; the first twelve are shown.
+    """
+    rows, columns = mosaic.shape
+    cells = mosaic.coverage()
+    # A long strip is shown in parts, each at most four times as long as it is high.
+    count = max(1, math.ceil(columns / (4.0 * rows)))
+    more = [f'And {len(remarks) - 12} more remarks.'] if len(remarks) > 12 else []
+    return {
+        'size': (int(columns), int(rows)),
+        'windows': [
+            (round(k * columns / count, 2), round(columns / count, 2)) for k in range(count)
+        ],
+        'layers': _layers(mosaic, cells),
+        'outlines': [_outline(each, mosaic) for each in dents],
+        'bar': drawing.scale_bar(PIXEL, columns / count),
+        'facts': [*facts, *_coverage_facts(mosaic, cells)],
+        'gaps': [
+            {
+                'x': f'{gap.place[0]:.3f}',
+                'y': f'{gap.place[1]:.3f}',
+                'width': f'{gap.size[0] * 1e3:.0f}',
+                'height': f'{gap.size[1] * 1e3:.0f}',
+                'area': f'{gap.area * 1e4:.1f}',
+            }
+            for gap in mosaic.gaps()[:20]
+        ],
+        'remarks': [*remarks[:12], *more],
+    }
+
+
+def by_cell(mosaic: Mosaic, cells: CoverageCells, values: NDArray) -> NDArray[np.float64]:
+    """Values of the measured cells on the mosaic's grid of cells, NaN elsewhere."""
+    side = cells.size
+    rows, columns = (round(size * PIXEL / side) for size in mosaic.shape)
+    grid = np.full((rows, columns), np.nan)
+    column, row = np.floor(
+        (mosaic.skin.place(cells.positions.astype(float))[:, :2] - mosaic.low) / side
+    ).T.astype(int)
+    grid[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)] = values
+    return grid
+
+
+def _layers(mosaic: Mosaic, cells: CoverageCells) -> list[dict[str, Any]]:
+    picture = np.repeat(mosaic.image[::-1, :, None], 3, axis=-1)
+    layers: list[dict[str, Any]] = [
+        {
+            'title': 'Skin',
+            'caption': 'Without the fringes. Black: not measured.',
+            'data': drawing.data_uri(drawing.jpeg(picture), 'image/jpeg'),
+            'scale': None,
+        },
+        {
+            'title': 'Deviation from the undeformed contour',
+            'caption': 'Depth in mm, inward positive (red). Grey: not measured.',
+            'data': drawing.heat_map(mosaic.deviation[::-1], _DEEPEST),
+            'scale': drawing.depth_scale(_DEEPEST),
+        },
+    ]
+    findable = by_cell(mosaic, cells, cells.findable) * 1e3
+    known = findable[np.isfinite(findable)]
+    if not len(known):
+        return layers
+    low, high = np.percentile(known, [1, 99])
+    high = max(high, 1.01 * low)
+    table = drawing.colours('viridis_r')
+    share = np.log(np.clip(findable, low, high) / low) / np.log(high / low)
+    pixels = table[np.nan_to_num(255 * share).astype(int)]
+    pixels[~np.isfinite(findable)] = drawing.NOTHING
+    for gap in mosaic.gaps():
+        pixels[tuple(gap.cells.T)] = (216, 35, 42)
+    size = (int(mosaic.shape[1]), int(mosaic.shape[0]))
+    pixels = cv2.resize(pixels, size, interpolation=cv2.INTER_NEAREST)
+    layers.append(
+        {
+            'title': 'Smallest dent that would have been found',
+            'caption': f'Depth in mm, in each cell of {cells.size * 1e3:.0f} mm, of a dent of the '
+            'smallest width. Grey: not measured; red: a gap.',
+            'data': drawing.png(pixels[::-1]),
+            'scale': {
+                'data': drawing.png(table[None]),
+                'marks': [f'{low * (high / low) ** part:.3g}' for part in np.linspace(0, 1, 5)],
+            },
+        }
+    )
+    return layers
+
+
+def _coverage_facts(mosaic: Mosaic, cells: CoverageCells) -> list[tuple[str, str]]:
+    gaps = mosaic.gaps()
+    area = len(cells.views) * cells.size**2
+    missing = sum(gap.area for gap in gaps)
+    share = area / (area + missing) if area else 0.0
+    largest = ''
+    if gaps:
+        largest = ', the largest {:.0f} x {:.0f} mm'.format(*(gaps[0].size * 1e3))
+    facts = [
+        ('Measured', f'{area:.3f} m², {100 * share:.2f} % of the skin without its rim'),
+        ('Gaps', f'{len(gaps)}{largest}'),
+    ]
+    known = cells.findable[np.isfinite(cells.findable)] * 1e3
+    if len(known):
+        half, most = np.percentile(known, [50, 95])
+        text = f'{half:.3f} mm deep on half of it, {most:.3f} mm on 95 %'
+        facts.append(('A dent was found from', text))
+    if len(cells.views):
+        once, often = float(np.mean(cells.views == 1)), np.median(cells.views)
+        text = f'{often:.0f} times or more on half of it, ' if often > 1 else ''
+        facts.append(('Places seen', f'{text}once on {100 * once:.0f} %'))
+    return facts
+
+
+def _outline(entry: SurveyedDent, mosaic: Mosaic) -> dict[str, Any]:
+    dent = entry.dent
+    points = dent.outline if len(dent.outline) else dent.position[None]
+    place = (mosaic.skin.place(points)[:, :2] - mosaic.low) / PIXEL
+    u, v = place[:, 0], mosaic.shape[0] - place[:, 1]
+    return {
+        'points': ' '.join(f'{a:.1f},{b:.1f}' for a, b in zip(u, v, strict=True)),
+        'number': entry.number,
+        'kind': dent.kind,
+        'left': round(float(u.min()), 1),
+        'right': round(float(u.max()), 1),
+        'top': round(float(v.min()), 1),
+    }

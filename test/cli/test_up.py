@@ -6,9 +6,7 @@ import pytest
 
 from ftp_dent_ros.cli import main
 from ftp_dent_ros.errors import ConfigurationError
-from ftp_dent_ros.supervision.process_log import ProcessLog
-from ftp_dent_ros.supervision.processes import Processes, Program
-from ftp_dent_ros.supervision.respawn import keep_running
+from ftp_dent_ros.supervision.processes import Processes, ProcessLog, Program, keep_running
 
 BARE = (sys.executable, '-I', '-S', '-c')
 

@@ -10,11 +10,19 @@ from scipy.spatial.transform import Rotation
 from skins import skin
 
 from ftp_dent_ros.cloud.cloud import Cloud
-from ftp_dent_ros.coding.cloud_codec import decode, encode, thinned
-from ftp_dent_ros.coding.planes import Mask, inflate, pack, unpack
-from ftp_dent_ros.coding.quantising import Scale, quantise
-from ftp_dent_ros.coding.steps import STEP_UNKNOWN
-from ftp_dent_ros.coding.view import View
+from ftp_dent_ros.coding.cloud_codec import (
+    STEP_UNKNOWN,
+    Mask,
+    Scale,
+    View,
+    decode,
+    encode,
+    inflate,
+    pack,
+    quantise,
+    thinned,
+    unpack,
+)
 from ftp_dent_ros.errors import CodecError
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig.rig import Lens

@@ -1,6 +1,7 @@
 """A drone's feed and a ground's assembly over a line of the test's own, on the test's clock."""
 
 import random
+import shutil
 import subprocess
 
 import pytest
@@ -17,7 +18,6 @@ from ftp_dent_ros.ground.pace import Pace
 from ftp_dent_ros.ground.protocol import Importance, Item, Name, Piece, Report
 from ftp_dent_ros.ground.station import Assembly
 from ftp_dent_ros.ground.store import Store
-from ftp_dent_ros.supervision.shared_memory import free_bytes
 
 GROUND = bytes(range(16))
 
@@ -366,7 +366,7 @@ def test_on_a_full_disk_the_important_takes_the_place_of_the_less_important(tmp_
         newest = {kept.stamp_ns for kept in store if store.read(kept)}
         assert max(newest) == 9 and store.dropped == 10 - len(newest) > 3
         assert not store.unwritten
-        (tmp_path / 'of others').write_bytes(bytes(free_bytes(tmp_path)))
+        (tmp_path / 'of others').write_bytes(bytes(shutil.disk_usage(tmp_path).free))
         for stamp in range(3):
             store.put(Item(Importance.DENTS, 'dents', 'k', stamp, bytes(20_000)))
         again = Store(tmp_path, 10**9, boot=2)
@@ -375,7 +375,7 @@ def test_on_a_full_disk_the_important_takes_the_place_of_the_less_important(tmp_
         for kept in list(again):
             if kept.importance != Importance.DENTS:
                 again.remove(kept)
-        (tmp_path / 'of others, too').write_bytes(bytes(free_bytes(tmp_path)))
+        (tmp_path / 'of others, too').write_bytes(bytes(shutil.disk_usage(tmp_path).free))
         kept = again.put(Item(Importance.PICTURES, 'p', 'k', 99, bytes(30_000)))
         assert again.unwritten == 1 and again.read(kept)
     finally:

@@ -1,7 +1,7 @@
 import pytest
 
+from ftp_dent_ros.dents.dent import Settings
 from ftp_dent_ros.errors import ConfigurationError
-from ftp_dent_ros.inspection.settings import Settings
 
 
 @pytest.mark.parametrize('value', [0, -1e-4, 1e-12, 5.0, float('nan'), float('inf'), True, '0.1'])

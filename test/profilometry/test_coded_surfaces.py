@@ -6,14 +6,10 @@ import numpy as np
 import pytest
 from small_scenes import DEPTH, PATTERN, RIG, Scene, panel
 
+from ftp_dent_ros.cloud.coverage import UNNUMBERED
 from ftp_dent_ros.errors import PatternError
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
-from ftp_dent_ros.profilometry.coverage import UNNUMBERED
-from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
-from ftp_dent_ros.profilometry.least_squares.bins.windows import Windows
-from ftp_dent_ros.profilometry.least_squares.code.code_blur import excess_blur
-from ftp_dent_ros.profilometry.least_squares.code.contrast_model import ContrastModel
 from ftp_dent_ros.simulation import Dent, Panel, Sunlight
 
 CODED = replace(PATTERN, code='contrast')
@@ -167,26 +163,6 @@ def test_no_ripple_of_the_code_is_left_in_or_out_of_focus(defocus):
     assert np.std(means[2:] - 2 * means[1:-1] + means[:-2]) < 1.5e-3
 
 
-def test_how_much_more_the_light_is_blurred_is_told_as_a_plane():
-    grid = Grid(640, 240, 2, 3)
-    windows = Windows.for_fringes(11, grid)
-    model = ContrastModel(CODED)
-    rows, columns = grid.bin_shape
-    phase = np.linspace(-250, 250, columns, dtype=np.float32)
-    phase = phase + np.linspace(0, 3, rows, dtype=np.float32)[:, None]
-    expected = np.full(grid.shape, 0.6, np.float32)
-    more = np.linspace(-0.02, 0.1, grid.shape[1], dtype=np.float32)
-    cosine, sine = np.cos(phase), np.sin(phase)
-    model.envelope(grid.to_bins(expected + more)).turn(phase, cosine, sine)
-    noise = np.random.default_rng(3).standard_normal(phase.shape)
-    levels = (100 + 60 * cosine + 0.5 * noise).astype(np.float32)
-    seen = np.ones(phase.shape, bool)
-    blur = excess_blur(model, grid, windows, levels, phase, seen, expected)
-    error = blur.excess - more
-    assert np.abs(error).max() < 0.03
-    assert np.sqrt(np.mean(np.square(error / blur.deviation))) < 2
-
-
 def test_the_zero_of_the_code_may_be_told_a_fringe_elsewhere():
     scene = photographed(panel())
     other = replace(CODED, stripe_center_px=CODED.stripe_center_px + CODED.period_px)
@@ -201,22 +177,3 @@ def test_the_zero_of_the_code_may_be_told_a_fringe_elsewhere():
 def test_the_fourier_transform_has_no_order_without_a_stripe():
     with pytest.raises(PatternError, match='choose least-squares'):
         Reconstructor(RIG, CODED, Settings('direct'))
-
-
-def test_the_envelope_is_that_of_blurred_fringes():
-    variance = 0.5
-    phase = np.linspace(-120, 120, 4001, dtype=np.float32)[None]
-    fine = np.arange(-140, 140, 0.01)
-    pixels = np.rint(CODED.column(fine))
-    light = 2 * CODED.intensity(pixels) - 1
-    kernel = np.exp(-np.square(np.arange(-400, 401) * 0.01) / (2 * variance))
-    blurred = np.convolve(light, kernel / kernel.sum(), 'same')
-    expected = np.interp(phase[0], fine, blurred)
-    cosine, sine = np.cos(phase), np.sin(phase)
-    envelope = ContrastModel(CODED).envelope(np.full(phase.shape, variance))
-    envelope.turn(phase, cosine, sine)
-    scale = (cosine[0] @ expected) / (cosine[0] @ cosine[0])
-    assert scale == pytest.approx(np.exp(-variance / 2) * np.sinc(1 / 8), rel=2e-3)
-    assert np.abs(scale * cosine[0] - expected).max() < 0.006
-    slope = np.gradient(expected, phase[0])
-    assert np.abs(scale * sine[0] + slope)[50:-50].max() < 0.012

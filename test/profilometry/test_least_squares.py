@@ -9,9 +9,9 @@ import pytest
 from scipy.optimize import brentq
 from small_scenes import DENT, DEPTH, INVERTED, PATTERN, RIG, Scene, lens, panel
 
+from ftp_dent_ros.cloud.coverage import UNTIED
 from ftp_dent_ros.errors import NoStripeError, RefusedFrameError
 from ftp_dent_ros.profilometry import Reconstructor, Settings
-from ftp_dent_ros.profilometry.coverage import UNTIED
 from ftp_dent_ros.simulation import Motion, Paint, Surface
 
 # Depth between neighbouring fringes at `DEPTH`, metres.

@@ -3,8 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from ftp_dent_ros.recording.definitions import find_definition, type_hash, typestore
-from ftp_dent_ros.recording.topic import Message, Qos, Topic
+from ftp_dent_ros.recording.topic import Message, Qos, Topic, find_definition, type_hash, typestore
 from ftp_dent_ros.recording.writer import BagWriter
 
 STRING = 'std_msgs/msg/String'

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,16 +11,13 @@ from bag_samples import string_data, topic
 from dent_samples import DENTED, noisy_cloud
 from mcap.writer import Writer
 
-from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.errors import BagError, CloudError
+from ftp_dent_ros.inspection.bag import survey_bag
 from ftp_dent_ros.inspection.measuring.inspection import inspect
-from ftp_dent_ros.inspection.reporting.bag import survey_bag
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.recording.clouds import bag_clouds, count_clouds
-from ftp_dent_ros.recording.definitions import typestore
-from ftp_dent_ros.recording.moved_cloud import pose_between
 from ftp_dent_ros.recording.reader import open_bag
-from ftp_dent_ros.recording.topic import Message
+from ftp_dent_ros.recording.topic import Message, typestore
 from ftp_dent_ros.recording.writer import BagWriter
 from ftp_dent_ros.simulation.truth import true_dents
 
@@ -112,12 +108,9 @@ def test_the_same_cloud_five_times_is_one(recorded):
     }
 
 
-def test_a_tagged_cloud_comes_with_its_pose_photograph_and_the_cameras_place(recorded):
+def test_a_tagged_cloud_comes_with_its_pose_and_photograph(recorded):
     (item,) = bag_clouds(recorded(*parts().items()))
-    assert (item.stamp_ns, item.frame_id, item.in_camera) == (7, 'map', True)
-    np.testing.assert_allclose(item.pose.translation, CAMERA_POSE.translation, atol=2e-5)
-    turned = (item.pose.rotation.inv() * CAMERA_POSE.rotation).magnitude()
-    assert turned < 1e-5
+    assert (item.stamp_ns, item.frame_id, item.in_camera, item.pose) == (7, 'map', False, None)
     np.testing.assert_allclose(item.vehicle.translation, BASE_POSE.translation)
     assert item.covariance[0, 0] == pytest.approx(1e-4) and item.photograph.shape == (240, 320, 3)
 
@@ -214,7 +207,7 @@ def test_a_topic_of_two_types_gives_the_clouds_of_it(tmp_path):
         writer.start('ros2')
         for type_name, data in contents:
             definition = topic('/points', type_name).definition
-            schema = writer.register_schema(type_name, 'ros2msg', definition.text.encode())
+            schema = writer.register_schema(type_name, 'ros2msg', definition.encode())
             channel = writer.register_channel('/points', 'cdr', schema)
             writer.add_message(channel, SECOND, data, SECOND)
         writer.finish()
@@ -223,23 +216,6 @@ def test_a_topic_of_two_types_gives_the_clouds_of_it(tmp_path):
     assert [str(each) for each in skipped] == [
         '/points at 1.000 s: is a std_msgs/msg/String, not a sensor_msgs/msg/PointCloud2'
     ]
-
-
-@pytest.mark.filterwarnings('error')
-def test_damaged_messages_are_skipped_or_read_and_never_break_anything(recorded):
-    rng = np.random.default_rng(7)
-    whole = list(parts().items())
-    contents = []
-    for _ in range(40):
-        for name, data in whole:
-            damaged = bytearray(data)
-            for place in rng.integers(4, 150, rng.integers(0, 4)):  # in headers and fields
-                damaged[place] = rng.choice([0, 1, 127, 128, 255])
-            contents.append((name, bytes(damaged[: rng.choice([rng.integers(99), 10**9])])))
-    skipped = []
-    assert list(bag_clouds(recorded(*contents, *whole), skipped.append))
-    assert len(skipped) > 50
-    assert all(each.topic in TYPES and each.reason for each in skipped)
 
 
 def test_clouds_are_read_without_ros(recorded):
@@ -255,11 +231,3 @@ def test_clouds_are_read_without_ros(recorded):
         [sys.executable, '-c', code, str(bag.path)], capture_output=True, text=True, check=False
     )
     assert (done.stdout, done.stderr) == ('1\n', '')
-
-
-def test_clouds_that_are_not_the_same_give_no_pose():
-    cloud = noisy_cloud()
-    larger = replace(cloud, points=cloud.points * np.float32(1.01))
-    assert pose_between(cloud, larger) is None
-    half = Cloud(cloud.points[::2], cloud.intensity[::2])
-    assert pose_between(cloud, half) is None

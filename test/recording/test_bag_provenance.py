@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from bag_samples import START_NS, sample_messages, topic, write_sample
 
-from ftp_dent_ros.profilometry.coverage import UNTIED, Coverage
-from ftp_dent_ros.recording.coverages import NOTED_STAMP, coverages_of
-from ftp_dent_ros.recording.definitions import typestore
-from ftp_dent_ros.recording.provenance import rig_id_of
+from ftp_dent_ros.cloud.coverage import UNTIED, Coverage
+from ftp_dent_ros.recording.clouds import NOTED_STAMP, coverages_of, rig_id_of
 from ftp_dent_ros.recording.reader import open_bag
-from ftp_dent_ros.recording.topic import Message
+from ftp_dent_ros.recording.topic import Message, typestore
 from ftp_dent_ros.recording.writer import BagWriter
 
 ARRAY = 'diagnostic_msgs/msg/DiagnosticArray'

@@ -1,45 +1,22 @@
-import struct
-import tracemalloc
-from importlib.util import find_spec
 from pathlib import Path
 
-import lz4.frame
 import pytest
-import zstandard
 from bag_samples import (
     POSE,
     START_NS,
     STRING,
     WORDS,
     sample_messages,
-    string_data,
     write_sample,
-)
-from mcap.opcode import Opcode
-from mcap.records import (
-    Channel,
-    Chunk,
-    ChunkIndex,
-    DataEnd,
-    Footer,
-    Header,
-    Schema,
-    Statistics,
 )
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 
-from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.errors import BagError
-from ftp_dent_ros.recording.chunk import records
-from ftp_dent_ros.recording.definitions import typestore
-from ftp_dent_ros.recording.mcap_file import MAGIC
 from ftp_dent_ros.recording.reader import open_bag, read_messages
-from ftp_dent_ros.recording.recovery import recover
-from ftp_dent_ros.recording.topic import Message, Topic
-from ftp_dent_ros.recording.writer import BagWriter
+from ftp_dent_ros.recording.topic import Message, typestore
 
 
 def write_foreign(path: Path, messages: list[Message], **options) -> None:
@@ -47,7 +24,7 @@ def write_foreign(path: Path, messages: list[Message], **options) -> None:
     with path.open('wb') as stream:
         writer = McapWriter(stream, **options)
         writer.start('ros2')
-        text = WORDS.definition.text.encode()
+        text = WORDS.definition.encode()
         schema = writer.register_schema(name=STRING, encoding='ros2msg', data=text)
         channel = writer.register_channel('/words', 'cdr', schema)
         for message in messages:
@@ -133,7 +110,7 @@ def test_bags_of_another_recorder(tmp_path, version):
             writer.write(connection, message.log_time_ns, message.data)
     opened = open_bag(tmp_path / 'bag')
     (topic,) = opened.metadata.topics
-    assert (topic.name, topic.type, topic.type_hash) == ('/words', STRING, WORDS.type_hash)
+    assert (topic.name, topic.type) == ('/words', STRING)
     read = [(message.log_time_ns, message.data) for message in opened.messages()]
     assert read == [(message.log_time_ns, message.data) for message in words(5)]
 
@@ -162,145 +139,8 @@ def test_damaged_data_are_not_handed_out(bag):
     data[data.index(b'   6xxxxxx') + 5] ^= 1
     path.write_bytes(data)
     opened = open_bag(bag)
-    with pytest.raises(BagError, match=r'the checksum of a chunk is wrong.*`ftp-dent recover'):
+    with pytest.raises(BagError, match='`ftp-dent recover'):
         list(opened.messages())
-
-
-def bomb(path: Path, compression: str, content: bytes, says: int, **index) -> Path:
-    """A file of one chunk that says of itself what it likes."""
-    schema = Schema(id=1, name=STRING, encoding='ros2msg', data=WORDS.definition.text.encode())
-    channel = Channel(id=1, topic='/words', message_encoding='cdr', schema_id=1, metadata={})
-    chunk = Chunk(
-        compression=compression,
-        data=content,
-        message_start_time=1,
-        message_end_time=1,
-        uncompressed_crc=0,
-        uncompressed_size=says,
-    )
-    start = MAGIC + records(Header('ros2', ''), schema, channel)
-    body = records(chunk)
-    fields = {
-        'chunk_start_offset': len(start),
-        'chunk_length': len(body),
-        'message_start_time': 1,
-        'message_end_time': 1,
-        'message_index_offsets': {},
-        'message_index_length': 0,
-        'compression': compression,
-        'compressed_size': len(content),
-        'uncompressed_size': says,
-    }
-    statistics = Statistics(
-        attachment_count=0,
-        channel_count=1,
-        channel_message_counts={1: 1 << 60},
-        chunk_count=1,
-        message_count=1 << 60,
-        message_end_time=1,
-        message_start_time=1,
-        metadata_count=0,
-        schema_count=1,
-    )
-    end = records(DataEnd(0))
-    summary = records(schema, channel, statistics, ChunkIndex(**fields | index))
-    at = len(start) + len(body) + len(end)
-    footer = records(Footer(summary_start=at, summary_offset_start=0, summary_crc=0))
-    path.write_bytes(start + body + end + summary + footer + MAGIC)
-    return path
-
-
-LIMIT = 1 << 28
-
-
-def compressed(compression: str, size: int) -> bytes:
-    """Zeros, with no word of how many."""
-    if compression == 'zstd':
-        compressor = zstandard.ZstdCompressor(write_content_size=False).compressobj()
-        return compressor.compress(bytes(size)) + compressor.flush()
-    return lz4.frame.compress(bytes(size), store_size=False)
-
-
-@pytest.mark.parametrize('compression', ['zstd', 'lz4'])
-def test_a_bomb_is_not_decompressed(tmp_path, compression):
-    content = compressed(compression, LIMIT + 1000)
-    tracemalloc.start()
-    for says in (LIMIT + 1000, 1000, 1 << 60):
-        path = bomb(tmp_path / 'bomb.mcap', compression, content, says)
-        with pytest.raises(BagError, match=r'not a whole MCAP file \(a chunk (says|does not)'):
-            list(open_bag(path).messages())
-        recovery = recover(path, tmp_path / f'new{says}')
-        assert recovery.damaged == 1 and not recovery.whole
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert peak < 30_000_000
-
-
-@pytest.mark.parametrize(
-    'index', [{'chunk_start_offset': 1 << 62}, {'chunk_start_offset': 20}, {'chunk_length': 5}]
-)
-def test_an_index_that_points_astray(tmp_path, index):
-    path = bomb(tmp_path / 'astray.mcap', '', b'', 0, **index)
-    opened = open_bag(path)
-    if 'chunk_length' in index:
-        assert list(opened.messages()) == []
-        return
-    with pytest.raises(BagError, match='not a whole MCAP file'):
-        list(opened.messages())
-
-
-@pytest.mark.parametrize('length', [1 << 33, 1 << 40, (1 << 64) - 1])
-@pytest.mark.parametrize('opcode', [Opcode.SCHEMA, Opcode.CHUNK, Opcode.ATTACHMENT])
-def test_a_record_longer_than_the_file(tmp_path, opcode, length):
-    path = bomb(tmp_path / 'long.mcap', '', b'', 0)
-    data = path.read_bytes()
-    at = data.index(records(DataEnd(0))) + len(records(DataEnd(0)))  # where the summary begins
-    path.write_bytes(data[:at] + struct.pack('<BQ', opcode, length) + data[at:])
-    with pytest.raises(BagError, match='not a whole MCAP file'):
-        list(open_bag(path).messages())
-    recovery = recover(path, tmp_path / 'new')
-    assert recovery.message_counts == {'/words': 0}
-
-
-@pytest.mark.parametrize('text', ['[', '- {}', '!!int x', '[' * 1000, '- {history: [1]}', '7'])
-def test_a_quality_of_service_that_cannot_be_read_costs_nothing_else(tmp_path, text):
-    path = tmp_path / 'odd.mcap'
-    with path.open('wb') as stream:
-        writer = McapWriter(stream)
-        writer.start('ros2')
-        schema = writer.register_schema(STRING, 'ros2msg', b'string data')
-        channel = writer.register_channel('/words', 'cdr', schema, {'offered_qos_profiles': text})
-        writer.add_message(channel, 1, string_data('a'), 1)
-        writer.finish()
-    bag = open_bag(path)
-    assert bag.metadata.topics[0].offered_qos == ()
-    assert len(list(bag.messages())) == 1
-    assert recover(path, tmp_path / 'new').message_counts == {'/words': 1}
-
-
-def test_names_that_would_steer_a_terminal_are_shown(tmp_path, capsys):
-    path = tmp_path / 'escape.mcap'
-    with path.open('wb') as stream:
-        writer = McapWriter(stream)
-        writer.start('ros2')
-        schema = writer.register_schema(STRING, 'ros2msg', b'string data')
-        writer.register_channel('/\x1b[2Jwords', 'cdr', schema)
-        writer.finish()
-    assert main(['recover', str(path), '--output', str(tmp_path / 'new')]) == 0
-    assert main(['replay', str(path), '--topics', 'none']) == 2
-    said = ''.join(capsys.readouterr())
-    # Without rclpy, replay says so before it looks at topics.
-    replayed = find_spec('rclpy') is not None
-    assert '\x1b' not in said and said.count('/\\x1b[2Jwords') == 1 + replayed
-
-
-def test_damaged_summary(bag):
-    path = bag / 'bag_0.mcap'
-    data = path.read_bytes()
-    start = int.from_bytes(data[-28:-20], 'little')
-    path.write_bytes(data[:start] + b'\xff' * (len(data) - start - 28) + data[-28:])
-    with pytest.raises(BagError, match='not a whole MCAP file'):
-        open_bag(bag)
 
 
 @pytest.mark.parametrize(
@@ -338,9 +178,7 @@ def test_a_topic_that_is_not_there(bag):
     [
         ('storage_identifier: mcap', 'storage_identifier: sqlite3', 'ros2 bag convert'),
         ("compression_mode: ''", 'compression_mode: FILE', 'ros2 bag convert'),
-        ('reliability: reliable', 'reliable: true', 'not a rosbag2 metadata file'),
         ('rosbag2_bagfile_information:', 'information:', 'not a rosbag2 metadata file'),
-        ('files:', 'data:', 'not a rosbag2 metadata file'),
         ('version: 9', 'version: [9', 'not valid YAML'),
     ],
 )
@@ -360,12 +198,3 @@ def test_a_file_of_other_messages_is_refused(tmp_path):
         writer.finish()
     with pytest.raises(BagError, match="json messages, not ROS 2's cdr"):
         open_bag(tmp_path / 'x.mcap')
-
-
-def test_a_large_number_of_topics(tmp_path):
-    names = [f'/drone/topic_{index}' for index in range(200)]
-    with BagWriter(tmp_path / 'bag') as writer:
-        for index, name in enumerate(names):
-            writer.add_topic(Topic(name, STRING))
-            writer.write([Message(name, STRING, START_NS + index, 0, string_data(name))])
-    assert [message.topic for message in read_messages(tmp_path / 'bag')] == names

@@ -5,9 +5,8 @@ from bag_samples import START_NS, STRING, WORDS, string_data
 
 from ftp_dent_ros.errors import BagError
 from ftp_dent_ros.recording.reader import read_messages
-from ftp_dent_ros.recording.spool import Spool
 from ftp_dent_ros.recording.topic import Message
-from ftp_dent_ros.recording.writer import BagWriter
+from ftp_dent_ros.recording.writer import BagSpool, BagWriter
 
 
 class HeldWriter(BagWriter):
@@ -36,7 +35,7 @@ def message(number: int, size: int = 1000) -> Message:
 
 
 def test_messages_wait_in_order_while_the_disk_is_busy(tmp_path, writer):
-    spool = Spool(writer, 1_000_000)
+    spool = BagSpool(writer, 1_000_000)
     assert all(spool.put(message(number)) for number in range(100))
     assert writer.message_count == 0
     writer.go.set()
@@ -47,7 +46,7 @@ def test_messages_wait_in_order_while_the_disk_is_busy(tmp_path, writer):
 
 
 def test_what_does_not_fit_is_dropped_and_counted(tmp_path, writer):
-    spool = Spool(writer, 10 * len(message(0).data))
+    spool = BagSpool(writer, 10 * len(message(0).data))
     taken = [spool.put(message(number)) for number in range(15)]
     assert taken == [True] * 10 + [False] * 5
     writer.go.set()
@@ -58,7 +57,7 @@ def test_what_does_not_fit_is_dropped_and_counted(tmp_path, writer):
 
 
 def test_the_message_that_is_being_written_counts_as_waiting(writer):
-    spool = Spool(writer, 10 * len(message(0).data))
+    spool = BagSpool(writer, 10 * len(message(0).data))
     assert spool.put(message(0))
     assert writer.called.wait(60)
     assert [spool.put(message(number)) for number in range(1, 11)] == [True] * 9 + [False]
@@ -68,7 +67,7 @@ def test_the_message_that_is_being_written_counts_as_waiting(writer):
 
 
 def test_a_message_larger_than_the_queue_is_taken_alone(tmp_path, writer):
-    spool = Spool(writer, 100)
+    spool = BagSpool(writer, 100)
     assert spool.put(message(0, 5000))
     assert not spool.put(message(1, 5000))
     writer.go.set()
@@ -78,7 +77,7 @@ def test_a_message_larger_than_the_queue_is_taken_alone(tmp_path, writer):
 
 
 def test_a_failing_disk_stops_the_thread_and_is_told(writer, monkeypatch):
-    spool = Spool(writer, 1_000_000)
+    spool = BagSpool(writer, 1_000_000)
     failure = BagError('the disk is full')
 
     def fail(file, entries):

@@ -6,14 +6,13 @@ pytest.importorskip('rosbags', reason='rosbags is not installed: no bags are com
 
 from skins import skin
 
-from ftp_dent_ros.coding.view import View
-from ftp_dent_ros.decoding.images import image_from_message, photograph_from_message
-from ftp_dent_ros.decoding.messages import CLOUD_FIELDS, cloud_from_message
+from ftp_dent_ros.coding.cloud_codec import View
+from ftp_dent_ros.coding.images import image_from_message, photograph_from_message
+from ftp_dent_ros.coding.messages import CLOUD_FIELDS, cloud_from_message
 from ftp_dent_ros.errors import BagError
 from ftp_dent_ros.recording.compression import CompressedBagWriter, decoded
-from ftp_dent_ros.recording.definitions import find_definition, type_hash, typestore
 from ftp_dent_ros.recording.reader import open_bag
-from ftp_dent_ros.recording.topic import Message, Qos, Topic
+from ftp_dent_ros.recording.topic import Message, Qos, Topic, find_definition, type_hash, typestore
 from ftp_dent_ros.rig.rig import Lens
 
 CLOUD, IMAGE = 'sensor_msgs/msg/PointCloud2', 'sensor_msgs/msg/Image'
@@ -78,7 +77,9 @@ def recorded(folder, messages):
     with CompressedBagWriter(folder) as writer:
         for name, kind, _ in messages:
             code = type_hash(kind)
-            writer.add_topic(Topic(name, kind, code, (Qos(depth=2),), find_definition(kind, code)))
+            writer.add_topic(
+                Topic(name, kind, code, (Qos('best_effort'),), find_definition(kind, code))
+            )
         writer.write(
             Message(name, kind, 10 + i, 9 + i, bytes(typestore().serialize_cdr(message, kind)), i)
             for i, (name, kind, message) in enumerate(messages)
@@ -109,7 +110,7 @@ def test_names_types_and_contents_come_back(tmp_path, view):
     assert types['/points'] == CLOUD and types['/camera/image_raw'] == IMAGE
     assert types['/text'] == TEXT and len(types) == 9
     assert bag.metadata.message_counts == dict.fromkeys(types, 1)
-    assert all(topic.offered_qos[0].depth == 2 for topic in bag.metadata.topics)
+    assert all(topic.offered_qos[0].reliability == 'best_effort' for topic in bag.metadata.topics)
     got = {message.topic: bag.deserialise(message) for message in bag.messages()}
     for name, frame in (('/points', 'camera'), ('/tagged/points', 'map')):
         back = cloud_from_message(got[name])

@@ -36,10 +36,9 @@ def pytest_pycollect_makemodule(module_path: Path, parent: pytest.Collector):
 def domain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
     """A ROS domain that no other test run on this machine uses, for this process and its own."""
     os.environ['ROS_LOG_DIR'] = str(tmp_path_factory.mktemp('ros_log'))
-    from ftp_dent_ros.supervision.domain import free_domain
+    from ftp_dent_ros.supervision.transport import free_domain
 
-    # Small segments: every participant of every run on this machine takes one.
-    with free_domain(largest=32 << 20) as domain_id:
+    with free_domain() as domain_id:
         yield domain_id
 
 

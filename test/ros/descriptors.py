@@ -13,9 +13,3 @@ def opened(pid: int) -> list[str]:
         with contextlib.suppress(FileNotFoundError):
             targets.append(str(link.readlink()))
     return targets
-
-
-def own_ports(pid: int) -> list[Path]:
-    """Ports of Fast DDS in shared memory that a process holds as its own."""
-    locks = {Path(target) for target in opened(pid) if target.endswith('_el')}
-    return [lock.with_name(lock.name[:-3]) for lock in locks if 'fastrtps_port' in lock.name]

@@ -8,9 +8,8 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Image
 
 from ftp_dent_ros.demonstration.appraisal import TYPES, appraise
-from ftp_dent_ros.recording.definitions import find_definition, type_hash
 from ftp_dent_ros.recording.reader import open_bag
-from ftp_dent_ros.recording.topic import Message, Qos, Topic
+from ftp_dent_ros.recording.topic import Message, Qos, Topic, find_definition, type_hash
 from ftp_dent_ros.recording.writer import BagWriter
 from ftp_dent_ros.ros.messages import make_header
 from ftp_dent_ros.simulation.world import read_world

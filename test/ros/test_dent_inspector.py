@@ -18,16 +18,14 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 from ftp_dent_ros.cloud.cloud import Cloud
+from ftp_dent_ros.dents.dent_list import EXACT, DentList
+from ftp_dent_ros.inspection.bag import survey_bag
 from ftp_dent_ros.inspection.measuring.inspection import inspect
-from ftp_dent_ros.inspection.observation import SAME
-from ftp_dent_ros.inspection.reporting.bag import survey_bag
-from ftp_dent_ros.inspection.reporting.records import dent_record, finite
-from ftp_dent_ros.inspection.tracking.dent_list import DentList
-from ftp_dent_ros.inspection.tracking.pose_errors import EXACT
-from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.recording.definitions import find_definition, type_hash
+from ftp_dent_ros.inspection.records import dent_record
+from ftp_dent_ros.pages.words import finite
+from ftp_dent_ros.pose import IDENTITY, Pose
 from ftp_dent_ros.recording.reader import open_bag
-from ftp_dent_ros.recording.topic import Message, Qos, Topic
+from ftp_dent_ros.recording.topic import Message, Qos, Topic, find_definition, type_hash
 from ftp_dent_ros.recording.writer import BagWriter
 from ftp_dent_ros.ros.dent_messages import dents_from_message, dents_to_message
 from ftp_dent_ros.ros.messages import (
@@ -104,8 +102,8 @@ def test_a_cloud_becomes_its_dents_and_nothing_is_computed_unasked(ros, cloud):
     # The command and the bag call the same, on what a file or a bag holds.
     found = inspect(cloud)
     alone = DentList()
-    dents_here = [dent.transformed(SAME) for dent in (*found.dents, *found.others)]
-    alone.add(1, dents_here, SAME, EXACT)
+    dents_here = [dent.transformed(IDENTITY) for dent in (*found.dents, *found.others)]
+    alone.add(1, dents_here, IDENTITY, EXACT)
     same = dents_to_message(alone.entries, stamp_to_ns(message.header.stamp), CAMERA)
     assert bytes(message.data) == bytes(same.data)
     # Who comes late is told the list.
@@ -129,7 +127,7 @@ def test_a_cloud_with_its_skin_gives_the_gouges_that_the_command_gives(ros):
     found = inspect(cloud)
     assert [dent.kind for dent in found.others] == ['gouge']
     alone = DentList()
-    alone.add(1, [*found.dents, *found.others], SAME, EXACT)
+    alone.add(1, [*found.dents, *found.others], IDENTITY, EXACT)
     assert bytes(dents[0].data) == bytes(dents_to_message(alone.entries, 7, CAMERA).data)
     assert bench.process.stop() == 0
 

@@ -6,8 +6,8 @@ from dent_samples import make_dent
 from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import Marker
 
+from ftp_dent_ros.dents.dent_list import DentList
 from ftp_dent_ros.errors import CloudError
-from ftp_dent_ros.inspection.tracking.dent_list import DentList
 from ftp_dent_ros.ros.dent_messages import (
     KINDS,
     dents_from_message,

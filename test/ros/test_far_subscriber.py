@@ -44,7 +44,7 @@ def test_parts_of_tagged_clouds_are_of_few_packets(topic, is_small):
     environment.pop('ROS_AUTOMATIC_DISCOVERY_RANGE', None)
     environment.pop('FASTRTPS_DEFAULT_PROFILES_FILE', None)
     try:
-        with joined_sites(Conditions()) as joined, profile(2, environment=environment) as chosen:
+        with joined_sites(Conditions()) as joined, profile(environment=environment) as chosen:
             environment.update(chosen)
 
             def start(site, role):

@@ -8,8 +8,8 @@ pytest.importorskip('zenoh', reason='Zenoh is not installed: the link to the gro
 from free_address import free_address
 
 from ftp_dent_ros.cloud.cloud import Cloud
+from ftp_dent_ros.coding.cloud_codec import View
 from ftp_dent_ros.coding.compressed_depth import depths
-from ftp_dent_ros.coding.view import View
 from ftp_dent_ros.pose import Pose
 
 
@@ -21,7 +21,7 @@ def address():
 @pytest.fixture
 def ground(ros, domain, tmp_path):
     """A node in the ground's domain; processes that it starts are there too."""
-    from ftp_dent_ros.supervision.domain import free_domain
+    from ftp_dent_ros.supervision.transport import free_domain
 
     with free_domain() as other:
         assert other != domain

@@ -7,7 +7,7 @@ import pytest
 from dent_samples import make_dent
 
 from ftp_dent_ros.demonstration.appraisal import check_list
-from ftp_dent_ros.inspection.tracking.sightings import Sighting, listed
+from ftp_dent_ros.dents.sightings import Sighting, listed
 from ftp_dent_ros.ros.dent_messages import dents_from_message, dents_to_message
 from ftp_dent_ros.simulation.truth import TrueDent
 

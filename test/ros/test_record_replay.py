@@ -7,8 +7,10 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from itertools import pairwise
+from pathlib import Path
 
 import pytest
 
@@ -16,7 +18,6 @@ for library in ('mcap', 'rosbags'):
     pytest.importorskip(library, reason='bags need it')
 
 import rclpy
-from descriptors import own_ports
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from rcl_interfaces.msg import Log, ParameterEvent
@@ -29,12 +30,10 @@ from visualization_msgs.msg import MarkerArray
 
 from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.errors import BagError
-from ftp_dent_ros.recording.definitions import type_hash
 from ftp_dent_ros.recording.reader import open_bag, read_messages
+from ftp_dent_ros.recording.recovery import recover
 from ftp_dent_ros.recording.ros.recorder import Recorder
-from ftp_dent_ros.recording.salvage import Salvage
-from ftp_dent_ros.recording.selection import Selection
-from ftp_dent_ros.recording.topic import Message, Qos, Topic
+from ftp_dent_ros.recording.topic import Message, Qos, Selection, Topic, type_hash
 from ftp_dent_ros.recording.writer import BagWriter
 
 STRING = 'std_msgs/msg/String'
@@ -116,7 +115,9 @@ def on_disk(bag, _known={}):  # noqa: B006
     for path in bag.glob('*.mcap'):
         size = path.stat().st_size
         if size and _known.get(path, (0, []))[0] != size:
-            _known[path] = size, list(Salvage(path).messages())
+            with tempfile.TemporaryDirectory() as folder:
+                recover(path, Path(folder) / 'new')
+                _known[path] = size, list(read_messages(Path(folder) / 'new'))
         messages += _known[path][1] if size else []
     return messages
 
@@ -221,7 +222,7 @@ def test_types_and_quality_of_service_are_those_of_the_publishers(ros, command, 
         infos = ros.node.get_publishers_info_by_topic(name)
         assert {str(info.topic_type_hash) for info in infos} == {topics[name].type_hash}
         assert topics[name].type_hash == type_hash(topics[name].type)
-        assert topics[name].definition.encoding == 'ros2msg'
+        assert topics[name].definition
     pose = topics[f'{ros.namespace}/posestamped']
     assert pose.offered_qos == (Qos(durability='transient_local'),)
 
@@ -277,7 +278,6 @@ def test_a_topic_of_two_types_is_recorded_in_the_first_one(ros, command, tmp_pat
     words.publish(String(data='meanwhile'))
     intruder.destroy_node()
     context.try_shutdown()
-    ros.until(lambda: 'is published again' in recorder.output)
     words.publish(String(data='after'))
     ros.until(lambda: len(on_disk(bag)) == 3)
     assert recorder.stop() == 0
@@ -345,7 +345,7 @@ def test_a_killed_recorder_has_lost_no_message(ros, command, tmp_path):
         assert reader.message_count == len(texts) + len(pixels)
 
 
-def test_a_full_disk_ends_the_recording_with_one_sentence_and_a_whole_bag(ros, command, tmp_path):
+def test_a_full_disk_ends_the_recording_with_one_sentence(ros, command, tmp_path):
     disk = tmp_path / 'disk'
     disk.mkdir()
     mount = ['mount', '-t', 'tmpfs', '-o', 'size=2m', 'none', str(disk)]
@@ -362,10 +362,12 @@ def test_a_full_disk_ends_the_recording_with_one_sentence_and_a_whole_bag(ros, c
         assert recorder.wait() == 2
         sentence = recorder.output.splitlines()[-1]
         assert sentence.startswith(f'ftp-dent record: {disk}/bag: the disk is full: free some')
-        assert sentence.endswith('which are a whole bag')
+        # Whether the index still fits is chance.
+        assert 'make it whole with `ftp-dent recover' in sentence or 'a whole bag' in sentence
+        recover(disk / 'bag', tmp_path / 'new')
         saved = [
             deserialize_message(message.data, Image).height
-            for message in read_messages(disk / 'bag')
+            for message in read_messages(tmp_path / 'new')
         ]
         assert saved == list(range(len(saved)))
         assert len(saved) >= 8
@@ -385,20 +387,6 @@ def test_a_full_disk_ends_the_recording_with_one_sentence_and_a_whole_bag(ros, c
 def test_wrong_arguments_of_record(domain, capsys, words, sentence):
     assert status('record', *words) == 2
     assert sentence in capsys.readouterr().err.splitlines()[-1]
-
-
-def test_a_recorder_that_is_cut_off_says_so_and_leaves_a_whole_bag(ros, command, tmp_path):
-    bag = tmp_path / 'bag'
-    topic = f'{ros.namespace}/words'
-    recorder = command('record', topic, '-o', bag)
-    ros.publisher(String, topic).publish(String(data='before'))
-    ros.until(lambda: len(on_disk(bag)) == 1)
-    for port in own_ports(recorder.process.pid):
-        port.unlink()
-    ros.until(recorder.ended)
-    assert recorder.wait() == 2
-    assert 'begin another' in recorder.output
-    assert [text_of(message) for message in read_messages(bag)] == ['before']
 
 
 def test_topics_that_never_came_are_named(ros, command, tmp_path):
@@ -478,6 +466,25 @@ def test_latched_messages_reach_those_who_come_later(ros, command, tmp_path):
     assert all(one != other for one, other in pairwise(heard.texts))
 
 
+def test_stamps_go_on_when_a_bag_is_replayed_again(ros, command, tmp_path):
+    bag, topic, kind = tmp_path / 'bag', f'{ros.namespace}/image', 'sensor_msgs/msg/Image'
+    with BagWriter(bag) as writer:
+        writer.add_topic(Topic(topic, kind, type_hash(kind), (Qos(),)))
+        for number in range(4):
+            image = Image(height=number)
+            image.header.stamp.sec = 100 + number
+            data = serialize_message(image)
+            writer.write([Message(topic, kind, (100 + number) * 10**9, 0, data)])
+    listener = Listener(ros, Image, topic, 100)
+    player = command('replay', bag, '--loop', '--rate', '30', '--wait-for-subscribers')
+    ros.until(lambda: len(listener.data) >= 10)
+    assert player.stop() == 0
+    images = [deserialize_message(data, Image) for data in listener.data]
+    stamps = [image.header.stamp.sec + image.header.stamp.nanosec / 1e9 for image in images]
+    assert [image.height for image in images[:10]] == [0, 1, 2, 3, 0, 1, 2, 3, 0, 1]
+    assert all(0 < later - former <= 1.1 for former, later in pairwise(stamps))
+
+
 def test_some_topics_under_other_names(ros, command, tmp_path):
     bag = tmp_path / 'bag'
     with BagWriter(bag) as writer:
@@ -519,11 +526,6 @@ def test_types_that_are_not_here_as_recorded_are_left_out(domain, capsys, tmp_pa
     first, last = capsys.readouterr().err.splitlines()
     assert 'wing_msgs/msg/Rib: this message type is not installed' in first
     assert 'none of its topics can be replayed here' in last
-
-    write_words(tmp_path / 'changed', '/words', ['a'], hash_='RIHS01_' + '0' * 64)
-    assert status('replay', tmp_path / 'changed') == 2
-    first, last = capsys.readouterr().err.splitlines()
-    assert 'is defined in another way here than where it was recorded' in first
 
 
 def test_waiting_for_subscribers_says_for_whom_and_can_be_ended(ros, command, tmp_path):

@@ -50,8 +50,8 @@ def test_a_compressed_recording_reads_as_what_was_published(ros, rig, tmp_path):
     from sensor_msgs.msg import CameraInfo, PointCloud2
 
     from ftp_dent_ros.cloud.cloud import Cloud
-    from ftp_dent_ros.coding.view import View
-    from ftp_dent_ros.decoding.messages import cloud_from_message
+    from ftp_dent_ros.coding.cloud_codec import View
+    from ftp_dent_ros.coding.messages import cloud_from_message
     from ftp_dent_ros.recording.reader import open_bag
     from ftp_dent_ros.ros.messages import camera_info_message, cloud_to_message
     from ftp_dent_ros.ros.qos import CLOUDS

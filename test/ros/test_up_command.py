@@ -5,17 +5,16 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import suppress
 from pathlib import Path
 
 import pytest
 import yaml
 
 from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.files import find
 from ftp_dent_ros.pattern.file import write_pattern
 from ftp_dent_ros.pattern.pattern import Pattern
-from ftp_dent_ros.ros.presence import alive, refuse_second
-from ftp_dent_ros.supervision.shared_memory import free_leftovers
+from ftp_dent_ros.ros.session import alive, refuse_second
 
 
 @pytest.fixture
@@ -104,33 +103,6 @@ def test_names_that_a_node_of_other_making_has_are_refused(ros, up):
             refuse_second([name])
 
 
-def test_what_killed_processes_have_left_is_given_back(ros, up):
-    node = ros.start('pattern_publisher', pattern=up.pattern)
-    ros.until(ros.diagnostics('pattern_publisher'))
-    (segment,) = segments_of(node.pid)
-    lock = Path(f'{segment}_el')
-    assert segment.stat().st_size > 1 << 20
-    os.utime(lock, (0, 0))
-    node.kill()
-    # Whoever of this machine does it first, and who is at it keeps others out.
-    ros.until(lambda: free_leftovers() and not (segment.exists() or lock.exists()))
-
-
-def segments_of(pid):
-    """Segments of shared memory that a process has locked as its own."""
-    locked = {
-        int(words[5].rpartition(':')[2])
-        for words in map(str.split, Path('/proc/locks').read_text().splitlines())
-        if words[4] == str(pid)
-    }
-    segments = set()
-    for path in Path('/dev/shm').glob('fastrtps_*_el'):
-        with suppress(FileNotFoundError):  # another run's that has ended
-            if 'port' not in path.name and path.stat().st_ino in locked:
-                segments.add(path.with_name(path.name.removesuffix('_el')))
-    return segments
-
-
 def test_no_node_outlives_it(ros, up):
     payload = up(pattern_publisher={'pattern': up.pattern})
     ros.until(lambda: ros.node.count_publishers('projector/image_raw'))
@@ -163,3 +135,33 @@ def test_a_node_by_itself_refuses_wrong_names_too(ros, given):
     process = ros.start('reconstruction', '-p', given)
     assert process.wait() == 2
     assert process.said[0].startswith('reconstruction: there is no parameter')
+
+
+@pytest.mark.parametrize(
+    'parameters',
+    ['{rig: shipped:rig.yaml, stride: 2}', '\n    rig: shipped:rig.yaml\n    stride: 0x2g'],
+)
+def test_what_only_other_parsers_take_starts_nothing(ros, tmp_path, parameters):
+    path = tmp_path / 'payload.yaml'
+    path.write_text(f'reconstruction:\n  ros__parameters: {parameters}\n')
+    run = [sys.executable, '-m', 'ftp_dent_ros.cli.main', 'up', str(path)]
+    done = subprocess.run(run, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 2
+    assert 'ftp-dent up: ' in done.stderr.splitlines()[-1]
+
+
+def test_a_rig_that_is_replaced_meanwhile_is_not_taken_after_a_crash(ros, up, tmp_path):
+    rig = tmp_path / 'rig.yaml'
+    rig.write_bytes(find('shipped:rig.yaml').read_bytes())
+    payload = up(reconstruction={'rig': str(rig)})
+    state = ros.diagnostics('reconstruction')
+    ros.until(state)
+    before = {value.key: value.value for value in state().values}['rig']
+    rig.write_text('no rig at all')
+    (node,) = payload.children()
+    os.kill(node, signal.SIGKILL)
+    ros.until(lambda: payload.children() not in ([], [node]))
+    arrays = ros.diagnostics('reconstruction')
+    ros.until(arrays)
+    assert {value.key: value.value for value in arrays().values}['rig'] == before
+    assert 'status 2' not in payload.output

@@ -1,9 +1,12 @@
 import sys
+from pathlib import Path
 
 import pytest
 
 from ftp_dent_ros.errors import ConfigurationError
-from ftp_dent_ros.supervision.configuration import read_configuration
+from ftp_dent_ros.files import find
+from ftp_dent_ros.nodes.declarations import fitted
+from ftp_dent_ros.supervision.configuration import frozen, read_configuration
 from ftp_dent_ros.supervision.executables import EXECUTABLES
 
 
@@ -71,3 +74,15 @@ def test_shipped_configurations(name):
     entries = read_configuration(name)
     assert {entry.executable for entry in entries} <= set(EXECUTABLES)
     assert all(entry.program.command for entry in entries)
+
+
+def test_the_files_of_a_flight_are_those_of_its_start(tmp_path):
+    for name in ('rig', 'pattern'):
+        (tmp_path / f'{name}.yaml').write_bytes(find(f'shipped:{name}.yaml').read_bytes())
+    text = 'left/reconstruction:\n  ros__parameters:\n    rig: rig.yaml\n'
+    (entry,) = frozen(fitted(read_configuration(write(tmp_path, text))), tmp_path / 'run')
+    (tmp_path / 'rig.yaml').write_text('of another rig')
+    (tmp_path / 'payload.yaml').write_text('of another payload')
+    assert entry.file.read_text() == text
+    assert Path(entry.absolute['rig']).read_bytes() == find('shipped:rig.yaml').read_bytes()
+    assert f'rig:="{entry.absolute["rig"]}"' in entry.program.command

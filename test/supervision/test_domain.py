@@ -7,10 +7,10 @@ import sys
 
 import pytest
 
-from ftp_dent_ros.supervision.domain import PORT_BASE, exclusive, free_domain
+from ftp_dent_ros.supervision.transport import PORT_BASE, exclusive, free_domain
 
 TAKE = """
-from ftp_dent_ros.supervision.domain import free_domain
+from ftp_dent_ros.supervision.transport import free_domain
 with free_domain() as domain:
     print(domain, flush=True)
     input()

@@ -1,4 +1,4 @@
-from ftp_dent_ros.supervision.respawn import Respawn, verdict
+from ftp_dent_ros.supervision.processes import Respawn, verdict
 
 
 def test_what_ends_soon_waits_longer_each_time_and_what_ran_well_does_not_wait():

@@ -3,7 +3,7 @@ import signal
 
 import pytest
 
-from ftp_dent_ros.supervision.signals import stop_event_meanwhile
+from ftp_dent_ros.supervision.processes import stop_event_meanwhile
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 

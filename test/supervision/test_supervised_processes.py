@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from ftp_dent_ros.supervision.gate import Gate
 from ftp_dent_ros.supervision.processes import Processes, Program
 
 # `-I -S`: a bare interpreter that starts at once.
@@ -81,21 +80,6 @@ def test_shows_each_line_under_its_name_errors_too(lines):
     assert sorted(lines) == [('a', 'one'), ('a', 'two')]
 
 
-def test_shows_bytes_that_are_no_text(lines):
-    with Processes(lines.show) as processes:
-        processes.start(script('a', r'import os; os.write(1, b"\xff\xfe\n")'))
-        one_that_ends(processes)
-    assert lines == [('a', '\ufffd\ufffd')]
-
-
-def test_adds_to_the_environment_and_keeps_the_rest(lines, monkeypatch):
-    monkeypatch.setenv('KEPT', '1')
-    with Processes(lines.show, {'ADDED': '2'}) as processes:
-        processes.start(script('a', 'import os; print(os.environ["KEPT"], os.environ["ADDED"])'))
-        one_that_ends(processes)
-    assert lines == [('a', '1 2')]
-
-
 def test_tells_a_status_from_a_signal(lines):
     with Processes(lines.show) as processes:
         processes.start(script('a', 'raise SystemExit(3)'))
@@ -105,13 +89,6 @@ def test_tells_a_status_from_a_signal(lines):
         os.kill(processes.pid('a'), signal.SIGKILL)
         assert str(one_that_ends(processes)) == 'a was killed by SIGKILL'
         assert processes.names == ()
-
-
-def test_a_name_runs_once(lines):
-    with Processes(lines.show) as processes:
-        processes.start(script('a', WAIT))
-        with pytest.raises(ValueError, match='a runs already'):
-            processes.start(script('a', WAIT))
 
 
 def test_a_reader_that_fails_does_not_block_the_program():
@@ -191,19 +168,10 @@ def test_takes_grandchildren_along(lines):
     until(lambda: not is_alive(grandchild))
 
 
-def test_leaving_the_block_by_an_error_stops_all(lines):
-    with pytest.raises(RuntimeError), Processes(lines.show) as processes:
-        processes.start(script('a', WAIT))
-        pid = processes.pid('a')
-        raise RuntimeError
-    assert not is_alive(pid)
-
-
 @pytest.mark.skipif(not shutil.which('setpriv'), reason='setpriv is not installed')
 def test_leaves_no_orphan_when_it_is_killed():
     starter = f"""
 import time
-from ftp_dent_ros.supervision.gate import Gate
 from ftp_dent_ros.supervision.processes import Processes, Program
 processes = Processes(lambda name, line: None)
 for name in 'ab':
@@ -218,21 +186,3 @@ time.sleep(1000)
         assert all(map(is_alive, children))
         parent.kill()
         until(lambda: not any(map(is_alive, children)))
-
-
-def test_programs_wait_before_a_gate_and_end_if_it_is_never_opened(lines):
-    import_and_wait = 'from ftp_dent_ros.supervision.gate import wait; print(wait())'
-    programs = [
-        Program(name, (sys.executable, '-c', import_and_wait)) for name in ('one', 'two', 'three')
-    ]
-    with Processes(lines.show) as processes:
-        with Gate() as gate:
-            for program in programs[:2]:
-                processes.start(program, gate)
-            assert not processes.ended(0.1)
-            gate.open(1)
-            passed = one_that_ends(processes)
-        assert {passed.program, one_that_ends(processes).program} == set(programs[:2])
-        processes.start(programs[2])
-        one_that_ends(processes)
-    assert [line for _, line in lines] == ['True', 'False', 'True']

@@ -10,12 +10,12 @@ from flown_skin import FlownSkin
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.survey.patches.patch import patch_of
-from ftp_dent_ros.survey.poses.pose_graph import PoseGraph
-from ftp_dent_ros.survey.poses.stated_poses import Node
-from ftp_dent_ros.survey.registration.common_errors import COMMON
-from ftp_dent_ros.survey.registration.registration import register
-from ftp_dent_ros.survey.registration.relative_pose import RelativePose
+from ftp_dent_ros.rigid import twist_between
+from ftp_dent_ros.survey.information import COMMON, RelativePose
+from ftp_dent_ros.survey.patch import patch_of
+from ftp_dent_ros.survey.pose_graph import PoseGraph
+from ftp_dent_ros.survey.pose_terms import Node
+from ftp_dent_ros.survey.registration import register
 
 DOUBT = np.diag([3e-4**2] * 6)
 
@@ -44,7 +44,7 @@ def test_a_pair_errs_as_is_told_by_what_both_clouds_have_wrong(index, turned):
     for wrongly in (0 * errors, errors):
         found = register(*(patch_of(wrong(c, wrongly), k) for c, k in seen), true, DOUBT)
         assert found.told == 6
-        twists.append(-found.error(true))
+        twists.append(-twist_between(found.pose, true, found.centre))
     changed, told = twists[1] - twists[0], found.common @ errors
     # The marks are looked up in other places, so that their noise is another one.
     noise = np.sqrt(np.diag(np.linalg.inv(found.information)))

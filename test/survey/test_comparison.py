@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from survey_samples import COUNT, ELSEWHERE, GROWN, NEW, REPAIRED, UNSEEN, pair
 
-from ftp_dent_ros.survey.comparing.comparison import compare
-from ftp_dent_ros.survey.comparing.matching import NoMatchError, match
+from ftp_dent_ros.survey.comparison import compare
+from ftp_dent_ros.survey.matching import NoMatchError, match
 
 EXPECTED = {GROWN: 'grown', REPAIRED: 'repaired', NEW: 'new', UNSEEN: 'not seen'}
 

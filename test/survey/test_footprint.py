@@ -6,7 +6,7 @@ from flown_skin import COLUMNS, ROWS, SPACING, FlownSkin
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.survey.skin_map.footprint import CELL, Footprint, seen_skin
+from ftp_dent_ros.survey.footprint import CELL, Footprint, seen_skin
 
 DOWN = Rotation.from_euler('x', np.pi)
 SIZE = np.array([COLUMNS, ROWS]) * SPACING

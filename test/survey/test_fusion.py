@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.survey.skin_map.fusion import Fusion
-from ftp_dent_ros.survey.skin_map.unrolling import Unrolled
+from ftp_dent_ros.survey.fusion import Fusion
+from ftp_dent_ros.survey.unrolled import Unrolled
 
 SKIN = Unrolled(
     np.zeros(3), np.array([1.0, 0, 0]), np.array([0, 1.0, 0]), np.array([0, 0, 1.0]), np.inf

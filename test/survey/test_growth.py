@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from dent_samples import make_dent
 
-from ftp_dent_ros.inspection.dent import Estimate
-from ftp_dent_ros.survey.comparing.growth import changes_of
-from ftp_dent_ros.survey.comparing.relief_growth import Growth
+from ftp_dent_ros.dents.dent import Estimate
+from ftp_dent_ros.survey.growth import Growth, changes_of
 
 SIGMA = 6e-6
 

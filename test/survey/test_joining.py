@@ -10,8 +10,8 @@ from flown_skin import STATED, FlownSkin, erring
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.survey.poses.joining import Joining
-from ftp_dent_ros.survey.registration.relative_pose import RelativePose
+from ftp_dent_ros.survey.information import RelativePose
+from ftp_dent_ros.survey.joining import Joining
 
 HALF_S = 500_000_000
 
@@ -142,7 +142,7 @@ def test_passes_that_only_the_autopilot_slides_are_no_surer_the_more_pairs_they_
     def laid(first, second, guess, doubt, samples=None, known=None):
         return RelativePose(guess, np.zeros(3), slid, 4, 0.8, 1e-6, 'by their shape alone')
 
-    monkeypatch.setattr('ftp_dent_ros.survey.poses.joining.register', laid)
+    monkeypatch.setattr('ftp_dent_ros.survey.joining.register', laid)
     (pose,) = skin.flight(1)
     cloud, seen = skin.seen(pose, 0)
     joining, seconds = Joining(), [*range(9), 9, 10, 11, 30, 31]

@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.survey.skin_map.mosaic import Mosaic
-from ftp_dent_ros.survey.skin_map.unrolling import Unrolled
+from ftp_dent_ros.survey.mosaic import Mosaic
+from ftp_dent_ros.survey.unrolled import Unrolled
 
 DOWN = Pose(Rotation.from_euler('x', np.pi), np.array([0.0, 0.0, 0.8]))
 PLANE = Unrolled(

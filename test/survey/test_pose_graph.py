@@ -10,12 +10,10 @@ from scipy.linalg import logm
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.survey.poses.link_terms import Link, LinkTerms
-from ftp_dent_ros.survey.poses.pose_graph import PoseGraph
-from ftp_dent_ros.survey.poses.robust_solution import Terms, solved
-from ftp_dent_ros.survey.poses.stated_poses import Node, StatedTerms, distances
-from ftp_dent_ros.survey.registration.relative_pose import RelativePose
-from ftp_dent_ros.survey.registration.twists import changes, motions, spread_of_shift, twists
+from ftp_dent_ros.rigid import changes, motions, spread_of_shift, twists
+from ftp_dent_ros.survey.information import RelativePose
+from ftp_dent_ros.survey.pose_graph import PoseGraph, Terms, solved
+from ftp_dent_ros.survey.pose_terms import Link, LinkTerms, Node, StatedTerms, distances
 
 STATED = np.diag([0.03**2] * 3 + [0.015**2] * 3)
 RADIUS = 2.0

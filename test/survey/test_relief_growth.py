@@ -9,7 +9,7 @@ from dent_samples import make_dent
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.survey.comparing.relief_growth import growth_of
+from ftp_dent_ros.survey.growth import depth_growth
 from ftp_dent_ros.survey.result import Relief, SurveyedDent
 
 SIZES, DEPTH, NOISE = (0.03, 0.02), 5e-4, 4e-6
@@ -54,7 +54,7 @@ def compared(seed, growth):
 
 @pytest.mark.parametrize('growth', [0.0, 5e-5, -1e-4])
 def test_growth_is_as_sure_as_it_says_wherever_the_surveys_lie(growth):
-    found = [growth_of(*compared(seed, growth)).estimate for seed in range(40)]
+    found = [depth_growth(*compared(seed, growth)).estimate for seed in range(40)]
     off = np.array([(each.value - growth) / each.uncertainty for each in found])
     assert 0.7 < np.sqrt(np.mean(off**2)) < 1.4
     assert max(each.uncertainty for each in found) < 2 * NOISE
@@ -64,5 +64,5 @@ def test_what_is_not_measured_is_not_compared():
     earlier, later, pose = compared(1, 0.0)
     heights = later.relief.heights.copy()
     heights[:, :30] = np.nan
-    assert growth_of(earlier, replace(later, relief=Relief(1e-3, heights)), pose) is None
-    assert growth_of(replace(earlier, relief=None), later, pose) is None
+    assert depth_growth(earlier, replace(later, relief=Relief(1e-3, heights)), pose) is None
+    assert depth_growth(replace(earlier, relief=None), later, pose) is None

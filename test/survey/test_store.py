@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 from dent_samples import make_dent
 
+from ftp_dent_ros.dents.dent import Settings, dent_to_plain
 from ftp_dent_ros.errors import ConfigurationError
-from ftp_dent_ros.inspection.plain import dent_to_plain
-from ftp_dent_ros.inspection.settings import Settings
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.survey.result import CoverageCells, Relief, SurveyedDent, SurveyResult
 from ftp_dent_ros.survey.store import Store

@@ -14,12 +14,11 @@ from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.recording.definitions import typestore
-from ftp_dent_ros.recording.topic import Message
+from ftp_dent_ros.recording.topic import Message, typestore
 from ftp_dent_ros.recording.writer import BagWriter
-from ftp_dent_ros.survey.skin_map.mosaic import Mosaic
-from ftp_dent_ros.survey.skin_map.unrolling import Unrolled
+from ftp_dent_ros.survey.mosaic import Mosaic
 from ftp_dent_ros.survey.store import Store
+from ftp_dent_ros.survey.unrolled import Unrolled
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / 'recording'))
 from bag_samples import topic

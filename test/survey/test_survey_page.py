@@ -11,8 +11,7 @@ from test_survey_command import record
 from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.survey.aircraft_frame import aircraft_frame
-from ftp_dent_ros.survey.reference_points import read_reference_points
+from ftp_dent_ros.survey.aircraft_frame import aircraft_frame, read_reference_points
 from ftp_dent_ros.survey.store import Store
 
 # Of the survey's frame in the aircraft's, whose coordinates are typed: millimetres.

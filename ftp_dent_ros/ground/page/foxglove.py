@@ -35,10 +35,10 @@ def encode_message(item: Item) -> tuple[str, bytes]:
     CodecError
         The item is not what it says.
     """
-    from ftp_dent_ros.recording import definitions
+    from ftp_dent_ros.recording import topic
     from ftp_dent_ros.recording.compression import cloud_message
 
-    store = definitions.typestore()
+    store = topic.typestore()
     seconds, rest = divmod(item.stamp_ns, 10**9)
     try:
         header = store.types['std_msgs/msg/Header'](
@@ -102,15 +102,15 @@ class Foxglove:
         return socket
 
     def _new_channel(self, name: str, kind: str) -> dict[str, Any]:
-        from ftp_dent_ros.recording import definitions
+        from ftp_dent_ros.recording import topic
 
-        definition = definitions.find_definition(kind, definitions.type_hash(kind))
+        definition = topic.find_definition(kind, topic.type_hash(kind))
         return {
             'id': len(self._channels) + 1,
             'topic': name,
             'encoding': 'cdr',
             'schemaName': kind,
-            'schema': definition.text,
+            'schema': definition,
             'schemaEncoding': 'ros2msg',
         }
 

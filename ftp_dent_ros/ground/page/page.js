@@ -50,9 +50,9 @@ function showDents(dents) {
     put(row, 'td', dent.kind);
     for (const name of ['depth', 'length', 'width']) {
       const digits = name === 'depth' ? 3 : 1;
-      const value = dent[`${name}_mm`], off = dent[`${name}_uncertainty_mm`];
+      const value = dent[`${name}_mm`], half = dent[`${name}_interval_mm`];
       const cell = put(row, 'td', value === null ? 'unknown' : value.toFixed(digits));
-      if (value !== null && off !== null) put(cell, 'small', `± ${off.toFixed(digits)}`);
+      if (value !== null && half !== null) put(cell, 'small', `± ${half.toFixed(digits)}`);
     }
     put(row, 'td', dent.sightings);
   }

@@ -12,15 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud.cloud import Cloud
-from ftp_dent_ros.coding.cloud_codec import decode
-from ftp_dent_ros.coding.view import View
+from ftp_dent_ros.coding.cloud_codec import View, decode
+from ftp_dent_ros.dents.dent import COVERAGE, KINDS
 from ftp_dent_ros.errors import CodecError
 from ftp_dent_ros.ground import topics
 from ftp_dent_ros.ground.protocol import Item
-from ftp_dent_ros.inspection.dent import KINDS
-from ftp_dent_ros.median import NORMAL_SPREAD
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig.rig import Lens
+from ftp_dent_ros.robust import NORMAL_SPREAD
 
 _ROUND = 32  # points of an outline
 # Standard deviations of the points off a quadric beyond which one is a dent's; the least such
@@ -75,7 +74,7 @@ def relief(cloud: Cloud) -> bytes:
 
 def message_of(item: Item) -> Any:
     """Message of CDR, without ROS."""
-    from ftp_dent_ros.recording.definitions import typestore
+    from ftp_dent_ros.recording.topic import typestore
 
     try:
         if len(item.data) > _LARGEST:
@@ -154,7 +153,11 @@ def _dent(value: Any) -> dict[str, Any]:
         'axis': vector('axis_'),
         'sightings': int(value['sightings']),
         **{f'{name}_mm': number(name, 1e3, 3) for name in lengths},
-        **{f'{name}_uncertainty_mm': number(f'{name}_uncertainty', 1e3, 3) for name in lengths},
+        # Half the 95 % interval.
+        **{
+            f'{name}_interval_mm': number(f'{name}_uncertainty', COVERAGE * 1e3, 3)
+            for name in lengths
+        },
     }
 
 

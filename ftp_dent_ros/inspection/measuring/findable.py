@@ -15,6 +15,7 @@ from functools import lru_cache, reduce
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.dents.dent import Settings
 from ftp_dent_ros.inspection.measuring.measurement import CERTAIN, SUPPOSED
 from ftp_dent_ros.inspection.measuring.outlines.restoration import DOUBT
 from ftp_dent_ros.inspection.measuring.places.bare_skin import BareSkin
@@ -24,7 +25,6 @@ from ftp_dent_ros.inspection.measuring.places.kinds import STEEP
 from ftp_dent_ros.inspection.measuring.sizes import OF_DEPTH, UNRESOLVED_DEPTH
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.skin.smoothing import FITS, halved
-from ftp_dent_ros.inspection.settings import Settings
 
 # Of a normal distribution, 95 %: noise hides a dent that is no deeper than what must be seen in
 # half of the cases.

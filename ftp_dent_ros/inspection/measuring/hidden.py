@@ -7,7 +7,7 @@ import math
 import cv2
 import numpy as np
 
-from ftp_dent_ros.inspection.dent import COVERAGE, Estimate, MeasuredDent, orientation_of
+from ftp_dent_ros.dents.dent import COVERAGE, Estimate, MeasuredDent, Settings, orientation_of
 from ftp_dent_ros.inspection.measuring.places.bare_skin import BareSkin
 from ftp_dent_ros.inspection.measuring.places.detection import Candidate
 from ftp_dent_ros.inspection.measuring.places.evidence import SUSPECT
@@ -15,7 +15,6 @@ from ftp_dent_ros.inspection.measuring.places.kinds import LONG
 from ftp_dent_ros.inspection.measuring.places.placement import axis_along
 from ftp_dent_ros.inspection.measuring.places.surroundings import places
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
-from ftp_dent_ros.inspection.settings import Settings
 
 # Part of a candidate that has no points, for that to be why it could not be measured.
 _HIDDEN = 0.1

@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ftp_dent_ros.cloud.cloud import Cloud
+from ftp_dent_ros.dents.dent import Inspection, MeasuredDent, Settings, Waviness, with_clearances
 from ftp_dent_ros.errors import CloudError
-from ftp_dent_ros.inspection.clearance import with_clearances
-from ftp_dent_ros.inspection.dent import Inspection, MeasuredDent, Waviness
 from ftp_dent_ros.inspection.measuring.findable import findable_depth
 from ftp_dent_ros.inspection.measuring.hidden import hidden_dent
 from ftp_dent_ros.inspection.measuring.measurement import measure
@@ -29,7 +28,6 @@ from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.skin.panels import Panel, find_panels, seam
 from ftp_dent_ros.inspection.measuring.skin.strips import given_back
 from ftp_dent_ros.inspection.measuring.skin.waviness import CUTOFF, waviness_of
-from ftp_dent_ros.inspection.settings import Settings
 
 # Cells beside a border of two panels where the reconstruction blurs one into the other.
 _SEAM = 3

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.inspection.dent import COVERAGE, Estimate, MeasuredDent, orientation_of
+from ftp_dent_ros.dents.dent import COVERAGE, Estimate, MeasuredDent, Settings, orientation_of
 from ftp_dent_ros.inspection.measuring.hidden import not_at_bottom
 from ftp_dent_ros.inspection.measuring.model_axes import model_axes
 from ftp_dent_ros.inspection.measuring.outlines.bridging import Bridged, bridged
@@ -29,7 +29,6 @@ from ftp_dent_ros.inspection.measuring.places.weighting import weighted
 from ftp_dent_ros.inspection.measuring.sizes import LEVEL, Sizes, of_sharp_bottom, sizes_of
 from ftp_dent_ros.inspection.measuring.skin.gaps import GAP
 from ftp_dent_ros.inspection.measuring.skin.noise import Noise
-from ftp_dent_ros.inspection.settings import Settings
 
 # A candidate that is so many times longer than wide is a ridge, unless its saddles are so deep.
 _RIDGE, _RIDGE_DROP = 3.5, 0.5

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ftp_dent_ros.inspection.dent import Estimate
+from ftp_dent_ros.dents.dent import Estimate
 from ftp_dent_ros.inspection.measuring.outlines.dent_model import fit_dent
 from ftp_dent_ros.inspection.measuring.outlines.patch import Patch
 from ftp_dent_ros.inspection.measuring.sizes import Mask, Sizes

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.inspection.dent import Estimate
+from ftp_dent_ros.dents.dent import Estimate
 from ftp_dent_ros.inspection.measuring.outlines.bridging import Bridged
 from ftp_dent_ros.inspection.measuring.outlines.clear_level import clear_outline
 from ftp_dent_ros.inspection.measuring.outlines.outline import Outline
@@ -19,7 +19,7 @@ from ftp_dent_ros.inspection.measuring.places.bare_skin import BareSkin
 from ftp_dent_ros.inspection.measuring.places.evidence import TENTH, chance, fitted_depth
 from ftp_dent_ros.inspection.measuring.places.kinds import LONG
 from ftp_dent_ros.inspection.measuring.places.surroundings import Surroundings
-from ftp_dent_ros.median import median
+from ftp_dent_ros.robust import median
 
 #: Of the depth, where length, width and area are told.
 LEVEL = 0.1

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud.cloud import Cloud
+from ftp_dent_ros.cloud.coverage import Coverage
 from ftp_dent_ros.errors import NoStripeError
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.photograph.photograph import Photograph
@@ -20,7 +21,6 @@ from ftp_dent_ros.profilometry.carrier import (
     measured_carrier,
     plane_through,
 )
-from ftp_dent_ros.profilometry.coverage import Coverage
 from ftp_dent_ros.profilometry.fourier import phase_of
 from ftp_dent_ros.profilometry.fourier_transform.absolute_phase import fringe_order
 from ftp_dent_ros.profilometry.fourier_transform.demodulation import demodulate

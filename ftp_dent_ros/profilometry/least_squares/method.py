@@ -10,11 +10,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.median import median
+from ftp_dent_ros.cloud.coverage import Coverage
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.profilometry.carrier import ReferencePlane, carrier_on
-from ftp_dent_ros.profilometry.coverage import Coverage
 from ftp_dent_ros.profilometry.epipolar_check import EpipolarCheck, check_epipolar
 from ftp_dent_ros.profilometry.least_squares.bins.exposure import check_exposure
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
@@ -43,6 +42,7 @@ from ftp_dent_ros.profilometry.pattern_check import check_pattern, other_frame
 from ftp_dent_ros.profilometry.projector_rows import Rows
 from ftp_dent_ros.profilometry.rows_check import check_rows
 from ftp_dent_ros.rig.rig import Rig
+from ftp_dent_ros.robust import median
 
 # Standard deviation of a phase that is published, radians: three are the jump between nodes
 # beyond which unwrapping takes the next fringe.

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.errors import OtherPatternError
-from ftp_dent_ros.median import NORMAL_SPREAD, median
 from ftp_dent_ros.profilometry.least_squares.fit.quadric import evaluate, robust_quadric
 from ftp_dent_ros.profilometry.lit_area import LitArea
 from ftp_dent_ros.profilometry.triangulation import triangulate
+from ftp_dent_ros.robust import NORMAL_SPREAD, median
 
 # Points that surfaces are compared by, about, and that there must be.
 _POINTS, _LEAST = 400, 50

@@ -6,30 +6,25 @@ import sys
 import threading
 import time
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from tqdm import tqdm
 
-from ftp_dent_ros.decoding.message_types import message_class
+from ftp_dent_ros.coding.messages import message_class
 from ftp_dent_ros.errors import BagError, ConfigurationError, printable
 from ftp_dent_ros.recording.reader import Bag
-from ftp_dent_ros.recording.ros.qos import offer_for
-from ftp_dent_ros.recording.topic import Message, Topic
+from ftp_dent_ros.recording.topic import Message, Qos, Topic, typestore
 
-# Histories are long, so that nothing is overwritten before it has arrived, but not of more than
-# this many bytes.
-_DEPTHS = (10, 1000)
-_HISTORY_SIZE = 1 << 26
-# Fast DDS asks for acknowledgements every 3 s where the shipped transport.xml is not used.
-_PATIENCE_S = 10.0
-_SETTLED_S = 0.5  # discovery is taken to be over when it has been quiet for so long
+# Of each topic: long enough not to wait for each message, short enough for large ones.
+_DEPTH = 10
 
 
 class Player:
-    """Publishes a bag's messages with the quality of service that they were recorded with.
+    """Publishes a bag's messages, as reliable and as latched as they were recorded.
 
     Reliable subscriptions get every message, whatever the rate.
 
@@ -71,7 +66,7 @@ class Player:
                 first = self._types[topic.name]
                 _say(f'{topic.name}: its {topic.type} are not replayed: only its {first}')
                 continue
-            publisher = _make_publisher(node, topic, _depth(bag, topic))
+            publisher = _make_publisher(node, topic)
             if publisher is not None:
                 self._publishers[topic.name] = publisher
                 self._types[topic.name] = topic.type
@@ -84,26 +79,26 @@ class Player:
         return list(self._publishers)
 
     def wait_for_subscribers(self, all_of_them: bool) -> None:
-        """Wait until discovery has settled, or until every topic has a subscriber."""
+        """Wait until discovery has been quiet for half a second, or every topic is subscribed."""
         counts: dict[str, int] = {}
-        quiet_since = told = time.monotonic()
+        quiet_since = said = time.monotonic()
         while not self._stop.wait(0.02):
             now = time.monotonic()
             new = {name: each.get_subscription_count() for name, each in self._publishers.items()}
             if new != counts:
                 counts, quiet_since = new, now
             missing = sorted(name for name, count in counts.items() if not count)
-            if now - quiet_since >= _SETTLED_S and not (all_of_them and missing):
+            if now - quiet_since >= 0.5 and not (all_of_them and missing):
                 return
-            if missing and all_of_them and now - told >= 2:
+            if missing and all_of_them and now - said >= 2:
                 _say(f'waiting for subscribers of {", ".join(missing)}')
-                told = now
+                said = now
 
-    def play(self, rate: float, offset_ns: int) -> None:
-        """Play once from `offset_ns` into the bag."""
+    def play(self, rate: float, offset_ns: int, later_ns: int = 0) -> None:
+        """Play once from `offset_ns` into the bag, with stamps that are `later_ns` later."""
         start_ns = self._bag.metadata.start_ns + offset_ns
         for message in self._latched_before(start_ns) if offset_ns else ():
-            self._publish(message)
+            self._publish(message, later_ns)
         counts = self._bag.metadata.message_counts
         total = None if offset_ns else sum(counts[name] for name in self._publishers)
         start = time.monotonic()
@@ -115,7 +110,7 @@ class Player:
                 if self._stop.wait(min(max(0.0, ahead), threading.TIMEOUT_MAX)):
                     return
                 if message.type == self._types[message.topic]:
-                    self._publish(message, hurried=ahead < 0)
+                    self._publish(message, later_ns, hurried=ahead < 0)
                 bar.update()
 
     def wait_for_acknowledgements(self) -> None:
@@ -123,18 +118,23 @@ class Player:
         for name in self._publishers:
             self._wait_for_acknowledgement(name)
 
-    def _publish(self, message: Message, hurried: bool = False) -> None:
+    def _publish(self, message: Message, later_ns: int, hurried: bool = False) -> None:
         name = message.topic
-        publisher = self._publishers[name]
-        publisher.publish(message.data)
+        data = message.data
+        if later_ns:
+            content = self._bag.deserialise(message)
+            _delay(content, later_ns)
+            data = bytes(typestore().serialize_cdr(content, message.type))
+        self._publishers[name].publish(data)
         self.published += 1
         self._unacknowledged[name] = self._unacknowledged.get(name, 0) + 1
         # At the original times the subscribers keep up, as they did then.
-        if hurried and self._unacknowledged[name] >= publisher.qos_profile.depth:
+        if hurried and self._unacknowledged[name] >= _DEPTH:
             self._wait_for_acknowledgement(name)
 
     def _wait_for_acknowledgement(self, name: str) -> None:
-        end = time.monotonic() + _PATIENCE_S
+        # Without the shipped transport.xml Fast DDS asks for acknowledgements every 3 s only.
+        end = time.monotonic() + 10.0
         while not self._publishers[name].wait_for_all_acked(Duration(nanoseconds=50_000_000)):
             if self._stop.is_set() or time.monotonic() > end:
                 return
@@ -156,41 +156,45 @@ class Player:
         yield from last.values()
 
 
-def _depth(bag: Bag, topic: Topic) -> int:
-    """Length of a topic's history, from the size of its first message."""
-    shortest, longest = _DEPTHS
-    first = next(bag.messages([topic.name]), None)
-    if first is None or any(qos.durability == 'transient_local' for qos in topic.offered_qos):
-        return shortest
-    return min(max(shortest, _HISTORY_SIZE // len(first.data)), longest)
+def offer_for(recorded: Sequence[Qos]) -> QoSProfile:
+    """What a publisher must offer in the place of those that were recorded.
+
+    The most that one of them offered, so that every subscription that heard one hears this one.
+    """
+    reliable = not recorded or any(qos.reliability == 'reliable' for qos in recorded)
+    latched = any(qos.durability == 'transient_local' for qos in recorded)
+    return QoSProfile(
+        depth=_DEPTH,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
 
 
-def _make_publisher(node: Node, topic: Topic, depth: int) -> Publisher | None:
-    """Publisher for a topic; None, after saying why, if it cannot be published as recorded."""
+def _make_publisher(node: Node, topic: Topic) -> Publisher | None:
+    """Publisher for a topic; None, after saying why, if it cannot be published."""
     try:
         kind = message_class(topic.type)
+        return node.create_publisher(kind, topic.name, offer_for(topic.offered_qos))
     except ConfigurationError as error:
         _say(f'{topic.name}: not replayed: {error}')
-        return None
-    try:
-        publisher = node.create_publisher(kind, topic.name, offer_for(topic.offered_qos, depth))
-    except Exception as reason:  # rclpy's own, of several kinds: a name or a QoS that is not ROS's
+    except Exception as reason:  # rclpy's own, of several kinds: a name that is not ROS's
         why = str(reason).splitlines()[0]
         _say(f'{topic.name}: not replayed: ROS refuses it ({why}): rename it with --remap')
-        return None
-    own = [
-        str(info.topic_type_hash)
-        for info in node.get_publishers_info_by_topic(publisher.topic_name)
-        if info.node_name == node.get_name()
-    ]
-    if topic.type_hash and own and topic.type_hash not in own:
-        node.destroy_publisher(publisher)
-        _say(
-            f'{topic.name}: not replayed: {topic.type} is defined in another way here than where '
-            'it was recorded: install the version of its package that was used there'
-        )
-        return None
-    return publisher
+    return None
+
+
+def _delay(content: Any, by_ns: int) -> None:
+    """Add to the stamps of all headers in a message, but for zeros, which stand for no time."""
+    if isinstance(content, list):
+        for each in content:
+            _delay(each, by_ns)
+    elif getattr(content, '__msgtype__', '') == 'std_msgs/msg/Header':
+        stamp_ns = content.stamp.sec * 10**9 + content.stamp.nanosec
+        if stamp_ns:
+            content.stamp.sec, content.stamp.nanosec = divmod(stamp_ns + by_ns, 10**9)
+    elif hasattr(content, '__msgtype__'):
+        for name in content.__dataclass_fields__:
+            _delay(getattr(content, name), by_ns)
 
 
 def _say(text: str) -> None:

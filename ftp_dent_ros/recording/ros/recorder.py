@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -12,20 +11,18 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from ftp_dent_ros.decoding.message_types import message_class
+from ftp_dent_ros.coding.messages import message_class
 from ftp_dent_ros.errors import ConfigurationError, printable
-from ftp_dent_ros.recording.definitions import find_definition, type_hash
-from ftp_dent_ros.recording.ros.qos import qos_from_profile, request_for
-from ftp_dent_ros.recording.selection import Selection
-from ftp_dent_ros.recording.topic import Message, Topic
+from ftp_dent_ros.recording.topic import (
+    Message,
+    Qos,
+    Selection,
+    Topic,
+    find_definition,
+    type_hash,
+)
 
 DISCOVERY_PERIOD_S = 0.1
-
-# Messages that wait in DDS while this process is held up: few of those with arrays of bytes
-# (images, clouds), which would fill the memory.
-_DEPTH = 1000
-_DEPTH_OF_LARGE = 20
-_BYTES = re.compile(r'^u?int8\[\] ', re.MULTILINE)
 
 
 class Recorder:
@@ -80,17 +77,25 @@ class Recorder:
                 continue
             if len(publishers) > 1:
                 self._last_sequence.pop(name, None)
-            offers = [publisher.qos_profile for publisher in publishers]
             subscription = self._subscriptions.get(name)
             if subscription is None:
                 self._begin(name, publishers)
                 continue
-            request = request_for(offers, subscription.qos_profile.depth)
-            if _weaker(request, subscription.qos_profile):
+            request = _request_for(publishers, subscription.qos_profile.depth)
+            current = subscription.qos_profile
+            if (
+                request.reliability == ReliabilityPolicy.BEST_EFFORT != current.reliability
+                or request.durability == DurabilityPolicy.VOLATILE != current.durability
+            ):
                 _say(f'{name}: a publisher offers less than the others: recording what all offer')
                 del self._subscriptions[name]
                 self._node.destroy_subscription(subscription)
                 self._subscribe(Topic(name, self._types[name]), request)
+
+    def missing(self) -> list[str]:
+        """Topics that were wanted by name and have not appeared."""
+        known = self._subscriptions.keys() | self._refused
+        return [name for name in self._selection.names if name not in known]
 
     def _publishers(self, name: str) -> list[TopicEndpointInfo]:
         """Those of a topic's own type, which is the first that it was met with."""
@@ -103,41 +108,33 @@ class Recorder:
         if others and name not in self._disputed:
             _say(f'{name}: {" and ".join(others)} are published too: only {own} is recorded')
             self._disputed.add(name)
-        if not others and name in self._disputed:
-            _say(f'{name}: only {own} is published again')
-            self._disputed.discard(name)
         return [publisher for publisher in publishers if publisher.topic_type == own]
 
     def _begin(self, name: str, publishers: Sequence[TopicEndpointInfo]) -> None:
         kind = self._types[name]
-        offers = [publisher.qos_profile for publisher in publishers]
         announced = str(publishers[0].topic_type_hash)
         hash_ = announced if announced.startswith('RIHS') else type_hash(kind)
         topic = Topic(
             name=name,
             type=kind,
             type_hash=hash_,
-            offered_qos=tuple(map(qos_from_profile, offers)),
+            offered_qos=tuple(
+                Qos(
+                    ReliabilityPolicy(publisher.qos_profile.reliability).short_key,
+                    DurabilityPolicy(publisher.qos_profile.durability).short_key,
+                )
+                for publisher in publishers
+            ),
             definition=find_definition(kind, hash_),
         )
         if len(publishers) == 1:
             self._last_sequence[name] = 0
-        large = _BYTES.search(topic.definition.text)
-        depth = _DEPTH_OF_LARGE if large else _DEPTH
-        self._subscribe(topic, request_for(offers, depth))
-
-    def missing(self) -> list[str]:
-        """Topics that were wanted by name and have not appeared."""
-        known = self._subscriptions.keys() | self._refused
-        return [name for name in self._selection.names if name not in known]
+        # Messages that wait in DDS while this process is held up: few images and clouds, which
+        # would fill the memory.
+        large = any(line.startswith('uint8[] ') for line in topic.definition.splitlines())
+        self._subscribe(topic, _request_for(publishers, 20 if large else 1000))
 
     def _subscribe(self, topic: Topic, request: QoSProfile) -> None:
-        try:
-            kind = message_class(topic.type)
-        except ConfigurationError as error:
-            self._refuse(topic.name, f'{topic.name}: not recorded: {error}')
-            return
-
         def take(data: bytes, info: dict[str, int | None]) -> None:
             received = info['received_timestamp'] or time.time_ns()
             published = info['source_timestamp'] or received
@@ -149,15 +146,17 @@ class Recorder:
 
         try:
             self._subscriptions[topic.name] = self._node.create_subscription(
-                kind,
+                message_class(topic.type),
                 topic.name,
                 take,  # type: ignore[arg-type]  # rclpy gives the message's information too
                 request,
                 raw=True,
             )
+        except ConfigurationError as error:
+            self._refuse(topic.name, str(error))
+            return
         except Exception as reason:  # rclpy's own, of several kinds: a name that is not ROS's
-            why = str(reason).splitlines()[0]
-            self._refuse(topic.name, f'{topic.name}: not recorded: ROS refuses it ({why})')
+            self._refuse(topic.name, f'ROS refuses it ({str(reason).splitlines()[0]})')
             return
         self._add_topic(topic)
         _say(f'recording {topic.name} [{topic.type}]')
@@ -173,14 +172,18 @@ class Recorder:
 
     def _refuse(self, name: str, why: str) -> None:
         self._refused.add(name)
-        _say(why)
+        _say(f'{name}: not recorded: {why}')
 
 
-def _weaker(request: QoSProfile, current: QoSProfile) -> bool:
-    """Whether a subscription with `current` would not hear a publisher that `request` hears."""
-    return (
-        request.reliability == ReliabilityPolicy.BEST_EFFORT != current.reliability
-        or request.durability == DurabilityPolicy.VOLATILE != current.durability
+def _request_for(publishers: Sequence[TopicEndpointInfo], depth: int) -> QoSProfile:
+    """What a subscription must request to hear all publishers, and as much as they all offer."""
+    offers = [publisher.qos_profile for publisher in publishers]
+    reliable = all(offer.reliability == ReliabilityPolicy.RELIABLE for offer in offers)
+    latched = all(offer.durability == DurabilityPolicy.TRANSIENT_LOCAL for offer in offers)
+    return QoSProfile(
+        depth=depth,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
     )
 
 

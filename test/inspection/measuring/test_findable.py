@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from small_clouds import COLUMNS, PIXEL, ROWS, cloud_of, panel, raised
 
+from ftp_dent_ros.dents.dent import Settings
 from ftp_dent_ros.inspection.measuring.inspection import inspect
-from ftp_dent_ros.inspection.settings import Settings
 
 SETTINGS = Settings()
 WIDTH = SETTINGS.smallest_width

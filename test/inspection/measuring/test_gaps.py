@@ -8,8 +8,6 @@ import pytest
 from small_clouds import COLUMNS, ROWS, cloud_of, panel
 
 from ftp_dent_ros.inspection.measuring.inspection import inspect
-from ftp_dent_ros.inspection.measuring.skin.filling import membrane, plate, soft_plate
-from ftp_dent_ros.inspection.measuring.skin.gaps import between, gaps_of
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.simulation import Dent, Panel
 from ftp_dent_ros.simulation.dents import Cap, FlatBottomed, Gaussian, Valley
@@ -97,45 +95,3 @@ def test_an_island_in_a_hole_is_inspected():
     island = (np.abs(U - 100) < 8) & (np.abs(V - 75) < 8)
     found = inspect(without(cloud_of(panel(radius=2.0)), hole & ~island))
     assert np.isfinite(found.deviation[72:79, 97:104]).all()
-
-
-def test_gaps_are_what_lies_between_known_cells():
-    known = np.zeros((40, 60), bool)
-    known[5:35, 5:25] = known[5:35, 30:55] = True
-    known[15:20, 10:15] = False
-    gaps = gaps_of(known, 8)
-    assert gaps[16, 12]
-    assert gaps[20, 27]
-    assert not gaps[:5].any()
-    assert not gaps_of(known, 2)[20, 27]
-    above = np.zeros_like(known)
-    above[10:30, 23:25] = above[10:30, 30:32] = True
-    within = between(above, gaps)
-    assert within[20, 25:30].all()
-    assert not within[16, 12]
-    assert not within[7, 27]
-
-
-def test_a_plate_carries_slopes_on_and_a_membrane_does_not():
-    y, x = np.mgrid[:21, :31] / 10
-    bowl = x**2 + y**2
-    over = np.zeros(bowl.shape, bool)
-    over[7:14, 11:20] = True
-    hidden = np.where(over, np.nan, bowl)
-    assert plate(hidden, over) == pytest.approx(bowl, abs=1e-9)
-    assert (membrane(hidden, over)[over] > bowl[over]).all()
-
-
-def test_a_soft_plate_evens_what_is_known_badly_and_nothing_else():
-    y, x = np.mgrid[:30, :40] / 10.0
-    bowl = x * x + 2 * y * y
-    soft = np.where((abs(x - 2) < 0.45) & (abs(y - 1.5) < 0.45), 1e4, 0.0)
-    rough = bowl + np.where(soft > 0, np.sin(9 * x) * np.cos(8 * y), 0.0)
-    known = x < 3.5
-    evened = soft_plate(rough, known, soft)
-    assert (evened == rough)[soft == 0].all()
-    # A plate carries on what bends alike on both sides.
-    assert abs(evened - bowl).max() < 0.1 * abs(rough - bowl).max()
-    # What is not known does not pull at it.
-    assert (soft_plate(np.where(known, rough, 99.0), known, soft) == evened)[known].all()
-    assert soft_plate(rough, known, 0 * soft) is rough

@@ -7,10 +7,10 @@ from scipy.special import erf
 from small_clouds import COLUMNS, ROWS, cloud_of, panel, raised
 
 from ftp_dent_ros.cloud.cloud import Cloud
+from ftp_dent_ros.dents.dent import Settings
 from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.measuring.places.kinds import Appearance, kind_of
-from ftp_dent_ros.inspection.settings import Settings
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.simulation import Dent, Panel, Rivet
 from ftp_dent_ros.simulation.dents import Gaussian

@@ -5,7 +5,6 @@ import pytest
 from small_clouds import COLUMNS, ROWS, cloud_of, panel, raised
 
 from ftp_dent_ros.inspection.measuring.inspection import inspect
-from ftp_dent_ros.inspection.measuring.skin.robust_polynomial import basis, solved
 
 X, Y = 1.4e-3 * (np.mgrid[:COLUMNS, :ROWS].T - np.array([100, 75])).transpose(2, 0, 1)
 
@@ -27,9 +26,3 @@ def test_dents_in_a_panel_that_has_popped_in_are_found_and_nothing_else_is_a_den
     for dent, true in zip(found.dents, (6e-4, 4e-4), strict=True):
         assert abs(dent.depth.value - true) < 3 * dent.depth.uncertainty
         assert dent.depth.uncertainty < true / 4
-
-
-def test_a_fit_that_no_point_bears_stays():
-    x, y = np.random.default_rng(0).uniform(-1, 1, (2, 50))
-    before = np.arange(6.0)
-    assert solved(basis(x, y, 6), x, np.zeros(50), before) is before

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.median import median
+from ftp_dent_ros.robust import median
 
 Map = NDArray[np.float64]
 Mask = NDArray[np.bool_]

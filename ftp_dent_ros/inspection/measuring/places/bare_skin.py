@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.dents.dent import Settings
 from ftp_dent_ros.inspection.measuring.places.evidence import by_chance, threshold
 from ftp_dent_ros.inspection.measuring.skin.contour import Contour
 from ftp_dent_ros.inspection.measuring.skin.contour_fit import refined
@@ -16,8 +17,7 @@ from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.skin.noise import Noise, measured_noise, smoothed
 from ftp_dent_ros.inspection.measuring.skin.panels import Panel
 from ftp_dent_ros.inspection.measuring.skin.waviness import Relief, is_wavy, relief_of
-from ftp_dent_ros.inspection.settings import Settings
-from ftp_dent_ros.median import NORMAL_SPREAD, median
+from ftp_dent_ros.robust import NORMAL_SPREAD, median
 
 Mask = NDArray[np.bool_]
 Map = NDArray[np.float32]

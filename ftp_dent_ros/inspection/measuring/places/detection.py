@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.dents.dent import Settings
 from ftp_dent_ros.inspection.measuring.outlines.moments import NOISY, Moments
 from ftp_dent_ros.inspection.measuring.places.bare_skin import BareSkin
 from ftp_dent_ros.inspection.measuring.places.evidence import SIGNIFICANT, SUSPECT
@@ -17,7 +18,6 @@ from ftp_dent_ros.inspection.measuring.places.paint_edges import along_paint
 from ftp_dent_ros.inspection.measuring.skin.gaps import GAP, beside_gaps, between, gaps_of
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.skin.noise import median_of
-from ftp_dent_ros.inspection.settings import Settings
 
 _EDGE = 3.0
 #: Part of the smallest depth that a smoothed place has at least.

@@ -14,14 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud.cloud import Cloud
-from ftp_dent_ros.inspection.dent import Estimate, MeasuredDent, orientation_of
+from ftp_dent_ros.dents.dent import Estimate, MeasuredDent, Settings, orientation_of
 from ftp_dent_ros.inspection.measuring.places.bare_skin import BareSkin
 from ftp_dent_ros.inspection.measuring.places.grooves import Strip, Vector
 from ftp_dent_ros.inspection.measuring.places.narrow_marks import NarrowMark
 from ftp_dent_ros.inspection.measuring.places.placement import axis_along
 from ftp_dent_ros.inspection.measuring.skin.contour import Contour
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
-from ftp_dent_ros.inspection.settings import Settings
 
 # Fringes to the wavelength of which half is left, on bare skin.
 _FRINGE = 1 / 1.64

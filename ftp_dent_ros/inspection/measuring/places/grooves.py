@@ -14,7 +14,7 @@ from ftp_dent_ros.inspection.measuring.places.narrow_marks import NarrowMark
 from ftp_dent_ros.inspection.measuring.skin.contour import Contour
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.skin.smoothing import shown
-from ftp_dent_ros.median import median
+from ftp_dent_ros.robust import median
 
 # Part of the length that is asked, for a groove runs out; and how far to both sides the skin is,
 # in resolutions.

@@ -26,7 +26,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ftp_dent_ros.inspection.settings import Settings
+from ftp_dent_ros.dents.dent import Settings
 
 # Metres.
 _NARROW = 0.006

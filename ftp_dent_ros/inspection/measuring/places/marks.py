@@ -8,7 +8,7 @@ import numpy as np
 from ftp_dent_ros.inspection.measuring.outlines.outline import Outline
 from ftp_dent_ros.inspection.measuring.outlines.patch import Patch
 from ftp_dent_ros.inspection.measuring.places.surroundings import Surroundings
-from ftp_dent_ros.median import NORMAL_SPREAD, median
+from ftp_dent_ros.robust import NORMAL_SPREAD, median
 
 # Cells around an outline that it is held against.
 _AROUND = 7

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.inspection.measuring.places.kinds import LONG
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
-from ftp_dent_ros.median import NORMAL_SPREAD, median
+from ftp_dent_ros.robust import NORMAL_SPREAD, median
 
 # Half the side of the square whose median is the skin beside a mark, metres.
 _BESIDE = 0.01

@@ -9,13 +9,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.inspection.dent import Estimate, MeasuredDent, orientation_of
+from ftp_dent_ros.dents.dent import Estimate, MeasuredDent, Settings, orientation_of
 from ftp_dent_ros.inspection.measuring.places.detection import SIGNIFICANT
 from ftp_dent_ros.inspection.measuring.places.placement import axis_along
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.skin.panels import Panel
-from ftp_dent_ros.inspection.settings import Settings
-from ftp_dent_ros.median import NORMAL_SPREAD, median
+from ftp_dent_ros.robust import NORMAL_SPREAD, median
 
 # Cells across on which a step is measured, from the first that the seam does not blur.
 _BESIDE = 5

@@ -12,7 +12,7 @@ from ftp_dent_ros.inspection.measuring.places.bare_skin import BareSkin
 from ftp_dent_ros.inspection.measuring.places.detection import Candidate
 from ftp_dent_ros.inspection.measuring.skin.contour import Contour
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
-from ftp_dent_ros.median import median
+from ftp_dent_ros.robust import median
 
 # Of a candidate's window, as a part of its size.
 _MARGIN = 0.45

@@ -14,7 +14,7 @@ from ftp_dent_ros.inspection.measuring.places.evidence import TENTH
 from ftp_dent_ros.inspection.measuring.places.kinds import LONG
 from ftp_dent_ros.inspection.measuring.places.surroundings import Surroundings
 from ftp_dent_ros.inspection.measuring.skin.filling import soft_plate
-from ftp_dent_ros.median import median
+from ftp_dent_ros.robust import median
 
 # Root mean square of a Gaussian dent's Laplacian over its footprint, in depths / width^2.
 _BENT = math.sqrt(8) * TENTH

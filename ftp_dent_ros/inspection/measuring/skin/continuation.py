@@ -6,12 +6,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.dents.dent import Settings
 from ftp_dent_ros.inspection.measuring.skin.contour import Contour
 from ftp_dent_ros.inspection.measuring.skin.contour_fit import first_contour
 from ftp_dent_ros.inspection.measuring.skin.gaps import GAP, gaps_of
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.skin.noise import median_of
-from ftp_dent_ros.inspection.settings import Settings
 
 # Parts that are compared, the largest first, and cells of one that a contour is fitted to, about.
 _MOST, _FITTED = 8, 4000

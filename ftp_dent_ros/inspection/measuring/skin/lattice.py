@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud.cloud import Cloud
+from ftp_dent_ros.dents.dent import Settings
 from ftp_dent_ros.errors import CloudError
-from ftp_dent_ros.inspection.settings import Settings
-from ftp_dent_ros.median import median
+from ftp_dent_ros.robust import median
 
 _FEWEST_POINTS = 300
 # A cloud whose neighbours lie so far apart is not in metres.

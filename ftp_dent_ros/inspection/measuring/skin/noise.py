@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
-from ftp_dent_ros.median import NORMAL_SPREAD, median
+from ftp_dent_ros.robust import NORMAL_SPREAD, median
 
 # Cells that a median is taken of, about.
 _ENOUGH = 5000

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.dents.dent import Settings
 from ftp_dent_ros.inspection.measuring.skin.continuation import depths_of, islands, joined
 from ftp_dent_ros.inspection.measuring.skin.contour import Contour
 from ftp_dent_ros.inspection.measuring.skin.contour_fit import first_contour, richer_contour
@@ -16,7 +17,6 @@ from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.skin.noise import rough_noise, smoothed
 from ftp_dent_ros.inspection.measuring.skin.plate import plates
 from ftp_dent_ros.inspection.measuring.skin.second_panel import Mask, another_panel, is_stepped
-from ftp_dent_ros.inspection.settings import Settings
 
 # A neighbour so many spacings away is on another panel.
 _JUMP = 4.0

@@ -9,11 +9,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.dents.dent import Settings
 from ftp_dent_ros.inspection.measuring.skin.continuation import depths_of
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.skin.panels import Panel
-from ftp_dent_ros.inspection.settings import Settings
-from ftp_dent_ros.median import median
+from ftp_dent_ros.robust import median
 
 # Part of a strip's deviation from the panel that it hangs on that is left from its own.
 _LEFT = 0.33

@@ -10,12 +10,11 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from ftp_dent_ros.inspection.dent import Waviness
+from ftp_dent_ros.dents.dent import Settings, Waviness
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.skin.noise import Map, Mask, Noise, median_of
 from ftp_dent_ros.inspection.measuring.skin.robust_polynomial import basis
-from ftp_dent_ros.inspection.settings import Settings
-from ftp_dent_ros.median import NORMAL_SPREAD
+from ftp_dent_ros.robust import NORMAL_SPREAD
 
 #: The relief takes half of waves so many smallest widths long, and nearly all of longer ones.
 CUTOFF = 6.0

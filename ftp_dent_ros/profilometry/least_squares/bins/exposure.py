@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.errors import NoFringesError, SaturatedError, TooDarkError
-from ftp_dent_ros.median import median
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.bins.intensity_bins import IntensityBins
+from ftp_dent_ros.robust import median
 
 # Of the image, that fringes or clipping take at least; and of the lit area, that may be clipped.
 _SMALLEST_SHARE = 0.002

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.median import MEDIAN_OF_SQUARE, median
+from ftp_dent_ros.robust import MEDIAN_OF_SQUARE, median
 
 # Rows of which one is looked at, and columns.
 _EVERY, _EVERY_COLUMN = 16, 5

@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.median import median
 from ftp_dent_ros.profilometry.least_squares.bins.intensity_bins import IntensityBins
 from ftp_dent_ros.profilometry.least_squares.bins.limits import at_least
 from ftp_dent_ros.profilometry.least_squares.bins.windows import NO_AVERAGE, blurred
+from ftp_dent_ros.robust import median
 
 # Phase up to which green and blue are missing, a usual lens's blur with it, and up to which no
 # lens blurs them, radians.

@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.median import NORMAL_SPREAD, median
 from ftp_dent_ros.pattern.pattern import fringe_order
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.bins.windows import Windows
 from ftp_dent_ros.profilometry.least_squares.code.contrast_model import ContrastModel
+from ftp_dent_ros.robust import NORMAL_SPREAD, median
 
 # Between those blurs over which the change is taken, radians^2.
 _CHANGE = 0.2

@@ -15,13 +15,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.median import NORMAL_SPREAD, median
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.bins.intensity_bins import IN_LUMA, IN_MOSAIC
 from ftp_dent_ros.profilometry.least_squares.bins.windows import NO_AVERAGE, Windows, gaussian_of
 from ftp_dent_ros.profilometry.least_squares.fit.surface_fit import FittedSurface
+from ftp_dent_ros.robust import NORMAL_SPREAD, median
 
 # Pairs of rows of bins that the colours are compared in, about, and windows along u: in twice the
 # usual ones no mean level is left.

@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.median import median
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.bins.limits import at_least
+from ftp_dent_ros.robust import median
 
 # Of the surface's own: what is darker is taken to be no darker, and its noise not for light.
 _DARKEST = 0.02

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.median import NORMAL_SPREAD, median
+from ftp_dent_ros.robust import NORMAL_SPREAD, median
 
 # Of the reweighting, by Tukey's biweight of 95 % efficiency for normal errors.
 _ROUNDS = 6

@@ -14,7 +14,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.median import median
 from ftp_dent_ros.profilometry.least_squares.bins.extrapolation import Extrapolation
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.bins.intensity_bins import IntensityBins
@@ -48,6 +47,7 @@ from ftp_dent_ros.profilometry.least_squares.noise.noise_gain import (
 )
 from ftp_dent_ros.profilometry.least_squares.noise.other_light import OtherLight
 from ftp_dent_ros.profilometry.least_squares.noise.response import Response, over_rows
+from ftp_dent_ros.robust import median
 
 # Fringes along u, and bins along v, by which the first mask's rim is uncertain.
 _RIM_U, _RIM_V = 0.6, 1

@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.median import median
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.bins.windows import Windows
 from ftp_dent_ros.profilometry.least_squares.fit.first_fit import Fringes
+from ftp_dent_ros.robust import median
 
 # Grey levels: an amplitude that gives a phase worth having.
 _LEAST_MODULATION = 2.5

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.errors import NoStripeError
-from ftp_dent_ros.median import median
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.profilometry.least_squares.bins.exposure import check_fringes
 from ftp_dent_ros.profilometry.least_squares.bins.extrapolation import Extrapolation
@@ -26,6 +25,7 @@ from ftp_dent_ros.profilometry.least_squares.fit.refined import Refined
 from ftp_dent_ros.profilometry.least_squares.fit.refinement import Refinement
 from ftp_dent_ros.profilometry.least_squares.fit.regions import apart, eroded, rim_strips
 from ftp_dent_ros.profilometry.least_squares.phase_geometry import PhaseGeometry
+from ftp_dent_ros.robust import median
 
 # The nodes of a region that are not its surface's, by the seams in it, its fit and its phase.
 Others = Callable[

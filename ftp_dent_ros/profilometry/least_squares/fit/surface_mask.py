@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.median import NORMAL_SPREAD, median
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.bins.limits import at_least
 from ftp_dent_ros.profilometry.least_squares.bins.windows import Windows
+from ftp_dent_ros.robust import NORMAL_SPREAD, median
 
 # Misfit of a bin, in fringe amplitudes and in those of all, beyond which it tells of something
 # else than fringes; at the rim, where it may lie half beside the surface, less is allowed.

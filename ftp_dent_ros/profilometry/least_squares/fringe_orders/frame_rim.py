@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.median import median
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
+from ftp_dent_ros.robust import median
 
 # Row of nodes that is looked at.
 _EVERY = 2

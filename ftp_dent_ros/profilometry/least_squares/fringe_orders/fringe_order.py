@@ -9,13 +9,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.median import median
 from ftp_dent_ros.profilometry.least_squares.bins.extrapolation import Extrapolation
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.bins.windows import Windows
 from ftp_dent_ros.profilometry.least_squares.fit.regions import SMALLEST, separated
 from ftp_dent_ros.profilometry.least_squares.fringe_orders.frame_rim import FrameRim
 from ftp_dent_ros.profilometry.unwrapping import wrap
+from ftp_dent_ros.robust import median
 
 # Phase across an edge that is still the same surface, radians.
 _TIED = 0.25

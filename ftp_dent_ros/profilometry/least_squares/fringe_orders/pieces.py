@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.median import median
 from ftp_dent_ros.profilometry.least_squares.fit.regions import SMALLEST
+from ftp_dent_ros.robust import median
 
 # Phase from one row of nodes to the next, less the usual, that no surface has: quarter a fringe.
 _JUMP = np.pi / 2

@@ -14,10 +14,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.median import median
 from ftp_dent_ros.profilometry.least_squares.bins.limits import at_least
 from ftp_dent_ros.profilometry.least_squares.bins.windows import Windows, coarsened
 from ftp_dent_ros.profilometry.least_squares.noise.bands import SCALES
+from ftp_dent_ros.robust import median
 
 # Width of the neighbourhood that is judged over, windows, and the weight of the whole.
 _NEIGHBOURHOOD, _GLOBAL = 11.2, 0.1

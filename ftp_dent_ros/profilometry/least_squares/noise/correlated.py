@@ -11,10 +11,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.median import MEDIAN_OF_SQUARE, median
 from ftp_dent_ros.profilometry.least_squares.bins.windows import Windows
 from ftp_dent_ros.profilometry.least_squares.noise.bands import ALONG
 from ftp_dent_ros.profilometry.least_squares.noise.noise_gain import NoiseGain
+from ftp_dent_ros.robust import MEDIAN_OF_SQUARE, median
 
 
 def along_fringes(

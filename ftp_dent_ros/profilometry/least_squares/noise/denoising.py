@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.median import median
 from ftp_dent_ros.profilometry.least_squares.bins.limits import at_least
 from ftp_dent_ros.profilometry.least_squares.bins.windows import Windows, coarsened, interpolated
 from ftp_dent_ros.profilometry.least_squares.noise.albedo import (
@@ -29,6 +28,7 @@ from ftp_dent_ros.profilometry.least_squares.noise.correlated import (
 )
 from ftp_dent_ros.profilometry.least_squares.noise.noise_gain import OF_CONTRAST, NoiseGain
 from ftp_dent_ros.profilometry.least_squares.noise.response import Response
+from ftp_dent_ros.robust import median
 
 # Energy is a mean over so many times the width of a band's coarser edge.
 _NEIGHBOURHOOD = 0.75

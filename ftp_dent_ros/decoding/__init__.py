@@ -1,1 +1,0 @@
-"""Messages to arrays: those of rclpy and those that a bag gives, without rclpy."""

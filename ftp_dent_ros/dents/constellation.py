@@ -1,0 +1,270 @@
+"""Which of the dents that are known a frame shows again, by where they lie to each other.
+
+Within a frame, places are known to a fraction of a millimetre to each other; the pose that puts
+them into the map only to centimetres. So a frame is moved as a whole, to where most of its dents
+lie on known ones, and how likely that is by chance decides whether they are the same.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+from scipy.special import logsumexp
+
+from ftp_dent_ros.dents.dent import MeasuredDent
+from ftp_dent_ros.dents.sightings import agreement, coincidence
+from ftp_dent_ros.pose import IDENTITY, Pose
+from ftp_dent_ros.rigid import about, fit_move, move_about
+
+# Standard deviation of a dent's centre within its frame: metres, and part of its width.
+_PLACE, _OF_WIDTH = 4e-4, 0.015
+# Standard deviations that a pose may be off, and a place within a frame.
+_GATE, _NEAR = 3.75, 4.0
+# Moves that are tried, at most.
+_TRIED = 400
+# Natural logarithm of the odds from which on a match is believed: against none, and against all
+# others that put every dent elsewhere (20 to 1).
+_BELIEVED, _SURE = 0.0, 3.0
+# Square metres that a frame's dents are counted on, at least.
+_LEAST_AREA = 0.05
+
+Field = NDArray[np.float64]
+
+# Part of a pose's error that the frame before had too: estimators drift, they do not jump.
+_SHARED = 0.8
+
+
+@dataclass(frozen=True, eq=False)
+class Match:
+    """A frame found among known dents.
+
+    Attributes
+    ----------
+    move : Pose
+        From where the frame's pose has its dents to where they lie.
+    pairs : tuple of (int, int)
+        Index in the frame, and among the known.
+    odds : float
+        Natural logarithm, for this move against none.
+    """
+
+    move: Pose
+    pairs: tuple[tuple[int, int], ...]
+    odds: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Plane:
+    """The skin's tangent plane at a frame: moves are looked for along it."""
+
+    origin: Field
+    axes: Field
+
+    def flat(self, places: Field) -> Field:
+        """Coordinates along the plane and out of it, shape (n, 3)."""
+        return (places - self.origin) @ self.axes.T
+
+
+def find_match(
+    seen: Sequence[MeasuredDent],
+    known: Sequence[MeasuredDent],
+    pivot: Field,
+    covariance: Field,
+) -> Match | None:
+    """The move that puts a frame's dents onto known ones, likelier than chance and than others.
+
+    Parameters
+    ----------
+    seen, known : sequence of MeasuredDent
+        In one frame of reference.
+    pivot : ndarray, shape (3,)
+        Place of the frame's pose, about which its error turns.
+    covariance : ndarray, shape (6, 6)
+        Of the error, as in geometry_msgs/PoseWithCovariance.
+    """
+    if not len(seen) or not len(known):
+        return None
+    places = np.stack([dent.position for dent in seen])
+    normal = np.mean([dent.normal for dent in seen], axis=0)
+    plane = _tangent(places.mean(axis=0), normal)
+    there = np.stack([dent.position for dent in known])
+    turned = about(places.mean(axis=0) - pivot)
+    spread = plane.axes @ (turned @ covariance @ turned.T) @ plane.axes.T
+    shift, turn = spread[:2, :2] + 1e-12 * np.eye(2), float(normal @ covariance[3:, 3:] @ normal)
+    turn = math.sqrt(turn / (normal @ normal)) + 1e-6
+    a, b = plane.flat(places), plane.flat(there)
+    # Twice the logarithm of how much less likely the sizes are of one dent than of two.
+    agree = agreement(seen, known) - 2 * coincidence(seen, known)
+    # Sightings of what the frame cuts have their centre anywhere.
+    whole = np.array([not d.is_cut for d in seen])[:, None] & [not d.is_cut for d in known]
+    offset = b[None, :, :2] - a[:, None, :2]
+    far = np.einsum('ijk,kl,ijl->ij', offset, np.linalg.inv(shift), offset)
+    reach = np.linalg.norm(a[:, :2], axis=1)[:, None] * _GATE * turn
+    slack = (reach / math.sqrt(np.linalg.eigvalsh(shift)[0])) if len(a) > 1 else 0.0
+    possible = np.isfinite(agree) & (np.sqrt(far) < _GATE + slack)
+    # What stands out and what is pushed in lie at about one height.
+    possible &= np.abs(b[None, :, 2] - a[:, None, 2]) < _GATE * math.sqrt(spread[2, 2]) + 0.01
+    sizes = np.array([d.width.value for d in seen]), np.array([d.width.value for d in known])
+    place = np.hypot(_PLACE, _OF_WIDTH * np.nan_to_num(np.minimum(sizes[0][:, None], sizes[1])))
+    rows, columns = np.nonzero(possible & whole)
+    judged: list[Match] = []
+    tried: set[tuple[tuple[int, int], ...]] = set()
+    for angle, move in _moves(a, b, rows, columns, place, turn):
+        found = _judged(a, b, agree, possible, place, angle, move, shift, turn, tried)
+        if found is not None:
+            judged.append(Match(IDENTITY, found[1], found[0]))
+    best = max(judged, key=lambda each: each.odds, default=None)
+    if best is None or best.odds <= _BELIEVED:
+        return None
+    rivals = [each.odds for each in judged if not set(each.pairs) & set(best.pairs)]
+    if rivals and best.odds - logsumexp(rivals) < _SURE:
+        return None
+    i, j = np.array(best.pairs).T
+    return replace(best, move=fit_move(places[i], there[j], place[i, j], pivot, covariance))
+
+
+def _moves(a, b, rows, columns, place, turn):
+    """Turns and shifts that bring one or two dents onto known ones, the safest first."""
+    pairs = []
+    count = len(rows)
+    if count > 1:
+        first, second = np.triu_indices(count, 1)
+        i, j, k, m = rows[first], columns[first], rows[second], columns[second]
+        ours, theirs = a[k, :2] - a[i, :2], b[m, :2] - b[j, :2]
+        length, other = np.linalg.norm(ours, axis=1), np.linalg.norm(theirs, axis=1)
+        tolerance = _NEAR * np.hypot(place[i, j], place[k, m])
+        good = (i != k) & (j != m) & (np.abs(length - other) < tolerance)
+        cross = ours[:, 0] * theirs[:, 1] - ours[:, 1] * theirs[:, 0]
+        angle = np.arctan2(cross, (ours * theirs).sum(axis=1))
+        good &= np.abs(angle) < _GATE * turn + tolerance / np.maximum(length, 1e-3)
+        at = np.flatnonzero(good)
+        at = at[np.argsort(-length[at], kind='stable')][:_TRIED]
+        for index in at:
+            middle = (a[i[index], :2] + a[k[index], :2]) / 2
+            there = (b[j[index], :2] + b[m[index], :2]) / 2
+            pairs.append((float(angle[index]), there - _turned(middle, angle[index])))
+    for i, j in zip(rows[:_TRIED], columns[:_TRIED], strict=True):
+        pairs.append((0.0, b[j, :2] - a[i, :2]))
+    return pairs
+
+
+def _judged(a, b, agree, possible, place, angle, move, shift, turn, tried):
+    """Odds and pairs of a move, fitted to all that it brings together; none that is `tried`."""
+    for attempt in range(2):
+        off = b[None, :, :2] - (_turned(a[:, :2], angle) + move)[:, None]
+        square = (off**2).sum(axis=-1) / place**2
+        cost = np.where(possible & (square < 2 * _NEAR**2), square + agree, 1e6)
+        i, j = linear_sum_assignment(cost)
+        held = cost[i, j] < 1e6
+        i, j = i[held], j[held]
+        if not len(i):
+            return None
+        pairs = tuple(zip(i.tolist(), j.tolist(), strict=True))
+        if not attempt:
+            # All that follows depends on the pairs alone.
+            if pairs in tried:
+                return None
+            tried.add(pairs)
+        weight = place[i, j] ** -2.0
+        angle, move = _fitted(a[i, :2], b[j, :2], weight, shift, turn)
+    off = b[j, :2] - (_turned(a[i, :2], angle) + move)
+    density = len(a) / max(_area(a), _LEAST_AREA)
+    odds = -float((weight * (off**2).sum(axis=1) + agree[i, j]).sum()) / 2
+    odds -= float(np.log(2 * math.pi * density / weight).sum())
+    # What the pose says of the move, and what the fit takes of the places' freedom.
+    odds -= float(move @ np.linalg.solve(shift, move)) / 2 + (angle / turn) ** 2 / 2
+    odds -= 0.5 * math.log(np.linalg.det(np.eye(2) + shift * weight.sum()))
+    lever = float((weight * (a[i, :2] ** 2).sum(axis=1)).sum())
+    odds -= 0.5 * math.log(1 + turn**2 * lever)
+    return odds, pairs
+
+
+def _fitted(ours, theirs, weight, shift, turn):
+    """Small turn and shift by least squares, with the pose's as a prior."""
+    x, y = ours.T
+    along_x, along_y = (theirs - ours).T
+    normal = np.zeros((3, 3))
+    normal[0, 0] = turn**-2 + weight @ (x * x + y * y)
+    normal[1:, 1:] = np.linalg.inv(shift) + weight.sum() * np.eye(2)
+    normal[0, 1:] = normal[1:, 0] = -(weight @ y), weight @ x
+    right = np.array([weight @ (x * along_y - y * along_x), weight @ along_x, weight @ along_y])
+    solution = np.linalg.solve(normal, right)
+    return float(solution[0]), solution[1:]
+
+
+def _tangent(origin: Field, normal: Field) -> _Plane:
+    normal = normal / np.linalg.norm(normal)
+    along = np.eye(3)[int(np.argmin(np.abs(normal)))]
+    along = along - normal * (along @ normal)
+    along /= np.linalg.norm(along)
+    return _Plane(origin, np.stack([along, np.cross(normal, along), normal]))
+
+
+def _turned(places: Field, angle: float) -> Field:
+    c, s = math.cos(angle), math.sin(angle)
+    return places @ np.array([[c, s], [-s, c]])
+
+
+def _area(places: Field) -> float:
+    """Of the box around them and half a spacing beyond, square metres."""
+    sides = np.ptp(places[:, :2], axis=0)
+    spacing = math.sqrt(max(sides[0] * sides[1], 1e-4) / len(places))
+    return float((sides[0] + spacing) * (sides[1] + spacing))
+
+
+def expected_move(error: NDArray[np.float64] | None, pivot: NDArray[np.float64]) -> Pose | None:
+    """Where a frame lies if its pose errs as the one before did; None where there is none before.
+
+    Parameters
+    ----------
+    error : ndarray, shape (6,), optional
+        Of the pose before: shift, metres, and turn, radians.
+    pivot : ndarray, shape (3,)
+        What the frame turns about, metres.
+    """
+    if error is None:
+        return None
+    return move_about(_SHARED * error, pivot) if error.any() else IDENTITY
+
+
+def groups_shown(
+    dents: Sequence[MeasuredDent],
+    known: Mapping[int, Sequence[MeasuredDent]],
+    pivot: NDArray[np.float64],
+    doubt: NDArray[np.float64],
+    expected: Pose | None,
+) -> list[tuple[int, Pose]]:
+    """Groups that a frame shows, and the move onto each, the surest first.
+
+    Parameters
+    ----------
+    dents : sequence of MeasuredDent
+        Of the frame, where its pose puts them.
+    known : mapping of int to sequence of MeasuredDent
+        The dents of each group.
+    pivot : ndarray, shape (3,)
+        What the frame turns about, metres.
+    doubt : ndarray, shape (6, 6)
+        Covariance of the frame's pose, as `DentList.add` takes it.
+    expected : Pose, optional
+        As of `expected_move`.
+    """
+    found = []
+    # This pose errs nearly as the one before; or both err, each by itself.
+    ways = [(expected, (1 - _SHARED**2) * doubt)] if expected is not None else []
+    ways.append((IDENTITY, 2 * doubt))
+    for group in sorted(known):
+        for start, spread in ways:
+            moved = dents if start is IDENTITY else [dent.transformed(start) for dent in dents]
+            match = find_match(moved, known[group], pivot, spread)
+            if match is not None:
+                found.append((match.odds, group, match.move @ start))
+    best = {group: max(o for o, g, _ in found if g == group) for _, group, _ in found}
+    found = [each for each in found if each[0] == best[each[1]]]
+    found.sort(key=lambda each: -each[0])
+    return [(group, move) for _, group, move in found]

@@ -1,0 +1,294 @@
+"""What is known of a dent and of all that one cloud shows."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
+
+from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.pose import Pose
+
+# Metres: below, nothing is resolved by any camera; beyond, it is no dent or fills the view.
+RANGES = {'smallest_depth': (1e-6, 0.1), 'smallest_width': (1e-4, 1.0)}
+
+# A new one goes to the end: messages hold their indices.
+KINDS = ('dent', 'bump', 'step', 'crease', 'gouge', 'other')
+#: Standard uncertainties to either side that hold 95 % of a normal distribution.
+COVERAGE = 1.96
+
+Vector = NDArray[np.float64]
+Points = NDArray[np.float64]
+
+# Decimals of outlines and profiles, metres: they are for drawing.
+_DRAWN = 7
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The smallest dent that is looked for.
+
+    Attributes
+    ----------
+    smallest_depth : float
+        Shallower ones are not reported, however significant, metres; of those that the rim cuts,
+        four times that, and eight times of those that lie along it.
+    smallest_width : float
+        Of the 10 % contour: narrower ones are rivets, scratches and gaps; metres.
+
+    Raises
+    ------
+    ConfigurationError
+        A value is no number, or outside `RANGES`.
+    """
+
+    smallest_depth: float = 1e-4
+    smallest_width: float = 0.01
+
+    def __post_init__(self) -> None:
+        for name, (least, most) in RANGES.items():
+            value = getattr(self, name)
+            number = isinstance(value, (int, float)) and not isinstance(value, bool)
+            if not number or not least <= value <= most:
+                raise ConfigurationError(
+                    f'{name} is {value!r}: give metres, {least:g} to {most:g}'
+                )
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A measured value: one whose uncertainty is not known is not measured either.
+
+    Attributes
+    ----------
+    value : float
+        In SI units; NaN where it could not be measured.
+    uncertainty : float
+        Standard uncertainty, in the same unit; NaN where there is no value.
+    """
+
+    value: float
+    uncertainty: float
+
+    def __post_init__(self) -> None:
+        if math.isnan(self.value) or not 0 <= self.uncertainty < math.inf:
+            object.__setattr__(self, 'value', math.nan)
+            object.__setattr__(self, 'uncertainty', math.nan)
+
+    @property
+    def is_measured(self) -> bool:
+        """Whether there is a value, with its uncertainty."""
+        return not math.isnan(self.value)
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredDent:
+    """A place where the skin departs from its undeformed contour, in the frame of its cloud.
+
+    Attributes
+    ----------
+    kind : str
+        One of `KINDS`; `ftp_dent_ros.inspection.measuring.places.kinds` states the rules.
+    position : ndarray, shape (3,)
+        Centre of the 10 % outline, on the undeformed contour, metres.
+    normal : ndarray, shape (3,)
+        Unit normal of the contour there, outward.
+    axis : ndarray, shape (3,)
+        Unit vector along the length.
+    depth : Estimate
+        Along the normal at its largest, metres; positive inward.
+    length, width : Estimate
+        Longest distance on the contour at 10 % of the depth, and the longest at 90 degrees to it,
+        metres.
+    model_length, model_width : Estimate
+        Full axes of the fitted dent function (eq. 18), metres.
+    orientation : Estimate
+        Angle of the length axis from the frame's x axis about the normal, -pi/2 to pi/2, radians.
+    area, volume : Estimate
+        Within the 10 % outline, square and cubic metres.
+    bottom_radius : float
+        Smallest radius of curvature at the deepest place, as far as it is resolved, metres.
+    significance : float
+        Depth over the noise that the detection held it against.
+    is_cut : bool
+        Whether the rim of the measured area, or a hole, cuts it: its sizes are lower bounds, or
+        carried on over the hole.
+    outline : ndarray, shape (n, 3)
+        The 10 % contour, closed, on the measured skin, metres.
+    length_profile, width_profile : ndarray, shape (n, 2)
+        Distance from the centre along each axis, and depth below the contour; metres.
+    reason : str
+        Where the kind, or its being one dent, is in doubt: why. Of a step: if it is all round a
+        plate, whose length, width and area are then told.
+    clearance : float
+        From this outline to the next dent's, metres; infinite if there is none.
+    """
+
+    kind: str
+    position: Vector
+    normal: Vector
+    axis: Vector
+    depth: Estimate
+    length: Estimate
+    width: Estimate
+    model_length: Estimate
+    model_width: Estimate
+    orientation: Estimate
+    area: Estimate
+    volume: Estimate
+    bottom_radius: float
+    significance: float
+    is_cut: bool
+    outline: Points
+    length_profile: Points
+    width_profile: Points
+    reason: str = ''
+    clearance: float = float('inf')
+
+    @property
+    def width_to_depth(self) -> float:
+        """Width over depth, as repair manuals limit it."""
+        return self.width.value / self.depth.value
+
+    def transformed(self, pose: Pose) -> MeasuredDent:
+        """The same dent in the parent frame of `pose`, the orientation from its x axis."""
+        normal, axis = pose.rotation.apply(self.normal), pose.rotation.apply(self.axis)
+        return replace(
+            self,
+            position=pose.apply(self.position),
+            normal=normal,
+            axis=axis,
+            orientation=replace(self.orientation, value=orientation_of(normal, axis)),
+            outline=pose.apply(self.outline),
+        )
+
+
+def orientation_of(normal: Vector, axis: Vector) -> float:
+    """Angle about the normal from the frame's x axis, as it lies on the skin, to the axis."""
+    x = np.array([1.0, 0, 0]) - normal * normal[0]
+    if np.linalg.norm(x) < 1e-6:
+        x = np.array([0, 1.0, 0])
+    angle = math.atan2(float(np.linalg.det([x, axis, normal])), float(x @ axis))
+    return (angle + math.pi / 2) % math.pi - math.pi / 2
+
+
+@dataclass(frozen=True, eq=False)
+class Waviness:
+    """What is told of a panel's waviness.
+
+    Attributes
+    ----------
+    amplitude : float
+        Of the sine with the same root mean square, metres.
+    wavelength : float
+        That carries the most, metres.
+    area : float
+        Of the panel, square metres.
+    """
+
+    amplitude: float
+    wavelength: float
+    area: float
+
+
+@dataclass(frozen=True, eq=False)
+class Inspection:
+    """What was found in one cloud.
+
+    Attributes
+    ----------
+    dents : tuple of MeasuredDent
+        Of kind ``'dent'``, the deepest first.
+    others : tuple of MeasuredDent
+        Creases, gouges, bumps, steps, and what is none of these.
+    waviness : tuple of Waviness
+        Of the panels that are wavy; what is told of dents is beside it.
+    deviation : ndarray, shape (rows, columns)
+        Depth of each point of the cloud below the undeformed contour, metres, inward positive;
+        NaN where nothing is measured.
+    noise : ndarray, shape (rows, columns)
+        Its standard deviation, metres.
+    findable : ndarray, shape (rows, columns)
+        Depth from which a dent of the smallest width would have been listed as a dent in 95 % of
+        cases there, metres, `kinds.STEEP` widths at most; but where the rim of what is measured
+        cuts it: then `kinds.AT_RIM` smallest depths at least.
+    """
+
+    dents: tuple[MeasuredDent, ...]
+    others: tuple[MeasuredDent, ...]
+    waviness: tuple[Waviness, ...]
+    deviation: NDArray[np.float32]
+    noise: NDArray[np.float32]
+    findable: NDArray[np.float32]
+
+
+def dent_to_plain(dent: MeasuredDent) -> dict[str, Any]:
+    """Every field; estimates as value and uncertainty."""
+    record: dict[str, Any] = {}
+    for field in fields(dent):
+        value = getattr(dent, field.name)
+        if isinstance(value, Estimate):
+            value = [value.value, value.uncertainty]
+        elif isinstance(value, np.ndarray):
+            value = (np.round(value, _DRAWN) if value.ndim == 2 else value).tolist()
+        elif isinstance(value, np.generic):
+            value = value.item()
+        record[field.name] = value
+    return record
+
+
+def dent_from_plain(record: dict[str, Any]) -> MeasuredDent:
+    """The dent again.
+
+    Raises
+    ------
+    KeyError, TypeError, ValueError
+        It is no such record.
+    """
+    values = dict(record)
+    for field in fields(MeasuredDent):
+        value = values[field.name]
+        if field.type == 'Estimate':
+            values[field.name] = Estimate(*value)
+        elif field.type in ('Vector', 'Points'):
+            shape = (-1, 2) if field.name.endswith('profile') else (-1, 3)
+            array = np.array(value, float)
+            values[field.name] = array if field.type == 'Vector' else array.reshape(shape)
+    return MeasuredDent(**values)
+
+
+def with_clearances(dents: Sequence[MeasuredDent]) -> tuple[MeasuredDent, ...]:
+    """The dents, each with its clearance to the nearest of kind ``'dent'``."""
+    outlines = [d.outline if len(d.outline) else d.position[None] for d in dents]
+    centres = np.array([outline.mean(axis=0) for outline in outlines]).reshape(-1, 3)
+    reach = np.array(
+        [
+            math.sqrt(np.square(outline - centre).sum(axis=1).max())
+            for outline, centre in zip(outlines, centres, strict=True)
+        ]
+    )
+    # No two outlines come closer than this.
+    bounds = cdist(centres, centres) - reach - reach[:, None]
+    limits = np.array([dent.kind == 'dent' for dent in dents], bool)
+    bounds[:, ~limits] = math.inf
+    np.fill_diagonal(bounds, math.inf)
+
+    @cache
+    def apart(one: int, other: int) -> float:
+        return math.sqrt(cdist(outlines[one], outlines[other], 'sqeuclidean').min())
+
+    result = []
+    for index, (dent, bound) in enumerate(zip(dents, bounds, strict=True)):
+        nearest = math.inf
+        for other in np.argsort(bound):
+            if bound[other] >= nearest:
+                break
+            nearest = min(nearest, apart(*sorted((index, int(other)))))
+        result.append(replace(dent, clearance=nearest))
+    return tuple(result)

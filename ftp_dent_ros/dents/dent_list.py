@@ -1,0 +1,486 @@
+"""The dents of several frames of one flight: a dent that is seen again is still one dent."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial.distance import cdist
+
+from ftp_dent_ros.dents.constellation import expected_move, groups_shown
+from ftp_dent_ros.dents.dent import MeasuredDent, with_clearances
+from ftp_dent_ros.dents.glass import Glass, Seen, Spot
+from ftp_dent_ros.dents.sightings import ListedDent, Sighting, agreement, listed
+from ftp_dent_ros.pose import IDENTITY, Pose
+from ftp_dent_ros.rigid import about
+
+# Standard uncertainty of a pose whose covariance is not known (all zeros, in ROS): metres,
+# radians.
+UNKNOWN_POSITION, UNKNOWN_ANGLE = 0.02, 0.01
+# Of a pose that nothing is uncertain about: a cloud in its own frame.
+EXACT = np.eye(6) * 1e-12
+# What no pose is better than: 1 mm, 0.5 mrad.
+_NEVER_BETTER = np.diag([1e-3**2] * 3 + [5e-4**2] * 3)
+
+# Chi of three axes that holds 99.7 %.
+GATE = 3.75
+# Off a known dent within a frame that is matched, metres, and as a part of the width.
+_PLACE, _OF_WIDTH = 2e-3, 0.06
+# Or farther, where its sizes agree, but no farther than this part of the way to the next dent:
+# frames that were put to each other over many others have drifted, metres.
+_FREE, _FARTHEST = 0.4, 20e-3
+# Farther from each other than this no pose puts one dent, and its length; metres.
+_ELSEWHERE = 1.0
+
+Indices = list[tuple[int, int]]
+
+# Of a dent's width: better than that a place must be known to lie in it, where poses alone tell.
+_KNOWN = 0.25
+
+
+@dataclass(frozen=True, eq=False)
+class _Placed:
+    """The middle of a frame's dents: where its pose has it, and where it was found to lie."""
+
+    group: int
+    stated: NDArray[np.float64]
+    found: NDArray[np.float64]
+
+
+class DentList:
+    """Dents over the frames of a flight, in one frame of reference (``map``).
+
+    A frame lies where its dents lie on those of a group, and the group where its frames' poses
+    have it in the mean. Frames that show no known dent begin another group, until one joins both.
+    What keeps its place in the picture while the camera moves is of a glass, and not in the list.
+
+    Parameters
+    ----------
+    first : int
+        Number of the first dent.
+    """
+
+    def __init__(self, first: int = 1) -> None:
+        self._entries: list[Entry] = []
+        self._frames: set[tuple[str, int]] = set()
+        self._numbers, self._groups = first - 1, 0
+        self._begun: dict[tuple[int, int], int] = {}
+        self._error: NDArray[np.float64] | None = None
+        self._placed: list[_Placed] = []
+        self._glass, self._of_glass = Glass(), frozenset[Seen]()
+        self._given: list[Given] = []
+        self._base = IDENTITY
+
+    @property
+    def entries(self) -> tuple[ListedDent, ...]:
+        """All that was found on the skin, with the clearances of this list."""
+        known = sorted(without_parts(self._entries), key=lambda entry: entry.listed.number)
+        shifts = {entry.group: self._shift(entry.group) for entry in known}
+        dents = with_clearances([_shifted(e.dent, shifts[e.group]) for e in known])
+        return tuple(
+            replace(each.listed, dent=dent, maybe=maybe)
+            for each, dent, maybe in zip(known, dents, doubles(dents, known), strict=True)
+        )
+
+    @property
+    def glass(self) -> tuple[Spot, ...]:
+        """Marks on a glass of the camera or the projector, which are not in the list."""
+        return self._glass.marks
+
+    def _shift(self, group: int) -> NDArray[np.float64]:
+        """From where a group lies to where its poses have it in the mean."""
+        off = [each.stated - each.found for each in self._placed if each.group == group]
+        return np.mean(off, axis=0) if off else np.zeros(3)
+
+    def copy(self) -> DentList:
+        """The same list, to go on from another time."""
+        other = DentList()
+        other.__dict__.update({name: copy(value) for name, value in self.__dict__.items()})
+        return other
+
+    def moved(self, move: Pose) -> DentList:
+        """The same list, moved as one."""
+        other = self.copy()
+        if move is IDENTITY:
+            return other
+        other._entries = [each.moved(move, each.group) for each in self._entries]
+        other._placed = [
+            _Placed(each.group, move.apply(each.stated), move.apply(each.found))
+            for each in self._placed
+        ]
+        other._glass, other._base = self._glass.moved(move), move @ self._base
+        if self._error is not None:
+            turned = move.rotation.apply(self._error.reshape(2, 3))
+            other._error = turned.ravel()
+        return other
+
+    def numbered_as(self, other: DentList) -> DentList:
+        """The same list, in which what begins a dent as in another list gets that one's number."""
+        same = self.copy()
+        same._numbers, same._begun = max(self._numbers, other._numbers), dict(other._begun)
+        return same
+
+    def add(
+        self,
+        frame: int,
+        dents: Sequence[MeasuredDent],
+        pose: Pose | None = None,
+        covariance: NDArray[np.float64] | None = None,
+        repeats: Sequence[tuple[MeasuredDent, ...]] = (),
+        stamp_ns: int | None = None,
+    ) -> bool:
+        """Add what one frame shows; False if it was added before.
+
+        Parameters
+        ----------
+        frame : int
+            Number of the frame.
+        dents : sequence of MeasuredDent
+            In the list's frame of reference, where the pose puts them.
+        pose : Pose, optional
+            In it at that frame, about whose origin `covariance` turns.
+        covariance : ndarray, shape (6, 6), optional
+            Of the pose, as in geometry_msgs/PoseWithCovariance (x, y, z, and rotations about
+            the fixed axes); none or all zeros is unknown, and then `UNKNOWN_POSITION` and
+            `UNKNOWN_ANGLE` are taken.
+        repeats : sequence of tuple of MeasuredDent, optional
+            For each dent its measurements on parts of the cloud.
+        stamp_ns : int, optional
+            Of the exposure: the same one is the same frame, whatever its number.
+        """
+        key = ('frame', frame) if stamp_ns is None else ('stamp', stamp_ns)
+        if key in self._frames:
+            return False
+        before = {name: copy(value) for name, value in self.__dict__.items()}
+        try:
+            self._add(frame, dents, pose, covariance, repeats or [()] * len(dents))
+        except BaseException:
+            # What cannot be added changes nothing.
+            self.__dict__.update(before)
+            raise
+        self._frames.add(key)
+        return True
+
+    def _add(
+        self,
+        frame: int,
+        dents: Sequence[MeasuredDent],
+        pose: Pose | None,
+        covariance: NDArray[np.float64] | None,
+        repeats: Sequence[tuple[MeasuredDent, ...]],
+    ) -> None:
+        if pose is not None:
+            stated = known_covariance(covariance)
+            self._glass = self._glass.with_frame(frame, dents, pose, stated)
+        given = Given(frame, dents, pose, covariance, repeats, self._base)
+        self._given.append(given)
+        before, self._of_glass = self._of_glass, self._glass.of_marks
+        if {each for each in self._of_glass if each[0] != frame} == before:
+            self._place(given)
+            return
+        # What is of a glass has had a say in where frames lie: once more without it.
+        self._entries, self._placed, self._groups, self._error = [], [], 0, None
+        for each in self._given:
+            self._place(each.moved(self._base))
+
+    def _place(self, given: Given) -> None:
+        """Put a frame in its place, and pair what it shows of the skin with what is known."""
+        frame, pose, covariance = given.frame, given.pose, given.covariance
+        kept = [i for i in range(len(given.dents)) if (frame, i) not in self._of_glass]
+        dents = [given.dents[index] for index in kept]
+        repeats = [given.repeats[index] for index in kept]
+        pivot = np.zeros(3) if pose is None else pose.translation
+        doubt = known_covariance(covariance)
+        expected = expected_move(self._error, pivot)
+        known: dict[int, list[MeasuredDent]] = {}
+        for entry in self._entries:
+            known.setdefault(entry.group, []).append(entry.dent)
+        matches = groups_shown(dents, known, pivot, doubt, expected)
+        move = matches[0][1] if matches else IDENTITY if expected is None else expected
+        self._error = error_of(move, pivot)
+        seen = [
+            Sighting(
+                frame,
+                dent if move is IDENTITY else dent.transformed(move),
+                position_covariance(dent.position, pose, covariance),
+                tuple(again),
+            )
+            for dent, again in zip(dents, repeats, strict=True)
+        ]
+        group = self._joined(matches)
+        if len(dents):
+            stated = np.mean([dent.position for dent in dents], axis=0)
+            self._placed.append(_Placed(group, stated, move.apply(stated)))
+        pairs = paired([item.dent for item in seen], seen, self._entries, group)
+        for index, at in pairs:
+            self._entries[at] = self._entries[at].with_sightings(seen[index])
+        for index in sorted(set(range(len(seen))) - {index for index, _ in pairs}):
+            self._entries.append(
+                Entry(group, listed(self._number(frame, kept[index]), (seen[index],)))
+            )
+
+    def _number(self, frame: int, index: int) -> int:
+        """Number of the dent that a frame's dent begins."""
+        if (frame, index) not in self._begun:
+            self._numbers += 1
+            self._begun[frame, index] = self._numbers
+        return self._begun[frame, index]
+
+    def _joined(self, matches: list[tuple[int, Pose]]) -> int:
+        """The group that a frame belongs to, after it has made one of all those that it shows."""
+        if not matches:
+            self._groups += 1
+            return self._groups
+        (group, move), *others = matches
+        for other, there in others:
+            # From where the frame lies in the other group to where it does in this one.
+            onto = move @ there.inverse()
+            moved = [e.moved(onto, group) for e in self._entries if e.group == other]
+            self._entries = [e for e in self._entries if e.group != other]
+            self._placed = [
+                _Placed(group, each.stated, onto.apply(each.found))
+                if each.group == other
+                else each
+                for each in self._placed
+            ]
+            sightings = [each.listed.sightings[0] for each in moved]
+            pairs = dict(paired([e.dent for e in moved], sightings, self._entries, group))
+            for index, each in enumerate(moved):
+                at = pairs.get(index)
+                if at is None:
+                    self._entries.append(each)
+                else:
+                    together = self._entries[at].with_sightings(*each.listed.sightings)
+                    self._entries[at] = together
+        return group
+
+
+def _shifted(dent: MeasuredDent, shift: NDArray[np.float64]) -> MeasuredDent:
+    return replace(dent, position=dent.position + shift, outline=dent.outline + shift)
+
+
+def position_covariance(
+    position: NDArray[np.float64],
+    pose: Pose | None = None,
+    covariance: NDArray[np.float64] | None = None,
+) -> NDArray[np.float64]:
+    """Covariance of a point that a pose places, shape (3, 3), square metres."""
+    if covariance is None or not np.any(covariance):
+        return np.eye(3) * UNKNOWN_POSITION**2
+    jacobian = about(position - (0.0 if pose is None else pose.translation))
+    return jacobian @ np.asarray(covariance, float).reshape(6, 6) @ jacobian.T
+
+
+def known_covariance(covariance: NDArray[np.float64] | None) -> NDArray[np.float64]:
+    """The covariance of a pose's error, shape (6, 6), also where it was not told."""
+    if covariance is None or not np.any(covariance):
+        return np.diag([UNKNOWN_POSITION**2] * 3 + [UNKNOWN_ANGLE**2] * 3)
+    return np.asarray(covariance, float).reshape(6, 6) + _NEVER_BETTER
+
+
+def error_of(move: Pose, pivot: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Shift of the pivot, and turn about it, of a move: shape (6,)."""
+    return np.concatenate([move.apply(pivot) - pivot, move.rotation.as_rotvec()])
+
+
+@dataclass(frozen=True, eq=False)
+class Given:
+    """What was added of a frame.
+
+    Attributes
+    ----------
+    frame : int
+        Its number.
+    dents : sequence of MeasuredDent
+    pose : Pose, optional
+    covariance : ndarray, shape (6, 6), optional
+    repeats : sequence of tuple of MeasuredDent
+        For each dent its measurements on parts of the cloud.
+    base : Pose
+        How the list had been moved by then.
+    """
+
+    frame: int
+    dents: Sequence[MeasuredDent]
+    pose: Pose | None
+    covariance: NDArray[np.float64] | None
+    repeats: Sequence[tuple[MeasuredDent, ...]]
+    base: Pose
+
+    def moved(self, base: Pose) -> Given:
+        """The same where the list is now."""
+        if base is self.base:
+            return self
+        move = base @ self.base.inverse()
+        return replace(
+            self,
+            dents=[each.transformed(move) for each in self.dents],
+            pose=None if self.pose is None else move @ self.pose,
+            repeats=[tuple(one.transformed(move) for one in each) for each in self.repeats],
+            base=base,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """One dent, and the group of dents among which its place is known exactly."""
+
+    group: int
+    listed: ListedDent
+
+    @property
+    def dent(self) -> MeasuredDent:
+        """The dent as it is listed, from all its sightings."""
+        return self.listed.dent
+
+    def with_sightings(self, *more: Sighting) -> Entry:
+        """The same dent, seen more often."""
+        sightings = sorted((*self.listed.sightings, *more), key=lambda item: item.frame)
+        return replace(self, listed=listed(self.listed.number, tuple(sightings)))
+
+    def moved(self, move: Pose, group: int) -> Entry:
+        """The same dent in its place in another group."""
+        sightings = tuple(
+            replace(item, dent=item.dent.transformed(move)) for item in self.listed.sightings
+        )
+        return Entry(group, listed(self.listed.number, sightings))
+
+
+def paired(
+    dents: Sequence[MeasuredDent],
+    sightings: Sequence[Sighting],
+    entries: Sequence[Entry],
+    group: int,
+) -> Indices:
+    """Which dents, in their places, are which entries: one of the other at most."""
+    cost = np.full((len(dents), len(entries)), np.inf)
+    if not cost.size:
+        return []
+    known = [entry.dent for entry in entries]
+    free = _free(dents)[:, None], _free(known)
+    reach = np.minimum(_FARTHEST, _FREE * np.minimum(*free))
+    reach = np.where(np.isfinite(agreement(dents, known)), reach, 0.0)
+    thinkable = _thinkable(dents, known)
+    for row, (dent, sighting) in enumerate(zip(dents, sightings, strict=True)):
+        for column in np.flatnonzero(thinkable[row]).tolist():
+            entry = entries[column]
+            near = reach[row, column] if entry.group == group else None
+            cost[row, column] = _misfit(dent, sighting, entry, near)
+    rows, columns = linear_sum_assignment(np.minimum(cost, 1.0))
+    return [(int(i), int(j)) for i, j in zip(rows, columns, strict=True) if cost[i, j] < 1.0]
+
+
+def _free(dents: Sequence[MeasuredDent]) -> NDArray[np.float64]:
+    """Distance of each dent's centre to the next one's, metres."""
+    places = np.stack([dent.position for dent in dents])
+    apart = cdist(places, places)
+    np.fill_diagonal(apart, np.inf)
+    return apart.min(axis=1)
+
+
+def _thinkable(dents: Sequence[MeasuredDent], known: Sequence[MeasuredDent]) -> NDArray[np.bool_]:
+    """Mask of the pairs that are no farther apart than any pose errs and any dent is long."""
+    places, there = (np.stack([dent.position for dent in each]) for each in (dents, known))
+    sizes, others = (
+        np.nan_to_num([dent.length.value for dent in each]) for each in (dents, known)
+    )
+    return cdist(places, there) < _ELSEWHERE + np.maximum(sizes[:, None], others)
+
+
+def _misfit(dent: MeasuredDent, sighting: Sighting, entry: Entry, reach: float | None) -> float:
+    """How far a dent lies from an entry; 1 at the gate.
+
+    `reach` is how far it may lie within a group, metres, and None where it is in another.
+    """
+    other = entry.dent
+    if dent.depth.value * other.depth.value < 0 or (dent.kind == 'step') != (other.kind == 'step'):
+        return np.inf
+    sizes = [d.length.value for d in (dent, other) if np.isfinite(d.length.value)] or [0.0]
+    partly = dent.is_cut or other.is_cut
+    # Of a cut dent only a part is seen, with its centre anywhere in the dent.
+    own = max(sizes) / 2 if partly else 0.0
+    apart = dent.position - other.position
+    if reach is not None:
+        # Along the skin: the pose's error across it is not matched.
+        apart = apart - dent.normal * (apart @ dent.normal)
+        width = np.nan_to_num(min(dent.width.value, other.width.value))
+        gate = max(float(np.hypot(_PLACE, _OF_WIDTH * width)), reach)
+        return float(np.linalg.norm(apart)) / (gate + own)
+    if not partly:
+        return np.inf
+    spread = entry.listed.position_covariance + sighting.position_covariance
+    spread = spread + np.eye(3) * (own / GATE) ** 2
+    return float(np.sqrt(apart @ np.linalg.solve(spread, apart)) / GATE)
+
+
+def without_parts(entries: Sequence[Entry]) -> list[Entry]:
+    """Entries but for those that lie in a dent which more clouds show whole than show them.
+
+    A cloud at the rim of which a dent lies may take it for two that overlap. Each cloud's dents
+    are other dents in the list, so that the second of them would be one too.
+    """
+    return [
+        each
+        for each in entries
+        if not (each.dent.is_cut and any(_is_part(each, other) for other in entries))
+    ]
+
+
+def _is_part(each: Entry, other: Entry) -> bool:
+    """Whether an entry that no cloud shows whole lies in another one."""
+    dent = other.dent
+    whole = sum(not sighting.dent.is_cut for sighting in other.listed.sightings)
+    if (
+        not (other.group == each.group or _is_known(each, other))
+        or whole <= len(each.listed.sightings)
+        or each.dent.kind == 'step'
+        or dent.depth.value * each.dent.depth.value < 0
+    ):
+        return False
+    away = each.dent.position - dent.position
+    along, across = away @ dent.axis, away @ np.cross(dent.normal, dent.axis)
+    # A step has no width, and nothing lies in it.
+    return bool(np.hypot(2 * along / dent.length.value, 2 * across / dent.width.value) < 1)
+
+
+def _is_known(each: Entry, other: Entry) -> bool:
+    """Whether poses tell where one entry lies to the other, as those of a survey do."""
+    spread = each.listed.position_covariance + other.listed.position_covariance
+    return bool(np.sqrt(np.linalg.eigvalsh(spread)[-1]) < _KNOWN * other.dent.width.value)
+
+
+def doubles(dents: Sequence[MeasuredDent], entries: Sequence[Entry]) -> list[tuple[int, ...]]:
+    """Numbers of those that each entry may be, though neither dents nor poses are sure of it.
+
+    Within a part of a flight dents tell each other apart, and what fits is one entry already.
+    Between parts places are as uncertain as the poses: where sizes agree, and places too within
+    that, there may be one dent for two numbers.
+
+    Parameters
+    ----------
+    dents : sequence of MeasuredDent
+        Of the entries, where the list has them.
+    entries : sequence of Entry
+    """
+    groups = np.array([entry.group for entry in entries])
+    if len(set(groups.tolist())) < 2:
+        return [()] * len(entries)
+    places = np.stack([dent.position for dent in dents])
+    spreads = np.stack([entry.listed.position_covariance for entry in entries])
+    # What is cut has its centre anywhere in it.
+    halves = np.array([np.nan_to_num(dent.length.value) / 2 * dent.is_cut for dent in dents])
+    possible = (groups[:, None] != groups) & np.isfinite(agreement(dents, dents))
+    result = []
+    for index in range(len(entries)):
+        others = np.flatnonzero(possible[index])
+        apart = places[others] - places[index]
+        cut = np.hypot(halves[others], halves[index]) / GATE
+        spread = spreads[others] + spreads[index] + cut[:, None, None] ** 2 * np.eye(3)
+        far = np.einsum('ni,ni->n', apart, np.linalg.solve(spread, apart[..., None])[..., 0])
+        near = others[far < GATE**2]
+        result.append(tuple(sorted(entries[other].listed.number for other in near)))
+    return result

@@ -1,0 +1,215 @@
+"""What keeps its place in the picture while the skin moves is of a glass, not of the skin.
+
+A drop or dirt on the camera's or the projector's glass bends or hides the fringes behind it, and
+one photograph cannot tell that from a dent. In a flight a dent moves through the picture; a mark
+on a glass stays. How often by chance alone dents of the skin come to the same place in the picture
+follows from how many there are. Only what was seen with the camera elsewhere, beyond what the
+poses' errors explain, counts: a drone that hovers decides nothing. What is seen inside a mark is
+seen through it, and is not known to be on the skin: it counts where it is seen beside it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import bdtrc
+
+from ftp_dent_ros.dents.dent import MeasuredDent
+from ftp_dent_ros.pose import Pose
+
+# How far what is seen of one mark strays in the picture, radians: its sizes are told otherwise in
+# each cloud, and a mark on the projector's glass moves with the distance.
+_STRAYS = 0.012
+# What is so many times longer than wide may keep its middle in the picture as a seam does that the
+# drone flies along.
+_LONG = 2.5
+# The smallest picture of which the chance is reckoned, square radians.
+_SMALLEST = 0.03
+# The camera is elsewhere if it has moved by so many of its standard deviations, and so far (m).
+_CERTAIN, _ELSEWHERE = 4.0, 0.03
+# Marks that chance alone may tell, a flight.
+_FALSE = 1e-5
+# Part of the camera's places at which a mark is seen, at least.
+_OFTEN = 0.5
+
+Seen = tuple[int, int]
+
+
+@dataclass(frozen=True, eq=False)
+class Spot:
+    """A place in the picture at which something was seen.
+
+    Attributes
+    ----------
+    bearing : ndarray, shape (2,)
+        x and y over z in the camera's frame, the mean.
+    sign : int
+        1 inward, -1 outward.
+    seen : frozenset of (int, int)
+        Frame, and index in it, of all that was.
+    cameras : tuple of ndarray
+        Where the camera was, each elsewhere than the others.
+    first : int
+        How many places the camera had been at before.
+    half : float
+        Half the length of what was seen, the mean, radians.
+    """
+
+    bearing: NDArray[np.float64]
+    sign: int
+    seen: frozenset[Seen]
+    cameras: tuple[NDArray[np.float64], ...]
+    first: int
+    half: float
+
+
+@dataclass(frozen=True, eq=False)
+class Glass:
+    """All places in a flight's pictures at which something was seen.
+
+    Attributes
+    ----------
+    spots : tuple of Spot
+    cameras : tuple of ndarray
+        Where the camera was, each elsewhere than the one before.
+    low, high : ndarray, shape (2,)
+        Least and largest bearings of all that was seen.
+    frames, items : int
+        How many clouds, and how much was seen in them.
+    shown : tuple of (int, ndarray)
+        Frame, and of all that was seen in it the bearings and half the length, radians, shape
+        (n, 3).
+    of_marks : frozenset of (int, int)
+        Frame, and index in it, of all that is of a mark, or was seen through one.
+    """
+
+    spots: tuple[Spot, ...] = ()
+    cameras: tuple[NDArray[np.float64], ...] = ()
+    low: NDArray[np.float64] | None = None
+    high: NDArray[np.float64] | None = None
+    frames: int = 0
+    items: int = 0
+    shown: tuple[tuple[int, NDArray[np.float64]], ...] = ()
+    of_marks: frozenset[Seen] = frozenset()
+
+    def with_frame(
+        self,
+        frame: int,
+        dents: Sequence[MeasuredDent],
+        pose: Pose,
+        covariance: NDArray[np.float64],
+    ) -> Glass:
+        """The same with what another cloud shows, in the map, by the camera's stated pose."""
+        spread = math.sqrt(max(float(np.linalg.eigvalsh(covariance[:3, :3])[-1]), 0.0))
+        gate = max(math.sqrt(2) * _CERTAIN * spread, _ELSEWHERE)
+        here = pose.translation
+        cameras = self.cameras
+        if not cameras or np.linalg.norm(cameras[-1] - here) > gate:
+            cameras = (*cameras, here)
+        places = pose.inverse().apply(np.array([each.position for each in dents]).reshape(-1, 3))
+        bearings = places[:, :2] / np.maximum(np.abs(places[:, 2:]), _ELSEWHERE)
+        low, high = self.low, self.high
+        if len(dents):
+            low = bearings.min(axis=0) if low is None else np.minimum(low, bearings.min(axis=0))
+            high = bearings.max(axis=0) if high is None else np.maximum(high, bearings.max(axis=0))
+        spots, known = list(self.spots), self._known
+        halves = [each.length.value / 2 for each in dents] / np.maximum(places[:, 2], _ELSEWHERE)
+        for index, (dent, bearing) in enumerate(zip(dents, bearings, strict=True)):
+            if dent.kind == 'step' or not dent.length.value < _LONG * dent.width.value:
+                continue
+            sign = 1 if dent.depth.value > 0 else -1
+            # What has the other sign lies elsewhere.
+            place = np.array([*bearing, sign])
+            apart = np.linalg.norm(known - place, axis=1)
+            at = int(apart.argmin()) if len(apart) else 0
+            if not len(apart) or apart[at] > _STRAYS:
+                new = Spot(
+                    bearing,
+                    sign,
+                    frozenset({(frame, index)}),
+                    (here,),
+                    len(cameras),
+                    halves[index],
+                )
+                spots.append(new)
+                known = np.vstack([known, place])
+                continue
+            spot, count = spots[at], len(spots[at].seen)
+            elsewhere = all(np.linalg.norm(each - here) > gate for each in spot.cameras)
+            spots[at] = replace(
+                spot,
+                bearing=(count * spot.bearing + bearing) / (count + 1),
+                seen=spot.seen | {(frame, index)},
+                cameras=(*spot.cameras, here) if elsewhere else spot.cameras,
+                half=(count * spot.half + halves[index]) / (count + 1),
+            )
+        items = self.items + len(dents)
+        shown = (*self.shown, (frame, np.column_stack([bearings, halves])))
+        after = Glass(tuple(spots), cameras, low, high, self.frames + 1, items, shown)
+        # Of frames before, what was seen through a mark is asked once, when it is known for one.
+        is_new = after._are_marks != self._are_marks
+        asked = shown if is_new else shown[-1:]
+        through = after._through(asked) | (frozenset() if is_new else self.of_marks)
+        return replace(after, of_marks=through.union(*(each.seen for each in after.marks)))
+
+    def _through(self, shown: Sequence[tuple[int, NDArray[np.float64]]]) -> frozenset[Seen]:
+        """Frame, and index in it, of what was seen inside a mark and is no longer than that."""
+        marks = self.marks
+        return frozenset(
+            (frame, int(index))
+            for frame, seen in (shown if marks else ())
+            for mark in marks
+            for index in np.flatnonzero(
+                (np.linalg.norm(seen[:, :2] - mark.bearing, axis=1) < mark.half)
+                & (seen[:, 2] < mark.half)
+            )
+        )
+
+    @property
+    def _known(self) -> NDArray[np.float64]:
+        """Bearings and signs of the spots, shape (n, 3)."""
+        return np.array([[*each.bearing, each.sign] for each in self.spots]).reshape(-1, 3)
+
+    def moved(self, move: Pose) -> Glass:
+        """The same in a map that has been moved."""
+        spots = tuple(
+            replace(each, cameras=tuple(map(move.apply, each.cameras))) for each in self.spots
+        )
+        return replace(self, spots=spots, cameras=tuple(map(move.apply, self.cameras)))
+
+    @cached_property
+    def _are_marks(self) -> tuple[int, ...]:
+        """Numbers of the spots at which chance alone would not have shown so much."""
+        return tuple(n for n, each in enumerate(self.spots) if self._is_mark(each))
+
+    @property
+    def marks(self) -> tuple[Spot, ...]:
+        """Places at which chance alone would not have shown so much."""
+        return tuple(self.spots[number] for number in self._are_marks)
+
+    def _is_mark(self, spot: Spot) -> bool:
+        hits, places = len(spot.cameras), len(self.cameras) - spot.first + 1
+        if hits < max(3, _OFTEN * places) or self.low is None or self.high is None:
+            return False
+        picture = max(float(np.prod(self.high - self.low)), _SMALLEST)
+        others = (self.items - len(spot.seen)) / self.frames
+        chance = min(others * math.pi * _STRAYS**2 / picture, 0.9)
+        by_chance = float(bdtrc(hits - 2, max(places, hits) - 1, chance))
+        return by_chance * len(self.spots) < _FALSE
+
+
+def sentence(marks: Sequence[Spot]) -> str:
+    """What is told of marks; empty if there is none."""
+    if not marks:
+        return ''
+    many = 'places keep their' if len(marks) > 1 else 'place keeps its'
+    return (
+        f'{len(marks)} {many} form in the picture while the skin moves on, as drops or dirt on '
+        'the glass of camera or projector do: left out of the list, with what was seen through '
+        'them; clean both, and fly this again'
+    )

@@ -1,0 +1,245 @@
+"""The user's limits, and what a measurement with its uncertainty says of them.
+
+The file is YAML; none is shipped but the fictitious ``example_rules.yaml``, which explains it.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from ftp_dent_ros.dents.dent import COVERAGE, Estimate, MeasuredDent
+from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.yaml_file import read_yaml
+
+WITHIN, EXCEEDS, UNDECIDED = 'within', 'exceeds', 'cannot decide'
+_DENSITY = 'dents_per_area'
+# Of a cut dent these can only be larger.
+_GROWING = ('depth_mm', 'length_mm', 'width_mm', 'area_mm2', 'volume_mm3')
+
+
+def width_to_depth(dent: MeasuredDent) -> Estimate:
+    """Width over depth, with the uncertainties of both."""
+    width, depth = dent.width, dent.depth
+    if not depth.value:
+        return Estimate(float('nan'), float('nan'))
+    relative = math.hypot(width.uncertainty / width.value, depth.uncertainty / depth.value)
+    return Estimate(dent.width_to_depth, abs(dent.width_to_depth) * relative)
+
+
+def clearance(dent: MeasuredDent) -> Estimate:
+    """Distance to the next dent; its outline is as uncertain as half the length."""
+    # The other outline is about as uncertain as this one.
+    return Estimate(dent.clearance, dent.length.uncertainty / 2 * math.sqrt(2))
+
+
+# Quantity and factor from SI to the unit in the name.
+_MEASURES: dict[str, tuple[Callable[[MeasuredDent], Estimate], float]] = {
+    'depth_mm': (lambda dent: dent.depth, 1e3),
+    'length_mm': (lambda dent: dent.length, 1e3),
+    'width_mm': (lambda dent: dent.width, 1e3),
+    'width_to_depth': (width_to_depth, 1.0),
+    'area_mm2': (lambda dent: dent.area, 1e6),
+    'volume_mm3': (lambda dent: dent.volume, 1e9),
+    'clearance_mm': (clearance, 1e3),
+}
+MEASURES = (*_MEASURES, _DENSITY)
+
+
+@dataclass(frozen=True)
+class Limit:
+    """One line of the rules.
+
+    Attributes
+    ----------
+    measure : str
+        One of `MEASURES`.
+    minimum, maximum : float
+        In the unit of the measure's name; infinite where there is none.
+    reference : str
+        Where the user has it from.
+    area_m2 : float
+        Of the circle in which dents are counted.
+    """
+
+    measure: str
+    minimum: float = -math.inf
+    maximum: float = math.inf
+    reference: str = ''
+    area_m2: float = 0.0
+
+    @property
+    def text(self) -> str:
+        """The limit as people write it."""
+        words = []
+        if math.isfinite(self.minimum):
+            words.append(f'at least {self.minimum:g}')
+        if math.isfinite(self.maximum):
+            words.append(f'at most {self.maximum:g}')
+        within = f' within {self.area_m2:g} m2' if self.measure == _DENSITY else ''
+        return ', '.join(words) + within
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A dent held against one limit; value and standard uncertainty in the measure's unit."""
+
+    limit: Limit
+    value: float
+    uncertainty: float
+    verdict: str
+
+
+@dataclass(frozen=True)
+class Rules:
+    """Limits of the user's.
+
+    Attributes
+    ----------
+    title, reference : str
+    limits : tuple of Limit
+    """
+
+    title: str
+    reference: str
+    limits: tuple[Limit, ...]
+
+    def judge(self, dents: Sequence[MeasuredDent]) -> list[tuple[Finding, ...]]:
+        """What the limits say of each dent among all of them."""
+        return [
+            tuple(_finding(limit, dent, dents) for limit in self.limits if dent.kind == 'dent')
+            for dent in dents
+        ]
+
+
+def verdict(findings: Sequence[Finding]) -> str | None:
+    """The worst of the findings: exceeds, cannot decide, within; None without any."""
+    found = {finding.verdict for finding in findings}
+    return next((word for word in (EXCEEDS, UNDECIDED, WITHIN) if word in found), None)
+
+
+def read_rules(path: str | os.PathLike[str]) -> Rules:
+    """Read a file of limits.
+
+    Raises
+    ------
+    ConfigurationError
+        The file cannot be read, or a field is missing, unknown or malformed; it is named.
+    """
+    data = read_yaml(path, ConfigurationError)
+    try:
+        _refuse_unknown(data, ('title', 'reference', 'limits'), '')
+        reference = _text(data, 'reference', '')
+        limits = data.get('limits')
+        if not isinstance(limits, list) or not limits:
+            raise ConfigurationError('limits is no list of limits: give one or more')
+        return Rules(
+            _text(data, 'title', ''),
+            reference,
+            tuple(_limit(item, f'limits[{i}]', reference) for i, item in enumerate(limits)),
+        )
+    except ConfigurationError as reason:
+        raise ConfigurationError(f'{path}: {reason}') from None
+
+
+def _limit(item: Any, where: str, reference: str) -> Limit:
+    if not isinstance(item, dict):
+        raise ConfigurationError(f'{where} is {item!r}: give measure and maximum or minimum')
+    fields = ('measure', 'minimum', 'maximum', 'reference', 'area_m2')
+    _refuse_unknown(item, fields, f'{where}.')
+    measure = item.get('measure')
+    if measure not in MEASURES:
+        raise ConfigurationError(
+            f'{where}.measure is {measure!r}: give one of {", ".join(MEASURES)}'
+        )
+    low = _number(item, 'minimum', where, -math.inf)
+    high = _number(item, 'maximum', where, math.inf)
+    if math.isinf(low) and math.isinf(high):
+        raise ConfigurationError(f'{where} has neither minimum nor maximum: give one of them')
+    if low > high:
+        raise ConfigurationError(
+            f'{where}.minimum is {low:g}, above its maximum of {high:g}: correct one of them'
+        )
+    area = _number(item, 'area_m2', where, 0.0)
+    if (measure == _DENSITY) != (area > 0):
+        raise ConfigurationError(
+            f'{where}.area_m2 is {area:g}: give a positive area for dents_per_area, and only there'
+        )
+    return Limit(measure, low, high, _text(item, 'reference', reference, f'{where}.'), area)
+
+
+def _refuse_unknown(data: dict[Any, Any], known: Sequence[str], where: str) -> None:
+    for name in data:
+        if name not in known:
+            raise ConfigurationError(f'{where}{name} is unknown: only {", ".join(known)} are')
+
+
+def _text(data: dict[Any, Any], name: str, default: str, where: str = '') -> str:
+    value = data.get(name, default)
+    if not isinstance(value, str):
+        raise ConfigurationError(f'{where}{name} is {value!r}: give a text, in quotes')
+    return value
+
+
+def _number(data: dict[Any, Any], name: str, where: str, default: float) -> float:
+    value = data.get(name, default)
+    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if not number or (name in data and not math.isfinite(value)):
+        raise ConfigurationError(f'{where}.{name} is {value!r}: give a finite number')
+    return float(value)
+
+
+def _finding(limit: Limit, dent: MeasuredDent, dents: Sequence[MeasuredDent]) -> Finding:
+    if limit.measure == _DENSITY:
+        count = float(_most_within(limit.area_m2, dent, dents))
+        return Finding(limit, count, 0.0, _verdict(limit, count, 0.0))
+    measure, factor = _MEASURES[limit.measure]
+    estimate = measure(dent)
+    value, sigma = estimate.value * factor, estimate.uncertainty * factor
+    decided = _verdict(limit, value, sigma)
+    if dent.is_cut and limit.measure != 'clearance_mm':
+        certain = limit.measure in _GROWING and value - COVERAGE * sigma > limit.maximum
+        decided = EXCEEDS if certain else UNDECIDED
+    return Finding(limit, value, sigma, decided)
+
+
+def _verdict(limit: Limit, value: float, sigma: float) -> str:
+    """Within or beyond the limit with the whole 95 % interval, or neither."""
+    low, high = value - COVERAGE * sigma, value + COVERAGE * sigma
+    if value == math.inf:
+        low = high = value
+    if high < limit.minimum or low > limit.maximum:
+        return EXCEEDS
+    if low >= limit.minimum and high <= limit.maximum:
+        return WITHIN
+    return UNDECIDED
+
+
+def _most_within(area: float, dent: MeasuredDent, dents: Sequence[MeasuredDent]) -> int:
+    """Largest number of dents whose centres a circle of that area can take with this one."""
+    radius = math.sqrt(area / math.pi)
+    across = np.cross(dent.normal, dent.axis)
+    apart = np.array([d.position - dent.position for d in dents if d.kind == 'dent'])
+    flat = apart @ np.stack([dent.axis, across], axis=1)
+    flat = flat[np.linalg.norm(apart, axis=1) <= 2 * radius]
+    # A circle that takes the most can be moved until two centres lie on its rim.
+    centres = list(flat)
+    for a, b in combinations(flat, 2):
+        half = (b - a) / 2
+        rest = radius**2 - half @ half
+        if rest >= 0 and half.any():
+            normal = np.array([-half[1], half[0]]) / np.linalg.norm(half) * math.sqrt(rest)
+            centres += [a + half + normal, a + half - normal]
+    reach = radius + 1e-9
+    counts = [
+        int((np.linalg.norm(flat - centre, axis=1) <= reach).sum())
+        for centre in centres
+        if np.linalg.norm(centre) <= reach
+    ]
+    return max(counts, default=1)

@@ -1,0 +1,231 @@
+"""Sightings of one dent, combined."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.dents.dent import Estimate, MeasuredDent
+
+_ESTIMATES = ('depth', 'length', 'width', 'model_length', 'model_width', 'area', 'volume')
+_NONE = np.zeros((0, 3))
+_NO_PROFILE = np.zeros((0, 2))
+
+# Sizes agree within so many standard uncertainties, to which a part of the size is added.
+_AGREE, _OF_SIZE = 4.0, 0.08
+# Natural logarithm of the range over which other dents' sizes lie, at most: hail's, which is the
+# most alike (depths of 1 to 4, lengths of 1 to 2.5). Widths tell little that lengths do not.
+_RANGES = {'depth': 1.4, 'length': 0.9}
+# Known dents from which on they tell themselves how alike they are.
+_TELLING = 4
+
+Field = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Sighting:
+    """A dent as one frame gave it.
+
+    Attributes
+    ----------
+    frame : int
+        Number of the frame.
+    dent : MeasuredDent
+        In the list's frame of reference.
+    position_covariance : ndarray, shape (3, 3)
+        Of its position in that frame, square metres: what the pose leaves open.
+    repeats : tuple of MeasuredDent
+        The same dent measured on parts of the same cloud.
+    """
+
+    frame: int
+    dent: MeasuredDent
+    position_covariance: NDArray[np.float64]
+    repeats: tuple[MeasuredDent, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class ListedDent:
+    """One dent with all its sightings.
+
+    Attributes
+    ----------
+    number : int
+        From 1, in the order of the first sightings.
+    dent : MeasuredDent
+        Measurements of all sightings in which the dent is whole, combined; outline and profiles
+        are those of `best`.
+    position_covariance : ndarray, shape (3, 3)
+        Square metres.
+    sightings : tuple of Sighting
+        In the order of the frames.
+    best : int
+        Number of the frame that shows it best.
+    maybe : tuple of int
+        Numbers of dents of other parts of the flight that may be the same one.
+    """
+
+    number: int
+    dent: MeasuredDent
+    position_covariance: NDArray[np.float64]
+    sightings: tuple[Sighting, ...]
+    best: int
+    maybe: tuple[int, ...] = ()
+
+    @property
+    def reason(self) -> str:
+        """What is in doubt of the dent, and whether it may have two numbers."""
+        if not self.maybe:
+            return self.dent.reason
+        others = ' or '.join(map(str, self.maybe))
+        twice = (
+            f'may be the same as number {others}: only the poses tell how these parts of the '
+            'flight lie to each other'
+        )
+        return '; '.join(filter(None, (self.dent.reason, twice)))
+
+
+def listed(number: int, sightings: tuple[Sighting, ...]) -> ListedDent:
+    """One dent from all its sightings; of cut ones only if it is nowhere whole."""
+    whole = [item for item in sightings if not item.dent.is_cut]
+    if whole:
+        best = min(whole, key=lambda item: _rank(item.dent.depth.uncertainty))
+    else:
+        # What most take it for: one that runs into something else may be the longest.
+        often = Counter(item.dent.kind for item in sightings)
+        usual = [item for item in sightings if often[item.dent.kind] == max(often.values())]
+        best = max(usual, key=lambda item: _rank(item.dent.length.value, -1.0))
+    used = whole or [best]
+    dents = [item.dent for item in used]
+    spreads = np.stack([item.position_covariance for item in used]) + np.eye(3) * 1e-12
+    weights = np.linalg.inv(spreads)
+    places = np.stack([dent.position for dent in dents])
+    # The poses of one flight share most of their error: it does not average out.
+    covariance = np.linalg.inv(weights.mean(axis=0))
+    position = covariance @ np.einsum('nij,nj->i', weights, places) / len(used)
+    values: dict[str, Any] = {
+        name: combined([getattr(d, name) for d in dents]) for name in _ESTIMATES
+    }
+    axis = _mean_direction([d.axis for d in dents], best.dent.axis)
+    # Angles of an axis repeat after half a turn.
+    turns = [(d.orientation.value - best.dent.orientation.value) for d in dents]
+    near = [(t + np.pi / 2) % np.pi - np.pi / 2 for t in turns]
+    turn = combined(
+        [Estimate(t, d.orientation.uncertainty) for t, d in zip(near, dents, strict=True)]
+    )
+    angle = (best.dent.orientation.value + turn.value + np.pi / 2) % np.pi - np.pi / 2
+    dent = replace(
+        best.dent,
+        position=position,
+        normal=_mean_direction([d.normal for d in dents], best.dent.normal),
+        axis=axis,
+        orientation=Estimate(float(angle), turn.uncertainty),
+        significance=max(d.significance for d in dents),
+        outline=best.dent.outline + (position - best.dent.position),
+        **values,
+    )
+    kept = tuple(item if item is best else _without_curves(item) for item in sightings)
+    return ListedDent(number, dent, covariance, kept, best.frame)
+
+
+def combined(estimates: Sequence[Estimate]) -> Estimate:
+    """Weighted mean of measurements of one quantity.
+
+    What their scatter shows averages out. What they claim beyond it they may have in common (the
+    dent's form, what windows take of it, the rig): that does not.
+    """
+    values = np.array([item.value for item in estimates])
+    sigma = np.array([item.uncertainty for item in estimates])
+    known = np.isfinite(values)
+    if not known.any():
+        return Estimate(float('nan'), float('nan'))
+    values, sigma = values[known], sigma[known]
+    if not (np.isfinite(sigma) & (sigma > 0)).all():
+        spread = values.std(ddof=1) / np.sqrt(len(values)) if len(values) > 1 else float('nan')
+        return Estimate(float(values.mean()), float(spread))
+    weights = sigma**-2.0
+    mean = float(np.average(values, weights=weights))
+    stated, scatter = 1 / weights.mean(), 0.0
+    if len(values) > 1:
+        scatter = np.average((values - mean) ** 2, weights=weights) * len(values)
+        scatter /= len(values) - 1
+    return Estimate(mean, math.sqrt(scatter / len(values) + max(stated - scatter, 0.0)))
+
+
+def _rank(value: float, unknown: float = float('inf')) -> float:
+    return value if np.isfinite(value) else unknown
+
+
+def _mean_direction(vectors: list[NDArray], like: NDArray) -> NDArray[np.float64]:
+    total = sum(np.sign(vector @ like) * vector for vector in vectors)
+    return total / np.linalg.norm(total)
+
+
+def _without_curves(item: Sighting) -> Sighting:
+    """A long flight has many sightings, and only the best one's curves are shown."""
+    curves: dict[str, Any] = {
+        'outline': _NONE,
+        'length_profile': _NO_PROFILE,
+        'width_profile': _NO_PROFILE,
+    }
+    return replace(item, dent=replace(item.dent, **curves))
+
+
+def agreement(seen: Sequence[MeasuredDent], known: Sequence[MeasuredDent]) -> Field:
+    """Chi-square of the sizes' differences; infinite where they cannot be the same."""
+    result = np.zeros((len(seen), len(known)))
+    signs = [np.array([np.sign(d.depth.value) for d in each]) for each in (seen, known)]
+    result[signs[0][:, None] != signs[1]] = np.inf
+    steps = [np.array([d.kind == 'step' for d in each]) for each in (seen, known)]
+    result[steps[0][:, None] | steps[1]] = np.inf
+    for name in ('depth', 'length', 'width'):
+        difference, spread, _ = _compared(name, seen, known)
+        off = difference / spread
+        result += np.where(off < _AGREE, off**2, np.inf)
+    return result
+
+
+def coincidence(seen: Sequence[MeasuredDent], known: Sequence[MeasuredDent]) -> Field:
+    """How rarely sizes of two different dents would lie as near to each other as two of one.
+
+    Natural logarithm, shape (seen, known); 0 where nothing is known of the sizes, and where those
+    of the known ones are all alike. With half of `agreement` taken off, it is that of the
+    likelihood ratio of one dent against two.
+    """
+    result = np.zeros((len(seen), len(known)))
+    for name, widest in _RANGES.items():
+        _, spread, size = _compared(name, seen, known)
+        extent = min(widest, _range(name, known))
+        result += np.log(np.fmax(extent * size / (math.sqrt(2 * math.pi) * spread), 1.0))
+    return result
+
+
+def _range(name: str, known: Sequence[MeasuredDent]) -> float:
+    """Natural logarithm of the range of a size, as if all in it were alike frequent."""
+    sizes = np.abs([getattr(each, name).value for each in known if not each.is_cut])
+    sizes = sizes[np.isfinite(sizes) & (sizes > 0)]
+    return math.inf if len(sizes) < _TELLING else math.sqrt(12) * float(np.log(sizes).std(ddof=1))
+
+
+def _compared(
+    name: str, seen: Sequence[MeasuredDent], known: Sequence[MeasuredDent]
+) -> tuple[Field, Field, Field]:
+    """Difference of a size, its standard deviation, and the smaller of the two sizes, metres.
+
+    Difference and size are 0 where it is not known, or the frame cuts the dent.
+    """
+    one, other = ([getattr(d, name) for d in each] for each in (seen, known))
+    values = np.array([e.value for e in one])[:, None], np.array([e.value for e in other])
+    sigma = [np.nan_to_num([e.uncertainty for e in each]) for each in (one, other)]
+    size = np.minimum(np.abs(values[0]), np.abs(values[1]))
+    spread = np.hypot(np.hypot(sigma[0][:, None], sigma[1]), _OF_SIZE * np.nan_to_num(size))
+    cut = np.array([d.is_cut for d in seen])[:, None] | np.array([d.is_cut for d in known])
+    told = ~cut & np.isfinite(size)
+    difference = np.where(told, np.abs(values[0] - values[1]), 0.0)
+    return difference, np.maximum(spread, 1e-9), np.where(told, size, 0.0)

@@ -1,0 +1,353 @@
+"""From the clouds of a flight, one after the other, to what is reported of them."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ftp_dent_ros import __version__
+from ftp_dent_ros.cloud.cloud import Cloud
+from ftp_dent_ros.cloud.coverage import Coverage
+from ftp_dent_ros.dents.dent import Inspection, MeasuredDent, Settings
+from ftp_dent_ros.dents.dent_list import EXACT, DentList
+from ftp_dent_ros.dents.glass import sentence
+from ftp_dent_ros.dents.rules import Rules
+from ftp_dent_ros.dents.sightings import ListedDent
+from ftp_dent_ros.errors import FtpDentError
+from ftp_dent_ros.inspection.repeatability import halves, repeats_of, study
+from ftp_dent_ros.inspection.report import Frame, Mesh, Report, View
+from ftp_dent_ros.pages.drawing import jpeg
+from ftp_dent_ros.pose import IDENTITY, Pose
+from ftp_dent_ros.rig.rig import Lens
+
+# Of the 3-D view: in one cloud, and in all of them.
+_VERTICES, _ALL_VERTICES = 16_000, 120_000
+# The maps of so many frames are kept, whatever else they show, where there are no dents.
+_LEAST_VIEWS = 1
+# Clouds whose halves are measured too, evenly over the flight: with a few dents in each they give
+# some 25 degrees of freedom, so the gauge study's standard deviations to a seventh.
+_HALVED = 10
+
+Inspect = Callable[..., Inspection]
+
+
+class Survey:
+    """Inspects clouds and keeps what a report needs, however many they are.
+
+    Parameters
+    ----------
+    inspect : callable
+        `ftp_dent_ros.inspection.measuring.inspection.inspect`.
+    clouds : int
+        How many clouds are about to come, to share the 3-D view's points between them.
+    repeat : bool
+        Whether some clouds are measured again in two halves, for the gauge study.
+    placed : bool
+        Whether all clouds' poses are known, so that a dent can be seen again.
+    settings : Settings, optional
+    """
+
+    def __init__(
+        self,
+        inspect: Inspect,
+        clouds: int = 1,
+        repeat: bool = False,
+        placed: bool = True,
+        settings: Settings | None = None,
+    ) -> None:
+        self._settings = settings or Settings()
+        #: Inspects a task, in whatever process.
+        self.inspect = partial(inspected, inspect, self._settings)
+        self._repeat, self._placed = repeat, placed
+        self._every, self._come = math.ceil(max(clouds, 1) / _HALVED), 0
+        self._vertices = max(400, min(_VERTICES, _ALL_VERTICES // max(clouds, 1)))
+        self._lists: list[DentList] = []
+        self._frames: list[Frame] = []
+        self.refused: list[str] = []
+
+    def add(self, observation: Observation) -> Inspection | None:
+        """Inspect one cloud; None if it is refused, and its reason is kept.
+
+        Returns
+        -------
+        Inspection or None
+            In the cloud's own frame.
+        """
+        return self.take(observation, self.inspect(self.task(observation)))
+
+    def task(self, observation: Observation) -> Task:
+        """What is to be inspected of the next cloud."""
+        in_halves = self._repeat and not self._come % self._every
+        self._come += 1
+        return Task(observation.cloud, observation.viewpoint, in_halves)
+
+    def take(self, observation: Observation, inspected: Inspected) -> Inspection | None:
+        """Keep what came of a cloud's task; as `add` does. In the order of the tasks."""
+        found, again = inspected.found, inspected.again
+        if found is None:
+            self.refused.append(f'{observation.name}: {inspected.reason}')
+            return None
+        number = len(self._frames) + 1
+        dents = (*found.dents, *found.others)
+        covariance = observation.covariance
+        if covariance is None or not np.any(covariance):
+            covariance = None
+        if not (self._placed and self._lists):
+            self._lists.append(DentList(first=len(self._entries()) + 1))
+        is_new = self._lists[-1].add(
+            number,
+            [dent.transformed(observation.pose) for dent in dents],
+            observation.vehicle,
+            EXACT if observation.vehicle is None else covariance,
+            repeats_of(dents, again) if again else (),
+            observation.stamp_ns,
+        )
+        if not is_new:
+            self.refused.append(f'{observation.name}: the same cloud once more: counted once')
+            return None
+        self._frames.append(_frame(number, observation, covariance, found, self._vertices))
+        self._keep_views(observation, found)
+        return found
+
+    def report(
+        self,
+        source: str,
+        frame_id: str,
+        rig: tuple[str, str] = ('', ''),
+        camera: Lens | None = None,
+        rules: Rules | None = None,
+    ) -> Report:
+        """What was found, with the calibration's name and id and the user's limits."""
+        entries = _renumbered(self._entries())
+        several = len(self._frames) > 1
+        return Report(
+            source=source,
+            frame_id=frame_id,
+            frames=tuple(self._frames),
+            entries=entries,
+            version=__version__,
+            written_ns=time.time_ns(),
+            settings=self._settings,
+            rig_name=rig[0],
+            rig_id=rig[1],
+            camera=camera,
+            rules=rules,
+            repeatability=study(entries) if several and self._repeat and self._placed else (),
+            refused=tuple(self.refused),
+            placed=self._placed,
+            remarks=self._remarks(),
+        )
+
+    def _remarks(self) -> tuple[str, ...]:
+        marks = tuple(mark for each in self._lists for mark in each.glass)
+        told = [sentence(marks)] if marks else []
+        if not self._placed and len(self._frames) > 1:
+            told.append(
+                'no poses tell how the clouds lie: each is listed by itself, and what several '
+                'show counts several times; `ftp-dent survey` joins them by the skin they share'
+            )
+        return tuple(told)
+
+    def _entries(self) -> tuple[ListedDent, ...]:
+        return tuple(entry for each in self._lists for entry in each.entries)
+
+    def _keep_views(self, observation: Observation, found: Inspection) -> None:
+        """Keep the maps of the frames alone that show some dent best, the last one's too."""
+        best = {entry.best for entry in self._entries()}
+        if not best:
+            best = {frame.number for frame in self._frames[:_LEAST_VIEWS]}
+        last = self._frames[-1]
+        if last.number in best:
+            self._frames[-1] = replace(last, view=_view(observation, found))
+        self._frames = [
+            frame if frame.number in best else replace(frame, view=None) for frame in self._frames
+        ]
+
+
+def _renumbered(entries: Sequence[ListedDent]) -> tuple[ListedDent, ...]:
+    """From 1, the deepest dent first, what is no dent after them."""
+    in_order = sorted(entries, key=lambda e: (e.dent.kind != 'dent', -e.dent.depth.value))
+    numbers = {entry.number: i for i, entry in enumerate(in_order, start=1)}
+    return tuple(
+        replace(
+            entry,
+            number=numbers[entry.number],
+            maybe=tuple(sorted(numbers[each] for each in entry.maybe)),
+        )
+        for entry in in_order
+    )
+
+
+def _frame(
+    number: int,
+    observation: Observation,
+    covariance: NDArray[np.float64] | None,
+    found: Inspection,
+    vertices: int,
+) -> Frame:
+    cloud = observation.cloud
+    noise = found.noise[np.isfinite(found.noise)]
+    return Frame(
+        number=number,
+        name=observation.name,
+        stamp_ns=observation.stamp_ns,
+        area=_area(cloud.points),
+        noise=float(np.median(noise)) if len(noise) else float('nan'),
+        findable=_shares(found.findable),
+        waviness=found.waviness,
+        dents=len(found.dents),
+        others=len(found.others),
+        has_skin=bool(cloud.skin.any()),
+        mesh=Mesh.of(cloud.points, found.deviation, observation.pose, vertices),
+        pose=observation.vehicle,
+        covariance=covariance,
+        pose_age=observation.pose_age,
+        coverage=observation.coverage,
+    )
+
+
+def _view(observation: Observation, found: Inspection) -> View:
+    photograph = observation.photograph
+    return View(
+        observation.cloud.points,
+        found.deviation,
+        observation.pose,
+        None if photograph is None else jpeg(photograph),
+        (0, 0) if photograph is None else (photograph.shape[1], photograph.shape[0]),
+    )
+
+
+def _shares(findable: NDArray[np.float32]) -> tuple[float, float]:
+    """Median and 95th percentile of what is known."""
+    known = findable[np.isfinite(findable)]
+    if not len(known):
+        return math.nan, math.nan
+    return float(np.median(known)), float(np.percentile(known, 95))
+
+
+def _area(points: NDArray[np.float32]) -> float:
+    """Area of a cloud's whole cells, square metres."""
+    if min(points.shape[:2]) < 2:
+        return 0.0
+    # Plane by plane: three times as fast as products of vectors.
+    planes = [np.asarray(plane) for plane in cv2.split(points)]
+    x, y, z = (plane[:-1, 1:] - plane[:-1, :-1] for plane in planes)
+    u, v, w = (plane[1:, :-1] - plane[:-1, :-1] for plane in planes)
+    cells = np.sqrt((y * w - z * v) ** 2 + (z * u - x * w) ** 2 + (x * v - y * u) ** 2)
+    return float(np.nansum(cells))
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """A cloud to inspect: plain data, that another process can be given.
+
+    Attributes
+    ----------
+    cloud : Cloud
+    viewpoint : array_like, shape (3,)
+        From where it was seen, in its own frame, metres.
+    in_halves : bool
+        Whether its halves are measured too, for the gauge study.
+    """
+
+    cloud: Cloud
+    viewpoint: ArrayLike
+    in_halves: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Inspected:
+    """What came of a task.
+
+    Attributes
+    ----------
+    found : Inspection, optional
+        In the cloud's own frame; None if it cannot be inspected.
+    again : tuple of tuples of MeasuredDent
+        Of each of its halves.
+    reason : str
+        Why it cannot be inspected.
+    """
+
+    found: Inspection | None = None
+    again: tuple[tuple[MeasuredDent, ...], ...] = ()
+    reason: str = ''
+
+
+def inspected(inspect: Inspect, settings: Settings, task: Task) -> Inspected:
+    """Inspect a cloud and, if that is asked for, its halves."""
+    try:
+        found = inspect(task.cloud, settings=settings, viewpoint=task.viewpoint)
+        again = []
+        for half in halves(task.cloud) if task.in_halves else ():
+            other = inspect(half, settings=settings, viewpoint=task.viewpoint)
+            again.append((*other.dents, *other.others))
+    except FtpDentError as error:
+        return Inspected(reason=str(error))
+    except Exception as error:
+        # One cloud must not cost the report on all the others.
+        return Inspected(
+            reason='could not be inspected, by a defect of the software '
+            f'({type(error).__name__}: {error}): report it with the cloud'
+        )
+    return Inspected(found, tuple(again))
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """A cloud, and what is known of it.
+
+    Attributes
+    ----------
+    name : str
+    cloud : Cloud
+    stamp_ns : int, optional
+    viewpoint : ndarray, shape (3,)
+        From where it was seen, in its own frame, metres.
+    pose : Pose
+        Of its frame in the report's.
+    vehicle : Pose, optional
+        Of the camera in the report's frame, or of the vehicle where that alone is known.
+    covariance : ndarray, shape (6, 6), optional
+        Of that pose; all zeros is unknown.
+    pose_age : float, optional
+        Seconds between the cloud and that pose.
+    coverage : Coverage, optional
+        What of the lit skin has no points, and why; the reconstruction knows.
+    photograph : ndarray, shape (height, width, 3), uint8, optional
+        RGB.
+    """
+
+    name: str
+    cloud: Cloud
+    stamp_ns: int | None = None
+    viewpoint: NDArray[np.float64] | tuple[float, float, float] = (0.0, 0.0, 0.0)
+    pose: Pose = IDENTITY
+    vehicle: Pose | None = None
+    covariance: NDArray[np.float64] | None = None
+    pose_age: float | None = None
+    coverage: Coverage | None = None
+    photograph: NDArray[np.uint8] | None = None
+
+
+def viewpoint_of(cloud: Cloud) -> NDArray[np.float64]:
+    """A point on the camera's side of an organised cloud in any frame, shape (3,), metres.
+
+    Columns go right and rows down in the image, so their product points away from the camera.
+    """
+    points = cloud.points.astype(float)
+    with np.errstate(invalid='ignore'):
+        away = np.cross(np.gradient(points, axis=1), np.gradient(points, axis=0))
+    away = away[np.isfinite(away).all(axis=-1)].sum(axis=0)
+    length = np.linalg.norm(away)
+    valid = points[cloud.valid]
+    if not length or not len(valid):
+        return np.zeros(3)
+    return np.asarray(np.median(valid, axis=0) - away / length, float)

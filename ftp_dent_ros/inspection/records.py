@@ -1,0 +1,178 @@
+"""The report as data: what goes into dents.json and dents.csv."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ftp_dent_ros.dents.rules import Finding, Rules, clearance, verdict, width_to_depth
+from ftp_dent_ros.dents.sightings import ListedDent
+from ftp_dent_ros.inspection.report import Frame, Report
+from ftp_dent_ros.pages.words import finite, iso_time
+
+
+def report_record(report: Report) -> dict[str, Any]:
+    """The whole report; of numbers that are not finite, None."""
+    rules = report.rules
+    record = {
+        'dents': [
+            dent_record(entry, found)
+            for entry, found in zip(report.dents, report.findings(), strict=True)
+        ],
+        'others': [dent_record(entry) for entry in report.others],
+        'frame_id': report.frame_id,
+        'source': report.source,
+        'rig': {'file': report.rig_name or None, 'id': report.rig_id} if report.rig_id else None,
+        'rules': {'title': rules.title, 'reference': rules.reference} if rules else None,
+        'smallest_depth_mm': report.settings.smallest_depth * 1e3,
+        'smallest_width_mm': report.settings.smallest_width * 1e3,
+        'frames': [_frame_record(frame) for frame in report.frames],
+        'refused': list(report.refused),
+        'skipped': list(report.skipped),
+        'remarks': list(report.remarks),
+        'gauge': [
+            {
+                'quantity': each.quantity,
+                'dents': each.dents,
+                'sightings': each.frames,
+                'repeatability_mm': each.within * 1e3,
+                'reproducibility_mm': each.between * 1e3,
+                'total_mm': each.total * 1e3,
+            }
+            for each in report.repeatability
+        ],
+        'software': f'ftp_dent_ros {report.version}',
+        'written': iso_time(report.written_ns),
+    }
+    return finite(record)
+
+
+def list_record(entries: Sequence[ListedDent], rules: Rules | None = None) -> dict[str, Any]:
+    """Dents of a list, judged among each other if there are rules, and what else it holds."""
+    dents = [entry for entry in entries if entry.dent.kind == 'dent']
+    findings = rules.judge([entry.dent for entry in dents]) if rules else [()] * len(dents)
+    return {
+        'dents': [dent_record(e, found) for e, found in zip(dents, findings, strict=True)],
+        'others': [dent_record(entry) for entry in entries if entry.dent.kind != 'dent'],
+    }
+
+
+def dent_record(entry: ListedDent, findings: Sequence[Finding] = ()) -> dict[str, Any]:
+    """One dent: metres for its position, millimetres and degrees for what people read."""
+    dent = entry.dent
+    x, y, z = (float(value) for value in dent.position)
+    record: dict[str, Any] = {'number': entry.number, 'kind': dent.kind, 'x': x, 'y': y, 'z': z}
+    spread = math.sqrt(float(np.trace(entry.position_covariance)) / 3)
+    record['position_uncertainty_mm'] = spread * 1e3
+    normal = [float(value) for value in dent.normal]
+    record['normal_x'], record['normal_y'], record['normal_z'] = normal
+    for name, estimate, unit, factor in (
+        ('length', dent.length, '_mm', 1e3),
+        ('width', dent.width, '_mm', 1e3),
+        ('depth', dent.depth, '_mm', 1e3),
+        ('width_to_depth', width_to_depth(dent), '', 1.0),
+        ('orientation', dent.orientation, '_deg', 180 / math.pi),
+        ('area', dent.area, '_mm2', 1e6),
+        ('volume', dent.volume, '_mm3', 1e9),
+        ('model_length', dent.model_length, '_mm', 1e3),
+        ('model_width', dent.model_width, '_mm', 1e3),
+        ('clearance', clearance(dent), '_mm', 1e3),
+    ):
+        record[f'{name}{unit}'] = estimate.value * factor
+        record[f'{name}_uncertainty{unit}'] = estimate.uncertainty * factor
+    record['bottom_radius_mm'] = float(dent.bottom_radius) * 1e3
+    record['is_cut'] = bool(dent.is_cut)
+    record['reason'] = entry.reason
+    record['significance'] = float(dent.significance)
+    record['sightings'] = len(entry.sightings)
+    record['frame'] = entry.best
+    record['verdict'] = verdict(findings)
+    record['limits'] = [
+        {
+            'measure': finding.limit.measure,
+            'limit': finding.limit.text,
+            'value': finding.value,
+            'uncertainty': finding.uncertainty,
+            'verdict': finding.verdict,
+            'reference': finding.limit.reference,
+        }
+        for finding in findings
+    ]
+    return record
+
+
+def csv_text(record: dict[str, Any]) -> str:
+    """Dents, bumps and steps of a report's record, a line each; empty cells are not known."""
+    rows = [*record['dents'], *record['others']]
+    names = [name for name in (rows[0] if rows else _header()) if name != 'limits']
+    text = io.StringIO()
+    writer = csv.DictWriter(text, names, extrasaction='ignore', lineterminator='\n')
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()
+
+
+def _frame_record(frame: Frame) -> dict[str, Any]:
+    pose = frame.pose
+    return {
+        'number': frame.number,
+        'name': frame.name,
+        'time': None if frame.stamp_ns is None else iso_time(frame.stamp_ns),
+        'stamp_ns': frame.stamp_ns,
+        'measured_area_m2': frame.area,
+        'noise_mm': frame.noise * 1e3,
+        'findable_depth_mm': {
+            'on_half_of_the_area': frame.findable[0] * 1e3,
+            'on_95_percent_of_it': frame.findable[1] * 1e3,
+        },
+        'not_measured': None
+        if frame.coverage is None
+        else {'share': 1 - frame.coverage.share, 'reasons': dict(frame.coverage.missing)},
+        'marks_of_gouges_looked_for': frame.has_skin,
+        'waviness': [
+            {
+                'amplitude_mm': wave.amplitude * 1e3,
+                'wavelength_mm': wave.wavelength * 1e3,
+                'area_m2': wave.area,
+            }
+            for wave in frame.waviness
+        ],
+        'dents': frame.dents,
+        'others': frame.others,
+        'pose': pose
+        and {
+            'position': [float(value) for value in pose.translation],
+            'orientation_xyzw': [float(value) for value in pose.quaternion],
+            'covariance': None
+            if frame.covariance is None
+            else [float(value) for value in np.ravel(frame.covariance)],
+            'age_s': frame.pose_age,
+        },
+    }
+
+
+def _header() -> list[str]:
+    """Names of the columns where there is no dent."""
+    words = ['number', 'kind', 'x', 'y', 'z', 'position_uncertainty_mm']
+    words += [f'normal_{axis}' for axis in 'xyz']
+    for name, unit in (
+        *(('length', '_mm'), ('width', '_mm'), ('depth', '_mm'), ('width_to_depth', '')),
+        *(('orientation', '_deg'), ('area', '_mm2'), ('volume', '_mm3')),
+        *(('model_length', '_mm'), ('model_width', '_mm'), ('clearance', '_mm')),
+    ):
+        words += [f'{name}{unit}', f'{name}_uncertainty{unit}']
+    return [
+        *words,
+        'bottom_radius_mm',
+        'is_cut',
+        'reason',
+        'significance',
+        'sightings',
+        'frame',
+        'verdict',
+    ]

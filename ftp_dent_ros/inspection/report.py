@@ -1,0 +1,257 @@
+"""What a report is made of."""
+
+from __future__ import annotations
+
+import base64
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.cloud.coverage import Coverage
+from ftp_dent_ros.dents.dent import Settings, Waviness
+from ftp_dent_ros.dents.rules import Finding, Rules
+from ftp_dent_ros.dents.sightings import ListedDent
+from ftp_dent_ros.inspection.repeatability import Repeatability
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.rig.rig import Lens
+
+# What stands for no measurement among 16 bits of micrometres.
+_MISSING = -32768
+_MICROMETRES = 1e6
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """One cloud as it is drawn.
+
+    Attributes
+    ----------
+    points : ndarray, shape (rows, columns, 3)
+        Of the cloud in its own frame, metres.
+    deviation : ndarray, shape (rows, columns)
+        Depth below the undeformed contour, metres.
+    pose : Pose
+        Of the cloud's frame in the report's.
+    photograph : bytes, optional
+        As JPEG.
+    size : (int, int)
+        Width and height of the photograph, pixels; zeros without one.
+    """
+
+    points: NDArray[np.float32]
+    deviation: NDArray[np.float32]
+    pose: Pose
+    photograph: bytes | None = None
+    size: tuple[int, int] = (0, 0)
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One cloud that was inspected.
+
+    Attributes
+    ----------
+    number : int
+        From 1.
+    name : str
+        Of the file, or the time in a bag.
+    stamp_ns : int, optional
+        Time of the exposure, ROS time.
+    area : float
+        That was measured, square metres.
+    noise : float
+        Median standard deviation of a point across the skin, metres.
+    findable : tuple of 2 floats
+        Depths from which a dent of the smallest width would have been found on half of the
+        measured area, and on 95 % of it, metres.
+    waviness : tuple of Waviness
+    dents, others : int
+        How many it shows.
+    has_skin : bool
+        Whether the image of its skin was there, whose narrow marks tell gouges.
+    mesh : Mesh
+    pose : Pose, optional
+        Of the camera in the report's frame, or of the vehicle where that alone is known.
+    covariance : ndarray, shape (6, 6), optional
+        Of that pose; None if it is not known.
+    pose_age : float, optional
+        Seconds between the exposure and its pose.
+    coverage : Coverage, optional
+        What of the lit skin has no points, and why.
+    view : View, optional
+        Kept of the frames that show some dent best.
+    """
+
+    number: int
+    name: str
+    stamp_ns: int | None
+    area: float
+    noise: float
+    findable: tuple[float, float]
+    waviness: tuple[Waviness, ...]
+    dents: int
+    others: int
+    has_skin: bool
+    mesh: Mesh
+    pose: Pose | None = None
+    covariance: NDArray[np.float64] | None = None
+    pose_age: float | None = None
+    coverage: Coverage | None = None
+    view: View | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """All that is reported.
+
+    Attributes
+    ----------
+    source : str
+        What was inspected.
+    frame_id : str
+        Frame of all positions.
+    placed : bool
+        Whether it is one and the same for all clouds; if not, each cloud stands by itself.
+    frames : tuple of Frame
+    entries : tuple of ListedDent
+        Dents, bumps and steps.
+    version : str
+        Of the software.
+    written_ns : int
+        Time of writing, nanoseconds since 1970.
+    settings : Settings
+        The smallest dents that were looked for.
+    rig_name, rig_id : str
+        File of the calibration, and the id of its content; empty if none was given.
+    camera : Lens, optional
+        Of that rig, to draw dents into photographs of clouds in the camera's frame.
+    rules : Rules, optional
+    repeatability : tuple of Repeatability
+        Empty for a single frame.
+    refused : tuple of str
+        Frames that could not be inspected, and why.
+    skipped : tuple of str
+        Messages of the bag that could not be used: topic, stamp and why.
+    skin : dict, optional
+        All of it, where the clouds were joined: `ftp_dent_ros.survey.writing.skin_of`.
+    remarks : tuple of str
+        What else is to be known of the flight.
+    """
+
+    source: str
+    frame_id: str
+    frames: tuple[Frame, ...]
+    entries: tuple[ListedDent, ...]
+    version: str
+    written_ns: int
+    settings: Settings
+    rig_name: str = ''
+    rig_id: str = ''
+    camera: Lens | None = None
+    rules: Rules | None = None
+    repeatability: tuple[Repeatability, ...] = ()
+    refused: tuple[str, ...] = ()
+    skipped: tuple[str, ...] = ()
+    placed: bool = True
+    skin: dict[str, Any] | None = None
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def dents(self) -> tuple[ListedDent, ...]:
+        """Dents alone, the deepest first."""
+        dents = [entry for entry in self.entries if entry.dent.kind == 'dent']
+        return tuple(sorted(dents, key=lambda entry: -np.nan_to_num(entry.dent.depth.value)))
+
+    @property
+    def others(self) -> tuple[ListedDent, ...]:
+        """Bumps and steps."""
+        return tuple(entry for entry in self.entries if entry.dent.kind != 'dent')
+
+    def findings(self) -> list[tuple[Finding, ...]]:
+        """Of each of `dents`; empty ones without rules."""
+        if self.rules is None:
+            return [()] * len(self.dents)
+        together = {e.number: 0 if self.placed else e.best for e in self.dents}
+        found: dict[int, tuple[Finding, ...]] = {}
+        for group in set(together.values()):
+            members = [e for e in self.dents if together[e.number] == group]
+            judged = self.rules.judge([e.dent for e in members])
+            found.update(zip((e.number for e in members), judged, strict=True))
+        return [found[e.number] for e in self.dents]
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Every n-th point of a cloud, on its grid.
+
+    Attributes
+    ----------
+    points : ndarray, shape (rows, columns, 3), float32
+        In the report's frame, metres; NaN where nothing is measured.
+    inward : ndarray, shape (rows, columns, 3), float32
+        Unit vectors into the skin.
+    deviation : ndarray, shape (rows, columns), float32
+        Depth below the undeformed contour, metres.
+    """
+
+    points: NDArray[np.float32]
+    inward: NDArray[np.float32]
+    deviation: NDArray[np.float32]
+
+    @classmethod
+    def of(
+        cls,
+        points: NDArray[np.float32],
+        deviation: NDArray[np.float32],
+        pose: Pose,
+        vertices: int,
+    ) -> Mesh:
+        """Mesh of at most about so many vertices, moved to the parent frame of `pose`."""
+        step = max(1, math.ceil(math.sqrt(deviation.size / vertices)))
+        half = step // 2
+        points = pose.apply(points[half::step, half::step])
+        if min(points.shape[:2]) < 2:
+            inward = np.zeros_like(points)
+        else:
+            with np.errstate(invalid='ignore'):
+                # Along the columns, times down the rows: away from the camera.
+                normal = np.cross(np.gradient(points, axis=1), np.gradient(points, axis=0))
+                inward = normal / np.linalg.norm(normal, axis=-1, keepdims=True)
+        return cls(points, inward.astype(np.float32), deviation[half::step, half::step])
+
+    def packed(self, origin: NDArray[np.float64]) -> dict[str, Any] | None:
+        """Mesh about an origin for the page's script, or None if there is nothing in it.
+
+        Little-endian 16-bit positions (with a scale and a middle), deviations in micrometres
+        (-32768: nothing there), and 8-bit directions, each as base64.
+        """
+        valid = np.isfinite(self.points).all(-1) & np.isfinite(self.inward).all(-1)
+        valid &= np.isfinite(self.deviation)
+        if not valid.any():
+            return None
+        found = self.points[valid] - origin
+        middle = (found.min(axis=0) + found.max(axis=0)) / 2
+        scale = max(float(np.abs(found - middle).max()), 1e-9) / 32000
+        points = np.zeros((*valid.shape, 3), '<i2')
+        points[valid] = np.round((found - middle) / scale)
+        deviation = np.full(valid.shape, _MISSING, '<i2')
+        limited = np.clip(self.deviation[valid] * _MICROMETRES, -32000, 32000)
+        deviation[valid] = np.round(limited)
+        inward = np.zeros((*valid.shape, 4), 'i1')
+        inward[valid, :3] = np.round(self.inward[valid] * 127)
+        return {
+            'rows': valid.shape[0],
+            'columns': valid.shape[1],
+            'middle': [float(value) for value in middle],
+            'scale': scale,
+            'points': _text(points),
+            'deviation': _text(deviation),
+            'inward': _text(inward),
+        }
+
+
+def _text(values: NDArray) -> str:
+    return base64.b64encode(values.tobytes()).decode('ascii')

@@ -1,1 +1,0 @@
-"""What an inspector keeps: ``dents.json``, ``dents.csv`` and one page, ``report.html``."""

@@ -1,1 +1,0 @@
-"""Dents over the clouds of a flight: seen again they are still the same dents."""

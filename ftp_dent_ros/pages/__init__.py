@@ -1,0 +1,1 @@
+"""Pages that open offline: one builder, one style, and the pictures in them."""

@@ -1,0 +1,52 @@
+"""Values as people and files read them."""
+
+from __future__ import annotations
+
+import math
+from datetime import datetime, timezone
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.dents.dent import COVERAGE, Estimate
+
+
+def interval(estimate: Estimate, factor: float = 1e3, finest: int = 2) -> tuple[str, str]:
+    """A value and half its 95 % interval, in as many digits as that has a meaning."""
+    value, half = estimate.value * factor, COVERAGE * estimate.uncertainty * factor
+    if not math.isfinite(value):
+        return '–', ''
+    if not math.isfinite(half) or half <= 0:
+        return f'{value:.3g}', ''
+    places = -math.floor(math.log10(half))
+    # At least one digit of the interval, two where they are not finer than can be of use.
+    digits = max(min(places + 1, finest), places, 0)
+    return f'{value:.{digits}f}', f'± {half:.{digits}f}'
+
+
+def position_interval(covariance: NDArray[np.float64]) -> str:
+    """Half the 95 % interval of a place of covariance (3, 3), along any axis in the mean."""
+    return f'± {COVERAGE * math.sqrt(float(np.trace(covariance)) / 3) * 1e3:.2g} mm'
+
+
+def iso_time(nanoseconds: int) -> str:
+    """UTC to a millisecond, ISO 8601."""
+    time = datetime.fromtimestamp(nanoseconds // 1_000_000 / 1000, timezone.utc)
+    return time.isoformat(timespec='milliseconds').replace('+00:00', 'Z')
+
+
+def date_of(nanoseconds: int) -> str:
+    """UTC, ISO 8601."""
+    return iso_time(nanoseconds)[:10]
+
+
+def finite(value: Any) -> Any:
+    """The same data with None for numbers that JSON cannot hold."""
+    if isinstance(value, dict):
+        return {key: finite(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [finite(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

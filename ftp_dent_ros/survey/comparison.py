@@ -1,0 +1,489 @@
+"""What has become of the dents between two surveys of one aircraft."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros import __version__
+from ftp_dent_ros.dents.dent import COVERAGE, Estimate, MeasuredDent
+from ftp_dent_ros.dents.rules import Finding, Rules, clearance, verdict, width_to_depth
+from ftp_dent_ros.pages.drawing import scale_bar
+from ftp_dent_ros.pages.page import render
+from ftp_dent_ros.pages.words import date_of, finite, interval
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.survey.aircraft_frame import AircraftFrame
+from ftp_dent_ros.survey.growth import Change, Growth, Scale, changes_of, depth_growth
+from ftp_dent_ros.survey.matching import Matching, match
+from ftp_dent_ros.survey.result import SurveyedDent, SurveyResult
+
+Status = Literal[
+    'known', 'grown', 'shallower', 'new', 'first seen', 'repaired', 'not seen', 'changed'
+]
+#: In words, in the order in which they are listed.
+STATUSES: dict[Status, str] = {
+    'grown': 'larger than before, beyond what noise can be',
+    'new': 'was not there when the place was looked at before',
+    'first seen': 'its place was not looked at before, or not well enough to find it',
+    'repaired': 'is not there any more, though its place was looked at well enough to find it',
+    'shallower': 'smaller than before, beyond what noise can be',
+    'changed': 'larger in one measure and smaller in another, beyond what noise can be',
+    'not seen': 'its place was not looked at this time, or not well enough to find it',
+    'known': 'as before, as far as can be told',
+}
+# What is compared: these are damage; steps, bumps and what is none of these are not.
+DAMAGE = ('dent', 'crease', 'gouge')
+# A dent would have been found for certain if it is so many times as deep as the findable depth,
+# after twice its uncertainty: what the smallest width, on which that stands, may cost.
+_CERTAIN, _SURE = 1.5, 2.0
+# Standard deviations of a place in the other survey, around which it must have been looked at.
+_AROUND = 3.0
+
+# What a dent's place among the others is known to, without drift: metres.
+_PLACE = 4e-4
+# Of the map, the drawing's units.
+_WIDTH, _LEAST_HEIGHT, _MOST_HEIGHT = 1000.0, 120.0, 700.0
+_MARGIN = 40.0
+
+
+@dataclass(frozen=True, eq=False)
+class ComparedDent:
+    """One dent in both surveys, or in one of them.
+
+    Attributes
+    ----------
+    status : str
+        One of `STATUSES`.
+    earlier, later : SurveyedDent, optional
+    changes : tuple of Change
+        Of one that is whole in both.
+    reason : str
+        Why nothing more can be said.
+    """
+
+    status: Status
+    earlier: SurveyedDent | None
+    later: SurveyedDent | None
+    changes: tuple[Change, ...] = ()
+    reason: str = ''
+
+    @property
+    def shown(self) -> SurveyedDent:
+        """As it was seen last."""
+        shown = self.later or self.earlier
+        assert shown is not None
+        return shown
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Two surveys, laid on each other.
+
+    Attributes
+    ----------
+    earlier, later : SurveyResult
+    dents : tuple of ComparedDent
+        In the order of `STATUSES`, the deepest first.
+    matching : Matching
+    scales : tuple of Scale
+    """
+
+    earlier: SurveyResult
+    later: SurveyResult
+    dents: tuple[ComparedDent, ...]
+    matching: Matching
+    scales: tuple[Scale, ...]
+
+
+def compare(earlier: SurveyResult, later: SurveyResult) -> Comparison:
+    """Compare two surveys of one aircraft.
+
+    Raises
+    ------
+    NoMatchError
+        They cannot be laid on each other.
+    """
+    before, after = _compared(earlier), _compared(later)
+    matching = match([each.dent for each in before], [each.dent for each in after])
+    same = [(before[i], after[j]) for i, j in matching.pairs]
+    deeper = [_deeper(a, b, matching) for a, b in same]
+    changes, scales = changes_of([a.dent for a, _ in same], [b.dent for _, b in same], deeper)
+    found = [
+        _matched(a, b, change)
+        for (a, b), change in zip(same, changes, strict=True)
+        if a.dent.kind in DAMAGE or b.dent.kind in DAMAGE
+    ]
+    gone = _others(before, {i for i, _ in matching.pairs})
+    come = _others(after, {j for _, j in matching.pairs})
+    found += [_gone(each, later, matching) for each in gone]
+    found += [_come(each, earlier, matching) for each in come]
+    order = list(STATUSES)
+    found.sort(key=lambda each: (order.index(each.status), -_depth(each)))
+    return Comparison(earlier, later, tuple(found), matching, scales)
+
+
+def _deeper(earlier: SurveyedDent, later: SurveyedDent, matching: Matching) -> Growth | None:
+    """How much deeper a dent is by the skin about it, outward for what stands out."""
+    turn = matching.motion.rotation.inv()
+    places, _ = matching.in_later(earlier.dent.position[None])
+    to_later = Pose(turn, places[0] - turn.apply(earlier.dent.position))
+    deeper = depth_growth(earlier, later, to_later)
+    if deeper is None:
+        return None
+    sign = float(np.sign(earlier.dent.depth.value))
+    return replace(
+        deeper, estimate=Estimate(sign * deeper.estimate.value, deeper.estimate.uncertainty)
+    )
+
+
+def _depth(each: ComparedDent) -> float:
+    return float(np.nan_to_num(abs(each.shown.dent.depth.value)))
+
+
+def _compared(survey: SurveyResult) -> list[SurveyedDent]:
+    return [each for each in survey.dents if each.dent.kind != 'step']
+
+
+def _others(dents: list[SurveyedDent], matched: set[int]) -> list[SurveyedDent]:
+    return [
+        each
+        for index, each in enumerate(dents)
+        if index not in matched and each.dent.kind in DAMAGE
+    ]
+
+
+def _matched(
+    earlier: SurveyedDent, later: SurveyedDent, changes: tuple[Change, ...]
+) -> ComparedDent:
+    if not changes:
+        return ComparedDent(
+            'known', earlier, later, (), 'cut by the edge of what was measured: not compared'
+        )
+    signs = {change.verdict for change in changes} - {0}
+    status: Status = 'known'
+    if signs == {1}:
+        status = 'grown'
+    elif signs == {-1}:
+        status = 'shallower'
+    elif signs:
+        status = 'changed'
+    return ComparedDent(status, earlier, later, changes)
+
+
+def _gone(dent: SurveyedDent, later: SurveyResult, matching: Matching) -> ComparedDent:
+    places, spread = matching.in_later(dent.dent.position[None])
+    normal = matching.motion.rotation.inv().apply(dent.dent.normal)
+    reason = _not_looked_at(dent, later, places[0], normal, float(spread[0]))
+    return ComparedDent('not seen' if reason else 'repaired', dent, None, (), reason)
+
+
+def _come(dent: SurveyedDent, earlier: SurveyResult, matching: Matching) -> ComparedDent:
+    places, spread = matching.in_earlier(dent.dent.position[None])
+    normal = matching.motion.rotation.apply(dent.dent.normal)
+    reason = _not_looked_at(dent, earlier, places[0], normal, float(spread[0]))
+    return ComparedDent('first seen' if reason else 'new', None, dent, (), reason)
+
+
+def _not_looked_at(
+    dent: SurveyedDent, survey: SurveyResult, place: np.ndarray, normal: np.ndarray, spread: float
+) -> str:
+    """Why a survey cannot say that a dent was not there; empty if it can."""
+    if survey.coverage is None:
+        return f'the survey {survey.name} keeps no coverage'
+    if dent.dent.is_cut:
+        return 'cut by the edge of what was measured'
+    width = float(np.nan_to_num(dent.dent.width.value))
+    depth = dent.dent.depth
+    findable = survey.coverage.found_around(place, normal, _AROUND * spread + width / 2)
+    if not np.isfinite(findable):
+        return f'not all of its place was measured in the survey {survey.name}'
+    findable = max(findable, survey.settings.smallest_depth)
+    if abs(depth.value) - _SURE * depth.uncertainty < _CERTAIN * findable:
+        return (
+            f'in the survey {survey.name} only dents from {findable * 1e3:.2f} mm depth on would '
+            'have been found there'
+        )
+    if width < survey.settings.smallest_width:
+        return f'the survey {survey.name} looked for wider dents only'
+    return ''
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """One dent of the chart.
+
+    Attributes
+    ----------
+    compared : ComparedDent
+    number : str
+        That of the later survey; where it is not there, that of the earlier one, in brackets.
+    location : ndarray, shape (3,)
+        Station, buttock line and water line, or a place in the later survey's frame; metres.
+    uncertainty : float
+        Standard uncertainty of that along its worst direction, metres.
+    first_seen : str
+        Date.
+    findings : tuple of Finding
+        What the user's limits say of it.
+    """
+
+    compared: ComparedDent
+    number: str
+    location: NDArray[np.float64]
+    uncertainty: float
+    first_seen: str
+    findings: tuple[Finding, ...]
+
+    @property
+    def dent(self) -> MeasuredDent:
+        """As it was seen last."""
+        return self.compared.shown.dent
+
+
+def chart(
+    comparison: Comparison, frame: AircraftFrame | None = None, rules: Rules | None = None
+) -> list[Row]:
+    """Rows in the order of the comparison.
+
+    Parameters
+    ----------
+    comparison : Comparison
+    frame : AircraftFrame, optional
+        Of the later survey's frame; locations are given in it.
+    rules : Rules, optional
+        Limits for the dents that are there.
+    """
+    there = [each for each in comparison.dents if each.later is not None]
+    findings: dict[int, tuple[Finding, ...]] = {}
+    if rules is not None:
+        judged = rules.judge([each.shown.dent for each in there])
+        findings = {id(each): found for each, found in zip(there, judged, strict=True)}
+    return [_row(each, comparison, frame, findings.get(id(each), ())) for each in comparison.dents]
+
+
+def _row(
+    each: ComparedDent,
+    comparison: Comparison,
+    frame: AircraftFrame | None,
+    findings: tuple[Finding, ...],
+) -> Row:
+    shown = each.shown
+    place, among = shown.dent.position, _PLACE
+    if each.later is None:
+        places, spread = comparison.matching.in_later(place[None])
+        place, among = places[0], math.hypot(_PLACE, float(spread[0]))
+    covariance = shown.position_covariance
+    if frame is not None:
+        place, covariance = frame.place(place, np.eye(3) * among**2)
+    first = comparison.later if each.earlier is None else comparison.earlier
+    return Row(
+        each,
+        str(shown.number) if each.later is not None else f'({shown.number})',
+        place,
+        math.sqrt(float(np.linalg.eigvalsh(covariance)[-1])),
+        date_of(first.taken_ns),
+        findings,
+    )
+
+
+def chart_record(row: Row, on_aircraft: bool) -> dict[str, Any]:
+    """A row's cells: millimetres; None where there is nothing."""
+    dent, compared = row.dent, row.compared
+    names = ('station', 'buttock_line', 'water_line') if on_aircraft else ('x', 'y', 'z')
+    record: dict[str, Any] = {
+        'number': row.number,
+        'status': compared.status,
+        'kind': dent.kind,
+        **{f'{n}_mm': float(v) * 1e3 for n, v in zip(names, row.location, strict=True)},
+        'location_uncertainty_mm': row.uncertainty * 1e3,
+    }
+    for name, estimate, factor, unit in (
+        ('length', dent.length, 1e3, '_mm'),
+        ('width', dent.width, 1e3, '_mm'),
+        ('depth', dent.depth, 1e3, '_mm'),
+        ('width_to_depth', width_to_depth(dent), 1.0, ''),
+        ('clearance', clearance(dent), 1e3, '_mm'),
+    ):
+        record[f'{name}{unit}'] = estimate.value * factor
+        record[f'{name}_uncertainty{unit}'] = estimate.uncertainty * factor
+    for change in compared.changes:
+        record[f'{change.quantity}_growth_mm'] = change.estimate.value * 1e3
+        record[f'{change.quantity}_growth_95_percent_mm'] = change.half * 1e3
+    worst = verdict(row.findings)
+    record |= {
+        'date_first_seen': row.first_seen,
+        'number_before': None if compared.earlier is None else compared.earlier.number,
+        'limit': worst,
+        'reference': '; '.join(
+            dict.fromkeys(f.limit.reference for f in row.findings if f.verdict == worst)
+        ),
+        'is_cut': dent.is_cut,
+        'remark': compared.reason,
+    }
+    return finite(record)
+
+
+def chart_csv(rows: list[Row], on_aircraft: bool) -> str:
+    """The chart, a line a dent; empty cells are not known."""
+    empty = [
+        f'{q}_growth{u}_mm' for q in ('depth', 'length', 'width') for u in ('', '_95_percent')
+    ]
+    records = [chart_record(row, on_aircraft) for row in rows]
+    names = list(records[0]) if records else ['number', 'status']
+    names = [name for name in names if name not in empty]
+    at = names.index('date_first_seen') if 'date_first_seen' in names else len(names)
+    text = io.StringIO()
+    writer = csv.DictWriter(text, [*names[:at], *empty, *names[at:]], lineterminator='\n')
+    writer.writeheader()
+    writer.writerows(records)
+    return text.getvalue()
+
+
+def growth_of(row: Row, quantity: str = 'depth') -> tuple[Estimate, float] | None:
+    """Change of a quantity and half its 95 % interval, metres; None where it is not compared."""
+    for change in row.compared.changes:
+        if change.quantity == quantity:
+            return change.estimate, change.half
+    return None
+
+
+def comparison_page(
+    comparison: Comparison,
+    rows: list[Row],
+    frame: AircraftFrame | None = None,
+    rules: Rules | None = None,
+) -> str:
+    """The whole page as HTML."""
+    counts: Counter[Status] = Counter(row.compared.status for row in rows)
+    groups = [
+        {'status': status, 'meaning': meaning, 'rows': found}
+        for status, meaning in STATUSES.items()
+        if (found := [_cells(row) for row in rows if row.compared.status == status])
+    ]
+    return render(
+        'ftp_dent_ros.survey',
+        'comparison.html',
+        earlier=comparison.earlier,
+        later=comparison.later,
+        headline=_headline(counts),
+        facts=_facts(comparison, frame),
+        groups=groups,
+        map=_map(rows),
+        location='Station, buttock line, water line' if frame else 'Location x, y, z',
+        rules=rules,
+    )
+
+
+def _headline(counts: Mapping[Status, int]) -> str:
+    texts: dict[Status, str] = {
+        'first seen': 'seen for the first time',
+        'not seen': 'not seen again',
+        'known': 'as before',
+    }
+    words = [f'{counts[each]} {texts.get(each, each)}' for each in STATUSES if counts[each]]
+    return ', '.join(words) or 'No dents'
+
+
+def _facts(comparison: Comparison, frame: AircraftFrame | None) -> list[tuple[str, str]]:
+    matching = comparison.matching
+    walk = math.sqrt(matching.forward.walk) * 1e3
+    scales = ', '.join(
+        f'{each.quantity} {100 * (each.factor - 1):+.2f} '
+        f'± {100 * COVERAGE * each.uncertainty:.2f} %'
+        for each in comparison.scales
+    )
+    noise = ', '.join(f'{each.quantity} {each.noise:.2f}' for each in comparison.scales)
+    facts = [
+        ('Earlier survey', _survey(comparison.earlier)),
+        ('Later survey', _survey(comparison.later)),
+        ('In both', f'{len(matching.pairs)} dents, by which the surveys lie on each other'),
+        ('Maps apart', f'{walk:.2g} mm over a metre, root mean square along an axis'),
+        ('Later sees larger', f'{scales}; taken out of every growth'),
+        ('Differences scatter', f'by so many times what is stated: {noise}'),
+    ]
+    if frame is not None:
+        worst = float(np.linalg.norm(frame.residuals, axis=1).max()) * 1e3
+        facts.append(
+            ('Aircraft frame', f'by {len(frame.points)} points, within {worst:.1f} mm of it')
+        )
+    return [*facts, ('Software', f'ftp_dent_ros {__version__}')]
+
+
+def _survey(survey: SurveyResult) -> str:
+    coverage = '' if survey.coverage is not None else ', coverage not kept'
+    return (
+        f'{survey.name}, {date_of(survey.taken_ns)}, '
+        f'{sum(each.dent.kind == "dent" for each in survey.dents)} dents{coverage}'
+    )
+
+
+def _cells(row: Row) -> dict[str, Any]:
+    dent, growth = row.dent, growth_of(row)
+    return {
+        'number': row.number,
+        'before': '' if row.compared.earlier is None else str(row.compared.earlier.number),
+        'kind': dent.kind,
+        'depth': interval(dent.depth, finest=3),
+        'length': interval(dent.length),
+        'width': interval(dent.width),
+        'ratio': interval(width_to_depth(dent), 1.0),
+        'clearance': interval(clearance(dent), finest=1),
+        'growth': ('–', '') if growth is None else _signed(*growth),
+        'location': [f'{value:.3f}' for value in row.location],
+        'spread': f'± {COVERAGE * row.uncertainty * 1e3:.2g} mm',
+        'first_seen': row.first_seen,
+        'verdict': verdict(row.findings),
+        'cut': dent.is_cut,
+        'others': '; '.join(
+            f'{each.quantity} {each.estimate.value * 1e3:+.2f} ± {each.half * 1e3:.2f} mm'
+            for each in row.compared.changes
+            if each.quantity != 'depth' and each.verdict
+        ),
+        'reason': row.compared.reason,
+    }
+
+
+def _signed(estimate: Estimate, half: float) -> tuple[str, str]:
+    if not (math.isfinite(estimate.value) and math.isfinite(half)):
+        return '–', ''
+    return f'{estimate.value * 1e3:+.3f}', f'± {half * 1e3:.3f}'
+
+
+def _map(rows: list[Row]) -> dict[str, Any] | None:
+    """Where the dents lie, on the plane that they spread along."""
+    if len(rows) < 2:
+        return None
+    places = np.stack([row.location for row in rows])
+    middle = places.mean(axis=0)
+    _, _, axes = np.linalg.svd(places - middle, full_matrices=False)
+    flat = (places - middle) @ axes[:2].T
+    # Not mirrored: as seen from outside.
+    normal = np.mean([row.dent.normal for row in rows], axis=0)
+    if np.cross(axes[0], axes[1]) @ normal > 0:
+        flat[:, 1] *= -1
+    low, size = flat.min(axis=0), np.maximum(np.ptp(flat, axis=0), 1e-3)
+    scale = min((_WIDTH - 2 * _MARGIN) / size[0], (_MOST_HEIGHT - 2 * _MARGIN) / size[1])
+    at = (flat - low) * scale + _MARGIN
+    return {
+        'width': _WIDTH,
+        'height': max(size[1] * scale + 2 * _MARGIN, _LEAST_HEIGHT),
+        'dents': [
+            {
+                'x': f'{x:.1f}',
+                'y': f'{y:.1f}',
+                'number': row.number,
+                'status': row.compared.status.replace(' ', '-'),
+            }
+            # What stands out is drawn last.
+            for row, (x, y) in reversed(list(zip(rows, at, strict=True)))
+        ],
+        'bar': scale_bar(1 / scale, _WIDTH),
+    }

@@ -1,0 +1,214 @@
+"""What all clouds of a place tell of it together: heights averaged on the unrolled skin."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.cloud.cloud import Cloud
+from ftp_dent_ros.errors import CloudError
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.survey.resampling import cells, polynomial, remap
+from ftp_dent_ros.survey.unrolled import Unrolled
+
+# Side of a pixel: narrower than the points of a cloud lie apart, metres.
+PIXEL = 0.001
+_LARGEST = 1 << 30  # pixels: what is never written takes no memory
+# Side of the square over which the scatter of several clouds is pooled, metres: it holds several
+# of the places over which noise is correlated, and no more than a dent.
+_POOLED = 0.015
+# Points that the way back to a cloud's grid is fitted to: about, and at least.
+_FITTED, _LEAST_POINTS = 1500, 20
+# Pixels about a cloud that its grid may reach into, and about the middle of a dent.
+_ROOM, _AROUND = 4, 2
+
+Map = NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class _Told:
+    """What clouds tell together of the pixels of a window; NaN where fewer than two do.
+
+    Attributes
+    ----------
+    mean, resolution : ndarray, shape (rows, columns), float32
+        Metres.
+    scattered : ndarray, shape (rows, columns), float32
+        Variance of the mean if the clouds' errors are each their own, as those of bare skin are:
+        the fringes lie elsewhere in each cloud. What scatters more than it tells counts as that.
+    """
+
+    mean: Map
+    resolution: Map
+    scattered: Map
+
+
+class Fusion:
+    """Weighted means of the heights of clouds above the unrolled skin, and their scatter.
+
+    Parameters
+    ----------
+    skin : Unrolled
+    low, high : ndarray, shape (2,)
+        Least and largest x and y, metres.
+
+    Raises
+    ------
+    CloudError
+        The skin would be too large.
+    """
+
+    def __init__(self, skin: Unrolled, low: NDArray, high: NDArray) -> None:
+        self._skin, self._low = skin, np.asarray(low, float)
+        columns, rows = np.ceil((high - self._low) / PIXEL).astype(int) + 1
+        if columns * rows > _LARGEST:
+            raise CloudError(
+                f'the clouds are spread over {columns * PIXEL:.0f} m by {rows * PIXEL:.0f} m: '
+                'check their poses'
+            )
+        # Weight, weighted mean and squares about it, weighted resolution, sum of the variances
+        # told, and number of clouds.
+        self._weight, self._mean, self._squares, self._resolution, self._variance = (
+            np.zeros((rows, columns), np.float32) for _ in range(5)
+        )
+        self._count = np.zeros((rows, columns), np.uint16)
+
+    def add(self, cloud: Cloud, pose: Pose) -> None:
+        """Another cloud, in its camera's frame; one that tells no uncertainty is left out."""
+        places, told = self._places(cloud, pose), cloud.valid & (cloud.sigma > 0)
+        step = max(1, math.isqrt(np.count_nonzero(told) // _FITTED))
+        row, column = step * np.array(np.nonzero(told[::step, ::step]))
+        window = self._window(places[told])
+        if window is None or len(row) < _LEAST_POINTS:
+            return
+        corner = self._low + PIXEL * (np.array([window[1].start, window[0].start]) + 0.5)
+        size = np.array([each.stop - each.start for each in window[::-1]])
+        # From the corner on, single precision is enough.
+        flat = np.where(told[..., None], places[..., :2] - corner, np.nan).astype(np.float32)
+        back = polynomial(
+            flat[row, column].astype(float), np.stack([column, row], axis=-1).astype(float)
+        )
+        u, v = cells(flat, np.zeros(2), PIXEL, size, back)
+        height = remap(np.where(told, places[..., 2], np.nan), u, v, cv2.INTER_CUBIC)
+        sigma = remap(cloud.sigma, u, v)
+        resolution = remap(cloud.resolution, u, v)
+        known = np.isfinite(height) & (sigma > 0) & np.isfinite(resolution)
+        weight = np.where(known, 1 / np.square(np.where(known, sigma, 1)), 0).astype(np.float32)
+        total = self._weight[window] + weight
+        off = np.where(known, height - self._mean[window], 0)
+        moved = off * weight / np.maximum(total, 1)
+        self._mean[window] += moved
+        self._squares[window] += weight * off * (off - moved)
+        self._resolution[window] += np.where(known, resolution * weight, 0)
+        self._variance[window] += np.where(known, np.square(sigma), 0)
+        self._weight[window] = total
+        self._count[window] += known
+
+    def fused(self, cloud: Cloud, pose: Pose) -> Cloud:
+        """A cloud that was added, with what all others tell of its points.
+
+        Its uncertainty is what bare skin shows by chance. Where the clouds agree with each other
+        worse than this one is sure of itself, it stays as it is.
+        """
+        places = self._places(cloud, pose)
+        window = self._window(places[cloud.valid])
+        if window is None:
+            return cloud
+        told = self._told(window)
+        corner = self._low + PIXEL * (np.array([window[1].start, window[0].start]) + 0.5)
+        at = np.where(cloud.valid[..., None], (places[..., :2] - corner) / PIXEL, -9)
+        u, v = np.moveaxis(at.astype(np.float32), -1, 0)
+        height = remap(told.mean, u, v, cv2.INTER_CUBIC)
+        spread = np.sqrt(remap(told.scattered, u, v))
+        better = cloud.valid & np.isfinite(height) & (spread < cloud.sigma)
+        if not better.any():
+            return cloud
+        # Of the skin's normal that of the cloud's middle: heights differ by little.
+        up = pose.rotation.inv().apply(self._normal(places[better].mean(axis=0)))
+        moved = np.where(better, height - places[..., 2], 0)
+        points = cloud.points + moved[..., None] * up
+        resolution = np.where(better, remap(told.resolution, u, v), cloud.resolution)
+        return replace(
+            cloud,
+            points=points.astype(np.float32),
+            sigma=np.where(better, spread, cloud.sigma).astype(np.float32),
+            resolution=resolution.astype(np.float32),
+        )
+
+    def heights(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Points of the skin above or below places, shape (..., 3), in the frame of the poses.
+
+        NaN where fewer than two clouds tell of one.
+        """
+        flat = self._skin.place(places)[..., :2]
+        window = self._window(flat.reshape(-1, 2))
+        if window is None:
+            return np.full(places.shape, np.nan)
+        corner = self._low + PIXEL * (np.array([window[1].start, window[0].start]) + 0.5)
+        u, v = np.moveaxis(((flat - corner) / PIXEL).astype(np.float32), -1, 0)
+        height = remap(self._told(window).mean, u, v, cv2.INTER_CUBIC)
+        return self._skin.points(flat, height.astype(float))
+
+    def shared(self, place: NDArray[np.float64]) -> float:
+        """What the clouds of a place claim in the mean, and may have in common, metres.
+
+        What windows take of a dent, and the rig's errors: that makes no dent of bare skin, but
+        does not average out of a dent's depth either. 0 where fewer than two clouds tell of it.
+        """
+        column, row = np.floor((self._skin.place(place)[:2] - self._low) / PIXEL).astype(int)
+        window = tuple(slice(max(at - _AROUND, 0), at + _AROUND + 1) for at in (row, column))
+        count = self._count[window]
+        several = count > 1
+        if not several.any():
+            return 0.0
+        return math.sqrt(float((self._variance[window][several] / count[several]).mean()))
+
+    def _told(self, window: tuple[slice, slice]) -> _Told:
+        """What is told within a window."""
+        weight, count = self._weight[window], self._count[window].astype(np.float32)
+        several = count > 1
+        side = 2 * round(_POOLED / PIXEL / 2) + 1
+        free = _pooled(np.where(several, count - 1, 0), side)
+        ratio = _pooled(np.where(several, self._squares[window], 0), side) / np.maximum(free, 1e-6)
+        stated = count / np.maximum(weight, 1)  # mean of the variances that the clouds tell
+        count = np.maximum(count, 1)
+
+        def known(values: NDArray) -> Map:
+            return np.where(several, values, np.float32(np.nan)).astype(np.float32)
+
+        return _Told(
+            known(self._mean[window]),
+            known(self._resolution[window] / np.maximum(weight, 1)),
+            known(stated / count * np.maximum(ratio, 1)),
+        )
+
+    def _places(self, cloud: Cloud, pose: Pose) -> NDArray[np.float64]:
+        points = np.where(cloud.valid[..., None], cloud.points, np.nan).astype(float)
+        return self._skin.place(pose.apply(points))
+
+    def _window(self, places: NDArray[np.float64]) -> tuple[slice, slice] | None:
+        """Rows and columns about places of shape (n, 3)."""
+        if not len(places):
+            return None
+        rows, columns = self._weight.shape
+        low = np.floor((places[:, :2].min(axis=0) - self._low) / PIXEL).astype(int) - _ROOM
+        high = np.ceil((places[:, :2].max(axis=0) - self._low) / PIXEL).astype(int) + _ROOM
+        low, high = np.maximum(low, 0), np.minimum(high, [columns, rows])
+        if (high <= low).any():
+            return None
+        return slice(low[1], high[1]), slice(low[0], high[0])
+
+    def _normal(self, place: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Outward normal of the unrolled skin, in its frame."""
+        normal = self._skin.points(place[:2], 1.0) - self._skin.points(place[:2], 0.0)
+        return normal / np.linalg.norm(normal)
+
+
+def _pooled(values: NDArray, side: int) -> Map:
+    result: Any = cv2.boxFilter(values.astype(np.float32), -1, (side, side), normalize=False)
+    return np.maximum(result, 0)

@@ -1,0 +1,240 @@
+"""What two patches tell of their relative pose, and in which directions they tell nothing.
+
+The covariance is that of a jackknife: how much the pose would move if a strip of the skin were
+left out. Errors of a cloud are alike along its fringes, and across them along the rows of its
+windows; so strips of both kinds are left out, and what either tells is added: clustering in two
+ways. Source: A. C. Cameron, D. L. Miller, Journal of Human Resources 50, 317 (2015).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.rigid import moved_along, twist_between
+from ftp_dent_ros.survey.alignment import Equations
+
+Array = NDArray[np.float64]
+
+# Width of a strip, metres: errors of clouds are alike over some windows of their fringes.
+_STRIP = 0.04
+# Strips each way, and squares as wide as a strip, that a direction takes at least to be told.
+_LEAST_STRIPS, _LEAST_SQUARES = 3, 12
+# Standard deviations of what noise would tell by chance, from which on a direction is believed.
+_SURE = 5.0
+# Marks lie in relief that the fringes do not resolve (grooves about rivets, edges of paint), so
+# that they move against the skin with the direction they are seen from: its depth, metres.
+_RELIEF = 1e-4
+# What no pair is better known than, metres: points are rounded to single precision. And what
+# stands for nothing, beside what all strips tell.
+_LEAST, _NOTHING = 1e-7, 1e-9
+
+# Standard deviations of what calibrations leave (benchmarks/calibration.py): focal lengths and
+# baselines are off by 0.003 %, which stretches; 0.002 px that the camera or the projector is off
+# at its rim are 3 micrometres of height 0.25 m from the middle, which bends, in 1/m.
+_BEND, _STRETCH = 5e-5, 3e-5
+#: Covariance of the six: of x^2, 2 x y and y^2 in the height, and of the stretch along x, in
+#: shear, and along y; x and y are a patch's.
+COMMON = np.diag(np.square([_BEND] * 3 + [_STRETCH] * 3))
+_FORMS = np.array([[[1.0, 0], [0, 0]], [[0, 1], [1, 0]], [[0, 0], [0, 1]]])
+
+# Metres that a turn of a radian is taken for: half of a patch.
+_ARM = 0.15
+_SCALE = np.array([1, 1, 1, 1 / _ARM, 1 / _ARM, 1 / _ARM])
+# By how much a patch that is slid may slide on while it is laid on the other, metres.
+_HELD = 1e-5
+
+
+@dataclass(frozen=True, eq=False)
+class Told:
+    """What is told.
+
+    Attributes
+    ----------
+    step : ndarray, shape (6,)
+        To the pose that the patches alone tell: shift of the centre, and turn.
+    information : ndarray, shape (6, 6)
+        Inverse covariance; zero in directions that are not told.
+    count : int
+        Directions told.
+    """
+
+    step: NDArray[np.float64]
+    information: NDArray[np.float64]
+    count: int
+
+
+def told_by(found: Equations, centre: Array, parallax: Array) -> Told:
+    """What equations at their solution tell.
+
+    Parameters
+    ----------
+    found : Equations
+    centre : ndarray, shape (3,)
+        Of what both saw, metres.
+    parallax : ndarray, shape (2,)
+        Along x and y, how far a place moves between the two views for each metre that it lies
+        below the skin.
+    """
+    # Turns are compared with shifts at the overlap's own size.
+    arm = float(np.sqrt(np.mean(np.square(found.place - centre).sum(axis=1))))
+    scale = np.array([1, 1, 1, 1 / arm, 1 / arm, 1 / arm])
+    own, other = found.own * scale, found.other * scale
+    product = (found.weight[:, None] * own).T @ other
+    values, directions = np.linalg.eigh((product + product.T) / 2)
+    own, other = own @ directions, other @ directions
+    chance = np.sqrt(np.square(found.weight[:, None] * own * other).sum(axis=0))
+    sure = (values > 0) & (values > _SURE * chance)
+    kept = directions[:, sure]
+    ways = [_strips(found.place[:, axis]) for axis in (0, 1)]
+    squares = np.unique(ways[0] + (ways[0].max() + 1) * ways[1])
+    if not sure.any() or len(squares) < _LEAST_SQUARES:
+        return Told(np.zeros(6), np.zeros((6, 6)), 0)
+    own, other = own[:, sure], other[:, sure]
+    weighted, pull = found.weight[:, None] * own, (found.weight * found.residual)[:, None]
+    # All marks of a pair lie as deep, so that strips do not show it.
+    moved = _RELIEF * kept[:2].T @ parallax
+    covariance = np.outer(moved, moved) + _LEAST**2 * np.eye(len(moved))
+    for strips in ways:
+        part = _products(weighted, other, strips)
+        gradients = _summed((own + other) / 2 * pull, strips)
+        count, inner = len(part), part.sum(axis=0)
+        step = -np.linalg.solve(inner, gradients.sum(axis=0))
+        scores = gradients + part @ step
+        # Without a strip that alone tells a direction, nothing does.
+        left = inner - part + _NOTHING * np.trace(inner) * np.eye(len(inner))
+        moves = np.linalg.solve(left, scores[..., None])[..., 0]
+        covariance = covariance + (count - 1) / count * moves.T @ moves
+    information = kept @ np.linalg.inv(covariance) @ kept.T
+    return Told(kept @ step * scale, information / np.outer(scale, scale), int(sure.sum()))
+
+
+def _strips(place: Array) -> NDArray[np.intp]:
+    """Number of each point's strip: they are alike in width."""
+    low, size = place.min(), max(float(np.ptp(place)), 1e-9)
+    count = max(_LEAST_STRIPS, round(size / _STRIP))
+    return np.minimum((place - low) / size * count, count - 1).astype(np.intp)
+
+
+def _products(own: Array, other: Array, strips: NDArray[np.intp]) -> Array:
+    """Symmetric sums of products of slopes in each strip, shape (strips, n, n)."""
+    # One product of matrices a strip takes a tenth of sums over all points for each element.
+    order = np.argsort(strips, kind='stable')
+    ends = np.searchsorted(strips[order], np.arange(strips.max() + 2))
+    own, other = own[order], other[order]
+    sums = np.array([own[a:b].T @ other[a:b] for a, b in pairwise(ends)])
+    return (sums + np.swapaxes(sums, 1, 2)) / 2
+
+
+def _summed(values: NDArray, strips: NDArray[np.intp]) -> NDArray[np.float64]:
+    return np.stack([np.bincount(strips, each) for each in values.T], axis=-1)
+
+
+def in_common(centre: Array, pose: Pose) -> Array:
+    """How the pose of one patch on another errs with what both have in common.
+
+    Parameters
+    ----------
+    centre : ndarray, shape (3,)
+        Of what both saw, metres, in the first patch's frame.
+    pose : Pose
+        Of the second patch in the first.
+
+    Returns
+    -------
+    ndarray, shape (6, 6)
+        Change of the shift of the centre and the turn about it, along the first patch's axes.
+    """
+    here, there = centre[:2], pose.inverse().apply(centre)[:2]
+    turn = pose.rotation.as_matrix()[:2, :2]
+    result = np.zeros((6, 6))
+    for index, form in enumerate(_FORMS):
+        # Heights of the first less those of the second: their value and slope at the centre.
+        result[2, index] = here @ form @ here - there @ form @ there
+        slope = 2 * (form @ here - turn @ form @ there)
+        result[3, index], result[4, index] = slope[1], -slope[0]
+        result[:2, 3 + index] = form @ here - turn @ form @ there
+    return result
+
+
+@dataclass(frozen=True, eq=False)
+class RelativePose:
+    """Pose of one camera in another's frame, by what both saw.
+
+    Attributes
+    ----------
+    pose : Pose
+        Of the second camera in the first one's frame.
+    centre : ndarray, shape (3,)
+        About which `information` turns: the middle of what both saw, first camera's frame, metres.
+    information : ndarray, shape (6, 6)
+        Inverse of the covariance of the twist about `centre`, of shift (metres) and turn
+        (radians), along the first camera's axes; zero in directions that the skin does not tell.
+    told : int
+        Directions that it does tell, up to 6.
+    overlap : float
+        Share of the second cloud that lies on the first.
+    misfit : float
+        Of the heights, root mean square along the normal, metres.
+    remark : str
+        What could not be used, and why; empty if all could.
+    common : ndarray, shape (6, 6)
+        How the twist changes with the errors that all clouds of the rig have in common, as
+        `common_errors` has them.
+    """
+
+    pose: Pose
+    centre: NDArray[np.float64]
+    information: NDArray[np.float64]
+    told: int
+    overlap: float
+    misfit: float
+    remark: str = ''
+    common: NDArray[np.float64] = field(default_factory=lambda: np.zeros((6, 6)))
+
+
+class UnlikePairError(Exception):
+    """Two clouds that do not lie on each other; the message says in what."""
+
+
+def slid_information(
+    told: Told,
+    pose: Pose,
+    centre: Array,
+    doubt: Array,
+    laid: Callable[[Pose, Array], Pose],
+) -> Array:
+    """Information on a pose by shape, shape (6, 6), wherever within its doubt the patches lie.
+
+    Parameters
+    ----------
+    told : Told
+        At the pose.
+    doubt : ndarray, shape (6, 6)
+        Covariance of the guess, of the shift of the centre and the turn.
+    laid : callable
+        Lays the patches on each other by their heights, from a pose on, held by a matrix.
+    """
+    if told.count in (0, 6):
+        return told.information
+    both = np.outer(_SCALE, _SCALE)
+    values, directions = np.linalg.eigh(told.information * both)
+    free, sure = directions[:, : 6 - told.count], directions[:, 6 - told.count :]
+    spread = np.linalg.inv(np.linalg.inv(doubt) * both + told.information * both)
+    variances, ways = np.linalg.eigh(free.T @ spread @ free)
+    held = free @ free.T / both / _HELD**2
+    covariance = np.diag(1 / values[6 - told.count :])
+    for step in (free @ ways * np.sqrt(variances)).T:
+        for sign in (1, -1):
+            try:
+                other = laid(moved_along(pose, sign * (step * _SCALE), centre), held)
+            except UnlikePairError:
+                continue
+            change = sure.T @ (twist_between(pose, other, centre) / _SCALE)
+            covariance += np.outer(change, change) / 2
+    return sure @ np.linalg.inv(covariance) @ sure.T / both

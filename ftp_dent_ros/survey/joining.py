@@ -1,0 +1,328 @@
+"""Clouds as they come, each laid on those that it overlaps, and all their poses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from ftp_dent_ros.cloud.cloud import Cloud
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.survey.alignment import Samples, samples_of
+from ftp_dent_ros.survey.information import RelativePose, UnlikePairError
+from ftp_dent_ros.survey.patch import Kept, outline_of, patch_of
+from ftp_dent_ros.survey.pose_graph import PoseGraph
+from ftp_dent_ros.survey.pose_terms import Node, relative_doubt, share_kept
+from ftp_dent_ros.survey.registration import register
+
+# Earlier clouds that each is laid on: the one before, and one some clouds back.
+_BACK = (1, 3)
+# A cloud is kept for later passes where the last that was kept is this part of a patch away.
+_KEPT = 0.3
+# Share of an autopilot's error below which it is taken for another one: one in twenty.
+_ANOTHER = 0.05
+# Clouds before the newest by which its place is told.
+_WINDOW = 20
+
+# So many passes, which are others from so many clouds on; and no farther apart than this part of
+# both patches' sizes.
+_PASSES, _APART, _NEAR = 2, 8, 0.6
+# Pairs on the same skin err alike: this part of a patch from the last that was laid on another.
+_ANEW = 0.5
+
+# Clouds before the newest, and about another, by which the doubt of these two is known.
+_NEARBY = 4
+# Of a cloud's place seen from the one before, where no autopilot tells it: metres, radians.
+_BLIND = np.diag([0.08**2] * 3 + [0.03**2] * 3)
+
+
+class Joining:
+    """Joins clouds to one skin.
+
+    Attributes
+    ----------
+    graph : PoseGraph
+    stamps_ns : list of int
+    remarks : list of str
+        What could not be used, and why.
+    without_skin : int
+        Clouds without an image of the skin.
+    outlines : list of ndarray, shape (n, 3)
+        Some points of each cloud, its rim's among them, in its camera's frame, metres.
+    normals : list of ndarray, shape (3,)
+        Of each cloud's plane, outward, in its camera's frame.
+    """
+
+    def __init__(self, remark: Callable[[str], Any] = lambda text: None) -> None:
+        self.graph = PoseGraph()
+        self.stamps_ns: list[int] = []
+        self.remarks: list[str] = []
+        self.without_skin = 0
+        self._remark = remark
+        self._kept: dict[int, Kept] = {}
+        self._last_key = -1
+        self._was_refused = False
+        self._last_closed = self._last_slid = -1
+        self.outlines: list[NDArray[np.float64]] = []
+        self.normals: list[NDArray[np.float64]] = []
+
+    def add(
+        self,
+        stamp_ns: int,
+        cloud: Cloud,
+        skin: NDArray[np.uint8] | None = None,
+        pose: Pose | None = None,
+        covariance: NDArray[np.float64] | None = None,
+        flight: int = 0,
+    ) -> Pose:
+        """Where another cloud's camera was.
+
+        Parameters
+        ----------
+        stamp_ns : int
+        cloud : Cloud
+            In its camera's frame.
+        skin : ndarray, shape (rows, columns), uint8, optional
+        pose : Pose, optional
+            Of the camera, as the autopilot says.
+        covariance : ndarray, shape (6, 6), optional
+            Of that pose.
+        flight : int
+            Number of the flight: the autopilot's errors of two are not alike.
+
+        Raises
+        ------
+        CloudError
+            The cloud has too few points.
+        """
+        patch = patch_of(cloud, skin)
+        self.without_skin += not patch.has_paint
+        number = len(self.stamps_ns)
+        node = Node(pose, covariance if pose is not None else None, stamp_ns / 1e9, flight)
+        self.graph.add(node, self._guess(node))
+        self.stamps_ns.append(stamp_ns)
+        samples = samples_of(patch)
+        size = float(np.ptp(samples.heights[:, :2], axis=0).min())
+        self.outlines.append(patch.frame.apply(outline_of(samples.heights)))
+        self.normals.append(patch.frame.rotation.apply([0.0, 0.0, 1.0]))
+        self._kept[number] = Kept(patch, size)
+        for other in self._neighbours(number):
+            if self._join(other, number, samples) and other == number - 1:
+                # A guess for the others that is nearly right.
+                self.graph.follow(number)
+        for other in closures(self.graph, self._kept, number, self._last_closed):
+            self._close(other, number, samples)
+        self.graph.update()
+        self._tell_refused()
+        self._forget(number)
+        return self.graph.poses[number]
+
+    def finish(self) -> None:
+        """Move all poses to where they agree best, and tell what was left out.
+
+        No cloud is to come: what later ones could be laid on is forgotten.
+        """
+        self._kept.clear()
+        self.graph.solve()
+        self._tell_refused()
+        for text in self.contradicting().values():
+            self._remark_on(text)
+
+    def contradicting(self) -> dict[int, str]:
+        """Which pairs are left out at the moment, by their number."""
+        links = self.graph.links
+        return {
+            index: self._about(
+                links[index].first, links[index].second, 'contradicts the others, and is left out'
+            )
+            for index in sorted(self.graph.left_out)
+        }
+
+    def newest_covariance(self) -> NDArray[np.float64]:
+        """Covariance of the newest pose in the map, shape (6, 6), by the last clouds alone.
+
+        That is no less than it is: what is known from before is not counted, as poses before the
+        last ones are only moved now and then.
+        """
+        count = len(self.graph.nodes)
+        last = self.graph.part(range(max(0, count - _WINDOW), count))
+        return last.covariances(only=[len(last.nodes) - 1])[0]
+
+    def _guess(self, node: Node) -> Pose:
+        graph = self.graph
+        if not graph.nodes:
+            return node.stated or Pose(Rotation.identity(), np.zeros(3))
+        last, there = graph.nodes[-1], graph.poses[-1]
+        if node.stated is None:
+            if len(graph.poses) < 2:
+                return there
+            return there @ (graph.poses[-2].inverse() @ there)
+        if last.stated is None or last.flight != node.flight:
+            return node.stated
+        return there @ last.stated.inverse() @ node.stated
+
+    def _neighbours(self, number: int) -> list[int]:
+        same = self._flight(number)
+        numbers = (number - back for back in _BACK)
+        return [n for n in numbers if n >= 0 and self._flight(n) == same]
+
+    def _flight(self, number: int) -> int:
+        return self.graph.nodes[number].flight
+
+    def _middle(self, number: int) -> NDArray[np.float64]:
+        return self.graph.poses[number].apply(self._kept[number].whole.frame.translation)
+
+    def _join(self, first: int, second: int, samples: Samples) -> bool:
+        """Lay a cloud on one shortly before; False if it does not fit."""
+        relative = self._laid(first, second, samples)
+        if relative is None:
+            return False
+        self.graph.link(first, second, relative)
+        if relative.remark and second - first == 1 and self._kept[second].patch.has_paint:
+            self._tell(first, second, relative.remark)
+        return relative.told > 0
+
+    def _close(self, first: int, second: int, samples: Samples) -> None:
+        """Lay a cloud on one of another pass.
+
+        Where marks do not tell how far they are slid along each other, the autopilot alone does.
+        Pairs share its error while it lasts: one stands for all, or many would be sure of it.
+        """
+        relative = self._laid(first, second, samples)
+        if relative is None:
+            return
+        nodes, last = self.graph.nodes, self._last_slid
+        if relative.told == 6:
+            self._last_closed = second
+        elif last in (-1, second) or share_kept(nodes[last], nodes[second]) < _ANOTHER:
+            self._last_slid = second
+        else:
+            return
+        self.graph.link(first, second, relative)
+
+    def _laid(self, first: int, second: int, samples: Samples) -> RelativePose | None:
+        """Pose of a cloud seen from an earlier one; None if it does not fit."""
+        if first not in self._kept:
+            return None
+        patches = self._kept[first].patch, self._kept[second].patch
+        guess = self.graph.poses[first].inverse() @ self.graph.poses[second]
+        is_known = bool(self.graph.links) and self.graph.links[-1].second == second
+        known = doubt_by_links(self.graph, first, second) if is_known else None
+        doubt = doubt_by_autopilot(self.graph, first, second)
+        try:
+            return register(*patches, guess, doubt, samples, known)
+        except UnlikePairError as reason:
+            if second - first == 1:
+                self._tell(first, second, str(reason))
+            return None
+
+    def _forget(self, number: int) -> None:
+        """Keep the last patches, and of the others as many as later passes need."""
+        old = number - max(_BACK)
+        if old < 0 or old not in self._kept:
+            return
+        kept = self._kept[old]
+        last = self._last_key
+        if last >= 0 and last in self._kept:
+            apart = np.linalg.norm(self._middle(last) - self._middle(old))
+            if apart < _KEPT * kept.size and self._flight(last) == self._flight(old):
+                del self._kept[old]
+                return
+        self._last_key = old
+        self._kept[old] = kept.folded()
+
+    def _tell_refused(self) -> None:
+        """Tell of a solution that was not taken, once until one is."""
+        far, was_refused = self.graph.refused, self._was_refused
+        self._was_refused = far > 0
+        if far and not was_refused:
+            stamp_s = self.stamps_ns[-1] / 1e9
+            self._remark_on(
+                f'cloud {len(self.stamps_ns)} ({stamp_s:.3f} s): its pairs would put poses '
+                f'{far:.0f} standard deviations from where the autopilot says: refused, the last '
+                'places are kept; the pairs are wrong, or the autopilot is'
+            )
+
+    def _tell(self, first: int, second: int, what: str) -> None:
+        self._remark_on(self._about(first, second, what))
+
+    def _about(self, first: int, second: int, what: str) -> str:
+        a, b = (self.stamps_ns[number] / 1e9 for number in (first, second))
+        return f'clouds {first + 1} and {second + 1} ({a:.3f} s and {b:.3f} s): {what}'
+
+    def _remark_on(self, text: str) -> None:
+        self.remarks.append(text)
+        self._remark(text)
+
+
+def closures(graph: PoseGraph, kept: Mapping[int, Kept], number: int, last: int) -> list[int]:
+    """Of other passes that show the same skin, the nearest cloud of each.
+
+    Parameters
+    ----------
+    graph : PoseGraph
+    kept : mapping of int to Kept
+        Clouds that can be looked up; `number` is one of them.
+    number, last : int
+        Of the cloud, and of the last that was laid on another pass; -1 for none.
+    """
+    others = [each for each in kept if _are_passes(graph, each, number)]
+    if not others or _is_same_skin(graph, kept[number], number, last):
+        return []
+    both = [*others, number]
+    seen = np.stack([kept[each].whole.frame.translation for each in both])
+    sizes = np.array([kept[each].size for each in both])
+    middles = graph.placed(both, seen)
+    apart = np.linalg.norm(middles[:-1] - middles[-1], axis=1)
+    near = np.flatnonzero(apart < _NEAR * (sizes[:-1] + sizes[-1]))
+    chosen: list[int] = []
+    for index in near[np.argsort(apart[near], kind='stable')]:
+        if all(_are_passes(graph, others[index], each) for each in chosen):
+            chosen.append(others[index])
+    return chosen[:_PASSES]
+
+
+def _are_passes(graph: PoseGraph, one: int, other: int) -> bool:
+    nodes = graph.nodes
+    return abs(one - other) >= _APART or nodes[one].flight != nodes[other].flight
+
+
+def _is_same_skin(graph: PoseGraph, cloud: Kept, number: int, last: int) -> bool:
+    if last < 0 or _are_passes(graph, last, number):
+        return False
+    apart = np.linalg.norm(graph.poses[last].translation - graph.poses[number].translation)
+    return bool(apart < _ANEW * cloud.size)
+
+
+def doubt_by_links(graph: PoseGraph, first: int, second: int) -> NDArray[np.float64]:
+    """Covariance of the second camera's place seen from the first, by all that joins them nearby.
+
+    Along the first camera's axes, about the second camera, shape (6, 6).
+
+    Parameters
+    ----------
+    graph : PoseGraph
+    first, second : int
+        Numbers of the clouds; the second is joined already.
+    """
+    links = graph.links
+    near = {first, *range(max(0, second - _NEARBY), second + 1)}
+    start = graph.first_link(max(0, second - _NEARBY))
+    near |= {link.first for link in links[start:] if abs(link.first - first) <= _NEARBY}
+    numbers = sorted(near)
+    part = graph.part(numbers)
+    at = numbers.index(first)
+    covariance = part.covariances(anchor=at, only=[numbers.index(second)])[0]
+    turn = np.kron(np.eye(2), graph.poses[first].rotation.as_matrix())
+    return turn.T @ covariance @ turn
+
+
+def doubt_by_autopilot(graph: PoseGraph, first: int, second: int) -> NDArray[np.float64]:
+    """The same by the autopilot alone, or by how far a drone flies where it tells nothing."""
+    a, b = graph.nodes[first], graph.nodes[second]
+    if a.covariance is None or b.covariance is None:
+        return _BLIND * max(1, min(second - first, 3))
+    return relative_doubt(a, b, graph.poses[first], graph.poses[second])

@@ -1,0 +1,406 @@
+"""All poses of a survey at once: by what pairs of clouds tell, and what the autopilot says."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix, csc_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import splu
+from scipy.spatial.transform import Rotation
+
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.rigid import motions, spread_of_shift
+from ftp_dent_ros.robust import geman_mcclure
+from ftp_dent_ros.survey.information import COMMON, RelativePose
+from ftp_dent_ros.survey.pose_terms import (
+    ANCHOR,
+    Array,
+    Link,
+    LinkTerms,
+    Node,
+    NormalEquations,
+    StatedTerms,
+    distances,
+)
+
+# Of squared errors by directions told: from where on a pair is told to contradict the others.
+_WRONG = 36.0
+# Standard deviations from what the autopilot says: farther off, no pair is believed. Autopilots
+# are surer of themselves than they are right, but not by as much.
+_FAR = 30.0
+# Poses that move as clouds come. All move where a pair with an earlier one strains them, but for a
+# rest of this share of them; and at once after so many clouds, and such a share.
+_WINDOW, _REST, _EVERY, _GROWN = 20, 0.02, 100, 0.25
+# Columns of the inverse that are solved for at once.
+_AT_ONCE = 600
+
+#: Of squared errors by directions told: where a pair counts a quarter.
+HALF = 16.0
+# Steps, the step that is small enough, and the one from which on pairs are told apart: metres and
+# radians. And the gain of a step, in squared standard deviations of all, that is none.
+_STEPS, _DONE, _COARSE, _NO_GAIN = 40, 1e-7, 1e-4, 1e-4
+# By which the tolerance falls from step to step.
+_GRADUAL = 4.0
+# A step is halved so often at most.
+_HALVINGS = 12
+
+
+class PoseGraph:
+    """Poses of cameras, and what joins them; all that is told is relative or the autopilot's.
+
+    Attributes
+    ----------
+    nodes : list of Node
+    poses, guesses : list of Pose
+        As they are found, and as they were guessed.
+    links : list of Link
+        Each second cloud's number is no less than the last one's.
+    left_out : set of int
+        Numbers of the links that contradict the others.
+    refused : float
+        How far from what the autopilot says, in its standard deviations, the last solution would
+        have put a pose: too far, so that poses are where they were; 0 if it was taken.
+    """
+
+    def __init__(self) -> None:
+        self.nodes: list[Node] = []
+        self.poses: list[Pose] = []
+        self.guesses: list[Pose] = []
+        self.links: list[Link] = []
+        self.left_out: set[int] = set()
+        self.refused = 0.0
+        # The poses once more, in arrays that grow by doubling.
+        self._turns, self._places = np.zeros((16, 3, 3)), np.zeros((16, 3))
+        self._all_moved, self._is_strained = 0, False
+
+    def add(self, node: Node, guess: Pose) -> None:
+        """Another pose, about where it is guessed to be."""
+        number = len(self.nodes)
+        if number == len(self._places):
+            self._turns = np.concatenate([self._turns, np.zeros_like(self._turns)])
+            self._places = np.concatenate([self._places, np.zeros_like(self._places)])
+        self._turns[number] = guess.rotation.as_matrix()
+        self._places[number] = guess.translation
+        self.nodes.append(node)
+        self.poses.append(guess)
+        self.guesses.append(guess)
+
+    def link(self, first: int, second: int, relative: RelativePose) -> None:
+        """Another relative pose; the second cloud is the newer one."""
+        self.links.append(Link(first, second, relative))
+
+    def first_link(self, number: int) -> int:
+        """Number of the first link to a pose or a newer one."""
+        return bisect_left(self.links, number, key=lambda link: link.second)
+
+    def part(self, numbers: Sequence[int]) -> PoseGraph:
+        """Some of the poses, in rising order, and what joins them, without all others.
+
+        What the autopilot says of two says the same of them whether poses lie between or not.
+        """
+        place = {number: index for index, number in enumerate(numbers)}
+        some = PoseGraph()
+        for number in numbers:
+            some.add(self.nodes[number], self.poses[number])
+        for index in range(self.first_link(numbers[0]), len(self.links)):
+            link = self.links[index]
+            if link.first in place and link.second in place and index not in self.left_out:
+                some.links.append(
+                    replace(link, first=place[link.first], second=place[link.second])
+                )
+        return some
+
+    def update(self) -> None:
+        """Move the last poses, and all where that does not do, after a pose and its links came."""
+        number = len(self.nodes) - 1
+        fixed = max(0, number - _WINDOW)
+        self.solve(fixed)
+        newest = range(self.first_link(number), len(self.links))
+        self._is_strained |= self.strained([k for k in newest if self.links[k].first < fixed])
+        rested = number - self._all_moved
+        is_due = rested >= max(_EVERY, _GROWN * number)
+        if is_due or (self._is_strained and rested >= _REST * number):
+            self.solve()
+            self._all_moved, self._is_strained = number, False
+
+    def solve(self, fixed: int = 0) -> None:
+        """Move the poses from number `fixed` on to where they agree best."""
+        count = len(self.nodes) - fixed
+        if count <= 0:
+            return
+        terms = self._gathered(fixed)
+        size = len(self.nodes)
+        judged = terms.links.number
+        doubted = np.isin(judged, list(self.left_out) if fixed else [])
+        turns, places = solved(terms, self._turns[:size], self._places[:size], doubted)
+        farthest = float(self._distances(fixed, turns, places).max())
+        self.refused = farthest if farthest > _FAR else 0.0
+        if self.refused:
+            turns, places = self._held(terms)
+        self._turns[:size], self._places[:size] = turns, places
+        rotations = Rotation.from_matrix(turns[fixed:])
+        self.poses[fixed:] = [Pose(rotations[k], places[fixed + k].copy()) for k in range(count)]
+        misfits = terms.links.misfits(turns, places)
+        self.left_out -= set(judged.tolist())
+        self.left_out |= set(judged[misfits > _WRONG].tolist())
+
+    def follow(self, number: int) -> None:
+        """Put the newest pose where its last link says, as far as that says anything."""
+        link = self.links[-1]
+        if link.relative.told == 6:
+            pose = self.poses[link.first] @ link.relative.pose
+            self.poses[number] = pose
+            self._turns[number] = pose.rotation.as_matrix()
+            self._places[number] = pose.translation
+        else:
+            self.solve(fixed=number)
+
+    def placed(self, numbers: Sequence[int], points: Array) -> Array:
+        """Points of shape (n, 3), each in its camera's frame, in the map."""
+        at = np.asarray(numbers, np.intp)
+        return (self._turns[at] @ points[..., None])[..., 0] + self._places[at]
+
+    def strained(self, numbers: Sequence[int]) -> bool:
+        """Whether some links, by their numbers, do not fit where the poses are."""
+        told = [k for k in numbers if self.links[k].relative.told]
+        terms = LinkTerms.of([self.links[k] for k in told], told)
+        return bool((terms.misfits(self._turns, self._places) > HALF).any())
+
+    def covariances(
+        self, anchor: int | None = None, only: Sequence[int] | None = None
+    ) -> NDArray[np.float64]:
+        """Covariance of every pose, shape (n, 6, 6), as in geometry_msgs/PoseWithCovariance.
+
+        What all clouds have in common is no unknown of the solution, so poses err by all that it
+        may be, whatever pairs would tell of it: a parameter considered, not estimated. Source:
+        G. J. Bierman, Factorization Methods for Discrete Sequential Estimation (1977), ch. VIII.
+
+        Parameters
+        ----------
+        anchor : int, optional
+            The pose that is taken for exact; that of the map by default.
+        only : sequence of int, optional
+            Numbers of the poses that are asked for; all by default.
+        """
+        terms = self._gathered(0, anchor)
+        errors = terms.errors(self._turns, self._places)
+        equations = terms.equations(
+            self._turns,
+            self._places,
+            errors,
+            weights_of(errors.misfits),
+            {} if anchor is None else {anchor: ANCHOR},
+            with_common=True,
+        )
+        both: csc_matrix = equations.matrix()
+        size = 6 * terms.count
+        matrix, pull = both[:size, :size], both[:size, size:].toarray()
+        solver = factored(matrix)
+        bent = solver.solve(pull).reshape(-1, 6, 6)
+        wanted = np.arange(terms.count) if only is None else np.asarray(only)
+        blocks = np.empty((len(wanted), 6, 6))
+        for start in range(0, len(wanted), _AT_ONCE // 6):
+            some = wanted[start : start + _AT_ONCE // 6]
+            rows = (6 * some[:, None] + np.arange(6)).ravel()
+            unit = np.zeros((size, len(rows)))
+            unit[rows, np.arange(len(rows))] = 1
+            columns = solver.solve(unit)[rows].reshape(len(some), 6, len(some), 6)
+            own = columns[np.arange(len(some)), :, np.arange(len(some))]
+            own = own + bent[some] @ COMMON @ np.swapaxes(bent[some], 1, 2)
+            blocks[start : start + len(some)] = (own + np.swapaxes(own, 1, 2)) / 2
+        return spread_of_shift(blocks)
+
+    def groups(self) -> list[int]:
+        """Number of the group that each pose belongs to: those that links join."""
+        joins = [
+            (link.first, link.second)
+            for index, link in enumerate(self.links)
+            if index not in self.left_out and link.relative.told == 6
+        ]
+        first, second = np.array(joins, int).reshape(-1, 2).T
+        size = len(self.nodes)
+        joined = coo_matrix((np.ones(len(joins)), (first, second)), shape=(size, size))
+        return connected_components(joined, directed=False)[1].tolist()
+
+    def _distances(self, fixed: int, turns: Array, places: Array) -> Array:
+        return distances(self.nodes[fixed:], turns[fixed:], places[fixed:])
+
+    def _held(self, terms: Terms) -> tuple[Array, Array]:
+        """Poses as they were, or where the autopilot says, settled if they stay near that."""
+        fixed, size = terms.fixed, len(self.nodes)
+        turns, places = self._turns[:size].copy(), self._places[:size].copy()
+        for number in fixed + np.flatnonzero(self._distances(fixed, turns, places) > _FAR):
+            stated = self.nodes[number].stated
+            assert stated is not None
+            turns[number], places[number] = stated.rotation.as_matrix(), stated.translation
+        found = settled(terms, turns, places)
+        is_near = self._distances(fixed, *found).max() <= _FAR
+        return found if is_near else (turns, places)
+
+    def _gathered(self, fixed: int, anchor: int | None = None) -> Terms:
+        told = [
+            number
+            for number in range(self.first_link(fixed), len(self.links))
+            if self.links[number].relative.told
+        ]
+        links = LinkTerms.of([self.links[number] for number in told], told)
+        stated = StatedTerms.of(self.nodes, self.guesses, fixed, anchor)
+        return Terms(fixed, len(self.nodes) - fixed, links, stated)
+
+
+@dataclass(frozen=True, eq=False)
+class Errors:
+    """How far poses are off what n links and m stated poses tell of them.
+
+    Attributes
+    ----------
+    links, stated : ndarray, shape (n, 6) and (m, 6)
+    misfits : ndarray, shape (n,)
+        Squares of the links' errors, a direction told.
+    of_stated : float
+        Sum of squares of the stated poses' errors.
+    """
+
+    links: Array
+    stated: Array
+    misfits: Array
+    of_stated: float
+
+
+@dataclass(frozen=True, eq=False)
+class Terms:
+    """All that is told of the poses from number `fixed` on, gathered for a solution."""
+
+    fixed: int
+    count: int
+    links: LinkTerms
+    stated: StatedTerms
+
+    def errors(self, turns: Array, places: Array) -> Errors:
+        """How far poses are off what is told."""
+        links, stated = self.links.errors(turns, places), self.stated.errors(turns, places)
+        return Errors(
+            links, stated, self.links.squares(links), float(self.stated.squares(stated).sum())
+        )
+
+    def equations(
+        self,
+        turns: Array,
+        places: Array,
+        errors: Errors,
+        weights: Array,
+        held: Mapping[int, Array] | None = None,
+        with_common: bool = False,
+    ) -> NormalEquations:
+        """Normal equations, or those with one more unknown: what all clouds have in common.
+
+        Some poses may be `held`: covariances, by the pose's number.
+        """
+        held = held or {}
+        last = self.fixed + self.count if with_common else None
+        equations = NormalEquations(self.fixed, self.count + with_common)
+        self.links.add_to(equations, turns, places, errors.links, weights, last)
+        self.stated.add_to(equations, errors.stated)
+        for number, spread in held.items():
+            information = np.linalg.inv(spread)[None].astype(float)
+            equations.add([np.array([number])], [np.eye(6)[None]], np.zeros((1, 6)), information)
+        return equations
+
+    def cost(self, errors: Errors, tolerance: Array | float = 1.0) -> float:
+        """Robust sum of squares."""
+        heard = errors.misfits / (1 + errors.misfits / (HALF * tolerance))
+        return float(self.links.told @ heard + errors.of_stated)
+
+
+def solved(
+    terms: Terms, turns: Array, places: Array, doubted: NDArray[np.bool_]
+) -> tuple[Array, Array]:
+    """Poses that agree best, from where they are; they fit no worse than that.
+
+    Parameters
+    ----------
+    terms : Terms
+    turns, places : ndarray, shape (all, 3, 3) and (all, 3)
+        Of all poses.
+    doubted : ndarray, shape (links,), bool
+        Links that contradicted the others before: they count from the first step on by how they
+        fit.
+
+    Returns
+    -------
+    turns, places : ndarray, shape (all, 3, 3) and (all, 3)
+    """
+    found = _stepped(terms, turns, places, doubted, math.inf)
+    if terms.cost(terms.errors(*found)) > terms.cost(terms.errors(turns, places)):
+        return settled(terms, turns, places)
+    return found
+
+
+def settled(terms: Terms, turns: Array, places: Array) -> tuple[Array, Array]:
+    """The same, but no pair that does not fit already pulls."""
+    return _stepped(terms, turns, places, np.ones(len(terms.links), bool), 1.0)
+
+
+def weights_of(misfits: Array, tolerance: Array | float = 1.0) -> Array:
+    """Of pairs by squared errors a direction: of Geman and McClure's robust least squares."""
+    return geman_mcclure(misfits, HALF * tolerance)
+
+
+def factored(matrix: csc_matrix) -> Any:
+    """Factors of a symmetric positive matrix: in an order that fills little of them."""
+    return splu(
+        matrix,
+        permc_spec='MMD_AT_PLUS_A',
+        diag_pivot_thresh=0.0,
+        options={'SymmetricMode': True},
+    )
+
+
+def _stepped(
+    terms: Terms, turns: Array, places: Array, doubted: NDArray[np.bool_], tolerance: float
+) -> tuple[Array, Array]:
+    """Poses after steps at tolerances that fall to 1, from a first one."""
+    errors = terms.errors(turns, places)
+    for _ in range(_STEPS):
+        each = np.where(doubted, 1.0, tolerance)
+        weights = weights_of(errors.misfits, each)
+        equations = terms.equations(turns, places, errors, weights)
+        step = -factored(equations.matrix()).solve(equations.gradient).reshape(-1, 6)
+        before, gain = terms.cost(errors, each), 0.0
+        for _ in range(_HALVINGS):
+            there = _moved(turns, places, terms.fixed, step)
+            off = terms.errors(*there)
+            gain = before - terms.cost(off, each)
+            if gain >= 0:
+                (turns, places), errors = there, off
+                break
+            step /= 2
+        size = np.abs(step).max()
+        if tolerance == 1 and (size < _DONE or gain < _NO_GAIN):
+            break
+        if math.isinf(tolerance):
+            if gain > _NO_GAIN and size > _COARSE:
+                continue
+            tolerance = float(errors.misfits[~doubted].max(initial=0.0)) / HALF
+        tolerance = max(1.0, tolerance / _GRADUAL)
+    return turns, places
+
+
+def _moved(turns: Array, places: Array, fixed: int, step: Array) -> tuple[Array, Array]:
+    """Poses after a step of those from a number on.
+
+    Each moves along its screw, so that what slides or turns as one stays as it is, however far.
+    """
+    turns, places = turns.copy(), places.copy()
+    at, turn = places[fixed:], step[:, 3:]
+    off, shift = motions(np.concatenate([step[:, :3] - np.cross(turn, at), turn], axis=1))
+    turns[fixed:] = off @ turns[fixed:]
+    places[fixed:] = (off @ at[..., None])[..., 0] + shift
+    return turns, places

@@ -1,1 +1,0 @@
-"""Two overlapping patches to their relative pose, and how well it is known."""

@@ -1,0 +1,171 @@
+"""A skin that is curved one way, unrolled: along the axis, and around it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+# A larger radius is a plane, metres.
+_FLATTEST = 100.0
+
+# A gap is no wider than this; a wider one is the rim of what was flown over; metres.
+_WIDEST = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Unrolled:
+    """A cylinder, or a plane, near a skin.
+
+    Attributes
+    ----------
+    origin : ndarray, shape (3,)
+        On the skin, metres; where x and y are 0.
+    axis, around, normal : ndarray, shape (3,)
+        Unit vectors there: of x, of y, and outward.
+    radius : float
+        Metres, positive if the skin bends away from who looks at it; infinite for a plane.
+    """
+
+    origin: NDArray[np.float64]
+    axis: NDArray[np.float64]
+    around: NDArray[np.float64]
+    normal: NDArray[np.float64]
+    radius: float
+
+    @classmethod
+    def through(cls, points: NDArray[np.float64], normals: NDArray[np.float64]) -> Unrolled:
+        """Cylinder of points of shape (n, 3) and their outward normals."""
+        origin, normal = points.mean(axis=0), normals.mean(axis=0)
+        normal /= np.linalg.norm(normal)
+        # The axis is across all normals; of a plane, along the longer side.
+        spread = np.cov((normals - np.outer(normals @ normal, normal)).T)
+        along = points - origin
+        along = along - np.outer(along @ normal, normal)
+        _, _, sides = np.linalg.svd(along, full_matrices=False)
+        bends = np.array([side @ spread @ side for side in sides[:2]])
+        axis = sides[int(np.argmin(bends))] if bends.max() > 4 * bends.min() else sides[0]
+        around = np.cross(normal, axis)
+        radius = _radius(along @ around, (points - origin) @ normal, normals @ around)
+        # Towards growing y the outward normal turns that way where the skin bends away.
+        return cls(origin, axis, around, normal, radius)
+
+    def place(self, points: NDArray) -> NDArray[np.float64]:
+        """Place along the axis (x), around it (y), and height above it, metres, shape (..., 3)."""
+        off = np.asarray(points, float) - self.origin
+        x, y, z = off @ self.axis, off @ self.around, off @ self.normal
+        if math.isinf(self.radius):
+            return np.stack([x, y, z], axis=-1)
+        sign = math.copysign(1.0, self.radius)
+        from_axis = z + self.radius
+        y_out = self.radius * np.arctan2(sign * y, sign * from_axis)
+        height = sign * np.hypot(y, from_axis) - self.radius
+        return np.stack([x, y_out, height], axis=-1)
+
+    def points(self, place: NDArray, height: NDArray | float = 0.0) -> NDArray[np.float64]:
+        """Points of places x, y of shape (..., 2) at a height above them, metres, (..., 3)."""
+        x, y = np.asarray(place, float)[..., 0], np.asarray(place, float)[..., 1]
+        if math.isinf(self.radius):
+            along, up = y, np.broadcast_to(height, y.shape)
+        else:
+            angle, from_axis = y / self.radius, self.radius + height
+            along, up = from_axis * np.sin(angle), from_axis * np.cos(angle) - self.radius
+        return (
+            self.origin
+            + x[..., None] * self.axis
+            + along[..., None] * self.around
+            + up[..., None] * self.normal
+        )
+
+
+def _radius(y: NDArray, z: NDArray, tilt: NDArray) -> float:
+    """Radius by how normals tilt with y."""
+    slope = float(y @ tilt / max(y @ y, 1e-12))
+    if abs(slope) < 1 / _FLATTEST:
+        return math.inf
+    return 1 / slope
+
+
+@dataclass(frozen=True, eq=False)
+class Gap:
+    """Cells that were not measured, side by side, between cells that were.
+
+    Attributes
+    ----------
+    place : ndarray, shape (2,)
+        Its middle, unrolled, metres.
+    size : ndarray, shape (2,)
+        Along x and y, metres.
+    area : float
+        Square metres.
+    cells : ndarray, shape (n, 2), int
+        Its cells: row and column.
+    """
+
+    place: NDArray[np.float64]
+    size: NDArray[np.float64]
+    area: float
+    cells: NDArray[np.int64]
+
+
+def find_gaps(measured: NDArray[np.bool_], low: NDArray[np.float64], side: float) -> list[Gap]:
+    """What was not measured between what was, the largest first.
+
+    Parameters
+    ----------
+    measured : ndarray, shape (rows, columns), bool
+        Of the cells of the unrolled skin; x goes with columns.
+    low : ndarray, shape (2,)
+        x and y of the first cell's corner, metres.
+    side : float
+        Of a cell, metres.
+    """
+    seen = measured.astype(np.uint8)
+    reach = int(np.ceil(_WIDEST / side / 2))
+    wide = np.pad(seen, reach)
+    square = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
+    closed = cv2.morphologyEx(wide, cv2.MORPH_CLOSE, square)[reach:-reach, reach:-reach] > 0
+    count, labels, boxes, middles = cv2.connectedComponentsWithStats(
+        (closed & ~measured).astype(np.uint8), connectivity=4
+    )
+    gaps = []
+    for label in range(1, count):
+        left, top, width, height, cells = boxes[label]
+        box = labels[top : top + height, left : left + width] == label
+        places = np.argwhere(box) + np.array([top, left])
+        # A corner that closing rounds off is no gap: nothing lies beyond it.
+        if not _between(seen, places):
+            continue
+        place = low + side * (middles[label] + 0.5)
+        size = side * np.array([width, height])
+        gaps.append(Gap(place, size, float(cells * side**2), places))
+    return sorted(gaps, key=lambda gap: -gap.area)
+
+
+def _between(measured: NDArray[np.uint8], cells: NDArray[np.int64]) -> bool:
+    """Whether a gap has measured cells on both sides of it, across where it is narrower.
+
+    A notch in the rim has them too, but along itself.
+    """
+    row, column = cells.T
+    lines = [len(np.unique(each)) for each in (column, row)]
+    # As wide as long: both.
+    across = [axis for axis in (0, 1) if lines[axis] >= max(lines)]
+    return all(_enclosed(measured, row, column, axis) for axis in across)
+
+
+def _enclosed(
+    measured: NDArray[np.uint8], row: NDArray[np.int64], column: NDArray[np.int64], axis: int
+) -> bool:
+    """Whether most lines along an axis through some cells have measured ones at both ends."""
+    at, along = (column, row) if axis == 0 else (row, column)
+    lines = np.unique(at)
+    hits = 0
+    for line in lines:
+        strip = measured[:, line] if axis == 0 else measured[line]
+        low, high = along[at == line].min() - 1, along[at == line].max() + 1
+        hits += low >= 0 and high < len(strip) and strip[low] and strip[high]
+    return hits >= max(1, len(lines) // 2)

@@ -1,0 +1,236 @@
+"""The report's files; how the page looks is for eyes."""
+
+import base64
+import csv
+import io
+import json
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import cv2
+import numpy as np
+import pytest
+from dent_samples import TrueInspector, make_dent
+
+from ftp_dent_ros import __version__
+from ftp_dent_ros.cloud.cloud import Cloud
+from ftp_dent_ros.dents.dent import Inspection
+from ftp_dent_ros.dents.rules import Limit, Rules
+from ftp_dent_ros.errors import CloudError, ConfigurationError
+from ftp_dent_ros.inspection.inspecting import Observation, Survey, viewpoint_of
+from ftp_dent_ros.inspection.page import (
+    facts_of,
+    on_grid,
+    on_photograph,
+    sections_of,
+    write_report,
+)
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.rig.rig import Lens
+from ftp_dent_ros.simulation import Panel, Surface
+from ftp_dent_ros.simulation.dents import Dent
+
+CAMERA = Lens(160, 120, np.array([[200.0, 0, 79.5], [0, 200, 59.5], [0, 0, 1]]), np.zeros(5))
+DENTS = (Dent(0.0, 0.0, 0.08, 0.06, 0.002), Dent(0.13, 0.05, 0.05, 0.04, 0.001))
+SKIN = Surface(
+    (Panel(Pose.from_rpy((0, 0.05, 0), (0, 0, 0.6)), (-1, 1, -1, 1), 2.0, dents=DENTS),)
+)
+RULES = Rules('Limits <of> mine', 'book 1', (Limit('depth_mm', maximum=1.5, reference='p. 3'),))
+
+
+def cloud_of(surface, stride=1):
+    rays = CAMERA.rays(CAMERA.pixel_grid(stride))
+    points = (rays * surface.intersect(rays)[..., None]).astype(np.float32)
+    return Cloud(points, np.ones(points.shape[:2], np.float32))
+
+
+def survey(surface=SKIN, frames=1, **captured):
+    clouds = Survey(TrueInspector(surface), frames)
+    photograph = np.full((120, 160, 3), 90, np.uint8)
+    for number in range(frames):
+        clouds.add(
+            Observation(f'cloud {number}', cloud_of(surface), photograph=photograph, **captured)
+        )
+    return clouds
+
+
+@pytest.fixture(scope='module')
+def report():
+    return survey().report('a <photo>.png', 'camera_optical_frame', ('rig.yaml', 'abc'), CAMERA)
+
+
+class Links(HTMLParser):
+    def __init__(self, text):
+        super().__init__()
+        self.found, self.tags = [], []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attributes):
+        self.tags.append(tag)
+        self.found += [value for name, value in attributes if name in ('src', 'href')]
+
+
+def test_the_data_hold_what_an_inspector_asks_for(tmp_path, report):
+    write_report(tmp_path, replace(report, rules=RULES))
+    data = json.loads((tmp_path / 'dents.json').read_text())
+    first, second = data['dents']
+    assert first['depth_mm'] == pytest.approx(2.0, rel=1e-3)
+    assert second['depth_mm'] == pytest.approx(1.0, rel=5e-3)
+    assert first['depth_uncertainty_mm'] == pytest.approx(0.01)
+    assert first['length_mm'] == pytest.approx(80 * 0.835, rel=1e-3)
+    assert first['width_to_depth'] == pytest.approx(60 * 0.835 / 2, rel=5e-3)
+    assert (first['verdict'], second['verdict']) == ('exceeds', 'within')
+    assert [first[axis] for axis in 'xyz'] == pytest.approx([0, 0, 0.6], abs=1e-6)
+    assert first['limits'][0]['reference'] == 'p. 3'
+    for name in ('width', 'orientation', 'area', 'volume', 'model_length', 'clearance'):
+        assert any(key.startswith(f'{name}_uncertainty') for key in first), name
+    assert data['frame_id'] == 'camera_optical_frame'
+    assert data['rig'] == {'file': 'rig.yaml', 'id': 'abc'}
+    assert data['software'] == f'ftp_dent_ros {__version__}'
+    assert re.fullmatch(r'20\d\d-.*Z', data['written'])
+    rows = list(csv.DictReader(io.StringIO((tmp_path / 'dents.csv').read_text())))
+    assert [float(row['depth_mm']) for row in rows] == [d['depth_mm'] for d in data['dents']]
+    assert not list(tmp_path.glob('.*')), 'nothing is left beside the files'
+
+
+def test_the_page_needs_nothing_but_itself(tmp_path, report):
+    page = write_report(tmp_path, replace(report, rules=RULES)).read_text()
+    links = Links(page)
+    assert all(link.startswith(('data:', '#')) for link in links.found)
+    assert 'http' not in re.sub(r'data:[^"]*', '', page)
+    assert {'canvas', 'table', 'polygon', 'image'} <= set(links.tags)
+    assert 'a &lt;photo&gt;.png' in page and 'Limits &lt;of&gt; mine' in page
+    assert '2 dents found' in page and 'rig.yaml, id abc' in page
+    assert 'none: positions are relative to the camera' in page
+
+
+def test_a_report_without_dents_says_so(tmp_path):
+    flat = Surface((replace(SKIN.panels[0], dents=()),))
+    page = write_report(tmp_path, survey(flat).report('x', 'camera_optical_frame'))
+    text = page.read_text()
+    assert 'No dents found' in text and 'dents of 0.1 mm depth and 10 mm width' in text
+    assert json.loads((tmp_path / 'dents.json').read_text())['dents'] == []
+    header = (tmp_path / 'dents.csv').read_text().splitlines()
+    assert len(header) == 1
+    write_report(tmp_path / 'other', survey().report('x', 'camera_optical_frame'))
+    assert (tmp_path / 'other/dents.csv').read_text().splitlines()[0] == header[0]
+
+
+def test_a_cloud_with_nothing_measured_is_still_a_report(tmp_path):
+    nothing = np.full((20, 30), np.nan, np.float32)
+
+    def inspect(cloud, **_):
+        return Inspection((), (), nothing, nothing)
+
+    clouds = Survey(inspect)
+    empty = Cloud(np.full((20, 30, 3), np.nan, np.float32), np.zeros((20, 30), np.float32))
+    clouds.add(Observation('empty', empty))
+    assert 'No dents' in write_report(tmp_path, clouds.report('x', 'y')).read_text()
+
+
+def test_clouds_without_the_image_of_their_skin_are_told(report):
+    told = dict(facts_of(report))['Marks of gouges']
+    assert told == 'the cloud has no image of the skin: narrow gouges were not looked for there'
+    (frame,) = report.frames
+    with_skin = replace(frame, has_skin=True)
+    assert dict(facts_of(replace(report, frames=(with_skin,))))['Marks of gouges'].startswith(
+        'looked for'
+    )
+    assert dict(facts_of(replace(report, frames=(frame, with_skin))))[
+        'Marks of gouges'
+    ].startswith('1 of 2 clouds have no')
+
+
+def test_many_clouds_show_the_maps_of_those_alone_that_show_a_dent_best(tmp_path):
+    pose = Pose.from_rpy((0, 0, 0), (1, 2, 3))
+    covariance = np.diag([1e-4] * 3 + [1e-6] * 3)
+    clouds = survey(frames=4, pose=pose, vehicle=pose, covariance=covariance)
+    report = clouds.report('flight', 'map', camera=CAMERA)
+    assert [len(entry.sightings) for entry in report.dents] == [4, 4]
+    assert sum(frame.view is not None for frame in report.frames) == 1
+    np.testing.assert_allclose(report.dents[0].dent.position, [1, 2, 3.6], atol=1e-6)
+    page = write_report(tmp_path, report).read_text()
+    assert page.count('Photograph with the dents drawn in') == 1
+    assert 'within ± 20 mm' in page
+    frames = json.loads((tmp_path / 'dents.json').read_text())['frames']
+    assert [frame['pose']['position'] for frame in frames] == [[1, 2, 3]] * 4
+    assert frames[0]['pose']['covariance'][0] == 1e-4
+
+
+def test_clouds_without_poses_share_no_dents():
+    clouds = Survey(TrueInspector(SKIN), 2, placed=False)
+    for name in 'ab':
+        clouds.add(Observation(name, cloud_of(SKIN)))
+    report = clouds.report('bag', 'camera_optical_frame', rules=RULES)
+    assert [entry.number for entry in sorted(report.dents, key=lambda e: e.number)] == [1, 2, 3, 4]
+    assert all(len(entry.sightings) == 1 for entry in report.dents)
+    assert len(report.findings()) == 4
+
+
+def test_a_cloud_that_cannot_be_inspected_is_named_with_its_reason():
+    def inspect(cloud, **_):
+        raise CloudError('all NaN: light it')
+
+    clouds = Survey(inspect)
+    assert clouds.add(Observation('third', cloud_of(SKIN))) is None
+    assert clouds.report('x', 'y').refused == ('third: all NaN: light it',)
+
+
+@pytest.mark.parametrize('stride', [1, 2])
+def test_outlines_are_drawn_where_the_camera_sees_them(stride):
+    clouds = Survey(TrueInspector(SKIN))
+    pose = Pose.from_rpy((0.3, -0.2, 1.0), (5, 6, 7))
+    photograph = np.zeros((120, 160, 3), np.uint8)
+    clouds.add(Observation('x', cloud_of(SKIN, stride), pose=pose, photograph=photograph))
+    report = clouds.report('x', 'map')
+    view = report.frames[0].view
+    outline = report.dents[0].dent.outline
+    place = on_grid(outline, view)
+    true = CAMERA.project(pose.inverse().apply(outline))
+    np.testing.assert_allclose(on_photograph(outline, place, view, CAMERA), true, atol=1e-6)
+    # Without a rig the cloud's grid tells, but for the depth of the dent.
+    np.testing.assert_allclose(on_photograph(outline, place, view, None), true, atol=0.5)
+    np.testing.assert_allclose(place * stride, true, atol=0.5)
+
+
+def test_the_heat_map_has_the_dents_colour_where_the_dent_is(tmp_path, report):
+    page = write_report(tmp_path, report).read_text()
+    data = re.search(r'<image href="data:image/png;base64,([^"]+)"', page).group(1)
+    picture = cv2.imdecode(np.frombuffer(base64.b64decode(data), np.uint8), cv2.IMREAD_COLOR)
+    assert picture.shape == (120, 160, 3)
+    blue, green, red = picture[60, 80].astype(int)
+    assert red > 90 and max(blue, green) < 60, 'deepest: dark red'
+    assert picture[10, 10].min() > 230, 'undented: white'
+
+
+def test_a_map_cloud_is_looked_at_from_its_cameras_side():
+    pose = Pose.from_rpy((0.4, 1.0, -2.0), (9, -4, 2))
+    cloud = cloud_of(SKIN).transformed(pose)
+    viewpoint = viewpoint_of(cloud)
+    surface = SKIN.transformed(pose)
+    assert surface.distance(viewpoint) < 0 and surface.distance(pose.translation) < 0
+
+
+def test_an_orientation_is_told_from_the_x_axis_of_the_reports_frame():
+    dent = make_dent(normal=(0, 0, -1), axis=(1, 0, 0))
+    quarter = Pose.from_rpy((0, 0, 0.5), (0, 0, 0))
+    # About the outward normal, which points to -z.
+    assert dent.transformed(quarter).orientation.value == pytest.approx(-0.5)
+
+
+def test_a_folder_that_cannot_be_written_is_named(tmp_path, report):
+    (tmp_path / 'file').write_text('mine')
+    with pytest.raises(ConfigurationError, match='name another folder'):
+        write_report(tmp_path / 'file', report)
+
+
+def test_a_profile_is_not_drawn_where_nothing_was_measured():
+    along = np.linspace(-0.02, 0.02, 41)
+    profile = np.stack([along, np.where(np.abs(along) < 0.004, np.nan, 1e-3)], axis=1)
+    dent = replace(make_dent(), length_profile=profile)
+    drawn, whole = (each['parts'] for each in sections_of(dent, 2e-3)['profiles'])
+    assert len(whole) == 1
+    (left, right) = drawn
+    assert float(left['last']) < float(right['first'])
+    assert len(left['line'].split()) == len(right['line'].split()) == 17
