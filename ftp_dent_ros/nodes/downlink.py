@@ -28,10 +28,9 @@ from ftp_dent_ros.coding.messages import message_class
 from ftp_dent_ros.errors import InputError
 from ftp_dent_ros.ground import topics
 from ftp_dent_ros.ground.commands import Answer, Executive, Recordings
-from ftp_dent_ros.ground.difference import shortened
 from ftp_dent_ros.ground.drone import Drone
 from ftp_dent_ros.ground.link import Link
-from ftp_dent_ros.ground.protocol import Importance, Item
+from ftp_dent_ros.ground.protocol import Importance, Item, deflate
 from ftp_dent_ros.nodes.declarations import names_of_all
 from ftp_dent_ros.nodes.downlink_coder import Coder, Thrift, pause_after
 from ftp_dent_ros.nodes.downlink_parameters import declare
@@ -174,7 +173,7 @@ class Downlink(Node):
         array = DiagnosticArray(status=list(self._statuses.values()))
         array.header.stamp = self.get_clock().now().to_msg()
         data = serialize_message(array)
-        size = len(shortened(data, 1, self._last_state))
+        size = len(deflate(data, 1, self._last_state))
         pause = pause_after(size, self._drone.rate(), _STATE_SHARE, _STATE_PERIOD)
         self._next_state, self._last_state = now + pause, data
         kind = 'cdr:diagnostic_msgs/msg/DiagnosticArray'

@@ -13,8 +13,7 @@ from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.coding.cloud_codec import View, encode, thinned
 from ftp_dent_ros.errors import FtpDentError, InputError
 from ftp_dent_ros.ground import topics
-from ftp_dent_ros.ground.difference import shortened
-from ftp_dent_ros.ground.protocol import Importance, Item
+from ftp_dent_ros.ground.protocol import Importance, Item, deflate
 from ftp_dent_ros.nodes.downlink_parameters import DownlinkParameters
 from ftp_dent_ros.rig.rig import Lens
 from ftp_dent_ros.ros.diagnostics import Diagnostics
@@ -139,7 +138,7 @@ class Thrift:
         for topic, (item, share) in list(self._waiting.items()):
             if now >= self._due.get(topic, 0.0):
                 del self._waiting[topic]
-                size = len(shortened(item.data))
+                size = len(deflate(item.data))
                 self._due[topic] = now + pause_after(size, self._rate(), share, 0.0)
                 self._put(item)
 
