@@ -27,7 +27,7 @@ def publish(seconds: float, size: int) -> None:
     import rclpy
     from sensor_msgs.msg import PointCloud2
 
-    from ftp_dent_ros.ros.fields import ns_to_stamp, to_data
+    from ftp_dent_ros.ros.messages import ns_to_stamp, to_data
     from ftp_dent_ros.ros.qos import CLOUDS
 
     rclpy.init()

@@ -35,7 +35,7 @@ def publish(count: int, depth: int) -> None:
     from rclpy.qos import QoSProfile
     from sensor_msgs.msg import Image
 
-    from ftp_dent_ros.ros.fields import ns_to_stamp, to_data
+    from ftp_dent_ros.ros.messages import ns_to_stamp, to_data
 
     rclpy.init()
     node = rclpy.create_node('camera')

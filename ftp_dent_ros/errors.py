@@ -17,6 +17,7 @@
      │   ├─ WrongCalibrationError the rig is not that of the camera
      │   ├─ NoPatternError        it is not known what is projected
      │   ├─ PatternChangeError    taken while the projector changed its pattern
+     │   ├─ StampError            its stamp cannot be: of the future, or there already
      │   ├─ OtherPatternError     the fringes seen are not those of the pattern told
      │   ├─ TooDarkError          no fringes: the lamp is off, or the skin is out of its light
      │   ├─ SaturatedError        the fringes are clipped: the exposure is too long
@@ -121,6 +122,12 @@ class PatternChangeError(RefusedFrameError):
     """The photograph was taken so close to a change of the pattern that it may show either."""
 
     reason = 'pattern changed'
+
+
+class StampError(RefusedFrameError):
+    """The photograph's stamp is of the future, or that of the photograph before."""
+
+    reason = 'wrong stamp'
 
 
 class OtherPatternError(RefusedFrameError):

@@ -16,7 +16,7 @@ MS = 1_000_000
 
 
 def history(*entries, settling_ms=250):
-    patterns = PatternHistory(settling_ms * MS)
+    patterns = PatternHistory(settling_ms * MS, lambda: 0)
     for stamp_ms, pattern in entries:
         patterns.add(stamp_ms * MS, pattern)
     return patterns
@@ -86,3 +86,16 @@ def test_a_loop_of_a_bag_adds_nothing_and_the_oldest_of_many_are_forgotten():
     with pytest.raises(NoPatternError, match='older'):
         patterns.at(1500 * MS)
     assert patterns.at(102_500 * MS) == EIGHT
+
+
+@pytest.mark.parametrize('step_s', [-3600, -3, 3, 3600])
+def test_a_step_of_the_clock_costs_no_photograph_and_brings_no_pattern_back(step_s):
+    clock = [0]
+    patterns = PatternHistory(250 * MS, lambda: clock[0])
+    patterns.add(4_000_000 * MS, TEN)
+    clock[0] += step_s * 1000 * MS
+    now_ms = 4_010_000 + step_s * 1000
+    assert patterns.at(now_ms * MS) == TEN
+    patterns.add((now_ms + 1000) * MS, EIGHT)
+    assert patterns.latest == EIGHT
+    assert patterns.at((now_ms + 2000) * MS) == EIGHT

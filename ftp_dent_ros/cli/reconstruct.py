@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ftp_dent_ros.cloud.ply import write_ply
-from ftp_dent_ros.errors import CloudError
+from ftp_dent_ros.errors import CloudError, NoFringesError
 from ftp_dent_ros.files import check_writable, find, write_png
 from ftp_dent_ros.pattern.file import read_pattern
 from ftp_dent_ros.photograph.file import read_photograph
@@ -68,6 +68,9 @@ def run(arguments: argparse.Namespace) -> int:
         check_writable(path)
     measurement = reconstructor.measure(photograph, True)
     cloud = measurement.cloud
+    if not cloud.valid.any():
+        reasons = '; '.join(measurement.coverage.remarks) or 'the fringes do not explain it'
+        raise NoFringesError(f'{arguments.image}: gives no point: {reasons}')
     if photograph.encoding != 'rgb8':
         told = 'as told' if arguments.encoding else 'tell by --encoding if it is not'
         print(f'{arguments.image}: taken for {photograph.encoding} ({told})')
@@ -76,16 +79,15 @@ def run(arguments: argparse.Namespace) -> int:
     write_ply(output, cloud, _FRAME, rig.id)
     depth = cloud.points[..., 2][cloud.valid]
     print(f'{output}: {len(depth)} points, {cloud.valid.mean():.1%} of the image')
-    if len(depth):
-        stripe = reconstructor.pattern.code == 'stripe'
-        low, middle, high = np.percentile(depth, [1, 50, 99])
-        print(
-            f'depth {middle:.3f} m ({low:.3f} to {high:.3f} m but for 1 % at each end)'
-            + (f', red stripe at {measurement.stripe_depth:.3f} m' if stripe else '')
-        )
-        if np.isfinite(cloud.sigma).any():
-            sigma = 1e3 * np.nanpercentile(cloud.sigma[cloud.valid], [50, 95])
-            print(f'standard uncertainty {sigma[0]:.4f} mm, below {sigma[1]:.4f} mm for 95 %')
+    stripe = reconstructor.pattern.code == 'stripe'
+    low, middle, high = np.percentile(depth, [1, 50, 99])
+    print(
+        f'depth {middle:.3f} m ({low:.3f} to {high:.3f} m but for 1 % at each end)'
+        + (f', red stripe at {measurement.stripe_depth:.3f} m' if stripe else '')
+    )
+    if np.isfinite(cloud.sigma).any():
+        sigma = 1e3 * np.nanpercentile(cloud.sigma[cloud.valid], [50, 95])
+        print(f'standard uncertainty {sigma[0]:.4f} mm, below {sigma[1]:.4f} mm for 95 %')
     print(f'{measurement.coverage.share:.1%} of the lit area has points')
     if measurement.epipolar is not None and measurement.epipolar.seen:
         print(measurement.epipolar.sentence)

@@ -11,14 +11,14 @@ from typing import Any
 from ftp_dent_ros import files
 from ftp_dent_ros.parameters import Declarations, Given, flat
 from ftp_dent_ros.supervision.configuration import NodeEntry
-from ftp_dent_ros.supervision.executables import NODES, PARAMETERS, SIMULATED_AUTOPILOT
+from ftp_dent_ros.supervision.executables import DECLARATIONS, NODES, SIMULATED_AUTOPILOT
 
 
 def declarations(node: str) -> Callable[[Declarations], Any]:
     """Function that declares a node's parameters."""
     # Imported only when they are asked for: a node needs its own alone.
-    module = importlib.import_module(PARAMETERS[node])
-    return module.declare
+    module, _, function = DECLARATIONS[node].partition(':')
+    return getattr(importlib.import_module(module), function)
 
 
 def names_of_all() -> tuple[str, ...]:

@@ -1,8 +1,6 @@
-"""The payload's topics on the ground: same names, types, stamps and quality of service.
+"""The payload's topics on the ground, out of the items of a drone's downlink.
 
-What comes over the link is published in the ground's own ROS domain, so that RViz, Foxglove,
-``ros2 bag`` and the dent inspector work as beside the drone. The payload's services that command
-it are there too.
+Commands go the other way, as services.
 """
 
 from __future__ import annotations
@@ -10,23 +8,47 @@ from __future__ import annotations
 import queue
 import sys
 import threading
+from collections import OrderedDict
 from typing import Any
 
+import cv2
+import numpy as np
+from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 from std_srvs.srv import Trigger
 
-from ftp_dent_ros.errors import ConfigurationError, InputError, PoseError
+from ftp_dent_ros.cloud.cloud import Cloud
+from ftp_dent_ros.coding.cloud_codec import View, decode
+from ftp_dent_ros.coding.compressed_depth import FORMAT, depth_image
+from ftp_dent_ros.coding.messages import message_class
+from ftp_dent_ros.errors import CodecError, ConfigurationError, InputError, PoseError
+from ftp_dent_ros.ground import topics
 from ftp_dent_ros.ground.link import Link
 from ftp_dent_ros.ground.page import serve_page
 from ftp_dent_ros.ground.protocol import Item
 from ftp_dent_ros.ground.station import Station
 from ftp_dent_ros.nodes.declarations import names_of_all
-from ftp_dent_ros.nodes.ground_parameters import declare
-from ftp_dent_ros.nodes.ground_topics import GroundTopics
+from ftp_dent_ros.nodes.link_parameters import declare_ground
+from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.ros.diagnostics import ERROR, OK, WARN, Diagnostics
+from ftp_dent_ros.ros.messages import (
+    camera_info_message,
+    cloud_to_message,
+    image_to_message,
+    make_header,
+    pose_from_message,
+    stamp_to_ns,
+    to_data,
+)
 from ftp_dent_ros.ros.node import run
 from ftp_dent_ros.ros.parameters import Parameters
+from ftp_dent_ros.ros.qos import CLOUDS, DIAGNOSTICS, IMAGES, LATCHED, POSES
+
+# Clouds that wait for their pose (coded), and poses that wait for their cloud.
+_WAITING = 200, 100_000
 
 # Items that wait to be decoded: the link waits for no decoding.
 _QUEUE = 64
@@ -40,13 +62,149 @@ _SERVICES = {
 }
 
 
+class GroundTopics:
+    """Publishers of all topics that come over the link; a cloud is put into the map here.
+
+    Parameters
+    ----------
+    node : Node
+    diagnostics : Diagnostics
+    """
+
+    def __init__(self, node: Node, diagnostics: Diagnostics) -> None:
+        self._diagnostics = diagnostics
+        self._poses: OrderedDict[int, tuple[Pose, str]] = OrderedDict()
+        self._untagged: OrderedDict[int, bytes] = OrderedDict()
+        self._as_they_are = {
+            topic.name: node.create_publisher(
+                message_class(topic.type), topic.name, LATCHED if topic.latest else POSES
+            )
+            for topic in topics.AS_THEY_ARE.values()
+        }
+        self._as_they_are[topics.DIAGNOSTICS] = node.create_publisher(
+            message_class('diagnostic_msgs/msg/DiagnosticArray'), topics.DIAGNOSTICS, DIAGNOSTICS
+        )
+        self._points = node.create_publisher(PointCloud2, topics.POINTS, CLOUDS)
+        self._tagged = node.create_publisher(PointCloud2, topics.TAGGED_POINTS, CLOUDS)
+        self._preview = node.create_publisher(PointCloud2, topics.PREVIEW_POINTS, CLOUDS)
+        self._preview_image = node.create_publisher(CompressedImage, topics.PREVIEW_IMAGE, IMAGES)
+        self._depth = node.create_publisher(CompressedImage, topics.DEPTH, IMAGES)
+        self._image = node.create_publisher(Image, topics.IMAGE, IMAGES)
+        self._info = node.create_publisher(CameraInfo, topics.CAMERA_INFO, IMAGES)
+
+    @property
+    def untagged(self) -> int:
+        """How many clouds wait for their pose."""
+        return len(self._untagged)
+
+    def publish(self, item: Item) -> None:
+        """Publish what an item holds.
+
+        Raises
+        ------
+        CodecError, PoseError
+            It is not what it says.
+        """
+        if item.kind == 'cloud':
+            self._publish_cloud(item)
+        elif item.kind == 'jpeg':
+            self._publish_picture(item)
+        else:
+            self._publish_as_it_is(item)
+
+    def _publish_as_it_is(self, item: Item) -> None:
+        publisher = self._as_they_are.get(item.topic)
+        if publisher is None or item.kind != f'cdr:{_type_name(publisher.msg_type)}':
+            raise CodecError(f'{item.topic} of the kind {item.kind} is no topic of a payload')
+        message = _deserialised(item.data, publisher.msg_type)
+        publisher.publish(message)
+        if item.topic == topics.CAMERA_POSE:
+            self._take_pose(message)
+
+    def _take_pose(self, message: PoseWithCovarianceStamped) -> None:
+        stamp = stamp_to_ns(message.header.stamp)
+        self._poses[stamp] = pose_from_message(message.pose.pose), message.header.frame_id
+        while len(self._poses) > _WAITING[1]:
+            self._poses.popitem(last=False)
+        waiting = self._untagged.pop(stamp, None)
+        if waiting is not None:
+            self._publish_tagged(decode(waiting), stamp)
+
+    def _publish_cloud(self, item: Item) -> None:
+        cloud = decode(item.data)
+        frame = str(item.extra.get('frame', ''))
+        if item.topic == topics.PREVIEW_POINTS:
+            self._preview.publish(cloud_to_message(cloud, item.stamp_ns, frame))
+            return
+        if item.topic != topics.POINTS:
+            raise CodecError(f'{item.topic} is no topic of clouds')
+        self._diagnostics.count('clouds')
+        self._points.publish(cloud_to_message(cloud, item.stamp_ns, frame))
+        if self._depth.get_subscription_count():
+            header = make_header(item.stamp_ns, frame)
+            data = to_data(np.frombuffer(depth_image(cloud), np.uint8))
+            self._depth.publish(CompressedImage(header=header, format=FORMAT, data=data))
+        if item.stamp_ns in self._poses:
+            self._publish_tagged(cloud, item.stamp_ns)
+        else:
+            self._untagged[item.stamp_ns] = item.data
+            while len(self._untagged) > _WAITING[0]:
+                self._untagged.popitem(last=False)
+
+    def _publish_tagged(self, cloud: Cloud, stamp_ns: int) -> None:
+        pose, frame = self._poses.pop(stamp_ns)
+        self._tagged.publish(cloud_to_message(cloud.transformed(pose), stamp_ns, frame))
+        self._diagnostics.count('tagged clouds')
+
+    def _publish_picture(self, item: Item) -> None:
+        frame = str(item.extra.get('frame', ''))
+        header = make_header(item.stamp_ns, frame)
+        if item.topic == topics.PREVIEW_IMAGE:
+            self._preview_image.publish(
+                CompressedImage(
+                    header=header,
+                    format='jpeg',
+                    data=to_data(np.frombuffer(item.data, np.uint8)),
+                )
+            )
+            return
+        if item.topic != topics.IMAGE:
+            raise CodecError(f'{item.topic} is no topic of pictures')
+        bgr = cv2.imdecode(np.frombuffer(item.data, np.uint8), cv2.IMREAD_COLOR)
+        if bgr is None:
+            raise CodecError('a picture is no JPEG')
+        self._diagnostics.count('pictures')
+        rgb = np.ascontiguousarray(bgr[..., ::-1], np.uint8)
+        self._image.publish(image_to_message(rgb, item.stamp_ns, frame))
+        lens = None
+        if 'lens' in item.extra:
+            try:
+                lens = View.from_numbers(item.extra['lens']).lens
+            except (ValueError, TypeError):
+                raise CodecError('a picture has a malformed lens') from None
+        size = rgb.shape[1], rgb.shape[0]
+        self._info.publish(camera_info_message(lens, size, item.stamp_ns, frame))
+
+
+def _type_name(kind: Any) -> str:
+    return f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'
+
+
+def _deserialised(data: bytes, kind: Any) -> Any:
+    """Message of CDR."""
+    try:
+        return deserialize_message(data, kind)
+    except Exception:
+        raise CodecError(f'an item holds no {_type_name(kind)}: it is refused') from None
+
+
 class GroundStation(Node):
     """Node that publishes what a drone's downlink sends, and passes commands up."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__('ground_station', **options)
         parameters = Parameters(self)
-        given = declare(parameters)
+        given = declare_ground(parameters)
         parameters.close(names_of_all)
         self._drone_is_here = False
         self._ending = threading.Event()

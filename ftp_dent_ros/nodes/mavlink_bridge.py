@@ -1,11 +1,11 @@
-"""The autopilot's pose for every cloud.
+"""The autopilot's pose for every cloud, and the payload as a MAVLink camera.
 
 Keeps a MAVLink link, publishes the autopilot's poses on ``mavlink/pose``, and for each cloud on
 ``points`` the same cloud in the map frame on ``tagged/points``, its every n-th point on
 ``tagged/preview`` for those in the network, and the poses at exactly its stamp, of the vehicle on
-``tagged/pose``, of the camera on ``tagged/camera_pose``. A cloud waits, without
-holding anything up, until all that its pose depends on has been heard; a pose that cannot be had
-is counted and logged with its reason, and nothing is published in its place.
+``tagged/pose``, of the camera on ``tagged/camera_pose``. A cloud waits, without holding anything
+up, until all that its pose depends on has been heard; a pose that cannot be had is counted and
+logged with its reason, and nothing is published in its place.
 """
 
 from __future__ import annotations
@@ -13,34 +13,278 @@ from __future__ import annotations
 import sys
 import time
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
-from geometry_msgs.msg import PoseStamped
+import numpy as np
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Transform, TransformStamped
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from sensor_msgs.msg import NavSatFix, PointCloud2
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.task import Future
+from sensor_msgs.msg import CameraInfo, NavSatFix, PointCloud2
+from std_srvs.srv import Trigger
 
+from ftp_dent_ros.cloud.cloud import Cloud
+from ftp_dent_ros.coding.cloud_codec import thinned
 from ftp_dent_ros.errors import CloudError, PoseAwaitedError, PoseError
+from ftp_dent_ros.navigation import pose_covariance
+from ftp_dent_ros.navigation.camera import COMPONENT, Camera
 from ftp_dent_ros.navigation.link import Link
 from ftp_dent_ros.navigation.origin import Origin
-from ftp_dent_ros.navigation.pose_covariance import Tag
+from ftp_dent_ros.navigation.pose_covariance import Covariance, Tag
 from ftp_dent_ros.navigation.report import Verdict
-from ftp_dent_ros.nodes.bridge_camera import BridgeCamera
 from ftp_dent_ros.nodes.bridge_parameters import declare
-from ftp_dent_ros.nodes.bridge_tags import BridgeTags
 from ftp_dent_ros.nodes.declarations import names_of_all
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.ros.diagnostics import ERROR, OK, WARN, Diagnostics
-from ftp_dent_ros.ros.messages import fix_message, pose_stamped_message, stamp_to_ns
+from ftp_dent_ros.ros.messages import (
+    cloud_from_message,
+    cloud_to_message,
+    fix_message,
+    make_header,
+    pose_stamped_message,
+    pose_to_message,
+    stamp_to_ns,
+)
 from ftp_dent_ros.ros.node import run
 from ftp_dent_ros.ros.parameters import Parameters
-from ftp_dent_ros.ros.qos import CLOUDS, LATCHED, OVERRIDABLE, POSES
-from ftp_dent_ros.ros.transforms import TransformPublisher
+from ftp_dent_ros.ros.qos import CLOUDS, IMAGES, LATCHED, OVERRIDABLE, POSES, PREVIEWS
+
+# As tf2_ros has them.
+_DYNAMIC = QoSProfile(depth=100)
+_STATIC = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+# Commands, and images, that wait for each other.
+_MOST_WAITING = 20
 
 # Seconds between two looks at which clouds have their poses.
 _CHECK_PERIOD = 0.1
 _LEVELS = {'ok': OK, 'warning': WARN, 'error': ERROR}
+
+
+try:
+    from tf2_msgs.msg import TFMessage
+except ImportError:
+    TFMessage = None
+
+
+def transform_message(pose: Pose, parent: str, child: str, stamp_ns: int) -> TransformStamped:
+    """geometry_msgs/TransformStamped of the pose of a child frame in its parent."""
+    message = pose_to_message(pose)
+    transform = Transform(rotation=message.orientation)
+    transform.translation.x = message.position.x
+    transform.translation.y = message.position.y
+    transform.translation.z = message.position.z
+    return TransformStamped(
+        header=make_header(stamp_ns, parent), child_frame_id=child, transform=transform
+    )
+
+
+class TransformPublisher:
+    """Publishes on ``/tf`` and ``/tf_static``; does nothing where TF is not installed."""
+
+    def __init__(self, node: Node) -> None:
+        self._dynamic = self._static = None
+        if TFMessage is not None:
+            self._dynamic = node.create_publisher(TFMessage, '/tf', _DYNAMIC)
+            self._static = node.create_publisher(TFMessage, '/tf_static', _STATIC)
+
+    def publish(self, pose: Pose, parent: str, child: str, stamp_ns: int) -> None:
+        """Publish a pose that changes."""
+        if self._dynamic is not None:
+            message = transform_message(pose, parent, child, stamp_ns)
+            self._dynamic.publish(TFMessage(transforms=[message]))
+
+    def publish_static(self, pose: Pose, parent: str, child: str, stamp_ns: int) -> None:
+        """Publish a pose that never changes."""
+        if self._static is not None:
+            message = transform_message(pose, parent, child, stamp_ns)
+            self._static.publish(TFMessage(transforms=[message]))
+
+
+class BridgeCamera:
+    """Commands from the link become calls of ``camera_capture/capture``, images become messages.
+
+    All but `take` runs in the executor, so that a node that is stuck answers nothing.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        ground_station: int,
+        mount: Pose,
+        size: tuple[int, int],
+        diagnostics: Diagnostics,
+    ) -> None:
+        self._node, self._mount, self._diagnostics = node, mount, diagnostics
+        self._camera = Camera(ground_station, self._shoot)
+        self._size = self._told_size = size
+        self._commands: deque[Any] = deque(maxlen=_MOST_WAITING)
+        self._images: deque[tuple[int, float]] = deque(maxlen=_MOST_WAITING)
+        self._failures = 0
+        self._client = node.create_client(Trigger, 'camera_capture/capture')
+        node.create_subscription(
+            CameraInfo,
+            'camera/camera_info',
+            self._on_camera_info,
+            IMAGES,
+            qos_overriding_options=OVERRIDABLE,
+        )
+
+    def take(self, command: Any) -> None:
+        """Keep a command for `settle`; from any thread."""
+        self._commands.append(command)
+
+    def send_heartbeat(self, link: Link) -> None:
+        """Tell that there is a camera."""
+        link.send_heartbeat(mavlink.MAV_TYPE_CAMERA, COMPONENT)
+
+    def settle(self, link: Link, now_ns: int, timeout: float) -> None:
+        """Answer what can be answered by now."""
+        send: Callable[[Any], None] = lambda message: link.send(message, COMPONENT)  # noqa: E731
+        has_news = self._commands or self._images or self._size != self._told_size
+        state = link.state() if has_news else None
+        if state is None or state.identity is None:
+            return
+        offset = state.clock_offset
+        boot_ms = 0 if offset is None else round(1e3 * (now_ns / 1e9 - offset))
+        if self._size != self._told_size:
+            # Whoever asked before the first image was told that it is not known.
+            self._told_size = self._size
+            send(self._camera.information(self._size, boot_ms))
+        while self._commands:
+            command = self._commands.popleft()
+            for message in self._camera.answers(command, state.identity, self._size, boot_ms):
+                send(message)
+        for _ in range(len(self._images)):
+            stamp, arrival = self._images.popleft()
+            try:
+                tag = link.tag_at(stamp)
+            except PoseAwaitedError:
+                if time.monotonic() - arrival < timeout:
+                    self._images.append((stamp, arrival))
+                    continue
+                tag = None
+            except PoseError:
+                tag = None
+            send(self._camera.captured(stamp, tag, self._mount, state.origin))
+            self._diagnostics.count('images told')
+        while self._failures:
+            self._failures -= 1
+            send(self._camera.captured(now_ns, None, self._mount, None, is_good=False))
+
+    def _on_camera_info(self, message: CameraInfo) -> None:
+        self._size = (message.width, message.height)
+        self._images.append((stamp_to_ns(message.header.stamp), time.monotonic()))
+
+    def _shoot(self) -> bool:
+        if not self._client.service_is_ready():
+            self._diagnostics.refuse(
+                'no camera', 'a photograph was commanded, but camera_capture does not run'
+            )
+            return False
+        self._diagnostics.count('photographs commanded')
+        self._client.call_async(Trigger.Request()).add_done_callback(self._on_shot)
+        return True
+
+    def _on_shot(self, future: Future) -> None:
+        response = future.result()
+        if response is None or not response.success:
+            self._failures += 1
+            reason = response.message if response else 'no answer'
+            self._diagnostics.refuse('no photograph', f'camera_capture: {reason}')
+
+
+class BridgeTags:
+    """Publishes ``tagged/points``, ``tagged/preview``, ``tagged/camera_pose``, ``tagged/pose``.
+
+    All or none, but for clouds that nobody subscribes to.
+
+    Parameters
+    ----------
+    node : Node
+    frame : str
+        Name of the map.
+    mount : Pose
+        Of the camera's optical frame on the vehicle.
+    mount_covariance : ndarray, shape (6, 6)
+        In the vehicle's axes.
+    most_at_once : int
+        How many clouds may get their poses at one moment.
+    preview_columns : int
+        Largest width of ``tagged/preview``, points.
+    diagnostics : Diagnostics
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        frame: str,
+        mount: Pose,
+        mount_covariance: Covariance,
+        most_at_once: int,
+        preview_columns: int,
+        diagnostics: Diagnostics,
+    ) -> None:
+        self._frame, self._mount, self._mount_covariance = frame, mount, mount_covariance
+        self._diagnostics, self._preview_columns = diagnostics, preview_columns
+        # Clouds that waited for one report are published in one breath: a shorter history would
+        # throw those away that nobody has fetched yet.
+        history = QoSProfile(depth=max(10, most_at_once), reliability=ReliabilityPolicy.RELIABLE)
+        self._points = node.create_publisher(
+            PointCloud2, 'tagged/points', history, qos_overriding_options=OVERRIDABLE
+        )
+        self._preview = node.create_publisher(
+            PointCloud2, 'tagged/preview', PREVIEWS, qos_overriding_options=OVERRIDABLE
+        )
+        depth = history if most_at_once > POSES.depth else POSES
+        self._pose = node.create_publisher(PoseWithCovarianceStamped, 'tagged/pose', depth)
+        self._camera_pose = node.create_publisher(
+            PoseWithCovarianceStamped, 'tagged/camera_pose', depth
+        )
+
+    def publish(self, message: PointCloud2, stamp: int, tag: Tag) -> None:
+        """Publish a cloud (in the camera's frame) with its pose.
+
+        Raises
+        ------
+        CloudError
+            It is malformed; nothing is published then.
+        """
+        camera = tag.pose @ self._mount
+        covariance = pose_covariance.of_mounted(
+            tag.covariance, tag.pose, self._mount, self._mount_covariance
+        )
+        # Read whether somebody takes it or not: of what is no cloud there is no pose either.
+        cloud = cloud_from_message(message)
+        self._publish_cloud(self._points, cloud, camera, stamp)
+        if self._preview.get_subscription_count():
+            few, _ = thinned(cloud, None, self._preview_columns)
+            self._publish_cloud(self._preview, few, camera, stamp)
+        self._camera_pose.publish(self._message(camera, covariance, stamp))
+        self._pose.publish(self._message(tag.pose, tag.covariance, stamp))
+        self._diagnostics.count('tagged')
+        deviations = np.sqrt(np.diag(covariance))
+        self._diagnostics.note('camera within, across (mm)', f'{1e3 * deviations[:2].max():.0f}')
+        self._diagnostics.note('camera within, up (mm)', f'{1e3 * deviations[2]:.0f}')
+        self._diagnostics.note('camera within (deg)', f'{np.degrees(deviations[3:].max()):.2f}')
+
+    def _publish_cloud(self, publisher: Publisher, cloud: Cloud, camera: Pose, stamp: int) -> None:
+        if publisher.get_subscription_count():
+            in_map = cloud.transformed(camera)
+            publisher.publish(cloud_to_message(in_map, stamp, self._frame))
+
+    def _message(
+        self, pose: Pose, covariance: Covariance, stamp: int
+    ) -> PoseWithCovarianceStamped:
+        message = PoseWithCovarianceStamped(header=make_header(stamp, self._frame))
+        message.pose.pose = pose_to_message(pose)
+        message.pose.covariance = covariance.ravel()
+        return message
 
 
 @dataclass(frozen=True)

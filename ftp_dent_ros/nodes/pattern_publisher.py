@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image
 
-from ftp_dent_ros.display.opening import Display, open_display
 from ftp_dent_ros.errors import ConfigurationError, ImageError
 from ftp_dent_ros.nodes.declarations import names_of_all
 from ftp_dent_ros.nodes.pattern_parameters import declare
@@ -33,12 +32,8 @@ from ftp_dent_ros.ros.messages import camera_info_message, image_from_message, i
 from ftp_dent_ros.ros.node import run
 from ftp_dent_ros.ros.parameters import Parameters
 from ftp_dent_ros.ros.qos import LATCHED, LATCHED_INPUT, PATTERNS
+from ftp_dent_ros.window import Window
 
-# Nanoseconds between a change's message and its show: many times what a message of this size
-# takes within a computer (10 ms; 60 ms over a network of 400 Mbit/s).
-_AHEAD_NS = 200_000_000
-# Seconds after which an image of projector/show that nothing follows gives way to the pattern.
-_LONGEST_SHOW = 30.0
 # Seconds between looks at what is due on the display: less than a frame of 60 Hz.
 _TICK = 0.01
 _CHANGEABLE = 'period_px', 'stripe_center_px', 'code'
@@ -58,11 +53,11 @@ class PatternPublisher(Node):
         self._image = self.create_publisher(Image, 'projector/image_raw', PATTERNS)
         self._info = self.create_publisher(CameraInfo, 'projector/camera_info', LATCHED)
         self._diagnostics = Diagnostics(self, self._judge)
-        self._display: Display | None = None
+        self._display: Window | None = None
         self._waiting: deque[tuple[int, NDArray[np.uint8]]] = deque()
-        if given.display.enabled:
+        if given.shows:
             size = self._pattern.width, self._pattern.height
-            self._display = open_display(given.display, size)
+            self._display = Window(*given.corner, size)
             self.create_timer(0.1, self._display.refresh)
             self.create_timer(_TICK, self._show)
         self._settings = parameters
@@ -108,7 +103,9 @@ class PatternPublisher(Node):
         # What is shown already keeps its stamp.
         if pattern != self._pattern:
             self._pattern = pattern
-            self._publish(_AHEAD_NS)
+            # Nanoseconds between a change's message and its show: many times what a message of
+            # this size takes within a computer (10 ms; 60 ms over a network of 400 Mbit/s).
+            self._publish(200_000_000)
 
     def _publish(self, ahead_ns: int = 0) -> None:
         """Publish the pattern, and show it so many nanoseconds later."""
@@ -150,7 +147,9 @@ class PatternPublisher(Node):
                 f'projector of {size[0]}x{size[1]}',
             )
             return
-        self._shown_until = time.monotonic() + _LONGEST_SHOW
+        # Seconds after which an image of projector/show that nothing follows gives way to the
+        # pattern.
+        self._shown_until = time.monotonic() + 30.0
         stamp_ns = self.get_clock().now().nanoseconds
         if self._display:
             self._waiting.append((stamp_ns, image))

@@ -23,9 +23,11 @@ from ftp_dent_ros.errors import (
     ImageError,
     InputError,
     NoCalibrationError,
+    NoFringesError,
     PatternChangeError,
     PatternError,
     RefusedFrameError,
+    StampError,
     WrongCalibrationError,
 )
 from ftp_dent_ros.nodes.declarations import names_of_all
@@ -35,7 +37,6 @@ from ftp_dent_ros.pattern.drawn import pattern_from_image
 from ftp_dent_ros.pattern.history import PatternHistory
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.profilometry import Reconstructor, Settings
-from ftp_dent_ros.ros.any_publisher import AnySubscription
 from ftp_dent_ros.ros.diagnostics import OK, WARN, Diagnostics
 from ftp_dent_ros.ros.messages import (
     cloud_to_message,
@@ -44,15 +45,9 @@ from ftp_dent_ros.ros.messages import (
     photograph_from_message,
     stamp_to_ns,
 )
-from ftp_dent_ros.ros.node import run
+from ftp_dent_ros.ros.node import NewestWorker, run
 from ftp_dent_ros.ros.parameters import Parameters
-from ftp_dent_ros.ros.qos import CLOUDS, IMAGES, OVERRIDABLE, PATTERNS
-from ftp_dent_ros.ros.worker import NewestWorker
-
-# Reconstructors that are kept with their tables: of the patterns before and after a change.
-_PREPARED = 2
-# Clouds whose coverage waits for the next diagnostics: more than come in their second.
-_NOTED = 100
+from ftp_dent_ros.ros.qos import CLOUDS, IMAGES, OVERRIDABLE, PATTERNS, AnySubscription
 
 
 class Reconstruction(Node):
@@ -76,13 +71,16 @@ class Reconstruction(Node):
         self._diagnostics = Diagnostics(self, self._judge)
         self._diagnostics.expect_one('camera/image_raw')
         self._watch = RigWatch(self._rig, given.tolerance_px, self._diagnostics, self.get_logger())
-        self._covered: deque[tuple[int, Coverage]] = deque(maxlen=_NOTED)
+        self._covered: deque[tuple[int, Coverage]] = deque(maxlen=100)  # of a second
         self._worker = NewestWorker(self._work, 'reconstruction')
         self.create_subscription(Image, 'projector/image_raw', self._on_pattern, PATTERNS)
         AnySubscription(
             self, CameraInfo, 'camera/camera_info', self._watch.on_info, IMAGES, OVERRIDABLE
         )
-        AnySubscription(self, Image, 'camera/image_raw', self._on_image, IMAGES, OVERRIDABLE)
+        self._images = AnySubscription(
+            self, Image, 'camera/image_raw', self._on_image, IMAGES, OVERRIDABLE
+        )
+        self._last_stamp_ns = 0
 
     def destroy_node(self) -> None:
         """Finish the image in work first."""
@@ -151,12 +149,16 @@ class Reconstruction(Node):
 
     def _reconstruct(self, message: Image) -> None:
         stamp_ns = stamp_to_ns(message.header.stamp)
+        self._check_stamp(stamp_ns)
         pattern = self._pattern_at(stamp_ns)
         reconstructor = self._reconstructor(pattern)
         started_ns = self._now_ns()
         photograph = photograph_from_message(message, self._bits)
         measurement = reconstructor.measure(photograph, self._skin.get_subscription_count() > 0)
         cloud = measurement.cloud
+        if not cloud.valid.any():
+            reasons = '; '.join(measurement.coverage.remarks)
+            raise NoFringesError(f'the photograph gives no point: {reasons}')
         # The message of a change may have come meanwhile, later than the photograph.
         if self._pattern_at(stamp_ns) != pattern:
             raise PatternChangeError(
@@ -167,12 +169,28 @@ class Reconstruction(Node):
         if cloud.skin.any():
             self._skin.publish(image_to_message(cloud.skin, stamp_ns, message.header.frame_id))
         self._points.publish(cloud_to_message(cloud, stamp_ns, message.header.frame_id))
+        self._last_stamp_ns = stamp_ns
         self._diagnostics.count('clouds')
         self._diagnostics.measure('computation', (self._now_ns() - started_ns) / 1e9)
         self._diagnostics.measure_latency(stamp_ns)
         self._diagnostics.note('valid points', f'{100 * cloud.valid.mean():.1f} %')
         self._watch.look(pattern, photograph, measurement)
         self._covered.append((stamp_ns, measurement.coverage))
+
+    def _check_stamp(self, stamp_ns: int) -> None:
+        """Refuse what belongs to no pose and no pattern that could be known."""
+        ahead = (stamp_ns - self._now_ns()) / 1e9
+        # Clocks of two computers that are kept alike differ by less.
+        if ahead > 1.0:
+            raise StampError(
+                f'the photograph is stamped {ahead:.1f} s in the future: stamp it with the middle '
+                'of its exposure, and set the clocks of the computers alike'
+            )
+        if stamp_ns and stamp_ns == self._last_stamp_ns:
+            raise StampError(
+                'the photograph has the stamp of the one before: stamp each with the middle of '
+                'its exposure'
+            )
 
     def _pattern_at(self, stamp_ns: int) -> Pattern:
         """Pattern that a photograph of the time shows; raises the refusal if it is not known."""
@@ -188,7 +206,8 @@ class Reconstruction(Node):
             raise NoCalibrationError('no rig is set: set the parameter rig to its rig.yaml')
         key, prepared = (pattern, Settings.chosen(**self._choices)), self._prepared
         if key not in prepared:
-            kept = [] if len(prepared) < _PREPARED else list(prepared.items())[1 - _PREPARED :]
+            # Two are kept with their tables: of the patterns before and after a change.
+            kept = list(prepared.items())[-1:]
             prepared = self._prepared = dict([*kept, (key, Reconstructor(self._rig, *key))])
         return prepared[key]
 
@@ -212,6 +231,12 @@ class Reconstruction(Node):
             return WARN, f'wrong calibration: {self._watch.wrong_calibration}'
         if self._watch.trouble:
             return WARN, self._watch.trouble
+        self._diagnostics.note('images lost on the way', self._images.lost)
+        if self._images.is_best_effort:
+            return WARN, (
+                f'camera/image_raw is published with best effort, {self._images.lost} images were '
+                'lost on the way: publish it reliably'
+            )
         if self._points.get_subscription_count() == 0:
             return OK, 'idle: nobody subscribes to points'
         if not self._diagnostics.recent('images'):

@@ -22,7 +22,7 @@ from ftp_dent_ros.profilometry.rig_alarm import LAST, rig_alarm
 from ftp_dent_ros.rig.rig import Lens, Rig
 from ftp_dent_ros.ros.diagnostics import Diagnostics
 from ftp_dent_ros.ros.messages import lens_from_message
-from ftp_dent_ros.ros.worker import NewestWorker
+from ftp_dent_ros.ros.node import NewestWorker
 
 # Seconds between checks of the rig's turn: each takes a second of the processor, aside.
 _CHECK_PERIOD = 30.0

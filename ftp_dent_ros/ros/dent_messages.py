@@ -14,7 +14,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from ftp_dent_ros.dents.dent import KINDS
 from ftp_dent_ros.dents.sightings import ListedDent
 from ftp_dent_ros.errors import CloudError
-from ftp_dent_ros.ros.fields import make_header, to_data
+from ftp_dent_ros.ros.messages import make_header, to_data
 
 _ESTIMATES = (
     *('length', 'width', 'depth', 'model_length', 'model_width'),

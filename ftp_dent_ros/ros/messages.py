@@ -1,19 +1,19 @@
-"""Between ROS messages and the package's arrays and dataclasses: all that a node needs of both.
-
-What goes into messages is here; what comes out of them is in `decoding`.
-"""
+"""Between ROS messages and the package's arrays and dataclasses: all that a node needs of both."""
 
 from __future__ import annotations
 
 import sys
+from array import array
 from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Pose as PoseMessage
 from geometry_msgs.msg import PoseStamped
 from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo, Image, NavSatFix, NavSatStatus, PointCloud2, PointField
+from std_msgs.msg import Header
 
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.coding.images import image_from_message, photograph_from_message
@@ -27,11 +27,11 @@ from ftp_dent_ros.coding.messages import (
 )
 from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.rig.rig import Lens
-from ftp_dent_ros.ros.fields import make_header, ns_to_stamp, to_data
 
 if TYPE_CHECKING:
     from ftp_dent_ros.navigation.origin import Origin
     from ftp_dent_ros.pose import Pose
+
 
 __all__ = [
     'camera_info_message',
@@ -50,6 +50,27 @@ __all__ = [
     'pose_to_message',
     'stamp_to_ns',
 ]
+
+
+def ns_to_stamp(nanoseconds: int) -> Time:
+    """Stamp of a time in nanoseconds since the epoch of ROS time."""
+    seconds, rest = divmod(int(nanoseconds), 1_000_000_000)
+    return Time(sec=seconds, nanosec=rest)
+
+
+def make_header(stamp_ns: int, frame_id: str) -> Header:
+    """Header with a stamp in nanoseconds."""
+    return Header(stamp=ns_to_stamp(stamp_ns), frame_id=frame_id)
+
+
+def to_data(values: NDArray) -> array:
+    """Bytes of an array in the one form that rclpy takes without looking at each of them.
+
+    It takes 2 ms for 15 MB; ``bytes``, a list or an ndarray take 0.5 to 2 s.
+    """
+    data = array('B')
+    data.frombytes(np.ascontiguousarray(values).reshape(-1).view(np.uint8).data)
+    return data
 
 
 def cloud_to_message(cloud: Cloud, stamp_ns: int, frame_id: str) -> PointCloud2:

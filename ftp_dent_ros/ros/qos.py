@@ -2,13 +2,18 @@
 
 Everything is reliable: with best effort most messages above half a megabyte are lost between
 processes. Images and clouds keep the newest eight: a process of a busy computer stands still for
-a second now and then, and what has been replaced before it was sent or taken is lost for good,
-untold. Nodes that are too slow leave out by themselves what is too old, and tell. Each can be
+a second now and then, and what has been replaced before it was sent or taken is lost for good.
+Nodes that are too slow leave out by themselves what is too old, and say so. Each can be
 changed by parameters named ``qos_overrides.TOPIC...`` where the topic is made with `OVERRIDABLE`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
@@ -35,3 +40,77 @@ DIAGNOSTICS = QoSProfile(depth=10)
 
 # For `qos_overriding_options`: a camera driver of another make may publish best effort.
 OVERRIDABLE = QoSOverridingOptions.with_default_policies()
+
+
+class AnySubscription:
+    """A reliable subscription that is a best-effort one while a publisher is no better (REP 2003).
+
+    Best effort alone would hear both, and lose most of the large messages of reliable ones too.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    message_type : type
+    topic : str
+    callback : callable
+    qos : QoSProfile
+        Reliable.
+    overridable : QoSOverridingOptions
+        Of the first subscription; who overrides it to best effort hears both anyway.
+
+    Attributes
+    ----------
+    is_best_effort : bool
+        At the moment.
+    lost : int
+        Messages of a single publisher that did not come, by the holes in its count.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        message_type: Any,
+        topic: str,
+        callback: Callable[[Any], None],
+        qos: QoSProfile,
+        overridable: QoSOverridingOptions | None = None,
+    ) -> None:
+        self._node, self._type, self._topic, self._callback = node, message_type, topic, callback
+        self._depth = qos.depth
+        self.is_best_effort = False
+        self.lost = 0
+        self._last = 0
+        self._subscription = node.create_subscription(
+            message_type,
+            topic,
+            self._take,  # type: ignore[arg-type]  # rclpy gives the message's information too
+            qos,
+            qos_overriding_options=overridable,
+        )
+        node.create_timer(0.5, self._follow, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _take(self, message: Any, info: Any) -> None:
+        number = info['publication_sequence_number'] or 0
+        if 0 < self._last < number and self._node.count_publishers(self._topic) == 1:
+            self.lost += number - self._last - 1
+        self._last = number
+        self._callback(message)
+
+    def _follow(self) -> None:
+        name = self._subscription.topic_name
+        offers = [each.qos_profile for each in self._node.get_publishers_info_by_topic(name)]
+        best_effort = any(qos.reliability == ReliabilityPolicy.BEST_EFFORT for qos in offers)
+        if not offers or best_effort == self.is_best_effort:
+            return
+        self.is_best_effort = best_effort
+        self._node.destroy_subscription(self._subscription)
+        policy = ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE
+        self._last = 0
+        self._subscription = self._node.create_subscription(
+            self._type,
+            self._topic,
+            self._take,  # type: ignore[arg-type]
+            QoSProfile(depth=self._depth, reliability=policy),
+        )
+        how = 'with best effort, and may lose messages' if best_effort else 'reliably again'
+        self._node.get_logger().info(f'{name} is heard {how}')

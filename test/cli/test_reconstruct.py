@@ -2,6 +2,7 @@ import copy
 import os
 import subprocess
 import sys
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -11,6 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.cloud.ply import read_ply
+from ftp_dent_ros.errors import RefusedFrameError
+from ftp_dent_ros.files import find
 from ftp_dent_ros.pattern.file import read_pattern, write_pattern
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.pose import Pose
@@ -353,3 +356,28 @@ def test_a_skin_that_cannot_be_written_is_refused_before_a_cloud_is(folder, capf
     (folder / 'folder.png').mkdir()
     assert 'cannot be written' in refused(folder, capfd, '--skin', str(folder / skin))
     assert not (folder / 'cloud.ply').exists()
+
+
+def test_a_photograph_without_a_point_is_refused_and_nothing_is_written(
+    folder, capfd, monkeypatch
+):
+    measure = Reconstructor.measure
+
+    def measure_nothing(self, *given):
+        measurement = measure(self, *given)
+        nothing = np.full_like(measurement.cloud.points, np.nan)
+        return replace(measurement, cloud=replace(measurement.cloud, points=nothing))
+
+    monkeypatch.setattr(Reconstructor, 'measure', measure_nothing)
+    assert 'gives no point' in refused(folder, capfd)
+
+
+def test_a_photograph_of_mirrored_halves_ends_in_a_sentence():
+    rig = read_rig(find('shipped:rig.yaml'))
+    pattern = read_pattern(find('shipped:pattern.yaml'))
+    panel = Panel(Pose.from_rpy([0.05, 0.07, 0], [0, 0, 0.65]), (-1, 1, -1, 1))
+    photograph = Renderer(rig, pattern.draw()).render(Surface((panel,)))
+    half = photograph[:, photograph.shape[1] // 2 :]
+    mirrored = np.hstack([half[:, ::-1], half])
+    with pytest.raises(RefusedFrameError):
+        Reconstructor(rig, pattern, Settings(stride=4)).measure(mirrored)

@@ -10,7 +10,7 @@ import rclpy
 from sensor_msgs.msg import PointCloud2
 
 from ftp_dent_ros.errors import ConfigurationError
-from ftp_dent_ros.ros.fields import to_data
+from ftp_dent_ros.ros.messages import to_data
 from ftp_dent_ros.ros.qos import CLOUDS
 from ftp_dent_ros.simulation.radio import Conditions, joined_sites
 from ftp_dent_ros.supervision.transport import profile

@@ -8,7 +8,7 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.ros.messages import camera_info_message, image_to_message
-from ftp_dent_ros.ros.qos import PATTERNS
+from ftp_dent_ros.ros.qos import IMAGES, PATTERNS
 from ftp_dent_ros.simulation import Panel, Renderer, Surface
 
 PATTERN = Pattern(320, 200, 8.0, 160.0)
@@ -47,3 +47,25 @@ def test_a_best_effort_camera_without_camera_info_is_heard(ros, rig, rig_file):
     size = rig.camera.width, rig.camera.height
     info.publish(camera_info_message(rig.camera, size, stamp_ns, 'eye'))
     ros.until(lambda: told() == 'comes')
+
+
+def test_best_effort_lasts_as_long_as_such_a_publisher_and_is_said(ros, rig_file):
+    ros.start('reconstruction', rig=rig_file)
+    state = ros.diagnostics('reconstruction')
+    ros.collect(PointCloud2, 'points')
+    pattern = ros.publisher(Image, 'projector/image_raw', PATTERNS)
+    pattern.publish(image_to_message(PATTERN.draw(), 1, 'projector'))
+    reliable = ros.publisher(Image, 'camera/image_raw', IMAGES)
+    name = reliable.topic_name
+
+    def heard():
+        infos = ros.node.get_subscriptions_info_by_topic(name)
+        return [ReliabilityPolicy(info.qos_profile.reliability).name for info in infos]
+
+    ros.until(lambda: heard() == ['RELIABLE'])
+    stranger = ros.node.create_publisher(Image, 'camera/image_raw', BEST_EFFORT)
+    ros.until(lambda: heard() == ['BEST_EFFORT'])
+    ros.until(lambda: state() and 'published with best effort' in state().message)
+    ros.node.destroy_publisher(stranger)
+    ros.until(lambda: heard() == ['RELIABLE'])
+    ros.until(lambda: 'published with best effort' not in state().message)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import signal
+import time
 from array import array
 
 import numpy as np
@@ -22,8 +23,8 @@ from ftp_dent_ros.ros.messages import (
     image_to_message,
     stamp_to_ns,
 )
+from ftp_dent_ros.ros.node import WAITING
 from ftp_dent_ros.ros.qos import IMAGES, PATTERNS
-from ftp_dent_ros.ros.worker import WAITING
 from ftp_dent_ros.simulation import Panel, Photometry, Renderer, Surface
 
 PATTERN = Pattern(320, 200, 8.0, 160.0)
@@ -199,6 +200,25 @@ def test_each_bad_photograph_is_refused_with_its_reason(ros, rig, rig_file, rend
     ros.until(lambda: bench.value('refused: wrong pattern') == '1')
     assert 'the pattern is 640x400, the projector 320x200' in bench.state().message
     assert (len(bench.clouds), bench.value('failed')) == (2, '0')
+
+
+def test_stamps_of_the_future_and_repeated_ones_are_refused(ros, rig_file, photograph):
+    bench = Bench(ros, rig=rig_file)
+    bench.project(PATTERN.draw())
+    bench.says('idle')
+    bench.listen()
+    for ahead_s in (2, 3600):
+        bench.show(photograph, time.time_ns() + ahead_s * 1_000_000_000)
+    ros.until(lambda: bench.value('refused: wrong stamp') == '2')
+    assert 's in the future: stamp it with the middle of its exposure' in bench.message
+    bench.cloud_of(photograph, 7)
+    for _ in range(2):
+        bench.show(photograph, 7)
+    ros.until(lambda: bench.value('refused: wrong stamp') == '4')
+    assert 'has the stamp of the one before' in bench.message
+    assert bench.state().level == DiagnosticStatus.WARN
+    bench.cloud_of(photograph, 8)
+    assert len(bench.clouds) == 2
 
 
 def test_what_is_not_tied_to_the_stripe_is_left_out_and_said(ros, rig, rig_file):

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from ftp_dent_ros.nodes.mavlink_bridge import TransformPublisher, transform_message
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.ros.messages import stamp_to_ns
-from ftp_dent_ros.ros.transforms import TransformPublisher, transform_message
 
 POSE = Pose.from_rpy([0.1, -0.2, 0.3], [1.0, 2.0, 3.0])
 

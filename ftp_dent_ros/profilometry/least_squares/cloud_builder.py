@@ -59,6 +59,9 @@ class CloudBuilder:
             seen = more.valid
             for name in ('points', 'intensity', 'sigma', 'resolution'):
                 getattr(cloud, name)[seen] = getattr(more, name)[seen]
+        # What may lie a tenth of its depth elsewhere is no measured point.
+        vague = cloud.sigma > np.float32(0.1) * cloud.points[..., 2]
+        cloud.points[vague], cloud.sigma[vague], cloud.intensity[vague] = np.nan, np.nan, 0
         return cloud
 
     def _of(self, surface: Published) -> Cloud:

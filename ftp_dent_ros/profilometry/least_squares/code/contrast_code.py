@@ -168,7 +168,8 @@ class ContrastSteps:
         if len(used) + 1 < WORD:
             return nothing
         part = slice(used[0], used[-1] + 1)
-        if part.stop - part.start > len(code):
+        # Of a single place to lie at nothing says how sure it is.
+        if part.stop - part.start >= len(code):
             return nothing
         weight, rows = weight[:, part], rows[part]
         step = np.clip(self.step[:, part], -_CLIPPED * size, _CLIPPED * size)
