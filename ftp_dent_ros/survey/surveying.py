@@ -40,10 +40,6 @@ _OWN_FRAME = 'survey'
 # Parts of a skin whose sizes a sentence names.
 _SIZES = 8
 
-# Of the skin that is kept about a dent: times the dent's own sizes, metres beside them, and points
-# across, at most.
-_BEYOND, _BESIDE, _POINTS = 1.5, 0.006, 80
-
 
 @dataclass(frozen=True, eq=False)
 class Surveyed:
@@ -391,8 +387,10 @@ class FusedSkin:
         """The skin about a dent; None where its sizes are not known."""
         if dent.is_cut or not (dent.length.is_measured and dent.width.is_measured):
             return None
-        halves = np.array([dent.length.value, dent.width.value]) / 2 * _BEYOND + _BESIDE
-        spacing = max(PIXEL, 2 * float(halves.max()) / _POINTS)
+        # Of the skin that is kept about a dent: times the dent's own sizes, metres beside them,
+        # and points across, at most.
+        halves = np.array([dent.length.value, dent.width.value]) / 2 * 1.5 + 0.006
+        spacing = max(PIXEL, 2 * float(halves.max()) / 80)
         columns, rows = np.ceil(halves / spacing).astype(int)
         empty = np.full((2 * rows + 1, 2 * columns + 1), np.nan, np.float32)
         a, b = DentRelief(spacing, empty).places()
