@@ -68,7 +68,6 @@ def survey_bags(
     settings: SmallestDent | None = None,
     rig_id: str = '',
     progress: Callable[[], Any] = lambda: None,
-    remark: Callable[[str], Any] = lambda text: None,
 ) -> Surveyed:
     """Make one skin of the clouds of all bags, which show one aircraft.
 
@@ -82,8 +81,6 @@ def survey_bags(
         Id of the calibration.
     progress : callable
         Called after each cloud, three times for each.
-    remark : callable
-        Called with each remark as it comes up.
 
     Raises
     ------
@@ -93,7 +90,7 @@ def survey_bags(
         No cloud can be used.
     """
     settings = settings or SmallestDent()
-    joined = join_bags(bags, progress, remark)
+    joined = join_bags(bags, progress)
     joining, poses = joined.joining, joined.poses
     skin = FusedSkin(bags, joined, progress)
     dents = DentList()
@@ -195,7 +192,6 @@ class JoinedClouds:
 def join_bags(
     bags: Sequence[Bag],
     progress: Callable[[], Any] = lambda: None,
-    remark: Callable[[str], Any] = lambda text: None,
 ) -> JoinedClouds:
     """Join all clouds of all bags, which show one aircraft.
 
@@ -204,8 +200,6 @@ def join_bags(
     bags : sequence of Bag
     progress : callable
         Called after each cloud.
-    remark : callable
-        Called with each remark as it comes up.
 
     Raises
     ------
@@ -216,10 +210,7 @@ def join_bags(
     """
     remarks: list[str] = []
 
-    def say(text: str) -> None:
-        remarks.append(text)
-        remark(text)
-
+    say = remarks.append
     joining = Joining(say)
     frame_id, known = '', set[int]()
     unplaced = without_covariance = 0
