@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
+from scipy.spatial.distance import cdist
 from scipy.special import logsumexp
 
 from ftp_dent_ros.dents.dent import MeasuredDent
@@ -21,17 +22,10 @@ from ftp_dent_ros.dents.sightings import agreement, coincidence
 from ftp_dent_ros.pose import IDENTITY, Pose
 from ftp_dent_ros.rigid import about, fit_move, move_about
 
-# Standard deviation of a dent's centre within its frame: metres, and part of its width.
-_PLACE, _OF_WIDTH = 4e-4, 0.015
 # Standard deviations that a pose may be off, and a place within a frame.
 _GATE, _NEAR = 3.75, 4.0
 # Moves that are tried, at most.
 _TRIED = 400
-# Natural logarithm of the odds from which on a match is believed: against none, and against all
-# others that put every dent elsewhere (20 to 1).
-_BELIEVED, _SURE = 0.0, 3.0
-# Square metres that a frame's dents are counted on, at least.
-_LEAST_AREA = 0.05
 
 Field = NDArray[np.float64]
 
@@ -98,19 +92,31 @@ def find_match(
     shift, turn = spread[:2, :2] + 1e-12 * np.eye(2), float(normal @ covariance[3:, 3:] @ normal)
     turn = math.sqrt(turn / (normal @ normal)) + 1e-6
     a, b = plane.flat(places), plane.flat(there)
-    # Twice the logarithm of how much less likely the sizes are of one dent than of two.
-    agree = agreement(seen, known) - 2 * coincidence(seen, known)
-    # Sightings of what the frame cuts have their centre anywhere.
-    whole = np.array([not d.is_cut for d in seen])[:, None] & [not d.is_cut for d in known]
     offset = b[None, :, :2] - a[:, None, :2]
     far = np.einsum('ijk,kl,ijl->ij', offset, np.linalg.inv(shift), offset)
     reach = np.linalg.norm(a[:, :2], axis=1)[:, None] * _GATE * turn
     slack = (reach / math.sqrt(np.linalg.eigvalsh(shift)[0])) if len(a) > 1 else 0.0
-    possible = np.isfinite(agree) & (np.sqrt(far) < _GATE + slack)
+    possible = np.sqrt(far) < _GATE + slack
     # What stands out and what is pushed in lie at about one height.
     possible &= np.abs(b[None, :, 2] - a[:, None, 2]) < _GATE * math.sqrt(spread[2, 2]) + 0.01
-    sizes = np.array([d.width.value for d in seen]), np.array([d.width.value for d in known])
-    place = np.hypot(_PLACE, _OF_WIDTH * np.nan_to_num(np.minimum(sizes[0][:, None], sizes[1])))
+    # All else is of the known ones nearby: it costs the same however many there are.
+    near = np.flatnonzero(possible.any(axis=0))
+    if not len(near):
+        return None
+    nearby, there, b, possible = (
+        [known[int(k)] for k in near],
+        there[near],
+        b[near],
+        possible[:, near],
+    )
+    # Twice the logarithm of how much less likely the sizes are of one dent than of two.
+    agree = agreement(seen, nearby) - 2 * coincidence(seen, nearby, known)
+    possible &= np.isfinite(agree)
+    # Sightings of what the frame cuts have their centre anywhere.
+    whole = np.array([not d.is_cut for d in seen])[:, None] & [not d.is_cut for d in nearby]
+    sizes = np.array([d.width.value for d in seen]), np.array([d.width.value for d in nearby])
+    # Standard deviation of a dent's centre within its frame: metres, and part of its width.
+    place = np.hypot(4e-4, 0.015 * np.nan_to_num(np.minimum(sizes[0][:, None], sizes[1])))
     rows, columns = np.nonzero(possible & whole)
     judged: list[Match] = []
     tried: set[tuple[tuple[int, int], ...]] = set()
@@ -119,13 +125,19 @@ def find_match(
         if found is not None:
             judged.append(Match(IDENTITY, found[1], found[0]))
     best = max(judged, key=lambda each: each.odds, default=None)
-    if best is None or best.odds <= _BELIEVED:
+    # Natural logarithm of the odds from which on a match is believed: against none, and against
+    # all others that put every dent elsewhere (20 to 1).
+    if best is None or best.odds <= 0.0:
         return None
     rivals = [each.odds for each in judged if not set(each.pairs) & set(best.pairs)]
-    if rivals and best.odds - logsumexp(rivals) < _SURE:
+    if rivals and best.odds - logsumexp(rivals) < 3.0:
         return None
     i, j = np.array(best.pairs).T
-    return replace(best, move=fit_move(places[i], there[j], place[i, j], pivot, covariance))
+    return Match(
+        fit_move(places[i], there[j], place[i, j], pivot, covariance),
+        tuple(zip(i.tolist(), near[j].tolist(), strict=True)),
+        best.odds,
+    )
 
 
 def _moves(a, b, rows, columns, place, turn):
@@ -173,7 +185,8 @@ def _judged(a, b, agree, possible, place, angle, move, shift, turn, tried):
         weight = place[i, j] ** -2.0
         angle, move = _fitted(a[i, :2], b[j, :2], weight, shift, turn)
     off = b[j, :2] - (_turned(a[i, :2], angle) + move)
-    density = len(a) / max(_area(a), _LEAST_AREA)
+    # Square metres that a frame's dents are counted on, at least.
+    density = len(a) / max(_area(a), 0.05)
     odds = -float((weight * (off**2).sum(axis=1) + agree[i, j]).sum()) / 2
     odds -= float(np.log(2 * math.pi * density / weight).sum())
     # What the pose says of the move, and what the fit takes of the places' freedom.
@@ -195,6 +208,20 @@ def _fitted(ours, theirs, weight, shift, turn):
     right = np.array([weight @ (x * along_y - y * along_x), weight @ along_x, weight @ along_y])
     solution = np.linalg.solve(normal, right)
     return float(solution[0]), solution[1:]
+
+
+def _near(seen: Sequence[MeasuredDent], where: Field, pivot: Field, covariance: Field) -> Field:
+    """Mask of the places that `find_match` may pair with anything: by somewhat too many."""
+    if not len(seen) or not len(where):
+        return np.zeros(len(where), bool)
+    places = np.stack([dent.position for dent in seen])
+    middle = places.mean(axis=0)
+    turned = about(middle - pivot)
+    least, _, most = np.sqrt(np.linalg.eigvalsh(turned @ covariance @ turned.T).clip(1e-12))
+    turn = math.sqrt(np.linalg.eigvalsh(covariance[3:, 3:])[-1]) + 1e-6
+    extent = float(np.linalg.norm(places - middle, axis=1).max())
+    reach = 1.01 * _GATE * (2 * most + extent * turn * most / least) + 0.01
+    return cdist(where, places).min(axis=1) < reach
 
 
 def _tangent(origin: Field, normal: Field) -> _Plane:
@@ -258,12 +285,20 @@ def groups_shown(
     # This pose errs nearly as the one before; or both err, each by itself.
     ways = [(expected, (1 - _SHARED**2) * doubt)] if expected is not None else []
     ways.append((IDENTITY, 2 * doubt))
-    for group in sorted(known):
-        for start, spread in ways:
-            moved = dents if start is IDENTITY else [dent.transformed(start) for dent in dents]
-            match = find_match(moved, known[group], pivot, spread)
-            if match is not None:
-                found.append((match.odds, group, match.move @ start))
+    groups = sorted(known)
+    where = np.array([dent.position for group in groups for dent in known[group]]).reshape(-1, 3)
+    ends = np.cumsum([0, *(len(known[group]) for group in groups)])
+    starts = [
+        (moved, start, spread, _near(moved, where, pivot, spread))
+        for start, spread in ways
+        for moved in [dents if start is IDENTITY else [dent.transformed(start) for dent in dents]]
+    ]
+    for group, first, last in zip(groups, ends[:-1], ends[1:], strict=True):
+        for moved, start, spread, near in starts:
+            if near[first:last].any():
+                match = find_match(moved, known[group], pivot, spread)
+                if match is not None:
+                    found.append((match.odds, group, match.move @ start))
     best = {group: max(o for o, g, _ in found if g == group) for _, group, _ in found}
     found = [each for each in found if each[0] == best[each[1]]]
     found.sort(key=lambda each: -each[0])

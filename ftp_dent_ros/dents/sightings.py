@@ -22,8 +22,6 @@ _AGREE, _OF_SIZE = 4.0, 0.08
 # Natural logarithm of the range over which other dents' sizes lie, at most: hail's, which is the
 # most alike (depths of 1 to 4, lengths of 1 to 2.5). Widths tell little that lengths do not.
 _RANGES = {'depth': 1.4, 'length': 0.9}
-# Known dents from which on they tell themselves how alike they are.
-_TELLING = 4
 
 Field = NDArray[np.float64]
 
@@ -191,17 +189,21 @@ def agreement(seen: Sequence[MeasuredDent], known: Sequence[MeasuredDent]) -> Fi
     return result
 
 
-def coincidence(seen: Sequence[MeasuredDent], known: Sequence[MeasuredDent]) -> Field:
+def coincidence(
+    seen: Sequence[MeasuredDent],
+    known: Sequence[MeasuredDent],
+    among: Sequence[MeasuredDent],
+) -> Field:
     """How rarely sizes of two different dents would lie as near to each other as two of one.
 
     Natural logarithm, shape (seen, known); 0 where nothing is known of the sizes, and where those
-    of the known ones are all alike. With half of `agreement` taken off, it is that of the
-    likelihood ratio of one dent against two.
+    of `among`, of which the known ones are some, are all alike. With half of `agreement` taken
+    off, it is that of the likelihood ratio of one dent against two.
     """
     result = np.zeros((len(seen), len(known)))
     for name, widest in _RANGES.items():
         _, spread, size = _compared(name, seen, known)
-        extent = min(widest, _range(name, known))
+        extent = min(widest, _range(name, among))
         result += np.log(np.fmax(extent * size / (math.sqrt(2 * math.pi) * spread), 1.0))
     return result
 
@@ -210,7 +212,8 @@ def _range(name: str, known: Sequence[MeasuredDent]) -> float:
     """Natural logarithm of the range of a size, as if all in it were alike frequent."""
     sizes = np.abs([getattr(each, name).value for each in known if not each.is_cut])
     sizes = sizes[np.isfinite(sizes) & (sizes > 0)]
-    return math.inf if len(sizes) < _TELLING else math.sqrt(12) * float(np.log(sizes).std(ddof=1))
+    # Known dents from which on they tell themselves how alike they are.
+    return math.inf if len(sizes) < 4 else math.sqrt(12) * float(np.log(sizes).std(ddof=1))
 
 
 def _compared(
