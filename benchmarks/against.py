@@ -123,8 +123,8 @@ class Worse:
 def common(now: Rows, before: Rows, same: bool) -> tuple[Rows, Rows]:
     """What both have: rows and figures, and of the same draws so many as both have."""
     both: tuple[Rows, Rows] = ({}, {})
-    for row in now.keys() & before.keys():
-        for figure in now[row].keys() & before[row].keys():
+    for row in sorted(now.keys() & before.keys()):
+        for figure in sorted(now[row].keys() & before[row].keys()):
             values = now[row][figure], before[row][figure]
             count = min(map(len, values)) if same else None
             for rows, each in zip(both, values, strict=True):
@@ -165,8 +165,9 @@ def _mean(draws: list[list[float | None]]) -> list[float | None]:
 def worse(now: Run, before: Run) -> list[Worse]:
     """What is worse than the scatter between draws, the least likely first."""
     same = now['seed'] == before['seed']
-    rows = [with_means(each) for each in common(now['rows'], before['rows'], same)]
-    every = with_means(before['rows'])
+    both = common(now['rows'], before['rows'], same)
+    rows = [with_means(each) for each in both]
+    every = with_means({row: before['rows'][row] for row in both[1]})
     found = [
         each
         for row in rows[0]

@@ -31,9 +31,9 @@ from against import FIGURES, Run, report
 from calibrations import calibration
 from given_photographs import SHARED, given
 from given_photographs import names as given_names
-from measures import Figures, family, kind, paper
+from measures import Figures, photographed
 from page import page
-from photographs import FAMILIES, KINDS, PAPER
+from photographs import KINDS, PAPER, SHAPES
 from sizes import sizes
 from speeds import speeds
 from surveys import comparison, pairs, strip
@@ -63,14 +63,18 @@ class Group:
 GROUPS = {
     'calibration': Group(calibration, ('8 poses of a board',), 4),
     'survey, strip': Group(strip, ('12 clouds',), 4),
-    'survey, pairs': Group(pairs, ('3 clouds',), 6, ('3 clouds',)),
-    'survey, compared': Group(comparison, ('60 dents',), 8),
+    'survey, pairs': Group(pairs, ('3 clouds',), 4, ('3 clouds',)),
+    'survey, compared': Group(comparison, ('60 dents',), 6),
     'given': Group(given, tuple(given_names()), 1),
-    'paper': Group(paper, tuple(PAPER), 4, ('A, 60 cm',)),
+    'paper': Group(partial(photographed, PAPER), tuple(PAPER), 4, ('A, 60 cm',)),
     'photographs': Group(
-        kind, tuple(KINDS), 8, ('clean', 'dirt of 25 %', 'lap across', 'sun edge'), 3
+        partial(photographed, KINDS),
+        tuple(KINDS),
+        6,
+        ('clean', 'dirt of 25 %', 'lap across', 'sun edge'),
+        3,
     ),
-    'dents': Group(family, tuple(FAMILIES), 10, ('gaussian',), 4),
+    'dents': Group(partial(photographed, SHAPES), tuple(SHAPES), 6, ('gaussian',), 4),
 }
 
 

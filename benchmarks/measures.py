@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from photographs import KINDS, PAPER, SHAPES, STRIDE, Kind, Scene
+from photographs import KINDS, PAPER, STRIDE, Kind, Scene
 
 from ftp_dent_ros import inspect, reconstruct
 from ftp_dent_ros.cloud import Cloud
@@ -160,18 +160,3 @@ def photographed(kinds: dict[str, Kind], name: str, seed: int, draw: int) -> dic
         if kinds is PAPER and code == 'stripe':
             rows[PAPERS_METHOD] = of_photograph(one, truth, noise, method=PAPERS_METHOD)
     return rows
-
-
-def kind(name: str, seed: int, draw: int) -> dict[str, Figures]:
-    """One of `photographs.KINDS`."""
-    return photographed(KINDS, name, seed, draw)
-
-
-def family(name: str, seed: int, draw: int) -> dict[str, Figures]:
-    """One of `photographs.FAMILIES`."""
-    return photographed(SHAPES, name, seed, draw)
-
-
-def paper(name: str, seed: int, draw: int) -> dict[str, Figures]:
-    """One of `photographs.PAPER`."""
-    return photographed(PAPER, name, seed, draw)
