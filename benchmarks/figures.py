@@ -42,6 +42,8 @@ from tqdm import tqdm
 import ftp_dent_ros
 
 ROOT = Path(__file__).resolve().parents[1]
+# A process does so many draws: what is kept of their rigs is freed with it.
+FRESH = 40
 NAME, PAGE = 'figures.json', 'docs/results.md'
 
 Measure = Callable[[str, int, int], dict[str, Figures]]
@@ -103,7 +105,7 @@ def measured(todo: list[Task], seed: int, jobs: int) -> dict[Task, dict[str, Fig
     """All draws, in processes that have one thread each."""
     for name in ('OPENBLAS', 'OMP', 'MKL'):
         os.environ[f'{name}_NUM_THREADS'] = '1'
-    with multiprocessing.get_context('spawn').Pool(jobs) as pool:
+    with multiprocessing.get_context('spawn').Pool(jobs, maxtasksperchild=FRESH) as pool:
         results = pool.imap_unordered(partial(done, seed=seed), todo)
         return dict(tqdm(results, total=len(todo), unit='draw', smoothing=0))
 

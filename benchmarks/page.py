@@ -24,7 +24,7 @@ was made elsewhere: `eval` by another renderer, `real` with a camera.
 - Refused: part of the draws that give no result.
 - `stripe` and `contrast` are the patterns; `virtual-reference` is the paper's method.
 """
-_SIZES = """
+_SIZES = """\
 ## Sizes
 
 Of the package, by room. Statements are those of the syntax tree; choices are branches,
@@ -32,7 +32,7 @@ comparisons, operands of `and` and `or`, and filters; numbers are literals other
 constants are numbers with a name; wide functions have more than six parameters; single modules
 are imported by one other.
 """
-_SPEEDS = """
+_SPEEDS = """\
 ## Speeds
 
 Processor time of one thread for a photograph of 1280x720 at stride 2, in multiples of one rfft
@@ -98,8 +98,9 @@ def _cell(figure: str, draws: list[float | None] | None) -> str:
         return ''
     values = FIGURES[figure].scale * np.array([each for each in draws if each is not None])
     mean, spread = float(np.mean(values)), float(np.std(values, ddof=1)) if len(values) > 1 else 0
-    size = spread or abs(mean) / 50
-    digits = min(max(1 - math.floor(math.log10(size)), 0), 5) if size else 0
+    # Two digits of the spread, or three of what does not scatter.
+    size = spread or abs(mean) / 10
+    digits = min(max(1 - math.floor(math.log10(size)), 0), 6) if size else 0
     if mean == round(mean) and not spread:
         digits = 0
     return f'{mean:.{digits}f}' + (f' ± {spread:.{digits}f}' if spread else '')
