@@ -20,6 +20,7 @@ from ftp_dent_ros.pattern.pattern import CODES
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.rig.rig import read_rig
+from ftp_dent_ros.rigid import twist_between
 from ftp_dent_ros.simulation import (
     Dent,
     Dirt,
@@ -135,7 +136,7 @@ def pairs(name: str, seed: int, draw: int) -> dict[str, Figures]:
                 if found.told < 6:
                     untold += 1
                     continue
-                error = found.error(true)
+                error = twist_between(found.pose, true, found.centre)
                 stated = np.linalg.inv(found.information) + found.common @ COMMON @ found.common.T
                 errors.append(np.abs(error))
                 ratios.append(np.sqrt(error @ np.linalg.solve(stated, error) / 6))
