@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ftp_dent_ros.coding.cloud_codec import View, decode, encode
+from ftp_dent_ros.coding.cloud_codec import RayGrid, decode, encode
 from ftp_dent_ros.coding.messages import cloud_from_message, lens_from_message
 from ftp_dent_ros.recording.compression import CompressedBagWriter
 from ftp_dent_ros.recording.reader import open_bag
@@ -49,7 +49,7 @@ def clouds(bag) -> None:
     size, coding, decoding, worst, part = [], [], [], 0.0, 0.0
     for message in bag.messages(['/points']):
         cloud = cloud_from_message(bag.deserialise(message))
-        view = View.of(lens, *cloud.intensity.shape)
+        view = RayGrid.of(lens, *cloud.intensity.shape)
         times = [time.thread_time()]
         data = encode(cloud, view)
         times.append(time.thread_time())

@@ -26,7 +26,7 @@ from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.recording.clouds import CAMERA_POSE, PHOTOGRAPHS, POINTS, SKIN
-from ftp_dent_ros.recording.topic import Message, Qos, Topic, find_definition, type_hash
+from ftp_dent_ros.recording.topic import Message, Qos, RecordedTopic, find_definition, type_hash
 from ftp_dent_ros.recording.writer import BagWriter
 from ftp_dent_ros.rig.rig import Rig, read_rig
 from ftp_dent_ros.ros.messages import (
@@ -90,7 +90,9 @@ def record(
     with BagWriter(folder) as writer:
         for name, kind in _TYPES.items():
             hash_ = type_hash(kind)
-            writer.add_topic(Topic(name, kind, hash_, (Qos(),), find_definition(kind, hash_)))
+            writer.add_topic(
+                RecordedTopic(name, kind, hash_, (Qos(),), find_definition(kind, hash_))
+            )
         for stamp, image, pose in taken:
             try:
                 measured = reconstructor.measure(image, skin=True)

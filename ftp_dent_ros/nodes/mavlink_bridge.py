@@ -58,11 +58,7 @@ from ftp_dent_ros.ros.qos import CLOUDS, IMAGES, LATCHED, OVERRIDABLE, POSES, PR
 _DYNAMIC = QoSProfile(depth=100)
 _STATIC = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
-# Commands, and images, that wait for each other.
-_MOST_WAITING = 20
 
-# Seconds between two looks at which clouds have their poses.
-_CHECK_PERIOD = 0.1
 _LEVELS = {'ok': OK, 'warning': WARN, 'error': ERROR}
 
 
@@ -123,8 +119,8 @@ class BridgeCamera:
         self._node, self._mount, self._diagnostics = node, mount, diagnostics
         self._camera = Camera(ground_station, self._shoot)
         self._size = self._told_size = size
-        self._commands: deque[Any] = deque(maxlen=_MOST_WAITING)
-        self._images: deque[tuple[int, float]] = deque(maxlen=_MOST_WAITING)
+        self._commands: deque[Any] = deque(maxlen=20)
+        self._images: deque[tuple[int, float]] = deque(maxlen=20)
         self._failures = 0
         self._client = node.create_client(Trigger, 'camera_capture/capture')
         node.create_subscription(
@@ -339,7 +335,7 @@ class MavlinkBridge(Node):
         )
         self._news = self.create_guard_condition(self._settle)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(_CHECK_PERIOD, self._settle, clock=steady)
+        self.create_timer(0.1, self._settle, clock=steady)
         self.create_timer(1.0, self._send_heartbeat, clock=steady)
         station, size = given.ground_station, given.image_size
         self._mavlink_camera = (

@@ -19,7 +19,7 @@ from sensor_msgs.msg import Image, PointCloud2
 
 from ftp_dent_ros.errors import CloudError, ImageError, PoseError
 from ftp_dent_ros.nodes.declarations import names_of_all
-from ftp_dent_ros.nodes.matching import Matched, Matching, located
+from ftp_dent_ros.nodes.matching import Matched, MessageMatcher, located
 from ftp_dent_ros.nodes.survey_drawing import State, SurveyDrawing
 from ftp_dent_ros.nodes.survey_parameters import declare
 from ftp_dent_ros.ros.diagnostics import OK, WARN, Diagnostics
@@ -51,7 +51,7 @@ class Survey(Node):
         self._pose = self.create_publisher(PoseWithCovarianceStamped, 'survey/pose', POSES)
         self._drawing = SurveyDrawing(self, self._diagnostics, self._map)
         self._worker = NewestWorker(self._work, 'survey', given.queue_size)
-        self._matching = Matching(
+        self._matching = MessageMatcher(
             self._hand_over,
             self._diagnostics.refuse,
             lambda: ('skin',) if self._has_skin else (),

@@ -9,7 +9,7 @@ from sensor_msgs.msg import Image
 
 from ftp_dent_ros.demonstration.appraisal import TYPES, appraise
 from ftp_dent_ros.recording.reader import open_bag
-from ftp_dent_ros.recording.topic import Message, Qos, Topic, find_definition, type_hash
+from ftp_dent_ros.recording.topic import Message, Qos, RecordedTopic, find_definition, type_hash
 from ftp_dent_ros.recording.writer import BagWriter
 from ftp_dent_ros.ros.messages import make_header
 from ftp_dent_ros.simulation.world import read_world
@@ -35,7 +35,9 @@ def test_lost_or_not_taken(tmp_path, halves, counts, lost, not_taken):
     with BagWriter(tmp_path / 'bag') as writer:
         for topic, name in names.items():
             hash_ = type_hash(name)
-            writer.add_topic(Topic(topic, name, hash_, (Qos(),), find_definition(name, hash_)))
+            writer.add_topic(
+                RecordedTopic(topic, name, hash_, (Qos(),), find_definition(name, hash_))
+            )
         for half, count in zip(halves, counts, strict=True):
             stamp_ns = half * 500_000_000
             data = serialize_message(Image(header=make_header(stamp_ns, 'camera')))
