@@ -12,12 +12,12 @@ import struct
 import sys
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from typing import Any
 
 import cv2
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -175,19 +175,6 @@ def _jpeg(bgr: Any, quality: int) -> bytes:
     return data.tobytes()
 
 
-class _NeverWoken(CallbackGroup):
-    """Of subscriptions that no executor waits for."""
-
-    def can_execute(self, entity: Any) -> bool:
-        return False
-
-    def beginning_execution(self, entity: Any) -> bool:
-        return False
-
-    def ending_execution(self, entity: Any) -> None:
-        return
-
-
 class Downlink(Node):
     """Node that sends what the payload publishes to the ground."""
 
@@ -273,21 +260,14 @@ class Downlink(Node):
             qos = LATCHED if topic.latest else POSES
             self.create_subscription(message_class(topic.type), topic.name, forward, qos, raw=True)
             return
-        # The newest is taken when one is due: to be woken fifty times a second is dear.
-        subscription = self.create_subscription(
-            message_class(topic.type),
-            topic.name,
-            forward,
-            QoSProfile(depth=1),
-            raw=True,
-            callback_group=_NeverWoken(),
-        )
+        newest: deque[bytes] = deque(maxlen=1)
+        qos = QoSProfile(depth=1)
+        kind_of_topic = message_class(topic.type)
+        self.create_subscription(kind_of_topic, topic.name, newest.append, qos, raw=True)
 
         def take() -> None:
-            with subscription.handle:
-                found = subscription.handle.take_message(subscription.msg_type, True)
-            if found is not None:
-                forward(found[0])
+            if newest:
+                forward(newest.pop())
 
         self.create_timer(topic.period, take, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
