@@ -7,16 +7,13 @@ import os
 import signal
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent import futures
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import dataclass
-from itertools import islice
+from itertools import chain, islice
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any, Generic, TypeVar
-
-from distributed import Client, as_completed
+from typing import Any, TypeVar
 
 from ftp_dent_ros import __version__
 from ftp_dent_ros.errors import ConfigurationError
@@ -26,12 +23,8 @@ from ftp_dent_ros.process import VARIABLES, keep_freed
 Item = TypeVar('Item')
 Result = TypeVar('Result')
 
-# Items taken ahead of the results, for each process: as long as another takes to begin.
-_AHEAD = 5
-
 # Of the connection to the scheduler, seconds.
 _PATIENCE = 10
-
 #: Written last into a result's folder: with it, the result is whole.
 MARK = 'made_of.json'
 
@@ -56,47 +49,44 @@ def side_by_side(
     Yields
     ------
     (item, result or Exception)
-        `LostWorkerError` where its process died twice, the second time with nothing beside it:
-        it is told of that item, and the others are done.
+        `LostWorkerError` where its process died twice, the second time with nothing beside it;
+        the others are done.
     """
-    lost: deque[Item] = deque()
-    yield from _tried(work, deque(items), jobs, lost.append)
-    while lost:
-        # What ran as a process died is tried once more, each alone.
-        failed: list[Item] = []
-        yield from _tried(work, deque([lost.popleft()]), 1, failed.append)
-        for item in failed:
-            yield item, LostWorkerError('its process was killed')
+    waiting = list(items)
+    while waiting:
+        # What ran as a process died is tried once more: alone, until the item is found.
+        lost: list[Item] = []
+        yield from _tried(work, waiting, jobs, lost.append)
+        while lost:
+            failed: list[Item] = []
+            yield from _tried(work, [lost.pop(0)], 1, failed.append)
+            if failed:
+                yield failed[0], LostWorkerError('its process was killed')
+                break
+        waiting = lost
 
 
 def _tried(
     work: Callable[[Item], Result],
-    waiting: deque[Item],
+    items: list[Item],
     jobs: int,
     lose: Callable[[Item], object],
 ) -> Iterator[tuple[Item, Result | Exception]]:
-    """Results; an item that was under way as a process died is handed to `lose`."""
-    while waiting:
-        with _pool(min(jobs, len(waiting))) as pool:
-            running: dict[Future[Result], Item] = {}
-            is_broken = False
-            while running or (waiting and not is_broken):
-                while waiting and len(running) < jobs and not is_broken:
-                    item = waiting.popleft()
-                    running[_submitted(pool, work, item)] = item
-                for future in wait(running, return_when=FIRST_COMPLETED).done:
-                    item, failure = running.pop(future), future.exception()
-                    if isinstance(failure, BrokenProcessPool):
-                        is_broken = True
-                        lose(item)
-                    elif failure is None or isinstance(failure, Exception):
-                        yield item, future.result() if failure is None else failure
-                    else:
-                        raise failure
+    """Results; an item whose pool broke is handed to `lose`."""
+    with _pool(min(jobs, len(items))) as pool:
+        running = {pool.submit(work, item): item for item in items}
+        for future in futures.as_completed(running):
+            failure = future.exception()
+            if isinstance(failure, BrokenProcessPool):
+                lose(running[future])
+            elif failure is None or isinstance(failure, Exception):
+                yield running[future], future.result() if failure is None else failure
+            else:
+                raise failure
 
 
 def in_order(work: Callable[[Item], Result], items: Iterable[Item], jobs: int) -> Iterator[Result]:
-    """As `map`, by this process and `jobs` - 1 others beside it, which work ahead.
+    """As `map`, by other processes that work a few items ahead.
 
     Parameters
     ----------
@@ -109,71 +99,31 @@ def in_order(work: Callable[[Item], Result], items: Iterable[Item], jobs: int) -
     if jobs < 2:
         yield from map(work, items)
         return
-    coming, ahead = iter(items), deque[_Ahead[Item, Result]]()
-    with _pool(jobs - 1) as pool:
-        while True:
-            ahead.extend(map(_Ahead, islice(coming, _AHEAD * jobs - len(ahead))))
-            if not ahead:
-                return
-            # One that runs and one that waits for each of the others: they never stand idle.
-            under_way = sum(each.future is not None and not each.future.done() for each in ahead)
-            free = deque(each for each in ahead if each.future is None)
-            while free and under_way < 2 * (jobs - 1):
-                each = free.popleft()
-                each.future = _submitted(pool, work, each.item)
-                under_way += 1
-            first = ahead[0].future
-            if free and (first is None or not first.done()):
-                each = free.popleft()
-                each.future = _ended(work(each.item))
-            elif first is not None:
-                failure = first.exception()
-                if isinstance(failure, BrokenProcessPool):
-                    # It was killed: this process does what is left.
-                    ahead[0].future = _ended(work(ahead[0].item))
-                else:
-                    yield first.result()
-                    ahead.popleft()
-
-
-@dataclass(eq=False)
-class _Ahead(Generic[Item, Result]):
-    """An item, and its result once it has one."""
-
-    item: Item
-    future: Future[Result] | None = None
-
-
-def _ended(result: Result) -> Future[Result]:
-    future: Future[Result] = Future()
-    future.set_result(result)
-    return future
-
-
-def _submitted(
-    pool: ProcessPoolExecutor, work: Callable[[Item], Result], item: Item
-) -> Future[Result]:
-    """The item's future, that of a broken pool ended already."""
-    # The first one begins the processes, which inherit what is blocked: Ctrl-C reaches them when
-    # they can end without a word.
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        return pool.submit(work, item)
-    except BrokenProcessPool as reason:
-        future: Future[Result] = Future()
-        future.set_exception(reason)
-        return future
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    coming = iter(items)
+    ahead, results = deque[Item](), deque['futures.Future[Result]']()
+    with _pool(jobs) as pool:
+        try:
+            while True:
+                for item in islice(coming, 3 * jobs - len(ahead)):
+                    ahead.append(item)
+                    results.append(pool.submit(work, item))
+                if not ahead:
+                    return
+                first = results.popleft().result()
+                ahead.popleft()
+                yield first
+        except BrokenProcessPool:
+            # One was killed: this process does what is left.
+            yield from map(work, chain(ahead, coming))
 
 
 @contextmanager
-def _pool(jobs: int) -> Iterator[ProcessPoolExecutor]:
+def _pool(jobs: int) -> Iterator[futures.ProcessPoolExecutor]:
     """Fresh interpreters, started with one thread each; what has not begun ends with the block."""
     # As many processes as cores, and no two ways to add up.
     before = {name: os.environ.get(name) for name in VARIABLES}
     os.environ.update(dict.fromkeys(VARIABLES, '1'))
-    pool = ProcessPoolExecutor(jobs, get_context('spawn'), _begin)
+    pool = futures.ProcessPoolExecutor(jobs, get_context('spawn'), _begin)
     try:
         yield pool
     finally:
@@ -187,7 +137,6 @@ def _pool(jobs: int) -> Iterator[ProcessPoolExecutor]:
 def _begin() -> None:
     """Make a fresh process ready: Ctrl-C, which the terminal sends it too, ends it silently."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     one_thread()
 
 
@@ -220,6 +169,9 @@ def on_cluster(
     ConfigurationError
         There is no scheduler at the address, or it has no workers.
     """
+    # Of the extra `cluster`.
+    from distributed import Client, as_completed
+
     try:
         client = Client(address, timeout=_PATIENCE)
     except (OSError, ValueError, TimeoutError) as reason:

@@ -16,17 +16,10 @@ from ftp_dent_ros.errors import CalibrationError, ConfigurationError
 
 # Fewer corners do not tell how a board lies.
 _FEWEST = 6
-# Most pixels that a square is drawn with.
-_MOST_PIXELS = 600
 
 # Levenberg and Marquardt's damping: first, and its factor from step to step.
 _DAMPING, _FACTOR = 1e-2, 10.0
 _STEPS = 25
-_CONVERGED = 1e-4
-# A fit that wanders this far has found something else, pixels.
-_FARTHEST = 3.0
-# Edges of a photograph in focus are at least this soft: a pixel is a square, pixels.
-_SHARPEST = 0.25
 
 # Windows reach this part of the way to the nearest corner, so that one crossing alone is in them,
 # and these pixels at most: lens distortion bends longer edges.
@@ -82,7 +75,8 @@ class Charuco:
             whole = round(side / self.modules) * self.modules
             return round(abs(side - whole) / pixels, 4) + (pixels - whole) % 2 / pixels
 
-        return min(range(least, _MOST_PIXELS + 1), key=off)
+        # Most pixels that a square is drawn with.
+        return min(range(least, 600 + 1), key=off)
 
     def find(self, photograph: NDArray[np.uint8]) -> NDArray[np.float64]:
         """Inner corners row by row, shape (n, 2), pixels; NaN where one is not seen.
@@ -159,7 +153,8 @@ def refine_corners(
     state[:, 5:] = _light(state, x, y, values)
     state = _fit(state, x, y, values)
     moved = np.linalg.norm(state[:, :2] + whole - corners, axis=1)
-    lost = ~inside | (moved > _FARTHEST) | (state[:, 4] > radius / 2)
+    # A fit that wanders this far has found something else, pixels.
+    lost = ~inside | (moved > 3.0) | (state[:, 4] > radius / 2)
     found = whole + state[:, :2]
     found[lost] = np.nan
     return found, np.where(lost, np.nan, state[:, 4])
@@ -177,7 +172,8 @@ def _fit(state: NDArray, x: NDArray, y: NDArray, values: NDArray) -> NDArray[np.
         damped = normal + (damping[:, None] * diagonal + 1e-9)[:, :, None] * np.eye(9)
         step = np.linalg.solve(damped, gradient[..., None])[..., 0]
         tried = state + step
-        tried[:, 4] = np.maximum(tried[:, 4], _SHARPEST)
+        # Edges of a photograph in focus are at least this soft: a pixel is a square, pixels.
+        tried[:, 4] = np.maximum(tried[:, 4], 0.25)
         new_model, new_jacobian = _model(tried, x, y)
         new_cost = np.square(values - new_model).sum(axis=1)
         better = new_cost < cost
@@ -186,7 +182,7 @@ def _fit(state: NDArray, x: NDArray, y: NDArray, values: NDArray) -> NDArray[np.
         jacobian = np.where(better[:, None, None], new_jacobian, jacobian)
         cost = np.where(better, new_cost, cost)
         damping = np.clip(np.where(better, damping / _FACTOR, damping * _FACTOR), 1e-9, 1e9)
-        if np.abs(step[:, :2]).max() < _CONVERGED:
+        if np.abs(step[:, :2]).max() < 1e-4:
             break
     return state
 

@@ -33,8 +33,6 @@ PIXELS = 32
 # Pixels are of one colour where the print is so white, and lit where the light is so strong (of
 # its mean); a fringe's colour is the mean of so many of them at least.
 _WHITE, _LIT, _FEWEST = 0.9, 1.2, 30
-# Contrasts that are read right go with their code like this, over so many fringes at least.
-_ALIKE, _FEWEST_FRINGES = 0.8, 12
 
 # Terms of the light: on white its mean, fringes and their second harmonic; on ink, which reflects
 # a little, its mean and fringes.
@@ -44,8 +42,6 @@ _ON_WHITE, _ON_INK = 5, 3
 # are tried afterwards, of which the photograph chooses.
 _FIRST_BLUR = 2.0
 _BLURS = 0.5, 0.8, 1.2, 1.7
-# A window's side over the square's, so that no pixel is in two.
-_WINDOW = 0.95
 # Corners and columns known worse than this tell nothing; camera and projector pixels.
 _WORST_PX = 0.5
 # Fewer corners, or windows in which fringes are seen, tell not how a board lies.
@@ -53,14 +49,6 @@ _PRINT_FIT_FEWEST = 6
 
 # Corners through fringes are known to this at first and at best; pixels, standard deviation.
 _CORNER_FIRST, _CORNER_LEAST = 0.05, 0.01
-# Warmth and damp make a print so much larger or smaller: aluminium by 12, paper by 30 kelvin.
-_SCALE = 3e-4
-# Neighbouring corners that err more alike than this are one; their correlation.
-_MOST_ALIKE = 0.8
-_ROUNDS = 3
-# The nearest of the corners that tell of the lens, and their part in the mean square of normally
-# distributed vectors in the plane: 1 - q exp(-q) / (1 - exp(-q)), with q = ln 5.
-_KEPT, _OF_KEPT = 0.8, 0.598
 
 
 def albedo_of(board: Board) -> NDArray[np.float64]:
@@ -161,7 +149,8 @@ def contrast_order(pattern: Pattern, rgb: NDArray, albedo: NDArray, column: NDAr
     # The board's rim may cut a fringe's half.
     contrast = np.clip(contrast, *np.nanpercentile(contrast, [10, 90]))
     alike = np.array([])
-    if len(known) >= _FEWEST_FRINGES:
+    # Contrasts that are read right go with their code like this, over so many fringes at least.
+    if len(known) >= 12:
         orders = upright.fringe_orders
         shifts = range(int(known[-1]) + least - orders[-1], int(known[0]) + least - orders[0] + 1)
         alike = np.array(
@@ -170,7 +159,7 @@ def contrast_order(pattern: Pattern, rgb: NDArray, albedo: NDArray, column: NDAr
                 for shift in shifts
             ]
         )
-    if not len(alike) or alike.max() < _ALIKE:
+    if not len(alike) or alike.max() < 0.8:
         raise CalibrationError(
             "the code of the fringes' contrast is not read on the board: see that it is in the "
             'light of this pattern, and in focus'
@@ -369,7 +358,8 @@ def _fitted(
     turn, shift = cv2.Rodrigues(turn)[0], np.ravel(shift)
     points = board.points @ turn.T + shift
     middles = rig.camera.project(points)
-    half = max(4, int(_WINDOW / 2 * board.spacing(middles)))
+    # A window's side over the square's, so that no pixel is in two.
+    half = max(4, int(0.95 / 2 * board.spacing(middles)))
     first = np.maximum(np.floor(middles.min(axis=0)).astype(int) - half - 2, 0)
     last = np.minimum(
         np.ceil(middles.max(axis=0)).astype(int) + half + 3, [rig.camera.width, rig.camera.height]
@@ -475,7 +465,9 @@ def check_by_board(
         depth = (shift @ normal + bent(place, bend)) / (rays @ normal)
         by = turned(rig, state[:3])
         pixel = by.projector.project(by.to_projector(depth[:, None] * rays))[:, told]
-        prior = [*state[:3] / ANY_TURN, (scale - 1) / _SCALE, *bend / flatness]
+        # Warmth and damp make a print so much larger or smaller: aluminium by 12, paper by 30
+        # kelvin.
+        prior = [*state[:3] / ANY_TURN, (scale - 1) / 3e-4, *bend / flatness]
         return off.ravel(), pixel - columns, np.array(prior)
 
     def residuals(state: NDArray) -> NDArray[np.float64]:
@@ -490,15 +482,17 @@ def check_by_board(
     )
     start = np.concatenate([np.zeros(3), np.ravel(turn), np.ravel(shift), [1.0], np.zeros(3)])
     corner_px, phase_px = np.full(2, _CORNER_FIRST), PHASE_PX
-    for _ in range(_ROUNDS):
+    for _ in range(3):
         found = least_squares(residuals, start, x_scale='jac', loss='soft_l1', f_scale=2.0)
         off, across, _ = misfit(found.x)
         grid = np.full((board.rows, board.columns, 2), np.nan)
         grid.reshape(-1, 2)[known] = off.reshape(-1, 2)
         # A lens that has changed moves most corners, a shadow or the frame's rim a few.
         near = np.sort(np.linalg.norm(off.reshape(-1, 2), axis=1))
-        near = near[: max(1, int(_KEPT * len(near)))]
-        camera_px = float(np.sqrt(np.mean(near**2) / _OF_KEPT))
+        # The nearest of the corners that tell of the lens, and their part in the mean square of
+        # normally distributed vectors in the plane: 1 - q exp(-q) / (1 - exp(-q)), with q = ln 5.
+        near = near[: max(1, int(0.8 * len(near)))]
+        camera_px = float(np.sqrt(np.mean(near**2) / 0.598))
         corner_px = np.array([_corner_noise(grid[..., axis]) for axis in (0, 1)])
         start, phase_px = found.x, scatter(across, PHASE_LEAST)
     covariance = turn_covariance(found.jac)
@@ -517,6 +511,7 @@ def _corner_noise(off: NDArray) -> float:
     factor = 1.0
     for first, second in ((off[1:], off[:-1]), (off[:, 1:], off[:, :-1])):
         ratio = np.nanmean(first * second) / np.nanmean(off**2)
-        ratio = np.clip(ratio, 0, _MOST_ALIKE)
+        # Neighbouring corners that err more alike than this are one; their correlation.
+        ratio = np.clip(ratio, 0, 0.8)
         factor *= (1 + ratio) / (1 - ratio)
     return float(np.sqrt(np.nanmean(off**2) * factor))

@@ -27,16 +27,10 @@ RIG = 2 * LENS + 6
 _FREEDOM = 0.0003
 # Before anything is known, pixels, standard deviation of camera and projector.
 FIRST_DEVIATIONS = (0.3, 0.3)
-_LEAST_DEVIATION = 0.005
 
 # Residuals beyond this many standard deviations count linearly (Huber's 95 % is 1.345; corners
 # that are merely blurred are to keep their say).
 _ROBUST = 2.0
-# Weights are standard deviations of camera and projector, found in these rounds; pixels.
-_ROUNDS = 2
-_RESTARTS, _FEW = 4, 10
-# What the data leave open moves no farther than this makes it.
-_JITTER = 1e-10
 
 
 @dataclass(frozen=True)
@@ -275,7 +269,7 @@ class Problem:
             deviation = (
                 NORMAL_SPREAD * float(np.median(known)) if len(known) else FIRST_DEVIATIONS[0]
             )
-            result.append(max(_LEAST_DEVIATION, deviation / np.sqrt(max(1 - spent, 0.1))))
+            result.append(max(0.005, deviation / np.sqrt(max(1 - spent, 0.1))))
         return result[0], result[1]
 
 
@@ -369,7 +363,8 @@ def adjust(
         vector[np.setdiff1d(np.arange(RIG), problem.active)] = 0
     estimated = deviations is None
     deviations = deviations or FIRST_DEVIATIONS
-    for _ in range(_ROUNDS + 1 if estimated else 1):
+    # Weights are standard deviations of camera and projector, found in these rounds; pixels.
+    for _ in range(3 if estimated else 1):
         problem.deviations = deviations
         vector = _solve(problem, vector, tolerance)
         if estimated:
@@ -389,9 +384,9 @@ def weighted_jacobian(
 
 def _solve(problem: Problem, vector: NDArray[np.float64], tolerance: float) -> NDArray[np.float64]:
     """All parameters at the least squares."""
-    for _ in range(_RESTARTS):
+    for _ in range(4):
         vector, evaluations = _descend(problem, vector, tolerance)
-        if evaluations < _FEW:
+        if evaluations < 10:
             break
     return vector
 
@@ -410,7 +405,8 @@ def _descend(
     scale = 1 / np.sqrt(np.maximum(jacobian.multiply(jacobian).sum(axis=0).A1, 1e-300))
     scaled = jacobian @ diags(scale)
     normal = (scaled.T @ scaled).toarray()
-    factor = cholesky(normal + _JITTER * np.eye(len(normal)))
+    # What the data leave open moves no farther than this makes it.
+    factor = cholesky(normal + 1e-10 * np.eye(len(normal)))
 
     def to_active(step: NDArray) -> NDArray[np.float64]:
         return start + scale * solve_triangular(factor, step)

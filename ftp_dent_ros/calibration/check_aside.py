@@ -25,8 +25,6 @@ from ftp_dent_ros.rig.rig import Rig
 
 # Seconds of processor time, of which it takes some tenths; on a busy computer they take long.
 _LONGEST = 120
-# The last priority there is: photographs go first.
-_NICE = 19
 
 
 @dataclass(frozen=True)
@@ -94,7 +92,8 @@ class CheckAside:
 
 def main() -> None:
     """Check what comes in on the standard input."""
-    os.nice(_NICE)
+    # The last priority there is: photographs go first.
+    os.nice(19)
     resource.setrlimit(resource.RLIMIT_CPU, (_LONGEST, _LONGEST))
     import numpy as np
 

@@ -61,13 +61,10 @@ class Advice:
         Where to hold the board.
     depth_deviation : float
         Of depths over the image, so far, metres (median); NaN before it is known.
-    outline : tuple of pairs of floats
-        Corners of the board there, camera pixels; empty before it is known.
     """
 
     sentence: str
     depth_deviation: float = float('nan')
-    outline: tuple[tuple[float, float], ...] = ()
 
 
 def next_pose(
@@ -110,17 +107,12 @@ def next_pose(
         left = uncertainty(with_information(known, added))
         if left < best.depth_deviation:
             words = [place + ' of the image', far, side + (' by 30 degrees' if side else '')]
-            rim = board.points.reshape(board.rows, board.columns, 3)[
-                [0, 0, -1, -1], [0, -1, -1, 0]
-            ]
-            turned = Rotation.from_rotvec(pose[:3]).apply(rim) + pose[3:]
-            corners = tuple((float(u), float(v)) for u, v in rig.camera.project(turned))
-            best = Advice(f'hold the board {", ".join(filter(None, words))}', left, corners)
+            best = Advice(f'hold the board {", ".join(filter(None, words))}', left)
     if not best.sentence:
         return Advice(
             'hold the board wherever camera and projector see all of it', uncertainty(known)
         )
-    return Advice(best.sentence, uncertainty(known), best.outline)
+    return Advice(best.sentence, uncertainty(known))
 
 
 def covered(observations: list[Observation], camera_size: tuple[int, int]) -> float:

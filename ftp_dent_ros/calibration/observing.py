@@ -18,11 +18,6 @@ from ftp_dent_ros.robust import NORMAL_SPREAD
 
 # A lit pixel is brighter by this than an unlit one: three times what rounding and read noise do.
 _LEAST_CONTRAST = 6.0
-# Phases noisier than this could be of the next code word; radians.
-_LARGEST_PHASE_NOISE = 0.4
-_SATURATED = 254
-# Wrong bits in dark squares put fewer codes than this off the projector.
-_OUTSIDE = 0.05
 
 Photographs = Mapping[Frame, NDArray[np.uint8]]
 
@@ -31,24 +26,7 @@ Photographs = Mapping[Frame, NDArray[np.uint8]]
 _REACH = 0.9
 # Fewer pixels than this do not hold down the six coefficients.
 _FEWEST = 40
-# A pixel this many robust deviations off the fit has a wrong code.
-_OUTLYING = 4.0
-_ROUNDS = 4
-# More pixels than about this many along a window's side tell nothing more.
-_SIDE = 49
 
-# Corners of a board that stands still agree to 0.03 pixels between photographs; a board that
-# moved by more than this is off by as much.
-_MOVED_PX = 0.15
-# Edges softer than this part of a square (standard deviation) blur one corner into the next.
-_BLURRED = 0.12
-_CLIPPED_SHARE = 0.5
-_CLIPPED = 254
-# Codes of neighbouring pixels scatter by a third of a pixel (rounding); more is no plane.
-_SCATTER_PX = 1.0
-# A lens bends a plane's image by less than this part of the projector's width.
-_BENT = 0.03
-_BEND_SHARE = 0.15
 # A pair of bit and inverse adds up to white and black, to this part of their contrast.
 _PAIR = 0.25
 
@@ -191,7 +169,8 @@ def _decode_axis(
         turn < 0.25, (word + 1) // 2, np.where(turn < 0.75, word // 2, (word - 1) // 2)
     )
     value = ((order + turn) * sequence.period).astype(np.float32)
-    return _on_projector(value, lit & (noise <= _LARGEST_PHASE_NOISE), sequence, axis)
+    # Phases noisier than this could be of the next code word; radians.
+    return _on_projector(value, lit & (noise <= 0.4), sequence, axis)
 
 
 def _on_projector(
@@ -200,7 +179,8 @@ def _on_projector(
     """Values without those that are not known or off the projector, of which there are few."""
     size = sequence.size(axis)
     beyond = value > size - 0.5
-    if np.any(known) and float(np.mean(beyond[known])) > _OUTSIDE:
+    # Wrong bits in dark squares put fewer codes than this off the projector.
+    if np.any(known) and float(np.mean(beyond[known])) > 0.05:
         raise CalibrationError(
             f'{_word(axis)}: codes reach {np.percentile(value[known], 98):.0f}, and the projector '
             f'has {size} of them: give its width and height in this order, and the photographs '
@@ -270,7 +250,7 @@ def _phase(
     stack = np.stack(list(shifts.values()))
     mean, cosine, sine = np.tensordot(inverse, stack, axes=(1, 0))
     modulation = np.maximum(np.hypot(cosine, sine), 1e-3)
-    clipped = (stack > _SATURATED).any(axis=0)
+    clipped = (stack > 254).any(axis=0)
     noise = np.sqrt(2 / len(stack)) / modulation
     noise[clipped] = np.inf
     return np.arctan2(sine, cosine), noise, mean
@@ -293,7 +273,8 @@ def corner_coordinates(
     at their edges cancels.
     """
     radius = max(3, int(_REACH * spacing))
-    step = max(1, round(2 * radius / _SIDE))
+    # More pixels than about this many along a window's side tell nothing more.
+    step = max(1, round(2 * radius / 49))
     result, scatter = np.full((2, *corners.shape), np.nan)
     for index, corner in enumerate(corners):
         if not np.isfinite(corner).all():
@@ -320,12 +301,13 @@ def _at(values: NDArray, centre: NDArray, radius: float) -> tuple[float, float]:
     # A first guess that half of the pixels may spoil: about the median.
     kept = np.abs(value - np.median(value)) <= 3 * np.median(np.abs(value - np.median(value))) + 1
     coefficients, off = np.zeros(6), np.full(len(value), np.inf)
-    for _ in range(_ROUNDS):
+    for _ in range(4):
         if kept.sum() < _FEWEST:
             return np.nan, np.nan
         coefficients, *_ = np.linalg.lstsq(basis[kept], value[kept], rcond=None)
         off = np.abs(basis @ coefficients - value)
-        kept = off <= _OUTLYING * NORMAL_SPREAD * np.median(off[kept]) + 1e-3
+        # A pixel this many robust deviations off the fit has a wrong code.
+        kept = off <= 4.0 * NORMAL_SPREAD * np.median(off[kept]) + 1e-3
     scatter = float(np.median(off))
     return (float(coefficients[0]) if kept.mean() > 0.5 else np.nan), scatter
 
@@ -386,13 +368,16 @@ def _observe(name: str, photographs: Photographs, sequence: Sequence, board: Boa
     moment, corners = next(iter(found.items()))
     spacing = board.spacing(corners)
     _, blur = board.refine(even[moment], corners)
-    if not blur <= _BLURRED * spacing:
+    # Edges softer than this part of a square (standard deviation) blur one corner into the next.
+    if not blur <= 0.12 * spacing:
         raise CalibrationError(
             f'blurred: edges are {blur:.1f} pixels soft, and a square is {spacing:.0f} pixels: '
             'focus the camera, or bring the board into its depth of field'
         )
     moved, between = _movement(found)
-    if moved > _MOVED_PX:
+    # Corners of a board that stands still agree to 0.03 pixels between photographs; a board that
+    # moved by more than this is off by as much.
+    if moved > 0.15:
         raise CalibrationError(
             f'the board moved by {moved:.1f} pixels between {between[0]} and {between[1]}: hold '
             'it still and take the pose again'
@@ -401,6 +386,7 @@ def _observe(name: str, photographs: Photographs, sequence: Sequence, board: Boa
     corners, _ = board.refine(255 * mean, np.mean(list(found.values()), axis=0))
     part = _around(corners, spacing, mean.shape)
     _refuse_clipped(photographs, part)
+    _refuse_changing_light(photographs, part)
     _refuse_disorder(photographs, part)
     codes = decode(photographs, sequence, part)
     projected, scatter = corner_coordinates(codes, corners, spacing)
@@ -444,36 +430,56 @@ def _refuse_clipped(photographs: Photographs, part: tuple[slice, slice]) -> None
         return
     brightest = np.max(shifts, axis=0)
     lit = brightest >= np.median(brightest)
-    clipped = float((brightest[lit] >= _CLIPPED).mean()) if lit.any() else 0.0
-    if clipped > _CLIPPED_SHARE:
+    clipped = float((brightest[lit] >= 254).mean()) if lit.any() else 0.0
+    if clipped > 0.5:
         raise CalibrationError(
             f'saturated: {100 * clipped:.0f} % of the white squares are clipped: shorten the '
             'exposure or close the aperture'
         )
 
 
+def _refuse_changing_light(photographs: Photographs, part: tuple[slice, slice]) -> None:
+    """Refuse shifted fringes, of which a board shows many, that are not equally bright on it."""
+    for axis in 'uv':
+        means = [
+            float(image[part].mean())
+            for frame, image in photographs.items()
+            if (frame.kind, frame.axis) == ('shift', axis)
+        ]
+        if means and max(means) > 1.25 * min(means):
+            raise CalibrationError(
+                'the light changes from photograph to photograph: shifted fringes have mean '
+                f'levels from {min(means):.0f} to {max(means):.0f}: fix exposure and gain of the '
+                'camera, and shut out other light'
+            )
+
+
 def _refuse_disorder(photographs: Photographs, part: tuple[slice, slice]) -> None:
+    """Refuse pairs of a bit and its inverse that do not add up to white and black."""
     white, black = photographs.get(Frame('white')), photographs.get(Frame('black'))
     if white is None or black is None:
         return
     total = white[part].astype(float) + black[part]
     contrast = np.maximum(white[part].astype(float) - black[part], 1)
     lit = contrast >= np.median(contrast)
-    wrong = [
-        frame.name
-        for frame, image in photographs.items()
-        if frame.kind == 'gray'
-        and (inverse := photographs.get(Frame('inverse', frame.axis, frame.index))) is not None
-        and float(
-            np.median(
-                np.abs(image[part].astype(float) + inverse[part] - total)[lit] / contrast[lit]
+    for frame, image in photographs.items():
+        inverse = photographs.get(Frame('inverse', frame.axis, frame.index))
+        if frame.kind != 'gray' or inverse is None:
+            continue
+        pair = image[part].astype(float) + inverse[part]
+        if np.median((np.abs(pair - total) / contrast)[lit]) <= _PAIR:
+            continue
+        # Other light makes the whole board brighter or darker, another order parts of it.
+        light = float(np.median((pair / np.maximum(total, 1))[lit]))
+        left = np.abs(pair - light * total) / (light * contrast + 1e-9)
+        if np.percentile(left[lit], 90) <= _PAIR:
+            raise CalibrationError(
+                f'the light changes from photograph to photograph ({frame.name} and its inverse '
+                f'are {light:.2f} times as bright as white and black): fix exposure and gain of '
+                'the camera, and shut out other light'
             )
-        )
-        > _PAIR
-    ]
-    if wrong:
         raise CalibrationError(
-            f'the photographs are out of order: {wrong[0]} and the one after it are no bit and '
+            f'the photographs are out of order: {frame.name} and the one after it are no bit and '
             'its inverse: number them in the order in which they were projected'
         )
 
@@ -486,10 +492,11 @@ def _refuse_jumps(
     troubles: tuple[str, ...],
 ) -> None:
     known = np.isfinite(projected).all(axis=1)
-    if np.isfinite(scatter).any() and np.nanmedian(scatter) > _SCATTER_PX:
+    # Codes of neighbouring pixels scatter by a third of a pixel (rounding); more is no plane.
+    if np.isfinite(scatter).any() and np.nanmedian(scatter) > 1.0:
         raise CalibrationError(
-            'the codes do not run evenly over the board: photographs are out of order, or the '
-            'projector and the sequence have different sizes'
+            'the codes do not run evenly over the board: photographs are out of order, the light '
+            'changes between them, or the projector and the sequence have different sizes'
         )
     if known.sum() < 8:
         if not troubles:
@@ -498,11 +505,12 @@ def _refuse_jumps(
                 'whole board, and see that the photographs are in order'
             )
         return
+    # A lens bends a plane's image by less than this part of the projector's width.
     plane, inliers = cv2.findHomography(
-        board.points[known, :2], projected[known], cv2.RANSAC, _BENT * sequence.width
+        board.points[known, :2], projected[known], cv2.RANSAC, 0.03 * sequence.width
     )
     share = 1.0 if plane is None else 1 - float(np.mean(np.asarray(inliers)))
-    if share > _BEND_SHARE:
+    if share > 0.15:
         raise CalibrationError(
             f'the codes jump: at {100 * share:.0f} % of the corners they do not lie on a plane: '
             'photographs are out of order'

@@ -4,24 +4,20 @@ from __future__ import annotations
 
 import base64
 import io
-from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import jinja2
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.calibration.bundle import DISTORTIONS, rig_vector, rms
 from ftp_dent_ros.calibration.solving import Solution
 from ftp_dent_ros.calibration.uncertainty import depth_deviation
 from ftp_dent_ros.files import written_aside
 from ftp_dent_ros.rig.calibration_record import PARAMETERS
-from ftp_dent_ros.rig.rig import Lens, Rig
-
-# A usual arrow is so long that it is seen, as a part of the image's width.
-_SEEN = 0.015
+from ftp_dent_ros.rig.rig import Lens
 
 _COEFFICIENTS = ('k1', 'k2', 'p1', 'p2', 'k3')
 _SHAPES = {
@@ -29,53 +25,6 @@ _SHAPES = {
     'bent': 'the board is bent (a quadratic)',
     'free': "each of the board's corners has its own place",
 }
-
-
-@dataclass(frozen=True, eq=False)
-class OpenCvResult:
-    """A rig of calibrateCamera, twice, and stereoCalibrate.
-
-    Attributes
-    ----------
-    rig : Rig
-    rms : tuple of 3 floats
-        Of camera and projector each by itself, and of both with all refined; pixels.
-    """
-
-    rig: Rig
-    rms: tuple[float, float, float]
-
-
-def calibrate_with_opencv(solution: Solution) -> OpenCvResult | None:
-    """What OpenCV makes of the corners that camera and projector both have; None if it fails."""
-    points, seen, lit = [], [], []
-    for observation in solution.observations:
-        both = np.isfinite(observation.camera).all(axis=1)
-        both &= np.isfinite(observation.projector).all(axis=1)
-        if both.sum() >= 8:
-            points.append(solution.board.points[both].astype(np.float32))
-            seen.append(observation.camera[both].astype(np.float32))
-            lit.append(observation.projector[both].astype(np.float32))
-    camera, projector = solution.rig.camera, solution.rig.projector
-    size, shown = (camera.width, camera.height), (projector.width, projector.height)
-    try:
-        nothing = np.zeros(5)
-        first = cv2.calibrateCamera(points, seen, size, np.eye(3), nothing)
-        second = cv2.calibrateCamera(points, lit, shown, np.eye(3), nothing.copy())
-        both_rms, *matrices, turn, shift, _, _ = cv2.stereoCalibrate(
-            points, seen, lit, first[1], first[2], second[1], second[2], size, flags=0
-        )
-    except cv2.error:
-        return None
-    lenses = [
-        Lens(like.width, like.height, np.asarray(matrix), np.ravel(distortion)[:5].astype(float))
-        for like, matrix, distortion in (
-            (camera, matrices[0], matrices[1]),
-            (projector, matrices[2], matrices[3]),
-        )
-    ]
-    rig = Rig(lenses[0], lenses[1], np.asarray(turn, float), np.ravel(shift).astype(float))
-    return OpenCvResult(rig, (first[0], second[0], both_rms))
 
 
 def residual_maps(solution: Solution) -> str:
@@ -95,7 +44,7 @@ def residual_maps(solution: Solution) -> str:
         known = np.isfinite(off).all(axis=1)
         u, v = place[known].T
         usual = max(float(np.sqrt(np.mean(np.square(off[known])))), 1e-6)
-        magnified = 10 ** round(np.log10(_SEEN * lens.width / usual))
+        magnified = 10 ** round(np.log10(0.015 * lens.width / usual))
         axes.quiver(
             u,
             v,
@@ -134,8 +83,7 @@ def coverage(solution: Solution) -> str:
 def expected_depth(solution: Solution) -> str:
     """Stated standard deviation of the depth over the image, near, amid and far."""
     record, lens = solution.rig.record, solution.rig.camera
-    if record is None or record.covariance is None:
-        return ''
+    assert record is not None and record.covariance is not None
     u, v = np.meshgrid(np.linspace(0, lens.width - 1, 25), np.linspace(0, lens.height - 1, 17))
     pixels = np.stack([u.ravel(), v.ravel()], axis=1)
     figure = Figure(figsize=(10.5, 3.0), layout='constrained')
@@ -153,8 +101,6 @@ def expected_depth(solution: Solution) -> str:
 
 def _facing(poses: NDArray) -> NDArray[np.float64]:
     """Cosine of the angle between the board's normal and the line of sight, shape (p,)."""
-    from scipy.spatial.transform import Rotation
-
     normal = Rotation.from_rotvec(poses[:, :3]).apply([0.0, 0.0, 1.0])
     sight = poses[:, 3:] / np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
     return np.abs((normal * sight).sum(axis=1))
@@ -180,18 +126,16 @@ def write_page(path: Path, solution: Solution, left_out: list[str]) -> None:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    compared = calibrate_with_opencv(solution)
     text = environment.get_template('page.html.j2').render(
         rig=solution.rig,
         record=solution.rig.record,
         remarks=solution.remarks,
-        errors=_errors(solution, compared),
-        numbers=_numbers(solution, compared),
+        errors=_errors(solution),
+        numbers=_numbers(solution),
         terms=_terms(solution),
         depth=depth_words(solution),
         poses=_poses(solution),
         excluded=left_out,
-        outliers=solution.outliers,
         pictures={
             'residuals': residual_maps(solution),
             'coverage': coverage(solution),
@@ -216,35 +160,27 @@ def depth_words(solution: Solution) -> str:
     )
 
 
-def _errors(solution: Solution, compared: OpenCvResult | None) -> list[tuple[str, list[str]]]:
+def _errors(solution: Solution) -> list[tuple[str, list[str]]]:
     rows = [('all poses', [f'{value:.3f}' for value in solution.estimate.rms()])]
     checked = solution.held_out
     if checked is not None:
         rows.append(('held out', [f'{value:.3f}' for value in checked.rms]))
         rows.append(('predicted', ['', '', f'{checked.stereo_rms:.3f}']))
-    if compared is not None:
-        rows.append(('OpenCV', [f'{value:.3f}' for value in compared.rms]))
     return rows
 
 
-def _numbers(solution: Solution, compared: OpenCvResult | None) -> list[list[str]]:
-    ours, record = rig_vector(solution.rig), solution.rig.record
-    theirs = rig_vector(compared.rig) if compared else np.full(len(ours), np.nan)
-    variance = np.full(len(ours), np.nan)
-    if record is not None and record.covariance is not None:
-        variance = np.diag(record.covariance)
+def _numbers(solution: Solution) -> list[list[str]]:
+    values, record = rig_vector(solution.rig), solution.rig.record
+    assert record is not None and record.covariance is not None
     rows = []
-    for name, value, square, other in zip(PARAMETERS, ours, variance, theirs, strict=True):
+    for name, value, square in zip(PARAMETERS, values, np.diag(record.covariance), strict=True):
         digits = 2 if name[-3:] in ('f_x', 'f_y', 'c_x', 'c_y') else 5
         deviation = f'{np.sqrt(square):.{digits}f}' if square > 0 else 'not estimated'
-        rows.append([name, f'{value:.{digits}f}', deviation, f'{other:.{digits}f}'])
-    lengths = [1e3 * np.linalg.norm(vector[21:]) for vector in (ours, theirs)]
-    slope = ours[21:] / np.linalg.norm(ours[21:])
-    deviation = ''
-    if record is not None and record.covariance is not None:
-        deviation = f'{1e3 * np.sqrt(slope @ record.covariance[21:, 21:] @ slope):.3f}'
-    rows.append(['baseline, mm', f'{lengths[0]:.3f}', deviation, f'{lengths[1]:.3f}'])
-    return rows
+        rows.append([name, f'{value:.{digits}f}', deviation])
+    length = float(np.linalg.norm(values[21:]))
+    along = values[21:] / length
+    deviation = f'{1e3 * np.sqrt(along @ record.covariance[21:, 21:] @ along):.3f}'
+    return [*rows, ['baseline, mm', f'{1e3 * length:.3f}', deviation]]
 
 
 def _terms(solution: Solution) -> str:

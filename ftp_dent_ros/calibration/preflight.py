@@ -22,17 +22,11 @@ from ftp_dent_ros.profilometry.rig_alarm import LAST, rig_alarm
 from ftp_dent_ros.rig.rig import Rig
 
 OK, WARN, NO = 'ok', 'warn', 'no'
-# Grey level of 255 from which on a pixel is clipped.
-_CLIPPED = 250
 # Grey level of the white that is projected.
 _WHITE = 254
 # Bright enough to be measured, and as bright as it should be: grey levels.
 _BRIGHT, _DESIRED = 60, 215
 _MOST_CLIPPED, _SOME_CLIPPED = 0.05, 0.005
-# Of the fringes' contrast between a black and a white frame: what a lens in focus leaves of it.
-_SHARP, _SOFT = 0.6, 0.3
-# Part of the light from elsewhere.
-_SOME_AMBIENT, _MUCH_AMBIENT = 0.5, 1.5
 # Part of the skin on which the smallest dent that is told would be found, per cent.
 _MOST = 95
 
@@ -155,7 +149,8 @@ def _lit(white: NDArray, black: NDArray) -> NDArray[np.bool_]:
 
 def _exposure(fringes: NDArray, lit: NDArray, exposure: float) -> Finding:
     levels = fringes[..., 0][lit]
-    clipped, bright = float((levels >= _CLIPPED).mean()), float(np.percentile(levels, 98))
+    # Grey level of 255 from which on a pixel is clipped.
+    clipped, bright = float((levels >= 250).mean()), float(np.percentile(levels, 98))
     advice = _DESIRED / max(bright, 1.0)
     if clipped > _SOME_CLIPPED:
         # How much too bright is not seen: by halves.
@@ -170,10 +165,12 @@ def _exposure(fringes: NDArray, lit: NDArray, exposure: float) -> Finding:
 
 def _focus(left: float) -> Finding:
     text = f'{100 * left:.0f} % of the contrast is left'
-    if left >= _SHARP:
+    # Of the fringes' contrast between a black and a white frame: what a lens in focus leaves of
+    # it.
+    if left >= 0.6:
         return Finding('focus', OK, text)
     advice = 'turn the focus of projector and camera with --watch'
-    return Finding('focus', WARN if left >= _SOFT else NO, f'{text}: {advice}')
+    return Finding('focus', WARN if left >= 0.3 else NO, f'{text}: {advice}')
 
 
 def _flicker(
@@ -200,10 +197,11 @@ def _ambient(white: NDArray, black: NDArray, lit: NDArray) -> Finding:
     span = float(np.median(white[..., 0][lit].astype(float) - black[..., 0][lit]))
     share = dark / max(span, 1.0)
     text = f"{100 * share:.0f} % of the projector's light"
-    if share <= _SOME_AMBIENT:
+    # Part of the light from elsewhere.
+    if share <= 0.5:
         return Finding('ambient', OK, text)
     advice = 'work in the shade, or with a brighter projector'
-    return Finding('ambient', WARN if share <= _MUCH_AMBIENT else NO, f'{text}: {advice}')
+    return Finding('ambient', WARN if share <= 1.5 else NO, f'{text}: {advice}')
 
 
 def _distance(cloud: Cloud, settings: Smallest | None) -> Finding:

@@ -65,14 +65,12 @@ def find_poses(folder: Path) -> list[PoseFolder]:
             f'{folder}: holds no folders with photographs: put those of each pose into one of '
             'its own (pose_0, pose_1, ...)'
         )
-    first = min(min(pose.files) for pose in poses)
-    return [
-        PoseFolder(pose.name, {number - first: path for number, path in pose.files.items()})
-        for pose in poses
-    ]
+    return poses
 
 
-def read_pose(pose: PoseFolder, sequence: Sequence) -> dict[Frame, NDArray[np.uint8]]:
+def read_pose(
+    pose: PoseFolder, sequence: Sequence, first: int = 0
+) -> dict[Frame, NDArray[np.uint8]]:
     """Grey photographs of a pose by the frame that was projected; missing ones are left out.
 
     Raises
@@ -81,7 +79,7 @@ def read_pose(pose: PoseFolder, sequence: Sequence) -> dict[Frame, NDArray[np.ui
         A file is damaged, the sizes differ, or there are more files than frames.
     """
     frames = sequence.frames
-    beyond = max(pose.files) + 1
+    beyond = max(pose.files) + 1 - first
     if beyond > len(frames):
         raise CalibrationError(
             f'{pose.name}: has a photograph number {beyond}, and the sequence of a '
@@ -94,7 +92,7 @@ def read_pose(pose: PoseFolder, sequence: Sequence) -> dict[Frame, NDArray[np.ui
         image = cv2.imdecode(data, _GREY) if len(data) else None
         if image is None:
             raise CalibrationError(f'{path}: empty, damaged or not an image: take the pose again')
-        levels[frames[number]] = np.asarray(image)
+        levels[frames[number - first]] = np.asarray(image)
     taken = _of_eight_bits(levels)
     sizes = {image.shape for image in taken.values()}
     if len(sizes) > 1:
@@ -153,15 +151,12 @@ class Session:
         Distance between the lenses by the tape, metres; 0 if it was not measured.
     delay : float
         From the message to the projector's light, seconds, as measured.
-    gamma : float
-        Exponent of the projector's light over its grey level; 0 if it is not known.
     """
 
     board: Board
     sequence: Sequence
     baseline: float = 0.0
     delay: float = 0.0
-    gamma: float = 0.0
 
 
 def write_session(folder: Path, session: Session) -> None:
@@ -177,7 +172,7 @@ def read_session(folder: Path) -> Session:
     board = _made(Board, data.get('board'), f'{path}: board')
     sequence = _made(Sequence, data.get('sequence'), f'{path}: sequence')
     numbers = []
-    for name in ('baseline', 'delay', 'gamma'):
+    for name in ('baseline', 'delay'):
         value = data.get(name, 0.0)
         number = isinstance(value, (int, float)) and not isinstance(value, bool)
         if not number or not 0 <= value < math.inf:
@@ -207,9 +202,16 @@ def see_poses(
     sights: list[Sight] = []
     left_out: list[str] = []
     sizes: dict[tuple[int, int], str] = {}
-    for pose in find_poses(folder):
+    poses = find_poses(folder)
+    numbers = [number for pose in poses for number in pose.files]
+    first, last = min(numbers), max(numbers)
+    # The first photographs may be missing, white and black of shifted fringes: then the last one
+    # shows whether numbers begin with 0 or 1.
+    begin = last + 1 - len(session.sequence.frames)
+    first = begin if begin in (0, 1) and begin < first else first
+    for pose in poses:
         try:
-            taken = read_pose(pose, session.sequence)
+            taken = read_pose(pose, session.sequence, first)
             height, width = next(iter(taken.values())).shape
             sizes.setdefault((width, height), pose.name)
             sights.append(observe(pose.name, taken, session.sequence, session.board))

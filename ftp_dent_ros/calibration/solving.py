@@ -12,34 +12,28 @@ from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros import __version__
 from ftp_dent_ros.calibration.board import Board
-from ftp_dent_ros.calibration.bundle import DISTORTIONS, SHAPES, Estimate, Model, adjust, rms
+from ftp_dent_ros.calibration.bundle import (
+    DISTORTIONS,
+    LENS,
+    SHAPES,
+    Estimate,
+    Model,
+    adjust,
+    rig_vector,
+    rms,
+)
 from ftp_dent_ros.calibration.observing import Observation
 from ftp_dent_ros.calibration.start import FEWEST_POSES, first_rig
 from ftp_dent_ros.calibration.uncertainty import covariance, depths
 from ftp_dent_ros.errors import CalibrationError, RigError
-from ftp_dent_ros.rig.calibration_record import CalibrationRecord
+from ftp_dent_ros.rig.calibration_record import PARAMETERS, CalibrationRecord
 from ftp_dent_ros.rig.geometry import check_geometry
 from ftp_dent_ros.rig.rig import Rig
 
-# Parts of the poses, each of which is held out in turn.
-_FOLDS = 4
 # Fewer poses than this left for fitting do not hold a rig down.
 _FEWEST_TO_FIT = 3
-# Gross errors must not decide, standard deviations.
-_CLIP = 3.0
 # Scores differ by more than this part.
 _TOLERANCE = 1e-5
-
-# A pose whose residuals are this many times those of the others was not seen as it was.
-_BAD_POSE = 4.0
-_BAD_POSE_PX = 0.5
-# The tape measures the distance between two lenses to a centimetre, or to this part.
-_TAPE, _TAPE_SHARE = 0.01, 0.05
-# No rig fits its own photographs worse than this; joint, pixels.
-_HOPELESS = 5.0
-
-# A corner this many deviations off is named.
-_OUTLIER = 6.0
 
 
 def select(
@@ -94,7 +88,8 @@ def candidates(shapes: tuple[str, ...]) -> int:
     return len(shapes) + 2 * (len(DISTORTIONS) - 1)
 
 
-def folds(count: int, wanted: int = _FOLDS) -> list[NDArray[np.intp]]:
+# Parts of the poses, each of which is held out in turn.
+def folds(count: int, wanted: int = 4) -> list[NDArray[np.intp]]:
     """Indices of the poses held out in turn; none if too few would be left."""
     wanted = min(wanted, count)
     while wanted < count and count - -(-count // wanted) < _FEWEST_TO_FIT:
@@ -113,7 +108,8 @@ def held_out_score(
         for residuals in held_out(observations, board, estimate, candidate, out)[0]:
             known = np.isfinite(residuals)
             off = np.abs(residuals / np.repeat(estimate.deviations, 2))[known]
-            total += float(np.square(np.minimum(off, _CLIP)).sum())
+            # Gross errors must not decide, standard deviations.
+            total += float(np.square(np.minimum(off, 3.0)).sum())
             number += int(known.sum())
     return total / max(number, 1)
 
@@ -233,7 +229,8 @@ def without_bad_poses(
         each = [rms([residuals]) for residuals in estimate.residuals]
         joint = np.array([part[2] for part in each])
         worst = int(np.argmax(joint))
-        limit = max(_BAD_POSE * float(np.median(joint)), _BAD_POSE_PX)
+        # A pose whose residuals are this many times those of the others was not seen as it was.
+        limit = max(4.0 * float(np.median(joint)), 0.5)
         if joint[worst] <= limit:
             break
         alone = camera_alone(used, points, estimate, np.array([worst])).rms()[0]
@@ -256,7 +253,8 @@ def without_bad_poses(
 def refuse_hopeless(estimate: Estimate) -> None:
     """Raise `CalibrationError` where no rig fits the poses, with what does not."""
     camera, projector, joint = estimate.rms()
-    if joint <= _HOPELESS:
+    # No rig fits its own photographs worse than this; joint, pixels.
+    if joint <= 5.0:
         return
     blame = (
         "the projector coordinates: their photographs are out of order, or the projector's size "
@@ -273,7 +271,8 @@ def refuse_hopeless(estimate: Estimate) -> None:
 def refuse_wrong_scale(rig: Rig, baseline: float) -> None:
     """Raise `CalibrationError` where the lenses are not as far apart as the tape says, metres."""
     found = float(np.linalg.norm(rig.translation))
-    if baseline and abs(found - baseline) > max(_TAPE, _TAPE_SHARE * baseline):
+    # The tape measures the distance between two lenses to a centimetre, or to this part.
+    if baseline and abs(found - baseline) > max(0.01, 0.05 * baseline):
         raise CalibrationError(
             f'the lenses come out {1e3 * found:.0f} mm apart, and {1e3 * baseline:.0f} mm were '
             f'measured: if the tape is right, a square is {baseline / found:.3f} times what was '
@@ -297,8 +296,6 @@ class Solution:
         Those that were used, in the order of `estimate`'s poses.
     excluded : dict of str to str
         Poses left out, and why.
-    outliers : list of str
-        Corners far off, in words.
     held_out : HeldOut or None
         None if there were too few poses.
     remarks : list of str
@@ -312,7 +309,6 @@ class Solution:
     observations: list[Observation]
     held_out: HeldOut | None
     excluded: dict[str, str] = field(default_factory=dict)
-    outliers: list[str] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
 
 
@@ -363,6 +359,7 @@ def solve(
         model, scores = select(used, points, estimate, Model(), shapes, progress)
     estimate = adjust(used, points, estimate.rig, estimate.poses, model)
     progress('final')
+    _refuse_unknown(estimate)
     checked = hold_out(used, points, estimate, model)
     progress('held out')
     record = _record(estimate, board, checked)
@@ -376,9 +373,29 @@ def solve(
         used,
         checked,
         excluded,
-        _outliers(used, estimate),
         _remarks(estimate, baseline, checked),
     )
+
+
+def _refuse_unknown(estimate: Estimate) -> None:
+    """Raise `CalibrationError` where the covariance leaves a focal length or the pose open."""
+    deviation = np.sqrt(np.diag(covariance(estimate)))
+    vector = rig_vector(estimate.rig)
+    # Of focal lengths a twentieth; of the lenses' distance a tenth.
+    words = [
+        f'{PARAMETERS[i]} {vector[i]:.0f} +- {deviation[i]:.0f} pixels'
+        for i in (0, 1, LENS, LENS + 1)
+        if not deviation[i] < 0.05 * vector[i]
+    ]
+    baseline, off = np.linalg.norm(vector[21:]), np.linalg.norm(deviation[21:])
+    if not off < 0.1 * baseline:
+        words.append(f'the distance of the lenses {1e3 * baseline:.0f} +- {1e3 * off:.0f} mm')
+    if words:
+        raise CalibrationError(
+            f'{len(estimate.poses)} poses leave the rig open ({", ".join(words)}, standard '
+            'deviations): photograph more poses, close and far, with the board tilted by 20 to '
+            '35 degrees to each side'
+        )
 
 
 STEPS = 4 + candidates(SHAPES)
@@ -405,22 +422,6 @@ def _record(estimate: Estimate, board: Board, checked: HeldOut | None) -> Calibr
         depth_range=(float(places[:, 2].min()), float(places[:, 2].max())),
         covariance=covariance(estimate),
     )
-
-
-def _outliers(used: list[Observation], estimate: Estimate) -> list[str]:
-    words = []
-    for observation, residuals in zip(used, estimate.residuals, strict=True):
-        for part, deviation, word in (
-            (slice(0, 2), estimate.deviations[0], 'seen'),
-            (slice(2, 4), estimate.deviations[1], 'lit'),
-        ):
-            off = np.linalg.norm(residuals[:, part], axis=1)
-            words += [
-                f'{observation.name}: corner {corner} is {word} {off[corner]:.2f} pixels off '
-                f'({off[corner] / deviation:.0f} standard deviations)'
-                for corner in np.flatnonzero(off > _OUTLIER * deviation)
-            ]
-    return words
 
 
 def _remarks(estimate: Estimate, baseline: float, checked: HeldOut | None) -> list[str]:

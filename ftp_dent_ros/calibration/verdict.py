@@ -13,13 +13,6 @@ from ftp_dent_ros.calibration.uncertainty import depth_deviation
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.rig.rig import Rig
 
-# False alarms wanted, of all photographs of true rigs.
-_FALSE_ALARMS = 1e-4
-# Smaller drifts, projector pixels, are not worth another calibration: they leave dents as deep as
-# they are and move a cloud at 0.75 m by half a millimetre.
-_DRIFT_PX = 0.4
-# Corners of a board, through fringes, fit a lens that holds to a tenth of a pixel; RMS, pixels.
-_CAMERA_PX = 0.25
 # Worse known than this it is not known, projector pixels.
 _UNKNOWN_PX = 1.2
 AXES = ('pitch', 'yaw', 'roll')
@@ -62,7 +55,9 @@ class Check:
     @property
     def camera_holds(self) -> bool:
         """Whether the camera's lens model fits, as far as a board told."""
-        return self.camera_px is None or self.camera_px <= _CAMERA_PX
+        # Corners of a board, through fringes, fit a lens that holds to a tenth of a pixel; RMS,
+        # pixels.
+        return self.camera_px is None or self.camera_px <= 0.25
 
     @property
     def holds(self) -> bool:
@@ -129,7 +124,8 @@ def judged(
         Degrees of freedom that the covariance's scale was told by; as good as known without.
     """
     # Either way about one of three axes: a scale that few places tell needs Student's t.
-    chance = _FALSE_ALARMS / 2 / 3
+    # False alarms wanted, of all photographs of true rigs.
+    chance = 1e-4 / 2 / 3
     sure = float(norm.isf(chance) if freedom is None else t.isf(chance, freedom))
     if rig.record is not None and rig.record.covariance is not None:
         covariance = covariance + rig.record.covariance[18:21, 18:21]
@@ -138,10 +134,12 @@ def judged(
     lever = np.array([*lens.camera_matrix[[1, 0], [1, 0]], np.hypot(lens.width, lens.height) / 2])
     drift, doubt = turn * lever, deviation * lever
     unknown = tuple(a for a, each in zip(AXES, doubt, strict=True) if each > _UNKNOWN_PX)
+    # Smaller drifts, projector pixels, are not worth another calibration: they leave dents as deep
+    # as they are and move a cloud at 0.75 m by half a millimetre.
     moved = tuple(
         axis
         for axis, each, spread in zip(AXES, np.abs(drift), doubt, strict=True)
-        if axis not in unknown and each > max(_DRIFT_PX, sure * spread)
+        if axis not in unknown and each > max(0.4, sure * spread)
     )
     error = 0.0
     if moved:

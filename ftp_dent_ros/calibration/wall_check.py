@@ -23,32 +23,15 @@ _FEWEST = 12
 _REACH = 14
 # A place so many projector pixels inside the rim tells which way is inward.
 _INWARD = 8.0
-# From the dark around the frame to the light in it, at least, grey levels.
-_LEAST_STEP = 8.0
-# Quartiles of a normal distribution are so many standard deviations apart.
-_QUARTILES = 1.349
 
-# A fitted quadratic follows a wall to this, if it is not known to be flatter; metres.
-_SMOOTH = 5e-5
 # Fringes are known to this at first and at best, projector pixels.
 PHASE_PX, PHASE_LEAST = 0.03, 0.003
-# Half of the levels is half of the light to this part of the blur: for a camera whose exponent is
-# known to 10 % (0.35 of it over the edge's slope, 0.4).
-_RESPONSE = 0.09
-# A rim's places are known to this at best, projector rows, and at first.
-_RIM_LEAST, _RIM_FIRST = 0.01, 0.15
-_ROUNDS = 3
 # A residual beyond so many standard deviations is another thing's edge: 1 of 16,000 of noise is.
 _FAR = 4.0
-# Numbers that the places of the rims tell beside their own noise: three turns, the response.
-_RIM_UNKNOWN = 4
 # Neighbours err together: as if there were a tenth as many (its square).
 _ALIKE = np.sqrt(10)
-_MOST_POINTS = 1500
 # No projector has turned by more, radians: what tells nothing leaves this open.
 ANY_TURN = 0.1
-# Points of a skin that tell the column at a place of the rim near them.
-_NEIGHBOURS = 40
 # Rounds of the search for a ray's depth, and its relative step.
 _NEWTON, _STEP = 4, 1e-4
 
@@ -149,7 +132,8 @@ def find_rim(rig: Rig, pattern: Pattern, levels: NDArray, shape: NDArray) -> Rim
 def _step(profile: NDArray, offsets: NDArray) -> tuple[float, float]:
     """Where a profile is half dark, half light, and its blur's deviation; NaN without an edge."""
     dark, light = np.median(profile[:16]), np.median(profile[-24:])
-    if light - dark < _LEAST_STEP or light > 250:
+    # From the dark around the frame to the light in it, at least, grey levels.
+    if light - dark < 8.0 or light > 250:
         return np.nan, np.nan
     share = (profile - dark) / (light - dark)
     above = share > 0.5
@@ -162,7 +146,8 @@ def _step(profile: NDArray, offsets: NDArray) -> tuple[float, float]:
     before = np.interp(0.25, share[first : first + 2], offsets[first : first + 2])
     behind = np.interp(0.75, share[last - 1 : last + 1], offsets[last - 1 : last + 1])
     middle = np.interp(0.5, share[index : index + 2], offsets[index : index + 2])
-    return float(middle), float(behind - before) / _QUARTILES
+    # Quartiles of a normal distribution are so many standard deviations apart.
+    return float(middle), float(behind - before) / 1.349
 
 
 def _lit(rig: Rig, pixels: NDArray, shape: NDArray) -> NDArray[np.float64]:
@@ -214,7 +199,8 @@ def check(
     rim = find_rim(rig, pattern, fringe_levels(image, rig), shape)
     flat = np.isfinite(flatness)
     surface = _wall(rig, told, seen, shape, rim, flatness) if flat else _skin(rig, told, seen, rim)
-    rim_noise = np.full(len(rim), _RIM_FIRST)
+    # A rim's places are known to this at best, projector rows, and at first.
+    rim_noise = np.full(len(rim), 0.15)
 
     def off_rim(state: NDArray) -> NDArray[np.float64]:
         by = turned(rig, state[:3])
@@ -224,17 +210,20 @@ def check(
 
     def residuals(state: NDArray) -> NDArray[np.float64]:
         rest = surface.misfit(turned(rig, state[:3]), state[4:])
-        known = np.append(state[:3] / ANY_TURN, state[3] / _RESPONSE)
+        # Half of the levels is half of the light to this part of the blur: for a camera whose
+        # exponent is known to 10 % (0.35 of it over the edge's slope, 0.4).
+        known = np.append(state[:3] / ANY_TURN, state[3] / 0.09)
         return np.concatenate([rest, off_rim(state) / rim_noise, known])
 
     start = np.concatenate([np.zeros(4), surface.start])
-    for _ in range(_ROUNDS):
+    for _ in range(3):
         found = least_squares(residuals, start, x_scale='jac', loss='soft_l1', f_scale=2.0)
         start, off = found.x, off_rim(found.x)
         for side in rim.sides():
-            rim_noise[side] = scatter(off[side], _RIM_LEAST)
+            rim_noise[side] = scatter(off[side], 0.01)
     middle = np.median(seen, axis=0)
-    freedom = max(1, len(rim) - _RIM_UNKNOWN) if len(rim) else None
+    # Numbers that the places of the rims tell beside their own noise: three turns, the response.
+    freedom = max(1, len(rim) - 4) if len(rim) else None
     covariance = turn_covariance(found.jac)
     return judged(rig, pattern, found.x[:3], covariance, middle, len(rim), freedom)
 
@@ -262,12 +251,13 @@ def _wall(
     rig: Rig, told: int, seen: NDArray, shape: NDArray, rim: Rim, flatness: float
 ) -> _Surface:
     """A plane that is bent by no more than it is known to be: its fringes tell the yaw."""
-    seen = seen[:: max(1, len(seen) // _MOST_POINTS)]
+    seen = seen[:: max(1, len(seen) // 1500)]
     rays, rim_rays = seen / seen[:, 2:], _rays(rig, rim)
     columns = rig.projector.project(rig.to_projector(seen))[:, told]
     distance = float(np.median(seen[:, 2]))
     scale = rig.projector.camera_matrix[told, told] * np.linalg.norm(rig.translation)
-    noise = _ALIKE * np.hypot(PHASE_PX, min(_SMOOTH, flatness) * scale / distance**2)
+    # A fitted quadratic follows a wall to this, if it is not known to be flatter; metres.
+    noise = _ALIKE * np.hypot(PHASE_PX, min(5e-5, flatness) * scale / distance**2)
     reach = float(np.percentile(np.hypot(rays[:, 0], rays[:, 1]), 95))
     bend = flatness / distance**2 / reach**2
 
@@ -288,7 +278,8 @@ def _skin(rig: Rig, told: int, seen: NDArray, rim: Rim) -> _Surface:
     if len(rim):
         pixels = rig.camera.project(seen)
         fringes = rig.projector.project(rig.to_projector(seen))[:, told]
-        _, index = cKDTree(pixels).query(rim.pixels, k=_NEIGHBOURS)
+        # Points of a skin that tell the column at a place of the rim near them.
+        _, index = cKDTree(pixels).query(rim.pixels, k=40)
         for i, (at, which) in enumerate(zip(rim.pixels, index, strict=True)):
             terms = np.column_stack([np.ones(len(which)), pixels[which] - at])
             known = np.column_stack([fringes[which], seen[which, 2]])

@@ -51,15 +51,8 @@ _FUNCTIONS: dict[str, tuple[Any, ...]] = {
 
 SOFTWARE = 'Software'
 
-# Frames that Aravis may fill ahead of us.
-_BUFFERS = 8
-# Between two looks at whether the source is to stop.
-_WAIT_US = 200_000
 # Without a trigger, silence of so long means that the camera is gone, seconds.
 _SILENCE = 3.0
-_SUCCESS = 0
-# How many frames the camera's clock is compared with the computer's over.
-_WINDOW = 100
 
 
 class Error(ctypes.Structure):
@@ -133,7 +126,8 @@ class GenicamCapture:
         self._settings = settings
         self._camera = self._stream = None
         self.dropped = 0
-        self._offsets: deque[int] = deque(maxlen=_WINDOW)
+        # How many frames the camera's clock is compared with the computer's over.
+        self._offsets: deque[int] = deque(maxlen=100)
         self._image: Photograph | None = None
         self._host_ns = 0
         self._triggered = 0.0
@@ -158,14 +152,15 @@ class GenicamCapture:
         begin = time.monotonic()
         while not self._released:
             self._trigger()
-            buffer = self._library.arv_stream_timeout_pop_buffer(self._stream, _WAIT_US)
+            # Between two looks at whether the source is to stop.
+            buffer = self._library.arv_stream_timeout_pop_buffer(self._stream, 200_000)
             if not buffer:
                 waits = self._settings.trigger not in ('', SOFTWARE)
                 if not waits and time.monotonic() - begin > _SILENCE:
                     return False
                 continue
             try:
-                if self._library.arv_buffer_get_status(buffer) != _SUCCESS:
+                if self._library.arv_buffer_get_status(buffer) != 0:
                     self.dropped += 1
                     if time.monotonic() - begin > _SILENCE:
                         return False
@@ -217,7 +212,8 @@ class GenicamCapture:
             self._call('arv_camera_set_frame_rate', camera, given.rate)
         size = self._call('arv_camera_get_payload', camera)
         self._stream = self._call('arv_camera_create_stream', camera, None, None)
-        for _ in range(_BUFFERS):
+        # Frames that Aravis may fill ahead of us.
+        for _ in range(8):
             buffer = self._library.arv_buffer_new(size, None)
             self._library.arv_stream_push_buffer(self._stream, buffer)
         self._call('arv_camera_start_acquisition', camera)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,3 +82,60 @@ class SimulatedSource(PacedSource):
         if not projected:
             raise CameraError('nothing is projected yet: start pattern_publisher')
         return projected[-1]
+
+
+class RenderedSource(PacedSource):
+    """Photographs of the simulation that were rendered ahead, each taken at its own time.
+
+    Parameters
+    ----------
+    folder : Path
+        Holds ``0000.npz`` and so on, as `write_rendered` writes them.
+    rate : float
+        Of the photographs, the first of which is of the flight's start.
+    start_ns : int
+        ROS time at which the flight starts, nanoseconds.
+    now_ns : callable
+        ROS time, nanoseconds.
+    """
+
+    def __init__(
+        self, folder: Path, rate: float, start_ns: int, now_ns: Callable[[], int]
+    ) -> None:
+        super().__init__(rate)
+        self._paths = sorted(folder.glob('*.npz'))
+        self._period_ns, self._start_ns, self._now_ns = round(1e9 / rate), start_ns, now_ns
+        self._next = 0
+
+    def next_frame(self, timeout: float) -> Frame | None:
+        """Photograph that is due next; None if none is within `timeout` seconds."""
+        due = (self._now_ns() - self._start_ns) // self._period_ns
+        self._pace.missed += max(due - self._next, 0)
+        number = self._next = max(due, self._next)
+        stamp_ns = self._start_ns + number * self._period_ns
+        self.finished = number >= len(self._paths)
+        early = (stamp_ns - self._now_ns()) / 1e9
+        if self.finished or self._pace.pause(min(early, timeout)) or early > timeout:
+            return None
+        self._next += 1
+        with np.load(self._paths[number]) as kept:
+            photograph = Photograph(kept['pixels'], int(kept['white']), str(kept['mosaic']))
+        return Frame(photograph, stamp_ns)
+
+    def rest(self) -> None:
+        """What falls due meanwhile is not missed."""
+        self._next = max(0, -((self._start_ns - self._now_ns()) // self._period_ns))
+
+    def shoot(self) -> Frame | None:
+        """The next photograph that is due."""
+        return self.next_frame(2 * self._period_ns / 1e9)
+
+
+def write_rendered(folder: Path, number: int, photograph: Photograph) -> None:
+    """Write the photograph of a number for `RenderedSource`."""
+    np.savez(
+        folder / f'{number:04}.npz',
+        pixels=photograph.pixels,
+        white=photograph.white,
+        mosaic=photograph.mosaic,
+    )

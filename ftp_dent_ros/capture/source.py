@@ -14,11 +14,6 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.photograph.photograph import Photograph
 
-# A buffer older than this was not just filled; one from the future, beyond what a driver's
-# clock recovery may err by, is another clock's (or the position in a video file).
-_OLDEST_NS = 1_000_000_000
-_NEWEST_NS = -5_000_000
-
 
 @dataclass(frozen=True, eq=False)
 class Frame:
@@ -113,6 +108,10 @@ class Pace:
         self._due += (1 + missed) * self._period
         return True
 
+    def pause(self, seconds: float) -> bool:
+        """Wait so long; whether all waiting was ended."""
+        return self._stop.wait(max(seconds, 0.0))
+
     @property
     def late(self) -> float:
         """Seconds since the deadline that was reached last."""
@@ -199,7 +198,9 @@ class ExposureClock:
         bool
         """
         age = monotonic_ns - round(buffer_ms * 1e6)
-        from_kernel = buffer_ms > 0 and _NEWEST_NS <= age <= _OLDEST_NS
+        # A buffer older than this was not just filled; one from the future, beyond what a driver's
+        # clock recovery may err by, is another clock's (or the position in a video file).
+        from_kernel = buffer_ms > 0 and (-5_000_000) <= age <= 1_000_000_000
         half = self.exposure / 2
         to_middle = half if from_kernel and self.at_start else -half
         taken = ros_ns - (age if from_kernel else 0)

@@ -17,10 +17,6 @@ from ftp_dent_ros.photograph.photograph import Photograph
 # stripe would be blue.
 _SWAPPED = ('NV12', 'NV21')
 
-# A value of V4L2_CID_EXPOSURE_AUTO, and the unit of V4L2_CID_EXPOSURE_ABSOLUTE.
-_MANUAL = 1
-_EXPOSURE_UNIT = 100e-6
-
 
 @dataclass(frozen=True)
 class DeviceSettings:
@@ -151,12 +147,13 @@ def _set_up(capture: cv2.VideoCapture, settings: DeviceSettings) -> str:
             'v4l2-ctl --list-formats shows what the camera has'
         )
     if settings.exposure > 0:
-        _set(capture, settings, cv2.CAP_PROP_AUTO_EXPOSURE, _MANUAL, 'a fixed exposure')
+        # A value of V4L2_CID_EXPOSURE_AUTO, and the unit of V4L2_CID_EXPOSURE_ABSOLUTE.
+        _set(capture, settings, cv2.CAP_PROP_AUTO_EXPOSURE, 1, 'a fixed exposure')
         _set(
             capture,
             settings,
             cv2.CAP_PROP_EXPOSURE,
-            max(1, round(settings.exposure / _EXPOSURE_UNIT)),
+            max(1, round(settings.exposure / 100e-6)),
             f'an exposure of {settings.exposure:g} s',
         )
     if settings.gain >= 0:

@@ -20,7 +20,7 @@ from tqdm import tqdm
 
 from ftp_dent_ros.calibration.guidance import covered, next_pose
 from ftp_dent_ros.calibration.observing import Observation, observe
-from ftp_dent_ros.calibration.response import projector_delay, response
+from ftp_dent_ros.calibration.response import projector_delay
 from ftp_dent_ros.calibration.sequence import Frame
 from ftp_dent_ros.calibration.session import Session, read_session, see_poses, write_session
 from ftp_dent_ros.cli.board_arguments import (
@@ -32,9 +32,6 @@ from ftp_dent_ros.errors import CalibrationError, ConfigurationError
 
 if TYPE_CHECKING:
     from ftp_dent_ros.ros.photographer import Photographer
-
-# A projector that is brightened as if for films: fringes get harmonics.
-_LINEAR = 0.15
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -103,24 +100,13 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _measured(rig: Photographer, session: Session) -> Session:
-    """Delay and response of the projector, measured and said."""
+    """With the delay of the projector, measured and said."""
     size = session.sequence.width, session.sequence.height
     _say('measuring the projector: point it at the board, or at a wall ...')
     delay = projector_delay(rig.show, rig.photograph, size)
     rig.delay_ns = round(1e9 * delay)
-    _, gamma = response(rig.show, rig.photograph, size, rig.delay_ns)
     _say(f'the projector shows an image {1e3 * delay:.0f} ms after it is told to')
-    if not math.isfinite(gamma):
-        _say('its response is not known: white is clipped or dark; change the exposure')
-        gamma = 0.0
-    elif abs(gamma - 1) > _LINEAR:
-        _say(
-            f'its light follows the grey level to the power {gamma:.2f}: fringes are no '
-            'sinusoids; choose a linear picture mode if it has one (the calibration bears it)'
-        )
-    else:
-        _say(f'its light follows the grey level (exponent {gamma:.2f})')
-    return replace(session, delay=delay, gamma=gamma)
+    return replace(session, delay=delay)
 
 
 def _take_poses(

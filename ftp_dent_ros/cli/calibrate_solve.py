@@ -93,6 +93,4 @@ def _summary(solution: Solution, output: Path, page: Path) -> list[str]:
     lines += [f'{name:24}{a:10.3f}{b:11.3f}{c:9.3f}' for name, (a, b, c) in rows]
     lines += ['', depth_words(solution)]
     lines += [f'note: {remark}' for remark in solution.remarks]
-    if solution.outliers:
-        lines.append(f'note: {len(solution.outliers)} corners are far off; the page names them')
-    return [*lines, f'{output}: rig {solution.rig.id}', f'{page}: residuals, coverage, OpenCV']
+    return [*lines, f'{output}: rig {solution.rig.id}', f'{page}: residuals, coverage']

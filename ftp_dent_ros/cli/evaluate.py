@@ -10,7 +10,7 @@ from tqdm import tqdm
 
 from ftp_dent_ros.cli.inspection_arguments import output_folder
 from ftp_dent_ros.errors import ConfigurationError
-from ftp_dent_ros.evaluation.page import write_pages
+from ftp_dent_ros.evaluation.page import write_page
 from ftp_dent_ros.evaluation.study import steps, study
 
 
@@ -57,8 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
         return _detect(arguments, folder)
     with tqdm(total=steps(arguments.quick), unit='cloud', dynamic_ncols=True, disable=None) as bar:
         measured = study(arguments.quick, bar.update)
-    pages = write_pages(folder, measured)
-    print('\n'.join(str(page) for page in pages))
+    print(write_page(folder, measured, arguments.quick))
     return 0
 
 
@@ -70,7 +69,7 @@ def _detect(arguments: argparse.Namespace, folder: Path) -> int:
         rows_of,
         run_trials,
         sentence,
-        write_page,
+        write_detection,
     )
 
     for name in ('dents', 'blanks'):
@@ -87,7 +86,7 @@ def _detect(arguments: argparse.Namespace, folder: Path) -> int:
     with tqdm(total=total, unit='photograph', dynamic_ncols=True, disable=None) as bar:
         taken = run_trials(folder, arguments.dents, arguments.blanks, depth, bar.update)
     rows, blanks = rows_of(taken), blanks_of(taken)
-    page = write_page(folder, taken, rows, blanks, depth)
+    page = write_detection(folder, taken, rows, blanks, depth)
     print(sentence(rows, blanks, depth))
     print(page)
     return 0

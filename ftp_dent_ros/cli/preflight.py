@@ -29,19 +29,15 @@ from ftp_dent_ros.ros.qos import DIAGNOSTICS
 from ftp_dent_ros.ros.session import session
 from ftp_dent_ros.supervision.configuration import NodeEntry, read_configuration
 
-_PHOTOGRAPHS = 6  # for the flicker
 # No projector is later, nanoseconds.
 _SETTLED_NS = 200_000_000
 # Tries until a picture shows what is projected, and the contrast from which on it shows fringes.
 _RETAKES, _FRINGES = 5, 0.3
-# A flight's bag takes some 15 MB a second: half an hour, ten minutes.
-_ROOM, _LITTLE_ROOM = 27e9, 9e9
 # Every node tells its state once a second; within so many seconds of its start it has (s).
 _HEARD = 10.0
 # A stamp is that old at most when its photograph arrives, seconds.
 _LATEST = 2.0
 _LEVEL = {OK: '  ok ', WARN: 'WARN ', NO: 'NO GO'}
-_BAR = '\u2588'
 # Last state of every node, and its time, ns.
 States = dict[str, tuple[int, DiagnosticStatus]]
 
@@ -111,7 +107,8 @@ def _photographs(
     shown = photographer.show(drawn) + _SETTLED_NS
     _retaken(photographer, shown, lambda image: sharpness(white, black, image, drawn) >= _FRINGES)
     fringes, ages = [], []
-    for _ in range(_PHOTOGRAPHS):
+    # For the flicker.
+    for _ in range(6):
         image, stamp_ns = photographer.photograph(shown, colour=True)
         ages.append((photographer.now_ns() - stamp_ns) / 1e9)
         fringes.append(image)
@@ -171,7 +168,7 @@ def bar(value: float, best: float, columns: int) -> str:
     """Five lines that fill the terminal's width and are drawn over each other."""
     width = max(10, columns - 2)
     filled, mark = round(value * width), min(width - 1, round(best * width))
-    line = list(_BAR * filled + ' ' * (width - filled))
+    line = list('\u2588' * filled + ' ' * (width - filled))
     line[mark] = '|'
     rows = [f'\x1b[2K{"".join(line)}'] * 4
     words = f'\x1b[2KFOCUS {100 * value:.0f} %   best {100 * best:.0f} %'
@@ -217,7 +214,8 @@ def _nodes(states: States, entries: Mapping[str, NodeEntry]) -> list[Finding]:
 def _disk(folder: Path) -> Finding:
     free = shutil.disk_usage(nearest_folder(folder / 'bag')).free
     minutes = free / 15e6 / 60
-    verdict = OK if free > _ROOM else WARN if free > _LITTLE_ROOM else NO
+    # A flight's bag takes some 15 MB a second: half an hour, ten minutes.
+    verdict = OK if free > 27e9 else WARN if free > 9e9 else NO
     return Finding('disk', verdict, f'{free / 1e9:.0f} GB free, some {minutes:.0f} minutes of bag')
 
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import statistics
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import cv2
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
@@ -25,7 +24,7 @@ from ftp_dent_ros.recording.topic import Message
 from ftp_dent_ros.rig.rig import Lens
 from ftp_dent_ros.ros.dent_messages import KINDS, dents_from_message
 from ftp_dent_ros.ros.messages import cloud_from_message, stamp_to_ns
-from ftp_dent_ros.simulation.truth import TrueDent, is_at_lap, match_truth, true_dents, true_index
+from ftp_dent_ros.simulation.truth import TrueDent, true_dents, true_index
 from ftp_dent_ros.simulation.world import World
 from ftp_dent_ros.survey.surveying import Joined
 
@@ -39,23 +38,8 @@ TYPES = {
 
 # Every third point each way: the mean over a ninth of the points is the same to three digits.
 _EVERY = 3
-_MS_PER_NS = 1e-6
-_MM_PER_M = 1e3
 
-# Every so many points each way: of those that are compared, and of those that are put onto the
-# true ones, some hundred a cloud.
-_SKIN_EVERY, _FITTED = 3, 30
 _MM = 1e3
-
-# Standard uncertainties that a place may be off by: of three axes, 97 in 100 are not.
-_SIGMAS = 3.0
-# Sizes are a dent's within so many standard uncertainties and such a part of the true one: what
-# differs more is another dent, however badly it was measured.
-_SIZE_SIGMAS, _OF_SIZE = 4.0, 0.25
-# After so many, whose dent is whose changes no more.
-_ROUNDS = 4
-# How far a step may be told beside the lap's edge, metres: a row of rivets' step.
-_SEAM = 0.025
 
 
 @dataclass(frozen=True)
@@ -68,11 +52,6 @@ class Appraisal:
         What the bag holds; `tagged_clouds` counts those that have both cloud and pose.
     images_lost, poses_lost : int
         Holes in the count of the publisher: published, and not in the bag.
-    tagged_clouds_late : int
-        Clouds that came to the bridge when their poses were forgotten already.
-    images_not_taken, poses_not_had : int
-        Further gaps in the stamps at the rate that was asked for: the camera, or the autopilot
-        and its link, could not keep up.
     clouds_lost, tagged_clouds_lost : int
         Images without a cloud; clouds without the same cloud in ``map`` and a pose.
     latency_median_ms, latency_maximum_ms : float
@@ -86,15 +65,12 @@ class Appraisal:
 
     images: int
     images_lost: int
-    images_not_taken: int
     clouds: int
     clouds_lost: int
     tagged_clouds: int
     tagged_clouds_lost: int
-    tagged_clouds_late: int
     poses: int
     poses_lost: int
-    poses_not_had: int
     latency_median_ms: float
     latency_maximum_ms: float
     camera_mae_mm: float
@@ -103,13 +79,7 @@ class Appraisal:
     map_mae_worst_mm: float
 
 
-def appraise(
-    bag: Bag,
-    world: World,
-    image_rate: float,
-    pose_rate: float,
-    progress: Callable[[], Any] = lambda: None,
-) -> Appraisal:
+def appraise(bag: Bag, world: World, progress: Callable[[], Any] = lambda: None) -> Appraisal:
     """Compare a bag with the world that it was recorded in.
 
     Parameters
@@ -117,54 +87,55 @@ def appraise(
     bag : Bag
     world : World
         With the flight's start as it was flown.
-    image_rate, pose_rate : float
-        Rates that were asked of the camera and of the autopilot, hertz.
     progress : callable
         Called after each cloud.
     """
-    stamps: dict[str, list[int]] = {topic: [] for topic in TYPES}
-    counts: dict[str, list[int]] = {topic: [] for topic in TYPES}
+    stamps: dict[str, set[int]] = {topic: set() for topic in TYPES}
+    counts: dict[str, set[int]] = {topic: set() for topic in TYPES}
     latencies: list[float] = []
     camera_errors: list[float] = []
     map_errors: list[float] = []
     for message in bag.messages(TYPES):
         content = deserialize_message(message.data, TYPES[message.topic])
         stamp_ns = stamp_to_ns(content.header.stamp)
-        stamps[message.topic].append(stamp_ns)
-        counts[message.topic].append(message.sequence)
+        stamps[message.topic].add(stamp_ns)
+        counts[message.topic].add(message.sequence)
         if message.topic == '/points':
             error = camera_error(world, cloud_from_message(content), stamp_ns, _EVERY)
             camera_errors.append(mean_absolute(error))
             progress()
         elif message.topic == '/tagged/points':
-            latencies.append((message.log_time_ns - stamp_ns) * _MS_PER_NS)
+            latencies.append((message.log_time_ns - stamp_ns) / 1e6)
             error = map_error(world, cloud_from_message(content), _EVERY)
             map_errors.append(mean_absolute(error))
             progress()
-    late = _refused(bag, 'too old')
-    images, clouds = set(stamps['/camera/image_raw']), set(stamps['/points'])
-    tagged = set(stamps['/tagged/points']) & set(stamps['/tagged/pose'])
-    poses = set(stamps['/mavlink/pose'])
-    images_lost, poses_lost = (_holes(counts[t]) for t in ('/camera/image_raw', '/mavlink/pose'))
-    nothing = float('nan')
+    images, clouds, poses = (
+        stamps[topic] for topic in ('/camera/image_raw', '/points', '/mavlink/pose')
+    )
+    tagged = stamps['/tagged/points'] & stamps['/tagged/pose']
+    latency, camera, on_map = (
+        (float(middle(values)), max(values)) if values else (math.nan, math.nan)
+        for values, middle in (
+            (latencies, np.median),
+            (camera_errors, np.mean),
+            (map_errors, np.mean),
+        )
+    )
     return Appraisal(
         images=len(images),
-        images_lost=images_lost,
-        images_not_taken=max(_gaps(images, image_rate) - images_lost, 0),
+        images_lost=_holes(counts['/camera/image_raw']),
         clouds=len(clouds),
         clouds_lost=len(images - clouds),
         tagged_clouds=len(tagged),
-        tagged_clouds_lost=max(len(clouds - tagged) - late, 0),
-        tagged_clouds_late=late,
+        tagged_clouds_lost=len(clouds - tagged),
         poses=len(poses),
-        poses_lost=poses_lost,
-        poses_not_had=max(_gaps(poses, pose_rate) - poses_lost, 0),
-        latency_median_ms=statistics.median(latencies) if latencies else nothing,
-        latency_maximum_ms=max(latencies, default=nothing),
-        camera_mae_mm=statistics.fmean(camera_errors) if camera_errors else nothing,
-        camera_mae_worst_mm=max(camera_errors, default=nothing),
-        map_mae_mm=statistics.fmean(map_errors) if map_errors else nothing,
-        map_mae_worst_mm=max(map_errors, default=nothing),
+        poses_lost=_holes(counts['/mavlink/pose']),
+        latency_median_ms=latency[0],
+        latency_maximum_ms=latency[1],
+        camera_mae_mm=camera[0],
+        camera_mae_worst_mm=camera[1],
+        map_mae_mm=on_map[0],
+        map_mae_worst_mm=on_map[1],
     )
 
 
@@ -197,37 +168,16 @@ def map_error(world: World, cloud: Cloud, every: int = 1) -> NDArray[np.float64]
 def mean_absolute(error: NDArray[np.float64]) -> float:
     """Mean absolute distance in millimetres; NaN of nothing."""
     measured = np.abs(error[np.isfinite(error)])
-    return float(measured.mean()) * _MM_PER_M if measured.size else float('nan')
+    return float(measured.mean()) * _MM if measured.size else float('nan')
 
 
 def _content(message: Message) -> Any:
     return deserialize_message(message.data, TYPES[message.topic])
 
 
-def _refused(bag: Bag, reason: str) -> int:
-    """How many clouds the bridge has refused for a reason, by the last that it told."""
-    topic, count = '/diagnostics', 0
-    if topic not in {each.name for each in bag.metadata.topics}:
-        return 0
-    for message in bag.messages([topic]):
-        for status in deserialize_message(message.data, DiagnosticArray).status:
-            if status.name.endswith('mavlink_bridge'):
-                values = {item.key: item.value for item in status.values}
-                count = max(count, int(values.get(f'refused: {reason}', 0)))
-    return count
-
-
-def _holes(counts: list[int]) -> int:
+def _holes(counts: set[int]) -> int:
     """How many of a publisher's messages are missing between the first and the last."""
-    return max(counts) - min(counts) + 1 - len(set(counts)) if counts else 0
-
-
-def _gaps(stamps: set[int], rate: float) -> int:
-    """How many stamps of a regular series are missing between its first and its last."""
-    if len(stamps) < 2:
-        return 0
-    expected = round((max(stamps) - min(stamps)) * 1e-9 * rate) + 1
-    return max(expected - len(stamps), 0)
+    return max(counts) - min(counts) + 1 - len(counts) if counts else 0
 
 
 @dataclass(frozen=True)
@@ -278,7 +228,8 @@ def onto_truth(bag: Bag, joined: Joined, world: World) -> Onto:
     for stamp, cloud in clouds_of(bag, '/points'):
         number = joined.numbers.get(stamp)
         if number is not None:
-            few = cloud.points[::_FITTED, ::_FITTED].astype(float)
+            # Some hundred points a cloud.
+            few = cloud.points[::30, ::30].astype(float)
             few = few[np.isfinite(few).all(axis=-1)]
             found, true = joined.poses[number].apply(few), world.camera_pose(stamp).apply(few)
             parts.setdefault(groups[number], []).append((stamp, found, true))
@@ -321,7 +272,7 @@ def appraise_skin(
         number = joined.numbers.get(stamp)
         if number is not None:
             placed = cloud.transformed(onto.move(stamp) @ joined.poses[number])
-            errors.append(mean_absolute(map_error(world, placed, _SKIN_EVERY)))
+            errors.append(mean_absolute(map_error(world, placed, _EVERY)))
         progress()
     return SkinAppraisal(
         skin_mae_mm=float(np.mean(errors)),
@@ -337,13 +288,11 @@ def _rms(offsets: NDArray[np.float64]) -> float:
     return float(np.sqrt(np.square(offsets).sum(axis=-1).mean()))
 
 
-def check_list(listed: NDArray[Any], truth: Sequence[TrueDent]) -> tuple[int, int]:
-    """How many of the dents of a list are not there, and how many it has twice.
+def false_in_list(listed: NDArray[Any], truth: Sequence[TrueDent]) -> int:
+    """How many of the dents of a list are not there.
 
-    Each true dent has one of the list at most: of those that lie by it within what they state of
-    their places, and have its sizes, the nearest, after the autopilot's error that all have in
-    common is taken off. One that is left over is listed twice where it has the place and the
-    sizes of a true dent; any other is false.
+    A listed dent is true if it lies by a true one within what it states of its place, and has
+    its sizes.
 
     Parameters
     ----------
@@ -353,23 +302,16 @@ def check_list(listed: NDArray[Any], truth: Sequence[TrueDent]) -> tuple[int, in
         In the list's frame of reference.
     """
     if not len(listed) or not truth:
-        return len(listed), 0
+        return len(listed)
     places = np.stack([listed[axis] for axis in 'xyz'], axis=-1).astype(float)
     there = np.stack([each.position for each in truth])
     off = places[:, None] - there
-    reach = np.array([each.length / 2 for each in truth]) + _SIGMAS * np.array(
+    # Three standard uncertainties of three axes hold 97 in 100.
+    reach = np.array([each.length / 2 for each in truth]) + 3.0 * np.array(
         listed['position_uncertainty'], float
     ).reshape(-1, 1)
     may_be = (np.linalg.norm(off, axis=-1) <= reach) & _sizes_agree(listed, truth)
-    shift = np.zeros(3)
-    for _ in range(_ROUNDS):
-        # Less the shift, a place that may be lies off by twice the reach at most.
-        pairs = match_truth(places - shift, there, 2 * reach, may_be)
-        if pairs:
-            shift = np.median([off[one, its] for its, one in pairs.items()], axis=0)
-    left = np.setdiff1d(np.arange(len(listed)), list(pairs.values()))
-    twice = may_be[left].any(axis=1)
-    return int((~twice).sum()), int(twice.sum())
+    return int((~may_be.any(axis=1)).sum())
 
 
 def _sizes_agree(listed: NDArray[Any], truth: Sequence[TrueDent]) -> NDArray[np.bool_]:
@@ -388,7 +330,8 @@ def _sizes_agree(listed: NDArray[Any], truth: Sequence[TrueDent]) -> NDArray[np.
         true = np.array(values)
         more = listed[name].astype(float)[:, None] - true
         sigma = np.nan_to_num(listed[f'{name}_uncertainty'].astype(float))[:, None]
-        allowed = _SIZE_SIGMAS * sigma + _OF_SIZE * true
+        # What differs by more is another dent, however badly it was measured.
+        allowed = 4.0 * sigma + 0.25 * true
         # What is not known of a size says nothing against it.
         differs = (more > allowed) | (~is_cut & (more < -allowed))
         result &= ~differs if name == 'depth' else ~differs | is_cut
@@ -407,18 +350,15 @@ class DentAppraisal:
         Those of them that no cloud shows.
     sightings, sightings_missed : int
         How often a true dent lies wholly inside a cloud, and is not found in it.
-    dents_false, dents_twice : int
-        Listed, and not there; and one that is listed already, whole or a part of it.
+    dents_false : int
+        Listed, and not there.
     depth_error_mm, length_error_mm, width_error_mm : float
         Largest absolute error of the combined measurements of dents that were seen whole.
-    dents_in_list, dents_false_in_list, dents_twice_in_list : int
-        What the node's own list held at the end; what of it is no true dent by its place and
-        sizes; and what is one that it has already: where photographs lie too far apart, the
-        autopilot's poses alone do not tell that.
+    dents_in_list, dents_false_in_list : int
+        What the node's own list held at the end, and what of it is no true dent.
     clouds_not_inspected : int
-    others, others_false : int
-        Reported as something else than a dent, and of these where there is neither a dent nor,
-        for a step, a lap.
+    others : int
+        Reported as something else than a dent.
     """
 
     dents: int
@@ -426,16 +366,13 @@ class DentAppraisal:
     sightings: int
     sightings_missed: int
     dents_false: int
-    dents_twice: int
     depth_error_mm: float
     length_error_mm: float
     width_error_mm: float
     dents_in_list: int
     dents_false_in_list: int
-    dents_twice_in_list: int
     clouds_not_inspected: int
     others: int
-    others_false: int
 
 
 def appraise_dents(
@@ -472,9 +409,7 @@ def appraise_dents(
     stamps = {frame.number: frame.stamp_ns for frame in report.frames}
     found: set[tuple[int, int]] = set()
     false = 0
-    listed: list[int] = []
     errors = []
-    others_false = 0
     for entry in report.entries:
         is_dent = entry.dent.kind == 'dent'
         # A dent that two parts of the flight share lies in the list where one of them has it.
@@ -487,20 +422,15 @@ def appraise_dents(
         at = (true_index(each, truth) for each in (place, *elsewhere))
         index = next((each for each in at if each is not None), None)
         if index is None:
-            is_step = entry.dent.kind == 'step' and is_at_lap(world.surface, place, _SEAM)
             false += is_dent
-            others_false += not (is_dent or is_step)
             continue
         if entry.dent.depth.value > 0:
             # A crease is listed as one, and what is in doubt as something else.
             found |= {(index, sighting.frame) for sighting in entry.sightings}
-        if is_dent:
-            listed.append(index)
         if is_dent and not entry.dent.is_cut:
             errors.append(_errors(entry, truth[index]))
     whole = {index for index, _ in expected}
     listed_by_node = _last_list(bag)
-    false_in_list, twice_in_list = check_list(listed_by_node, truth)
     worst = np.abs(errors).max(axis=0) * _MM if errors else np.full(3, np.nan)
     return DentAppraisal(
         dents=len(whole),
@@ -508,16 +438,13 @@ def appraise_dents(
         sightings=len(expected),
         sightings_missed=len(expected - found),
         dents_false=false,
-        dents_twice=len(listed) - len(set(listed)),
         depth_error_mm=float(worst[0]),
         length_error_mm=float(worst[1]),
         width_error_mm=float(worst[2]),
         dents_in_list=len(listed_by_node),
-        dents_false_in_list=false_in_list,
-        dents_twice_in_list=twice_in_list,
+        dents_false_in_list=false_in_list(listed_by_node, truth),
         clouds_not_inspected=len(report.refused),
         others=len(report.others),
-        others_false=others_false,
     )
 
 

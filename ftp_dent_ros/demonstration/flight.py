@@ -2,29 +2,39 @@
 
 from __future__ import annotations
 
+import os
 import socket
 import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import rclpy
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from numpy.typing import NDArray
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from sensor_msgs.msg import CameraInfo
 
+from ftp_dent_ros.capture.simulated import write_rendered
 from ftp_dent_ros.demonstration.appraisal import TYPES
 from ftp_dent_ros.errors import ConfigurationError, FtpDentError
+from ftp_dent_ros.files import find
+from ftp_dent_ros.fleet import side_by_side
 from ftp_dent_ros.nodes.declarations import fitted
+from ftp_dent_ros.pattern.file import read_pattern
+from ftp_dent_ros.rig.rig import Rig, read_rig
 from ftp_dent_ros.ros.messages import stamp_to_ns
 from ftp_dent_ros.ros.qos import DIAGNOSTICS, IMAGES, POSES
+from ftp_dent_ros.simulation.world import World, read_world
 from ftp_dent_ros.supervision.configuration import read_configuration
 from ftp_dent_ros.supervision.executables import EXECUTABLES, OPTIONAL
 from ftp_dent_ros.supervision.processes import Processes, ProcessLog, Program
@@ -37,13 +47,14 @@ _SETTLED_S = 1.0
 _CAMERA = 'camera_capture'
 _RECONSTRUCTION = 'reconstruction'
 _RECORDER = 'recorder'
+_AUTOPILOT = 'simulated_autopilot'
 
 
 class FlightError(FtpDentError):
     """The payload did not come to life, or one of its processes ended."""
 
 
-def simulation_parameters(configuration: str, start_ns: int) -> dict[str, Any]:
+def simulation_parameters(configuration: str, start_ns: int = 0) -> dict[str, Any]:
     """Blocks of a configuration, with a free port and the start of the flight filled in."""
     entries = read_configuration(configuration)
     missing = set(EXECUTABLES) - OPTIONAL - {entry.name for entry in entries}
@@ -62,6 +73,45 @@ def simulation_parameters(configuration: str, start_ns: int) -> dict[str, Any]:
     return {name: {'ros__parameters': values} for name, values in parameters.items()}
 
 
+def render_ahead(
+    blocks: dict[str, Any], folder: Path, count: int, progress: Callable[[], Any]
+) -> None:
+    """Render the first photographs of a flight on all cores, for the camera to take in flight.
+
+    Parameters
+    ----------
+    blocks : dict
+        From `simulation_parameters`; the camera's block then names the folder.
+    folder : Path
+    count : int
+    progress : callable
+        Called after each photograph.
+    """
+    folder.mkdir()
+    camera, projector = (
+        blocks[name]['ros__parameters'] for name in (_CAMERA, 'pattern_publisher')
+    )
+    files = camera['simulation.scene'], camera['rig'], projector['pattern']
+    render = partial(_render, files, camera['rate'], folder)
+    for _, outcome in side_by_side(render, range(count), os.cpu_count() or 1):
+        if isinstance(outcome, Exception):
+            raise outcome
+        progress()
+    camera['simulation.ahead'] = str(folder)
+
+
+@lru_cache(maxsize=1)
+def _simulated(files: tuple[str, str, str]) -> tuple[World, Rig, NDArray[np.uint8]]:
+    scene, rig, pattern = files
+    return read_world(scene), read_rig(find(rig)), read_pattern(find(pattern)).draw()
+
+
+def _render(files: tuple[str, str, str], rate: float, folder: Path, number: int) -> None:
+    world, rig, projected = _simulated(files)
+    photograph = world.photograph(rig, projected, number * round(1e9 / rate))
+    write_rendered(folder, number, photograph)
+
+
 def fly(
     folder: Path,
     blocks: dict[str, Any],
@@ -76,7 +126,7 @@ def fly(
     folder : Path
         Takes the configuration, the processes' logs and the bag.
     blocks : dict
-        From `simulation_parameters`.
+        From `simulation_parameters`; the start of the flight is written into them.
     clouds : int
         Tagged clouds to wait for.
     progress : callable
@@ -95,27 +145,38 @@ def fly(
         The payload did not come to life, or a process ended; its last words are in the message.
     """
     configuration, bag, logs = folder / 'payload.yaml', folder / 'bag', folder / 'log'
-    configuration.write_text(yaml.safe_dump(blocks, sort_keys=False), encoding='utf-8')
-    programs = {entry.name: entry.program for entry in read_configuration(configuration)}
-    # No photograph before everybody is there: what comes first would have nobody to take it.
-    camera = programs[_CAMERA]
-    command = (*camera.command, '-p', 'continuous:=false')
-    programs[_CAMERA] = replace(camera, command=command)
+
+    def written() -> dict[str, Program]:
+        configuration.write_text(yaml.safe_dump(blocks, sort_keys=False), encoding='utf-8')
+        return {entry.name: entry.program for entry in read_configuration(configuration)}
+
+    programs = written()
     record = ('-m', 'ftp_dent_ros.cli.main', 'record', '--all', '--output', str(bag))
-    programs[_RECORDER] = Program(_RECORDER, (sys.executable, *record))
+    recorder = Program(_RECORDER, (sys.executable, *record))
     with (
         free_domain(),
         (folder / 'terminal.log').open('w') as quiet,
-        ProcessLog(tuple(programs), folder=logs, terminal=quiet) as log,
+        ProcessLog((*programs, _RECORDER), folder=logs, terminal=quiet) as log,
         Processes(log.show) as processes,
         _observer(processes, logs) as observer,
     ):
-        say(f'starting {len(programs)} processes')
-        for program in programs.values():
-            processes.start(program)
+        say(f'starting {len(programs) + 1} processes')
+        for program in (*programs.values(), recorder):
+            if program.name not in (_CAMERA, _AUTOPILOT):
+                processes.start(program)
+        observer.until(observer.ready_to_reconstruct, _READY_S, 'reconstruction is not ready')
+        # The flight starts when all can be there: the photographs are of its first seconds.
+        start_ns = time.time_ns() + 5_000_000_000
+        blocks[_CAMERA]['ros__parameters']['simulation.start_ns'] = start_ns
+        blocks[_AUTOPILOT]['ros__parameters']['start_ns'] = start_ns
+        programs = written()
+        processes.start(programs[_AUTOPILOT])
+        # No photograph before everybody is there: it would be lost.
+        camera = programs[_CAMERA]
+        idle = (*camera.command, '-p', 'continuous:=false')
+        processes.start(replace(camera, command=idle))
         observer.until(lambda: observer.poses > 0, _READY_S, 'no pose from the autopilot')
         observer.until(observer.all_subscribed, _READY_S, 'not everybody is subscribed')
-        observer.until(observer.ready_to_reconstruct, _READY_S, 'reconstruction is not ready')
         say('the link to the autopilot stands, the pattern is projected: photographing')
         observer.start_camera()
         for number in range(1, clouds + 1):

@@ -59,24 +59,12 @@ TOGETHER = 4
 # Of the depths and widths that are drawn, metres.
 _DEPTHS, _WIDTHS = (2e-5, 1e-3), (0.012, 0.05)
 _SHAPES: tuple[Shape, ...] = SMOOTH, RaisedCosine(), Gaussian(), Cap()
-# A dent is no deeper than this part of its width: skin folds before.
-_STEEPEST = 1 / 12
-_STRIDE = 2
 
-# The probability of detection that a90 has its name from (MIL-HDBK-1823A).
-_POD = 0.9
-# Of the profile likelihood: one-sided 95 %.
-_DEVIANCE = float(chi2.ppf(0.90, 1))
 # Sizes are counted in these: logarithms of order 1.
 _DEPTH, _WIDTH = 1e-4, 0.03
-_FEWEST = 10
-# Where bounds are looked for, in logarithms of the depth.
-_DEEPEST = math.log(100.0)
 
 Values = NDArray[np.float64]
 
-#: Width that depths are told for, metres.
-WIDTH = 0.03
 _MM = 1e3
 _COLOURS = {'clean': '#1b6ca8', 'dirty': '#b5651d', 'wavy': '#2e8b57'}
 
@@ -219,7 +207,7 @@ def scene_of(index: int) -> tuple[float, str, str, Scene]:
 def _dents(rng: np.random.Generator, distance: float) -> Iterator[Dent]:
     for x, y in ((-1, -1), (1, -1), (-1, 1), (1, 1)):
         width = math.exp(rng.uniform(*np.log(_WIDTHS)))
-        depth = min(math.exp(rng.uniform(*np.log(_DEPTHS))), _STEEPEST * width)
+        depth = min(math.exp(rng.uniform(*np.log(_DEPTHS))), width / 12)
         shape = _SHAPES[int(rng.integers(len(_SHAPES)))]
         part, _ = Dent(0, 0, 1, 1, 1, 0, shape).size_at()
         place = distance * np.array([0.14 * x, 0.075 * y]) + rng.uniform(-0.01, 0.01, 2)
@@ -263,7 +251,7 @@ def _rig(distance: float):
 @lru_cache(maxsize=4)
 def reconstructor_at(distance: float) -> Reconstructor:
     """Of photographs that are taken so many metres away."""
-    return Reconstructor(_rig(distance), PATTERN, ReconstructionSettings(stride=_STRIDE))
+    return Reconstructor(_rig(distance), PATTERN, ReconstructionSettings(stride=2))
 
 
 def area_of(points) -> float:
@@ -303,13 +291,13 @@ class Detection:
 def detection(depths: Values, widths: Values, hits: Values, width: float = _WIDTH) -> Detection:
     """Fit hits (1) and misses (0) of dents, shape (n,), metres; sizes are told at one width."""
     count, found = len(hits), int(np.sum(hits))
-    if count < _FEWEST or found in (0, count):
+    if count < 10 or found in (0, count):
         return Detection(count, found, math.nan, math.nan, (math.nan,) * 3)
     columns = np.stack([np.ones(count), np.log(depths / _DEPTH), np.log(widths / _WIDTH)], axis=1)
     hits = np.asarray(hits, float)
     best = _maximum(lambda b: _likelihood(b, columns, hits), np.array([0.0, 2.0, 0.0]))
     top = _likelihood(best, columns, hits)
-    wanted, beside = math.log(_POD / (1 - _POD)), math.log(width / _WIDTH)
+    wanted, beside = math.log(9), math.log(width / _WIDTH)
     coefficients = float(best[0]), float(best[1]), float(best[2])
     if best[1] <= 0:
         return Detection(count, found, math.nan, math.nan, coefficients)
@@ -320,11 +308,11 @@ def detection(depths: Values, widths: Values, hits: Values, width: float = _WIDT
             return np.array([wanted - rest[0] * size - rest[1] * beside, *rest])
 
         rest = _maximum(lambda r: _likelihood(bound(r), columns, hits), best[1:])
-        return 2 * (top - _likelihood(bound(rest), columns, hits)) - _DEVIANCE
+        return 2 * (top - _likelihood(bound(rest), columns, hits)) - float(chi2.ppf(0.90, 1))
 
     bound = math.nan
-    if excess(_DEEPEST) > 0:
-        bound = _DEPTH * math.exp(brentq(excess, a90, _DEEPEST, xtol=1e-3))
+    if excess(math.log(100.0)) > 0:
+        bound = _DEPTH * math.exp(brentq(excess, a90, math.log(100.0), xtol=1e-3))
     return Detection(count, found, _DEPTH * math.exp(a90), bound, coefficients)
 
 
@@ -407,7 +395,7 @@ def rows_of(trials: Sequence[Trial]) -> list[Row]:
             scatter = (
                 NORMAL_SPREAD * float(np.median(np.abs(ratio - bias))) if len(ratio) else math.nan
             )
-            rows.append(Row(distance, skin, detection(depth, width, hit, WIDTH), bias, scatter))
+            rows.append(Row(distance, skin, detection(depth, width, hit, _WIDTH), bias, scatter))
     return rows
 
 
@@ -448,7 +436,7 @@ def sentence(rows: Sequence[Row], blanks: Sequence[Blank], smallest_depth: float
             'with a confidence of 95 %.'
         )
     return (
-        f'In simulation, from one photograph at 0.8 m, single smooth dents {_MM * WIDTH:g} mm '
+        f'In simulation, from one photograph at 0.8 m, single smooth dents {_MM * _WIDTH:g} mm '
         'wide are found in 90 % of cases, with a confidence of 95 % (a90/95), from a depth of '
         f'{" and ".join(parts)} on, when depths from {_MM * smallest_depth:g} mm on are looked '
         f'for; there {_calls(every.calls)} on {every.area:.0f} m² of skin without dents '
@@ -458,7 +446,7 @@ def sentence(rows: Sequence[Row], blanks: Sequence[Blank], smallest_depth: float
     )
 
 
-def write_page(
+def write_detection(
     folder: Path,
     trials: Sequence[Trial],
     rows: Sequence[Row],
@@ -480,13 +468,13 @@ def write_page(
         curves=_curves(trials, rows),
         dents=sum(row.detection.dents for row in rows),
         photographs=len(trials),
-        width=f'{_MM * WIDTH:g}',
+        width=f'{_MM * _WIDTH:g}',
         smallest=f'{_MM * smallest_depth:g}',
         version=__version__,
     )
     record: dict[str, Any] = {
         'sentence': quoted,
-        'width_mm': _MM * WIDTH,
+        'width_mm': _MM * _WIDTH,
         'smallest_depth_mm': _MM * smallest_depth,
         'rows': [asdict(row) for row in rows],
         'blanks': [{**asdict(blank), 'at_most_per_m2': blank.most} for blank in blanks],
@@ -532,7 +520,7 @@ def _curves(trials: Sequence[Trial], rows: Sequence[Row]) -> str:
         for row in (row for row in rows if row.distance == distance):
             colour = _COLOURS[row.skin]
             if math.isfinite(row.detection.a90):
-                chance = row.detection.probability(depths, WIDTH)
+                chance = row.detection.probability(depths, _WIDTH)
                 axis.plot(_MM * depths, chance, color=colour, label=row.skin)
             if math.isfinite(row.detection.a90_95):
                 axis.plot(_MM * row.detection.a90_95, 0.9, 'o', color=colour, ms=5)

@@ -43,7 +43,6 @@ from ftp_dent_ros.ros.qos import IMAGES, OVERRIDABLE, PATTERNS
 # has come.
 _DEMAND_TIMEOUT = 10.0
 _PAUSE = 0.1
-_SETTLING = 0.3
 # That the readers of the last photograph are given, at most.
 _ACKNOWLEDGED = Duration(seconds=1.5)
 
@@ -157,7 +156,7 @@ class CameraCapture(Node):
         if wanted and self._was_wanted:
             return self._source.next_frame(_PAUSE)
         # A subscriber that has just been found may not have found this publisher yet.
-        self._stop.wait(_SETTLING if wanted else _PAUSE / 5)
+        self._stop.wait(0.3 if wanted else _PAUSE / 5)
         self._source.rest()
         self._was_wanted = wanted
         return None

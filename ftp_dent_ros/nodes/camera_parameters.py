@@ -33,6 +33,7 @@ class CameraParameters:
     loop: bool
     scene: Path | None
     start_ns: int
+    ahead: str
 
 
 def declare(parameters: Declarations) -> CameraParameters:
@@ -51,7 +52,9 @@ def declare(parameters: Declarations) -> CameraParameters:
     scene = 'simulation.scene', 'shipped:scene.yaml', 'Scene file.'
     if source != SIMULATION:
         parameters.path(*scene)
-    device = _declare_device(parameters, rig, rate)
+    # A V4L2 camera is asked for a size; a GenICam camera without a rig keeps its own.
+    size = (rig.camera.width, rig.camera.height) if rig else (1280, 720)
+    device = _declare_device(parameters, size if rig or source == 'device' else (0, 0), rate)
     return CameraParameters(
         source=source,
         rig=rig,
@@ -97,6 +100,12 @@ def declare(parameters: Declarations) -> CameraParameters:
             0,
             'ROS time at which the simulated flight starts, nanoseconds.',
         ),
+        ahead=parameters.path(
+            'simulation.ahead',
+            '',
+            'A folder of photographs that the demonstration rendered ahead; empty renders each as '
+            'it is due.',
+        ),
     )
 
 
@@ -127,19 +136,21 @@ def _declare_genicam(parameters: Declarations, device: DeviceSettings) -> Genica
     )
 
 
-def _declare_device(parameters: Declarations, rig: Rig | None, rate: float) -> DeviceSettings:
+def _declare_device(
+    parameters: Declarations, size: tuple[int, int], rate: float
+) -> DeviceSettings:
     return DeviceSettings(
         path=parameters.declare('device.path', '/dev/video0', 'Device file of a V4L2 camera.'),
         width=parameters.declare(
             'device.width',
-            rig.camera.width if rig else 0,
+            size[0],
             "Width of the images, pixels; that of the rig's camera by default.",
             minimum=0,
             maximum=65536,
         ),
         height=parameters.declare(
             'device.height',
-            rig.camera.height if rig else 0,
+            size[1],
             "Height of the images, pixels; that of the rig's camera by default.",
             minimum=0,
             maximum=65536,

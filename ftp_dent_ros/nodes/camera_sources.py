@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
+from pathlib import Path
 
 from ftp_dent_ros.capture.device import DeviceSource
 from ftp_dent_ros.capture.files import FileSource
-from ftp_dent_ros.capture.simulated import SimulatedSource
+from ftp_dent_ros.capture.simulated import RenderedSource, SimulatedSource
 from ftp_dent_ros.capture.source import ExposureClock, Source, stamps_exposure_start
 from ftp_dent_ros.capture.v4l2 import open_device
 from ftp_dent_ros.errors import ConfigurationError
@@ -33,6 +34,8 @@ def make_source(given: CameraParameters, now_ns: Callable[[], int]) -> Source:
         raise ConfigurationError(
             f'the simulation needs its {lacking}: set the parameter {lacking}'
         )
+    if given.ahead:
+        return RenderedSource(Path(given.ahead), given.rate, given.start_ns, now_ns)
     # Imported only here: a real camera needs none of it.
     from ftp_dent_ros.simulation.world import LiveWorld
 

@@ -34,11 +34,6 @@ from ftp_dent_ros.ros.node import run
 from ftp_dent_ros.ros.parameters import Parameters
 from ftp_dent_ros.ros.qos import LATCHED, LATCHED_INPUT, PATTERNS
 
-# Nanoseconds between a change's message and its show: many times what a message of this size
-# takes within a computer (10 ms; 60 ms over a network of 400 Mbit/s).
-_AHEAD_NS = 200_000_000
-# Seconds after which an image of projector/show that nothing follows gives way to the pattern.
-_LONGEST_SHOW = 30.0
 # Seconds between looks at what is due on the display: less than a frame of 60 Hz.
 _TICK = 0.01
 _CHANGEABLE = 'period_px', 'stripe_center_px', 'code'
@@ -108,7 +103,9 @@ class PatternPublisher(Node):
         # What is shown already keeps its stamp.
         if pattern != self._pattern:
             self._pattern = pattern
-            self._publish(_AHEAD_NS)
+            # Nanoseconds between a change's message and its show: many times what a message of
+            # this size takes within a computer (10 ms; 60 ms over a network of 400 Mbit/s).
+            self._publish(200_000_000)
 
     def _publish(self, ahead_ns: int = 0) -> None:
         """Publish the pattern, and show it so many nanoseconds later."""
@@ -150,7 +147,9 @@ class PatternPublisher(Node):
                 f'projector of {size[0]}x{size[1]}',
             )
             return
-        self._shown_until = time.monotonic() + _LONGEST_SHOW
+        # Seconds after which an image of projector/show that nothing follows gives way to the
+        # pattern.
+        self._shown_until = time.monotonic() + 30.0
         stamp_ns = self.get_clock().now().nanoseconds
         if self._display:
             self._waiting.append((stamp_ns, image))

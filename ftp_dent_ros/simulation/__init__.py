@@ -1,23 +1,20 @@
 """The world, simulated: skin panels with dents, light, camera, flight and autopilot."""
 
 from ftp_dent_ros.simulation.dents import Dent
-from ftp_dent_ros.simulation.fittings import Bead, DomedRivet, MissingRivet, Rivet
+from ftp_dent_ros.simulation.fittings import DomedRivet, Rivet
 from ftp_dent_ros.simulation.form import Wave, waviness
 from ftp_dent_ros.simulation.paint import Dirt, Lettering, Paint, Patch, Sunlight, scratches
 from ftp_dent_ros.simulation.renderer import Renderer, render
 from ftp_dent_ros.simulation.sensor import Photometry
-from ftp_dent_ros.simulation.surface import Opening, Panel, Surface
+from ftp_dent_ros.simulation.surface import Panel, Surface
 from ftp_dent_ros.simulation.view import Motion
 
 __all__ = [
-    'Bead',
     'Dent',
     'Dirt',
     'DomedRivet',
     'Lettering',
-    'MissingRivet',
     'Motion',
-    'Opening',
     'Paint',
     'Panel',
     'Patch',

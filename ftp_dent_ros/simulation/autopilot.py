@@ -29,11 +29,6 @@ from ftp_dent_ros.simulation.world import World, read_world
 _ADDRESS = re.compile(r'(udpin|udpout|tcp|tcpin):([\w.-]+):(\d{1,5})')
 # Bytes that are read at once.
 _LARGEST = 65536
-# A UDP peer that has said nothing for so long gets nothing more; a connection that failed is tried
-# again after so long, each try no longer than that.
-_FORGOTTEN_S = 60.0
-_RETRY_S = 0.5
-_CONNECT_S = 0.2
 
 # The world's own way from ENU to NED and from FRD to FLU: a mistake in the conversions of
 # `navigation.frames` must not cancel against itself.
@@ -63,8 +58,6 @@ _WITHOUT_POSITION = (
     | mavlink.EKF_POS_VERT_ABS
     | mavlink.EKF_CONST_POS_MODE
 )
-# ArduPilot flies on by its inertial sensors for as long before it says so; seconds.
-_SAYS_READY = 7.0
 
 _SECOND_US = 1_000_000
 # Microseconds between two messages of a kind: 250 a second.
@@ -79,12 +72,6 @@ _DEFAULTS_US = {
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 0,
     mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: 0,
 }
-# What REQUEST_DATA_STREAM of another client changes on an ArduCopter, and to what.
-_RERATED = tuple(message_id for message_id, us in _DEFAULTS_US.items() if us == 0)
-_RERATED_US = 500_000
-# Messages that are late keep their time and are sent after each other, unless that is hopeless.
-_MOST_LATE_NS = 500_000_000
-_LONGEST_WAIT_NS = 500_000_000
 
 
 os.environ.setdefault('MAVLINK20', '1')
@@ -166,7 +153,9 @@ class _Datagrams:
         return _new_parser().parse_buffer(data)
 
     def write(self, data: bytes) -> None:
-        oldest = time.monotonic() - _FORGOTTEN_S
+        # A UDP peer that has said nothing for so long gets nothing more; a connection that failed
+        # is tried again after so long, each try no longer than that.
+        oldest = time.monotonic() - 60.0
         self._heard = {peer: last for peer, last in self._heard.items() if last > oldest}
         for peer in self._heard:
             with suppress(OSError):  # Lost, as on the air.
@@ -187,9 +176,9 @@ class _Stream:
 
     def sockets(self) -> list[socket.socket]:
         if self._peer is None and self._listener is None and time.monotonic() > self._retry:
-            self._retry = time.monotonic() + _RETRY_S
+            self._retry = time.monotonic() + 0.5
             with suppress(OSError):
-                self._adopt(socket.create_connection(self._place, _CONNECT_S))
+                self._adopt(socket.create_connection(self._place, 0.2))
         return [end for end in (self._listener, self._peer) if end is not None]
 
     def read(self, end: socket.socket) -> list[Any] | None:
@@ -293,7 +282,8 @@ class Telemetry:
         if not faults.is_frozen(uptime):
             # A new one with every fix.
             self._ratio = 0.5 + 0.4 * math.sin(2.4 * (boot_ns // _FIX_NS))
-        is_ready = faults.without_gps(uptime) < _SAYS_READY
+        # ArduPilot flies on by its inertial sensors for as long before it says so; seconds.
+        is_ready = faults.without_gps(uptime) < 7.0
         # As large as a real one's in good weather.
         ratios = np.array([0.02, 0.01, 0.0006]) * self._ratio
         return mavlink.MAVLink_ekf_status_report_message(
@@ -384,8 +374,6 @@ class Autopilot:
         self._intervals_us = dict(_DEFAULTS_US)
         self._due_ns: dict[int, int] = {}
         self._telemetry = Telemetry(world, self._boot_ns, self.time_since_boot_ns())
-        self._started = time.monotonic()
-        self._done = {'rerated': 0, 'triggered': 0}
         for message_id, interval in self._intervals_us.items():
             self._schedule(message_id, interval)
 
@@ -393,7 +381,6 @@ class Autopilot:
         """Fly and talk for ever."""
         self._send(mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN, self.time_since_boot_ns())
         while True:
-            self._interfere()
             wait_ns = self._send_due()
             for message in self._link.receive(wait_ns / 1e9):
                 self._answer(message)
@@ -416,14 +403,17 @@ class Autopilot:
         now = self.time_since_boot_ns()
         for message_id, due in list(self._due_ns.items()):
             interval = self._intervals_us[message_id] * 1000
-            if due < now - _MOST_LATE_NS:
+            # What REQUEST_DATA_STREAM of another client changes on an ArduCopter, and to what.
+            # Messages that are late keep their time and are sent after each other, unless that is
+            # hopeless.
+            if due < now - 500_000_000:
                 due = now // interval * interval
             while due <= now:
                 self._send(message_id, due)
                 due += interval
             self._due_ns[message_id] = due
         # Also with nothing to send, a server that was lost is looked for.
-        next_ns = min([now + _LONGEST_WAIT_NS, *self._due_ns.values()])
+        next_ns = min([now + 500_000_000, *self._due_ns.values()])
         return max(next_ns - self.time_since_boot_ns(), 0)
 
     def _send(self, message_id: int, boot_ns: int) -> None:
@@ -459,23 +449,6 @@ class Autopilot:
         # Whole milliseconds: that is what its clock counts.
         self._schedule(message_id, interval_us // 1000 * 1000 if interval_us > 0 else 0)
         return mavlink.MAV_RESULT_ACCEPTED
-
-    def _interfere(self) -> None:
-        """What comes of others, when it is time."""
-        faults = self._world.faults
-        if self._is_time('rerated', faults.rerated_every):
-            for message_id in _RERATED:
-                if 0 < self._intervals_us[message_id] < _RERATED_US:
-                    self._schedule(message_id, _RERATED_US)
-        if self._is_time('triggered', faults.triggers_every):
-            parameters = (0, 0, 1, self._done['triggered'], 0, 0, 0)
-            capture = mavlink.MAV_CMD_IMAGE_START_CAPTURE
-            self._link.send(mavlink.MAVLink_command_long_message(0, 0, capture, 0, *parameters))
-
-    def _is_time(self, what: str, period: float) -> bool:
-        due = period > 0 and time.monotonic() - self._started > (self._done[what] + 1) * period
-        self._done[what] += due
-        return due
 
 
 def build_parser() -> argparse.ArgumentParser:

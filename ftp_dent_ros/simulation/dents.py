@@ -23,10 +23,6 @@ Field = NDArray[np.float64]
 # crossing; halving the bracket so often leaves 1e-12 of the axes.
 DIRECTIONS = 720
 _ALONG_A_RAY = 400
-_HALVINGS = 32
-
-# From this part of the depth on a mark is whole.
-_MARKED = 0.3
 
 
 class Shape(Protocol):
@@ -290,7 +286,8 @@ class Dent:
     def clean(self, x: Field, y: Field) -> Field:
         """Factor on the paint's albedo at panel coordinates."""
         u, v = self._normalised(x, y)
-        return 1 + (self.mark - 1) * np.clip(self.shape.fraction(u, v)[0] / _MARKED, 0, 1)
+        # From this part of the depth on a mark is whole.
+        return 1 + (self.mark - 1) * np.clip(self.shape.fraction(u, v)[0] / 0.3, 0, 1)
 
     def size_at(self, level: float = 0.1) -> tuple[float, float]:
         """Length and width of the contour at a fraction `level` of the depth, metres.
@@ -333,7 +330,7 @@ def _contour(shape: Shape, level: float) -> Field:
     above = shape.fraction(u, v)[0] > level
     last = _ALONG_A_RAY - 1 - np.argmax(above[::-1], axis=0)
     low, high = radii[last], radii[np.minimum(last + 1, _ALONG_A_RAY - 1)]
-    for _ in range(_HALVINGS):
+    for _ in range(32):
         middle = (low + high) / 2
         inside = shape.fraction(*(middle * direction))[0] > level
         low, high = np.where(inside, middle, low), np.where(inside, high, middle)

@@ -4,13 +4,25 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, TypeVar
 
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.pose import Pose
 
 T = TypeVar('T')
+# What a field of a dataclass may be, by its annotation, in words.
+_KINDS = {
+    'float': 'a finite number',
+    'int': 'a whole number that is not negative',
+    'bool': 'true or false',
+    'str': 'a text',
+    'Colour': 'one or three numbers that are not negative',
+    'tuple[float, ...]': 'a list of numbers',
+    'tuple[float, float]': 'a list of 2 numbers',
+    'tuple[float, float, float]': 'a list of 3 numbers',
+    'tuple[float, float, float, float]': 'a list of 4 numbers',
+}
 
 
 class Fields:
@@ -38,36 +50,25 @@ class Fields:
     def __contains__(self, name: str) -> bool:
         return name in self._values
 
-    def number(self, name: str, default: float | None = None) -> float:
-        """A finite number."""
-        return self._as_number(name, self._take(name, default))
-
-    def numbers(self, name: str, count: int, default: Any = None) -> tuple[float, ...]:
-        """A list of `count` finite numbers."""
+    def take(self, name: str, kind: str, default: Any = None) -> Any:
+        """A value of one of `_KINDS`; the default where there is none."""
         value = self._take(name, default)
-        if not isinstance(value, (list, tuple)) or len(value) != count:
-            raise self.error(name, value, f'a list of {count} numbers')
-        return tuple(self._as_number(name, entry) for entry in value)
-
-    def whole(self, name: str, default: int | None = None) -> int:
-        """A whole number that is not negative."""
-        value = self._take(name, default)
-        if not isinstance(value, int) or isinstance(value, bool) or value < 0:
-            raise self.error(name, value, 'a whole number that is not negative')
-        return value
-
-    def flag(self, name: str, default: bool | None = None) -> bool:
-        """True or false."""
-        value = self._take(name, default)
-        if not isinstance(value, bool):
-            raise self.error(name, value, 'true or false')
-        return value
-
-    def text(self, name: str, default: str | None = None) -> str:
-        """A text that is not empty."""
-        value = self._take(name, default)
-        if not isinstance(value, str) or not value:
-            raise self.error(name, value, 'a text')
+        if kind == 'Colour' and not isinstance(value, (list, tuple)):
+            value = [value] * 3
+        if kind in ('int', 'bool', 'str'):
+            good = type(value).__name__ == kind and value != ''
+            good = good and (kind != 'int' or value >= 0)
+        elif kind == 'float':
+            good = _is_number(value)
+            value = float(value) if good else value
+        else:
+            count = {'tuple[float, ...]': 0, 'Colour': 3}.get(kind, kind.count('float'))
+            good = isinstance(value, (list, tuple)) and bool(value) and all(map(_is_number, value))
+            good = good and len(value) in (count, count or len(value))
+            good = good and (kind != 'Colour' or min(value) >= 0)
+            value = tuple(map(float, value)) if good else value
+        if not good:
+            raise self.error(name, value, _KINDS[kind])
         return value
 
     def choice(self, name: str, choices: Mapping[str, T], default: str | None = None) -> T:
@@ -77,58 +78,29 @@ class Fields:
             raise self.error(name, value, f'one of {", ".join(choices)}')
         return choices[value]
 
-    def series(self, name: str, default: Any = None) -> tuple[float, ...]:
-        """A list of one finite number or more."""
-        value = self._take(name, default)
-        if not isinstance(value, (list, tuple)) or not value:
-            raise self.error(name, value, 'a list of numbers')
-        return tuple(self._as_number(name, entry) for entry in value)
-
-    def tint(self, name: str, default: Any = None) -> tuple[float, float, float]:
-        """A factor on an albedo: one number that is not negative, or three."""
-        value = self._take(name, default)
-        parts = value if isinstance(value, (list, tuple)) else [value] * 3
-        if len(parts) != 3 or not all(self._as_number(name, part) >= 0 for part in parts):
-            raise self.error(name, value, 'one or three numbers that are not negative')
-        red, green, blue = map(float, parts)
-        return red, green, blue
-
-    def record(self, kind: type[T]) -> T:
-        """A dataclass of plain fields, each read by its name and type."""
-        values: dict[str, Any] = {}
-        for field in dataclasses.fields(kind):  # type: ignore[arg-type]
-            default = None if field.default is dataclasses.MISSING else field.default
-            values[field.name] = self._of_type(str(field.type), field.name, default)
+    def record(self, kind: type[T], **given: Any) -> T:
+        """A dataclass, whose fields are `given` or read by name and type; nothing is left over."""
+        values = given | {
+            field.name: self.take(
+                field.name,
+                str(field.type),
+                None if field.default is dataclasses.MISSING else field.default,
+            )
+            for field in dataclasses.fields(kind)  # type: ignore[arg-type]
+            if field.name not in given
+        }
         self.finish()
         return kind(**values)
 
-    def _of_type(self, kind: str, name: str, default: Any) -> Any:
-        if kind == 'tuple[float, float, float]':
-            return self.numbers(name, 3, default)
-        read: dict[str, Callable[[str, Any], Any]] = {
-            'float': self.number,
-            'int': self.whole,
-            'bool': self.flag,
-            'str': self.text,
-            'Colour': self.tint,
-            'tuple[float, ...]': self.series,
-        }
-        return read[kind](name, default)
-
-    def colour(self, name: str, default: Any) -> tuple[float, float, float]:
-        """An albedo: one number from 0 to 1, or three for red, green and blue."""
-        value = self._take(name, default)
-        parts = value if isinstance(value, (list, tuple)) else [value] * 3
-        if len(parts) != 3 or not all(0 <= self._as_number(name, part) <= 1 for part in parts):
-            raise self.error(name, value, 'one or three numbers from 0 to 1')
-        red, green, blue = map(float, parts)
-        return red, green, blue
-
     def pose(self, name: str, default: Any = None) -> Pose:
-        """A block with `translation` (metres) and `rpy` (roll, pitch, yaw, radians: REP 103)."""
-        block = self.block(name, default)
-        pose = Pose.from_rpy(block.numbers('rpy', 3), block.numbers('translation', 3))
-        block.finish()
+        """A block within that is a pose."""
+        return self.block(name, default).as_pose()
+
+    def as_pose(self) -> Pose:
+        """The block's `translation` (metres) and `rpy` (roll, pitch, yaw, radians: REP 103)."""
+        three = 'tuple[float, float, float]'
+        pose = Pose.from_rpy(self.take('rpy', three), self.take('translation', three))
+        self.finish()
         return pose
 
     def block(self, name: str, default: Any = None) -> Fields:
@@ -142,11 +114,6 @@ class Fields:
             raise self.error(name, value, 'a list')
         for index, entry in enumerate(value):
             yield Fields(entry, f'{self._where}: {name}[{index}]')
-
-    def rest(self) -> dict[str, Any]:
-        """All fields that have not been read, as they are."""
-        values, self._values = self._values, {}
-        return values
 
     def finish(self) -> None:
         """Refuse fields that nobody has read."""
@@ -164,11 +131,9 @@ class Fields:
             raise ConfigurationError(f'{self._where}: {name} is missing: add it')
         return self._values.pop(name, default)
 
-    def _as_number(self, name: str, value: Any) -> float:
-        number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        if not number or not math.isfinite(value):
-            raise self.error(name, value, 'a finite number')
-        return float(value)
+
+def _is_number(value: Any) -> bool:
+    return type(value) in (int, float) and math.isfinite(value)
 
 
 def require_positive(part: object, *names: str) -> None:

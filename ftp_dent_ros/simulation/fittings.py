@@ -5,69 +5,19 @@ Heights are along the panel's z axis, which points into the aircraft: what stand
 
 from __future__ import annotations
 
-import math
-from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.simulation.fields import require_positive
-from ftp_dent_ros.simulation.form import turned
 
 Field = NDArray[np.float64]
 
-# At 1.6 radii a rivet's groove and step have died out to 1e-8 of their height.
-_RIVET_REACH = 1.6
-# A groove has died out at this many of its half widths.
-_GROOVE = 4.0
-# The steps at a hole's and a dome's rim are this wide, metres: they are vertical to any camera.
-_STEP = 50e-6
-
 
 @dataclass(frozen=True)
-class Fitting(ABC):
-    """A height field with a place and an end, as dents are, that changes within a pixel.
-
-    Attributes
-    ----------
-    x, y : float
-        Centre on the panel, metres.
-    """
-
-    x: float
-    y: float
-
-    @property
-    @abstractmethod
-    def reach(self) -> float:
-        """Half the side of a square around the centre that holds it, metres."""
-
-    @property
-    @abstractmethod
-    def rise(self) -> float:
-        """Largest height above or below the skin, metres."""
-
-    @abstractmethod
-    def covers(self, x: Field, y: Field, margin: float | Field = 0.0) -> NDArray[np.bool_]:
-        """Mask of panel coordinates where it, widened by `margin` metres, is not zero."""
-
-    @abstractmethod
-    def height(self, x: Field, y: Field) -> tuple[Field, Field, Field]:
-        """Height and its derivatives along x and y, at panel coordinates of any shape."""
-
-    def sharp(self, x: Field, y: Field, margin: float) -> NDArray[np.bool_]:
-        """Mask of panel coordinates within `margin` metres of what changes within a pixel."""
-        return self.covers(x, y, margin)
-
-    def clean(self, x: Field, y: Field) -> Field:
-        """Factor on the paint's albedo at panel coordinates: 1, painted as the skin is."""
-        return np.ones_like(x)
-
-
-@dataclass(frozen=True)
-class RoundFitting(Fitting):
-    """A fitting that looks the same from all around.
+class Fitting:
+    """A round height field with a place and an end, that changes within a pixel.
 
     Attributes
     ----------
@@ -77,6 +27,8 @@ class RoundFitting(Fitting):
         Metres.
     """
 
+    x: float
+    y: float
     radius: float = 0.004
 
     @property
@@ -84,16 +36,33 @@ class RoundFitting(Fitting):
         """Half the side of a square around the centre that holds it, metres."""
         return self.radius
 
+    @property
+    def rise(self) -> float:
+        """Largest height above or below the skin, metres."""
+        raise NotImplementedError
+
     def covers(self, x: Field, y: Field, margin: float | Field = 0.0) -> NDArray[np.bool_]:
         """Mask of panel coordinates where it, widened by `margin` metres, is not zero."""
         return self._within(self.reach + margin, x, y)
+
+    def height(self, x: Field, y: Field) -> tuple[Field, Field, Field]:
+        """Height and its derivatives along x and y, at panel coordinates of any shape."""
+        raise NotImplementedError
+
+    def sharp(self, x: Field, y: Field, margin: float) -> NDArray[np.bool_]:
+        """Mask of panel coordinates within `margin` metres of what changes within a pixel."""
+        return self.covers(x, y, margin)
+
+    def clean(self, x: Field, y: Field) -> Field:
+        """Factor on the paint's albedo at panel coordinates: 1, painted as the skin is."""
+        return np.ones_like(x)
 
     def _within(self, radius: float | Field, x: Field, y: Field) -> NDArray[np.bool_]:
         return (x - self.x) ** 2 + (y - self.y) ** 2 < radius * radius
 
 
 @dataclass(frozen=True)
-class Rivet(RoundFitting):
+class Rivet(Fitting):
     """A flush rivet: a round head, slightly proud of the skin, in a shallow groove.
 
     Attributes
@@ -123,7 +92,8 @@ class Rivet(RoundFitting):
     @property
     def reach(self) -> float:
         """Half the side of a square around the centre that holds the rivet, metres."""
-        return _RIVET_REACH * self.radius
+        # At 1.6 radii a rivet's groove and step have died out to 1e-8 of their height.
+        return 1.6 * self.radius
 
     @property
     def rise(self) -> float:
@@ -132,7 +102,8 @@ class Rivet(RoundFitting):
 
     def sharp(self, x: Field, y: Field, margin: float) -> NDArray[np.bool_]:
         """Mask of panel coordinates within `margin` metres of head and groove."""
-        return self._within(self.radius + _GROOVE * self.sigma + margin, x, y)
+        # A groove has died out at this many of its half widths.
+        return self._within(self.radius + 4.0 * self.sigma + margin, x, y)
 
     def height(self, x: Field, y: Field) -> tuple[Field, Field, Field]:
         """Height and its derivatives along x and y, at panel coordinates of any shape."""
@@ -151,7 +122,7 @@ class Rivet(RoundFitting):
 
 
 @dataclass(frozen=True)
-class DomedRivet(RoundFitting):
+class DomedRivet(Fitting):
     """A rivet whose head is a sphere's cap on the skin (universal or brazier head).
 
     Attributes
@@ -180,106 +151,3 @@ class DomedRivet(RoundFitting):
         part = 1 - u * u - v * v
         slope = np.where(part > 0, 2 * self.proud / self.radius, 0.0)
         return -self.proud * np.maximum(part, 0), slope * u, slope * v
-
-
-@dataclass(frozen=True)
-class MissingRivet(RoundFitting):
-    """The hole of a rivet that is gone: dark, with a floor.
-
-    Attributes
-    ----------
-    x, y : float
-        Centre on the panel, metres.
-    radius : float
-        Metres.
-    depth : float
-        Of its floor below the skin, metres.
-    dark : float
-        Factor on the paint's albedo within.
-    """
-
-    radius: float = 0.0024
-    depth: float = 0.002
-    dark: float = 0.08
-
-    def __post_init__(self) -> None:
-        require_positive(self, 'radius', 'depth')
-
-    @property
-    def rise(self) -> float:
-        """Depth of the hole below the skin, metres."""
-        return self.depth
-
-    def height(self, x: Field, y: Field) -> tuple[Field, Field, Field]:
-        """Height and its derivatives along x and y, at panel coordinates of any shape."""
-        dx, dy = x - self.x, y - self.y
-        distance = np.hypot(dx, dy) + 1e-12
-        inside = np.clip((self.radius - distance) / _STEP, 0, 1)
-        slope = np.where((inside > 0) & (inside < 1), -self.depth / _STEP, 0.0)
-        return self.depth * inside, slope * dx / distance, slope * dy / distance
-
-    def clean(self, x: Field, y: Field) -> Field:
-        """Factor on the paint's albedo at panel coordinates."""
-        return np.where(self.covers(x, y), self.dark, 1.0)
-
-
-@dataclass(frozen=True)
-class Bead(Fitting):
-    """A bead of sealant along a line: half a cosine across, its ends rounded off.
-
-    Attributes
-    ----------
-    x, y : float
-        Centre on the panel, metres.
-    length, width : float
-        Metres.
-    proud : float
-        How far it stands out of the skin, metres.
-    angle : float
-        From the panel's x axis to its length, towards y, radians.
-    tint : float
-        Factor on the paint's albedo.
-    """
-
-    length: float
-    width: float = 0.008
-    proud: float = 0.0012
-    angle: float = 0.0
-    tint: float = 0.7
-
-    def __post_init__(self) -> None:
-        require_positive(self, 'length', 'width', 'proud')
-
-    @property
-    def reach(self) -> float:
-        """Half the side of a square around the centre that holds the bead, metres."""
-        return (self.length + self.width) / 2
-
-    @property
-    def rise(self) -> float:
-        """Largest height above the skin, metres."""
-        return self.proud
-
-    def covers(self, x: Field, y: Field, margin: float | Field = 0.0) -> NDArray[np.bool_]:
-        """Mask of panel coordinates where the bead, widened by `margin` metres, is not zero."""
-        return self._off_line(x, y)[0] < self.width / 2 + margin
-
-    def height(self, x: Field, y: Field) -> tuple[Field, Field, Field]:
-        """Height and its derivatives along x and y, at panel coordinates of any shape."""
-        distance, dx, dy = self._off_line(x, y)
-        r = np.minimum(2 * distance / self.width, 1)
-        slope = self.proud * math.pi / self.width * np.sin(math.pi * r)
-        safe = distance + 1e-12
-        return -self.proud * (1 + np.cos(math.pi * r)) / 2, slope * dx / safe, slope * dy / safe
-
-    def clean(self, x: Field, y: Field) -> Field:
-        """Factor on the paint's albedo at panel coordinates."""
-        return np.where(self.covers(x, y), self.tint, 1.0)
-
-    def _off_line(self, x: Field, y: Field) -> tuple[Field, Field, Field]:
-        """Distance from its middle line, and the way from there, metres."""
-        c, s = math.cos(self.angle), math.sin(self.angle)
-        dx, dy = x - self.x, y - self.y
-        along = np.clip(turned(dx, dy, self.angle)[0], -self.length / 2, self.length / 2)
-        dx, dy = dx - c * along, dy - s * along
-        return np.hypot(dx, dy), dx, dy

@@ -37,8 +37,6 @@ Vector = NDArray[np.float64]
 # two quantities reach their largest at once, or ever again in step.
 _PERIODS = np.array([1.0, 0.41, 0.17])
 _ESTIMATE_PHASES = np.array([[0.4, 2.1, 5.2], [3.7, 0.9, 1.6], [5.1, 4.4, 2.8], [1.9, 5.8, 0.3]])
-# What is left of the inertial sensors' errors without GPS, m/s2: a metre in seven seconds.
-_DRIFT = 0.04
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,18 +180,12 @@ class Faults:
         it is ready.
     frozen_from, frozen_for : float
         The test ratios stand still, for no measurement is used.
-    rerated_every : float
-        Another client slows the poses down, as often.
-    triggers_every : float
-        The camera is told to shoot, as ArduPilot's driver does: to no system and no component.
     """
 
     gps_lost_from: float = 0.0
     gps_lost_for: float = 0.0
     frozen_from: float = 0.0
     frozen_for: float = 0.0
-    rerated_every: float = 0.0
-    triggers_every: float = 0.0
 
     def __post_init__(self) -> None:
         if min(self.__dict__.values()) < 0:
@@ -211,5 +203,6 @@ class Faults:
 
     def drift(self, uptime: float) -> NDArray[np.float64]:
         """How far the estimate has drifted off, shape (3,), metres."""
-        off = _DRIFT * self.without_gps(uptime) ** 2 / 2
+        # What is left of the inertial sensors' errors without GPS, m/s2: a metre in seven seconds.
+        off = 0.04 * self.without_gps(uptime) ** 2 / 2
         return np.array([0.8 * off, -0.6 * off, 0.0])

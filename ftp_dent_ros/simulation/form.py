@@ -1,4 +1,4 @@
-"""The form of a skin without its dents: flat or part of a cylinder, wavy, with windows."""
+"""The form of a skin without its dents: flat or part of a cylinder, and wavy."""
 
 from __future__ import annotations
 
@@ -104,36 +104,3 @@ def height(radius: float, waves: Iterable[Wave], x: Field, y: Field) -> tuple[Fi
         more, slope_x, slope_y = wave.height(x, y)
         rise, along_x, along_y = rise + more, along_x + slope_x, along_y + slope_y
     return rise, along_x, along_y
-
-
-@dataclass(frozen=True)
-class Opening:
-    """A window or door: a rectangle or ellipse without skin.
-
-    Attributes
-    ----------
-    x, y : float
-        Centre on the panel, metres.
-    length, width : float
-        Metres.
-    angle : float
-        From the panel's x axis to its length, towards y, radians.
-    round : bool
-        An ellipse.
-    """
-
-    x: float
-    y: float
-    length: float
-    width: float
-    angle: float = 0.0
-    round: bool = False
-
-    def __post_init__(self) -> None:
-        require_positive(self, 'length', 'width')
-
-    def contains(self, x: Field, y: Field) -> NDArray[np.bool_]:
-        """Mask of panel coordinates within."""
-        along, across = turned(x - self.x, y - self.y, self.angle)
-        u, v = along / (self.length / 2), across / (self.width / 2)
-        return u * u + v * v < 1 if self.round else np.maximum(np.abs(u), np.abs(v)) < 1

@@ -15,8 +15,6 @@ from ftp_dent_ros.simulation.view import NOTHING, Motion, View, albedo_table, se
 # A depth that changes by more than this from pixel to pixel, beyond what its slope there
 # explains, is a step, metres: a fifth of the flattest lap that is asked about.
 _STEP = 1e-4
-# A reflectance or light that changes by more than this part from pixel to pixel has an edge.
-_TONE = 0.15
 
 EDGES = 'depth', 'shadow', 'albedo', 'clipping', 'rim'
 
@@ -150,7 +148,8 @@ def _jumps(field: NDArray) -> NDArray[np.bool_]:
     """Pixels beside a relative change of a field that is positive."""
     level = np.log(np.maximum(field, 1e-3)).astype(np.float32)
     cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
-    return cv2.dilate(level, cross) - cv2.erode(level, cross) > 2 * _TONE
+    # A reflectance or light that changes by more than this part from pixel to pixel has an edge.
+    return cv2.dilate(level, cross) - cv2.erode(level, cross) > 2 * 0.15
 
 
 def _changes(label: NDArray) -> NDArray[np.bool_]:

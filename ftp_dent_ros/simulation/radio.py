@@ -20,16 +20,9 @@ from itertools import count
 
 from ftp_dent_ros.errors import ConfigurationError
 
-# Bytes that are read at once: no IP packet is larger.
-_LARGEST_PACKET = 65536
 # Packets taken from one device before the other one has its turn.
 _TURN = 32
 
-# linux/if_tun.h
-_TUNSETIFF = 0x400454CA
-_IFF_TUN, _IFF_NO_PI = 0x0001, 0x1000
-_MTU = 1500
-_ADDRESSES = '10.77.0.1', '10.77.0.2'
 _numbers = count()
 
 
@@ -174,7 +167,8 @@ def carry(devices: tuple[int, int], control: int) -> None:
 def _take(device: int, way: Way, now: float) -> None:
     with contextlib.suppress(OSError):  # no more, or an end that is gone
         for _ in range(_TURN):
-            way.put(os.read(device, _LARGEST_PACKET), now)
+            # Bytes that are read at once: no IP packet is larger.
+            way.put(os.read(device, 65536), now)
 
 
 if __name__ == '__main__':
@@ -238,7 +232,7 @@ def joined_sites(conditions: Conditions | None = None) -> Iterator[Joined]:
     with ExitStack() as stack:
         devices, sites = [], []
         try:
-            for address in _ADDRESSES:
+            for address in ('10.77.0.1', '10.77.0.2'):
                 name = f'radio{os.getpid() % 100000}{next(_numbers) % 100}'[-15:]
                 devices.append(_tun(name))
                 stack.callback(os.close, devices[-1])
@@ -248,7 +242,7 @@ def joined_sites(conditions: Conditions | None = None) -> Iterator[Joined]:
                 for words in (
                     ('mount', '-t', 'tmpfs', 'tmpfs', '/dev/shm'),
                     ('ip', 'address', 'add', f'{address}/24', 'dev', name),
-                    ('ip', 'link', 'set', name, 'mtu', str(_MTU), 'txqueuelen', '10000', 'up'),
+                    ('ip', 'link', 'set', name, 'mtu', str(1500), 'txqueuelen', '10000', 'up'),
                     ('ip', 'link', 'set', 'lo', 'up', 'multicast', 'on'),
                     ('ip', 'route', 'add', '224.0.0.0/4', 'dev', name),
                 ):
@@ -275,9 +269,8 @@ def joined_sites(conditions: Conditions | None = None) -> Iterator[Joined]:
 def _tun(name: str) -> int:
     device = os.open('/dev/net/tun', os.O_RDWR)
     try:
-        fcntl.ioctl(
-            device, _TUNSETIFF, struct.pack('16sH22x', name.encode(), _IFF_TUN | _IFF_NO_PI)
-        )
+        # linux/if_tun.h
+        fcntl.ioctl(device, 0x400454CA, struct.pack('16sH22x', name.encode(), 0x0001 | 0x1000))
     except OSError:
         os.close(device)
         raise

@@ -39,13 +39,6 @@ _COLUMNS = 4096
 # float32, for which OpenCV's annotations are too wide.
 Image = NDArray[Any]
 
-# Generators of a rank-1 lattice over (column, row, time): evenly spread in each of them alone
-# and in the sums of them along which moving fringes run.
-_LATTICE = (1, 19, 53)
-
-# Longest way of the image, pixels, over which one set of points integrates a moving fringe.
-_INTERVAL = 2.0
-
 
 class Light:
     """Light that leaves the projector towards each point of its image.
@@ -158,7 +151,9 @@ def cubature(dimensions: int, intervals: int) -> NDArray[np.float64]:
 def lattice(count: int) -> NDArray[np.float64]:
     """Points (column, row, time) from -1/2 to 1/2, symmetric about 0, shape (count, 3)."""
     odd = 2 * np.arange(count) + 1
-    return (np.outer(odd, _LATTICE) % (2 * count)) / (2 * count) - 0.5
+    # Generators of a rank-1 lattice over (column, row, time): evenly spread in each of them alone
+    # and in the sums of them along which moving fringes run.
+    return (np.outer(odd, (1, 19, 53)) % (2 * count)) / (2 * count) - 0.5
 
 
 def image_sweep(rig: Rig, surface: Surface, motion: Motion) -> float:
@@ -340,7 +335,9 @@ class Renderer:
         """
         light = self._light
         place, slopes = self._positions(surface, view, motion)
-        points = cubature(len(slopes), math.ceil(sweep / _INTERVAL))
+        # Longest way of the image, pixels, over which one set of points integrates a moving
+        # fringe.
+        points = cubature(len(slopes), math.ceil(sweep / 2.0))
         total = np.zeros((*view.u.shape, 4), np.float32)
         for point in points:
             light.add(total, *moved(place, slopes, point))

@@ -55,8 +55,6 @@ class Photometry:
         Electrons at saturation: shot noise.
     read_noise : float
         Standard deviation of the read noise, grey levels.
-    crosstalk : float
-        Part of each other colour's light that a colour of the sensor sees, white balanced.
     camera_gamma : float
         Grey level is 255 times the signal to 1 / camera_gamma; 1 is a linear camera.
     encoding : str
@@ -89,7 +87,6 @@ class Photometry:
     psf_px: float = 0.4
     full_well: float = 12000.0
     read_noise: float = 0.8
-    crosstalk: float = 0.0
     camera_gamma: float = 1.0
     encoding: str = 'rgb8'
     bayer: bool = False
@@ -97,41 +94,24 @@ class Photometry:
     samples: int = 8
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if field.type == 'str':
-                named = isinstance(value, str) and Encoding.is_name(value)
-                _require(named, field.name, value, 'such as rgb8, mono12 or bayer_rggb12')
-                continue
-            if field.type == 'bool':
-                _require(isinstance(value, bool), field.name, value, 'true or false')
-                continue
-            number = isinstance(value, (int, float)) and not isinstance(value, bool)
-            if field.type == 'int':
-                _require(isinstance(value, int) and number, field.name, value, 'a whole number')
-            finite = number and math.isfinite(value) and value >= 0
-            _require(finite, field.name, value, 'a number that is not negative')
-        for name in (
-            'exposure',
-            'reference_distance',
-            'projector_gamma',
-            'full_well',
-            'camera_gamma',
+        numbers = [field.name for field in fields(self) if field.type in ('float', 'int')]
+        positive = ('exposure', 'reference_distance', 'projector_gamma', 'full_well')
+        powers = [2**power for power in range(9)]
+        plain = self.encoding in ('rgb8', 'mono8')
+        for names, condition, expected in (
+            (numbers, lambda x: x >= 0 and math.isfinite(x), 'a number that is not negative'),
+            ([*positive, 'camera_gamma'], lambda x: x > 0, 'a positive number'),
+            (['projector_black', 'speckle_contrast'], lambda x: x <= 1, '0 to 1'),
+            (['encoding'], Encoding.is_name, 'such as rgb8, mono12 or bayer_rggb12'),
+            (['jpeg_quality'], lambda x: x <= 100, '0 to 100'),
+            (['jpeg_quality'], lambda x: plain or not x, '0 for what is neither rgb8 nor mono8'),
+            (['samples'], lambda x: x in powers, '1, 2, 4, ... 256'),
         ):
-            _require(getattr(self, name) > 0, name, getattr(self, name), 'a positive number')
-        _require(self.speckle_contrast <= 1, 'speckle_contrast', self.speckle_contrast, '0 to 1')
-        _require(self.crosstalk <= 1, 'crosstalk', self.crosstalk, '0 to 1')
-        _require(self.projector_black <= 1, 'projector_black', self.projector_black, '0 to 1')
-        _require(self.jpeg_quality <= 100, 'jpeg_quality', self.jpeg_quality, '0 to 100')
-        plain = self.encoding in ('rgb8', 'mono8') or not self.jpeg_quality
-        _require(plain, 'jpeg_quality', self.jpeg_quality, '0 for what is neither rgb8 nor mono8')
-        power = self.samples > 0 and self.samples & (self.samples - 1) == 0
-        _require(power and self.samples <= 256, 'samples', self.samples, '1, 2, 4, ... 256')
-
-
-def _require(condition: bool, name: str, value: object, expected: str) -> None:
-    if not condition:
-        raise ConfigurationError(f'photometry: {name} is {value!r}: give {expected}')
+            for name in names:
+                if not condition(getattr(self, name)):
+                    raise ConfigurationError(
+                        f'photometry: {name} is {getattr(self, name)!r}: give {expected}'
+                    )
 
 
 def blur(image: Image, sigma: float) -> Image:
@@ -177,8 +157,6 @@ def read_out(signal: Image, photometry: Photometry, rng: np.random.Generator) ->
     """
     encoding = Encoding.named(photometry.encoding)
     white = (1 << encoding.bits) - 1
-    if photometry.crosstalk:
-        signal = _mixed(signal, photometry.crosstalk)
     if not encoding.coloured and not encoding.mosaic:
         image = _digitised(signal.mean(axis=0), photometry, rng, white)
         if photometry.jpeg_quality:
@@ -192,17 +170,6 @@ def read_out(signal: Image, photometry: Photometry, rng: np.random.Generator) ->
     if photometry.jpeg_quality:
         image = _through_jpeg(image, photometry.jpeg_quality)
     return Photograph(image, white)
-
-
-def expose(signal: Image, photometry: Photometry, rng: np.random.Generator) -> NDArray[np.uint8]:
-    """RGB of 8 bits, shape (height, width, 3), of what `read_out` gives."""
-    return read_out(signal, photometry, rng).shown()
-
-
-def _mixed(signal: Image, crosstalk: float) -> Image:
-    """Light that the colours of the sensor see when each sees a part of the others."""
-    others = signal.sum(axis=0) - signal
-    return (signal + np.float32(crosstalk) * others) * np.float32(1 / (1 + 2 * crosstalk))
 
 
 def _digitised(

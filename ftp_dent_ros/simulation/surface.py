@@ -16,7 +16,7 @@ from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.simulation import form
 from ftp_dent_ros.simulation.dents import Dent
 from ftp_dent_ros.simulation.fittings import Fitting
-from ftp_dent_ros.simulation.form import Opening, Wave
+from ftp_dent_ros.simulation.form import Wave
 from ftp_dent_ros.simulation.paint import Paint, Sunlight
 
 # The part of a cylinder's radius that a panel may reach sideways.
@@ -48,11 +48,9 @@ class Panel:
     paint : Paint
     dents : tuple of Dent
     rivets : tuple of Fitting
-        Rivets of any kind, and beads of sealant.
+        Rivets.
     waves : tuple of Wave
         The undeformed skin's own waviness.
-    openings : tuple of Opening
-        Where the panel is cut out.
     sunlight : tuple of Sunlight
         Light from elsewhere that falls on parts of it, with that of the photometry.
     """
@@ -64,7 +62,6 @@ class Panel:
     dents: tuple[Dent, ...] = ()
     rivets: tuple[Fitting, ...] = ()
     waves: tuple[Wave, ...] = ()
-    openings: tuple[Opening, ...] = ()
     sunlight: tuple[Sunlight, ...] = ()
 
     def __post_init__(self) -> None:
@@ -116,10 +113,7 @@ class Panel:
     def contains(self, x: Field, y: Field) -> NDArray[np.bool_]:
         """Mask of panel coordinates within the extent."""
         x_min, x_max, y_min, y_max = self.extent
-        inside = (x >= x_min) & (x <= x_max) & (y >= y_min) & (y <= y_max)
-        for opening in self.openings:
-            inside &= ~opening.contains(x, y)
-        return inside
+        return (x >= x_min) & (x <= x_max) & (y >= y_min) & (y <= y_max)
 
     def bare_height(self, x: Field, y: Field) -> tuple[Field, Field, Field]:
         """Height of the skin without features, and its derivatives along x and y."""

@@ -13,9 +13,6 @@ from scipy.spatial.distance import cdist
 from ftp_dent_ros.simulation.dents import DIRECTIONS
 from ftp_dent_ros.simulation.surface import Panel, Surface
 
-# What a pair costs that cannot be: more than all that can, each of which costs 1 at most.
-_NEVER = 1e6
-
 
 @dataclass(frozen=True, eq=False)
 class TrueDent:
@@ -152,7 +149,8 @@ def match_truth(
     allowed = apart <= np.broadcast_to(np.asarray(reach, float), apart.shape)
     if may_be is not None:
         allowed &= may_be
-    cost = np.divide(apart, reach, out=np.full(apart.shape, _NEVER), where=allowed)
+    # What a pair costs that cannot be: more than all that can, each of which costs 1 at most.
+    cost = np.divide(apart, reach, out=np.full(apart.shape, 1e6), where=allowed)
     rows, columns = linear_sum_assignment(cost)
     return {
         int(column): int(row)

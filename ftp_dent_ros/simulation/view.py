@@ -22,12 +22,7 @@ from ftp_dent_ros.simulation.surface import Panel, Surface
 
 Field = NDArray[np.float64]
 
-# Between nodes, at most: pixels, and radians.
-_NODE_SPACING = 16
-_NODE_ANGLE = 0.01
 
-# A lens model may fold far outside its image: beyond this part of its corner it casts no light.
-_FIELD = 1.2
 # A shadow's caster is at least this much nearer to the projector, as a part of the distance.
 _CLEAR = 1e-5
 # The tone of what is no panel.
@@ -180,7 +175,8 @@ def pixel_grid(lens: Lens) -> PixelGrid:
 
 def _interpolation(size: int, focal: float) -> tuple[NDArray[np.float64], csr_matrix]:
     """Nodes over 0 ... size - 1, and the matrix of Lagrange's cubic from them to each pixel."""
-    spacing = min(_NODE_SPACING, _NODE_ANGLE * focal)
+    # Between nodes, at most: pixels, and radians.
+    spacing = min(16, 0.01 * focal)
     count = max(4, min(math.ceil((size - 1) / spacing) + 1, size))
     nodes = np.linspace(0, size - 1, count)
     position = np.arange(size) / max(size - 1, 1) * (count - 1)
@@ -302,7 +298,9 @@ def projector_pixel(rig: Rig, points: Field) -> tuple[Field, Field]:
     seen = rig.to_projector(points)
     with np.errstate(all='ignore'):
         radius = np.hypot(seen[:, 0], seen[:, 1]) / seen[:, 2]
-        reached = (seen[:, 2] > 0) & (radius < _FIELD * _corner(rig.projector))
+        # A lens model may fold far outside its image: beyond this part of its corner it casts no
+        # light.
+        reached = (seen[:, 2] > 0) & (radius < 1.2 * _corner(rig.projector))
         pixel = rig.projector.project(seen)
     pixel[~reached] = np.nan
     return pixel[:, 0], pixel[:, 1]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
@@ -18,7 +18,7 @@ from ftp_dent_ros.rig.rig import Rig
 from ftp_dent_ros.simulation.fields import Fields
 from ftp_dent_ros.simulation.flight import EstimateErrors, Faults, Flight
 from ftp_dent_ros.simulation.renderer import Renderer
-from ftp_dent_ros.simulation.scene import flight_from, photometry_from, surface_from
+from ftp_dent_ros.simulation.scene import flight_from, surface_from
 from ftp_dent_ros.simulation.sensor import Photometry
 from ftp_dent_ros.simulation.surface import Surface
 from ftp_dent_ros.simulation.view import Motion
@@ -50,6 +50,8 @@ class World:
         How the autopilot's estimate is off; none by default.
     faults : Faults
         What goes wrong with the autopilot; nothing by default.
+    board_poses : tuple of Pose
+        Of the first panel, one after the other: somebody holds a board.
     """
 
     surface: Surface
@@ -61,6 +63,7 @@ class World:
     start_ns: int = 0
     errors: EstimateErrors = field(default_factory=EstimateErrors)
     faults: Faults = field(default_factory=Faults)
+    board_poses: tuple[Pose, ...] = ()
 
     def flight_time(self, stamp_ns: int) -> float:
         """Seconds into the flight's period, exact to a nanosecond at any date."""
@@ -158,12 +161,13 @@ def read_world(path: str | os.PathLike[str], start_ns: int = 0) -> World:
             surface=surface_from(scene),
             flight=flight_from(scene.block('flight')),
             mount=camera.pose('mount', _FORWARD),
-            photometry=photometry_from(scene.block('photometry', {})),
-            exposure_time=camera.number('exposure_time'),
-            seed=camera.whole('seed', 0),
+            photometry=scene.block('photometry', {}).record(Photometry),
+            exposure_time=camera.take('exposure_time', 'float'),
+            seed=camera.take('seed', 'int', 0),
             start_ns=start_ns,
             errors=autopilot.block('errors', {}).record(EstimateErrors),
             faults=autopilot.block('faults', {}).record(Faults),
+            board_poses=tuple(each.as_pose() for each in scene.blocks('board_poses', ())),
         )
     except ConfigurationError as reason:
         # What a class refuses by itself does not know of the file.
@@ -182,6 +186,9 @@ def read_world(path: str | os.PathLike[str], start_ns: int = 0) -> World:
 class LiveWorld:
     """The world of a scene file that is read again when it has changed: somebody moves a board.
 
+    A board with `board_poses` is moved to the next one by the second photograph in a row under
+    white light: ``ftp-dent calibrate capture`` takes two between one pose and the next.
+
     Parameters
     ----------
     path : path
@@ -195,9 +202,10 @@ class LiveWorld:
     """
 
     def __init__(self, path: str | os.PathLike[str], start_ns: int) -> None:
-        self._path, self._start_ns = path, start_ns
+        self._path, self._start_ns = find(path), start_ns
         self._version = self._stat()
-        self._world = read_world(path, start_ns=start_ns)
+        self._world = read_world(self._path, start_ns=start_ns)
+        self._whites = self._moves = 0
 
     def photograph(self, rig: Rig, projected: NDArray[np.uint8], stamp_ns: int) -> Photograph:
         """As `World.photograph`; raises `CameraError` while the changed file cannot be used."""
@@ -208,7 +216,14 @@ class LiveWorld:
             except ConfigurationError as reason:
                 raise CameraError(str(reason)) from None
             self._version = version
-        return self._world.photograph(rig, projected, stamp_ns)
+        world = self._world
+        if world.board_poses:
+            self._whites = self._whites + 1 if projected.min() > 250 else 0
+            self._moves += self._whites == 2
+            board, *others = world.surface.panels
+            pose = world.board_poses[self._moves % len(world.board_poses)]
+            world = replace(world, surface=Surface((replace(board, pose=pose), *others)))
+        return world.photograph(rig, projected, stamp_ns)
 
     def _stat(self) -> tuple[int, int]:
         try:

@@ -141,6 +141,26 @@ def test_bad_poses_are_refused_with_their_reason(taken):
     assert 'out of order' in refused(shuffled)
 
 
+def test_light_that_changes_is_not_called_disorder(rig, poses, taken):
+    gray = photographs(rig, BOARD, GRAY, poses[:1], LIGHT)[0]
+    for good, sequence in ((taken[0], SEQUENCE), (gray, GRAY)):
+        gains = np.random.default_rng(3).uniform(0.4, 1.0, len(good))
+        dimmed = {
+            frame: (gain * image).astype(np.uint8)
+            for gain, (frame, image) in zip(gains, good.items(), strict=True)
+        }
+        with pytest.raises(CalibrationError, match='light changes from photograph to photograph'):
+            observe('pose', dimmed, sequence, BOARD)
+
+
+def test_white_and_black_may_be_missing_of_shifted_fringes(folder):
+    for path in [*folder.rglob('white_0*'), *folder.rglob('black_0*')]:
+        path.unlink()
+    sights, left_out, _ = see_poses(folder, Session(BOARD, SEQUENCE))
+    assert not left_out
+    assert all(np.isfinite(sight.observation.projector).all() for sight in sights)
+
+
 def test_what_is_missing_costs_no_more_than_itself(rig, taken):
     rows = {f: image for f, image in taken[0].items() if f.axis != 'v'}
     sight = observe('pose', rows, SEQUENCE, BOARD)
@@ -205,7 +225,7 @@ def test_folders_that_cannot_be_used(tmp_path, capsys):
 
 
 def test_a_session_is_kept_in_its_folder(tmp_path):
-    session = Session(Board(7, 6, 0.03), SEQUENCE, 0.25, 0.05, 1.8)
+    session = Session(Board(7, 6, 0.03), SEQUENCE, 0.25, 0.05)
     write_session(tmp_path, session)
     assert read_session(tmp_path) == session
 

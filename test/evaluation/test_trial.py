@@ -4,26 +4,17 @@ import numpy as np
 import pytest
 
 from ftp_dent_ros.cloud.cloud import Cloud
-from ftp_dent_ros.evaluation.scenes import PATTERN, simulated_dent
+from ftp_dent_ros.evaluation.scenes import simulated_dent
 from ftp_dent_ros.evaluation.study import (
-    LEAST_SQUARES,
     Bench,
     Figures,
     Trial,
     mean,
     methods,
-    on_phase_map,
 )
-from ftp_dent_ros.profilometry.carrier import ReferencePlane, carrier_on
-from ftp_dent_ros.profilometry.fourier import analytic_signal, phase_of, spectrum
 
 SCENE = simulated_dent()
 VIRTUAL = methods('itoh')[1]
-
-
-@pytest.fixture(scope='module')
-def photograph():
-    return SCENE.photograph(0)
 
 
 @pytest.fixture(scope='module')
@@ -70,27 +61,6 @@ def test_a_dent_that_comes_out_too_deep_has_a_positive_bias(lit):
     figures = figures_of(Perfect(deeper=2e-4), lit)
     assert figures.depth_bias == pytest.approx(0.2, abs=0.03)
     assert figures.dent_mae > 5 * figures.mae
-
-
-def test_noise_on_the_phase_map_is_in_the_photograph(photograph):
-    noise = np.random.default_rng(1).normal(0, 0.2, photograph.shape[:2]).astype(np.float32)
-    smooth = np.repeat(noise[:, :1], noise.shape[1], axis=1)  # what a band-pass lets through
-    carrier = carrier_on(SCENE.rig, PATTERN, ReferencePlane(1.0))
-
-    def phase(image):
-        signal = analytic_signal(spectrum(image[..., 0].astype(np.float32)), 1280, carrier)
-        return phase_of(signal)[:, 400:900]
-
-    turned = phase(on_phase_map(photograph, SCENE, smooth)) - phase(photograph)
-    turned = np.angle(np.exp(1j * turned))
-    np.testing.assert_allclose(np.median(turned, axis=1), smooth[:, 0], atol=0.02)
-
-
-def test_least_squares_bear_the_paper_s_noise(photograph, lit):
-    noise = np.random.default_rng(2).normal(0, 0.6, lit.shape).astype(np.float32)
-    figures = Bench(LEAST_SQUARES, SCENE.rig).run(SCENE, lit, photograph, noise).figures
-    assert figures.mae < 0.05
-    assert figures.coverage > 0.98
 
 
 def test_what_is_refused_has_no_figures(lit):

@@ -15,7 +15,6 @@ from sensor_msgs.msg import Image, PointCloud2
 from std_srvs.srv import Trigger
 
 from ftp_dent_ros.calibration.board import Board
-from ftp_dent_ros.calibration.session import read_session
 from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.errors import CameraError
 from ftp_dent_ros.pattern.file import write_pattern
@@ -106,10 +105,8 @@ def test_from_capture_to_the_first_true_cloud(ros, domain, rig, rig_file, tmp_pa
     watchdog.cancel()
     assert capture.wait() == 0, ''.join(said) + (tmp_path / 'errors').read_text()
     text = ''.join(said)
-    assert 'to the power 1.' in text
     assert 'refused: no chessboard of 7x6' in text
     assert 'its left side away by 30 degrees' in text
-    assert 1.6 < read_session(folder).gamma < 2.0
     assert len(list(folder.glob('pose_*'))) == POSES
 
     found = tmp_path / 'found.yaml'

@@ -76,7 +76,7 @@ def test_bad_parameters_are_one_clear_line_and_status_2(ros, rig_file):
         (CameraCapture, {'source': 'files'}, 'no image files are named'),
         (CameraCapture, {'source': 'files', 'files.path': '/nowhere'}, 'no image there'),
         (CameraCapture, {'source': 'simulation'}, 'set the parameter rig'),
-        (CameraCapture, {}, 'set rig, or device.width and device.height'),
+        (CameraCapture, {'device.width': 0}, 'set rig, or device.width and device.height'),
         (CameraCapture, {'rig': 'RIG', 'device.fourcc': 'MJPEG'}, 'has not four characters'),
         (CameraCapture, {'rig': 'RIG', 'device.stamps': 'middle'}, 'give auto or start or end'),
     ],

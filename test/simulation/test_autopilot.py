@@ -9,11 +9,9 @@ import time
 
 import numpy as np
 import pytest
-import yaml
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.spatial.transform import Rotation
 
-from ftp_dent_ros.files import find
 from ftp_dent_ros.simulation.autopilot import main
 from ftp_dent_ros.simulation.world import read_world
 
@@ -174,26 +172,6 @@ def test_gps_says_where_it_truly_is_and_the_rest_what_is_estimated(client):
     assert fix.time_usec % 200_000 == 0
     assert abs(fix.lat - estimate.lat) < 100 and abs(fix.alt - estimate.alt) < 200
     assert 1e-7 * fix.lat == pytest.approx(47.45 + 7.5 / 111_319, abs=1e-4)
-
-
-def test_what_others_do_can_be_in_the_scene(tmp_path):
-    scene = yaml.safe_load(find('shipped:scene.yaml').read_text())
-    scene['autopilot']['faults'] = {'rerated_every': 0.5, 'triggers_every': 0.5}
-    (tmp_path / 'scene.yaml').write_text(yaml.safe_dump(scene))
-    client = Client('--scene', str(tmp_path / 'scene.yaml'))
-    try:
-        client.receive('GPS_GLOBAL_ORIGIN')
-        assert client.ask(ATTITUDE, 20_000) == mavlink.MAV_RESULT_ACCEPTED
-        last, step = client.receive('ATTITUDE_QUATERNION').time_boot_ms, 0
-        while step != 500:
-            now = client.receive('ATTITUDE_QUATERNION').time_boot_ms
-            last, step = now, now - last
-        shot = client.receive('COMMAND_LONG')
-        assert (shot.target_system, shot.target_component) == (0, 0)
-        assert (shot.command, shot.param3) == (mavlink.MAV_CMD_IMAGE_START_CAPTURE, 1)
-        assert shot.param4 > 0
-    finally:
-        client.close()
 
 
 def test_a_clock_of_many_days_wraps():

@@ -25,7 +25,7 @@ from ftp_dent_ros.simulation import (
     Wave,
 )
 from ftp_dent_ros.simulation.dents import Gaussian
-from ftp_dent_ros.simulation.sensor import expose
+from ftp_dent_ros.simulation.sensor import read_out
 from ftp_dent_ros.simulation.view import see
 
 # Kinds of their features.
@@ -60,7 +60,7 @@ class Scene:
         theirs = self.image[::2, ::2][self.seen].ravel()
         ours = 255 * np.moveaxis(light, 0, -1)[::2, ::2][self.seen].ravel()
         light *= np.float32(ours @ theirs / (ours @ ours))
-        return expose(light, photometry, np.random.default_rng(0)).astype(float)
+        return read_out(light, photometry, np.random.default_rng(0)).shown().astype(float)
 
 
 def _panel(numbers, index, features):

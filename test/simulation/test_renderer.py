@@ -201,7 +201,7 @@ def test_a_panel_casts_a_shadow_on_the_one_behind(rig, pattern, noiseless):
 
 def test_the_same_seed_gives_the_same_photograph(rig, pattern):
     _, surface = both()
-    photometry = Photometry(speckle_contrast=0.1, phase_noise_px=0.1)
+    photometry = Photometry(phase_noise_px=0.1)
     renderer = Renderer(rig, pattern.draw(), photometry)
     first, again, other = (renderer.render(surface, np.random.default_rng(s)) for s in (1, 1, 2))
     assert (first == again).all()

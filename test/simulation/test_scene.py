@@ -97,18 +97,6 @@ def test_a_livery_of_two_tones_has_a_sharp_diagonal(world_of, rig, pattern):
     np.testing.assert_allclose(dark / bright, [0.0625, 0.125, 0.5], rtol=0.15)
 
 
-@pytest.mark.parametrize('contrast', [0.10, 0.15])
-def test_a_laser_projector_speckles(world_of, rig, pattern, contrast):
-    quiet = {'full_well': 1e12, 'read_noise': 0.0, 'psf_px': 0.0, 'exposure': 0.3}
-    plain, grainy = (
-        photograph(world_of([panel()], **quiet, speckle_contrast=c), rig, pattern, 255)
-        for c in (0.0, contrast)
-    )
-    ratio = grainy / plain
-    assert ratio.std() == pytest.approx(contrast, rel=0.1)
-    assert ratio.mean() == pytest.approx(1, abs=0.01)
-
-
 @pytest.mark.parametrize(
     'camera',
     [{'camera_gamma': 2.2}, {'bayer': True, 'jpeg_quality': 90}, {'projector_gamma': 2.2}],
@@ -149,20 +137,18 @@ def test_skins_marks_fittings_and_shapes_by_their_names(world_of):
         'dents': [{'shape': name, 'depth': 0.0005, **place, **size} for name in names],
         'paint': {'albedo': 0.7, 'marks': marks},
         'waves': [{'amplitude': 0.0001, 'wavelength': 0.1}],
-        'openings': [{**place, **size}],
         'sunlight': [{'level': 0.5, 'edge': [1, 0, 0], 'softness': 0.004}],
         'rivet_rows': [
             {'kind': kind, 'first': [0, 0], 'step': [0.02, 0], 'count': 2}
-            for kind in ('flush', 'domed', 'missing')
+            for kind in ('flush', 'domed')
         ],
-        'beads': [{**place, **size}],
     }
     (skin,) = world_of([panel(**fields)]).surface.panels
     assert len({type(dent.shape) for dent in skin.dents}) == 8
     assert [dent.kind for dent in skin.dents[-2:]] == ['crease', 'gouge']
     assert len(skin.paint.marks) == 7
-    assert len(skin.rivets) == 7
-    assert (len(skin.waves), len(skin.openings), len(skin.sunlight)) == (1, 1, 1)
+    assert len(skin.rivets) == 4
+    assert (len(skin.waves), len(skin.sunlight)) == (1, 1)
     fields['paint']['marks'][0]['contrast'] = 'much'
     with pytest.raises(ConfigurationError, match=r"marks\[0\]: contrast is 'much': give a finite"):
         world_of([panel(**fields)])

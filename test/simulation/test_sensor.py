@@ -1,11 +1,11 @@
-"""The sensor: noise, blur, gamma, colour filter, compression, speckle."""
+"""The sensor: noise, blur, gamma, colour filter, compression."""
 
 import cv2
 import numpy as np
 import pytest
 
 from ftp_dent_ros.simulation import Photometry
-from ftp_dent_ros.simulation.sensor import blur, expose, speckle
+from ftp_dent_ros.simulation.sensor import blur, read_out
 
 QUIET = Photometry(psf_px=0.0, full_well=1e15, read_noise=0.0)
 
@@ -26,7 +26,7 @@ def smooth_scene():
 def test_noise_is_shot_and_read_noise(level, full_well, read_noise):
     """Variance: the level's electrons, the reading, and a twelfth for whole grey levels."""
     photometry = Photometry(psf_px=0.0, full_well=full_well, read_noise=read_noise)
-    image = expose(even(level), photometry, np.random.default_rng(2)).astype(float)
+    image = read_out(even(level), photometry, np.random.default_rng(2)).shown().astype(float)
     expected = level * 255 / full_well + read_noise**2 + 1 / 12
     # The error of a variance of 150 000 values is 0.4 %.
     assert image.var() == pytest.approx(expected, rel=0.02)
@@ -39,8 +39,8 @@ def test_noise_is_shot_and_read_noise(level, full_well, read_noise):
 
 def test_levels_end_at_0_and_255():
     rng = np.random.default_rng(0)
-    assert (expose(even(400.0), Photometry(), rng) == 255).all()
-    assert expose(even(0.0), Photometry(), rng).max() <= 5
+    assert (read_out(even(400.0), Photometry(), rng).shown() == 255).all()
+    assert read_out(even(0.0), Photometry(), rng).shown().max() <= 5
 
 
 @pytest.mark.parametrize('gamma', [1.0, 1.8, 2.2])
@@ -48,7 +48,7 @@ def test_gamma_bends_the_levels(gamma):
     levels = np.array([0, 10, 100, 200, 255], float)
     signal = np.tile((levels / 255).astype(np.float32), (3, 4, 1))
     photometry = Photometry(psf_px=0.0, full_well=1e15, read_noise=0.0, camera_gamma=gamma)
-    image = expose(signal, photometry, np.random.default_rng(0))
+    image = read_out(signal, photometry, np.random.default_rng(0)).shown()
     expected = np.rint(255 * (levels / 255) ** (1 / gamma))
     assert (image[1, :, 1] == expected).all()
 
@@ -65,9 +65,9 @@ def test_blur_has_the_variance_asked_for_and_keeps_the_light(sigma):
 
 
 def test_colour_filter_keeps_a_smooth_scene_in_its_colours():
-    plain = expose(smooth_scene(), QUIET, np.random.default_rng(0))
+    plain = read_out(smooth_scene(), QUIET, np.random.default_rng(0)).shown()
     through = Photometry(psf_px=0.0, full_well=1e15, read_noise=0.0, bayer=True)
-    image = expose(smooth_scene(), through, np.random.default_rng(0))
+    image = read_out(smooth_scene(), through, np.random.default_rng(0)).shown()
     difference = np.abs(image.astype(int) - plain)[2:-2, 2:-2]
     assert difference.max() <= 4
     assert 0 < difference.mean() < 1
@@ -79,33 +79,19 @@ def test_colour_filter_keeps_a_smooth_scene_in_its_colours():
 
 def test_jpeg_harms_the_more_the_lower_its_quality():
     signal = smooth_scene()
-    plain = expose(signal, QUIET, np.random.default_rng(0)).astype(int)
+    plain = read_out(signal, QUIET, np.random.default_rng(0)).shown().astype(int)
     errors = []
     for quality in (95, 75, 20):
         photometry = Photometry(psf_px=0.0, full_well=1e15, read_noise=0.0, jpeg_quality=quality)
-        image = expose(signal, photometry, np.random.default_rng(0))
+        image = read_out(signal, photometry, np.random.default_rng(0)).shown()
         errors.append(np.abs(image - plain).mean())
     assert 0 < errors[0] < errors[1] < errors[2] < 8
     assert errors[0] < 1.5
 
 
 def test_the_image_is_rgb_and_whole():
-    image = expose(smooth_scene(), QUIET, np.random.default_rng(0))
+    image = read_out(smooth_scene(), QUIET, np.random.default_rng(0)).shown()
     assert image.dtype == np.uint8
     assert image.shape == (64, 96, 3)
     np.testing.assert_allclose(image[..., 0], 255 * smooth_scene()[0], atol=0.51)
     assert cv2.imencode('.png', image)[0]
-
-
-@pytest.mark.parametrize('contrast', [0.1, 0.15])
-def test_speckle_has_its_contrast_and_dims_nothing(contrast):
-    photometry = Photometry(speckle_contrast=contrast, speckle_size_px=0.5)
-    grains = speckle((3, 200, 300), photometry, np.random.default_rng(1)).astype(float)
-    assert grains.mean() == pytest.approx(1, abs=0.002)
-    assert grains.std() == pytest.approx(contrast, rel=0.02)
-    assert grains.min() > 0
-    neighbours = np.corrcoef(grains[0, :, 1:].ravel(), grains[0, :, :-1].ravel())[0, 1]
-    # A blur of half a pixel: grains are as large as pixels.
-    assert 0.1 < neighbours < 0.5
-    colours = np.corrcoef(grains[0].ravel(), grains[1].ravel())[0, 1]
-    assert abs(colours) < 0.02

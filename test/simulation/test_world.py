@@ -1,16 +1,19 @@
 """The world: the skin, the drone and the camera agree on where things are."""
 
 import dataclasses
+from itertools import pairwise
 
 import cv2
 import numpy as np
 import pytest
 import yaml
 
+from ftp_dent_ros.calibration.board import Board
 from ftp_dent_ros.errors import ConfigurationError, ImageError
 from ftp_dent_ros.files import find
+from ftp_dent_ros.rig.rig import read_rig
 from ftp_dent_ros.simulation.view import see
-from ftp_dent_ros.simulation.world import read_world
+from ftp_dent_ros.simulation.world import LiveWorld, read_world
 from ftp_dent_ros.yaml_file import read_yaml
 
 START_NS = 1_700_000_000_000_000_000
@@ -157,7 +160,7 @@ NUMBER = 'a finite number'
         (['panels', 0, 'pose', 'rpy'], [0, 0], 'pose: rpy is [0, 0]: give a list of 3 numbers'),
         (['panels', 0, 'pose', 'yaw'], 1, "pose: unknown field 'yaw': remove it"),
         (['panels', 0, 'colour'], 1, "panels[0]: unknown field 'colour': remove it"),
-        (['panels', 0, 'paint', 'albedo'], 1.5, 'paint: albedo is 1.5: give one or three numbers'),
+        (['panels', 0, 'paint', 'albedo'], 1.5, 'albedo is [1.5, 1.5, 1.5]: give one or three'),
         (['panels', 0, 'paint', 'albedo'], [1, 1], 'paint: albedo is [1, 1]: give one or three'),
         (['panels', 0, 'paint', 'edge'], [1], 'paint: edge is [1]: give a list of 3 numbers'),
         (['panels', 0, 'paint', 'roughness'], 2, 'paint: roughness is 2.0: give 0 (matt) to 1'),
@@ -177,8 +180,8 @@ NUMBER = 'a finite number'
         (['camera', 'exposure_time'], 2, 'camera: exposure_time is 2.0: give 0 to 1 second'),
         (['camera', 'seed'], -1, 'camera: seed is -1: give a whole number'),
         (['camera', 'gain'], 1, "camera: unknown field 'gain': remove it"),
-        (['photometry', 'read_noise'], -1, 'photometry: read_noise is -1: give a number'),
-        (['photometry', 'fog'], 1, 'photometry: fog is 1: give only ambient, bayer, '),
+        (['photometry', 'read_noise'], -1, 'photometry: read_noise is -1.0: give a number'),
+        (['photometry', 'fog'], 1, "photometry: unknown field 'fog': remove it"),
         (['weather'], 'fine', "unknown field 'weather': remove it"),
     ],
 )
@@ -194,3 +197,34 @@ def test_a_file_that_is_no_scene_is_refused(tmp_path):
             read_world(file)
     with pytest.raises(ConfigurationError, match=r'none\.yaml'):
         read_world(tmp_path / 'none.yaml')
+
+
+def test_a_board_is_moved_by_the_second_white_photograph_in_a_row(rig, pattern):
+    """As a capture takes them between two poses, and never amid the photographs of one."""
+    world = LiveWorld('shipped:board_scene.yaml', 0)
+    shipped = read_rig(find('shipped:rig.yaml'))
+    size = (shipped.projector.height, shipped.projector.width, 3)
+    white, black = np.full(size, 254, np.uint8), np.zeros(size, np.uint8)
+    board = Board(10, 7, 0.025)
+    corners = []
+    for image in (white, white, white, black, white, white):
+        photograph = world.photograph(shipped, image, 0)
+        if image is white:
+            corners.append(board.find(photograph.shown()[..., 1]))
+    moved = [np.abs(b - a).max() > 5 for a, b in pairwise(corners)]
+    assert moved == [True, False, False, True]
+
+
+def test_the_shipped_board_is_seen_whole_in_each_of_its_poses():
+    world, shipped = read_world('shipped:board_scene.yaml'), read_rig(find('shipped:rig.yaml'))
+    x, y = np.meshgrid(np.arange(10), np.arange(7))
+    corners = 0.025 * np.stack([x.ravel(), y.ravel(), np.zeros(70)], axis=-1)
+    assert len(world.board_poses) > 15
+    for pose in world.board_poses:
+        points = pose.apply(corners)
+        for lens, seen in (
+            (shipped.camera, points),
+            (shipped.projector, shipped.to_projector(points)),
+        ):
+            pixel = lens.project(seen)
+            assert (pixel > 5).all() and (pixel < [lens.width - 6, lens.height - 6]).all()
