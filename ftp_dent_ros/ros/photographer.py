@@ -21,6 +21,8 @@ from ftp_dent_ros.ros.qos import IMAGES, LATCHED_INPUT, PATTERNS
 
 # Nodes find each other within so many seconds; a photograph takes at most as long as its service.
 _DISCOVERY, _ANSWER = 15.0, 12.0
+# One that was killed is forgotten sooner, by the middleware's own measure.
+_FORGOTTEN = 25.0
 
 
 class Photographer:
@@ -70,7 +72,7 @@ class Photographer:
         """Wait until nobody else shows images: photographs would be of theirs."""
         self._until(
             lambda: self._node.count_publishers('projector/show') < 2,
-            25.0,  # one that was killed is forgotten sooner
+            _FORGOTTEN,
             'another program shows images on the projector (a calibration or preflight): end it',
         )
 
