@@ -46,19 +46,10 @@ _QUICKLY = (cv2.IMWRITE_PNG_COMPRESSION, 1)
 
 
 class CompressedBagWriter(BagWriter):
-    """A `BagWriter` that codes clouds and pictures; what cannot be coded is stored as it is.
+    """A `BagWriter` that codes clouds and pictures; what cannot be coded is stored as it is."""
 
-    Parameters
-    ----------
-    *arguments, **options
-        Of `BagWriter`.
-    quality : int
-        Of the pictures' JPEG.
-    """
-
-    def __init__(self, *arguments: Any, quality: int = 90, **options: Any) -> None:
+    def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
-        self._quality = quality
         self._given: dict[str, RecordedTopic] = {}
         self._lenses: dict[str, Lens] = {}
 
@@ -127,7 +118,7 @@ class CompressedBagWriter(BagWriter):
         bgr = np.ascontiguousarray(image_from_message(message)[..., ::-1])
         # A projector's pattern is small as PNG, and must be exact.
         few = bgr[:: max(1, bgr.shape[0] // 16)]
-        form, options = '.jpg', [cv2.IMWRITE_JPEG_QUALITY, self._quality]
+        form, options = '.jpg', [cv2.IMWRITE_JPEG_QUALITY, 90]
         if len(_encoded(few, '.png', [])) < len(_encoded(few, '.jpg', options)):
             form, options = '.png', []
         name = 'png' if form == '.png' else 'jpeg'
