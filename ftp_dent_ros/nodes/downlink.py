@@ -262,8 +262,12 @@ class Downlink(Node):
             return
         newest: deque[bytes] = deque(maxlen=1)
         qos = QoSProfile(depth=1)
-        kind_of_topic = message_class(topic.type)
-        self.create_subscription(kind_of_topic, topic.name, newest.append, qos, raw=True)
+        message_type = message_class(topic.type)
+
+        def keep(data: bytes) -> None:
+            newest.append(data)
+
+        self.create_subscription(message_type, topic.name, keep, qos, raw=True)
 
         def take() -> None:
             if newest:
