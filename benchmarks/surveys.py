@@ -38,7 +38,7 @@ from ftp_dent_ros.survey.information import COMMON
 from ftp_dent_ros.survey.joining import Joining
 from ftp_dent_ros.survey.patch import patch_of
 from ftp_dent_ros.survey.registration import register
-from ftp_dent_ros.survey.result import CoverageCells, Relief, SurveyedDent, SurveyResult
+from ftp_dent_ros.survey.result import CoverageCells, DentRelief, SurveyedDent, SurveyResult
 
 DISTANCE, STEP = 0.8, 0.045
 TOGETHER, STRIP = 3, 12
@@ -307,16 +307,16 @@ def _walk(rng: Random) -> Callable[[NDArray], NDArray]:
     return lambda flat: scale * field(flat)
 
 
-def _relief(rng: Random, depth: float, length: float, width: float, larger: float) -> Relief:
+def _relief(rng: Random, depth: float, length: float, width: float, larger: float) -> DentRelief:
     """The skin about a dent, seen from a little beside it."""
     columns, rows = (round((0.75 * size + 0.006) / POINT) for size in (length, width))
-    a, b = Relief(POINT, np.zeros((2 * rows + 1, 2 * columns + 1), np.float32)).places()
+    a, b = DentRelief(POINT, np.zeros((2 * rows + 1, 2 * columns + 1), np.float32)).places()
     x, y = (each + off for each, off in zip((a, b), rng.normal(0, PLACE, 2), strict=True))
     form = np.exp(-4 * np.log(10) * ((x / length) ** 2 + (y / width) ** 2))
     noise = gaussian_filter(rng.normal(size=a.shape), CORRELATED)
     noise *= NOISE * 2 * np.sqrt(np.pi) * CORRELATED
     heights = -(y**2) / (2 * RADIUS) - larger * depth * form + noise
-    return Relief(POINT, heights.astype(np.float32))
+    return DentRelief(POINT, heights.astype(np.float32))
 
 
 def _dent(
