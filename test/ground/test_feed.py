@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from ftp_dent_ros.errors import CodecError
-from ftp_dent_ros.ground.drone import Feed
+from ftp_dent_ros.ground.drone import Feed, Store
 from ftp_dent_ros.ground.pace import Pace
 from ftp_dent_ros.ground.protocol import (
     SILENCE,
@@ -22,7 +22,6 @@ from ftp_dent_ros.ground.protocol import (
     wrap,
 )
 from ftp_dent_ros.ground.station import Assembly
-from ftp_dent_ros.ground.store import Store
 
 GROUND = bytes(range(16))
 

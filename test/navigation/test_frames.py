@@ -54,13 +54,11 @@ def test_sign_of_a_turning_quaternion_stays_continuous() -> None:
 
 def test_world_vectors() -> None:
     assert_allclose(frames.enu_from_ned([1, 2, 3]), [2, 1, -3])
-    assert_allclose(frames.ned_from_enu([2, 1, -3]), [1, 2, 3])
     assert_allclose(frames.enu_from_ned([0, 0, -5]), [0, 0, 5])  # 5 m above the origin
 
 
 def test_body_vectors() -> None:
     assert_allclose(frames.flu_from_frd([1, 2, 3]), [1, -2, -3])
-    assert_allclose(frames.frd_from_flu([1, -2, -3]), [1, 2, 3])
     # Turning clockwise seen from above is positive yaw rate in FRD and negative in FLU.
     assert_allclose(frames.flu_from_frd([0, 0, 0.7]), [0, 0, -0.7])
 

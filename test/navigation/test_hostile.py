@@ -107,7 +107,7 @@ def test_no_wrong_tag_and_no_growth() -> None:
     for count in range(0, MESSAGES, AT_ONCE):
         for _ in range(AT_ONCE):
             for message in codec.messages(next(enemies), world.now):
-                roster.hear(message, world.at.steady)
+                roster.hear(message)
                 world.vehicle.receive(message, world.at)
         world.run(0.02)
         given += is_right(world, world.now - rng.randrange(100 * MS, S))

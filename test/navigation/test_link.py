@@ -280,7 +280,7 @@ def test_it_knows_who_is_on_the_link(connect) -> None:
     speakers = subject.link.speakers()
     vehicle, ground = speakers[1, 1], speakers[255, 190]
     assert vehicle.kind == 'quadrotor, ardupilotmega'
-    assert vehicle.counts['ATTITUDE_QUATERNION'] > 2 and vehicle.rate('HEARTBEAT') > 0
+    assert vehicle.messages > 2
     assert ground.kind == 'gcs'
 
 
