@@ -1,4 +1,4 @@
-"""Two hundred thousand messages that mean no good, amid those of a vehicle that flies on."""
+"""Fifty thousand messages that mean no good, amid those of a vehicle that flies on."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ftp_dent_ros.errors import PoseError
 from ftp_dent_ros.navigation.link import Roster
 from ftp_dent_ros.navigation.signing import Codec
 
-MESSAGES = 200_000
+MESSAGES = 50_000
 AT_ONCE = 200
 NAMES = [
     'HEARTBEAT',

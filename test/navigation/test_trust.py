@@ -113,6 +113,14 @@ def test_between_fixes_far_apart_the_tag_is_wider_or_there_is_none(gap, is_given
         assert refusal(world, stamp) == 'GPS not reported'
 
 
+def test_a_gps_that_grows_worse_widens_the_tag_at_once() -> None:
+    world = World().run(5)
+    before = deviations(world)[0]
+    world.gps = {'h_acc': 2800}
+    world.run(1)
+    assert before < 0.06 and deviations(world)[0] == pytest.approx(2.0, abs=0.05)
+
+
 @pytest.mark.parametrize(
     ('gps', 'axis', 'apart'),
     [
