@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 from tqdm import tqdm
 
-from ftp_dent_ros.dents.dent import Settings
+from ftp_dent_ros.dents.dent import SmallestDent
 from ftp_dent_ros.errors import FtpDentError
 from ftp_dent_ros.evaluation.detection import area_of, reconstructor_at, scene_of
 from ftp_dent_ros.inspection.measuring.inspection import inspect
@@ -42,7 +42,7 @@ def main() -> None:
     parser.add_argument('--smallest-depth', type=float, default=0.1, help='mm')
     arguments = parser.parse_args()
     cv2.setNumThreads(1)
-    settings = Settings(smallest_depth=arguments.smallest_depth / 1e3)
+    settings = SmallestDent(smallest_depth=arguments.smallest_depth / 1e3)
     table: dict[str, list[float]] = defaultdict(lambda: [0.0] * 5)
     said = []
     for step in tqdm(range(arguments.photographs), unit='photograph'):

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from ftp_dent_ros.cloud.cloud import Cloud
-from ftp_dent_ros.dents.dent import Settings
+from ftp_dent_ros.dents.dent import SmallestDent
 from ftp_dent_ros.errors import FtpDentError
 from ftp_dent_ros.evaluation.detection import detection, reconstructor_at, scene_of
 from ftp_dent_ros.evaluation.scenes import Scene
@@ -110,7 +110,7 @@ def rows_of(
     kind = distance, skin, light
     try:
         cloud = reconstructor_at(distance).measure(scene.photograph(index), True).cloud
-        seen = inspect(cloud, Settings(smallest_depth=least))
+        seen = inspect(cloud, SmallestDent(smallest_depth=least))
     except FtpDentError:
         gone = math.nan, 0.0, math.nan, math.inf, math.inf
         return kind, [(t.depth, t.width, 0.0, *gone) for t in truth], 0

@@ -33,7 +33,7 @@ import numpy as np
 from kind_scenes import CAMERA, PATTERN, by_contour, light
 from numpy.typing import NDArray
 
-from ftp_dent_ros.dents.dent import Settings as Looked
+from ftp_dent_ros.dents.dent import SmallestDent as Looked
 from ftp_dent_ros.evaluation.detection import DISTANCES, LIGHTS
 from ftp_dent_ros.evaluation.scenes import PATTERN as OF_TRIALS
 from ftp_dent_ros.evaluation.scenes import Scene, make_rig

@@ -37,8 +37,8 @@ from ftp_dent_ros.dents.dent import Estimate
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.simulation.world import read_world
 from ftp_dent_ros.survey.comparison import compare
-from ftp_dent_ros.survey.result import CoverageCells, Relief, SurveyedDent, SurveyResult
-from ftp_dent_ros.survey.store import Store
+from ftp_dent_ros.survey.result import CoverageCells, DentRelief, SurveyedDent, SurveyResult
+from ftp_dent_ros.survey.store import SurveyStore
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / 'test'))
 from dent_samples import make_dent
@@ -168,17 +168,17 @@ def survey(
     return SurveyResult(name, (), 0, 'map', tuple(dents), coverage=coverage)
 
 
-def relief(rng: np.random.Generator, sizes: tuple, larger: float, place: float) -> Relief:
+def relief(rng: np.random.Generator, sizes: tuple, larger: float, place: float) -> DentRelief:
     """The skin about a dent of a depth, length and width, seen from a little beside it."""
     depth, length, width = sizes
     columns, rows = (round((0.75 * size + 0.006) / POINT) for size in (length, width))
-    a, b = Relief(POINT, np.zeros((2 * rows + 1, 2 * columns + 1), np.float32)).places()
+    a, b = DentRelief(POINT, np.zeros((2 * rows + 1, 2 * columns + 1), np.float32)).places()
     x, y = (each + off for each, off in zip((a, b), rng.normal(0, place, 2), strict=True))
     form = np.exp(-4 * np.log(10) * ((x / length) ** 2 + (y / width) ** 2))
     noise = gaussian_filter(rng.normal(size=a.shape), CORRELATED)
     noise *= NOISE * 2 * np.sqrt(np.pi) * CORRELATED
     heights = -(y**2) / (2 * RADIUS) - larger * depth * form + noise
-    return Relief(POINT, heights.astype(np.float32))
+    return DentRelief(POINT, heights.astype(np.float32))
 
 
 def trial(seed: int, errors: Errors) -> Counter:
@@ -253,7 +253,7 @@ def rendered(folder: Path, seed: int) -> None:
             record_flight(folder / f'{name}_bag', seen, tqdm(stamps, unit='photograph'))
         words = [str(folder / f'{name}_bag'), '--output', str(folder / name), '--name', name]
         words += ['--store', str(folder / STORE), '--rig', 'shipped:rig.yaml']
-        if name not in Store(folder / STORE).names() and command(['survey', *words]):
+        if name not in SurveyStore(folder / STORE).names() and command(['survey', *words]):
             raise SystemExit(2)
     surveys = [f'{folder / STORE}:{name}' for name in ('before', 'after')]
     raise SystemExit(command(['compare', *surveys, '--output', str(folder / 'comparison')]))

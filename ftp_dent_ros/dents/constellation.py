@@ -31,8 +31,6 @@ _TRIED = 400
 # Natural logarithm of the odds from which on a match is believed: against none, and against all
 # others that put every dent elsewhere (20 to 1).
 _BELIEVED, _SURE = 0.0, 3.0
-# Square metres that a frame's dents are counted on, at least.
-_LEAST_AREA = 0.05
 
 Field = NDArray[np.float64]
 
@@ -189,7 +187,8 @@ def _judged(a, b, agree, possible, place, angle, move, shift, turn, tried):
         weight = place[i, j] ** -2.0
         angle, move = _fitted(a[i, :2], b[j, :2], weight, shift, turn)
     off = b[j, :2] - (_turned(a[i, :2], angle) + move)
-    density = len(a) / max(_area(a), _LEAST_AREA)
+    # Square metres that a frame's dents are counted on, at least.
+    density = len(a) / max(_area(a), 0.05)
     odds = -float((weight * (off**2).sum(axis=1) + agree[i, j]).sum()) / 2
     odds -= float(np.log(2 * math.pi * density / weight).sum())
     # What the pose says of the move, and what the fit takes of the places' freedom.

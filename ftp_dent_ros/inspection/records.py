@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from ftp_dent_ros.dents.rules import Finding, Rules, clearance, verdict, width_to_depth
+from ftp_dent_ros.dents.rules import Judgement, Rules, clearance, verdict, width_to_depth
 from ftp_dent_ros.dents.sightings import ListedDent
-from ftp_dent_ros.inspection.report import Frame, Report
+from ftp_dent_ros.inspection.report import InspectionReport, ReportedCloud
 from ftp_dent_ros.pages.words import finite, iso_time
 
 
-def report_record(report: Report) -> dict[str, Any]:
+def report_record(report: InspectionReport) -> dict[str, Any]:
     """The whole report; of numbers that are not finite, None."""
     rules = report.rules
     record = {
@@ -62,7 +62,7 @@ def list_record(entries: Sequence[ListedDent], rules: Rules | None = None) -> di
     }
 
 
-def dent_record(entry: ListedDent, findings: Sequence[Finding] = ()) -> dict[str, Any]:
+def dent_record(entry: ListedDent, findings: Sequence[Judgement] = ()) -> dict[str, Any]:
     """One dent: metres for its position, millimetres and degrees for what people read."""
     dent = entry.dent
     x, y, z = (float(value) for value in dent.position)
@@ -117,7 +117,7 @@ def csv_text(record: dict[str, Any]) -> str:
     return text.getvalue()
 
 
-def _frame_record(frame: Frame) -> dict[str, Any]:
+def _frame_record(frame: ReportedCloud) -> dict[str, Any]:
     pose = frame.pose
     return {
         'number': frame.number,

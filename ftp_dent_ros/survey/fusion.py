@@ -19,9 +19,6 @@ from ftp_dent_ros.survey.unrolled import Unrolled
 # Side of a pixel: narrower than the points of a cloud lie apart, metres.
 PIXEL = 0.001
 _LARGEST = 1 << 30  # pixels: what is never written takes no memory
-# Side of the square over which the scatter of several clouds is pooled, metres: it holds several
-# of the places over which noise is correlated, and no more than a dent.
-_POOLED = 0.015
 # Points that the way back to a cloud's grid is fitted to: about, and at least.
 _FITTED, _LEAST_POINTS = 1500, 20
 # Pixels about a cloud that its grid may reach into, and about the middle of a dent.
@@ -172,7 +169,9 @@ class Fusion:
         """What is told within a window."""
         weight, count = self._weight[window], self._count[window].astype(np.float32)
         several = count > 1
-        side = 2 * round(_POOLED / PIXEL / 2) + 1
+        # Side of the square over which the scatter of several clouds is pooled, metres: it holds
+        # several of the places over which noise is correlated, and no more than a dent.
+        side = 2 * round(0.015 / PIXEL / 2) + 1
         free = _pooled(np.where(several, count - 1, 0), side)
         ratio = _pooled(np.where(several, self._squares[window], 0), side) / np.maximum(free, 1e-6)
         stated = count / np.maximum(weight, 1)  # mean of the variances that the clouds tell

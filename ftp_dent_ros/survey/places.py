@@ -20,16 +20,11 @@ from scipy import fft
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rigid import moved
 from ftp_dent_ros.survey.alignment import Samples, of_paint
-from ftp_dent_ros.survey.patch import Patch
+from ftp_dent_ros.survey.patch import SkinPatch
 from ftp_dent_ros.survey.resampling import Grid
 
 # Standard deviations of the evidence against a place beyond which it is not the right one.
 _CLEARLY = 4.5
-# Points near each other err alike, and count as so many fewer: rendered rivets of four pitches,
-# and nothing else, tell their pitches apart by 1.8 standard deviations too often.
-_ALIKE = 3.3
-# Nearer than this they are one, metres: the cells in which places are looked for.
-_SAME = 0.003
 # Directions in which a patch slides on another, and steps until it lies there.
 _SLIDING, _STEPS = [0, 1, 5], 2
 
@@ -41,15 +36,6 @@ _CELL = 0.003
 _WITHIN, _LEAST_REACH, _MOST_REACH = 4.0, 0.006, 0.2
 # About the normal: what moves no mark farther than it is wide, radians.
 _TURN = 0.008
-# Of a guess that is right to less than this, metres, nothing is looked for: half of what the
-# coarse paint is smoothed by.
-_RIGHT = 0.001
-# Share of a cell that is known if it is.
-_KNOWN = 0.99
-# Of the smaller image, that has to overlap.
-_LEAST_OVERLAP = 0.1
-# Correlation that leaves no doubt that the turn is nearly right.
-_PLAIN = 0.6
 # A peak's correlation by the highest one's from which on both are looked at.
 _RIVAL = 0.6
 
@@ -101,7 +87,7 @@ class Place:
 
     @classmethod
     def at(
-        cls, first: Patch, samples: Samples, pose: Pose, near: Guess, rough: bool = False
+        cls, first: SkinPatch, samples: Samples, pose: Pose, near: Guess, rough: bool = False
     ) -> Place:
         """Look up what lies below the samples; roughly: by the coarse paint alone."""
         layer, values = (
@@ -120,7 +106,8 @@ class Place:
 
     def is_same(self, other: Place) -> bool:
         """Whether both are one place, found twice."""
-        return bool(np.hypot(*(self.shift - other.shift)) < _SAME)
+        # Nearer than this they are one, metres: the cells in which places are looked for.
+        return bool(np.hypot(*(self.shift - other.shift)) < 0.003)
 
     def evidence_against(self, other: Place) -> float:
         """Twice the logarithm of the odds of another place against this one.
@@ -134,11 +121,14 @@ class Place:
             gain = gain[np.isfinite(gain)]
             square = np.square(gain).sum()
             if square > 0:
-                evidence += gain.sum() * abs(gain.sum()) / (square * _ALIKE)
+                # Points near each other err alike, and count as so many fewer: rendered rivets of
+                # four pitches, and nothing else, tell their pitches apart by 1.8 standard
+                # deviations too often.
+                evidence += gain.sum() * abs(gain.sum()) / (square * 3.3)
         return float(evidence)
 
 
-def slid(first: Patch, samples: Samples, pose: Pose, centre: Array, held: Array) -> Pose:
+def slid(first: SkinPatch, samples: Samples, pose: Pose, centre: Array, held: Array) -> Pose:
     """Where the coarse paints lie on each other near a pose, as it slides and turns on the skin.
 
     Parameters
@@ -182,12 +172,14 @@ def not_worse(places: Iterable[Place], most: int) -> list[Place]:
 
 def is_right(doubt: NDArray[np.float64]) -> bool:
     """Whether a guess with a covariance of the shift and the turn needs no search."""
-    return bool(_WITHIN * np.sqrt(np.diag(doubt)[:2].max()) < _RIGHT)
+    # Of a guess that is right to less than this, metres, nothing is looked for: half of what the
+    # coarse paint is smoothed by.
+    return bool(_WITHIN * np.sqrt(np.diag(doubt)[:2].max()) < 0.001)
 
 
 def candidates(
-    first: Patch,
-    second: Patch,
+    first: SkinPatch,
+    second: SkinPatch,
     guess: Pose,
     centre: NDArray[np.float64],
     doubt: NDArray[np.float64],
@@ -210,7 +202,8 @@ def candidates(
     turns = turns[np.argsort(np.abs(turns), kind='stable')]
     found: list[tuple[float, NDArray[np.float64]]] = []
     for turn in turns:
-        if found and found[0][0] > _PLAIN:
+        # Correlation that leaves no doubt that the turn is nearly right.
+        if found and found[0][0] > 0.6:
             break
         pose = moved(guess, np.array([0, 0, 0, 0, 0, turn]), centre)
         for height, shift in _peaks(first, second, pose, reach):
@@ -225,7 +218,9 @@ def candidates(
     return [moved(guess, step, centre) for step in kept]
 
 
-def _peaks(first: Patch, second: Patch, pose: Pose, reach: NDArray) -> list[tuple[float, NDArray]]:
+def _peaks(
+    first: SkinPatch, second: SkinPatch, pose: Pose, reach: NDArray
+) -> list[tuple[float, NDArray]]:
     """Correlations and shifts of the maxima within reach that rival the highest one."""
     size = max(1, round(_CELL / first.pitch)) * first.pitch
     steps = np.ceil(reach / size).astype(int)
@@ -246,7 +241,8 @@ def _peaks(first: Patch, second: Patch, pose: Pose, reach: NDArray) -> list[tupl
         return whole[np.ix_(down % rows, across % columns)]
 
     count = correlated(2, 2)
-    least = _LEAST_OVERLAP * min(float(still[2][0, 0].real), float(others[2][0, 0].real))
+    # Of the smaller image, that has to overlap.
+    least = 0.1 * min(float(still[2][0, 0].real), float(others[2][0, 0].real))
     power = np.sqrt(np.maximum(correlated(1, 2) * correlated(2, 1), 1e-12))
     # Of two that are as alike, the one with more in common.
     value = np.where(count > max(least, 1), correlated(0, 0) / power, 0) * np.sqrt(
@@ -266,7 +262,7 @@ def _spectra(values: Grid, known: Grid) -> tuple[NDArray[np.complex64], ...]:
 
 @lru_cache(maxsize=4)
 def _spectra_of_first(
-    patch: Patch, size: float, shape: tuple[int, int]
+    patch: SkinPatch, size: float, shape: tuple[int, int]
 ) -> tuple[NDArray[np.complex64], ...]:
     """Spectra of the coarse paint of a patch, of its squares and of where it is known."""
     step = round(size / patch.pitch)
@@ -277,7 +273,12 @@ def _spectra_of_first(
 
 
 def _seen_by_first(
-    first: Patch, second: Patch, pose: Pose, size: float, steps: NDArray, shape: tuple[int, int]
+    first: SkinPatch,
+    second: SkinPatch,
+    pose: Pose,
+    size: float,
+    steps: NDArray,
+    shape: tuple[int, int],
 ) -> Grid:
     """Coarse paint of the second patch, and where it is known, on the grid of the first one.
 
@@ -300,7 +301,8 @@ def _seen_by_first(
     ]
     seen = np.stack(warped, axis=-1)
     # What lies beyond is not known; a cell beside it is not, either.
-    seen[..., 1] = seen[..., 1] > _KNOWN
+    # Share of a cell that is known if it is.
+    seen[..., 1] = seen[..., 1] > 0.99
     seen[..., 0] *= seen[..., 1]
     beyond = np.array([math.ceil(n / round(size / first.pitch)) for n in first.height.shape])
     last = beyond + 2 * steps[::-1]

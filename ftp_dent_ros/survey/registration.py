@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rigid import about, moved
 from ftp_dent_ros.robust import deviation
-from ftp_dent_ros.survey.alignment import Equations, Samples, equations, samples_of
+from ftp_dent_ros.survey.alignment import PairEquations, Samples, equations, samples_of
 from ftp_dent_ros.survey.information import (
     RelativePose,
     UnlikePairError,
@@ -18,7 +18,7 @@ from ftp_dent_ros.survey.information import (
     slid_information,
     told_by,
 )
-from ftp_dent_ros.survey.patch import Patch
+from ftp_dent_ros.survey.patch import SkinPatch
 from ftp_dent_ros.survey.places import Guess, Place, candidates, is_right, not_worse, slid
 
 # Share of the second cloud that has to lie on the first, and points; of the few that find the way.
@@ -26,27 +26,16 @@ LEAST_OVERLAP, _LEAST_POINTS, _LEAST_FEW = 0.15, 200, 50
 # Steps of least squares by few points, and the step that is small enough, metres and radians; the
 # last step is by all of them, and comes with what is told.
 _STEPS, _SHAPE_STEPS, _DONE = 8, 2, 5e-5
-# Heights' misfit by what the clouds state, above which they do not show one surface.
-_MOST_MISFIT = 25.0
-# Share of the points within three standard deviations, that both must have in common.
-_LEAST_ALIKE = 0.5
 # Standard deviations of a guess within which the truth lies.
 _GATE = 5.0
 _NO_PAINT = 'without a skin image: laid on each other by their shape alone'
 _NOWHERE = 'its paint is found nowhere on the other: by their shape alone'
 _AMBIGUOUS = 'its marks fit in more places than one: by their shape alone'
-# Places that are alike at first sight: more cannot all be judged.
-_MOST_PLACES = 32
-# As many that are as good as the best one are enough to give up.
-_MOST_RIVALS = 2
-# By how much a place may move along the skin as patches are laid on each other there: the cells
-# that it was found by, metres.
-_HELD = 0.003
 
 
 def register(
-    first: Patch,
-    second: Patch,
+    first: SkinPatch,
+    second: SkinPatch,
     guess: Pose,
     doubt: NDArray[np.float64],
     samples: Samples | None = None,
@@ -56,7 +45,7 @@ def register(
 
     Parameters
     ----------
-    first, second : Patch
+    first, second : SkinPatch
     guess : Pose
         Of the second camera in the first one's frame.
     doubt : ndarray, shape (6, 6)
@@ -114,8 +103,8 @@ def register(
 
 
 def _placed(
-    first: Patch, second: Patch, samples: Samples, near: Guess
-) -> tuple[Pose, Guess, Equations | None, str]:
+    first: SkinPatch, second: SkinPatch, samples: Samples, near: Guess
+) -> tuple[Pose, Guess, PairEquations | None, str]:
     """The pose by paint with its equations; or by shape alone, and why."""
     by_shape, places = near.pose, None
     if not is_right(near.doubt):
@@ -135,22 +124,26 @@ def _placed(
 
 
 def _by_paint(
-    first: Patch, samples: Samples, places: list[Pose] | None, near: Guess
+    first: SkinPatch, samples: Samples, places: list[Pose] | None, near: Guess
 ) -> tuple[Pose | None, str]:
     """The pose at which the paints lie on each other, unless there is none, or more than one."""
     few, pose = samples.few, near.pose
     loose = 1e-3 * np.linalg.inv(near.doubt).astype(float)
     if places is not None:
-        if len(places) > _MOST_PLACES:
+        # Places that are alike at first sight: more cannot all be judged.
+        if len(places) > 32:
             return None, _AMBIGUOUS
         # How high and how tilted they lie is the shape's to tell: a curved skin turns what slides
         # on it by far more than a guess is unsure of at its own place.
-        held = np.diag([1 / _HELD**2] * 2 + [0.0] * 3 + [loose[5, 5]])
+        # By how much a place may move along the skin as patches are laid on each other there: the
+        # cells that it was found by, metres.
+        held = np.diag([1 / 0.003**2] * 2 + [0.0] * 3 + [loose[5, 5]])
         slidden = [slid(first, few, each, near.centre, held) for each in places]
         rough = (Place.at(first, few, each, near, rough=True) for each in slidden)
         left = not_worse(rough, len(places))
         judged = (_judged(first, samples, each, near, held) for each in left)
-        left = not_worse(judged, _MOST_RIVALS)
+        # As many that are as good as the best one are enough to give up.
+        left = not_worse(judged, 2)
         if len(left) != 1:
             return None, _AMBIGUOUS if left else _NOWHERE
         pose = left[0].pose
@@ -158,7 +151,7 @@ def _by_paint(
 
 
 def _judged(
-    first: Patch, samples: Samples, place: Place, near: Guess, held: NDArray[np.float64]
+    first: SkinPatch, samples: Samples, place: Place, near: Guess, held: NDArray[np.float64]
 ) -> Place:
     """A place with the patches laid on each other there, by all samples."""
     try:
@@ -170,7 +163,7 @@ def _judged(
 
 
 def _solved(
-    first: Patch,
+    first: SkinPatch,
     samples: Samples,
     pose: Pose,
     centre: NDArray[np.float64],
@@ -199,7 +192,7 @@ def _laid(first, few, pose, centre, prior):
     return _solved(first, few, pose, centre, prior, with_paint=False, steps=_SHAPE_STEPS)
 
 
-def _centre(first: Patch, samples: Samples, pose: Pose) -> NDArray[np.float64]:
+def _centre(first: SkinPatch, samples: Samples, pose: Pose) -> NDArray[np.float64]:
     place = pose.apply(samples.heights)
     met = np.isfinite(first.looked_up(first.surface, place)[:, 0])
     if met.sum() < max(_LEAST_FEW, LEAST_OVERLAP * len(place)):
@@ -217,7 +210,7 @@ def _doubt_at(first, guess, doubt, centre):
 
 
 def _parallax(
-    first: Patch, second: Patch, pose: Pose, centre: NDArray[np.float64]
+    first: SkinPatch, second: SkinPatch, pose: Pose, centre: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Difference of the directions from which the centre is seen, shape (2,), patch's axes."""
     cameras = first.frame.inverse(), pose @ second.frame.inverse()
@@ -225,19 +218,21 @@ def _parallax(
     return views[1][:2] / views[1][2] - views[0][:2] / views[0][2]
 
 
-def _check(found: Equations, samples: Samples, remark: str) -> None:
+def _check(found: PairEquations, samples: Samples, remark: str) -> None:
     heights = ~found.is_paint
     if heights.sum() < max(_LEAST_POINTS, LEAST_OVERLAP * len(samples.heights)):
         raise UnlikePairError('they do not overlap')
-    if found.spread[0] > _MOST_MISFIT:
+    # Heights' misfit by what the clouds state, above which they do not show one surface.
+    if found.spread[0] > 25.0:
         raise UnlikePairError(
             f'their heights differ {found.spread[0]:.0f} times as much as they state'
         )
-    if np.mean(np.abs(found.residual[heights]) < 3) < _LEAST_ALIKE:
+    # Share of the points within three standard deviations, that both must have in common.
+    if np.mean(np.abs(found.residual[heights]) < 3) < 0.5:
         raise UnlikePairError('most of their heights differ')
 
 
-def _misfit(first: Patch, samples: Samples, pose: Pose) -> float:
+def _misfit(first: SkinPatch, samples: Samples, pose: Pose) -> float:
     place = pose.apply(samples.heights)
     here = first.looked_up(first.surface, place)
     off = place[:, 2] - here[:, 0]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros import __version__
 from ftp_dent_ros.cloud.cloud import Cloud
-from ftp_dent_ros.dents.dent import Estimate, Inspection, MeasuredDent, Settings
+from ftp_dent_ros.dents.dent import Estimate, Inspection, MeasuredDent, SmallestDent
 from ftp_dent_ros.dents.dent_list import DentList, position_covariance
 from ftp_dent_ros.dents.glass import sentence
 from ftp_dent_ros.dents.rules import Rules
@@ -21,7 +21,7 @@ from ftp_dent_ros.errors import BagError, CloudError, FtpDentError
 from ftp_dent_ros.inspection.bag import survey_bag
 from ftp_dent_ros.inspection.inspecting import Inspect, check_resolution
 from ftp_dent_ros.inspection.measuring.inspection import inspect
-from ftp_dent_ros.inspection.report import Report
+from ftp_dent_ros.inspection.report import InspectionReport
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.recording.clouds import BagCloud, bag_clouds
 from ftp_dent_ros.recording.reader import Bag
@@ -29,7 +29,7 @@ from ftp_dent_ros.rig.rig import Lens
 from ftp_dent_ros.survey.fusion import PIXEL, Fusion
 from ftp_dent_ros.survey.joining import Joining
 from ftp_dent_ros.survey.mosaic import Mosaic
-from ftp_dent_ros.survey.result import Relief, SurveyedDent, SurveyResult
+from ftp_dent_ros.survey.result import DentRelief, SurveyedDent, SurveyResult
 from ftp_dent_ros.survey.unrolled import Unrolled
 from ftp_dent_ros.survey.writing import skin_of
 
@@ -69,7 +69,7 @@ class Surveyed:
 def survey_bags(
     bags: Sequence[Bag],
     name: str = '',
-    settings: Settings | None = None,
+    settings: SmallestDent | None = None,
     rig_id: str = '',
     progress: Callable[[], Any] = lambda: None,
     remark: Callable[[str], Any] = lambda text: None,
@@ -80,7 +80,7 @@ def survey_bags(
     ----------
     bags : sequence of Bag
     name : str
-    settings : Settings, optional
+    settings : SmallestDent, optional
         The smallest dents that are looked for.
     rig_id : str
         Id of the calibration.
@@ -96,7 +96,7 @@ def survey_bags(
     CloudError
         No cloud can be used.
     """
-    settings = settings or Settings()
+    settings = settings or SmallestDent()
     joined = join_bags(bags, progress, remark)
     joining, poses = joined.joining, joined.poses
     skin = FusedSkin(bags, joined, progress)
@@ -143,7 +143,7 @@ def survey_bags(
     return Surveyed(result, mosaic, remarks, pairs, len(joining.graph.left_out))
 
 
-def _inspected(cloud: Cloud, settings: Settings) -> Inspection | None:
+def _inspected(cloud: Cloud, settings: SmallestDent) -> Inspection | None:
     try:
         return inspect(check_resolution(cloud), settings)
     except FtpDentError:
@@ -151,7 +151,7 @@ def _inspected(cloud: Cloud, settings: Settings) -> Inspection | None:
 
 
 @dataclass(frozen=True, eq=False)
-class Joined:
+class JoinedClouds:
     """Clouds, and where their cameras were.
 
     Attributes
@@ -200,7 +200,7 @@ def join_bags(
     bags: Sequence[Bag],
     progress: Callable[[], Any] = lambda: None,
     remark: Callable[[str], Any] = lambda text: None,
-) -> Joined:
+) -> JoinedClouds:
     """Join all clouds of all bags, which show one aircraft.
 
     Parameters
@@ -271,7 +271,7 @@ def join_bags(
             f'only {else_told} tells where they lie; record /skin too'
         )
     _tell_groups(joining, say)
-    return Joined(joining, frame_id or _OWN_FRAME, tuple(remarks))
+    return JoinedClouds(joining, frame_id or _OWN_FRAME, tuple(remarks))
 
 
 def _require_ties(joining: Joining, bags: Sequence[Bag]) -> None:
@@ -346,14 +346,14 @@ class FusedSkin:
     Parameters
     ----------
     bags : sequence of Bag
-    joined : Joined
+    joined : JoinedClouds
         Their clouds.
     progress : callable
         Called after each cloud.
     """
 
     def __init__(
-        self, bags: Sequence[Bag], joined: Joined, progress: Callable[[], Any] = lambda: None
+        self, bags: Sequence[Bag], joined: JoinedClouds, progress: Callable[[], Any] = lambda: None
     ) -> None:
         self._bags, self._joined = bags, joined
         self.mosaic, self._fusion = joined.mosaic(), joined.fusion()
@@ -387,7 +387,7 @@ class FusedSkin:
             covariance=self._joined.covariances_among_them[number],
         )
 
-    def relief(self, dent: MeasuredDent) -> Relief | None:
+    def relief(self, dent: MeasuredDent) -> DentRelief | None:
         """The skin about a dent; None where its sizes are not known."""
         if dent.is_cut or not (dent.length.is_measured and dent.width.is_measured):
             return None
@@ -395,11 +395,11 @@ class FusedSkin:
         spacing = max(PIXEL, 2 * float(halves.max()) / _POINTS)
         columns, rows = np.ceil(halves / spacing).astype(int)
         empty = np.full((2 * rows + 1, 2 * columns + 1), np.nan, np.float32)
-        a, b = Relief(spacing, empty).places()
+        a, b = DentRelief(spacing, empty).places()
         across = np.cross(dent.normal, dent.axis)
         plane = dent.position + a[..., None] * dent.axis + b[..., None] * across
         heights = (self._fusion.heights(plane) - dent.position) @ dent.normal
-        return Relief(spacing, heights.astype(np.float32))
+        return DentRelief(spacing, heights.astype(np.float32))
 
     def shown(self, item: BagCloud, found: Inspection | None) -> None:
         """Draw a prepared cloud into the picture, with what its inspection tells."""
@@ -435,9 +435,9 @@ def report_on_skin(
     rig: tuple[str, str] = ('', ''),
     camera: Lens | None = None,
     rules: Rules | None = None,
-    settings: Settings | None = None,
+    settings: SmallestDent | None = None,
     progress: Callable[[], Any] = lambda: None,
-) -> tuple[Report, Joined]:
+) -> tuple[InspectionReport, JoinedClouds]:
     """Join a bag's clouds, inspect each with what all tell of its place, and show the whole skin.
 
     Parameters
@@ -477,7 +477,7 @@ def report_on_skin(
     return replace(report, skin=skin_of(skin.mosaic, dents, facts, joined.remarks)), joined
 
 
-def _in_the_map(report: Report, joined: Joined) -> Report:
+def _in_the_map(report: InspectionReport, joined: JoinedClouds) -> InspectionReport:
     """Places with what all of them have in common: the error of the autopilot's poses."""
     frames = [
         frame

@@ -20,7 +20,7 @@ from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.dents.dent import Inspection
 from ftp_dent_ros.dents.rules import Limit, Rules
 from ftp_dent_ros.errors import CloudError, ConfigurationError
-from ftp_dent_ros.inspection.inspecting import Observation, Survey, viewpoint_of
+from ftp_dent_ros.inspection.inspecting import CloudInspector, SeenCloud, viewpoint_of
 from ftp_dent_ros.inspection.page import (
     facts_of,
     on_grid,
@@ -48,11 +48,11 @@ def cloud_of(surface, stride=1):
 
 
 def survey(surface=SKIN, frames=1, **captured):
-    clouds = Survey(TrueInspector(surface), frames)
+    clouds = CloudInspector(TrueInspector(surface), frames)
     photograph = np.full((120, 160, 3), 90, np.uint8)
     for number in range(frames):
         clouds.add(
-            Observation(f'cloud {number}', cloud_of(surface), photograph=photograph, **captured)
+            SeenCloud(f'cloud {number}', cloud_of(surface), photograph=photograph, **captured)
         )
     return clouds
 
@@ -125,9 +125,9 @@ def test_a_cloud_with_nothing_measured_is_still_a_report(tmp_path):
     def inspect(cloud, **_):
         return Inspection((), (), nothing, nothing)
 
-    clouds = Survey(inspect)
+    clouds = CloudInspector(inspect)
     empty = Cloud(np.full((20, 30, 3), np.nan, np.float32), np.zeros((20, 30), np.float32))
-    clouds.add(Observation('empty', empty))
+    clouds.add(SeenCloud('empty', empty))
     assert 'No dents' in write_report(tmp_path, clouds.report('x', 'y')).read_text()
 
 
@@ -161,9 +161,9 @@ def test_many_clouds_show_the_maps_of_those_alone_that_show_a_dent_best(tmp_path
 
 
 def test_clouds_without_poses_share_no_dents():
-    clouds = Survey(TrueInspector(SKIN), 2, placed=False)
+    clouds = CloudInspector(TrueInspector(SKIN), 2, placed=False)
     for name in 'ab':
-        clouds.add(Observation(name, cloud_of(SKIN)))
+        clouds.add(SeenCloud(name, cloud_of(SKIN)))
     report = clouds.report('bag', 'camera_optical_frame', rules=RULES)
     assert [entry.number for entry in sorted(report.dents, key=lambda e: e.number)] == [1, 2, 3, 4]
     assert all(len(entry.sightings) == 1 for entry in report.dents)
@@ -174,17 +174,17 @@ def test_a_cloud_that_cannot_be_inspected_is_named_with_its_reason():
     def inspect(cloud, **_):
         raise CloudError('all NaN: light it')
 
-    clouds = Survey(inspect)
-    assert clouds.add(Observation('third', cloud_of(SKIN))) is None
+    clouds = CloudInspector(inspect)
+    assert clouds.add(SeenCloud('third', cloud_of(SKIN))) is None
     assert clouds.report('x', 'y').refused == ('third: all NaN: light it',)
 
 
 @pytest.mark.parametrize('stride', [1, 2])
 def test_outlines_are_drawn_where_the_camera_sees_them(stride):
-    clouds = Survey(TrueInspector(SKIN))
+    clouds = CloudInspector(TrueInspector(SKIN))
     pose = Pose.from_rpy((0.3, -0.2, 1.0), (5, 6, 7))
     photograph = np.zeros((120, 160, 3), np.uint8)
-    clouds.add(Observation('x', cloud_of(SKIN, stride), pose=pose, photograph=photograph))
+    clouds.add(SeenCloud('x', cloud_of(SKIN, stride), pose=pose, photograph=photograph))
     report = clouds.report('x', 'map')
     view = report.frames[0].view
     outline = report.dents[0].dent.outline

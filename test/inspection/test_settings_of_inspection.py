@@ -1,6 +1,6 @@
 import pytest
 
-from ftp_dent_ros.dents.dent import Settings
+from ftp_dent_ros.dents.dent import SmallestDent
 from ftp_dent_ros.errors import ConfigurationError
 
 
@@ -8,4 +8,4 @@ from ftp_dent_ros.errors import ConfigurationError
 @pytest.mark.parametrize('name', ['smallest_depth', 'smallest_width'])
 def test_what_is_no_length_is_refused(name, value):
     with pytest.raises(ConfigurationError, match=name):
-        Settings(**{name: value})
+        SmallestDent(**{name: value})

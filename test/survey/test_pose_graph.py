@@ -13,7 +13,7 @@ from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rigid import changes, motions, spread_of_shift, twists
 from ftp_dent_ros.survey.information import RelativePose
 from ftp_dent_ros.survey.pose_graph import PoseGraph, Terms, solved
-from ftp_dent_ros.survey.pose_terms import Link, LinkTerms, Node, StatedTerms, distances
+from ftp_dent_ros.survey.pose_terms import LinkTerms, Node, PairLink, StatedTerms, distances
 
 STATED = np.diag([0.03**2] * 3 + [0.015**2] * 3)
 RADIUS = 2.0
@@ -182,7 +182,7 @@ def test_no_solution_fits_worse_than_where_it_began():
         if rng.random() < 0.2:
             off += rng.normal(0, [0, 0.02, 1e-3, 1e-3, 1e-3, 1e-3])
         pose = off_by(poses[first].inverse() @ poses[second], off)
-        links.append(Link(first, second, RelativePose(pose, CENTRE, told, 5, 0.6, 1e-6)))
+        links.append(PairLink(first, second, RelativePose(pose, CENTRE, told, 5, 0.6, 1e-6)))
     nodes = [Node(each, STATED, 0.5 * k, 0) for k, each in enumerate(stated)]
     terms = Terms(0, 24, LinkTerms.of(links, range(len(links))), StatedTerms.of(nodes, stated))
 

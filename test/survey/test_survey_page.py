@@ -12,7 +12,7 @@ from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.survey.aircraft_frame import aircraft_frame, read_reference_points
-from ftp_dent_ros.survey.store import Store
+from ftp_dent_ros.survey.store import SurveyStore
 
 # Of the survey's frame in the aircraft's, whose coordinates are typed: millimetres.
 AIRCRAFT = Pose.from_rpy((0.1, -0.2, 0.8), (12.0, -1.5, 3.0))
@@ -80,7 +80,7 @@ def test_picked_points_give_the_aircrafts_frame(surveyed, tmp_path, capsys):
         browser.close()
     points = tmp_path / 'points.yaml'
     points.write_text(text)
-    survey = Store(surveyed / 'aircraft.sqlite').read('spring')
+    survey = SurveyStore(surveyed / 'aircraft.sqlite').read('spring')
     frame = aircraft_frame(read_reference_points(points, survey))
     place = np.array(dents[0]['position'])
     np.testing.assert_allclose(frame.place(place)[0], AIRCRAFT.apply(place), atol=1e-4)
@@ -136,6 +136,6 @@ def test_points_without_coordinates_are_no_points_yet(surveyed, tmp_path):
         browser.close()
     assert '#   - {name: "point 1"' in text
     (tmp_path / 'points.yaml').write_text(text)
-    survey = Store(surveyed / 'aircraft.sqlite').read('spring')
+    survey = SurveyStore(surveyed / 'aircraft.sqlite').read('spring')
     with pytest.raises(ConfigurationError, match='points is no list'):
         read_reference_points(tmp_path / 'points.yaml', survey)
