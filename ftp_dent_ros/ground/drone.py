@@ -39,7 +39,7 @@ _POLL = 0.1  # seconds
 
 
 @dataclass(eq=False)
-class Kept:
+class StoredItem:
     """An item that is kept.
 
     Attributes
@@ -107,7 +107,7 @@ class Store:
         self._folder = folder
         self._limit = limit
         self._number = 0
-        self._kept: dict[Name, Kept] = {}
+        self._kept: dict[Name, StoredItem] = {}
         # What is not on disk.
         self._memory: dict[Name, bytes] = {}
         self._lock = threading.RLock()
@@ -127,17 +127,19 @@ class Store:
     def __len__(self) -> int:
         return len(self._kept)
 
-    def __iter__(self) -> Iterator[Kept]:
+    def __iter__(self) -> Iterator[StoredItem]:
         with self._lock:
             return iter(list(self._kept.values()))
 
-    def put(self, item: Item) -> Kept:
+    def put(self, item: Item) -> StoredItem:
         """Keep an item, and drop what it takes the place of."""
         data = item.pack()
         with self._lock:
             self._number += 1
             name = Name(self.boot, self._number)
-            kept = Kept(name, item.importance, item.stamp_ns, item.topic, len(data), item.latest)
+            kept = StoredItem(
+                name, item.importance, item.stamp_ns, item.topic, len(data), item.latest
+            )
             if kept.is_replaced:
                 for other in self:
                     if other.topic == item.topic and not other.begun:
@@ -154,7 +156,7 @@ class Store:
                 self.dropped += 1
         return kept
 
-    def read(self, kept: Kept) -> bytes | None:
+    def read(self, kept: StoredItem) -> bytes | None:
         """Bytes of an item, or None if it is no longer there."""
         data = self._memory.get(kept.name)
         if data is not None or kept.gone:
@@ -168,7 +170,7 @@ class Store:
             return None
         return data
 
-    def remove(self, kept: Kept) -> None:
+    def remove(self, kept: StoredItem) -> None:
         """Forget an item that is delivered or of no more use."""
         with self._lock:
             if self._kept.pop(kept.name, None) is None:
@@ -184,12 +186,12 @@ class Store:
         """How many items of an importance are kept."""
         return sum(kept.importance == importance for kept in self)
 
-    def _path(self, kept: Kept) -> Path:
+    def _path(self, kept: StoredItem) -> Path:
         assert self._folder is not None
         stem = f'{int(kept.importance)}_{kept.stamp_ns}_{kept.name.boot:x}_{kept.name.number}'
         return self._folder / f'{stem}.item'
 
-    def _write(self, kept: Kept, data: bytes) -> None:
+    def _write(self, kept: StoredItem, data: bytes) -> None:
         """Write an item; if the disk is full it stays in memory as long as there is room."""
         path = self._path(kept)
         aside = path.with_suffix('.part')
@@ -214,7 +216,7 @@ class Store:
         if match is None or size > LARGEST_ITEM:
             return
         name = Name(int(match[3], 16), int(match[4]))
-        self._kept[name] = Kept(name, Importance(int(match[1])), int(match[2]), '', size)
+        self._kept[name] = StoredItem(name, Importance(int(match[1])), int(match[2]), '', size)
         self.size += size
 
 
@@ -222,7 +224,7 @@ class Store:
 class _Progress:
     """How far an item is sent: what is still to be sent of its bytes as they cross the air."""
 
-    kept: Kept
+    kept: StoredItem
     data: bytes
     gaps: list[tuple[int, int]]
     whole: bytes
@@ -230,9 +232,9 @@ class _Progress:
 
 
 @dataclass(frozen=True)
-class _UnderWay:
+class _InFlight:
     sequence: int
-    kept: Kept
+    kept: StoredItem
     offset: int
     size: int
     mark: Mark
@@ -274,8 +276,8 @@ class Feed:
         self._now = now
         self._heard = now()
         self._sequence = 0
-        self._under_way: deque[_UnderWay] = deque()
-        self._waiting: list[tuple[int, int, Name, Kept]] = []
+        self._in_flight: deque[_InFlight] = deque()
+        self._waiting: list[tuple[int, int, Name, StoredItem]] = []
         self._crowded = _CROWD
         self._progress: dict[Name, _Progress] = {}
         # Of each topic whose items replace each other: its last one's turn, in order of sending.
@@ -291,10 +293,10 @@ class Feed:
         return self._now() - self._heard
 
     @property
-    def _bytes_under_way(self) -> int:
-        return sum(each.size for each in self._under_way)
+    def _bytes_in_flight(self) -> int:
+        return sum(each.size for each in self._in_flight)
 
-    def offer(self, kept: Kept) -> None:
+    def offer(self, kept: StoredItem) -> None:
         """An item is to be sent here."""
         kept.owed.add(self.ground)
         # One of each waits: topics take turns, or those with the newest stamps would be all.
@@ -313,7 +315,7 @@ class Feed:
             self.offer(progress.kept)
         self.former.append(self.instance)
         self.instance, self.link, self._sequence = instance, link, 0
-        self._under_way.clear()
+        self._in_flight.clear()
         self._progress.clear()
         self._references.clear()
 
@@ -324,8 +326,8 @@ class Feed:
         """
         self._lose_if_old()
         size = self.pace.piece
-        full = self._bytes_under_way + size > self.pace.window and self._under_way
-        if full or len(self._under_way) >= WINDOW or self.silence > SILENCE:
+        full = self._bytes_in_flight + size > self.pace.window and self._in_flight
+        if full or len(self._in_flight) >= WINDOW or self.silence > SILENCE:
             return None
         progress = self._choose()
         if progress is None:
@@ -351,22 +353,22 @@ class Feed:
         self._sequence += 1
         self.sent_pieces += 1
         was_full = bool(self._waiting or any(each.gaps for each in self._progress.values()))
-        if not self._under_way:
+        if not self._in_flight:
             self._last_news = self._now()
-        mark = self.pace.sent(size, not self._under_way)
-        self._under_way.append(_UnderWay(self._sequence, kept, start, size, mark, was_full))
+        mark = self.pace.sent(size, not self._in_flight)
+        self._in_flight.append(_InFlight(self._sequence, kept, start, size, mark, was_full))
         return piece, 0.0
 
-    def take(self, report: Report) -> list[Kept]:
+    def take(self, report: Report) -> list[StoredItem]:
         """Learn what has arrived; the items that are whole there now."""
         self._heard = self._now()
         if report.link != self.link:
             return []  # It has heard nothing of this feed yet.
-        done: list[Kept] = []
-        now, flights = self._now(), list(self._under_way)
+        done: list[StoredItem] = []
+        now, flights = self._now(), list(self._in_flight)
         # What stands before a piece in a queue holds it up, too.
-        overdue = self.pace.longest_trip + self._bytes_under_way / self.pace.rate
-        self._under_way.clear()
+        overdue = self.pace.longest_trip + self._bytes_in_flight / self.pace.rate
+        self._in_flight.clear()
         for flight in flights:
             age = report.sequence - flight.sequence
             if 0 <= age < WINDOW and report.received >> age & 1:
@@ -376,10 +378,10 @@ class Feed:
             elif age >= WINDOW or (age > 0 and now > flight.mark.sent_at + overdue):
                 self._send_again(flight)
             else:  # a later piece may have overtaken it
-                self._under_way.append(flight)
+                self._in_flight.append(flight)
         return done
 
-    def _arrived(self, flight: _UnderWay) -> list[Kept]:
+    def _arrived(self, flight: _InFlight) -> list[StoredItem]:
         progress = self._progress.get(flight.kept.name)
         if progress is None:
             return []
@@ -393,7 +395,7 @@ class Feed:
         kept.owed.discard(self.ground)
         return [kept]
 
-    def _send_again(self, flight: _UnderWay) -> None:
+    def _send_again(self, flight: _InFlight) -> None:
         self.lost += 1
         progress = self._progress.get(flight.kept.name)
         if progress is not None:
@@ -404,11 +406,11 @@ class Feed:
 
         The next time twice as much patience is had.
         """
-        patience = self.pace.patience(self._bytes_under_way) * 2**self._trials
-        if self._under_way and self._now() - self._last_news > min(patience, 5.0):
+        patience = self.pace.patience(self._bytes_in_flight) * 2**self._trials
+        if self._in_flight and self._now() - self._last_news > min(patience, 5.0):
             self._trials += 1
-            while self._under_way:
-                self._send_again(self._under_way.pop())
+            while self._in_flight:
+                self._send_again(self._in_flight.pop())
                 self._last_news = self._now()
 
     def _choose(self) -> _Progress | None:
@@ -431,7 +433,7 @@ class Feed:
                 return progress
         return first
 
-    def _deflate(self, kept: Kept, data: bytes) -> bytes:
+    def _deflate(self, kept: StoredItem, data: bytes) -> bytes:
         if kept.importance > Importance.PREVIEWS:
             return wrap(data)
         if kept.name.boot != self._store.boot:
@@ -464,7 +466,7 @@ class Drone:
         self._limit = limit
         self._store = Store(folder, room, secrets.randbits(63))
         self._feeds: dict[bytes, Feed] = {}
-        self._latest: dict[str, Kept] = {}
+        self._latest: dict[str, StoredItem] = {}
         self._changed = threading.Condition()
         self._stop = False
         self._threads: list[threading.Thread] = []

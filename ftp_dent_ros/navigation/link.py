@@ -186,7 +186,7 @@ Transport = _Udp | _Tcp | _Serial
 
 @dataclass
 class Speaker:
-    """One component on the link: what its heartbeat says that it is, and how much it sent."""
+    """One component on the link: its kind by its heartbeat, and how much it sent."""
 
     kind: str = 'no heartbeat'
     messages: int = 0
@@ -426,7 +426,7 @@ class Link:
                         self._send(message)
 
     def _receive(self, transport: Transport) -> bool:
-        """Take what has come; tell whether it was anything."""
+        """Take what has come; return whether it was anything."""
         has_come, commands = False, []
         # A flood must not stop the rest.
         for _ in range(100):

@@ -1,4 +1,4 @@
-"""The one autopilot that is believed: what it is asked, and what it says.
+"""The one autopilot that is believed: requests to it, and its poses.
 
 There is no socket, no thread and no clock in here, so that a flight can be replayed through it
 faster than it was flown.
@@ -342,7 +342,7 @@ class Vehicle:
         return self.identity[0] if self.identity else self._settings.system_id or 1
 
     def receive(self, message: Message, at: Instant) -> bool:
-        """Take a message from anybody; tell whether it is the autopilot's that is believed."""
+        """Take a message from anybody; return whether it is the autopilot's that is believed."""
         source = (message.get_srcSystem(), message.get_srcComponent())
         name = message.get_type()
         if self.identity is None and self._is_wanted(message, source, name):
