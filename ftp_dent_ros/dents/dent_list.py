@@ -28,8 +28,6 @@ _NEVER_BETTER = np.diag([1e-3**2] * 3 + [5e-4**2] * 3)
 
 # Chi of three axes that holds 99.7 %.
 GATE = 3.75
-# Off a known dent within a frame that is matched, metres, and as a part of the width.
-_PLACE, _OF_WIDTH = 2e-3, 0.06
 # Or farther, where its sizes agree, but no farther than this part of the way to the next dent:
 # frames that were put to each other over many others have drifted, metres.
 _FREE, _FARTHEST = 0.4, 20e-3
@@ -421,7 +419,8 @@ def _misfit(
         # Along the skin: the pose's error across it is not matched.
         apart = apart - dent.normal * (apart @ dent.normal)
         width = np.nan_to_num(min(dent.width.value, other.width.value))
-        gate = max(float(np.hypot(_PLACE, _OF_WIDTH * width)), reach)
+        # Off a known dent within a frame that is matched, metres, and as a part of the width.
+        gate = max(float(np.hypot(2e-3, 0.06 * width)), reach)
         return float(np.linalg.norm(apart)) / (gate + own)
     if not partly:
         return np.inf

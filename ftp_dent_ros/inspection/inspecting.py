@@ -27,9 +27,6 @@ from ftp_dent_ros.pages.drawing import jpeg
 from ftp_dent_ros.pose import IDENTITY, Pose
 from ftp_dent_ros.rig.rig import Lens
 
-# Of the 3-D view: in one cloud, and in all of them.
-_VERTICES, _ALL_VERTICES = 16_000, 120_000
-
 Inspect = Callable[..., Inspection]
 
 
@@ -65,7 +62,8 @@ class CloudInspector:
         # they give some 25 degrees of freedom, so the gauge study's standard deviations to a
         # seventh.
         self._every, self._come = math.ceil(max(clouds, 1) / 10), 0
-        self._vertices = max(400, min(_VERTICES, _ALL_VERTICES // max(clouds, 1)))
+        # Of the 3-D view: in one cloud, and in all of them.
+        self._vertices = max(400, min(16_000, 120_000 // max(clouds, 1)))
         self._lists: list[DentList] = []
         self._frames: list[ReportedCloud] = []
         self.refused: list[str] = []

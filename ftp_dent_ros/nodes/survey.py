@@ -25,7 +25,7 @@ from ftp_dent_ros.nodes.drawing import Drawing
 from ftp_dent_ros.nodes.matching import Matched, Matching, located
 from ftp_dent_ros.nodes.survey_parameters import declare
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.ros.coverage_messages import coverage_to_markers
+from ftp_dent_ros.ros.dent_messages import coverage_to_markers
 from ftp_dent_ros.ros.diagnostics import OK, WARN, Diagnostics
 from ftp_dent_ros.ros.messages import (
     cloud_from_message,

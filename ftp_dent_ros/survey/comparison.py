@@ -52,9 +52,6 @@ STATUSES: dict[Status, str] = {
 }
 # What is compared: these are damage; steps, bumps and what is none of these are not.
 DAMAGE = ('dent', 'crease', 'gouge')
-# A dent would have been found for certain if it is so many times as deep as the findable depth,
-# after twice its uncertainty: what the smallest width, on which that stands, may cost.
-_CERTAIN, _SURE = 1.5, 2.0
 # Standard deviations of a place in the other survey, around which it must have been looked at.
 _AROUND = 3.0
 
@@ -251,7 +248,9 @@ def _not_looked_at(
     if not np.isfinite(findable):
         return f'not all of its place was measured in the survey {survey.name}'
     findable = max(findable, survey.settings.smallest_depth)
-    if abs(depth.value) - _SURE * depth.uncertainty < _CERTAIN * findable:
+    # A dent would have been found for certain if it is so many times as deep as the findable
+    # depth, after twice its uncertainty: what the smallest width, on which that stands, may cost.
+    if abs(depth.value) - 2.0 * depth.uncertainty < 1.5 * findable:
         return (
             f'in the survey {survey.name} only dents from {findable * 1e3:.2f} mm depth on would '
             'have been found there'

@@ -19,8 +19,6 @@ from ftp_dent_ros.survey.unrolled import Gap, Unrolled, find_gaps
 
 # Side of a cell, and of the squares that a cloud has a sample of, metres.
 CELL, _SAMPLE = 0.01, 0.005
-# Points a side of a square that are enough, and of how many rows one tells how far apart they are.
-_A_SIDE, _ROWS = 2.5, 16
 # Cells that are drawn at most: poses may put clouds anywhere.
 _LARGEST = 1 << 26
 # Steps to either side of a footprint's middle, in a number of 16 bits.
@@ -54,9 +52,11 @@ class Footprint:
     @classmethod
     def of(cls, cloud: Cloud) -> Footprint:
         """A mean point of each square of the plane through a cloud that it has measured."""
-        apart = np.linalg.norm(np.diff(cloud.points[::_ROWS], axis=1), axis=-1)
+        # Points a side of a square that are enough, and of how many rows one tells how far apart
+        # they are.
+        apart = np.linalg.norm(np.diff(cloud.points[::16], axis=1), axis=-1)
         apart = apart[apart > 0]
-        every = max(1, int(_SAMPLE / _A_SIDE / np.median(apart))) if len(apart) else 1
+        every = max(1, int(_SAMPLE / 2.5 / np.median(apart))) if len(apart) else 1
         thinned = slice(None, None, every), slice(None, None, every)
         points = cloud.points[thinned][cloud.valid[thinned]].astype(float)
         middle = points.mean(axis=0)

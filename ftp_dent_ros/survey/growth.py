@@ -41,9 +41,6 @@ _ROUNDS = 20
 
 Array = NDArray[np.float64]
 
-# Of the dent's points, that both surveys must have; and so many beside it, by those of the dent.
-_LEAST_SHARE, _LEAST_BESIDE = 0.95, 0.3
-
 
 @dataclass(frozen=True)
 class Change:
@@ -287,7 +284,9 @@ def _fitted(
     known = np.isfinite(before) & np.isfinite(after)
     # Times the ellipse of the dent's sizes, from which on the skin is undeformed.
     ring = known & (far > 1.25)
-    if known[far < 1].mean() < _LEAST_SHARE or ring.sum() < _LEAST_BESIDE * (far < 1).sum():
+    # Of the dent's points, that both surveys must have; and so many beside it, by those of the
+    # dent.
+    if known[far < 1].mean() < 0.95 or ring.sum() < 0.3 * (far < 1).sum():
         return None
     mean = np.where(known, (before + after) / 2, np.nan)
     x, y = a / np.abs(a).max(), b / np.abs(b).max()

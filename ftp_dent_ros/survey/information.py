@@ -23,9 +23,6 @@ Array = NDArray[np.float64]
 
 # Strips each way, and squares as wide as a strip, that a direction takes at least to be told.
 _LEAST_STRIPS, _LEAST_SQUARES = 3, 12
-# What no pair is better known than, metres: points are rounded to single precision. And what
-# stands for nothing, beside what all strips tell.
-_LEAST, _NOTHING = 1e-7, 1e-9
 
 # Standard deviations of what calibrations leave (benchmarks/calibration.py): focal lengths and
 # baselines are off by 0.003 %, which stretches; 0.002 px that the camera or the projector is off
@@ -94,7 +91,9 @@ def told_by(found: PairEquations, centre: Array, parallax: Array) -> Told:
     # Marks lie in relief that the fringes do not resolve (grooves about rivets, edges of paint),
     # so that they move against the skin with the direction they are seen from: its depth, metres.
     moved = 1e-4 * kept[:2].T @ parallax
-    covariance = np.outer(moved, moved) + _LEAST**2 * np.eye(len(moved))
+    # What no pair is better known than, metres: points are rounded to single precision. And what
+    # stands for nothing, beside what all strips tell.
+    covariance = np.outer(moved, moved) + 1e-7**2 * np.eye(len(moved))
     for strips in ways:
         part = _products(weighted, other, strips)
         gradients = _summed((own + other) / 2 * pull, strips)
@@ -102,7 +101,7 @@ def told_by(found: PairEquations, centre: Array, parallax: Array) -> Told:
         step = -np.linalg.solve(inner, gradients.sum(axis=0))
         scores = gradients + part @ step
         # Without a strip that alone tells a direction, nothing does.
-        left = inner - part + _NOTHING * np.trace(inner) * np.eye(len(inner))
+        left = inner - part + 1e-9 * np.trace(inner) * np.eye(len(inner))
         moves = np.linalg.solve(left, scores[..., None])[..., 0]
         covariance = covariance + (count - 1) / count * moves.T @ moves
     information = kept @ np.linalg.inv(covariance) @ kept.T

@@ -45,9 +45,6 @@ _FREE_SHIFT, _FREE_TURN = 0.05, 0.02
 # Variance of a component that a metre of walk adds, square metres: from hundredths of a millimetre
 # (clouds laid on each other by their skin) to centimetres (by an autopilot).
 _WALKS = np.geomspace(1e-10, 1e-4, 13)
-# What is expected of it before there are dents: a millimetre over a metre, give or take a factor
-# of ten (natural logarithm of a variance).
-_EXPECTED, _GIVE_OR_TAKE = 1e-6, 4.6
 
 
 @dataclass(frozen=True, eq=False)
@@ -334,7 +331,9 @@ def fit(at: Array, shifts: Array, spreads: Array) -> Deformation:
         weights = cho_solve(factor, shifts)
         likelihood = -0.5 * float((shifts * weights).sum())
         likelihood -= 3 * float(np.log(np.diag(factor[0])).sum())
-        likelihood -= 0.5 * (float(np.log(walk / _EXPECTED)) / _GIVE_OR_TAKE) ** 2
+        # What is expected of it before there are dents: a millimetre over a metre, give or take a
+        # factor of ten (natural logarithm of a variance).
+        likelihood -= 0.5 * (float(np.log(walk / 1e-6)) / 4.6) ** 2
         if best is None or likelihood > best[0]:
             best = likelihood, Deformation(at - middle, middle, weights, factor, float(walk))
     assert best is not None

@@ -33,9 +33,6 @@ from ftp_dent_ros.survey.pose_terms import (
 # Standard deviations from what the autopilot says: farther off, no pair is believed. Autopilots
 # are surer of themselves than they are right, but not by as much.
 _FAR = 30.0
-# Poses that move as clouds come. All move where a pair with an earlier one strains them, but for a
-# rest of this share of them; and at once after so many clouds, and such a share.
-_WINDOW, _REST, _EVERY, _GROWN = 20, 0.02, 100, 0.25
 # Columns of the inverse that are solved for at once.
 _AT_ONCE = 600
 
@@ -114,13 +111,15 @@ class PoseGraph:
     def update(self) -> None:
         """Move the last poses, and all where that does not do, after a pose and its links came."""
         number = len(self.nodes) - 1
-        fixed = max(0, number - _WINDOW)
+        # Poses that move as clouds come. All move where a pair with an earlier one strains them,
+        # but for a rest of this share of them; and at once after so many clouds, and such a share.
+        fixed = max(0, number - 20)
         self.solve(fixed)
         newest = range(self.first_link(number), len(self.links))
         self._is_strained |= self.strained([k for k in newest if self.links[k].first < fixed])
         rested = number - self._all_moved
-        is_due = rested >= max(_EVERY, _GROWN * number)
-        if is_due or (self._is_strained and rested >= _REST * number):
+        is_due = rested >= max(100, 0.25 * number)
+        if is_due or (self._is_strained and rested >= 0.02 * number):
             self.solve()
             self._all_moved, self._is_strained = number, False
 

@@ -40,10 +40,6 @@ _OWN_FRAME = 'survey'
 # Parts of a skin whose sizes a sentence names.
 _SIZES = 8
 
-# Of the skin that is kept about a dent: times the dent's own sizes, metres beside them, and points
-# across, at most.
-_BEYOND, _BESIDE, _POINTS = 1.5, 0.006, 80
-
 
 @dataclass(frozen=True, eq=False)
 class Surveyed:
@@ -72,7 +68,6 @@ def survey_bags(
     settings: SmallestDent | None = None,
     rig_id: str = '',
     progress: Callable[[], Any] = lambda: None,
-    remark: Callable[[str], Any] = lambda text: None,
 ) -> Surveyed:
     """Make one skin of the clouds of all bags, which show one aircraft.
 
@@ -86,8 +81,6 @@ def survey_bags(
         Id of the calibration.
     progress : callable
         Called after each cloud, three times for each.
-    remark : callable
-        Called with each remark as it comes up.
 
     Raises
     ------
@@ -97,7 +90,7 @@ def survey_bags(
         No cloud can be used.
     """
     settings = settings or SmallestDent()
-    joined = join_bags(bags, progress, remark)
+    joined = join_bags(bags, progress)
     joining, poses = joined.joining, joined.poses
     skin = FusedSkin(bags, joined, progress)
     dents = DentList()
@@ -199,7 +192,6 @@ class JoinedClouds:
 def join_bags(
     bags: Sequence[Bag],
     progress: Callable[[], Any] = lambda: None,
-    remark: Callable[[str], Any] = lambda text: None,
 ) -> JoinedClouds:
     """Join all clouds of all bags, which show one aircraft.
 
@@ -208,8 +200,6 @@ def join_bags(
     bags : sequence of Bag
     progress : callable
         Called after each cloud.
-    remark : callable
-        Called with each remark as it comes up.
 
     Raises
     ------
@@ -220,10 +210,7 @@ def join_bags(
     """
     remarks: list[str] = []
 
-    def say(text: str) -> None:
-        remarks.append(text)
-        remark(text)
-
+    say = remarks.append
     joining = Joining(say)
     frame_id, known = '', set[int]()
     unplaced = without_covariance = 0
@@ -391,8 +378,10 @@ class FusedSkin:
         """The skin about a dent; None where its sizes are not known."""
         if dent.is_cut or not (dent.length.is_measured and dent.width.is_measured):
             return None
-        halves = np.array([dent.length.value, dent.width.value]) / 2 * _BEYOND + _BESIDE
-        spacing = max(PIXEL, 2 * float(halves.max()) / _POINTS)
+        # Of the skin that is kept about a dent: times the dent's own sizes, metres beside them,
+        # and points across, at most.
+        halves = np.array([dent.length.value, dent.width.value]) / 2 * 1.5 + 0.006
+        spacing = max(PIXEL, 2 * float(halves.max()) / 80)
         columns, rows = np.ceil(halves / spacing).astype(int)
         empty = np.full((2 * rows + 1, 2 * columns + 1), np.nan, np.float32)
         a, b = DentRelief(spacing, empty).places()
