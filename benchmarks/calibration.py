@@ -26,10 +26,10 @@ from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
 from ftp_dent_ros.calibration.board import Board
+from ftp_dent_ros.calibration.bundle import depth_slopes, depths
 from ftp_dent_ros.calibration.observing import Photographs, Sight, observe
 from ftp_dent_ros.calibration.sequence import Sequence
 from ftp_dent_ros.calibration.solving import Solution, solve
-from ftp_dent_ros.calibration.uncertainty import depth_slopes, depths
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.files import config_folder
 from ftp_dent_ros.pattern.pattern import Pattern

@@ -34,7 +34,7 @@ import numpy as np
 from kind_scenes import KINDS
 from tqdm import tqdm
 
-from ftp_dent_ros.calibration.verdict import turned
+from ftp_dent_ros.calibration.wall_check import turned
 from ftp_dent_ros.errors import RefusedFrameError
 from ftp_dent_ros.files import find
 from ftp_dent_ros.pattern.pattern import Pattern

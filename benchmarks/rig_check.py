@@ -20,8 +20,7 @@ from tqdm import tqdm
 
 from ftp_dent_ros.calibration.board import Board
 from ftp_dent_ros.calibration.board_check import check_by_board
-from ftp_dent_ros.calibration.verdict import Check, turned
-from ftp_dent_ros.calibration.wall_check import check
+from ftp_dent_ros.calibration.wall_check import Check, check, turned
 from ftp_dent_ros.errors import CalibrationError, RefusedFrameError
 from ftp_dent_ros.files import config_folder
 from ftp_dent_ros.pattern.file import read_pattern

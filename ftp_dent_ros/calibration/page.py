@@ -9,9 +9,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ftp_dent_ros.calibration.bundle import DISTORTIONS, rig_vector, rms
+from ftp_dent_ros.calibration.bundle import DISTORTIONS, depth_deviation, rig_vector, rms
 from ftp_dent_ros.calibration.solving import Solution
-from ftp_dent_ros.calibration.uncertainty import depth_deviation
 from ftp_dent_ros.files import written_aside
 from ftp_dent_ros.pages.drawing import data_uri, figure_png
 from ftp_dent_ros.pages.page import render

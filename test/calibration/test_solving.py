@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from ftp_dent_ros.calibration.board import Board
-from ftp_dent_ros.calibration.bundle import Model, rig_vector
+from ftp_dent_ros.calibration.bundle import Model, depth_deviation, depths, rig_vector
 from ftp_dent_ros.calibration.observing import Observation
 from ftp_dent_ros.calibration.page import write_page
 from ftp_dent_ros.calibration.solving import STEPS, solve
-from ftp_dent_ros.calibration.uncertainty import depth_deviation, depths
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.files import config_folder
 from ftp_dent_ros.pose import Pose

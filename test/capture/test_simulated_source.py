@@ -6,7 +6,7 @@ from itertools import count
 import numpy as np
 import pytest
 
-from ftp_dent_ros.capture.simulated import RenderedSource, SimulatedSource, write_rendered
+from ftp_dent_ros.capture.source import RenderedSource, SimulatedSource, write_rendered
 from ftp_dent_ros.errors import CameraError, ImageError
 from ftp_dent_ros.photograph.photograph import Photograph
 
