@@ -15,7 +15,6 @@ from scipy.spatial.transform import Rotation, Slerp
 from ftp_dent_ros.errors import PoseAwaitedError, PoseError
 from ftp_dent_ros.navigation import frames
 from ftp_dent_ros.navigation.settings import Instant, Settings
-from ftp_dent_ros.navigation.state import VehicleState
 from ftp_dent_ros.navigation.vehicle import Vehicle
 from ftp_dent_ros.pose import Pose
 
@@ -31,7 +30,8 @@ class Outcome:
     covariances: dict[int, np.ndarray] = field(default_factory=dict)
     refusals: dict[int, str] = field(default_factory=dict)
     stream: dict[int, Pose] = field(default_factory=dict)
-    state: VehicleState | None = None
+    vehicle: Vehicle | None = None
+    figures: dict[str, str] = field(default_factory=dict)
 
     def reasons(self) -> Counter[str]:
         return Counter(self.refusals.values())
@@ -66,7 +66,7 @@ def replay(
         if now > retry:
             retry = now + _RETRY
             waiting = [stamp for stamp in waiting if not _settled(vehicle, stamp, at, outcome)]
-    outcome.state = vehicle.state(at)
+    outcome.vehicle, outcome.figures = vehicle, vehicle.figures(at)
     return outcome
 
 

@@ -94,3 +94,20 @@ class Cloud:
     def transformed(self, pose: Pose) -> Cloud:
         """The same cloud in the parent frame of `pose`."""
         return replace(self, points=pose.apply(self.points))
+
+
+def check_resolution(cloud: Cloud) -> Cloud:
+    """The cloud, if its resolution can be true.
+
+    Raises
+    ------
+    CloudError
+        It cannot be: no window of a photograph is a metre wide.
+    """
+    largest = float(np.nanmax(cloud.resolution, initial=0.0))
+    if not largest < 1:
+        raise CloudError(
+            f'the cloud states a resolution of {largest:.3g} m, where less than 1 m can be: '
+            'correct its field resolution, in metres'
+        )
+    return cloud

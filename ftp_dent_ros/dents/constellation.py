@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
+from scipy.spatial.distance import cdist
 from scipy.special import logsumexp
 
 from ftp_dent_ros.dents.dent import MeasuredDent
@@ -98,18 +99,29 @@ def find_match(
     shift, turn = spread[:2, :2] + 1e-12 * np.eye(2), float(normal @ covariance[3:, 3:] @ normal)
     turn = math.sqrt(turn / (normal @ normal)) + 1e-6
     a, b = plane.flat(places), plane.flat(there)
-    # Twice the logarithm of how much less likely the sizes are of one dent than of two.
-    agree = agreement(seen, known) - 2 * coincidence(seen, known)
-    # Sightings of what the frame cuts have their centre anywhere.
-    whole = np.array([not d.is_cut for d in seen])[:, None] & [not d.is_cut for d in known]
     offset = b[None, :, :2] - a[:, None, :2]
     far = np.einsum('ijk,kl,ijl->ij', offset, np.linalg.inv(shift), offset)
     reach = np.linalg.norm(a[:, :2], axis=1)[:, None] * _GATE * turn
     slack = (reach / math.sqrt(np.linalg.eigvalsh(shift)[0])) if len(a) > 1 else 0.0
-    possible = np.isfinite(agree) & (np.sqrt(far) < _GATE + slack)
+    possible = np.sqrt(far) < _GATE + slack
     # What stands out and what is pushed in lie at about one height.
     possible &= np.abs(b[None, :, 2] - a[:, None, 2]) < _GATE * math.sqrt(spread[2, 2]) + 0.01
-    sizes = np.array([d.width.value for d in seen]), np.array([d.width.value for d in known])
+    # All else is of the known ones nearby: it costs the same however many there are.
+    near = np.flatnonzero(possible.any(axis=0))
+    if not len(near):
+        return None
+    nearby, there, b, possible = (
+        [known[int(k)] for k in near],
+        there[near],
+        b[near],
+        possible[:, near],
+    )
+    # Twice the logarithm of how much less likely the sizes are of one dent than of two.
+    agree = agreement(seen, nearby) - 2 * coincidence(seen, nearby, known)
+    possible &= np.isfinite(agree)
+    # Sightings of what the frame cuts have their centre anywhere.
+    whole = np.array([not d.is_cut for d in seen])[:, None] & [not d.is_cut for d in nearby]
+    sizes = np.array([d.width.value for d in seen]), np.array([d.width.value for d in nearby])
     place = np.hypot(_PLACE, _OF_WIDTH * np.nan_to_num(np.minimum(sizes[0][:, None], sizes[1])))
     rows, columns = np.nonzero(possible & whole)
     judged: list[Match] = []
@@ -125,7 +137,11 @@ def find_match(
     if rivals and best.odds - logsumexp(rivals) < _SURE:
         return None
     i, j = np.array(best.pairs).T
-    return replace(best, move=fit_move(places[i], there[j], place[i, j], pivot, covariance))
+    return Match(
+        fit_move(places[i], there[j], place[i, j], pivot, covariance),
+        tuple(zip(i.tolist(), near[j].tolist(), strict=True)),
+        best.odds,
+    )
 
 
 def _moves(a, b, rows, columns, place, turn):
@@ -197,6 +213,20 @@ def _fitted(ours, theirs, weight, shift, turn):
     return float(solution[0]), solution[1:]
 
 
+def _near(seen: Sequence[MeasuredDent], where: Field, pivot: Field, covariance: Field) -> Field:
+    """Mask of the places that `find_match` may pair with anything: by somewhat too many."""
+    if not len(seen) or not len(where):
+        return np.zeros(len(where), bool)
+    places = np.stack([dent.position for dent in seen])
+    middle = places.mean(axis=0)
+    turned = about(middle - pivot)
+    least, _, most = np.sqrt(np.linalg.eigvalsh(turned @ covariance @ turned.T).clip(1e-12))
+    turn = math.sqrt(np.linalg.eigvalsh(covariance[3:, 3:])[-1]) + 1e-6
+    extent = float(np.linalg.norm(places - middle, axis=1).max())
+    reach = 1.01 * _GATE * (2 * most + extent * turn * most / least) + 0.01
+    return cdist(where, places).min(axis=1) < reach
+
+
 def _tangent(origin: Field, normal: Field) -> _Plane:
     normal = normal / np.linalg.norm(normal)
     along = np.eye(3)[int(np.argmin(np.abs(normal)))]
@@ -258,12 +288,20 @@ def groups_shown(
     # This pose errs nearly as the one before; or both err, each by itself.
     ways = [(expected, (1 - _SHARED**2) * doubt)] if expected is not None else []
     ways.append((IDENTITY, 2 * doubt))
-    for group in sorted(known):
-        for start, spread in ways:
-            moved = dents if start is IDENTITY else [dent.transformed(start) for dent in dents]
-            match = find_match(moved, known[group], pivot, spread)
-            if match is not None:
-                found.append((match.odds, group, match.move @ start))
+    groups = sorted(known)
+    where = np.array([dent.position for group in groups for dent in known[group]]).reshape(-1, 3)
+    ends = np.cumsum([0, *(len(known[group]) for group in groups)])
+    starts = [
+        (moved, start, spread, _near(moved, where, pivot, spread))
+        for start, spread in ways
+        for moved in [dents if start is IDENTITY else [dent.transformed(start) for dent in dents]]
+    ]
+    for group, first, last in zip(groups, ends[:-1], ends[1:], strict=True):
+        for moved, start, spread, near in starts:
+            if near[first:last].any():
+                match = find_match(moved, known[group], pivot, spread)
+                if match is not None:
+                    found.append((match.odds, group, match.move @ start))
     best = {group: max(o for o, g, _ in found if g == group) for _, group, _ in found}
     found = [each for each in found if each[0] == best[each[1]]]
     found.sort(key=lambda each: -each[0])

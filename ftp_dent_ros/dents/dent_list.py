@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
-from scipy.spatial.distance import cdist
+from scipy.spatial import cKDTree
 
 from ftp_dent_ros.dents.constellation import expected_move, groups_shown
 from ftp_dent_ros.dents.dent import MeasuredDent, with_clearances
@@ -357,38 +357,53 @@ def paired(
     group: int,
 ) -> Indices:
     """Which dents, in their places, are which entries: one of the other at most."""
-    cost = np.full((len(dents), len(entries)), np.inf)
+    if not (len(dents) and len(entries)):
+        return []
+    free = _free([entry.dent for entry in entries])
+    thinkable = _thinkable(dents, entries, group)
+    # All else is of those nearby: it costs the same however many there are.
+    near = np.flatnonzero(thinkable.any(axis=0)).tolist()
+    nearby, thinkable = [entries[k] for k in near], thinkable[:, near]
+    cost = np.full(thinkable.shape, np.inf)
     if not cost.size:
         return []
-    known = [entry.dent for entry in entries]
-    free = _free(dents)[:, None], _free(known)
-    reach = np.minimum(_FARTHEST, _FREE * np.minimum(*free))
-    reach = np.where(np.isfinite(agreement(dents, known)), reach, 0.0)
-    thinkable = _thinkable(dents, known)
+    reach = np.minimum(_FARTHEST, _FREE * np.minimum(_free(dents)[:, None], free[near]))
+    alike = np.isfinite(agreement(dents, [entry.dent for entry in nearby]))
+    reach = np.where(alike, reach, 0.0)
     for row, (dent, sighting) in enumerate(zip(dents, sightings, strict=True)):
         for column in np.flatnonzero(thinkable[row]).tolist():
-            entry = entries[column]
-            near = reach[row, column] if entry.group == group else None
-            cost[row, column] = _misfit(dent, sighting, entry, near)
+            entry = nearby[column]
+            within = reach[row, column] if entry.group == group else None
+            cost[row, column] = _misfit(dent, sighting, entry, within)
     rows, columns = linear_sum_assignment(np.minimum(cost, 1.0))
-    return [(int(i), int(j)) for i, j in zip(rows, columns, strict=True) if cost[i, j] < 1.0]
+    return [(int(i), near[int(j)]) for i, j in zip(rows, columns, strict=True) if cost[i, j] < 1.0]
 
 
 def _free(dents: Sequence[MeasuredDent]) -> NDArray[np.float64]:
     """Distance of each dent's centre to the next one's, metres."""
     places = np.stack([dent.position for dent in dents])
-    apart = cdist(places, places)
-    np.fill_diagonal(apart, np.inf)
-    return apart.min(axis=1)
+    return cKDTree(places).query(places, k=2)[0][:, 1]
 
 
-def _thinkable(dents: Sequence[MeasuredDent], known: Sequence[MeasuredDent]) -> NDArray[np.bool_]:
-    """Mask of the pairs that are no farther apart than any pose errs and any dent is long."""
+def _thinkable(
+    dents: Sequence[MeasuredDent], entries: Sequence[Entry], group: int
+) -> NDArray[np.bool_]:
+    """Mask of the pairs that may be one dent by their places alone, shape (dents, entries)."""
+    known = [entry.dent for entry in entries]
     places, there = (np.stack([dent.position for dent in each]) for each in (dents, known))
     sizes, others = (
         np.nan_to_num([dent.length.value for dent in each]) for each in (dents, known)
     )
-    return cdist(places, there) < _ELSEWHERE + np.maximum(sizes[:, None], others)
+    longest = np.maximum(sizes[:, None], others)
+    apart = places[:, None] - there
+    normals = np.stack([dent.normal for dent in dents])[:, None]
+    along = apart - (apart * normals).sum(axis=-1, keepdims=True) * normals
+    # Somewhat more than the largest gate of `_misfit`.
+    near = np.linalg.norm(along, axis=-1) < 1.1 * _FARTHEST + 0.6 * longest
+    cut = np.array([d.is_cut for d in dents])[:, None] | np.array([d.is_cut for d in known])
+    same = np.array([entry.group == group for entry in entries])
+    far = np.linalg.norm(apart, axis=-1) > _ELSEWHERE + longest
+    return np.where(same, near, cut) & ~far
 
 
 def _misfit(dent: MeasuredDent, sighting: Sighting, entry: Entry, reach: float | None) -> float:

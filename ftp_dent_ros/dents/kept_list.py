@@ -15,7 +15,6 @@ from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.dents.dent import MeasuredDent, dent_from_plain, dent_to_plain
 from ftp_dent_ros.dents.dent_list import DentList
-from ftp_dent_ros.dents.glass import Spot
 from ftp_dent_ros.dents.sightings import ListedDent
 from ftp_dent_ros.errors import ConfigurationError, PoseError
 from ftp_dent_ros.pose import IDENTITY, Pose
@@ -134,17 +133,16 @@ class KeptList:
         """Every dent and whatever else was found, with its clearance."""
         return self._list.entries
 
+    def snapshot(self) -> DentList:
+        """The list as it is, which later changes leave alone; made at once, however long it is."""
+        return self._list.copy()
+
     def _forget(self) -> None:
         self._list = DentList()
         self._taken: list[Entry] = []
         # Its states before some clouds, and how all has been moved since.
         self._before: list[tuple[DentList, Pose]] = []
         self.frame_id, self.stamp_ns = '', 0
-
-    @property
-    def glass(self) -> tuple[Spot, ...]:
-        """Marks on a glass of the camera or the projector, which are not in the list."""
-        return self._list.glass
 
     @property
     def clouds(self) -> int:

@@ -191,17 +191,21 @@ def agreement(seen: Sequence[MeasuredDent], known: Sequence[MeasuredDent]) -> Fi
     return result
 
 
-def coincidence(seen: Sequence[MeasuredDent], known: Sequence[MeasuredDent]) -> Field:
+def coincidence(
+    seen: Sequence[MeasuredDent],
+    known: Sequence[MeasuredDent],
+    among: Sequence[MeasuredDent],
+) -> Field:
     """How rarely sizes of two different dents would lie as near to each other as two of one.
 
     Natural logarithm, shape (seen, known); 0 where nothing is known of the sizes, and where those
-    of the known ones are all alike. With half of `agreement` taken off, it is that of the
-    likelihood ratio of one dent against two.
+    of `among`, of which the known ones are some, are all alike. With half of `agreement` taken
+    off, it is that of the likelihood ratio of one dent against two.
     """
     result = np.zeros((len(seen), len(known)))
     for name, widest in _RANGES.items():
         _, spread, size = _compared(name, seen, known)
-        extent = min(widest, _range(name, known))
+        extent = min(widest, _range(name, among))
         result += np.log(np.fmax(extent * size / (math.sqrt(2 * math.pi) * spread), 1.0))
     return result
 

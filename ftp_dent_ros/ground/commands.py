@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-import queue
 import secrets
 import sys
 import threading
 import time
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,14 +22,7 @@ COMMANDS = {
     'stop_recording': 'end the recording',
     'take_list': 'take the list of dents',
 }
-WAY = 'command'
-# Answers that are given again to who asks again, and bytes of a request at most.
-_REMEMBERED = 64
-_LARGEST = 4096
-# A try, and all of them, seconds.
-_TRY, _PATIENCE = 4.0, 20.0
-
-_NAME = 'recorder'
+CHANNEL = 'command'
 # Seconds within which a recorder begins, also on a small computer that is busy.
 _BEGIN = 45.0
 
@@ -64,7 +57,7 @@ class Executive:
 
     def _answer(self, request: bytes) -> Answer:
         try:
-            if len(request) > _LARGEST:
+            if len(request) > 4096:
                 raise ValueError
             given = json.loads(request)
             name, key = given['command'], given['id']
@@ -78,17 +71,17 @@ class Executive:
         with self._lock:  # one after another
             if key not in self._answers:
                 self._answers[key] = self._does[name]()
-                while len(self._answers) > _REMEMBERED:
+                if len(self._answers) > 64:  # who asks again is given the same answer
                     self._answers.popitem(last=False)
             return self._answers[key]
 
 
-def command(link: Link, name: str, patience: float = _PATIENCE) -> Answer:
+def give_command(link: Link, name: str, patience: float = 20.0) -> Answer:
     """On the ground: give a command, again if need be, and say what became of it."""
     request = json.dumps({'command': name, 'id': secrets.token_hex(16)}).encode()
     end = time.monotonic() + patience
     while (left := end - time.monotonic()) > 0:
-        reply = link.ask(WAY, request, min(left, _TRY))
+        reply = link.ask(CHANNEL, request, min(left, 4.0))
         if reply is None:
             time.sleep(min(0.2, max(0.0, end - time.monotonic())))
             continue
@@ -120,11 +113,9 @@ class Recordings:
         self._bag: Path | None = None
         self._last = ''
         self._say = say
-        self._work: queue.Queue[tuple[Callable[[], Answer], queue.Queue[Answer]] | None]
-        self._work = queue.Queue()
         # Processes end with the thread that started them: it must live as long as this object.
-        self._thread = threading.Thread(target=self._run, name='recordings', daemon=True)
-        self._thread.start()
+        self._thread = ThreadPoolExecutor(1, 'recordings')
+        self._processes = Processes(self._show)
 
     @property
     def state(self) -> str:
@@ -133,27 +124,16 @@ class Recordings:
 
     def start(self) -> Answer:
         """Begin a recording of all topics."""
-        return self._do(self._start)
+        return self._thread.submit(self._start).result()
 
     def stop(self) -> Answer:
         """End the recording."""
-        return self._do(self._stop)
+        return self._thread.submit(self._stop).result()
 
     def close(self) -> None:
         """End the recording, if there is one, and the thread."""
-        self._work.put(None)
-        self._thread.join(15.0)
-
-    def _do(self, work: Callable[[], Answer]) -> Answer:
-        answer: queue.Queue[Answer] = queue.Queue()
-        self._work.put((work, answer))
-        return answer.get()
-
-    def _run(self) -> None:
-        with Processes(self._show) as self._processes:
-            while (task := self._work.get()) is not None:
-                work, answer = task
-                answer.put(work())
+        self._thread.submit(self._processes.stop)
+        self._thread.shutdown()
 
     def _show(self, _: str, line: str) -> None:
         self._last = line
@@ -165,13 +145,13 @@ class Recordings:
             return Answer(False, f'a recording runs already: {self._bag}')
         bag = self._folder / time.strftime('rosbag2_%Y_%m_%d-%H_%M_%S')
         words = ('-m', 'ftp_dent_ros.cli.main', 'record', '--all', '--output', str(bag))
-        self._processes.start(Program(_NAME, (sys.executable, *words)))
+        self._processes.start(Program('recorder', (sys.executable, *words)))
         end = time.monotonic() + _BEGIN
         while not bag.is_dir():
             if self._processes.ended(0.1):
                 return Answer(False, f'the recording could not begin: {self._last}')
             if time.monotonic() > end:
-                self._processes.stop(_NAME)
+                self._processes.stop('recorder')
                 return Answer(False, f'the recording did not begin within {_BEGIN:.0f} s')
         self._bag = bag
         return Answer(True, f'recording to {bag}')
@@ -181,7 +161,7 @@ class Recordings:
         if self._bag is None:
             return Answer(False, 'nothing is being recorded')
         bag, self._bag = self._bag, None
-        status = self._processes.stop(_NAME).get(_NAME, 0)
+        status = self._processes.stop('recorder').get('recorder', 0)
         if status:
             return Answer(False, f'the recording {bag} ended with an error: {self._last}')
         return Answer(True, f'recorded {self._last or bag}')

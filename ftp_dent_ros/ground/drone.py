@@ -12,29 +12,31 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ftp_dent_ros.errors import CodecError
-from ftp_dent_ros.ground import difference
-from ftp_dent_ros.ground.commands import WAY, Executive
+from ftp_dent_ros.ground.commands import CHANNEL, Executive
 from ftp_dent_ros.ground.link import Link
 from ftp_dent_ros.ground.pace import Mark, Pace
-from ftp_dent_ros.ground.protocol import REPLACED, WINDOW, Importance, Item, Name, Piece, Report
+from ftp_dent_ros.ground.protocol import (
+    LARGEST_REFERENCE,
+    REPLACED,
+    SILENCE,
+    WINDOW,
+    Importance,
+    Item,
+    Name,
+    Piece,
+    Report,
+    deflate,
+    wrap,
+)
 from ftp_dent_ros.ground.store import Kept, Store
 
-# Without a report for so long nothing more is sent.
-SILENCE = 3.0
-# Seconds that are waited at most for news of what is under way.
-_MOST_PATIENCE = 5.0
 _CROWD = 1000  # items in line before those that are gone are swept out
-
-# Grounds served at once; more are refused.
-_MOST_GROUNDS = 8
-# A ground that is silent for so long (s) is forgotten, and what it is owed goes to the next.
-_FORGOTTEN = 3600.0
-_POLL = 0.1
+_POLL = 0.1  # seconds
 
 
 @dataclass
 class _Progress:
-    """How far an item is sent: what was lost on the way, and where the rest begins."""
+    """How far an item is sent: what is still to be sent of its bytes as they cross the air."""
 
     kept: Kept
     data: bytes
@@ -82,14 +84,13 @@ class Feed:
         # Starts of the ground's program before this one.
         self.former: deque[int] = deque(maxlen=8)
         self.pace = pace
-        self.lost = self.sent_pieces = self.sent_bytes = 0
-        self.delivered: dict[Importance, int] = dict.fromkeys(Importance, 0)
+        self.is_forgotten = False
+        self.lost = self.sent_pieces = 0
         self._store = store
         self._now = now
         self._heard = now()
         self._sequence = 0
         self._under_way: deque[_UnderWay] = deque()
-        self._bytes_under_way = 0
         self._waiting: list[tuple[int, int, Name, Kept]] = []
         self._crowded = _CROWD
         self._progress: dict[Name, _Progress] = {}
@@ -105,10 +106,13 @@ class Feed:
         """Seconds since the last report."""
         return self._now() - self._heard
 
+    @property
+    def _bytes_under_way(self) -> int:
+        return sum(each.size for each in self._under_way)
+
     def offer(self, kept: Kept) -> None:
         """An item is to be sent here."""
         kept.owed.add(self.ground)
-        kept.claimed = True
         # One of each waits: topics take turns, or those with the newest stamps would be all.
         takes_turns = kept.importance in REPLACED
         order = self._turns.get(kept.topic, 0) if takes_turns else -kept.stamp_ns
@@ -119,16 +123,6 @@ class Feed:
             heapq.heapify(self._waiting)
             self._crowded = 2 * len(self._waiting) + _CROWD
 
-    @property
-    def waiting(self) -> dict[Importance, int]:
-        """How many items are still to be sent or acknowledged, by importance."""
-        counts = dict.fromkeys(Importance, 0)
-        for *_, kept in self._waiting:
-            counts[kept.importance] += not kept.gone
-        for progress in self._progress.values():
-            counts[progress.kept.importance] += 1
-        return counts
-
     def restart(self, instance: int, link: int) -> None:
         """The ground's program was started anew: what it had in part is lost."""
         for progress in self._progress.values():
@@ -136,7 +130,6 @@ class Feed:
         self.former.append(self.instance)
         self.instance, self.link, self._sequence = instance, link, 0
         self._under_way.clear()
-        self._bytes_under_way = 0
         self._progress.clear()
         self._references.clear()
 
@@ -173,13 +166,11 @@ class Feed:
             del progress.gaps[0]
         self._sequence += 1
         self.sent_pieces += 1
-        self.sent_bytes += size
         was_full = bool(self._waiting or any(each.gaps for each in self._progress.values()))
         if not self._under_way:
             self._last_news = self._now()
         mark = self.pace.sent(size, not self._under_way)
         self._under_way.append(_UnderWay(self._sequence, kept, start, size, mark, was_full))
-        self._bytes_under_way += size
         return piece, 0.0
 
     def take(self, report: Report) -> list[Kept]:
@@ -196,11 +187,9 @@ class Feed:
             age = report.sequence - flight.sequence
             if 0 <= age < WINDOW and report.received >> age & 1:
                 self._last_news, self._trials = now, 0
-                self._bytes_under_way -= flight.size
                 self.pace.acknowledged(flight.size, flight.mark, flight.was_full)
                 done += self._arrived(flight)
             elif age >= WINDOW or (age > 0 and now > flight.mark.sent_at + overdue):
-                self._bytes_under_way -= flight.size
                 self._send_again(flight)
             else:  # a later piece may have overtaken it
                 self._under_way.append(flight)
@@ -214,11 +203,11 @@ class Feed:
         if progress.acknowledged < len(progress.data):
             return []
         del self._progress[flight.kept.name]
-        if len(progress.whole) <= difference.LARGEST and flight.kept.name.boot == self._store.boot:
-            self._references[flight.kept.topic] = flight.kept.name.number, progress.whole
-        flight.kept.owed.discard(self.ground)
-        self.delivered[flight.kept.importance] += 1
-        return [flight.kept]
+        kept = flight.kept
+        if len(progress.whole) <= LARGEST_REFERENCE and kept.name.boot == self._store.boot:
+            self._references[kept.topic] = kept.name.number, progress.whole
+        kept.owed.discard(self.ground)
+        return [kept]
 
     def _send_again(self, flight: _UnderWay) -> None:
         self.lost += 1
@@ -232,12 +221,11 @@ class Feed:
         The next time twice as much patience is had.
         """
         patience = self.pace.patience(self._bytes_under_way) * 2**self._trials
-        if self._under_way and self._now() - self._last_news > min(patience, _MOST_PATIENCE):
+        if self._under_way and self._now() - self._last_news > min(patience, 5.0):
             self._trials += 1
             while self._under_way:
                 self._send_again(self._under_way.pop())
-            self._bytes_under_way = 0
-            self._last_news = self._now()
+                self._last_news = self._now()
 
     def _choose(self) -> _Progress | None:
         """Most important item with something to send; one that is begun is finished first."""
@@ -253,18 +241,18 @@ class Feed:
                 kept.begun = True
                 if kept.importance in REPLACED:
                     self._turns[kept.topic] = self._sequence + 1
-                sent = self._shortened(kept, data)
+                sent = self._deflate(kept, data)
                 progress = _Progress(kept, sent, [(0, len(sent))], data)
                 self._progress[kept.name] = progress
                 return progress
         return first
 
-    def _shortened(self, kept: Kept, data: bytes) -> bytes:
+    def _deflate(self, kept: Kept, data: bytes) -> bytes:
         if kept.importance > Importance.PREVIEWS:
-            return difference.as_it_is(data)
-        known = kept.name.boot == self._store.boot
-        number, reference = self._references.get(kept.topic, (0, b'')) if known else (0, b'')
-        return difference.shortened(data, number, reference)
+            return wrap(data)
+        if kept.name.boot != self._store.boot:
+            return deflate(data)
+        return deflate(data, *self._references.get(kept.topic, (0, b'')))
 
 
 class Drone:
@@ -297,7 +285,7 @@ class Drone:
         self._stop = False
         self._threads: list[threading.Thread] = []
         link.on('up', self._take)
-        link.answer(WAY, executive.reply)
+        link.answer(CHANNEL, executive.reply)
 
     def put(self, item: Item) -> None:
         """Send an item to all grounds, now or later; never waits for a link."""
@@ -308,11 +296,9 @@ class Drone:
                 if before is not None and not before.owed:
                     self._store.remove(before)
                 self._latest[item.topic] = kept
-            for ground, feed in list(self._feeds.items()):
-                if feed.silence > _FORGOTTEN:
-                    self._give_up(ground)
-                else:
-                    feed.offer(kept)
+            self._forget_grounds()
+            for feed in self._feeds.values():
+                feed.offer(kept)
             self._changed.notify_all()
 
     def rate(self) -> float:
@@ -387,16 +373,14 @@ class Drone:
             self._changed.notify_all()
 
     def _new_feed(self, report: Report) -> Feed | None:
-        for ground, feed in list(self._feeds.items()):
-            if feed.silence > _FORGOTTEN:
-                self._give_up(ground)
-        if len(self._feeds) >= _MOST_GROUNDS:
+        self._forget_grounds()
+        if len(self._feeds) >= 8:
             return None
         feed = Feed(
             report.ground, report.instance, secrets.randbits(32), self._store, Pace(self._limit)
         )
         for kept in self._store:
-            if not kept.claimed:
+            if not kept.owed:
                 feed.offer(kept)
         self._feeds[report.ground] = feed
         self._offer_latest(feed)
@@ -412,20 +396,21 @@ class Drone:
             if feed.ground not in kept.owed and not kept.gone:
                 feed.offer(kept)
 
-    def _give_up(self, ground: bytes) -> None:
-        feed = self._feeds.pop(ground)
-        for kept in self._store:
-            kept.owed.discard(ground)
-            if not kept.owed:
-                kept.claimed = False
-        feed.instance = -1
+    def _forget_grounds(self) -> None:
+        """What a ground is owed that has been silent for an hour goes to the next."""
+        for ground, feed in list(self._feeds.items()):
+            if feed.silence > 3600:
+                del self._feeds[ground]
+                feed.is_forgotten = True
+                for kept in self._store:
+                    kept.owed.discard(ground)
 
     def _send(self, feed: Feed) -> None:
         """Send what is next, in the feed's thread: it may wait for its connection, no other."""
-        way = f'down/{feed.ground.hex()}'
+        channel = f'down/{feed.ground.hex()}'
         while True:
             with self._changed:
-                if self._stop or feed.instance < 0:
+                if self._stop or feed.is_forgotten:
                     return
                 found = feed.next_piece()
                 if found is None:
@@ -435,4 +420,4 @@ class Drone:
             if wait > 0:
                 time.sleep(min(wait, _POLL))
                 continue
-            self._link.send(way, piece.pack())
+            self._link.send(channel, piece.pack())

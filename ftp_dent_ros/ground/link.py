@@ -25,20 +25,11 @@ from ftp_dent_ros.errors import ConfigurationError
 
 AUTHORITY = 'authority.pem'
 ROLES = ('drone', 'ground')
-_YEARS = 10
 
 PORT = 7447
-_ROOT = 'ftp_dent'
 _ADDRESS = re.compile(
     r'(?P<stream>tcp/)?(?P<host>\[[0-9a-fA-F:.]+\]|[^\s:/\[\]]+)(:(?P<port>\d{1,5}))?'
 )
-# ms without a sign of life after which a connection is given up: a new one is faster than a
-# stream's own patience, which doubles with each loss.
-_LEASE = 6000
-# ms for a connection to be made: of datagrams of the handshake one in some may be lost, and is not
-# sent again; that of keys is longer, and QUIC and TCP send it again.
-_OPEN, _OPEN_PLAIN = 4000, 1500
-_RETRY = {'period_init_ms': 100, 'period_max_ms': 500, 'period_increase_factor': 1.5}
 
 
 def is_here(host: str) -> bool:
@@ -89,7 +80,7 @@ def make_keys(folder: Path) -> list[Path]:
             .serial_number(x509.random_serial_number())
             # A drone's clock may be behind until it has a fix.
             .not_valid_before(now - datetime.timedelta(days=365))
-            .not_valid_after(now + datetime.timedelta(days=365 * _YEARS))
+            .not_valid_after(now + datetime.timedelta(days=3650))
         )
 
     authority = ec.generate_private_key(ec.SECP256R1())
@@ -238,7 +229,7 @@ class Link:
         if not re.fullmatch(r'\w+', name):
             raise ConfigurationError(f'{name!r} is no name of a link: give letters and digits')
         self._zenoh: Any = zenoh
-        self._base = f'{_ROOT}/{name}'
+        self._base = f'ftp_dent/{name}'
         self._held: list[Any] = []
         self._publishers: dict[str, Any] = {}
         where = endpoints(address, security, role)
@@ -250,38 +241,38 @@ class Link:
                 f'({str(reason).split(" at ")[0]}): check the address and the keys'
             ) from None
 
-    def send(self, way: str, data: bytes) -> None:
+    def send(self, channel: str, data: bytes) -> None:
         """Send a message; blocks while the connection takes no more."""
-        publisher = self._publishers.get(way)
+        publisher = self._publishers.get(channel)
         if publisher is None:
-            publisher = self._publishers[way] = self._session.declare_publisher(
-                f'{self._base}/{way}',
+            publisher = self._publishers[channel] = self._session.declare_publisher(
+                f'{self._base}/{channel}',
                 congestion_control=self._zenoh.CongestionControl.BLOCK,
                 priority=self._zenoh.Priority.INTERACTIVE_HIGH,
                 express=True,
             )
         publisher.put(data)
 
-    def on(self, way: str, take: Callable[[bytes], None]) -> None:
-        """Call `take` with each message of a way, in a thread of Zenoh's."""
+    def on(self, channel: str, take: Callable[[bytes], None]) -> None:
+        """Call `take` with each message of a channel, in a thread of Zenoh's."""
         self._held.append(
             self._session.declare_subscriber(
-                f'{self._base}/{way}', lambda sample: take(bytes(sample.payload))
+                f'{self._base}/{channel}', lambda sample: take(bytes(sample.payload))
             )
         )
 
-    def answer(self, way: str, reply: Callable[[bytes], bytes]) -> None:
+    def answer(self, channel: str, reply: Callable[[bytes], bytes]) -> None:
         """Answer requests, in a thread of Zenoh's."""
 
         def take(query: Any) -> None:
             given = bytes(query.payload) if query.payload is not None else b''
             query.reply(query.key_expr, reply(given))
 
-        self._held.append(self._session.declare_queryable(f'{self._base}/{way}', take))
+        self._held.append(self._session.declare_queryable(f'{self._base}/{channel}', take))
 
-    def ask(self, way: str, data: bytes, seconds: float) -> bytes | None:
+    def ask(self, channel: str, data: bytes, seconds: float) -> bytes | None:
         """Answer to a request, or None if there is none in that time."""
-        for reply in self._session.get(f'{self._base}/{way}', payload=data, timeout=seconds):
+        for reply in self._session.get(f'{self._base}/{channel}', payload=data, timeout=seconds):
             if reply.ok is not None:
                 return bytes(reply.ok.payload)
         return None
@@ -300,8 +291,12 @@ def _configuration(zenoh: Any, role: str, where: list[str], security: Security) 
         'mode': 'peer',
         'scouting/multicast/enabled': False,
         'scouting/gossip/enabled': False,
-        'transport/unicast/open_timeout': _OPEN if security.keys else _OPEN_PLAIN,
-        'transport/link/tx/lease': _LEASE,
+        # ms for a connection to be made: a datagram of the plain handshake is not sent again; that
+        # of keys is longer, and QUIC and TCP send it again.
+        'transport/unicast/open_timeout': 4000 if security.keys else 1500,
+        # ms without a sign of life after which a connection is given up: a new one is faster than
+        # a stream's own patience, which doubles with each loss.
+        'transport/link/tx/lease': 6000,
         'transport/link/tx/keep_alive': 3,
         # What waits in queues here cannot be overtaken.
         'transport/link/rx/max_message_size': 1 << 20,
@@ -314,7 +309,11 @@ def _configuration(zenoh: Any, role: str, where: list[str], security: Security) 
         settings['connect/endpoints'] = where
         settings['connect/exit_on_failure'] = False
         settings['connect/timeout_ms'] = -1
-        settings['connect/retry'] = _RETRY
+        settings['connect/retry'] = {
+            'period_init_ms': 100,
+            'period_max_ms': 500,
+            'period_increase_factor': 1.5,
+        }
     if security.keys is not None:
         side = 'listen' if role == 'drone' else 'connect'
         settings['transport/link/tls'] = {

@@ -11,16 +11,19 @@ from typing import Any, NamedTuple
 
 from ftp_dent_ros.errors import CodecError
 
+VERSION = 2
+# Bytes: a whole cloud is coded in 0.1 MB, a picture in 0.3.
+LARGEST_ITEM = 32 << 20
+# Bytes of an item that others may differ from: deflate looks back over no more than 32 kB.
+LARGEST_REFERENCE = 40_000
+WINDOW = 64  # pieces that may be under way: the bits of a report
+#: Without anything from the other end for so long (s) the link counts as lost.
+SILENCE = 3.0
 _HEAD = struct.Struct('<H')
 _END = struct.Struct('<I')
-# Bytes: names of topics and types are far shorter.
-_LARGEST_HEADER = 4096
-
-VERSION = 2
-# Bytes: a whole cloud is coded in 0.1 MB, a picture in 0.3; and what a datagram holds.
-LARGEST_ITEM = 32 << 20
-LARGEST_PIECE = 1 << 16
-WINDOW = 64  # pieces that may be under way: the bits of a report
+# The number of the item that one differs from, or one of these.
+_AS_IT_IS, _ALONE = 0, 0xFFFFFFFF
+_RAW = -15  # deflate without a header or checksum: the item has its own
 _PIECE = struct.Struct('<2sBBQIIIII')
 _REPORT = struct.Struct('<2sB16sQQQI')
 
@@ -99,7 +102,7 @@ class Item:
             raise CodecError("an item's checksum is wrong: ask for it again")
         (size,) = _HEAD.unpack_from(whole)
         try:
-            if size > _LARGEST_HEADER:
+            if size > 4096:  # names of topics and types are far shorter
                 raise ValueError
             header = json.loads(whole[2 : 2 + size])
             item = Item(
@@ -169,7 +172,7 @@ class Piece:
     @staticmethod
     def unpack(data: bytes) -> Piece:
         """Piece of its bytes; raises `CodecError` if they are none that could be."""
-        if not _PIECE.size < len(data) <= _PIECE.size + LARGEST_PIECE:
+        if not _PIECE.size < len(data) <= _PIECE.size + (1 << 16):  # what a datagram holds
             raise CodecError('a piece has an impossible size: it is refused')
         magic, version, _, boot, number, link, sequence, total, offset = _PIECE.unpack_from(data)
         _check(magic, b'FP', version)
@@ -234,3 +237,65 @@ def _check(magic: bytes, expected: bytes, version: int) -> None:
             f'the link speaks version {version}, this program {VERSION}: use the same version at '
             'both ends'
         )
+
+
+def deflate(whole: bytes, number: int = 0, reference: bytes = b'') -> bytes:
+    """Bytes of an item as they cross the air, deflated against one of the same topic before it.
+
+    Messages of a topic are alike: what the ground has already need not be sent again.
+
+    Parameters
+    ----------
+    whole : bytes
+        The item.
+    number : int
+        Of the item that the ground has; 0 for none.
+    reference : bytes
+        That item.
+    """
+    options = {'zdict': reference} if number else {}
+    writer = zlib.compressobj(9, zlib.DEFLATED, _RAW, 9, **options)  # type: ignore[arg-type]
+    short = writer.compress(whole) + writer.flush()
+    if len(short) >= len(whole):
+        return wrap(whole)
+    return _END.pack(number or _ALONE) + short
+
+
+def wrap(whole: bytes) -> bytes:
+    """Bytes to send of an item that is compressed in its own format."""
+    return _END.pack(_AS_IT_IS) + whole
+
+
+def read_reference(sent: bytes) -> int:
+    """Number of the item that `inflate` needs; 0 for none.
+
+    Raises
+    ------
+    CodecError
+        The bytes are cut short.
+    """
+    if len(sent) < _END.size:
+        raise CodecError('an item is cut short: it is refused')
+    (number,) = _END.unpack_from(sent)
+    return 0 if number == _ALONE else int(number)
+
+
+def inflate(sent: bytes, reference: bytes = b'') -> bytes:
+    """The item of `deflate`'s bytes.
+
+    Raises
+    ------
+    CodecError
+        The bytes are damaged, or claim to be of too large an item.
+    """
+    number = read_reference(sent)
+    if sent[: _END.size] == _END.pack(_AS_IT_IS):
+        return sent[_END.size :]
+    reader = zlib.decompressobj(_RAW, zdict=reference) if number else zlib.decompressobj(_RAW)
+    try:
+        whole = reader.decompress(sent[_END.size :], LARGEST_ITEM)
+    except zlib.error as reason:
+        raise CodecError(f'an item is damaged ({reason}): it is refused') from None
+    if not reader.eof:
+        raise CodecError('an item is damaged or too large: it is refused')
+    return whole

@@ -13,36 +13,34 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from ftp_dent_ros.errors import CodecError
-from ftp_dent_ros.ground import difference
-from ftp_dent_ros.ground.commands import Answer, command
+from ftp_dent_ros.ground.commands import Answer, give_command
 from ftp_dent_ros.ground.link import Link
-from ftp_dent_ros.ground.protocol import WINDOW, Item, Name, Piece, Report
+from ftp_dent_ros.ground.protocol import (
+    LARGEST_REFERENCE,
+    SILENCE,
+    WINDOW,
+    Item,
+    Name,
+    Piece,
+    Report,
+    inflate,
+    read_reference,
+)
 
-# Bounds of what a drone, or whoever speaks in its name, can make the ground hold.
-_MOST_BYTES = 64 << 20
-_MOST_ITEMS = 64
-_MOST_NAMES = 100_000
-# Topics, and items of each that the drone may refer to: more than can be under way when it learns
-# of the one that it has chosen.
-_MOST_TOPICS, _MOST_REFERENCES = 24, WINDOW
-
-# Seconds between reports while nothing comes (the drone takes three of silence for an outage), and
-# while pieces do.
-_IDLE, _PAUSE = 0.7, 0.005
+# Seconds that the rate is a mean of.
 _WINDOW = 10.0
-# Without anything from the drone for so long (s) the link is told as lost.
-_SILENCE = 3.0
 
 
 @dataclass
 class _Part:
     data: bytearray
     have: dict[int, int] = field(default_factory=dict)
-    count: int = 0
 
 
 class Assembly:
     """Puts items together and says what has come.
+
+    Its memory is bounded: a drone, or whoever speaks in its name, may send anything.
 
     Parameters
     ----------
@@ -50,16 +48,11 @@ class Assembly:
         16 bytes that name this ground.
     instance : int
         Of this program.
-    now : callable
-        Monotonic time, seconds.
     """
 
-    def __init__(
-        self, ground: bytes, instance: int, now: Callable[[], float] = time.monotonic
-    ) -> None:
-        self.pieces = self.repeated = self.bytes = 0
+    def __init__(self, ground: bytes, instance: int) -> None:
+        self.repeated = self.bytes = 0
         self._ground, self._instance = ground, instance
-        self._now = now
         self._parts: OrderedDict[Name, _Part] = OrderedDict()
         self._held = 0
         self._done: OrderedDict[Name, None] = OrderedDict()
@@ -77,7 +70,6 @@ class Assembly:
             here.
         """
         self._note(piece)
-        self.pieces += 1
         self.bytes += len(piece.data)
         if piece.name in self._done:
             self.repeated += 1
@@ -91,7 +83,9 @@ class Assembly:
         if not _is_whole(part):
             return None
         self._drop(piece.name)
-        self._finish(piece.name)
+        self._done[piece.name] = None
+        if len(self._done) > 100_000:
+            self._done.popitem(last=False)
         return self._item(piece.name, bytes(part.data))
 
     def report(self) -> Report:
@@ -104,13 +98,13 @@ class Assembly:
         return len(self._parts)
 
     def _item(self, name: Name, sent: bytes) -> Item:
-        number = difference.reference_number(sent)
+        number = read_reference(sent)
         reference = self._references.get(Name(name.boot, number), b'')
         if number and not reference:
             raise CodecError('an item differs from one that never came: it is refused')
-        whole = difference.lengthened(sent, reference)
+        whole = inflate(sent, reference)
         item = Item.unpack(whole)
-        if len(whole) <= difference.LARGEST:
+        if len(whole) <= LARGEST_REFERENCE:
             self._remember(name, item.topic, whole)
         return item
 
@@ -120,8 +114,9 @@ class Assembly:
         self._of_topic.move_to_end(topic)
         names.append(name)
         self._references[name] = whole
-        gone = [names.popleft()] if len(names) > _MOST_REFERENCES else []
-        if len(self._of_topic) > _MOST_TOPICS:
+        # More than can be under way when the drone learns of the one that it has chosen.
+        gone = [names.popleft()] if len(names) > WINDOW else []
+        if len(self._of_topic) > 24:
             gone += self._of_topic.popitem(last=False)[1]
         for each in gone:
             del self._references[each]
@@ -143,9 +138,7 @@ class Assembly:
             self._drop(piece.name)
             raise CodecError('pieces of one item disagree on its size: they are refused')
         if part is None:
-            while self._parts and (
-                self._held + piece.total > _MOST_BYTES or len(self._parts) >= _MOST_ITEMS
-            ):
+            while self._parts and (self._held + piece.total > 64 << 20 or len(self._parts) >= 64):
                 self._drop(next(iter(self._parts)))
             part = self._parts[piece.name] = _Part(bytearray(piece.total))
             self._held += piece.total
@@ -153,11 +146,6 @@ class Assembly:
 
     def _drop(self, name: Name) -> None:
         self._held -= len(self._parts.pop(name).data)
-
-    def _finish(self, name: Name) -> None:
-        self._done[name] = None
-        if len(self._done) > _MOST_NAMES:
-            self._done.popitem(last=False)
 
 
 def _is_whole(part: _Part) -> bool:
@@ -187,7 +175,7 @@ class Station:
 
     def __init__(self, link: Link, take: Callable[[Item], None], name: str = '') -> None:
         self.refused = self.items = 0
-        self._told: int | None = None
+        self._reported: int | None = None
         self._link = link
         self._hand_over = take
         ground = hashlib.sha256((name or socket.gethostname()).encode()).digest()[:16]
@@ -221,16 +209,16 @@ class Station:
                 'nothing has come from the drone yet: if it stays so, see whether the address is '
                 "the drone's, a downlink runs there, and the keys of both ends were made together"
             )
-        if self.silence > _SILENCE:
+        if self.silence > SILENCE:
             return 1, f'nothing has come from the drone for {self.silence:.0f} s'
         return 0, 'the link to the drone works'
 
     def change(self) -> str:
-        """What to tell of the link, once when it works or no longer does; else nothing."""
+        """Sentence on the link, once when it works or no longer does; else nothing."""
         level, text = self.summary()
-        if level == self._told:
+        if level == self._reported:
             return ''
-        self._told = level
+        self._reported = level
         return text
 
     def state(self) -> dict[str, str]:
@@ -245,7 +233,7 @@ class Station:
 
     def command(self, name: str) -> Answer:
         """Give the drone a command, and wait for what becomes of it."""
-        return command(self._link, name)
+        return give_command(self._link, name)
 
     def close(self) -> None:
         """Stop reporting and end the connection."""
@@ -276,9 +264,10 @@ class Station:
         """
         is_last = False
         while not is_last:
-            self._due.wait(_IDLE)
+            # The drone takes three seconds of silence for an outage.
+            self._due.wait(0.7)
             self._due.clear()
-            is_last = self._stop.wait(_PAUSE)
+            is_last = self._stop.wait(0.005)
             with self._lock:
                 report = self._assembly.report()
             with contextlib.suppress(Exception):  # a connection that is being made anew

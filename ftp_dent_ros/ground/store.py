@@ -3,22 +3,16 @@
 from __future__ import annotations
 
 import contextlib
-import errno
 import os
 import re
+import tempfile
 import threading
-from collections import OrderedDict
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from ftp_dent_ros.errors import CodecError, ConfigurationError
 from ftp_dent_ros.ground.protocol import LARGEST_ITEM, REPLACED, Importance, Item, Name
-
-_NAME = re.compile(r'(\d)_(\d+)_([0-9a-f]+)_(\d+)\.item')
-_CACHE = 16 << 20  # bytes of items kept in memory too
-_FULL = (errno.ENOSPC, errno.EDQUOT)
-_BLOCK = 4096  # bytes that a file takes at least
 
 
 @dataclass(eq=False)
@@ -36,9 +30,7 @@ class Kept:
         Bytes.
     latest : bool
     owed : set of bytes
-        Grounds that have not got it.
-    claimed : bool
-        Whether any ground has been promised it; who comes first gets what is not.
+        Grounds that it is promised to and that have not got it.
     begun, gone : bool
         Whether some of it has been sent, and whether it is kept no longer.
     """
@@ -50,20 +42,17 @@ class Kept:
     size: int
     latest: bool = False
     owed: set[bytes] = field(default_factory=set)
-    claimed: bool = False
     begun: bool = False
     gone: bool = False
 
     @property
-    def passing(self) -> bool:
+    def is_replaced(self) -> bool:
         """Whether the next one of its topic takes its place."""
         return self.latest or self.importance in REPLACED
 
 
 class Store:
     """Items by name, the least important and oldest dropped when there is no room.
-
-    On a full disk `unwritten` counts what is in memory alone.
 
     State, previews and lists are kept in memory alone: another start has newer ones.
 
@@ -76,6 +65,13 @@ class Store:
     boot : int
         Of this program's start.
 
+    Attributes
+    ----------
+    dropped : int
+        Items that were given up.
+    unwritten : int
+        Items that are in memory alone, for the disk is full.
+
     Raises
     ------
     ConfigurationError
@@ -83,29 +79,27 @@ class Store:
     """
 
     def __init__(self, folder: Path | None, limit: int, boot: int) -> None:
-        self.dropped = 0
-        self.unwritten = 0
-        self.size = 0
+        self.dropped = self.unwritten = self.size = 0
+        self.boot = boot
         self._folder = folder
         self._limit = limit
-        self.boot = boot
         self._number = 0
         self._kept: dict[Name, Kept] = {}
-        self._memory: OrderedDict[Name, bytes] = OrderedDict()
-        self._memory_size = 0
+        # What is not on disk.
+        self._memory: dict[Name, bytes] = {}
         self._lock = threading.RLock()
-        if folder is not None:
-            try:
-                folder.mkdir(parents=True, exist_ok=True)
-                probe = folder / '.probe'
-                probe.write_bytes(b'')
-                probe.unlink()
-            except OSError as reason:
-                raise ConfigurationError(
-                    f'{folder}: cannot keep items there ({reason.strerror}): choose another folder'
-                ) from None
-            for path in sorted(folder.iterdir()):
-                self._find(path)
+        if folder is None:
+            return
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=folder):
+                pass
+        except OSError as reason:
+            raise ConfigurationError(
+                f'{folder}: cannot keep items there ({reason.strerror}): choose another folder'
+            ) from None
+        for path in sorted(folder.iterdir()):
+            self._find(path)
 
     def __len__(self) -> int:
         return len(self._kept)
@@ -121,36 +115,34 @@ class Store:
             self._number += 1
             name = Name(self.boot, self._number)
             kept = Kept(name, item.importance, item.stamp_ns, item.topic, len(data), item.latest)
-            if item.latest or item.importance in REPLACED:
-                for other in list(self._kept.values()):
+            if kept.is_replaced:
+                for other in self:
                     if other.topic == item.topic and not other.begun:
                         self.remove(other)
             self._kept[name] = kept
+            self._memory[name] = data
             self.size += kept.size
-            self._remember(name, data)
-        if self._folder is not None and not kept.passing:
+        if self._folder is not None and not kept.is_replaced:
             self._write(kept, data)
-        self._make_room()
+        with self._lock:
+            while self.size > self._limit and len(self._kept) > 1:
+                # The least important, of these the oldest.
+                self.remove(max(self._kept.values(), key=lambda k: (k.importance, -k.stamp_ns)))
+                self.dropped += 1
         return kept
 
     def read(self, kept: Kept) -> bytes | None:
         """Bytes of an item, or None if it is no longer there."""
-        with self._lock:
-            data = self._memory.get(kept.name)
-            if data is not None or kept.name not in self._kept:
-                return data
+        data = self._memory.get(kept.name)
+        if data is not None or kept.gone:
+            return data
         try:
-            data = self._path(kept).read_bytes() if self._folder is not None else None
-            if data is not None:
-                Item.unpack(data)
+            data = self._path(kept).read_bytes()
+            Item.unpack(data)
         except (OSError, CodecError):
-            data = None
-        with self._lock:
-            if data is None:
-                self.remove(kept)
-                self.dropped += 1
-            else:
-                self._remember(kept.name, data)
+            self.remove(kept)
+            self.dropped += 1
+            return None
         return data
 
     def remove(self, kept: Kept) -> None:
@@ -160,34 +152,14 @@ class Store:
                 return
             kept.gone = True
             self.size -= kept.size
-            self._memory_size -= len(self._memory.pop(kept.name, b''))
-        if self._folder is not None and not kept.passing:
+            is_on_disk = self._memory.pop(kept.name, None) is None
+        if is_on_disk:
             with contextlib.suppress(OSError):
                 self._path(kept).unlink(missing_ok=True)
 
     def waiting(self, importance: Importance) -> int:
         """How many items of an importance are kept."""
-        with self._lock:
-            return sum(kept.importance == importance for kept in self._kept.values())
-
-    def _make_room(self) -> None:
-        with self._lock:
-            while self.size > self._limit and len(self._kept) > 1:
-                self.remove(max(self._kept.values(), key=_order))
-                self.dropped += 1
-
-    def _remember(self, name: Name, data: bytes) -> None:
-        self._memory[name] = data
-        self._memory.move_to_end(name)
-        self._memory_size += len(data)
-        if self._folder is None:
-            return
-        for old in list(self._memory):
-            if self._memory_size <= _CACHE:
-                break
-            kept = self._kept.get(old)
-            if kept is None or not kept.passing:
-                self._memory_size -= len(self._memory.pop(old))
+        return sum(kept.importance == importance for kept in self)
 
     def _path(self, kept: Kept) -> Path:
         assert self._folder is not None
@@ -195,54 +167,29 @@ class Store:
         return self._folder / f'{stem}.item'
 
     def _write(self, kept: Kept, data: bytes) -> None:
-        """Write an item, on a full disk in the place of less important ones."""
-        freed = 0
-        while (failure := self._failure(kept, data)) is not None:
-            with self._lock:
-                worst = max(
-                    (each for each in self._kept.values() if not each.passing),
-                    key=_order,
-                    default=kept,
-                )
-                # What others on the disk take at once is not given up for them.
-                enough = freed >= 2 * len(data) + _BLOCK
-                if failure.errno not in _FULL or enough or _order(worst) <= _order(kept):
-                    # It stays in memory as long as there is room.
-                    self.unwritten += 1
-                    return
-                freed += worst.size
-                self.remove(worst)
-                self.dropped += 1
-
-    def _failure(self, kept: Kept, data: bytes) -> OSError | None:
-        """Write an item's file; why it could not be written, if so."""
+        """Write an item; if the disk is full it stays in memory as long as there is room."""
         path = self._path(kept)
         aside = path.with_suffix('.part')
         try:
             aside.write_bytes(data)
             os.replace(aside, path)
-        except OSError as reason:
+        except OSError:
+            self.unwritten += 1
             with contextlib.suppress(OSError):
                 aside.unlink(missing_ok=True)
-            return reason
-        return None
+            return
+        with self._lock:
+            if self._memory.pop(kept.name, None) is None:  # removed meanwhile
+                path.unlink(missing_ok=True)
 
     def _find(self, path: Path) -> None:
         """Take up a file of an earlier start; halves and strangers' are left out."""
-        match = _NAME.fullmatch(path.name)
-        if match is None:
-            if path.suffix == '.part':
-                path.unlink(missing_ok=True)
-            return
-        size = path.stat().st_size
-        if int(match[1]) > max(Importance) or size > LARGEST_ITEM:
+        match = re.fullmatch(r'([0-5])_(\d+)_([0-9a-f]+)_(\d+)\.item', path.name)
+        if path.suffix == '.part':
+            path.unlink(missing_ok=True)
+        size = path.stat().st_size if match else 0
+        if match is None or size > LARGEST_ITEM:
             return
         name = Name(int(match[3], 16), int(match[4]))
-        kept = Kept(name, Importance(int(match[1])), int(match[2]), '', size)
-        self._kept[name] = kept
+        self._kept[name] = Kept(name, Importance(int(match[1])), int(match[2]), '', size)
         self.size += size
-
-
-def _order(kept: Kept) -> tuple[int, int]:
-    """The larger, the sooner an item is dropped: the least important, of these the oldest."""
-    return kept.importance, -kept.stamp_ns

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ftp_dent_ros import __version__
-from ftp_dent_ros.cloud.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import Cloud, check_resolution
 from ftp_dent_ros.cloud.coverage import Coverage
 from ftp_dent_ros.dents.dent import Inspection, MeasuredDent, Settings
 from ftp_dent_ros.dents.dent_list import EXACT, DentList
@@ -284,7 +284,7 @@ class Inspected:
 def inspected(inspect: Inspect, settings: Settings, task: Task) -> Inspected:
     """Inspect a cloud and, if that is asked for, its halves."""
     try:
-        found = inspect(task.cloud, settings=settings, viewpoint=task.viewpoint)
+        found = inspect(check_resolution(task.cloud), settings=settings, viewpoint=task.viewpoint)
         again = []
         for half in halves(task.cloud) if task.in_halves else ():
             other = inspect(half, settings=settings, viewpoint=task.viewpoint)

@@ -2,52 +2,30 @@
 
 from __future__ import annotations
 
+import math
 import statistics
 from collections import deque
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from ftp_dent_ros.errors import PoseAwaitedError, PoseError
+from ftp_dent_ros.navigation.report import Verdict, number
+from ftp_dent_ros.navigation.settings import MOST_CLOCK_ERROR
 
 SECOND = 1_000_000_000
 MILLISECOND = 1_000_000
 
-# How far two crystals drift apart, with margin (common ones: 50 ppm each).
-_DRIFT_PPM = 200
-# An autopilot reads its clock between two rounds of its scheduler: this much is no step.
-_TOLERANCE = 5 * MILLISECOND
-_KEPT_EXCHANGES = 64
-
 # Exchanges that a line through them needs before it is believed.
 _MINIMUM_EXCHANGES = 5
-# Of the past that stamps may still come from, and of requests that may still be answered.
-_KEPT_SEGMENTS = 8
-_KEPT_REQUESTS = 64
-# Round trips that the diagnostics tell of.
-_RECENT = 20
-# Without an exchange for so long the clocks do not count as matched, nanoseconds.
-_SILENCE = 2 * SECOND
-# A larger step: the autopilot has rebooted, or this computer's clock has been set.
-_RESTART = 1 * SECOND
-# Segments that ended longer ago are of no use to any cloud.
-_FORGOTTEN = 60 * SECOND
-# A `time_boot_ms` further back, or ahead, of the present is none of this flight.
-_PLAUSIBLE_AGE = 10 * SECOND
-_PLAUSIBLE_LEAD = SECOND // 2
 _WRAP = 2**32 * MILLISECOND
 
 
-@dataclass(frozen=True)
-class Exchange:
+class Exchange(NamedTuple):
     """One request and its answer; all in nanoseconds."""
 
     sent: int
     boot: int
     received: int
-
-    @property
-    def round_trip(self) -> int:
-        """Time from the request to its answer."""
-        return self.received - self.sent
 
 
 @dataclass
@@ -55,9 +33,9 @@ class Segment:
     """Exchanges that agree: no clock has stepped between any two of them."""
 
     begin: int
-    exchanges: deque[Exchange] = field(default_factory=lambda: deque(maxlen=_KEPT_EXCHANGES))
+    is_tight: bool
+    exchanges: deque[Exchange] = field(default_factory=lambda: deque(maxlen=64))
     count: int = 0
-    is_tight: bool = False
     latest: tuple[int, int] = (0, 0)
 
     def add(self, exchange: Exchange) -> None:
@@ -68,19 +46,15 @@ class Segment:
 
     @property
     def last(self) -> Exchange:
-        """The latest exchange."""
+        """The latest exchange; until it was sent no clock has stepped."""
         return self.exchanges[-1]
-
-    @property
-    def end(self) -> int:
-        """Until when no clock has stepped, ROS time in nanoseconds."""
-        return self.last.sent
 
     def offset(self, at: int) -> tuple[int, int]:
         """Offset and its uncertainty, nanoseconds, at a ROS time."""
         lower, upper = -(2**63), 2**63
         for exchange in self.exchanges:
-            drift = abs(at - exchange.received) * _DRIFT_PPM // 1_000_000
+            # Two crystals drift apart by 200 ppm at most (common ones: 50 ppm each).
+            drift = abs(at - exchange.received) // 5000
             lower = max(lower, exchange.sent - exchange.boot - drift)
             upper = min(upper, exchange.received - exchange.boot + drift)
         # Bounds that cross, by less than the tolerance, leave as much doubt as bounds apart.
@@ -90,33 +64,9 @@ class Segment:
         """By how much, ns, an exchange after these cannot be of the same clocks; 0 if it can."""
         offset, uncertainty = self.offset(exchange.received)
         lower, upper = exchange.sent - exchange.boot, exchange.received - exchange.boot
-        return max(0, abs(offset - min(max(offset, lower), upper)) - uncertainty - _TOLERANCE)
-
-
-@dataclass(frozen=True)
-class ClockState:
-    """What is known of the autopilot's clock; times in seconds.
-
-    Attributes
-    ----------
-    round_trip, least_round_trip : float or None
-        Median and least of the last exchanges.
-    silence : float or None
-        Time since the last one.
-    maximum_error : float
-        Largest uncertainty at which a stamp is still converted.
-    """
-
-    converged: bool
-    offset: float | None
-    uncertainty: float | None
-    round_trip: float | None
-    answers: int
-    steps: int
-    restarts: int
-    least_round_trip: float | None = None
-    silence: float | None = None
-    maximum_error: float = 0.0
+        # An autopilot reads its clock between two rounds of its scheduler: 5 ms are no step.
+        tolerance = uncertainty + 5 * MILLISECOND
+        return max(0, abs(offset - min(max(offset, lower), upper)) - tolerance)
 
 
 class ClockOffset:
@@ -134,16 +84,18 @@ class ClockOffset:
     repeated_from : int or None
         If the last answer showed that the autopilot's clock has stepped back: the first time since
         boot, in nanoseconds, that may have come twice.
+    answers, steps, restarts : int
+        How often an answer came, a clock stepped, and the time since boot started anew.
     """
 
     def __init__(self, period: float = 0.1, maximum_error: float = 0.01) -> None:
         self._period = round(period * SECOND)
         self._maximum_error = round(maximum_error * SECOND)
-        self._segments: deque[Segment] = deque(maxlen=_KEPT_SEGMENTS)
+        self._segments: deque[Segment] = deque(maxlen=8)
         self._open_requests: dict[int, None] = {}
         self._last_request: int | None = None
-        self._round_trips: deque[int] = deque(maxlen=_RECENT)
-        self._answers = self._steps = self._restarts = self._answered = 0
+        self._round_trips: deque[int] = deque(maxlen=20)
+        self.answers = self.steps = self.restarts = self._answered = 0
         self.repeated_from: int | None = None
 
     def request(self, now: int) -> int | None:
@@ -153,7 +105,7 @@ class ClockOffset:
             return None
         self._last_request = now
         self._open_requests[now] = None
-        while len(self._open_requests) > _KEPT_REQUESTS:
+        if len(self._open_requests) > 64:
             del self._open_requests[next(iter(self._open_requests))]
         return now
 
@@ -174,34 +126,34 @@ class ClockOffset:
         while next(iter(self._open_requests)) != ts1:
             del self._open_requests[next(iter(self._open_requests))]
         del self._open_requests[ts1]
-        exchange = Exchange(ts1, tc1, now)
-        if exchange.round_trip < 0:
+        exchange, round_trip = Exchange(ts1, tc1, now), now - ts1
+        if round_trip < 0:
             return False
-        self._answers += 1
+        self.answers += 1
         self._answered = now
         self.repeated_from = None
-        self._round_trips.append(exchange.round_trip)
-        is_tight = exchange.round_trip <= 2 * self._maximum_error
+        self._round_trips.append(round_trip)
+        is_tight = round_trip <= 2 * self._maximum_error
         newest = self._segments[-1] if self._segments else None
         off = newest.contradiction(exchange) if newest else 0
-        restarted = off > _RESTART
+        # A larger step: the autopilot has rebooted, or this computer's clock has been set.
+        restarted = off > SECOND
         if restarted:
-            self._restarts += 1
+            self.restarts += 1
             self._segments.clear()
         elif newest and off:
-            self._steps += 1
+            self.steps += 1
             if exchange.sent - exchange.boot > newest.offset(now)[0]:
-                self.repeated_from = exchange.boot - (exchange.received - newest.end)
-            self._segments.append(Segment(now))
+                self.repeated_from = exchange.boot - (exchange.received - newest.last.sent)
         elif newest and newest.is_tight and not is_tight:
             return False
         elif newest and is_tight and not newest.is_tight:
-            self._segments[-1] = Segment(now)
-        if not self._segments:
-            self._segments.append(Segment(now))
+            self._segments.pop()
+        if off or not self._segments or self._segments[-1] is not newest:
+            self._segments.append(Segment(now, is_tight))
         self._segments[-1].add(exchange)
-        self._segments[-1].is_tight = is_tight
-        while abs(now - self._segments[0].end) > _FORGOTTEN:
+        # Segments that ended a minute ago are of no use to any cloud.
+        while abs(now - self._segments[0].last.sent) > 60 * SECOND:
             self._segments.popleft()
         return restarted
 
@@ -221,7 +173,7 @@ class ClockOffset:
                 'clock not converged',
             )
         newest = self._segments[-1]
-        if stamp > newest.end:
+        if stamp > newest.last.sent:
             raise PoseAwaitedError(
                 'no TIMESYNC answer from after the stamp has come yet', 'clock awaited'
             )
@@ -229,7 +181,7 @@ class ClockOffset:
             raise PoseError(
                 "the autopilot's clock was not known yet at that time", 'clock not converged'
             )
-        holders = [part for part in self._segments if part.begin <= stamp <= part.end]
+        holders = [part for part in self._segments if part.begin <= stamp <= part.last.sent]
         if len(holders) != 1:
             raise PoseError('a clock stepped around that time', 'clock stepped')
         offset, uncertainty = holders[0].offset(stamp)
@@ -245,9 +197,7 @@ class ClockOffset:
 
     def ros_time(self, boot: int) -> int | None:
         """ROS time of a recent time since boot, both in ns; None until that is known."""
-        if not self._segments or not self._is_converged(self._segments[-1]):
-            return None
-        return boot + self._segments[-1].latest[0]
+        return boot + self._segments[-1].latest[0] if self._is_known() else None
 
     def unwrap(self, time_boot_ms: int, now: int) -> int | None:
         """Time since boot in ns, past the wrap of `time_boot_ms` after 49.7 days.
@@ -264,30 +214,74 @@ class ClockOffset:
         """Whether a time since boot in ns can be that of a message that has come now."""
         if not self._segments:
             return False
-        return -_PLAUSIBLE_AGE < boot - self._boot_now(now) < _PLAUSIBLE_LEAD
+        return -10 * SECOND < boot - self._boot_now(now) < SECOND // 2
 
-    def state(self, now: int) -> ClockState:
-        """State at a ROS time."""
-        if not self._segments:
-            return ClockState(False, None, None, None, self._answers, self._steps, self._restarts)
-        newest = self._segments[-1]
-        last = newest.last
-        offset, uncertainty = newest.latest
-        return ClockState(
-            self._is_converged(newest) and now - last.received < _SILENCE,
-            offset / SECOND,
-            uncertainty / SECOND,
-            statistics.median(self._round_trips) / SECOND,
-            self._answers,
-            self._steps,
-            self._restarts,
-            min(self._round_trips) / SECOND,
-            (now - self._answered) / SECOND,
-            self._maximum_error / SECOND,
+    def is_converged(self, now: int) -> bool:
+        """Whether the offset is known and was confirmed of late, at a ROS time."""
+        return self._is_known() and now - self._segments[-1].last.received < 2 * SECOND
+
+    @property
+    def offset(self) -> float | None:
+        """ROS time less time since boot, seconds."""
+        return self._segments[-1].latest[0] / SECOND if self._segments else None
+
+    def verdict(self, now: int) -> Verdict | None:
+        """What is wrong with it, at a ROS time."""
+        if self.is_converged(now):
+            return None
+        silence = (now - self._answered) / SECOND
+        if not self.answers:
+            return Verdict(
+                'error', 'the autopilot does not answer TIMESYNC, so that no cloud can be tagged'
+            )
+        if silence > 2:
+            return Verdict(
+                'error',
+                f'the autopilot has not answered TIMESYNC for {silence:.1f} s, so that no cloud '
+                'can be tagged',
+            )
+        if self.answers < 30:
+            return Verdict('warning', "the autopilot's clock is not known well enough yet")
+        quickest = min(self._round_trips) / SECOND
+        if quickest <= 2 * self._maximum_error / SECOND:
+            return Verdict(
+                'warning',
+                "the autopilot's clock and this computer's have stepped against each other: wait "
+                'some seconds until the offset is known again, and let nothing set a clock in '
+                'flight',
+            )
+        # A fifth more than the best uncertainty, in whole steps.
+        allowed = math.ceil(1.2 * quickest / 2 / 0.005) * 0.005
+        advice = 'make the link quicker'
+        if allowed <= MOST_CLOCK_ERROR:
+            advice += (
+                f', or set maximum_clock_error to {allowed:.3f} (each tag tells what that costs)'
+            )
+        return Verdict(
+            'warning',
+            f"the autopilot's clock is known to within {500 * quickest:.0f} ms at best, for the "
+            f'quickest answers take {1e3 * quickest:.0f} ms: {advice}',
         )
 
-    def _is_converged(self, segment: Segment) -> bool:
-        return segment.count >= _MINIMUM_EXCHANGES and segment.latest[1] <= self._maximum_error
+    def figures(self, now: int) -> dict[str, str]:
+        """What is known of it, at a ROS time."""
+        uncertainty = self._segments[-1].latest[1] if self._segments else None
+        median = statistics.median(self._round_trips) if self._round_trips else None
+        return {
+            'clock converged': str(self.is_converged(now)).lower(),
+            'clock offset (s)': number(self.offset, 6),
+            'clock uncertainty (ms)': number(uncertainty, 3, 1e-6),
+            'round trip (ms)': number(median, 3, 1e-6),
+            'least round trip (ms)': number(min(self._round_trips, default=None), 3, 1e-6),
+            'clock steps': str(self.steps),
+            'clock restarts': str(self.restarts),
+        }
+
+    def _is_known(self) -> bool:
+        if not self._segments:
+            return False
+        newest = self._segments[-1]
+        return newest.count >= _MINIMUM_EXCHANGES and newest.latest[1] <= self._maximum_error
 
     def _boot_now(self, now: int) -> int:
         last = self._segments[-1].last

@@ -1,88 +1,258 @@
-"""The connection to the autopilot: a thread that keeps it open, and a vehicle behind it."""
+"""The connection to the autopilot: a thread that keeps it open, and a vehicle behind it.
+
+Addresses are in pymavlink's notation.
+
+========================  ===================================================================
+`udpin:HOST:PORT`         listens on the address and answers whom it hears
+`udpin:PORT`              listens on 127.0.0.1: nobody on another computer is heard
+`udpout:HOST:PORT`        sends first
+`tcp:HOST:PORT`           connects to a server
+`/dev/ttyACM0`            serial line, with a baud rate
+========================  ===================================================================
+"""
 
 from __future__ import annotations
 
 import contextlib
+import copy
+import errno
+import re
 import selectors
 import socket
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from ftp_dent_ros.errors import LinkError
+from ftp_dent_ros.errors import ConfigurationError, LinkError
+from ftp_dent_ros.navigation.origin import Origin
 from ftp_dent_ros.navigation.pose_covariance import Tag
+from ftp_dent_ros.navigation.report import Verdict, enum_name
 from ftp_dent_ros.navigation.settings import Instant, Settings
 from ftp_dent_ros.navigation.signing import Codec, is_signed
-from ftp_dent_ros.navigation.state import LinkState, Roster, Speaker
-from ftp_dent_ros.navigation.transport import Peer, Transport, check_address, open_transport
 from ftp_dent_ros.navigation.vehicle import Vehicle
 from ftp_dent_ros.pose import Pose
 
-# A vehicle that is heard from another address has been silent for as long, or is none; seconds.
-_MOVING_TIME = 1.0
-
 _COMPUTER = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
-# Seconds between two looks at the clock while nothing comes.
-_TICK = 0.05
-# Messages that are read before the clock is looked at again: a flood must not stop the rest.
-_MOST_AT_ONCE = 100
+# Bytes of a datagram at most.
+_LARGEST = 65535
 # Seconds between two tries to open the link, doubled from the one to the other.
 _SHORTEST_WAIT, _LONGEST_WAIT = 0.5, 2.0
-# A stream connection that is silent for longer may be dead without saying so.
+# A stream connection that is silent for longer may be dead without saying so; seconds.
 _SILENCE = 5.0
-_TIME_TO_END = 5.0
-# For as long it is told why messages were refused; ns.
-_REFUSAL_TOLD = 3_000_000_000
+_REFUSALS = {
+    '': 'what it says is not signed, and signing_key is set: let the autopilot sign, or leave '
+    'signing_key empty',
+    'key': 'what it says is signed with another key: check signing_key',
+    'time': 'what it says is signed with a time of the past, as after a restart without GPS time: '
+    'wait until it has that',
+}
+
+Peer = tuple[str, int] | None
 
 
-class Way:
-    """The address from which the vehicle speaks.
+def parse_address(address: str) -> tuple[str, str, int]:
+    """Kind (udpin, udpout, tcp or serial), host or path, and port of an address.
+
+    Raises
+    ------
+    ConfigurationError
+        It is none of these kinds.
+    """
+    if address.startswith('/'):
+        return 'serial', address, 0
+    address_of_port = re.sub(r'^udpin:(?=\d+$)', 'udpin:127.0.0.1:', address)
+    match = re.fullmatch(r'(udpin|udpout|tcp):([\w.-]+):(\d{1,5})', address_of_port)
+    if not match or not 0 < int(match[3]) < 65536:
+        raise ConfigurationError(
+            f'{address!r} is no address of an autopilot: give udpin:HOST:PORT, udpout:HOST:PORT, '
+            'tcp:HOST:PORT or the path of a serial device'
+        )
+    return match[1], match[2], int(match[3])
+
+
+def open_transport(address: str, baud: int) -> Transport:
+    """Open a connection; LinkError if that is not possible now."""
+    kind, host, port = parse_address(address)
+    try:
+        if kind == 'serial':
+            return _Serial(host, baud)
+        host = socket.gethostbyname(host)
+        return _Tcp(host, port) if kind == 'tcp' else _Udp(kind == 'udpin', host, port)
+    except OSError as reason:
+        if reason.errno == errno.EADDRINUSE:
+            raise LinkError(
+                f'{address}: another program listens on this port: stop it, or choose another port'
+            ) from None
+        what = reason.strerror or str(reason)
+        raise LinkError(f'{address}: cannot be opened ({what}): check the address') from None
+
+
+class _Udp:
+    is_datagram = True
+
+    def __init__(self, listens: bool, host: str, port: int) -> None:
+        self._to: Peer = None if listens else (host, port)
+        self.channel = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            self.channel.setblocking(False)
+            # Holds more than a second of messages while the machine is busy elsewhere.
+            self.channel.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
+            if listens:
+                self.channel.bind((host, port))
+        except OSError:
+            self.channel.close()
+            raise
+
+    def receive(self) -> tuple[bytes, Peer]:
+        while True:
+            try:
+                data, peer = self.channel.recvfrom(_LARGEST)
+            except BlockingIOError:
+                return b'', None
+            except ConnectionError:
+                continue  # A datagram of ours found nobody: the autopilot is not there just now.
+            except OSError as reason:
+                raise LinkError(f'the UDP socket failed ({reason.strerror})') from None
+            if data:
+                return data, peer
+
+    def send(self, data: bytes, peer: Peer) -> None:
+        to = peer or self._to
+        if to is not None:
+            # What cannot be sent is as good as a lost datagram.
+            with contextlib.suppress(OSError):
+                self.channel.sendto(data, to)
+
+
+class _Tcp:
+    is_datagram = False
+
+    def __init__(self, host: str, port: int) -> None:
+        self.channel = socket.create_connection((host, port), timeout=2.0)
+        self.channel.setblocking(False)
+        self.channel.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+    def receive(self) -> tuple[bytes, Peer]:
+        try:
+            data = self.channel.recv(_LARGEST)
+        except BlockingIOError:
+            return b'', None
+        except OSError as reason:
+            raise LinkError(f'the connection broke ({reason.strerror})') from None
+        if not data:
+            raise LinkError('the autopilot closed the connection')
+        return data, None
+
+    def send(self, data: bytes, peer: Peer) -> None:
+        try:
+            # A full queue is seconds of messages that nobody has read: as good as broken.
+            self.channel.sendall(data)
+        except OSError as reason:
+            raise LinkError(f'the connection broke ({reason})') from None
+
+
+class _Serial:
+    is_datagram = False
+
+    def __init__(self, path: str, baud: int) -> None:
+        try:
+            import serial
+        except ImportError:
+            raise LinkError(
+                f'{path}: serial lines need pyserial: install it (python3-serial)'
+            ) from None
+        # Exclusive: two programs that read one line take each other's bytes.
+        self.channel = serial.Serial(path, baud, timeout=0, write_timeout=0.2, exclusive=True)
+
+    def receive(self) -> tuple[bytes, Peer]:
+        try:
+            return self.channel.read(_LARGEST), None
+        except (OSError, TypeError) as reason:
+            raise LinkError(f'the serial line failed ({reason})') from None
+
+    def send(self, data: bytes, peer: Peer) -> None:
+        try:
+            self.channel.write(data)
+        except OSError as reason:
+            raise LinkError(f'the serial line failed ({reason})') from None
+
+
+Transport = _Udp | _Tcp | _Serial
+
+
+@dataclass
+class Speaker:
+    """One component on the link.
 
     Attributes
     ----------
-    peer : tuple or None
-        That address, where there is a choice.
-    impostors : int
-        Messages in the vehicle's name from elsewhere.
+    kind : str
+        What its heartbeat says that it is, and its firmware; '' before the first.
+    counts : Counter
+        How many of each message it sent.
+    first, last : dict
+        When each was heard, seconds of steady time.
     """
 
-    def __init__(self) -> None:
-        self.impostors = 0
-        self.restart()
+    kind: str = ''
+    counts: Counter[str] = field(default_factory=Counter)
+    first: dict[str, float] = field(default_factory=dict)
+    last: dict[str, float] = field(default_factory=dict)
 
-    def restart(self) -> None:
-        """A connection begins, or has ended."""
-        self.peer: Peer = None
-        self._heard = 0.0
+    def rate(self, name: str) -> float:
+        """Mean rate of a message between the first and the last that was heard, Hz."""
+        seconds = self.last[name] - self.first[name]
+        return (self.counts[name] - 1) / seconds if seconds > 0 else 0.0
 
-    def confirm(self, peer: Peer, now: float) -> None:
-        """The vehicle has spoken from there at a steady time."""
-        self.peer, self._heard = peer, now
 
-    def is_elsewhere(
-        self, message: Any, vehicle: tuple[int, int] | None, peer: Peer, now: float
-    ) -> bool:
-        """Whether it speaks in the vehicle's name from elsewhere while that goes on speaking.
+class Roster(dict[tuple[int, int], Speaker]):
+    """All who were heard, by system and component."""
 
-        After a reboot the vehicle may come back from another port, but not at once.
-        """
+    def hear(self, message: Any, now: float) -> None:
+        """Note a message that came at a steady time."""
         source = (message.get_srcSystem(), message.get_srcComponent())
-        is_other = source == vehicle and self.peer is not None and peer != self.peer
-        if not is_other or now - self._heard >= _MOVING_TIME:
-            return False
-        self.impostors += 1
-        return True
+        # Messages that the dialect does not know are of nobody. A link with more speakers is one
+        # on which somebody makes them up.
+        if source not in self and (source[0] == 0 or len(self) >= 64):
+            return
+        speaker, name = self.setdefault(source, Speaker()), message.get_type()
+        speaker.counts[name] += 1
+        speaker.first.setdefault(name, now)
+        speaker.last[name] = now
+        if name == 'HEARTBEAT':
+            speaker.kind = enum_name('MAV_TYPE', message.type)
+            if message.autopilot != mavlink.MAV_AUTOPILOT_INVALID:
+                speaker.kind += f', {enum_name("MAV_AUTOPILOT", message.autopilot)}'
 
-    def is_for_us(self, command: Any, vehicle: tuple[int, int] | None, peer: Peer) -> bool:
-        """Whether a command came the vehicle's way, to its system or from the autopilot to all."""
-        if vehicle is None or peer != self.peer:
-            return False
-        source = (command.get_srcSystem(), command.get_srcComponent())
-        to_all = command.target_system == 0 and source == vehicle
-        return to_all or command.target_system == vehicle[0]
+
+@dataclass(frozen=True)
+class LinkState:
+    """State of the link and of the vehicle behind it.
+
+    Attributes
+    ----------
+    verdict : Verdict
+        The first thing that is wrong, and what to do about it.
+    figures : dict of str
+        All that is known, by name, in the units that are in the names.
+    identity : tuple of int, or None
+        System and component of the autopilot that is believed.
+    clock_offset : float or None
+        ROS time less the autopilot's time since boot, seconds.
+    origin : Origin or None
+        Where on the earth the map's origin is.
+    """
+
+    verdict: Verdict
+    figures: dict[str, str]
+    identity: tuple[int, int] | None
+    clock_offset: float | None
+    origin: Origin | None
 
 
 class Link:
@@ -94,7 +264,6 @@ class Link:
     Parameters
     ----------
     address : str
-        As in `transport`.
     baud : int
         Baud rate of a serial line.
     settings : Settings
@@ -104,15 +273,15 @@ class Link:
     on_poses : callable, optional
         Called in the link's thread with new poses and their ROS times in nanoseconds.
     signing_key : bytes
-        Key of `codec.read_key`; if it has no bytes, nothing is signed and all is taken.
+        As of `signing.read_key`; if it has no bytes, nothing is signed and all is taken.
     on_command : callable, optional
-        Called in the link's thread with each COMMAND_LONG to the vehicle's system that came the
-        vehicle's own way.
+        Called in the link's thread with each COMMAND_LONG to the vehicle's system that came from
+        the vehicle's own address.
 
     Raises
     ------
     ConfigurationError
-        The address is malformed. An address that cannot be opened is tried again and again.
+        The address is malformed.
     """
 
     def __init__(
@@ -125,19 +294,21 @@ class Link:
         signing_key: bytes = b'',
         on_command: Callable[[Any], None] = lambda command: None,
     ) -> None:
-        check_address(address)
+        parse_address(address)
         self._address, self._baud = address, baud
         self._ros_time, self._on_poses = ros_time, on_poses
         self._on_command = on_command
         self._vehicle = Vehicle(settings)
         self._lock = threading.Lock()
         self._transport: Transport | None = None
-        self._way = Way()
+        # From where the vehicle speaks, and when it last did.
+        self._peer: Peer = None
+        self._peer_heard = 0.0
+        self._impostors = self._opened = 0
         self._codec = Codec(signing_key, settings.component_id)
         self._has_key, self._is_signing = bool(signing_key), False
         self._roster = Roster()
         self._fault = 'not opened yet'
-        self._opened = 0
         self._closing = threading.Event()
         self._waker, self._wakened = socket.socketpair()
         self._thread = threading.Thread(target=self._run, name='mavlink', daemon=True)
@@ -149,7 +320,7 @@ class Link:
         with contextlib.suppress(OSError):
             self._waker.send(b'.')
         # It may hang in the search for a host's name, and then ends with the process.
-        self._thread.join(_TIME_TO_END)
+        self._thread.join(5.0)
         self._waker.close()
         self._wakened.close()
 
@@ -180,23 +351,48 @@ class Link:
     def state(self) -> LinkState:
         """State at this moment."""
         with self._lock:
-            refused_at, refusal = self._codec.refusal
-            is_recent = time.time_ns() - refused_at < _REFUSAL_TOLD
+            now, vehicle = self._now(), self._vehicle
+            figures = {
+                **vehicle.figures(now),
+                'reconnections': str(max(0, self._opened - 1)),
+                'messages in its name from elsewhere': str(self._impostors),
+                'messages without the right signature': str(self._codec.refused),
+                'bytes that are no message': str(self._codec.bad_bytes),
+            }
             return LinkState(
-                self._fault,
-                self._vehicle.state(self._now()),
-                self._codec.bad_bytes,
-                max(0, self._opened - 1),
-                self._codec.refused,
-                self._way.impostors,
-                refusal if is_recent else None,
-                self._is_signing and not self._has_key,
+                self._verdict(now),
+                figures,
+                vehicle.identity,
+                vehicle.clock.offset,
+                vehicle.earth.origin,
             )
 
-    def speakers(self) -> list[Speaker]:
+    def speakers(self) -> Roster:
         """Who has been heard on the link."""
         with self._lock:
-            return self._roster.speakers()
+            return copy.deepcopy(self._roster)
+
+    def _verdict(self, now: Instant) -> Verdict:
+        vehicle = self._vehicle
+        if self._fault:
+            return Verdict('error', self._fault)
+        refused_at, why = self._codec.refusal
+        if not vehicle.is_alive(now) and time.time_ns() - refused_at < 3_000_000_000:
+            return Verdict('error', f'the autopilot is not believed: {_REFUSALS[why]}')
+        if vehicle.identity is None:
+            return Verdict(
+                'error',
+                f'no autopilot heard on {self._address}: check that it is on and sends there, and '
+                'system_id',
+            )
+        is_alive, is_known = vehicle.is_alive(now), vehicle.clock.is_converged(now.ros)
+        if is_alive and self._is_signing and not self._has_key and not is_known:
+            return Verdict(
+                'error',
+                'the autopilot signs what it says and takes nothing that is not signed: set '
+                'signing_key',
+            )
+        return vehicle.verdict(now)
 
     def _now(self) -> Instant:
         return Instant(self._ros_time(), time.monotonic())
@@ -210,9 +406,10 @@ class Link:
             self._closing.wait(wait)
 
     def _open_and_serve(self) -> str:
-        """Serve one connection until it breaks; tell why it did."""
+        """Serve one connection until it breaks; return why it did."""
         try:
-            with contextlib.closing(open_transport(self._address, self._baud)) as transport:
+            transport = open_transport(self._address, self._baud)
+            with contextlib.closing(transport.channel):
                 self._use(transport)
                 try:
                     self._serve(transport)
@@ -227,8 +424,7 @@ class Link:
 
     def _use(self, transport: Transport | None) -> None:
         with self._lock:
-            self._transport = transport
-            self._way.restart()
+            self._transport, self._peer = transport, None
             if transport is not None:
                 self._codec.restart(transport.is_datagram)
                 self._fault = ''
@@ -237,10 +433,11 @@ class Link:
     def _serve(self, transport: Transport) -> None:
         heard = time.monotonic()
         with selectors.DefaultSelector() as selector:
-            selector.register(transport, selectors.EVENT_READ)
+            selector.register(transport.channel, selectors.EVENT_READ)
             selector.register(self._wakened, selectors.EVENT_READ)
             while not self._closing.is_set():
-                if selector.select(_TICK) and self._receive(transport):
+                # The clock is looked at every 50 ms, also while nothing comes.
+                if selector.select(0.05) and self._receive(transport):
                     heard = time.monotonic()
                 if not transport.is_datagram and time.monotonic() - heard > _SILENCE:
                     raise LinkError(f'nothing has come for {_SILENCE:.0f} s: connecting again')
@@ -251,7 +448,8 @@ class Link:
     def _receive(self, transport: Transport) -> bool:
         """Take what has come; tell whether it was anything."""
         has_come, commands = False, []
-        for _ in range(_MOST_AT_ONCE):
+        # A flood must not stop the rest.
+        for _ in range(100):
             data, peer = transport.receive()
             if not data:
                 break
@@ -260,14 +458,13 @@ class Link:
             with self._lock:
                 for message in self._codec.messages(data, time.time_ns()):
                     self._roster.hear(message, now.steady)
-                    vehicle = self._vehicle.identity
-                    if self._way.is_elsewhere(message, vehicle, peer, now.steady):
+                    if self._is_impostor(message, peer, now.steady):
+                        self._impostors += 1
                         continue
                     if self._vehicle.receive(message, now):
-                        self._way.confirm(peer, now.steady)
+                        self._peer, self._peer_heard = peer, now.steady
                         self._is_signing = is_signed(message)
-                    is_command = message.get_type() == 'COMMAND_LONG'
-                    if is_command and self._way.is_for_us(message, vehicle, peer):
+                    if self._is_command(message, peer):
                         commands.append(message)
         with self._lock:
             poses = self._vehicle.new_poses(self._now())
@@ -277,10 +474,28 @@ class Link:
             self._on_command(command)
         return has_come
 
+    def _is_impostor(self, message: Any, peer: Peer, now: float) -> bool:
+        """Whether it speaks in the vehicle's name from elsewhere while that goes on speaking.
+
+        After a reboot the vehicle may come back from another port, but not within a second.
+        """
+        source = (message.get_srcSystem(), message.get_srcComponent())
+        is_other = source == self._vehicle.identity and self._peer not in (None, peer)
+        return is_other and now - self._peer_heard < 1.0
+
+    def _is_command(self, message: Any, peer: Peer) -> bool:
+        """Whether it is a command from the vehicle's address, to its system or to all."""
+        vehicle = self._vehicle.identity
+        if message.get_type() != 'COMMAND_LONG' or vehicle is None or peer != self._peer:
+            return False
+        source = (message.get_srcSystem(), message.get_srcComponent())
+        to_all = message.target_system == 0 and source == vehicle
+        return to_all or message.target_system == vehicle[0]
+
     def _send(self, message: Any, component: int = _COMPUTER) -> None:
         if self._transport is None:
             return
         data = self._codec.pack(message, self._vehicle.system_id, component, time.time_ns())
         # A connection that broke is found out, and mended, where it is read.
         with contextlib.suppress(LinkError):
-            self._transport.send(data, self._way.peer)
+            self._transport.send(data, self._peer)

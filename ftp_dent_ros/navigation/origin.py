@@ -14,16 +14,13 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from ftp_dent_ros.errors import PoseError
 from ftp_dent_ros.navigation.clock import ClockOffset
+from ftp_dent_ros.navigation.report import number
 from ftp_dent_ros.navigation.settings import Instant
 from ftp_dent_ros.pose import Pose
 
 # Equatorial radius in metres, and the eccentricity's square.
 _RADIUS, _ECCENTRICITY = 6_378_137.0, 6.694_379_990_141e-3
 
-# Seconds from asking for what is missing to asking again.
-_ASK_AGAIN = 3.0
-# The same where it is only to be seen whether the origin moves.
-_ASK_SELDOM = 30.0
 _ONCE = (mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN, mavlink.MAVLINK_MSG_ID_GPS_RAW_INT)
 
 
@@ -102,15 +99,20 @@ class Earth:
     clock : ClockOffset
     pose_at : callable
         Pose in the map at a time since boot.
+    is_wanted : bool
+        Whether to ask for all that the origin is made of; else only its moves are noticed.
     """
 
-    def __init__(self, clock: ClockOffset, pose_at: Callable[[int], Pose]) -> None:
-        self._clock, self._pose_at = clock, pose_at
-        self.handlers = {
-            'GPS_GLOBAL_ORIGIN': self._on_gps_global_origin,
-            'GLOBAL_POSITION_INT': self._on_global_position_int,
-            'GPS_RAW_INT': self._on_gps_raw_int,
+    def __init__(
+        self, clock: ClockOffset, pose_at: Callable[[int], Pose], is_wanted: bool
+    ) -> None:
+        self._clock, self._pose_at, self._is_wanted = clock, pose_at, is_wanted
+        self.handlers: dict[str, Callable[[Any, Instant], None]] = {
+            'GPS_GLOBAL_ORIGIN': self._on_gps_global_origin
         }
+        if is_wanted:
+            self.handlers['GLOBAL_POSITION_INT'] = self._on_global_position_int
+            self.handlers['GPS_RAW_INT'] = self._on_gps_raw_int
         self.clear()
 
     def clear(self) -> None:
@@ -129,20 +131,24 @@ class Earth:
             return origin
         return replace(origin, altitude=origin.above_sea + self._separation)
 
-    @property
-    def error(self) -> float | None:
-        """How far apart the two ways to know it are, metres."""
-        if self._said is None or self._derived is None:
-            return None
-        return self._said.distance(self._derived)
+    def figures(self) -> dict[str, str]:
+        """What is known of it."""
+        origin = self.origin
+        if origin is None:
+            return {}
+        said, derived = self._said, self._derived
+        error = said.distance(derived) if said and derived else None
+        return {
+            'origin (deg)': f'{origin.latitude:.7f} {origin.longitude:.7f}',
+            'origin above the sea (m)': f'{origin.above_sea:.2f}',
+            'origin differs from GLOBAL_POSITION_INT (m)': number(error, 2),
+        }
 
-    def next_request(self, now: float, height: bool = True) -> int | None:
-        """Number of a message to request once, at a steady time.
-
-        Without `height` it is only the origin's, and seldom.
-        """
-        known = (self._said is not None, self._separation is not None or not height)
-        period = _ASK_AGAIN if height else _ASK_SELDOM
+    def next_request(self, now: float) -> int | None:
+        """Number of a message to request once, at a steady time."""
+        known = (self._said is not None, self._separation is not None or not self._is_wanted)
+        # Seldom where it is only to be seen whether the origin moves; seconds.
+        period = 3.0 if self._is_wanted else 30.0
         for index, message_id in enumerate(_ONCE):
             if not known[index] and now - self._asked[index] > period:
                 self._asked[index] = now

@@ -229,23 +229,6 @@ def _ms(nanoseconds: float) -> str:
     return f'{nanoseconds / _MILLISECOND:.0f} ms'
 
 
-@dataclass(frozen=True)
-class Odometry:
-    """An ODOMETRY message.
-
-    Attributes
-    ----------
-    attitude, position : tuple
-        As of `attitude` and `position`.
-    covariance : ndarray, shape (6, 6), or None
-        In the map, if the autopilot says it.
-    """
-
-    attitude: Sample
-    position: Sample
-    covariance: pose_covariance.Covariance | None
-
-
 def attitude(message: Any) -> Sample | None:
     """Quaternion (x, y, z, w; FLU -> ENU) and body rates (FLU) of an ATTITUDE_QUATERNION.
 
@@ -263,8 +246,11 @@ def position(message: Any) -> Sample | None:
     return frames.enu_from_ned(place), frames.enu_from_ned(velocity)
 
 
-def odometry(message: Any) -> Odometry | None:
-    """Sample of an ODOMETRY; None if it is impossible, or not in a frame that knows north."""
+def odometry(message: Any) -> tuple[Sample, Sample, pose_covariance.Covariance | None] | None:
+    """Samples as of `attitude` and `position` of an ODOMETRY, and its covariance in the map.
+
+    None if it is impossible, or not in a frame that knows north; no covariance if it says none.
+    """
     rates = (message.rollspeed, message.pitchspeed, message.yawspeed)
     turn, place = _attitude(message.q, rates), position(message)
     if message.frame_id != mavlink.MAV_FRAME_LOCAL_NED or turn is None or place is None:
@@ -274,7 +260,7 @@ def odometry(message: Any) -> Odometry | None:
         place = place[0], Rotation.from_quat(turn[0]).apply(frames.flu_from_frd(velocity))
     elif message.child_frame_id != mavlink.MAV_FRAME_LOCAL_NED:
         return None
-    return Odometry(turn, place, pose_covariance.of_odometry(message.pose_covariance))
+    return turn, place, pose_covariance.of_odometry(message.pose_covariance)
 
 
 def _attitude(quaternion: Any, rates: Any) -> Sample | None:

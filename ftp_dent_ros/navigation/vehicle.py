@@ -10,206 +10,103 @@ import bisect
 import contextlib
 import math
 from collections import deque
+from collections.abc import Callable
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from ftp_dent_ros.errors import PoseAwaitedError, PoseError
 from ftp_dent_ros.navigation import pose_covariance, pose_history
-from ftp_dent_ros.navigation.clock import ClockOffset
+from ftp_dent_ros.navigation.clock import SECOND, ClockOffset
 from ftp_dent_ros.navigation.origin import Earth
 from ftp_dent_ros.navigation.pose_covariance import Covariance, Tag
-from ftp_dent_ros.navigation.pose_history import PoseHistory
-from ftp_dent_ros.navigation.requests import Asking
+from ftp_dent_ros.navigation.pose_history import PoseHistory, Sample
+from ftp_dent_ros.navigation.report import Verdict, number
+from ftp_dent_ros.navigation.requests import Requests
 from ftp_dent_ros.navigation.settings import Instant, Settings
-from ftp_dent_ros.navigation.state import SILENCE, VehicleState
 from ftp_dent_ros.navigation.trust import Trust
 from ftp_dent_ros.pose import Pose
-
-# For as long after an ODOMETRY the messages that say less are left alone; seconds.
-_PREFERRED = 0.5
-_KEPT_COVARIANCES, _KEPT_STEPS = 2048, 8
 
 # pymavlink makes its messages' fields at run time: no type checker knows them.
 Message = Any
 
+# An autopilot heartbeats at 1 Hz whatever else it sends; seconds.
+_SILENCE = 1.5
+# For as long after an ODOMETRY the messages that say less are left alone; seconds.
+_PREFERRED = 0.5
 # Poses are kept for as long, seconds: a cloud of a machine that has just restarted half of its
 # processes may come 15 s after its photograph. TIMESYNC's drift (200 ppm) is 6 ms by then.
 _LONGEST_AGE = 30.0
-_LONGEST_LEAD = 1.0
 
 
-class PoseSource:
-    """Samples of one autopilot, by its time since boot in nanoseconds.
+class Vehicle:
+    """The autopilot that is believed: the first that heartbeats, and from then on only that.
 
-    Parameters
+    Attributes
     ----------
+    identity : tuple of int, or None
+        System and component, once they are known.
     clock : ClockOffset
-        Tells what times are possible.
-    duration, maximum_gap : float
-        As of `PoseHistory`.
+    earth : Earth
     """
 
-    def __init__(self, clock: ClockOffset, duration: float, maximum_gap: float) -> None:
-        self._clock = clock
-        self._maximum_gap = round(maximum_gap * 1e9)
-        self._history = PoseHistory(duration, maximum_gap)
-        self._covariances = deque[tuple[int, Covariance | None]](maxlen=_KEPT_COVARIANCES)
-        self.malformed = 0
-        self.clear()
-        self.handlers = {
+    def __init__(self, settings: Settings) -> None:
+        self.identity: tuple[int, int] | None = None
+        self.clock = ClockOffset(maximum_error=settings.maximum_clock_error)
+        self.earth = Earth(self.clock, self._pose, settings.earth)
+        self._settings = settings
+        self._autopilot = mavlink.MAV_AUTOPILOT_INVALID
+        self._history = PoseHistory(_LONGEST_AGE, settings.maximum_gap)
+        self._trust = Trust(settings)
+        self._requests = Requests(settings, self.clock, self.earth, self._trust)
+        self._heard: Instant | None = None
+        self._sequence: int | None = None
+        self._streamed = self._streamed_ros = 0
+        self._messages = self._foreign = self._lost = self._malformed = 0
+        # Of ODOMETRY, by its stamps; and spans of the time since boot that came twice.
+        self._covariances = deque[tuple[int, Covariance | None]](maxlen=2048)
+        self._repeated = deque[tuple[int, int]](maxlen=8)
+        handlers: dict[str, Callable[[Message, Instant], None]] = {
+            'TIMESYNC': self._on_timesync,
+            'COMMAND_ACK': self._on_command_ack,
+            'SYSTEM_TIME': self._on_system_time,
             'ATTITUDE_QUATERNION': self._on_attitude_quaternion,
             'LOCAL_POSITION_NED': self._on_local_position_ned,
             'ODOMETRY': self._on_odometry,
         }
-
-    def clear(self) -> None:
-        """Forget everything: the stamps start anew."""
-        self._history.clear()
-        self._covariances.clear()
-        self._repeated = deque[tuple[int, int]](maxlen=_KEPT_STEPS)
-        self._odometry_heard = -math.inf
-        self._reset_counter: int | None = None
-
-    @property
-    def resets(self) -> int:
-        """How often the estimator was reset."""
-        return self._history.resets
-
-    def at(self, boot: int) -> Pose:
-        """As `PoseHistory.at`; `PoseError` also for a time that has come twice."""
-        if any(first <= boot <= last for first, last in self._repeated):
-            raise PoseError('a clock stepped back around that time', 'clock stepped')
-        return self._history.at(boot)
-
-    def repeat_from(self, boot: int) -> None:
-        """The clock has stepped back: times from this one to the newest come twice."""
-        self._repeated.append((boot, self._history.newest + self._maximum_gap))
-
-    @property
-    def newest(self) -> int:
-        """As `PoseHistory.newest`."""
-        return self._history.newest
-
-    def stamps_since(self, boot: int) -> list[int]:
-        """As `PoseHistory.stamps_since`."""
-        return self._history.stamps_since(boot)
-
-    def covariance(self, boot: int, reported: Covariance, clock_uncertainty: float) -> Covariance:
-        """Covariance of the pose at a time that `at` has one for.
-
-        `reported` is the estimator's, where ODOMETRY does not bring its own; the clock's
-        uncertainty is in seconds.
-        """
-        after = bisect.bisect_left(self._covariances, boot, key=lambda item: item[0])
-        is_odometry, own = False, None
-        if after < len(self._covariances):
-            stamp, own = self._covariances[after]
-            is_odometry = stamp - boot <= self._maximum_gap
-        estimate = own if is_odometry and own is not None else reported
-        motion = self._history.motion(boot)
-        return pose_covariance.of_tag(estimate, motion, clock_uncertainty, is_odometry)
-
-    def _on_attitude_quaternion(self, message: Any, at: Instant) -> None:
-        sample = pose_history.attitude(message)
-        stamp = self._clock.unwrap(message.time_boot_ms, at.ros)
-        if sample is None:
-            self.malformed += 1
-        elif stamp is not None and at.steady - self._odometry_heard > _PREFERRED:
-            self._history.add_attitude(stamp, *sample)
-
-    def _on_local_position_ned(self, message: Any, at: Instant) -> None:
-        sample = pose_history.position(message)
-        stamp = self._clock.unwrap(message.time_boot_ms, at.ros)
-        if sample is None:
-            self.malformed += 1
-        elif stamp is not None and at.steady - self._odometry_heard > _PREFERRED:
-            self._history.add_position(stamp, *sample)
-
-    def _on_odometry(self, message: Any, at: Instant) -> None:
-        sample = pose_history.odometry(message)
-        stamp = 1000 * message.time_usec
-        if sample is None:
-            self.malformed += 1
-        elif self._clock.is_plausible(stamp, at.ros):
-            if at.steady - self._odometry_heard > _PREFERRED:
-                # The others' stamps are those of later moments: the two do not mix.
-                self.clear()
-            self._odometry_heard = at.steady
-            counter, self._reset_counter = self._reset_counter, message.reset_counter
-            is_reset = counter is not None and counter != message.reset_counter
-            self._history.add_attitude(stamp, *sample.attitude, is_reset)
-            if self._history.add_position(stamp, *sample.position, is_reset):
-                self._covariances.append((stamp, sample.covariance))
-
-
-class Vehicle:
-    """The autopilot that is believed: the first that heartbeats, and from then on only that."""
-
-    def __init__(self, settings: Settings) -> None:
-        self._settings = settings
-        self._identity: tuple[int, int] | None = None
-        self._autopilot = mavlink.MAV_AUTOPILOT_INVALID
-        self._clock = ClockOffset(maximum_error=settings.maximum_clock_error)
-        self._poses = PoseSource(self._clock, _LONGEST_AGE, settings.maximum_gap)
-        self._earth = Earth(self._clock, self._poses.at)
-        self._trust = Trust(settings)
-        self._asking = Asking(settings, self._clock, self._earth, self._trust)
-        self._heard: Instant | None = None
-        self._sequence: int | None = None
-        self._streamed = 0
-        self._streamed_ros = 0
-        self._utc_offset: int | None = None
-        self._messages = self._foreign = self._lost = 0
-        self._handlers = {
-            'TIMESYNC': self._on_timesync,
-            'COMMAND_ACK': self._on_command_ack,
-            'SYSTEM_TIME': self._on_system_time,
-        }
-        self._listeners = [self._handlers, self._poses.handlers, self._trust.handlers]
-        # Whether the map's origin moves is listened for in any case.
-        said_alone = {name: self._earth.handlers[name] for name in ('GPS_GLOBAL_ORIGIN',)}
-        self._listeners.append(self._earth.handlers if settings.earth else said_alone)
-
-    @property
-    def identity(self) -> tuple[int, int] | None:
-        """System and component that are believed, once they are known."""
-        return self._identity
+        self._handlers = [handlers, self._trust.handlers, self.earth.handlers]
+        self._clear()
 
     @property
     def system_id(self) -> int:
         """System id that a companion of this vehicle speaks with."""
-        return self._identity[0] if self._identity else self._settings.system_id or 1
+        return self.identity[0] if self.identity else self._settings.system_id or 1
 
     def receive(self, message: Message, at: Instant) -> bool:
         """Take a message from anybody; tell whether it is the autopilot's that is believed."""
         source = (message.get_srcSystem(), message.get_srcComponent())
         name = message.get_type()
-        if self._identity is None and self._is_wanted(message, source, name):
-            self._identity = source
+        if self.identity is None and self._is_wanted(message, source, name):
+            self.identity = source
             self._autopilot = message.autopilot
             self._start_anew(at)
-        if self._identity is not None:
-            self._asking.overheard(message, self._identity, self.system_id, at.steady)
-        if source != self._identity:
+        if self.identity is not None:
+            self._requests.overhear(message, self.identity, self.system_id, at.steady)
+        if source != self.identity:
             self._foreign += 1
             return False
         self._messages += 1
         self._count_losses(message.get_seq())
         self._heard = at
-        self._asking.received(message, at.steady)
-        for handlers in self._listeners:
+        self._requests.receive(message, at.steady)
+        for handlers in self._handlers:
             if name in handlers:
                 handlers[name](message, at)
         return True
 
     def requests(self, at: Instant) -> list[Message]:
         """Messages that are due to be sent to the autopilot; ask some 20 times a second."""
-        return [] if self._identity is None else self._asking.due(self._identity, at)
-
-    def pose_at(self, stamp: int, at: Instant) -> Pose:
-        """Pose of `tag_at`."""
-        return self.tag_at(stamp, at).pose
+        return [] if self.identity is None else self._requests.due(self.identity, at)
 
     def tag_at(self, stamp: int, at: Instant) -> Tag:
         """Pose of `base_link` in `map` at a ROS time in nanoseconds, and its covariance.
@@ -227,25 +124,24 @@ class Vehicle:
         age = (at.ros - stamp) / 1e9
         if age > _LONGEST_AGE:
             raise PoseError(f'the stamp is {age:.1f} s old', 'too old')
-        if age < -_LONGEST_LEAD:
+        if age < -1:
             raise PoseError(
                 f"the stamp is {-age:.1f} s ahead of this computer's clock", 'stamp in the future'
             )
-        if self._identity is None:
+        if self.identity is None or self._heard is None:
             raise PoseAwaitedError('no autopilot has been heard on the link', 'no autopilot')
-        heard = self._heard or at
         try:
-            estimate, doubt = self._trust.check(stamp, heard.ros)
-            boot, clock_doubt = self._clock.boot_time(stamp)
-            pose = self._poses.at(boot)
+            estimate, doubt = self._trust.check(stamp, self._heard.ros)
+            boot, clock_doubt = self.clock.boot_time(stamp)
+            pose = self._pose(boot)
         except PoseAwaitedError as error:
-            silence = at.steady - heard.steady
-            if silence < SILENCE:
+            if self.is_alive(at):
                 raise
+            silence = at.steady - self._heard.steady
             raise PoseAwaitedError(
                 f'the autopilot has been silent for {silence:.1f} s ({error})', 'link lost'
             ) from None
-        covariance = doubt + self._poses.covariance(boot, estimate, clock_doubt / 1e9)
+        covariance = doubt + self._covariance(boot, estimate, clock_doubt / 1e9)
         height = float(pose.translation[2])
         covariance += pose_covariance.of_height(height, self._settings.height_scale_uncertainty)
         return Tag(pose, covariance, boot)
@@ -255,7 +151,7 @@ class Vehicle:
 
         Their stamps follow the clock as it was last heard of, for a stream cannot wait.
         """
-        fresh = self._poses.stamps_since(self._streamed)
+        fresh = self._history.stamps_since(self._streamed)
         if not fresh:
             return []
         self._streamed = fresh[-1]
@@ -263,39 +159,76 @@ class Vehicle:
             return []
         poses = []
         for boot in fresh:
-            stamp = self._clock.ros_time(boot)
+            stamp = self.clock.ros_time(boot)
             # After a step back of the clock the stream waits rather than repeat a time.
             if stamp is None or stamp <= self._streamed_ros:
                 continue
             with contextlib.suppress(PoseError):
-                poses.append((stamp, self._poses.at(boot)))
+                poses.append((stamp, self._pose(boot)))
                 self._streamed_ros = stamp
         return poses
 
-    def state(self, at: Instant) -> VehicleState:
-        """State at this moment."""
-        clock = self._clock.state(at.ros)
-        utc_error = None
-        if self._utc_offset is not None and clock.offset is not None:
-            utc_error = clock.offset - self._utc_offset / 1e9
-        newest = self._clock.ros_time(self._poses.newest) if self._poses.newest else None
-        return VehicleState(
-            identity=self._identity,
-            autopilot=mavlink.enums['MAV_AUTOPILOT'][self._autopilot].name,
-            silence=None if self._heard is None else at.steady - self._heard.steady,
-            **self._trust.state(at.ros),
-            clock=clock,
-            utc_error=utc_error,
-            **self._asking.state(at.steady),
-            messages=self._messages,
-            foreign=self._foreign,
-            malformed=self._poses.malformed,
-            lost=self._lost,
-            resets=self._poses.resets,
-            pose_age=None if newest is None else (at.ros - newest) / 1e9,
-            origin=self._earth.origin,
-            origin_error=self._earth.error,
+    def is_alive(self, at: Instant) -> bool:
+        """Whether the autopilot has been heard of late."""
+        return self._heard is not None and at.steady - self._heard.steady < _SILENCE
+
+    def verdict(self, at: Instant) -> Verdict:
+        """The first thing that is wrong with a vehicle that was heard, and what to do about it."""
+        if not self.is_alive(at):
+            return Verdict('error', 'the autopilot has fallen silent: check its power and cable')
+        if self._requests.denied:
+            denied = ' and '.join(self._requests.denied)
+            return Verdict('error', f'the autopilot denies {denied}: lower the rate')
+        return (
+            self.clock.verdict(at.ros)
+            or self._trust.verdict(at.ros)
+            or self._requests.verdict(at.steady)
+            or Verdict('ok', 'believing the autopilot {}/{}'.format(*self.identity or (0, 0)))
         )
+
+    def figures(self, at: Instant) -> dict[str, str]:
+        """What is known of the vehicle, by name, in the units that are in the names."""
+        silence = None if self._heard is None else at.steady - self._heard.steady
+        newest = self.clock.ros_time(self._history.newest) if self._history.newest else None
+        ahead = None
+        if self.clock.offset is not None and self._utc_offset is not None:
+            ahead = self.clock.offset - self._utc_offset
+        return {
+            'autopilot': mavlink.enums['MAV_AUTOPILOT'][self._autopilot].name,
+            'system/component': '{}/{}'.format(*self.identity) if self.identity else 'none',
+            'silence (s)': number(silence, 2),
+            'pose age (ms)': number(None if newest is None else at.ros - newest, 1, 1e-6),
+            'estimator resets': str(self._history.resets),
+            'ahead of UTC of GPS (s)': number(ahead, 3),
+            'messages': str(self._messages),
+            'messages of others': str(self._foreign),
+            'messages lost': str(self._lost),
+            'messages malformed': str(self._malformed),
+            **self._trust.figures(at.ros),
+            **self.clock.figures(at.ros),
+            **self.earth.figures(),
+            **self._requests.figures(at.steady),
+        }
+
+    def _pose(self, boot: int) -> Pose:
+        """Pose at a time since boot; PoseError also for a time that has come twice."""
+        if any(first <= boot <= last for first, last in self._repeated):
+            raise PoseError('a clock stepped back around that time', 'clock stepped')
+        return self._history.at(boot)
+
+    def _covariance(self, boot: int, reported: Covariance, clock_doubt: float) -> Covariance:
+        """Covariance of the pose at a time since boot; the clock's doubt is in seconds.
+
+        `reported` is the estimator's, where ODOMETRY does not bring its own.
+        """
+        after = bisect.bisect_left(self._covariances, boot, key=lambda item: item[0])
+        is_odometry, own = False, None
+        if after < len(self._covariances):
+            stamp, own = self._covariances[after]
+            is_odometry = stamp - boot <= self._settings.maximum_gap * SECOND
+        estimate = own if is_odometry and own is not None else reported
+        motion = self._history.motion(boot)
+        return pose_covariance.of_tag(estimate, motion, clock_doubt, is_odometry)
 
     def _is_wanted(self, message: Message, source: tuple[int, int], name: str) -> bool:
         return (
@@ -307,12 +240,23 @@ class Vehicle:
 
     def _start_anew(self, at: Instant) -> None:
         """The autopilot has just been found or has rebooted: it knows of no request."""
-        self._asking.restart(self._autopilot)
-        self._poses.clear()
-        self._streamed = 0
-        self._earth.clear()
+        self._requests.restart(self._autopilot)
         self._trust.restart(at.ros)
-        self._utc_offset = None
+        self.earth.clear()
+        self._clear()
+
+    def _clear(self) -> None:
+        self._utc_offset: float | None = None
+        self._streamed = 0
+        self._clear_poses()
+
+    def _clear_poses(self) -> None:
+        """Forget all poses: their stamps start anew."""
+        self._history.clear()
+        self._covariances.clear()
+        self._repeated.clear()
+        self._odometry_heard = -math.inf
+        self._reset_counter: int | None = None
 
     def _count_losses(self, sequence: int) -> None:
         if self._sequence is not None:
@@ -322,16 +266,51 @@ class Vehicle:
         self._sequence = sequence
 
     def _on_timesync(self, message: Message, at: Instant) -> None:
-        if self._clock.answer(message.tc1, message.ts1, at.ros):
+        if self.clock.answer(message.tc1, message.ts1, at.ros):
             self._start_anew(at)
-        elif self._clock.repeated_from is not None:
-            self._poses.repeat_from(self._clock.repeated_from)
+        elif self.clock.repeated_from is not None:
+            gap = round(self._settings.maximum_gap * SECOND)
+            self._repeated.append((self.clock.repeated_from, self._history.newest + gap))
 
     def _on_command_ack(self, message: Message, at: Instant) -> None:
-        self._asking.acknowledged(message, self.system_id)
+        self._requests.acknowledge(message, self.system_id)
 
     def _on_system_time(self, message: Message, at: Instant) -> None:
-        boot = self._clock.unwrap(message.time_boot_ms, at.ros)
+        boot = self.clock.unwrap(message.time_boot_ms, at.ros)
         # Without GPS time the autopilot says 1970.
         if boot is not None and message.time_unix_usec > 0:
-            self._utc_offset = message.time_unix_usec * 1000 - boot
+            self._utc_offset = (message.time_unix_usec * 1000 - boot) / 1e9
+
+    def _on_attitude_quaternion(self, message: Message, at: Instant) -> None:
+        sample = pose_history.attitude(message)
+        self._add(self._history.add_attitude, sample, message, at)
+
+    def _on_local_position_ned(self, message: Message, at: Instant) -> None:
+        sample = pose_history.position(message)
+        self._add(self._history.add_position, sample, message, at)
+
+    def _add(
+        self, add: Callable[..., bool], sample: Sample | None, message: Message, at: Instant
+    ) -> None:
+        stamp = self.clock.unwrap(message.time_boot_ms, at.ros)
+        if sample is None:
+            self._malformed += 1
+        elif stamp is not None and at.steady - self._odometry_heard > _PREFERRED:
+            add(stamp, *sample)
+
+    def _on_odometry(self, message: Message, at: Instant) -> None:
+        samples = pose_history.odometry(message)
+        stamp = 1000 * message.time_usec
+        if samples is None:
+            self._malformed += 1
+        elif self.clock.is_plausible(stamp, at.ros):
+            if at.steady - self._odometry_heard > _PREFERRED:
+                # The others' stamps are those of later moments: the two do not mix.
+                self._clear_poses()
+            self._odometry_heard = at.steady
+            attitude, position, covariance = samples
+            counter, self._reset_counter = self._reset_counter, message.reset_counter
+            is_reset = counter is not None and counter != message.reset_counter
+            self._history.add_attitude(stamp, *attitude, is_reset)
+            if self._history.add_position(stamp, *position, is_reset):
+                self._covariances.append((stamp, covariance))

@@ -6,14 +6,17 @@ map, and a dent that is seen again is one dent of the list. While somebody publi
 ``survey/pose``, that is taken for the camera's pose, and the list is corrected where
 ``survey/path`` corrects the poses of earlier clouds. The dents of each cloud go to ``dents``, the
 list to ``dents/list`` and ``dents/markers``, both latched. The service ``~/take_list`` returns the
-list as JSON and clears it. Nothing is computed while nobody subscribes, unless the parameter
-`always` asks for the list.
+list as JSON, once all clouds that came before are in it, and clears it. Nothing is computed while
+nobody subscribes, unless the parameter `always` asks for the list.
 """
 
 from __future__ import annotations
 
 import json
 import sys
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -21,30 +24,43 @@ import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Path
 from numpy.typing import NDArray
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 from sensor_msgs.msg import Image, PointCloud2
 from std_srvs.srv import Trigger
+from visualization_msgs.msg import MarkerArray
 
-from ftp_dent_ros.dents.dent import Inspection
+from ftp_dent_ros.cloud.cloud import check_resolution
+from ftp_dent_ros.dents.dent import Inspection, MeasuredDent
 from ftp_dent_ros.dents.dent_list import EXACT, DentList
+from ftp_dent_ros.dents.glass import sentence
 from ftp_dent_ros.dents.kept_list import KeptList
 from ftp_dent_ros.errors import CloudError, ImageError, PoseError
 from ftp_dent_ros.inspection.measuring.inspection import inspect
+from ftp_dent_ros.inspection.records import list_record
 from ftp_dent_ros.nodes.declarations import names_of_all
-from ftp_dent_ros.nodes.dent_listing import DentListing, Shown
+from ftp_dent_ros.nodes.drawing import Drawing
 from ftp_dent_ros.nodes.inspector_parameters import declare
 from ftp_dent_ros.nodes.matching import Matched, Matching, located
 from ftp_dent_ros.pages.words import finite
-from ftp_dent_ros.pose import IDENTITY
-from ftp_dent_ros.ros.dent_messages import dents_to_message
+from ftp_dent_ros.pose import IDENTITY, Pose
+from ftp_dent_ros.ros.dent_messages import dents_to_markers, dents_to_message
 from ftp_dent_ros.ros.diagnostics import OK, WARN, Diagnostics
-from ftp_dent_ros.ros.messages import cloud_from_message, image_from_message, stamp_to_ns
+from ftp_dent_ros.ros.messages import (
+    cloud_from_message,
+    image_from_message,
+    pose_from_message,
+    stamp_to_ns,
+)
 from ftp_dent_ros.ros.node import NewestWorker, run
 from ftp_dent_ros.ros.parameters import Parameters
 from ftp_dent_ros.ros.qos import CLOUDS, DENTS, LATCHED, OVERRIDABLE, POSES
 
-# Clouds that may wait: one whose surveyed pose was lost comes together with the next.
-_WAITING = 2
+# Clouds that may wait to be inspected, each of some megabytes: one whose surveyed pose was lost
+# comes together with the next. And those whose dents wait while a long list is corrected.
+_WAITING, _LISTED_LATER = 2, 100
+# Seconds that a request for the list waits for the clouds before it.
+_PATIENCE = 60.0
 
 
 class DentInspector(Node):
@@ -69,8 +85,18 @@ class DentInspector(Node):
             self._expected,
             posed=self._tagged,
         )
+        # Numbers of the clouds that are neither in the list nor refused yet.
+        self._under_way: set[int] = set()
+        self._last = 0
+        self._ended = threading.Condition()
         self._worker = NewestWorker(self._work, 'dent_inspector', _WAITING)
-        self.create_service(Trigger, '~/take_list', self._take_list)
+        self.create_service(
+            Trigger,
+            '~/take_list',
+            self._take_list,
+            # It waits: clouds come meanwhile.
+            callback_group=MutuallyExclusiveCallbackGroup(),
+        )
         self.create_subscription(
             PointCloud2, 'points', self._on_cloud, CLOUDS, qos_overriding_options=OVERRIDABLE
         )
@@ -87,8 +113,8 @@ class DentInspector(Node):
             self.create_subscription(Path, 'survey/path', self._listing.correct, LATCHED)
 
     def destroy_node(self) -> None:
-        """Finish the cloud in work first."""
-        self._worker.stop()
+        """Put all clouds that came into the list first."""
+        self._worker.stop(finish=True)
         self._listing.close()
         super().destroy_node()
 
@@ -119,21 +145,38 @@ class DentInspector(Node):
         return [part for part, topic in topics.items() if topic and self.count_publishers(topic)]
 
     def _hand_over(self, cloud: Matched) -> None:
-        if self._worker.put(cloud):
+        with self._ended:
+            self._last += 1
+            self._under_way.add(self._last)
+        dropped = self._worker.put((self._last, cloud))
+        if dropped is not None:
             self._diagnostics.drop()
+            self._end(dropped[0])
 
-    def _work(self, cloud: Matched) -> None:
+    def _end(self, number: int) -> None:
+        """A cloud is in the list, or will never be."""
+        with self._ended:
+            self._under_way.discard(number)
+            self._ended.notify_all()
+        self._diagnostics.note('clouds waiting', len(self._under_way))
+
+    def _work(self, item: tuple[int, Matched]) -> None:
         """Inspect one cloud, in the worker's thread; nothing that it holds ends the node."""
+        number, cloud = item
+        listed = False
         try:
-            self._inspect(cloud)
+            listed = self._inspect(number, cloud)
         except CloudError as error:
             self._diagnostics.refuse('wrong cloud', str(error))
         except PoseError as error:
             self._diagnostics.refuse(error.reason, str(error))
         except Exception as error:
             self._diagnostics.fail_by_defect('a cloud could not be inspected', error)
+        if not listed:
+            self._end(number)
 
-    def _inspect(self, item: Matched) -> None:
+    def _inspect(self, number: int, item: Matched) -> bool:
+        """Hand a cloud's dents over to the list."""
         started_ns = self._now_ns()
         header = item.cloud.header
         stamp_ns = stamp_to_ns(header.stamp)
@@ -144,15 +187,18 @@ class DentInspector(Node):
             frame_id = stated.header.frame_id
         if item.surveyed is not None:
             self._diagnostics.count('placed by the survey')
-        cloud = cloud_from_message(item.cloud).with_skin(self._skin_of(item))
+        cloud = check_resolution(cloud_from_message(item.cloud).with_skin(self._skin_of(item)))
         found = inspect(cloud, settings=self._settings)
         dents = [dent.transformed(pose) for dent in (*found.dents, *found.others)]
         alone = DentList()
         alone.add(1, dents, pose, covariance)
         message = dents_to_message(alone.entries, stamp_ns, frame_id)
         shown = Shown(frame_id, stamp_ns, dents, pose, covariance)
-        self._listing.add(shown, partial(self._tell, found, message))
+        # What waits for the list holds no cloud.
+        tell = partial(self._tell, message, *_figures(found))
+        self._listing.add(shown, tell, partial(self._end, number))
         self._diagnostics.measure('computation', (self._now_ns() - started_ns) / 1e9)
+        return True
 
     def _skin_of(self, item: Matched) -> NDArray[np.uint8] | None:
         if item.skin is None:
@@ -163,22 +209,30 @@ class DentInspector(Node):
             self._diagnostics.refuse('wrong skin', str(error))
             return None
 
-    def _tell(self, found: Inspection, dents: PointCloud2) -> None:
+    def _tell(self, message: PointCloud2, dents: int, others: int, findable: float) -> None:
         """Publish and tell what a cloud shows, whose dents are in the list."""
-        self._dents.publish(dents)
+        self._dents.publish(message)
         self._diagnostics.count('inspected')
-        self._diagnostics.note('dents', len(found.dents))
-        self._diagnostics.note('others', len(found.others))
-        findable = found.findable[np.isfinite(found.findable)]
-        if len(findable):
-            depth = f'{1e3 * np.percentile(findable, 95):.2f}'
-            self._diagnostics.note('findable on 95 % of the area from (mm)', depth)
-        self._diagnostics.measure_latency(stamp_to_ns(dents.header.stamp))
+        self._diagnostics.note('dents', dents)
+        self._diagnostics.note('others', others)
+        if np.isfinite(findable):
+            self._diagnostics.note('findable on 95 % of the area from (mm)', f'{findable:.2f}')
+        self._diagnostics.measure_latency(stamp_to_ns(message.header.stamp))
 
     def _take_list(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        record = self._listing.take(self._rules)
-        response.success = True
-        response.message = json.dumps(finite(record), allow_nan=False)
+        with self._ended:
+            before = set(self._under_way)
+            response.success = self._ended.wait_for(
+                lambda: not before & self._under_way, _PATIENCE
+            )
+        if response.success:
+            record = self._listing.take(lambda entries: list_record(entries, self._rules))
+            response.message = json.dumps(finite(record), allow_nan=False)
+        else:
+            response.message = (
+                f'{len(before)} clouds before this request are not in the list after '
+                f'{_PATIENCE:.0f} s: nothing was taken; ask again'
+            )
         return response
 
     def _judge(self) -> tuple[bytes, str]:
@@ -193,9 +247,166 @@ class DentInspector(Node):
         return self.get_clock().now().nanoseconds
 
 
+def _figures(found: Inspection) -> tuple[int, int, float]:
+    """Dents and others of a cloud, and the depth findable on 95 % of its area, millimetres."""
+    known = found.findable[np.isfinite(found.findable)]
+    findable = 1e3 * float(np.percentile(known, 95)) if len(known) else float('nan')
+    return len(found.dents), len(found.others), findable
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """What one cloud shows, and where its camera was."""
+
+    frame_id: str
+    stamp_ns: int
+    dents: Sequence[MeasuredDent]
+    pose: Pose
+    covariance: NDArray[Any]
+
+
+class DentListing:
+    """A node's list, on ``dents/list`` and ``dents/markers``.
+
+    It is added to and corrected in a thread of its own, so that no inspection waits for that, and
+    drawn in another one.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    diagnostics : Diagnostics
+        Of that node.
+    kept : KeptList
+    lasting : bool
+        Whether one list is made of all clouds, or one of each.
+    """
+
+    def __init__(
+        self, node: Node, diagnostics: Diagnostics, kept: KeptList, lasting: bool
+    ) -> None:
+        self._diagnostics = diagnostics
+        self._kept, self._lasting = kept, lasting
+        self._lock = threading.Lock()
+        self._path = Path()
+        self._poses: dict[int, Pose] = {}
+        #: What is told of marks on a glass; empty if there is none.
+        self.on_glass = ''
+        self._list = node.create_publisher(PointCloud2, 'dents/list', LATCHED)
+        self._markers = node.create_publisher(MarkerArray, 'dents/markers', LATCHED)
+        self._drawing = Drawing(self._draw, diagnostics, 'the list')
+        self._worker = NewestWorker[tuple[Callable[[], None], Callable[[], None]]](
+            self._work, 'dent_list', _LISTED_LATER
+        )
+        if kept.clouds:
+            self._show()
+
+    @property
+    def subscribers(self) -> int:
+        """How many listen to the list or its markers."""
+        return self._list.get_subscription_count() + self._markers.get_subscription_count()
+
+    def close(self) -> None:
+        """End the threads, when all that was handed over is in the list."""
+        self._worker.stop(finish=True)
+        self._drawing.close()
+
+    def add(self, shown: Shown, tell: Callable[[], None], end: Callable[[], None]) -> None:
+        """Add what a cloud shows, and `tell` of it then; `end` is called whatever comes of it."""
+        self._put(partial(self._add, shown, tell), end)
+
+    def correct(self, path: Path) -> None:
+        """Put the list where the newest path has the cameras."""
+        self._path = path
+        self._put(partial(self._correct, path), lambda: None)
+
+    def take(self, record_of: Callable[[Any], dict[str, Any]]) -> dict[str, Any]:
+        """The list as JSON has it, which is empty then."""
+        with self._lock:
+            record = {
+                **record_of(self._kept.entries),
+                'frame_id': self._kept.frame_id,
+                'clouds': self._kept.clouds,
+                'stamp_ns': self._kept.stamp_ns,
+            }
+            self._kept.clear()
+            self._show()
+        return record
+
+    def _put(self, task: Callable[[], None], end: Callable[[], None]) -> None:
+        dropped = self._worker.put((task, end))
+        if dropped is not None:
+            self._diagnostics.drop()
+            dropped[1]()
+
+    def _work(self, item: tuple[Callable[[], None], Callable[[], None]]) -> None:
+        """Do one thing, in the worker's thread; nothing that messages hold ends it."""
+        task, end = item
+        try:
+            task()
+        except CloudError as error:
+            self._diagnostics.refuse('wrong cloud', str(error))
+        except PoseError as error:
+            self._diagnostics.refuse(error.reason, str(error))
+        except Exception as error:
+            self._diagnostics.fail_by_defect('the list could not be changed', error)
+        end()
+
+    def _add(self, shown: Shown, tell: Callable[[], None]) -> None:
+        with self._lock:
+            if not self._lasting:
+                # Places in another cloud's frame are not comparable.
+                self._kept.clear()
+            self._keep(
+                lambda: self._kept.add(
+                    shown.frame_id, shown.stamp_ns, shown.dents, shown.pose, shown.covariance
+                )
+            )
+            # Meanwhile it may have been found to lie elsewhere.
+            newer = self._poses.get(shown.stamp_ns)
+            if newer is not None:
+                self._keep(lambda: self._kept.correct(shown.frame_id, {shown.stamp_ns: newer}))
+            self._show()
+        tell()
+
+    def _correct(self, path: Path) -> None:
+        if path is not self._path:
+            return
+        self._poses = {
+            stamp_to_ns(each.header.stamp): pose_from_message(each.pose) for each in path.poses
+        }
+        with self._lock:
+            if self._keep(lambda: self._kept.correct(path.header.frame_id, self._poses)):
+                self._diagnostics.count('corrections of the list')
+                self._show()
+
+    def _keep(self, change: Callable[[], bool | None]) -> bool:
+        """Change the list; whether it has changed, or at least could not be kept on disk."""
+        try:
+            return bool(change())
+        except OSError as error:
+            self._diagnostics.fail(
+                f'the list is not kept on disk ({error.strerror}): make room there'
+            )
+            return True
+
+    def _show(self) -> None:
+        """Have the list drawn as it is now."""
+        self._drawing.show((self._kept.snapshot(), self._kept.stamp_ns, self._kept.frame_id))
+
+    def _draw(self, state: tuple[DentList, int, str]) -> None:
+        dents, stamp_ns, frame_id = state
+        entries = dents.entries
+        self._list.publish(dents_to_message(entries, stamp_ns, frame_id))
+        self._markers.publish(dents_to_markers(entries, stamp_ns, frame_id))
+        count = sum(entry.dent.kind == 'dent' for entry in entries)
+        self._diagnostics.note('dents in the list', count)
+        self.on_glass = sentence(dents.glass)
+        self._diagnostics.note('marks on a glass', len(dents.glass))
+
+
 def main() -> int:
     """Run the node as a process."""
-    return run(DentInspector, 'dent_inspector')
+    return run(DentInspector, 'dent_inspector', threads=2)
 
 
 if __name__ == '__main__':

@@ -31,10 +31,9 @@ from ftp_dent_ros.coding.messages import message_class
 from ftp_dent_ros.errors import FtpDentError, InputError
 from ftp_dent_ros.ground import topics
 from ftp_dent_ros.ground.commands import Answer, Executive, Recordings
-from ftp_dent_ros.ground.difference import shortened
 from ftp_dent_ros.ground.drone import Drone
 from ftp_dent_ros.ground.link import Link
-from ftp_dent_ros.ground.protocol import Importance, Item
+from ftp_dent_ros.ground.protocol import Importance, Item, deflate
 from ftp_dent_ros.nodes.declarations import names_of_all
 from ftp_dent_ros.nodes.link_parameters import DownlinkParameters, declare_downlink
 from ftp_dent_ros.rig.rig import Lens
@@ -170,7 +169,7 @@ class Thrift:
         for topic, (item, share) in list(self._waiting.items()):
             if now >= self._due.get(topic, 0.0):
                 del self._waiting[topic]
-                size = len(shortened(item.data))
+                size = len(deflate(item.data))
                 self._due[topic] = now + pause_after(size, self._rate(), share, 0.0)
                 self._put(item)
 
@@ -313,7 +312,7 @@ class Downlink(Node):
         array = DiagnosticArray(status=list(self._statuses.values()))
         array.header.stamp = self.get_clock().now().to_msg()
         data = serialize_message(array)
-        size = len(shortened(data, 1, self._last_state))
+        size = len(deflate(data, 1, self._last_state))
         pause = pause_after(size, self._drone.rate(), _STATE_SHARE, _STATE_PERIOD)
         self._next_state, self._last_state = now + pause, data
         kind = 'cdr:diagnostic_msgs/msg/DiagnosticArray'

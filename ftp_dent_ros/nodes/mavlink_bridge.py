@@ -36,7 +36,7 @@ from ftp_dent_ros.navigation.camera import COMPONENT, Camera
 from ftp_dent_ros.navigation.link import Link
 from ftp_dent_ros.navigation.origin import Origin
 from ftp_dent_ros.navigation.pose_covariance import Covariance, Tag
-from ftp_dent_ros.navigation.report import Verdict, figures, judge
+from ftp_dent_ros.navigation.report import Verdict
 from ftp_dent_ros.nodes.bridge_parameters import declare
 from ftp_dent_ros.nodes.declarations import names_of_all
 from ftp_dent_ros.pose import Pose
@@ -147,10 +147,10 @@ class BridgeCamera:
         """Answer what can be answered by now."""
         send: Callable[[Any], None] = lambda message: link.send(message, COMPONENT)  # noqa: E731
         has_news = self._commands or self._images or self._size != self._told_size
-        state = link.state().vehicle if has_news else None
+        state = link.state() if has_news else None
         if state is None or state.identity is None:
             return
-        offset = state.clock.offset
+        offset = state.clock_offset
         boot_ms = 0 if offset is None else round(1e3 * (now_ns / 1e9 - offset))
         if self._size != self._told_size:
             # Whoever asked before the first image was told that it is not known.
@@ -447,11 +447,11 @@ class MavlinkBridge(Node):
 
     def _judge(self) -> tuple[bytes, str]:
         state = self._link.state()
-        for name, value in figures(state).items():
+        for name, value in state.figures.items():
             self._diagnostics.note(name, value)
         self._diagnostics.note('clouds waiting', len(self._waiting))
-        self._follow_origin(state.vehicle.origin)
-        verdict = judge(state, self._address)
+        self._follow_origin(state.origin)
+        verdict = state.verdict
         if verdict != self._said:
             self._said = verdict
             # One line a severity: rclpy ties a severity to the line that logs.

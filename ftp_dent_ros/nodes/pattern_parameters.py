@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ftp_dent_ros.display.opening import DISPLAYS, DisplaySettings
 from ftp_dent_ros.parameters import Declarations
 from ftp_dent_ros.pattern.file import read_pattern
 from ftp_dent_ros.pattern.pattern import CODES, Pattern
@@ -18,7 +17,8 @@ class PatternParameters:
     rig: Rig | None
     pattern: Pattern | None
     frame_id: str
-    display: DisplaySettings
+    shows: bool
+    corner: tuple[int, int]
 
 
 def declare(parameters: Declarations) -> PatternParameters:
@@ -72,24 +72,8 @@ def declare(parameters: Declarations) -> PatternParameters:
         frame_id=parameters.declare(
             'frame_id', 'projector_optical_frame', "The projector's frame."
         ),
-        display=DisplaySettings(
-            enabled=parameters.declare(
-                'display.enabled', False, 'Show the pattern in full screen on a display.'
-            ),
-            kind=parameters.declare(
-                'display.kind',
-                'window',
-                'How: window on a desktop (X11, Wayland), or drm on a console without one.',
-                choices=DISPLAYS,
-            ),
-            corner=(x, y),
-            device=parameters.declare(
-                'display.device', '/dev/dri/card0', 'Graphics device of drm.'
-            ),
-            connector=parameters.declare(
-                'display.connector',
-                '',
-                'Connector of drm (HDMI-A-1); empty for the first with a display.',
-            ),
+        shows=parameters.declare(
+            'display.enabled', False, 'Show the pattern in full screen on a display.'
         ),
+        corner=(x, y),
     )

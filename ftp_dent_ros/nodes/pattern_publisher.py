@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image
 
-from ftp_dent_ros.display.opening import Display, open_display
 from ftp_dent_ros.errors import ConfigurationError, ImageError
 from ftp_dent_ros.nodes.declarations import names_of_all
 from ftp_dent_ros.nodes.pattern_parameters import declare
@@ -33,6 +32,7 @@ from ftp_dent_ros.ros.messages import camera_info_message, image_from_message, i
 from ftp_dent_ros.ros.node import run
 from ftp_dent_ros.ros.parameters import Parameters
 from ftp_dent_ros.ros.qos import LATCHED, LATCHED_INPUT, PATTERNS
+from ftp_dent_ros.window import Window
 
 # Seconds between looks at what is due on the display: less than a frame of 60 Hz.
 _TICK = 0.01
@@ -53,11 +53,11 @@ class PatternPublisher(Node):
         self._image = self.create_publisher(Image, 'projector/image_raw', PATTERNS)
         self._info = self.create_publisher(CameraInfo, 'projector/camera_info', LATCHED)
         self._diagnostics = Diagnostics(self, self._judge)
-        self._display: Display | None = None
+        self._display: Window | None = None
         self._waiting: deque[tuple[int, NDArray[np.uint8]]] = deque()
-        if given.display.enabled:
+        if given.shows:
             size = self._pattern.width, self._pattern.height
-            self._display = open_display(given.display, size)
+            self._display = Window(*given.corner, size)
             self.create_timer(0.1, self._display.refresh)
             self.create_timer(_TICK, self._show)
         self._settings = parameters

@@ -13,28 +13,36 @@ import sys
 from typing import Any
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import Path
 from numpy.typing import NDArray
 from rclpy.node import Node
 from sensor_msgs.msg import Image, PointCloud2
+from visualization_msgs.msg import MarkerArray
 
 from ftp_dent_ros.errors import CloudError, ImageError, PoseError
 from ftp_dent_ros.nodes.declarations import names_of_all
+from ftp_dent_ros.nodes.drawing import Drawing
 from ftp_dent_ros.nodes.matching import Matched, Matching, located
-from ftp_dent_ros.nodes.survey_drawing import State, SurveyDrawing
 from ftp_dent_ros.nodes.survey_parameters import declare
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.ros.coverage_messages import coverage_to_markers
 from ftp_dent_ros.ros.diagnostics import OK, WARN, Diagnostics
 from ftp_dent_ros.ros.messages import (
     cloud_from_message,
     image_from_message,
     make_header,
+    pose_stamped_message,
     pose_to_message,
     stamp_to_ns,
 )
 from ftp_dent_ros.ros.node import NewestWorker, run
 from ftp_dent_ros.ros.parameters import Parameters
-from ftp_dent_ros.ros.qos import CLOUDS, OVERRIDABLE, POSES
-from ftp_dent_ros.survey.footprint import Footprint
+from ftp_dent_ros.ros.qos import CLOUDS, LATCHED, OVERRIDABLE, POSES
+from ftp_dent_ros.survey.footprint import Footprint, seen_skin
 from ftp_dent_ros.survey.joining import Joining
+
+# Stamps, poses and footprints of all clouds.
+State = tuple[tuple[int, ...], tuple[Pose, ...], tuple[Footprint, ...]]
 
 
 class Survey(Node):
@@ -49,7 +57,9 @@ class Survey(Node):
         self._diagnostics = Diagnostics(self, self._judge)
         self._begin()
         self._pose = self.create_publisher(PoseWithCovarianceStamped, 'survey/pose', POSES)
-        self._drawing = SurveyDrawing(self, self._diagnostics, self._map)
+        self._path = self.create_publisher(Path, 'survey/path', LATCHED)
+        self._coverage = self.create_publisher(MarkerArray, 'survey/coverage', LATCHED)
+        self._drawing = Drawing(self._draw, self._diagnostics, 'the skin')
         self._worker = NewestWorker(self._work, 'survey', given.queue_size)
         self._matching = Matching(
             self._hand_over,
@@ -135,11 +145,34 @@ class Survey(Node):
         self._pose.publish(message)
         self._footprints.append(Footprint.of(cloud))
         stamps, poses = tuple(joining.stamps_ns), tuple(joining.graph.poses)
-        self._drawing.show(State(stamps, poses, tuple(self._footprints)))
+        self._drawing.show((stamps, poses, tuple(self._footprints)))
         self._tell_pairs(links)
         self._diagnostics.count('joined')
         self._diagnostics.measure('computation', (self._now_ns() - started_ns) / 1e9)
         self._diagnostics.measure_latency(stamp_ns)
+
+    def _draw(self, state: State) -> None:
+        """Publish the path and the coverage of a state, in the drawing's thread."""
+        stamps, poses, footprints = state
+        if self._path.get_subscription_count():
+            self._path.publish(
+                Path(
+                    header=make_header(stamps[-1], self._map),
+                    poses=[
+                        pose_stamped_message(pose, stamp_ns, self._map)
+                        for stamp_ns, pose in zip(stamps, poses, strict=True)
+                    ],
+                )
+            )
+        if not self._coverage.get_subscription_count():
+            return
+        seen = seen_skin(footprints, poses)
+        if seen is None:
+            self._diagnostics.refuse('no coverage', 'the poses are too far apart to draw the skin')
+            return
+        self._diagnostics.note('measured (m2)', f'{seen.area:.3f}')
+        self._diagnostics.note('gaps', len(seen.gaps))
+        self._coverage.publish(coverage_to_markers(seen, stamps[-1], self._map))
 
     def _skin_of(self, item: Matched, shape: tuple[int, ...]) -> NDArray[Any] | None:
         """Image of a cloud's skin, if there is one that fits the cloud."""

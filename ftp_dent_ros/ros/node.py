@@ -121,22 +121,23 @@ class NewestWorker(Generic[Item]):
         self._work = work
         self._changed = threading.Condition()
         self._waiting: deque[Item] = deque(maxlen=room)
-        self._stopped = False
+        self._stopped = self._finishing = False
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
 
-    def put(self, item: Item) -> bool:
-        """Hand over an item; whether the oldest that nobody had taken was dropped for it."""
+    def put(self, item: Item) -> Item | None:
+        """Hand over an item; the oldest that nobody had taken if it was dropped for it."""
         with self._changed:
-            dropped = len(self._waiting) == self._waiting.maxlen
+            full = len(self._waiting) == self._waiting.maxlen
+            dropped = self._waiting.popleft() if full else None
             self._waiting.append(item)
             self._changed.notify()
             return dropped
 
-    def stop(self) -> None:
-        """Finish the item in work and end the thread."""
+    def stop(self, finish: bool = False) -> None:
+        """Finish the item in work, and those that wait if asked to, and end the thread."""
         with self._changed:
-            self._stopped = True
+            self._stopped, self._finishing = True, finish
             self._changed.notify()
         self._thread.join()
 
@@ -144,7 +145,7 @@ class NewestWorker(Generic[Item]):
         while True:
             with self._changed:
                 self._changed.wait_for(lambda: self._waiting or self._stopped)
-                if self._stopped:
+                if self._stopped and not (self._finishing and self._waiting):
                     return
                 item = self._waiting.popleft()
             self._work(item)

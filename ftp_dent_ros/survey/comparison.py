@@ -12,13 +12,15 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
 
 from ftp_dent_ros import __version__
 from ftp_dent_ros.dents.dent import COVERAGE, Estimate, MeasuredDent
 from ftp_dent_ros.dents.rules import Finding, Rules, clearance, verdict, width_to_depth
+from ftp_dent_ros.dents.sightings import agreement
 from ftp_dent_ros.pages.drawing import scale_bar
 from ftp_dent_ros.pages.page import render
-from ftp_dent_ros.pages.words import date_of, finite, interval
+from ftp_dent_ros.pages.words import date_of, finite, interval, position_interval
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.survey.aircraft_frame import AircraftFrame
 from ftp_dent_ros.survey.growth import Change, Growth, Scale, changes_of, depth_growth
@@ -26,7 +28,15 @@ from ftp_dent_ros.survey.matching import Matching, match
 from ftp_dent_ros.survey.result import SurveyedDent, SurveyResult
 
 Status = Literal[
-    'known', 'grown', 'shallower', 'new', 'first seen', 'repaired', 'not seen', 'changed'
+    'known',
+    'grown',
+    'shallower',
+    'new',
+    'first seen',
+    'repaired',
+    'not seen',
+    'changed',
+    'in doubt',
 ]
 #: In words, in the order in which they are listed.
 STATUSES: dict[Status, str] = {
@@ -37,6 +47,7 @@ STATUSES: dict[Status, str] = {
     'shallower': 'smaller than before, beyond what noise can be',
     'changed': 'larger in one measure and smaller in another, beyond what noise can be',
     'not seen': 'its place was not looked at this time, or not well enough to find it',
+    'in doubt': 'may be the same as before: its place is not known well enough to tell',
     'known': 'as before, as far as can be told',
 }
 # What is compared: these are damage; steps, bumps and what is none of these are not.
@@ -121,10 +132,13 @@ def compare(earlier: SurveyResult, later: SurveyResult) -> Comparison:
         for (a, b), change in zip(same, changes, strict=True)
         if a.dent.kind in DAMAGE or b.dent.kind in DAMAGE
     ]
-    gone = _others(before, {i for i, _ in matching.pairs})
-    come = _others(after, {j for _, j in matching.pairs})
-    found += [_gone(each, later, matching) for each in gone]
-    found += [_come(each, earlier, matching) for each in come]
+    gone = [
+        _gone(each, later, matching) for each in _others(before, {i for i, _ in matching.pairs})
+    ]
+    come = [
+        _come(each, earlier, matching) for each in _others(after, {j for _, j in matching.pairs})
+    ]
+    found += _with_doubts(gone, come, matching)
     order = list(STATUSES)
     found.sort(key=lambda each: (order.index(each.status), -_depth(each)))
     return Comparison(earlier, later, tuple(found), matching, scales)
@@ -190,6 +204,37 @@ def _come(dent: SurveyedDent, earlier: SurveyResult, matching: Matching) -> Comp
     normal = matching.motion.rotation.apply(dent.dent.normal)
     reason = _not_looked_at(dent, earlier, places[0], normal, float(spread[0]))
     return ComparedDent('first seen' if reason else 'new', None, dent, (), reason)
+
+
+def _with_doubts(
+    gone: list[ComparedDent], come: list[ComparedDent], matching: Matching
+) -> list[ComparedDent]:
+    """All of both, those once that may be one dent: neither survey tells that they are two."""
+    unseen = [each for each in gone if each.status == 'not seen']
+    first = [each for each in come if each.status == 'first seen']
+    if not (unseen and first):
+        return [*gone, *come]
+    before, after = [each.shown for each in unseen], [each.shown for each in first]
+    places, spread = matching.in_later(np.stack([each.dent.position for each in before]))
+    apart = np.stack([each.dent.position for each in after]) - places[:, None]
+    turn = matching.motion.rotation.inv().as_matrix()
+    known = np.stack([turn @ each.position_covariance @ turn.T for each in before])
+    known = known + np.square(spread)[:, None, None] * np.eye(3)
+    both = known[:, None] + np.stack([each.position_covariance for each in after])
+    far = np.sqrt((apart * np.linalg.solve(both, apart[..., None])[..., 0]).sum(axis=-1))
+    alike = np.isfinite(agreement([each.dent for each in before], [each.dent for each in after]))
+    far = np.where(alike & (far < _AROUND), far, 1e6)
+    doubts = []
+    for i, j in zip(*linear_sum_assignment(far), strict=True):
+        if far[i, j] < 1e6:
+            away = 1e3 * float(np.linalg.norm(apart[i, j]))
+            reason = (
+                f'may be number {before[i].number} of before: {away:.0f} mm from it, where '
+                f'the places are known within {position_interval(both[i, j])}'
+            )
+            doubts.append(ComparedDent('in doubt', before[i], after[j], (), reason))
+    taken = {id(each) for doubt in doubts for each in (doubt.earlier, doubt.later)}
+    return [*(each for each in (*gone, *come) if id(each.shown) not in taken), *doubts]
 
 
 def _not_looked_at(

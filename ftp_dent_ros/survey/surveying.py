@@ -19,7 +19,7 @@ from ftp_dent_ros.dents.glass import sentence
 from ftp_dent_ros.dents.rules import Rules
 from ftp_dent_ros.errors import BagError, CloudError, FtpDentError
 from ftp_dent_ros.inspection.bag import survey_bag
-from ftp_dent_ros.inspection.inspecting import Inspect
+from ftp_dent_ros.inspection.inspecting import Inspect, check_resolution
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.report import Report
 from ftp_dent_ros.pose import Pose
@@ -145,7 +145,7 @@ def survey_bags(
 
 def _inspected(cloud: Cloud, settings: Settings) -> Inspection | None:
     try:
-        return inspect(cloud, settings)
+        return inspect(check_resolution(cloud), settings)
     except FtpDentError:
         return None
 

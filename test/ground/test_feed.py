@@ -1,21 +1,26 @@
 """A drone's feed and a ground's assembly over a line of the test's own, on the test's clock."""
 
+import os
 import random
-import shutil
-import subprocess
+from pathlib import Path
 
 import pytest
 
 from ftp_dent_ros.errors import CodecError
-from ftp_dent_ros.ground.difference import (
-    as_it_is,
-    lengthened,
-    reference_number,
-    shortened,
-)
-from ftp_dent_ros.ground.drone import SILENCE, Feed
+from ftp_dent_ros.ground.drone import Feed
 from ftp_dent_ros.ground.pace import Pace
-from ftp_dent_ros.ground.protocol import Importance, Item, Name, Piece, Report
+from ftp_dent_ros.ground.protocol import (
+    SILENCE,
+    Importance,
+    Item,
+    Name,
+    Piece,
+    Report,
+    deflate,
+    inflate,
+    read_reference,
+    wrap,
+)
 from ftp_dent_ros.ground.station import Assembly
 from ftp_dent_ros.ground.store import Store
 
@@ -33,7 +38,7 @@ class Line:
         self.jitter = jitter
         self.store = Store(folder, size, boot=7)
         self.feed = Feed(GROUND, 1, 11, self.store, Pace(limit, self.now), self.now)
-        self.ground = Assembly(GROUND, 1, self.now)
+        self.ground = Assembly(GROUND, 1)
         self.items, self.arrivals, self.pieces = [], [], []
         self._chance = random.Random(4)
         self._down, self._reports = [], []
@@ -219,7 +224,7 @@ def test_what_is_like_the_one_before_it_crosses_as_the_difference():
     assert all(item.data[:-1] == whole for item in line.items)
     assert line.ground.bytes < 3 * len(whole)
     # A ground that starts anew has nothing to tell it from.
-    line.ground = Assembly(GROUND, 2, line.now)
+    line.ground = Assembly(GROUND, 2)
     line.feed.restart(2, 12)
     line.feed.offer(line.store.put(Item(Importance.DENTS, 'list', 'k', 99, whole)))
     assert line.run(2.0)[-1].stamp_ns == 99
@@ -227,14 +232,14 @@ def test_what_is_like_the_one_before_it_crosses_as_the_difference():
 
 def test_differences_that_are_none_are_refused():
     whole = random.Random(2).randbytes(300) * 4
-    short = shortened(whole + b'x', 7, whole)
-    assert len(short) < 40 and reference_number(short) == 7
-    assert lengthened(short, whole) == whole + b'x'
-    assert lengthened(shortened(whole)) == whole == lengthened(as_it_is(whole))
-    bomb = shortened(bytes(40 << 20))
+    short = deflate(whole + b'x', 7, whole)
+    assert len(short) < 40 and read_reference(short) == 7
+    assert inflate(short, whole) == whole + b'x'
+    assert inflate(deflate(whole)) == whole == inflate(wrap(whole))
+    bomb = deflate(bytes(40 << 20))
     for wrong in (b'', short[:3], short[:-2], short[:4] + b'\xff' * 9, bomb):
         with pytest.raises(CodecError):
-            lengthened(wrong, whole)
+            inflate(wrong, whole)
     with pytest.raises(CodecError, match='never came'):
         Assembly(GROUND, 1).add(Piece(Name(1, 8), 1, 1, len(short), 0, short))
 
@@ -314,14 +319,13 @@ def test_what_is_replaced_in_a_long_silence_does_not_pile_up():
     for stamp in range(5000):
         line.put(Importance.PREVIEWS, stamp, 10, topic='preview')
     assert len(line.store) == 1 and len(line.feed._waiting) <= 1001
-    assert line.feed.waiting[Importance.PREVIEWS] == 1
 
 
 def test_a_ground_that_starts_anew_gets_what_it_had_in_part():
     line = Line(rate=20_000.0)
     line.put(Importance.CLOUDS, 1, 100_000)
     line.run(2)
-    line.ground = Assembly(GROUND, 2, line.now)
+    line.ground = Assembly(GROUND, 2)
     line.feed.restart(2, 12)
     line.run(10)
     assert stamps(line.items, Importance.CLOUDS) == [1] and len(line.store) == 0
@@ -354,32 +358,16 @@ def test_without_room_the_least_important_and_oldest_go(tmp_path):
     assert left == list(range(10 - len(left), 10)) and store.dropped == 10 - len(left)
 
 
-def test_on_a_full_disk_the_important_takes_the_place_of_the_less_important(tmp_path):
-    options = ('-t', 'tmpfs', '-o', 'size=200k', 'tmpfs')
-    mounted = subprocess.run(['mount', *options, str(tmp_path)], capture_output=True, check=False)
-    if mounted.returncode:
-        pytest.skip('this user may not mount a small disk')
-    try:
-        store = Store(tmp_path, 10**9, boot=1)
-        for stamp in range(10):
-            store.put(Item(Importance.PICTURES, 'p', 'k', stamp, bytes(30_000)))
-        newest = {kept.stamp_ns for kept in store if store.read(kept)}
-        assert max(newest) == 9 and store.dropped == 10 - len(newest) > 3
-        assert not store.unwritten
-        (tmp_path / 'of others').write_bytes(bytes(shutil.disk_usage(tmp_path).free))
-        for stamp in range(3):
-            store.put(Item(Importance.DENTS, 'dents', 'k', stamp, bytes(20_000)))
-        again = Store(tmp_path, 10**9, boot=2)
-        assert again.waiting(Importance.DENTS) == 3
-        # Nothing less important is left for these.
-        for kept in list(again):
-            if kept.importance != Importance.DENTS:
-                again.remove(kept)
-        (tmp_path / 'of others, too').write_bytes(bytes(shutil.disk_usage(tmp_path).free))
-        kept = again.put(Item(Importance.PICTURES, 'p', 'k', 99, bytes(30_000)))
-        assert again.unwritten == 1 and again.read(kept)
-    finally:
-        subprocess.run(['umount', str(tmp_path)], check=True)
+def test_on_a_full_disk_items_stay_in_memory(tmp_path, monkeypatch):
+    store = Store(tmp_path, 10**9, boot=1)
+    with monkeypatch.context() as patch:
+        patch.setattr(
+            Path, 'write_bytes', lambda *_: os.write(os.open('/dev/full', os.O_RDWR), b'x')
+        )
+        kept = store.put(Item(Importance.DENTS, 'dents', 'k', 1, bytes(20_000)))
+    assert store.unwritten == 1 and len(store.read(kept)) > 20_000
+    store.put(Item(Importance.DENTS, 'dents', 'k', 2, bytes(20_000)))
+    assert store.unwritten == 1 and len(list(tmp_path.iterdir())) == 1
 
 
 def test_messages_that_are_none_are_refused():
@@ -408,7 +396,7 @@ def test_what_the_ground_holds_is_bounded():
     for number in range(500):
         ground.add(Piece(Name(1, number), 1, number + 1, 8_000_000, 0, b'x'))
     assert ground.unfinished <= 64 and ground._held <= 64 << 20
-    replayed = as_it_is(Item(Importance.DENTS, 't', 'k', 1, b'abc').pack())
+    replayed = wrap(Item(Importance.DENTS, 't', 'k', 1, b'abc').pack())
     piece = Piece(Name(2, 1), 1, 900, len(replayed), 0, replayed)
     assert ground.add(piece) is not None
     assert [ground.add(piece) for _ in range(5)] == [None] * 5

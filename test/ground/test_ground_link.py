@@ -13,11 +13,10 @@ pytest.importorskip('zenoh', reason='Zenoh is not installed: the link to the gro
 from free_address import free_address
 
 from ftp_dent_ros.errors import ConfigurationError
-from ftp_dent_ros.ground.commands import Answer, Executive, command
-from ftp_dent_ros.ground.difference import as_it_is
+from ftp_dent_ros.ground.commands import Answer, Executive, give_command
 from ftp_dent_ros.ground.drone import Drone
 from ftp_dent_ros.ground.link import Link, Security, endpoints
-from ftp_dent_ros.ground.protocol import Importance, Item, Name, Piece, Report
+from ftp_dent_ros.ground.protocol import Importance, Item, Name, Piece, Report, wrap
 from ftp_dent_ros.ground.station import Station
 
 NO_KEYS = Security()
@@ -127,16 +126,16 @@ def test_commands_are_done_once_and_answered(address):
 
     drone = drone_at(address, does={'capture': capture})
     link = Link('ground', address, Security())
-    assert command(link, 'capture', patience=120.0) == Answer(True, 'photograph taken')
+    assert give_command(link, 'capture', patience=120.0) == Answer(True, 'photograph taken')
     request = json.dumps({'command': 'capture', 'id': '0' * 32}).encode()
     executive = Executive({'capture': capture})
     assert len({executive.reply(request) for _ in range(5)}) == 1 and len(done) == 2
     for nonsense in (b'', b'[]', b'{"command": "fly", "id": "x"}', b'\xff' * 9999, b'[' * 2000):
         assert not json.loads(executive.reply(nonsense))['success']
     assert executive.refused == 5 and len(done) == 2
-    assert not command(link, 'take_list').success
+    assert not give_command(link, 'take_list').success
     drone.close()
-    answer = command(link, 'capture', patience=0.5)
+    answer = give_command(link, 'capture', patience=0.5)
     assert not answer.success and 'no answer' in answer.message
     link.close()
 
@@ -163,7 +162,7 @@ def test_with_keys_nobody_else_gets_in(address, keys, tmp_path):
     until(lambda: len(got) == 2)
     assert not strangers and drone.state()['grounds'] == '1'
     link = Link('ground', address, Security(tmp_path / 'others'))
-    assert not command(link, 'capture', patience=0.5).success
+    assert not give_command(link, 'capture', patience=0.5).success
     for end in (link, *ends, station, drone):
         end.close()
 
@@ -202,7 +201,7 @@ def test_noise_and_replays_from_one_who_is_in(address):
     # What was heard is played to the station again, truncated, and made up.
     for data in [*pieces, *(each[:40] for each in pieces[:20])]:
         station._take(data)
-    made_up = as_it_is(Item(Importance.STATE, 't', 'k', 1, b'x').pack()[:-1] + b'?')
+    made_up = wrap(Item(Importance.STATE, 't', 'k', 1, b'x').pack()[:-1] + b'?')
     station._take(Piece(Name(5, 5), 1, 1, len(made_up), 0, made_up).pack())
     assert len(got) == 2 and station.refused >= 1
     for end in (rogue, station, drone):

@@ -188,7 +188,6 @@ def cloud_item(view):
 def items(view):
     return [
         pose_item(topics.CAMERA_POSE),
-        pose_item('tagged/pose'),
         dents_item(),
         state_item(),
         picture_item(view),

@@ -2,11 +2,13 @@
 
 import base64
 import csv
+import errno
 import io
 import json
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -234,3 +236,18 @@ def test_a_profile_is_not_drawn_where_nothing_was_measured():
     (left, right) = drawn
     assert float(left['last']) < float(right['first'])
     assert len(left['line'].split()) == len(right['line'].split()) == 17
+
+
+def test_a_full_disk_leaves_no_file_of_a_report(tmp_path, report, monkeypatch):
+    write = Path.write_text
+
+    def full(path, text, *args, **options):
+        if path.suffix == '.html':
+            write(path, text[:100])
+            raise OSError(errno.ENOSPC, 'No space left on device')
+        return write(path, text, *args, **options)
+
+    monkeypatch.setattr(Path, 'write_text', full)
+    with pytest.raises(ConfigurationError, match='the report cannot be written'):
+        write_report(tmp_path / 'out', report)
+    assert list((tmp_path / 'out').iterdir()) == []

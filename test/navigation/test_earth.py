@@ -53,27 +53,27 @@ class Abroad(World):
             super()._send(message_id)
 
     @property
-    def state(self) -> Any:
-        return self.vehicle.state(self.at)
+    def difference(self) -> str:
+        return self.vehicle.figures(self.at)['origin differs from GLOBAL_POSITION_INT (m)']
 
 
 def test_what_the_autopilot_says_is_the_origin() -> None:
     world = Abroad().run(3)
     world.say(said())
-    assert world.state.origin.distance(ORIGIN) < 0.01
-    assert math.isnan(world.state.origin.altitude)
+    assert world.vehicle.earth.origin.distance(ORIGIN) < 0.01
+    assert math.isnan(world.vehicle.earth.origin.altitude)
     world.say(gps())
-    assert world.state.origin.above_sea == pytest.approx(430.0)
-    assert world.state.origin.altitude == pytest.approx(477.0)
+    assert world.vehicle.earth.origin.above_sea == pytest.approx(430.0)
+    assert world.vehicle.earth.origin.altitude == pytest.approx(477.0)
 
 
 def test_where_it_does_not_say_it_the_origin_is_below_its_position() -> None:
     world = Abroad().run(8)
-    assert world.state.origin.distance(ORIGIN) < 0.05
-    assert world.state.origin.above_sea == pytest.approx(430.0, abs=1e-3)
-    assert world.state.origin_error is None
+    assert world.vehicle.earth.origin.distance(ORIGIN) < 0.05
+    assert world.vehicle.earth.origin.above_sea == pytest.approx(430.0, abs=1e-3)
+    assert world.difference == 'unknown'
     world.say(said(longitude=8.5602))
-    assert world.state.origin_error == pytest.approx(0.0002 * 75_390, abs=0.1)
+    assert float(world.difference) == pytest.approx(0.0002 * 75_390, abs=0.1)
 
 
 @pytest.mark.parametrize(
@@ -82,7 +82,7 @@ def test_where_it_does_not_say_it_the_origin_is_below_its_position() -> None:
 def test_what_is_no_place_is_not_taken(message: Any) -> None:
     world = Abroad().run(0.1)
     world.say(message)
-    assert world.state.origin is None
+    assert world.vehicle.earth.origin is None
 
 
 def test_the_origin_is_asked_for_until_it_is_known_and_again_after_a_reboot() -> None:
@@ -97,7 +97,7 @@ def test_the_origin_is_asked_for_until_it_is_known_and_again_after_a_reboot() ->
     assert ORIGIN_ID not in world.asked
     world.boot = world.now - 10**9
     world.run(2)
-    assert world.state.origin is None
+    assert world.vehicle.earth.origin is None
     assert ORIGIN_ID in world.asked
 
 
@@ -105,9 +105,9 @@ def test_without_the_wish_the_origin_alone_is_asked_that_a_move_is_seen() -> Non
     world = World().run(5)
     assert world.asked.count(ORIGIN_ID) == 1
     world.say(said())
-    assert world.vehicle.state(world.at).origin.latitude == pytest.approx(47.45)
+    assert world.vehicle.earth.origin.latitude == pytest.approx(47.45)
     world.say(said(latitude=47.46))
-    assert world.vehicle.state(world.at).origin.latitude == pytest.approx(47.46)
+    assert world.vehicle.earth.origin.latitude == pytest.approx(47.46)
 
 
 @pytest.mark.parametrize('latitude', [-60.0, 0.0, 47.0, 80.0])

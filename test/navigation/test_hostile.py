@@ -12,8 +12,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from test_vehicle import MS, START, S, World
 
 from ftp_dent_ros.errors import PoseError
+from ftp_dent_ros.navigation.link import Roster
 from ftp_dent_ros.navigation.signing import Codec
-from ftp_dent_ros.navigation.state import Roster
 
 MESSAGES = 200_000
 AT_ONCE = 200
@@ -119,8 +119,7 @@ def test_no_wrong_tag_and_no_growth() -> None:
     assert given > 0 and len(world.poses) > 100
     assert objects[1] - objects[0] < 2000
     assert codec.bad_bytes > MESSAGES // 4
-    state = world.vehicle.state(world.at)
-    assert state.malformed > MESSAGES // 8
+    assert world.figure('messages malformed') > MESSAGES // 8
     world.run(3)
     assert is_right(world, world.now - S)
 
@@ -128,7 +127,7 @@ def test_no_wrong_tag_and_no_growth() -> None:
 def is_right(world: World, stamp: int) -> bool:
     """Whether there is a tag, and then a right one."""
     try:
-        pose = world.vehicle.pose_at(stamp, world.at)
+        pose = world.vehicle.tag_at(stamp, world.at).pose
     except PoseError:
         return False
     assert pose.translation[1] == pytest.approx((stamp - START) / S, abs=3e-3)

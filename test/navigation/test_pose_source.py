@@ -91,9 +91,9 @@ def test_its_poses_are_those_of_its_samples_with_its_own_covariance() -> None:
         # Its own, and the barometer's scale at 5 m.
         told = [0.02, 0.01, 0.04 + 0.2**2, 2e-4, 1e-4, 4e-4]
         assert_allclose(np.diag(tag.covariance), told, rtol=0.02)
-    assert world.vehicle.state(world.at).rates['ODOMETRY'] == pytest.approx(50, abs=2)
-    assert world.vehicle.state(world.at).estimator == 'ready'
-    assert world.vehicle.state(world.at).resets == 0
+    assert world.figure('ODOMETRY (Hz)') == pytest.approx(50, abs=2)
+    assert world.vehicle.figures(world.at)['estimator'] == 'ready'
+    assert world.figure('estimator resets') == 0
 
 
 def test_without_its_own_covariance_the_estimators_status_counts() -> None:
@@ -137,13 +137,13 @@ def test_a_velocity_along_the_body_is_turned() -> None:
     # Nose east, moving north: to the left.
     world.given = {'child_frame_id': BODY, 'vx': 0, 'vy': -1}
     world.run(5)
-    assert world.vehicle.state(world.at).resets == 0
+    assert world.figure('estimator resets') == 0
     assert world.pose_at(1.0)
 
 
 def north_at(world: World, stamp: int) -> float | None:
     try:
-        return float(world.vehicle.pose_at(stamp, world.at).translation[1])
+        return float(world.vehicle.tag_at(stamp, world.at).pose.translation[1])
     except PoseError as error:
         assert error.reason == 'estimator reset'
         return None
@@ -157,7 +157,7 @@ def test_a_reset_is_not_interpolated_across_whether_it_is_counted_or_seen(counte
     world.jump = 0.04 if counted else 1.0
     world.given = {'reset_counter': 1} if counted else {}
     world.run(2)
-    assert world.vehicle.state(world.at).resets == (2 if counted else 1)
+    assert world.figure('estimator resets') == (2 if counted else 1)
     refused = 0
     for stamp in range(reset - 100 * MS, reset + 100 * MS, MS):
         north = north_at(world, stamp)
@@ -172,7 +172,7 @@ def test_a_frame_that_does_not_know_north_is_not_taken() -> None:
     world.given = {'frame_id': mavlink.MAV_FRAME_LOCAL_FRD}
     world.others = 0.0
     world.run(5)
-    assert world.vehicle.state(world.at).malformed > 100
+    assert world.figure('messages malformed') > 100
     assert_allclose(world.pose_at(1.0).translation, [0, 4, 5], atol=2e-3)
 
 

@@ -168,4 +168,4 @@ def test_a_range_finder_that_looks_down_is_shown() -> None:
             world.boot_ms(), 20, 700, distance, 0, 1, orientation, 0
         )
         world.say(message)
-    assert world.vehicle.state(world.at).above_ground == pytest.approx(4.8)
+    assert world.figure('range finder, down (m)') == pytest.approx(4.8)

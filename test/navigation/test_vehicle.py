@@ -10,9 +10,7 @@ from numpy.testing import assert_allclose
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from ftp_dent_ros.errors import PoseAwaitedError, PoseError
-from ftp_dent_ros.navigation.report import figures, judge
 from ftp_dent_ros.navigation.settings import Instant, Settings
-from ftp_dent_ros.navigation.state import LinkState
 from ftp_dent_ros.navigation.vehicle import Vehicle
 
 START = 1_800_000_000_000_000_000
@@ -138,20 +136,21 @@ class World:
             self.say(mavlink.MAVLink_command_ack_message(request.command, 0, 0, 0, 1, 191))
 
     def pose_at(self, seconds_ago: float) -> Any:
-        return self.vehicle.pose_at(self.now - round(seconds_ago * S), self.at)
+        return self.vehicle.tag_at(self.now - round(seconds_ago * S), self.at).pose
 
     def reason(self, seconds_ago: float) -> tuple[str, bool]:
         with pytest.raises(PoseError) as refusal:
             self.pose_at(seconds_ago)
         return refusal.value.reason, isinstance(refusal.value, PoseAwaitedError)
 
+    def figure(self, name: str) -> float:
+        return float(self.vehicle.figures(self.at)[name])
+
     def verdict(self) -> str:
-        state = LinkState('', self.vehicle.state(self.at), 0, 0)
-        assert all(isinstance(value, str) for value in figures(state).values())
-        return judge(state, 'udpin:127.0.0.1:14550').text
+        return self.vehicle.verdict(self.at).text
 
     def severity(self) -> str:
-        return judge(LinkState('', self.vehicle.state(self.at), 0, 0), '').severity
+        return self.vehicle.verdict(self.at).severity
 
 
 def gps_raw_int(time_usec: int, **given: Any) -> Any:
@@ -172,7 +171,7 @@ def position(boot_ms: int, north: float, down: float = -5.0) -> Any:
 def test_a_cloud_gets_the_pose_at_its_stamp() -> None:
     world = World().run(10)
     stamp = world.now - 755 * MS
-    pose = world.vehicle.pose_at(stamp, world.at)
+    pose = world.vehicle.tag_at(stamp, world.at).pose
     assert_allclose(
         pose.translation, [0, (stamp - START) / S, 5], atol=2e-3
     )  # stamps are whole ms
@@ -187,14 +186,38 @@ def test_messages_that_another_client_slows_down_are_asked_for_again() -> None:
     world.run(1)
     assert world.asked == [mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED]
     world.run(3)
-    assert world.vehicle.state(world.at).rates['LOCAL_POSITION_NED'] > 45
+    assert world.figure('LOCAL_POSITION_NED (Hz)') > 45
 
 
-def test_a_message_that_never_comes_is_told() -> None:
+def test_a_message_that_never_comes_is_named_and_asked_for_ever_more_slowly() -> None:
     world = World()
     world.late = 60 * S
     world.run(5)
     assert world.verdict() == 'too few LOCAL_POSITION_NED come; asked for again'
+    world.run(50)
+    assert 8 < world.asked.count(mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED) < 14
+
+
+def test_a_rate_that_is_denied_is_asked_for_again_if_it_is_needed() -> None:
+    world = World()
+    world.grants = GRANTED - {mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION}
+    world.run(8)
+    assert world.verdict() == 'the autopilot denies ATTITUDE_QUATERNION: lower the rate'
+    assert world.asked.count(mavlink.MAVLINK_MSG_ID_ODOMETRY) == 1
+    world.grants = GRANTED
+    world.run(10)
+    assert world.verdict() == 'believing the autopilot 1/1'
+
+
+def test_a_request_that_is_not_answered_is_repeated() -> None:
+    world = World()
+    world.grants = set()
+    say = world.say
+    world.say = lambda message, *who: (  # type: ignore[method-assign]
+        message.get_type() != 'COMMAND_ACK' and say(message, *who)
+    )
+    world.run(1.9)
+    assert world.asked.count(mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION) == 4
 
 
 def test_the_stream_gives_each_pose_once_in_ros_time() -> None:
@@ -237,13 +260,12 @@ def test_it_believes_the_first_autopilot_and_from_then_on_no_other() -> None:
     assert not world.say(heartbeat(invalid), 255, 190)  # a ground station
     assert not world.say(heartbeat(invalid), 1, 191)  # a companion
     assert not world.say(heartbeat(mavlink.MAV_AUTOPILOT_PX4), 1, 154)  # a gimbal
-    assert world.vehicle.state(world.at).identity is None
-    assert world.verdict().startswith('no autopilot heard on udpin')
+    assert world.vehicle.identity is None
     assert world.say(heartbeat(), 7, 1)
     assert not world.say(heartbeat(), 1, 1)
-    assert world.vehicle.state(world.at).identity == (7, 1)
+    assert world.vehicle.identity == (7, 1)
     assert world.vehicle.system_id == 7
-    assert world.vehicle.state(world.at).foreign == 4
+    assert world.figure('messages of others') == 4
 
 
 def test_a_given_system_id_is_waited_for() -> None:
@@ -270,7 +292,7 @@ def test_another_vehicles_messages_change_nothing() -> None:
     for one, other in zip(alone.poses, crowded.poses, strict=True):
         assert one[0] == other[0]
         assert_allclose(one[1].translation, other[1].translation, rtol=0, atol=0)
-    assert crowded.vehicle.state(crowded.at).foreign > 2000
+    assert crowded.figure('messages of others') > 2000
 
 
 def test_nothing_is_believed_before_the_estimator_is_ready() -> None:
@@ -329,7 +351,7 @@ def test_a_reboot_is_noticed_and_everything_is_asked_for_again() -> None:
     world.intervals.clear()
     world.asked.clear()
     world.run(4)
-    assert world.vehicle.state(world.at).clock.restarts == 1
+    assert world.figure('clock restarts') == 1
     assert mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED in world.asked
     assert_allclose(world.pose_at(0.5).translation[1], (world.now - START) / S - 0.5, atol=2e-3)
     before = world.reason(4.5)
@@ -339,7 +361,7 @@ def test_a_reboot_is_noticed_and_everything_is_asked_for_again() -> None:
 def tagged(world: World, stamp: int) -> bool:
     """Whether a stamp has a pose, and then the right one."""
     try:
-        north = world.vehicle.pose_at(stamp, world.at).translation[1]
+        north = world.vehicle.tag_at(stamp, world.at).pose.translation[1]
     except PoseError:
         return False
     assert north == pytest.approx((stamp - START) / S, abs=2e-3)
@@ -372,7 +394,7 @@ def test_loss_and_reboot_are_told_within_3_s_and_recovered_from_within_5_s() -> 
     world.silent = False
     world.boot = world.now - S // 2
     world.intervals.clear()
-    assert seconds_until(world, lambda: world.vehicle.state(world.at).clock.restarts == 1) < 3
+    assert seconds_until(world, lambda: world.figure('clock restarts') == 1) < 3
     assert seconds_until(world, lambda: tagged(world, world.now - 200 * MS)) < 5
 
 
@@ -401,13 +423,13 @@ def test_impossible_contents_are_counted_and_dropped(wrong: Any) -> None:
     wrong.time_boot_ms = world.boot_ms() + 5
     assert world.say(wrong)
     world.run(1)
-    assert world.vehicle.state(world.at).malformed == 1
+    assert world.figure('messages malformed') == 1
     assert_allclose(world.pose_at(0.995).translation, [0, 5.005, 5], atol=2e-3)
 
 
 def test_it_tells_how_far_this_computers_clock_is_off_utc() -> None:
-    state = World().run(5).vehicle.state(Instant(START + 5 * S, START / S + 5))
-    assert state.utc_error == pytest.approx(-0.25, abs=2e-3)
+    figure = World().run(5).figure('ahead of UTC of GPS (s)')
+    assert figure == pytest.approx(-0.25, abs=2e-3)
 
 
 def test_losses_are_counted_by_the_sequence() -> None:
@@ -416,10 +438,10 @@ def test_losses_are_counted_by_the_sequence() -> None:
     sender = world._senders[1, 1]
     sender.seq += 3
     world.say(heartbeat())
-    assert world.vehicle.state(world.at).lost == 3
+    assert world.figure('messages lost') == 3
     sender.seq -= 1
     world.say(heartbeat())  # the same number again: sent twice
-    assert world.vehicle.state(world.at).lost == 3
+    assert world.figure('messages lost') == 3
 
 
 def test_an_autopilot_other_than_ardupilot_is_asked_for_estimator_status() -> None:

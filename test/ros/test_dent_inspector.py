@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from array import array
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -27,6 +28,7 @@ from ftp_dent_ros.pose import IDENTITY, Pose
 from ftp_dent_ros.recording.reader import open_bag
 from ftp_dent_ros.recording.topic import Message, Qos, Topic, find_definition, type_hash
 from ftp_dent_ros.recording.writer import BagWriter
+from ftp_dent_ros.rig.rig import Lens
 from ftp_dent_ros.ros.dent_messages import dents_from_message, dents_to_message
 from ftp_dent_ros.ros.messages import (
     cloud_to_message,
@@ -348,3 +350,38 @@ def test_wrong_parameters_end_it_with_one_line(ros, tmp_path):
     assert process.wait() == 2
     (line,) = process.said
     assert line.startswith('dent_inspector: ') and 'limits' in line
+
+
+def test_a_list_is_taken_with_all_clouds_before_and_none_is_lost_at_the_end(ros, tmp_path):
+    kept = tmp_path / 'dents.jsonl'
+    bench = Bench(ros, source='tagged', always=True, list_file=str(kept))
+    # Each takes a second or so, and the counts come once a second.
+    rays = Lens(960, 720, np.diag([1200.0, 1200, 1]) + 0.0, np.zeros(5))
+    rays = rays.rays(rays.pixel_grid() - np.array([479.5, 359.5]))
+    points = (rays * DENTED.intersect(rays)[..., None]).astype(np.float32)
+    large = Cloud(points, np.ones(points.shape[:2], np.float32))
+    covariance = np.diag([1e-6] * 3 + [1e-8] * 3).ravel()
+    tag = PoseWithCovariance(pose=pose_to_message(CAMERA_POSES[0]), covariance=covariance)
+
+    def show(stamps):
+        for stamp in stamps:
+            header = make_header(stamp, 'map')
+            bench.poses.publish(PoseWithCovarianceStamped(header=header, pose=tag))
+            bench.show(large, stamp)
+
+    show((1, 2))
+    ros.until(lambda: bench.value('clouds') == '2')
+    assert bench.take()['clouds'] == 2
+    show((3, 4))
+    ros.until(lambda: bench.value('clouds') == '4')
+    assert bench.process.stop() == 0
+    assert len(kept.read_text().splitlines()) == 2
+
+
+def test_a_resolution_that_cannot_be_is_refused(ros, cloud):
+    bench = Bench(ros, always=True)
+    bench.show(replace(cloud, resolution=np.full_like(cloud.intensity, 1e12)), 1)
+    ros.until(lambda: bench.value('refused: wrong cloud') == '1')
+    assert 'resolution of 1e+12 m' in bench.state().message
+    assert bench.value('failed') == '0'
+    assert bench.process.stop() == 0

@@ -9,7 +9,7 @@ from ftp_dent_ros.ros.node import NewestWorker
 
 @pytest.mark.parametrize(
     ('room', 'dropped', 'left'),
-    [(1, [False, True, True], ['fourth']), (2, [False, False, True], ['third', 'fourth'])],
+    [(1, [None, 'second', 'third'], ['fourth']), (2, [None, None, 'second'], ['third', 'fourth'])],
 )
 def test_only_the_newest_wait(room, dropped, left):
     entered, leave, ended = (threading.Event() for _ in range(3))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import threading
+from collections import deque
 from typing import Any
 
 import cv2
@@ -19,23 +20,16 @@ from ftp_dent_ros.ground import topics
 from ftp_dent_ros.ground.protocol import Item
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig.rig import Lens
-from ftp_dent_ros.robust import NORMAL_SPREAD
+from ftp_dent_ros.robust import deviation
 
-_ROUND = 32  # points of an outline
-# Standard deviations of the points off a quadric beyond which one is a dent's; the least such
-# deviation, metres.
-_OUTLYING, _LEAST = 2.5, 1e-7
-
-_LARGEST = 4 << 20  # bytes of a message
-
-# Places of the path, areas seen, and poses that wait for their picture.
-_MOST = 2000, 400, 400
+# Poses and areas seen that are kept: half an hour of two photographs a second.
+_KEPT = 4000
 
 
 def ring(dent: dict[str, Any]) -> NDArray[np.float64]:
     """Ellipse of a dent's length and width on the skin, in the map."""
     axis, normal = np.array(dent['axis'], float), np.array(dent['normal'], float)
-    turn = np.linspace(0, 2 * np.pi, _ROUND, endpoint=False)[:, None]
+    turn = np.linspace(0, 2 * np.pi, 32, endpoint=False)[:, None]
     length, width = (float(dent[name] or 0) * 0.5e-3 for name in ('length_mm', 'width_mm'))
     along, across = length * np.cos(turn) * axis, width * np.sin(turn) * np.cross(normal, axis)
     return np.array(dent['place'], float) + along + across
@@ -66,7 +60,7 @@ def relief(cloud: Cloud) -> bytes:
     for _ in range(3):  # without the dents themselves
         coefficients, *_ = np.linalg.lstsq(basis[use], z[use], rcond=None)
         off = z - basis @ coefficients
-        use = np.abs(off) <= _OUTLYING * max(NORMAL_SPREAD * float(np.median(np.abs(off))), _LEAST)
+        use = np.abs(off) <= 2.5 * max(deviation(off), 1e-7)
     # Away from the camera is into the skin: a dent is positive.
     values = np.column_stack([points - centre, 1e3 * off])
     return values.astype('<f4').tobytes()
@@ -77,7 +71,7 @@ def message_of(item: Item) -> Any:
     from ftp_dent_ros.recording.topic import typestore
 
     try:
-        if len(item.data) > _LARGEST:
+        if len(item.data) > 4 << 20:
             raise ValueError
         return typestore().deserialize_cdr(item.data, item.kind.removeprefix('cdr:'))
     except Exception:
@@ -86,16 +80,14 @@ def message_of(item: Item) -> Any:
 
 def pose_of(message: Any) -> Pose:
     """Pose of a PoseWithCovarianceStamped."""
-    position, turn = message.pose.pose.position, message.pose.pose.orientation
-    return Pose.from_quaternion(
-        [turn.x, turn.y, turn.z, turn.w], [position.x, position.y, position.z]
-    )
+    at, turn = message.pose.pose.position, message.pose.pose.orientation
+    return Pose.from_quaternion([turn.x, turn.y, turn.z, turn.w], _checked(at))
 
 
 def path_of(message: Any) -> tuple[int, list[list[float]]]:
     """Stamp of a Path (ns), and its places, metres."""
-    places = [each.pose.position for each in message.poses]
-    return _stamp(message.header), [_rounded([at.x, at.y, at.z]) for at in places]
+    places = [_checked(each.pose.position) for each in message.poses]
+    return _stamp(message.header), np.round(places, 3).tolist()
 
 
 def coverage_of(message: Any) -> tuple[int, dict[str, list[list[list[float]]]]]:
@@ -103,7 +95,7 @@ def coverage_of(message: Any) -> tuple[int, dict[str, list[list[list[float]]]]]:
     strips: dict[str, list[list[list[float]]]] = {'measured': [], 'gaps': []}
     for marker in message.markers:
         if marker.ns in strips:
-            corners = [_rounded([at.x, at.y, at.z]) for at in marker.points]
+            corners = [np.round(_checked(at), 3).tolist() for at in marker.points]
             # Two triangles each: of the second only the last corner is another.
             strips[marker.ns] = [
                 [*corners[i : i + 3], corners[i + 5]] for i in range(0, len(corners) - 5, 6)
@@ -115,10 +107,11 @@ def _stamp(header: Any) -> int:
     return int(header.stamp.sec) * 10**9 + int(header.stamp.nanosec)
 
 
-def _rounded(place: list[float]) -> list[float]:
+def _checked(at: Any) -> list[float]:
+    place = [at.x, at.y, at.z]
     if not all(map(math.isfinite, place)):
         raise ValueError
-    return [round(value, 3) for value in place]
+    return place
 
 
 def dents_of(message: Any) -> list[dict[str, Any]]:
@@ -174,8 +167,7 @@ class Scene:
         self.version = 0
         self._lock = threading.Lock()
         self._dents: list[dict[str, Any]] = []
-        self._path: dict[int, list[float]] = {}
-        self._areas: list[tuple[int, list[list[float]]]] = []
+        self._areas: deque[tuple[int, list[list[float]]]] = deque(maxlen=_KEPT)
         # By the survey, where it runs: with the stamp up to which it goes.
         self._surveyed: tuple[int, list[list[float]]] = 0, []
         self._coverage: tuple[int, dict[str, list[list[list[float]]]]] = 0, {}
@@ -203,24 +195,19 @@ class Scene:
     def state(self) -> dict[str, Any]:
         """What the page needs to know, for JSON."""
         with self._lock:
-            picture = None
-            if self._picture is not None:
-                stamp, _, (width, height) = self._picture
-                outlines = self._outlines(stamp, width, height)
-                picture = {
-                    'stamp': str(stamp),
-                    'width': width,
-                    'height': height,
-                    'outlines': outlines,
-                }
+            survey_end, places = self._surveyed
+            newer = [self._poses[each] for each in sorted(self._poses) if each > survey_end]
+            coverage_end, strips = self._coverage
             return {
                 'version': self.version,
                 'dents': self._dents,
-                'path': self._whole_path(),
-                'areas': self._seen_areas(),
-                'gaps': self._coverage[1].get('gaps', []),
+                # As the survey has them, and as clouds come from there on.
+                'path': places + [np.round(each.translation, 3).tolist() for each in newer],
+                'areas': strips.get('measured', [])
+                + [area for stamp, area in self._areas if stamp > coverage_end],
+                'gaps': strips.get('gaps', []),
                 'statuses': self._statuses,
-                'picture': picture,
+                'picture': self._drawn_picture(),
                 'cloud': None if self._cloud is None else str(self._cloud[0]),
             }
 
@@ -257,29 +244,8 @@ class Scene:
             self._coverage = coverage_of(message_of(item))
         elif item.topic == topics.CAMERA_POSE:
             self._poses[item.stamp_ns] = pose_of(message_of(item))
-            while len(self._poses) > _MOST[2]:
+            if len(self._poses) > _KEPT:
                 del self._poses[min(self._poses)]
-        elif item.topic == 'tagged/pose':
-            position = pose_of(message_of(item)).translation
-            # The newest come first, and those of an outage after it.
-            self._path[item.stamp_ns] = [round(float(value), 3) for value in position]
-            if len(self._path) > _MOST[0]:
-                self._path = {stamp: self._path[stamp] for stamp in sorted(self._path)[::2]}
-
-    def _whole_path(self) -> list[list[float]]:
-        """As the survey has it, and the autopilot's from there on."""
-        stamp, places = self._surveyed
-        if not places:
-            return [self._path[each] for each in sorted(self._path)]
-        newer = [self._poses[each].translation for each in sorted(self._poses) if each > stamp]
-        every = len(places) // _MOST[0] + 1
-        return places[::-every][::-1] + [np.round(each, 3).tolist() for each in newer]
-
-    def _seen_areas(self) -> list[list[list[float]]]:
-        """What the survey says was measured, and the outlines of clouds from there on."""
-        stamp, strips = self._coverage
-        newer = [area for each, area in self._areas if each > stamp]
-        return strips.get('measured', []) + newer
 
     def _take_picture(self, item: Item) -> None:
         if self._picture is not None and item.stamp_ns < self._picture[0]:
@@ -301,35 +267,29 @@ class Scene:
             if ends is not None:
                 area = pose.apply(ends)
                 self._areas.append((item.stamp_ns, np.round(area.astype(float), 3).tolist()))
-                if len(self._areas) > _MOST[1]:
-                    self._areas = self._areas[::2]
         if self._cloud is None or item.stamp_ns >= self._cloud[0]:
             self._cloud = item.stamp_ns, relief(cloud)
 
-    def _outlines(self, stamp: int, width: int, height: int) -> list[dict[str, Any]]:
-        """Where the dents lie in a picture whose camera's pose is known."""
-        pose = self._poses.get(stamp)
-        if pose is None or self._lens is None:
-            return []
-        to_camera = pose.inverse()
-        scale = width / self._lens.width
-        found = []
-        for dent in self._dents:
-            around = to_camera.apply(ring(dent))
-            if (around[:, 2] <= 0).any():
-                continue
-            pixels = self._lens.project(around) * scale
-            if not ((pixels > -width) & (pixels < 2 * width)).all():
-                continue
-            if ((pixels > 0) & (pixels < [width, height])).any():
-                found.append(
-                    {
-                        'number': dent['number'],
-                        'kind': dent['kind'],
-                        'points': np.round(pixels, 1).tolist(),
-                    }
-                )
-        return found
+    def _drawn_picture(self) -> dict[str, Any] | None:
+        """The picture, and where the dents lie in it if its camera's pose is known."""
+        if self._picture is None:
+            return None
+        stamp, _, (width, height) = self._picture
+        outlines = []
+        if stamp in self._poses and self._lens is not None:
+            to_camera, scale = self._poses[stamp].inverse(), width / self._lens.width
+            for dent in self._dents:
+                around = to_camera.apply(ring(dent))
+                if (around[:, 2] <= 0).any():
+                    continue
+                pixels = self._lens.project(around) * scale
+                is_near = ((pixels > -width) & (pixels < 2 * width)).all()
+                if is_near and ((pixels > 0) & (pixels < [width, height])).any():
+                    points = np.round(pixels, 1).tolist()
+                    outlines.append(
+                        {'number': dent['number'], 'kind': dent['kind'], 'points': points}
+                    )
+        return {'stamp': str(stamp), 'width': width, 'height': height, 'outlines': outlines}
 
 
 def as_json(state: dict[str, Any]) -> bytes:

@@ -1,10 +1,12 @@
-"""A window in full screen, under X11 or Wayland, through SDL 2."""
+"""The projector as a display: a window in full screen, through SDL 2.
+
+Under X11 and Wayland, and on a console without a desktop by the kernel (KMSDRM).
+"""
 
 from __future__ import annotations
 
 import ctypes
 import importlib
-import os
 from typing import Any
 
 import numpy as np
@@ -33,7 +35,7 @@ class Window:
     Raises
     ------
     ConfigurationError
-        There is no desktop, or SDL 2 is not installed.
+        There is no display, or SDL 2 is not installed.
     """
 
     def __init__(self, x: int, y: int, size: tuple[int, int]) -> None:
@@ -43,19 +45,16 @@ class Window:
         # What was wrong when it was drawn last.
         self._drawing = ''
         self._window: Any = None
-        if not (os.environ.get('DISPLAY') or os.environ.get('WAYLAND_DISPLAY')):
-            raise ConfigurationError(
-                'display.enabled is set, but this process has no desktop (DISPLAY is not set): '
-                'start it in a graphical session, or set display.kind to drm on a console'
-            )
         self._sdl = _load()
         self._sdl.SDL_SetHint(b'SDL_VIDEO_X11_NET_WM_BYPASS_COMPOSITOR', b'1')
         self._sdl.SDL_SetHint(b'SDL_VIDEO_MINIMIZE_ON_FOCUS_LOSS', b'0')
         if self._sdl.SDL_Init(self._sdl.SDL_INIT_VIDEO) != 0:
             raise ConfigurationError(
-                f'display.enabled is set, but no window can be opened ({self._error()}): check '
-                'DISPLAY and that this user may use the desktop'
+                f'display.enabled is set, but there is no display ({self._error()}): start in a '
+                'graphical session (DISPLAY), or on a console as a user of the group video'
             )
+        # Without a desktop the pattern's size sets the display's mode.
+        self._sets_mode = self._sdl.SDL_GetCurrentVideoDriver() == b'KMSDRM'
         self._sdl.SDL_DisableScreenSaver()
         self.refresh()
 
@@ -83,11 +82,12 @@ class Window:
             return
         if self._window is None:
             self._open()
+            shown = self._display_size()
             redraw = True
         if redraw:
             self._draw()
         self.trouble = self._drawing
-        if shown != self._size:
+        if shown is not None and shown != self._size:
             self.trouble = (
                 f'the display shows {shown[0]}x{shown[1]} pixels, the pattern has '
                 f"{self._size[0]}x{self._size[1]}: set the display to the projector's resolution "
@@ -118,7 +118,9 @@ class Window:
         if not self._window:
             self._window = None
             raise ConfigurationError(f'the pattern has no window ({self._error()}): check DISPLAY')
-        if self._display_size() == self._size:
+        if self._sets_mode:
+            self._sdl.SDL_SetWindowFullscreen(self._window, self._sdl.SDL_WINDOW_FULLSCREEN)
+        elif self._display_size() == self._size:
             full = self._sdl.SDL_WINDOW_FULLSCREEN_DESKTOP
             self._sdl.SDL_SetWindowFullscreen(self._window, full)
         self._sdl.SDL_ShowCursor(self._sdl.SDL_DISABLE)

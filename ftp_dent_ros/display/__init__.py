@@ -1,1 +1,0 @@
-"""The projector as this computer's display: pixel for pixel, with a desktop or without one."""
