@@ -214,15 +214,6 @@ def _describe(frame: Frame | None) -> tuple[bool, str]:
     return True, f'photograph taken at {seconds}.{nanoseconds:09d}'
 
 
-def main() -> int:
-    """Run the node as a process."""
-    return run(CameraCapture, 'camera_capture', threads=2)
-
-
-if __name__ == '__main__':
-    sys.exit(main())
-
-
 def make_source(given: CameraParameters, now_ns: Callable[[], int]) -> Source:
     """Make the source, on ROS time in nanoseconds."""
     if given.source == 'device':
@@ -260,3 +251,12 @@ def _device(given: CameraParameters, now_ns: Callable[[], int]) -> Source:
     at_start = stamps == 'start' or (stamps == 'auto' and stamps_exposure_start(device.path))
     clock = ExposureClock(device.exposure, at_start, given.stamp_offset)
     return DeviceSource(functools.partial(open_device, device), given.rate, clock, now_ns)
+
+
+def main() -> int:
+    """Run the node as a process."""
+    return run(CameraCapture, 'camera_capture', threads=2)
+
+
+if __name__ == '__main__':
+    sys.exit(main())
