@@ -1,13 +1,13 @@
 # `make` alone lists the targets. Each sets up the environment that it needs (tools/environment).
 
-.PHONY: help demo test lint types benchmark clean
+.PHONY: help demo test lint types figures figures-short clean
 unexport PYTHONPATH
 VENV := .venv/bin
 UBUNTU := .venv-ubuntu24.04/bin
 # More workers than the two cores that this must do with: tests of nodes mostly wait.
 PYTEST := -m pytest -n 3 --dist worksteal
-# Without flight_replay, which needs the log of a flight, and link_soak, which takes ten minutes.
-BENCHMARKS := accuracy reconstruction_speed render node_latency recording
+# Of figures, as `make figures OPTIONS='--against figures.json --seed 7'`.
+OPTIONS :=
 
 help:
 	@echo 'make demo        set up .venv, then fly the payload on a simulated panel: out/demo/'
@@ -15,7 +15,8 @@ help:
 	@echo "                 with Ubuntu 24.04's versions of numpy, SciPy and OpenCV"
 	@echo 'make lint        ruff: style and format; import-linter: which way arrows run'
 	@echo 'make types       mypy'
-	@echo 'make benchmark   accuracy and speed: 5 minutes'
+	@echo 'make figures     what it measures: figures.json and docs/results.md; 10 minutes on 2 cores'
+	@echo 'make figures-short   a part of it, against figures.json: half a minute'
 	@echo 'make clean       remove the environments and all that was generated'
 
 demo:
@@ -38,10 +39,13 @@ types:
 	@tools/environment test
 	$(VENV)/mypy
 
-benchmark:
+figures:
 	@tools/environment test
-	@for name in $(BENCHMARKS); do \
-		echo "== benchmarks/$$name.py"; $(VENV)/python benchmarks/$$name.py || exit; done
+	$(VENV)/python benchmarks/figures.py $(OPTIONS)
+
+figures-short:
+	@tools/environment test
+	$(VENV)/python benchmarks/figures.py --short --against figures.json
 
 clean:
 	rm -rf .venv .venv-ubuntu24.04 build install log out *.egg-info \

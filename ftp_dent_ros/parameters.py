@@ -1,7 +1,7 @@
 """What a node's parameters may be, checked the same way in a file and on the node.
 
-A node declares its parameters in a function of a `Declarations`. `Given` runs that function on
-the values of a configuration, so that a wrong one is found before anything is started;
+A node declares its parameters in a function of a `Declarations`. `FileParameters` runs that
+function on the values of a configuration, so that a wrong one is found before anything is started;
 `ftp_dent_ros.ros.parameters.Parameters` runs it on a node.
 """
 
@@ -143,7 +143,7 @@ class Declarations(ABC):
         """
 
 
-class Given(Declarations):
+class FileParameters(Declarations):
     """The parameters that a configuration gives to one node.
 
     Parameters

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections import Counter
 from pathlib import Path
@@ -12,11 +11,6 @@ import yaml
 
 from ftp_dent_ros.errors import InputError
 
-# A bag's metadata with a thousand topics has a megabyte. With its aliases written out a file may
-# hold so many values, so that an error message of one of them stays small.
-_LARGEST = 1 << 22
-_MOST_VALUES = 1_000_000
-
 
 def read_yaml(path: str | os.PathLike[str], error: type[InputError]) -> dict[str, Any]:
     """Mapping in a YAML file; `error` is raised, with the line, if it is no plain data.
@@ -25,13 +19,11 @@ def read_yaml(path: str | os.PathLike[str], error: type[InputError]) -> dict[str
     """
     try:
         with Path(path).open('rb') as file:
-            text = file.read(_LARGEST + 1).decode('utf-8')
+            text = file.read().decode('utf-8')
     except OSError as reason:
         raise error(f'{path}: cannot be read ({reason.strerror}): check the path') from None
     except UnicodeDecodeError:
         raise error(f'{path}: cannot be read (not text in UTF-8): check the path') from None
-    if len(text) > _LARGEST:
-        raise error(f'{path}: larger than {_LARGEST >> 20} MB: give a file of settings')
     try:
         data = yaml.load(text, _PlainLoader)
     except RecursionError:
@@ -49,14 +41,6 @@ def read_yaml(path: str | os.PathLike[str], error: type[InputError]) -> dict[str
 
 class _PlainLoader(yaml.SafeLoader):
     """Refuses what a file of settings cannot mean, and says in which line."""
-
-    def get_single_data(self) -> Any:
-        node = self.get_single_node()
-        if node is None:
-            return None
-        if _size(node, {}) > _MOST_VALUES:
-            raise self._refusal(node, 'its aliases repeat more than can be meant')
-        return self.construct_document(node)
 
     def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
         try:
@@ -86,15 +70,3 @@ class _PlainLoader(yaml.SafeLoader):
 
     def _refusal(self, node: yaml.Node, problem: str) -> yaml.YAMLError:
         return yaml.constructor.ConstructorError(None, None, problem, node.start_mark)
-
-
-def _size(node: yaml.Node, known: dict[int, float]) -> float:
-    """Number of values below a node, those of aliases each time; infinite if it holds itself."""
-    size = known.get(id(node))
-    if size is None:
-        known[id(node)] = math.inf
-        parts = node.value if isinstance(node, yaml.CollectionNode) else ()
-        if isinstance(node, yaml.MappingNode):
-            parts = [each for pair in parts for each in pair]
-        size = known[id(node)] = 1 + sum(_size(each, known) for each in parts)
-    return size

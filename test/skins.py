@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 
 from ftp_dent_ros.cloud.cloud import Cloud
-from ftp_dent_ros.coding.cloud_codec import View
+from ftp_dent_ros.coding.cloud_codec import RayGrid
 from ftp_dent_ros.rig.rig import Lens
 
 NOISE = 4e-6  # m
 
 
-def skin(view: View, seed: int = 1, distance: float = 0.8) -> Cloud:
+def skin(view: RayGrid, seed: int = 1, distance: float = 0.8) -> Cloud:
     """A cylinder with dents, holes, a step, and uncertainties that grow towards the edges."""
     rng = np.random.default_rng(seed)
     x, y = view.rays().astype(float)
@@ -37,12 +37,12 @@ def skin(view: View, seed: int = 1, distance: float = 0.8) -> Cloud:
 
 
 @pytest.fixture(scope='session')
-def view() -> View:
+def view() -> RayGrid:
     """Rays of a distorted camera of 640x360 pixels, at every second one."""
     matrix = np.array([[850.0, 0, 321.35], [0, 852.0, 178.6], [0, 0, 1]])
-    return View(Lens(640, 360, matrix, np.array([-0.085, 0.04, 0.0006, -0.0004, 0.01])), 2)
+    return RayGrid(Lens(640, 360, matrix, np.array([-0.085, 0.04, 0.0006, -0.0004, 0.01])), 2)
 
 
 @pytest.fixture(scope='session')
-def cloud(view: View) -> Cloud:
+def cloud(view: RayGrid) -> Cloud:
     return skin(view)

@@ -1,5 +1,4 @@
 import errno
-import re
 
 import pytest
 
@@ -7,7 +6,6 @@ from ftp_dent_ros.errors import ConfigurationError, printable
 from ftp_dent_ros.files import (
     check_writable,
     config_folder,
-    content_id,
     find,
     nearest_folder,
     written_aside,
@@ -66,21 +64,6 @@ def test_a_shipped_file_is_found_by_its_prefix_alone(tmp_path, monkeypatch):
 def test_what_is_not_shipped_is_told(name):
     with pytest.raises(ConfigurationError, match=r'no file of that name is shipped: .*rig\.yaml'):
         find(f'shipped:{name}')
-
-
-def test_the_folder_that_was_searched_is_named(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(ConfigurationError, match=f'none.yaml: no such file in {tmp_path}'):
-        find('none.yaml')
-
-
-def test_the_id_of_a_file_is_that_of_its_content(tmp_path):
-    a, b = tmp_path / 'a', tmp_path / 'b'
-    a.write_text('one')
-    b.write_text('one')
-    assert content_id(a) == content_id(b) and re.fullmatch('[0-9a-f]{12}', content_id(a))
-    b.write_text('two')
-    assert content_id(a) != content_id(b)
 
 
 def test_what_a_terminal_would_obey_is_shown_instead():

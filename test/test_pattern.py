@@ -6,7 +6,6 @@ import pytest
 import yaml
 
 from ftp_dent_ros.errors import PatternError
-from ftp_dent_ros.files import config_folder
 from ftp_dent_ros.pattern.drawn import pattern_from_image
 from ftp_dent_ros.pattern.file import read_pattern, write_pattern
 from ftp_dent_ros.pattern.pattern import SEQUENCES, Pattern, fringe_order
@@ -257,26 +256,7 @@ def test_each_wrong_field_is_named(tmp_path, field, value):
     assert field in str(error.value)
 
 
-def test_a_file_of_something_else_is_no_pattern():
-    with pytest.raises(PatternError, match=r"rig.yaml: holds none of a pattern's fields"):
-        read_pattern(config_folder() / 'rig.yaml')
-
-
 def test_a_pattern_must_fit_its_projector():
     lens = Lens(1280, 720, np.diag([1000.0, 1000.0, 1.0]), np.zeros(5))
     with pytest.raises(PatternError, match='640x360, the projector 1280x720'):
         PATTERN.check_fits(lens)
-
-
-@pytest.mark.parametrize(
-    ('period', 'centre', 'levels'),
-    [(10.0, 640.0, 254), (9.0, 594.1, 254), (12.5, 640.3, 255), (8.0, 640.0, 255)],
-)
-def test_the_rounding_of_levels_is_told_as_it_shifts_the_fringes(period, centre, levels):
-    pattern = Pattern(1280, 720, period, centre, levels=levels)
-    u = np.arange(100, 100 + 1000)  # whole fringes of each period, but for the second
-    row = pattern.draw()[0, u, 0].astype(float)
-    shift = np.angle((row - row.mean()) @ np.exp(-1j * pattern.phase(u)))
-    told = np.sqrt(np.square(pattern.rounding_shifts).mean(axis=(1, 2)).sum())
-    assert told < 2e-3
-    assert abs(shift) < 2 * told + 2e-4

@@ -5,10 +5,6 @@ import pytest
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.yaml_file import read_yaml
 
-LAUGHS = 'a0: &a0 [x, x]\n' + ''.join(
-    f'a{k}: &a{k} [{", ".join([f"*a{k - 1}"] * 10)}]\n' for k in range(1, 13)
-)
-
 
 @pytest.mark.parametrize(
     ('text', 'said'),
@@ -23,14 +19,11 @@ LAUGHS = 'a0: &a0 [x, x]\n' + ''.join(
         ('\n'.join(' ' * k + 'a:' for k in range(1200)), 'nested too deeply'),
         (f'a: {"9" * 401}', 'more than 64 bits'),
         (f'a: {"9" * 5000}', 'is no int'),
-        (LAUGHS, 'aliases'),
-        ('a: &a [*a]', 'aliases'),
         ('1: x', 'the key 1 is no text'),
         ('? [x]\n: 1', 'unhashable'),
         ('a: 1\na: 2', "'a' is there 2 times"),
         ('a: \0', 'not valid YAML'),
         ('- a', 'no mapping'),
-        ('a: ' + 'x' * (1 << 22), 'larger than 4 MB'),
     ],
 )
 def test_hostile_yaml_is_refused_with_one_short_sentence(tmp_path, text, said):

@@ -1,4 +1,4 @@
-"""Draws docs/explanation/windows.png: bins, nodes and windows on fringes, and what windows let through.
+"""Draws windows.png: bins, nodes and windows on fringes, and what windows let through.
 
 python docs/explanation/draw_windows.py [PNG]
 """

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.calibration.wall_check import check
 from ftp_dent_ros.cloud.cloud import Cloud
-from ftp_dent_ros.dents.dent import Settings as Smallest
+from ftp_dent_ros.dents.dent import SmallestDent as Smallest
 from ftp_dent_ros.errors import CalibrationError, CloudError, RefusedFrameError
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.pattern.pattern import Pattern

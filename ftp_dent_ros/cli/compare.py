@@ -13,7 +13,7 @@ from ftp_dent_ros.files import find, written_aside
 from ftp_dent_ros.survey.aircraft_frame import aircraft_frame, read_reference_points
 from ftp_dent_ros.survey.comparison import (
     STATUSES,
-    Row,
+    ChartRow,
     chart,
     chart_csv,
     compare,
@@ -21,7 +21,7 @@ from ftp_dent_ros.survey.comparison import (
     growth_of,
 )
 from ftp_dent_ros.survey.result import SurveyResult
-from ftp_dent_ros.survey.store import Store, survey_from_report
+from ftp_dent_ros.survey.store import SurveyStore, survey_from_report
 
 PAGE, TABLE = 'comparison.html', 'chart.csv'
 _SQLITE = b'SQLite format 3\x00'
@@ -73,7 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def summary(rows: list[Row]) -> str:
+def summary(rows: list[ChartRow]) -> str:
     """How many of each status, and a line for each that is not as before."""
     counts = Counter(row.compared.status for row in rows)
     lines = [', '.join(f'{counts[each]} {each}' for each in STATUSES if counts[each])]
@@ -91,16 +91,16 @@ def summary(rows: list[Row]) -> str:
 def _survey(name: str) -> SurveyResult:
     path, _, survey = name.rpartition(':')
     if not Path(name).exists() and path and Path(path).exists():
-        return Store(path).read(survey)
+        return SurveyStore(path).read(survey)
     if not Path(name).exists():
         raise ConfigurationError(f'{name}: no such file: give FILE.sqlite:NAME, or a report')
     if not _is_store(Path(name)):
         return survey_from_report(name)
-    names = Store(name).names()
+    names = SurveyStore(name).names()
     if len(names) != 1:
         known = ', '.join(f'{name}:{each}' for each in names) or 'none yet'
         raise ConfigurationError(f'{name}: name one of its surveys: it has {known}')
-    return Store(name).read(names[0])
+    return SurveyStore(name).read(names[0])
 
 
 def _is_store(path: Path) -> bool:

@@ -22,25 +22,21 @@ from ftp_dent_ros.cli.inspection_arguments import (
     settings_of,
 )
 from ftp_dent_ros.cloud.ply import read_ply, rig_id_of
-from ftp_dent_ros.dents.dent import Settings
+from ftp_dent_ros.dents.dent import SmallestDent
 from ftp_dent_ros.dents.rules import Rules, read_rules, verdict
 from ftp_dent_ros.dents.sightings import ListedDent
 from ftp_dent_ros.errors import CloudError, ConfigurationError, FtpDentError
 from ftp_dent_ros.files import content_id, find
 from ftp_dent_ros.fleet import begin, finish, is_made_of, made_of
-from ftp_dent_ros.inspection.inspecting import Observation, Survey, viewpoint_of
+from ftp_dent_ros.inspection.inspecting import CloudInspector, SeenCloud, viewpoint_of
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.page import write_report
-from ftp_dent_ros.inspection.report import Report
+from ftp_dent_ros.inspection.report import InspectionReport
 from ftp_dent_ros.pattern.file import read_pattern
 from ftp_dent_ros.photograph.file import is_photograph, read_photograph
 from ftp_dent_ros.rig.rig import Lens, read_rig
 
 _CAMERA_FRAME = 'camera_optical_frame'
-# Clouds that take as long as another process does to begin.
-_WORTH = 10
-
-_FAILED = 2
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -116,7 +112,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def summary(report: Report) -> str:
+def summary(report: InspectionReport) -> str:
     """A line a dent."""
     lines = [f'{len(report.dents)} dents, {len(report.others)} others']
     for entry, findings in zip(report.dents, report.findings(), strict=True):
@@ -152,7 +148,7 @@ class Request:
         A cloud, a photograph or a bag.
     rig, pattern, rules : str, optional
         Names of files.
-    settings : Settings
+    settings : SmallestDent
     stride : int
         Of a photograph.
     joined : bool
@@ -163,7 +159,7 @@ class Request:
     rig: str | None
     pattern: str | None
     rules: str | None
-    settings: Settings
+    settings: SmallestDent
     stride: int
     joined: bool = False
 
@@ -172,7 +168,7 @@ def report_of(
     request: Request,
     progress: Callable[[int], object] = lambda count: None,
     jobs: int = 1,
-) -> Report:
+) -> InspectionReport:
     """Inspect what is asked for.
 
     Parameters
@@ -207,7 +203,7 @@ def report_of(
 
 def _of_bag(
     request: Request, rules: Rules | None, progress: Callable[[int], object], jobs: int
-) -> Report:
+) -> InspectionReport:
     # Only this needs the libraries of bags.
     from ftp_dent_ros.fleet import in_order
     from ftp_dent_ros.inspection.bag import survey_bag
@@ -223,21 +219,22 @@ def _of_bag(
 
         thrice = partial(progress, 3 * count)
         return report_on_skin(bag, inspect, named, camera, rules, request.settings, thrice)[0]
-    once, each = partial(progress, count), partial(in_order, jobs=min(jobs, count // _WORTH))
+    # Clouds that take as long as another process does to begin.
+    once, each = partial(progress, count), partial(in_order, jobs=min(jobs, count // 10))
     return survey_bag(
         bag, inspect, named, camera, rules, request.settings, progress=once, each=each
     )
 
 
-def _of_cloud(request: Request, rules: Rules | None) -> Report:
+def _of_cloud(request: Request, rules: Rules | None) -> InspectionReport:
     cloud, frame_id = read_ply(request.path)
     in_camera = frame_id == _CAMERA_FRAME
     viewpoint = (0.0, 0.0, 0.0) if in_camera else viewpoint_of(cloud)
-    observation = Observation(request.path.name, cloud, viewpoint=viewpoint)
+    observation = SeenCloud(request.path.name, cloud, viewpoint=viewpoint)
     return _of_one(request, observation, frame_id, rules, rig_id_of(request.path))
 
 
-def _of_photograph(request: Request, rules: Rules | None) -> Report:
+def _of_photograph(request: Request, rules: Rules | None) -> InspectionReport:
     from ftp_dent_ros import profilometry
 
     if not request.rig or not request.pattern:
@@ -251,7 +248,7 @@ def _of_photograph(request: Request, rules: Rules | None) -> Report:
     )
     photograph = read_photograph(str(request.path))
     measured = reconstructor.measure(photograph, True)
-    observation = Observation(
+    observation = SeenCloud(
         request.path.name,
         measured.cloud,
         coverage=measured.coverage,
@@ -262,13 +259,13 @@ def _of_photograph(request: Request, rules: Rules | None) -> Report:
 
 def _of_one(
     request: Request,
-    observation: Observation,
+    observation: SeenCloud,
     frame_id: str,
     rules: Rules | None,
     measured_by: str = '',
-) -> Report:
+) -> InspectionReport:
     named, camera = _rig(request, measured_by)
-    survey = Survey(inspect, settings=request.settings)
+    survey = CloudInspector(inspect, settings=request.settings)
     if survey.add(observation) is None:
         raise CloudError(survey.refused[0])
     in_camera = frame_id == _CAMERA_FRAME
@@ -346,7 +343,7 @@ def inspect_several(
             bar.write(line, file=sys.stderr if outcome.failed else sys.stdout)
             bar.update()
     print(f'{counts[False]} inspected, {len(done)} done before, {counts[True]} failed')
-    return _FAILED if counts[True] else 0
+    return 2 if counts[True] else 0
 
 
 def _results(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ftp_dent_ros.dents.dent import RANGES, Settings
+from ftp_dent_ros.dents.dent import RANGES, SmallestDent
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.files import why_not_writable
 
@@ -14,7 +14,7 @@ _MM = 1e3
 
 def add_settings_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the smallest dents; lengths are in millimetres."""
-    default = Settings()
+    default = SmallestDent()
     parser.add_argument(
         '--smallest-depth',
         type=float,
@@ -31,7 +31,7 @@ def add_settings_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def settings_of(arguments: argparse.Namespace) -> Settings:
+def settings_of(arguments: argparse.Namespace) -> SmallestDent:
     """Settings of an inspection that the arguments ask for.
 
     Raises
@@ -46,7 +46,7 @@ def settings_of(arguments: argparse.Namespace) -> Settings:
                 f'--{name.replace("_", "-")} is {value:g}: give millimetres, {least * _MM:g} to '
                 f'{most * _MM:g}'
             )
-    return Settings(arguments.smallest_depth / _MM, arguments.smallest_width / _MM)
+    return SmallestDent(arguments.smallest_depth / _MM, arguments.smallest_width / _MM)
 
 
 def output_folder(arguments: argparse.Namespace) -> Path:

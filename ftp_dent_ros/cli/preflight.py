@@ -18,7 +18,7 @@ from rclpy.node import Node
 from rclpy.time import Time
 
 from ftp_dent_ros.calibration.preflight import NO, OK, WARN, Finding, examine, sharpness
-from ftp_dent_ros.dents.dent import Settings as Smallest
+from ftp_dent_ros.dents.dent import SmallestDent as Smallest
 from ftp_dent_ros.errors import CameraError, ConfigurationError
 from ftp_dent_ros.files import find, nearest_folder
 from ftp_dent_ros.pattern.drawn import pattern_from_image

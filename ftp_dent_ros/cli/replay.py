@@ -10,7 +10,7 @@ from pathlib import Path
 from ftp_dent_ros.errors import BagError
 from ftp_dent_ros.recording.reader import Bag, open_bag
 from ftp_dent_ros.recording.ros.player import Player
-from ftp_dent_ros.recording.topic import Selection, Topic
+from ftp_dent_ros.recording.topic import RecordedTopic, Selection
 from ftp_dent_ros.ros.session import session
 
 
@@ -72,7 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _chosen(bag: Bag, arguments: argparse.Namespace) -> list[Topic]:
+def _chosen(bag: Bag, arguments: argparse.Namespace) -> list[RecordedTopic]:
     selection = Selection.of(
         arguments.topics,
         everything=not (arguments.topics or arguments.regex),

@@ -60,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ftp_dent_ros.recording.clouds import count_clouds
     from ftp_dent_ros.recording.reader import open_bag
     from ftp_dent_ros.survey.aircraft_frame import aircraft_frame, read_reference_points
-    from ftp_dent_ros.survey.store import Store
+    from ftp_dent_ros.survey.store import SurveyStore
     from ftp_dent_ros.survey.surveying import survey_bags
     from ftp_dent_ros.survey.writing import write_survey
 
@@ -70,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
     rig_id = _rig_of(bags, arguments.rig)
     name = arguments.name or bags[0].path.stem
     points = find(arguments.points) if arguments.points else None
-    store = Store(arguments.store) if arguments.store else None
+    store = SurveyStore(arguments.store) if arguments.store else None
     if store:
         store.check_new(name)
     count = sum(count_clouds(bag)[0] for bag in bags)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.pages.words import date_of
-from ftp_dent_ros.survey.store import Store, survey_from_report
+from ftp_dent_ros.survey.store import SurveyStore, survey_from_report
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -25,7 +25,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Add one if asked to, and list them."""
     if arguments.name and not arguments.add:
         raise ConfigurationError('--name is of the survey that --add adds: give both, or none')
-    store = Store(Path(arguments.file))
+    store = SurveyStore(Path(arguments.file))
     if arguments.add:
         store.add(survey_from_report(arguments.add, arguments.name))
     names = store.names()

@@ -57,7 +57,7 @@ _END = struct.Struct('<I')
 
 
 @dataclass(frozen=True)
-class View:
+class RayGrid:
     """Whose rays an organised cloud lies on.
 
     Attributes
@@ -77,10 +77,10 @@ class View:
         return -(-self.lens.height // self.stride), -(-self.lens.width // self.stride)
 
     @staticmethod
-    def of(lens: Lens, rows: int, columns: int) -> View | None:
-        """View of a cloud of that size, or None if no stride gives it."""
+    def of(lens: Lens, rows: int, columns: int) -> RayGrid | None:
+        """RayGrid of a cloud of that size, or None if no stride gives it."""
         stride = max(1, round(lens.width / max(columns, 1)))
-        view = View(lens, stride)
+        view = RayGrid(lens, stride)
         return view if view.shape == (rows, columns) else None
 
     def numbers(self) -> list[float]:
@@ -94,8 +94,8 @@ class View:
         ]
 
     @staticmethod
-    def from_numbers(numbers: Any) -> View:
-        """View of its `numbers`; raises `ValueError` or `TypeError` if they are none."""
+    def from_numbers(numbers: Any) -> RayGrid:
+        """RayGrid of its `numbers`; raises `ValueError` or `TypeError` if they are none."""
         width, height, f_x, f_y, c_x, c_y, *distortion, stride = map(float, numbers)
         given = np.array([width, height, f_x, f_y, c_x, c_y, *distortion, stride])
         if len(given) != 12 or not np.isfinite(given).all() or not given[:4].min() > 0:
@@ -103,7 +103,7 @@ class View:
         matrix = np.array([[f_x, 0, c_x], [0, f_y, c_y], [0, 0, 1]])
         if stride < 1:
             raise ValueError('no stride')
-        return View(Lens(int(width), int(height), matrix, np.array(distortion)), int(stride))
+        return RayGrid(Lens(int(width), int(height), matrix, np.array(distortion)), int(stride))
 
     def rays(self) -> NDArray[np.float32]:
         """x/z and y/z of each point, shape (2, rows, columns)."""
@@ -116,7 +116,7 @@ class View:
 
 @lru_cache(maxsize=4)
 def _rays(numbers: tuple[float, ...]) -> NDArray[np.float32]:
-    view = View.from_numbers(numbers)
+    view = RayGrid.from_numbers(numbers)
     with np.errstate(all='ignore'):
         rays = view.lens.rays(view.lens.pixel_grid(view.stride))[..., :2]
     return np.ascontiguousarray(np.moveaxis(rays, 2, 0), np.float32)
@@ -274,7 +274,7 @@ def _deflated(plane: bytes | memoryview) -> bytes:
     return writer.compress(plane) + writer.flush()
 
 
-class Scale(str, Enum):
+class StepScale(str, Enum):
     """What has equal steps; those of the logarithm are a quarter of an octave: 9 % off at most."""
 
     LINEAR = 'linear'
@@ -283,19 +283,19 @@ class Scale(str, Enum):
 
 
 def quantise(
-    values: NDArray[np.float32], mask: Mask, scale: Scale, step: float
+    values: NDArray[np.float32], mask: Mask, scale: StepScale, step: float
 ) -> NDArray[np.int32]:
     """Nearest whole numbers of steps; where the mask is false, what is easily predicted.
 
     Parameters
     ----------
     values : ndarray, shape (rows, columns)
-        Finite where the mask is true; with `Scale.INVERSE` not 0, with `Scale.LOGARITHM`
+        Finite where the mask is true; with `StepScale.INVERSE` not 0, with `StepScale.LOGARITHM`
         positive (and below 1e-38 taken for that).
     mask : Mask
-    scale : Scale
+    scale : StepScale
     step : float
-        In the unit of the value or of its inverse; of no meaning to `Scale.LOGARITHM`.
+        In the unit of the value or of its inverse; of no meaning to `StepScale.LOGARITHM`.
 
     Raises
     ------
@@ -303,9 +303,9 @@ def quantise(
         A step is too small for the values.
     """
     there = np.where(mask.where, values, np.float32(1))
-    if scale is Scale.LOGARITHM:
+    if scale is StepScale.LOGARITHM:
         return mask.fill(_quarters(there))
-    if scale is Scale.INVERSE:
+    if scale is StepScale.INVERSE:
         steps = np.reciprocal(there, dtype=np.float64)
         steps /= step
     else:
@@ -327,20 +327,23 @@ def _quarters(values: NDArray[np.float32]) -> NDArray[np.int32]:
     return ((bits >> _BITS) - _BIAS) * _PARTS + parts
 
 
-def restore(steps: NDArray[np.int32], scale: Scale, step: float) -> NDArray[np.float32]:
+def restore(steps: NDArray[np.int32], scale: StepScale, step: float) -> NDArray[np.float32]:
     """Values of `quantise`'s whole numbers, shape (rows, columns); inf for an inverse of 0."""
-    if scale is Scale.LOGARITHM:
+    if scale is StepScale.LOGARITHM:
         power = _POWERS.astype(np.float32)[steps & (_PARTS - 1)]
         return np.ldexp(power, np.clip(steps >> 2, -120, 120))
     with np.errstate(divide='ignore', over='ignore'):
         values = steps * np.float64(step)
-        if scale is Scale.INVERSE:
+        if scale is StepScale.INVERSE:
             np.reciprocal(values, out=values)
         return values.astype(np.float32)
 
 
 def is_on_rays(
-    points: NDArray[np.float32], depth: NDArray[np.float32], valid: NDArray[np.bool_], view: View
+    points: NDArray[np.float32],
+    depth: NDArray[np.float32],
+    valid: NDArray[np.bool_],
+    view: RayGrid,
 ) -> bool:
     """Whether all valid points (rows, columns, 3) lie on the view's rays, ahead of the camera."""
     if view.shape != valid.shape:
@@ -363,7 +366,7 @@ def inverse_step(
     depth: NDArray[np.float32],
     sigma: NDArray[np.float32],
     valid: NDArray[np.bool_],
-    view: View,
+    view: RayGrid,
     part: float,
 ) -> float:
     """Step of 1/z, by the point whose uncertainty is the smallest in it.
@@ -391,13 +394,13 @@ def linear_step(
     return STEP_UNKNOWN * part
 
 
-def encode(cloud: Cloud, view: View | None = None, part: float = PART) -> bytes:
+def encode(cloud: Cloud, view: RayGrid | None = None, part: float = PART) -> bytes:
     """Cloud as bytes.
 
     Parameters
     ----------
     cloud : Cloud
-    view : View, optional
+    view : RayGrid, optional
         If the cloud is in its camera's frame, on its rays. Otherwise, or without it, x, y and z
         are quantised alike, at two to three times the size.
     part : float
@@ -417,20 +420,20 @@ def encode(cloud: Cloud, view: View | None = None, part: float = PART) -> bytes:
     valid: NDArray[np.bool_] = np.isfinite(depth)
     if view is not None and is_on_rays(cloud.points, depth, valid, view):
         step = inverse_step(depth, cloud.sigma, valid, view, part)
-        writer.add('z', depth, valid, Scale.INVERSE, step)
+        writer.add('z', depth, valid, StepScale.INVERSE, step)
     else:
         view = None
         metres = linear_step(cloud.points, cloud.sigma, valid, part)
         for axis, name in enumerate('xyz'):
-            writer.add(name, cloud.points[..., axis], valid, Scale.LINEAR, metres)
+            writer.add(name, cloud.points[..., axis], valid, StepScale.LINEAR, metres)
     lit = np.isfinite(cloud.intensity) & (cloud.intensity != 0)
     if lit.any():
-        writer.add('intensity', cloud.intensity, lit, Scale.LINEAR, _INTENSITY_STEP)
+        writer.add('intensity', cloud.intensity, lit, StepScale.LINEAR, _INTENSITY_STEP)
     for name in ('sigma', 'resolution'):
         values = getattr(cloud, name)
         known = np.isfinite(values) & (values > 0)
         if known.any():
-            writer.add(name, values, known, Scale.LOGARITHM)
+            writer.add(name, values, known, StepScale.LOGARITHM)
     return writer.finish(rows, columns, view)
 
 
@@ -449,14 +452,14 @@ def decode(data: bytes | memoryview) -> Cloud:
         raise CodecError('the header of an encoded cloud is malformed: ask for it again') from None
 
 
-def thinned(cloud: Cloud, view: View | None, columns: int) -> tuple[Cloud, View | None]:
+def thinned(cloud: Cloud, view: RayGrid | None, columns: int) -> tuple[Cloud, RayGrid | None]:
     """Every n-th point of a cloud, for a preview of at most so many columns."""
     every = max(1, math.ceil(cloud.intensity.shape[1] / columns))
     points = np.ascontiguousarray(cloud.points[::every, ::every])
     rest = (
         getattr(cloud, name)[::every, ::every] for name in ('intensity', 'sigma', 'resolution')
     )
-    few = View(view.lens, view.stride * every) if view else None
+    few = RayGrid(view.lens, view.stride * every) if view else None
     return Cloud(points, *rest), few
 
 
@@ -473,7 +476,7 @@ class _Writer:
         name: str,
         values: NDArray[np.float32],
         where: NDArray[np.bool_],
-        scale: Scale,
+        scale: StepScale,
         step: float = 0.0,
     ) -> None:
         index = self._mask(where)
@@ -497,7 +500,7 @@ class _Writer:
         self._masks.append(Mask(where))
         return len(self._masks) - 1
 
-    def finish(self, rows: int, columns: int, view: View | None) -> bytes:
+    def finish(self, rows: int, columns: int, view: RayGrid | None) -> bytes:
         header = {
             'rows': rows,
             'columns': columns,
@@ -559,12 +562,12 @@ def _decoded(header: dict[str, Any], body: bytes) -> Cloud:
         steps = unpack(field['prediction'], [take(size) for size in field['planes']], shape)
         name = field['name']
         within[name] = masks[field['mask']]
-        values[name] = restore(steps, Scale(field['scale']), float(field['step']))
+        values[name] = restore(steps, StepScale(field['scale']), float(field['step']))
     valid = within['z']
     if header['view'] is None:
         x, y, z = (values[axis] for axis in 'xyz')
     else:
-        view = View.from_numbers(header['view'])
+        view = RayGrid.from_numbers(header['view'])
         if view.shape != shape:
             raise ValueError
         rays = view.rays()

@@ -17,7 +17,7 @@ from sensor_msgs.msg import Image, PointCloud2
 
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.dents.sightings import ListedDent
-from ftp_dent_ros.inspection.report import Report
+from ftp_dent_ros.inspection.report import InspectionReport
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.recording.reader import Bag
 from ftp_dent_ros.recording.topic import Message
@@ -26,7 +26,7 @@ from ftp_dent_ros.ros.dent_messages import KINDS, dents_from_message
 from ftp_dent_ros.ros.messages import cloud_from_message, stamp_to_ns
 from ftp_dent_ros.simulation.truth import TrueDent, true_dents, true_index
 from ftp_dent_ros.simulation.world import World
-from ftp_dent_ros.survey.surveying import Joined
+from ftp_dent_ros.survey.surveying import JoinedClouds
 
 TYPES = {
     '/camera/image_raw': Image,
@@ -221,7 +221,7 @@ class Onto:
         return none if stamp_ns is None else self.moves.get(stamp_ns, none)
 
 
-def onto_truth(bag: Bag, joined: Joined, world: World) -> Onto:
+def onto_truth(bag: Bag, joined: JoinedClouds, world: World) -> Onto:
     """Put each part of a survey as one onto its true place."""
     parts: dict[int, list[tuple[int, NDArray, NDArray]]] = {}
     groups = joined.joining.graph.groups()
@@ -248,7 +248,7 @@ def onto_truth(bag: Bag, joined: Joined, world: World) -> Onto:
 
 def appraise_skin(
     bag: Bag,
-    joined: Joined,
+    joined: JoinedClouds,
     world: World,
     onto: Onto,
     progress: Callable[[], Any] = lambda: None,
@@ -258,7 +258,7 @@ def appraise_skin(
     Parameters
     ----------
     bag : Bag
-    joined : Joined
+    joined : JoinedClouds
         Its clouds.
     world : World
         In which it was recorded.
@@ -377,7 +377,7 @@ class DentAppraisal:
 
 def appraise_dents(
     bag: Bag,
-    report: Report,
+    report: InspectionReport,
     world: World,
     camera: Lens,
     move: Callable[[int | None], Pose],
@@ -387,7 +387,7 @@ def appraise_dents(
     Parameters
     ----------
     bag : Bag
-    report : Report
+    report : InspectionReport
     world : World
     camera : Lens
     move : callable

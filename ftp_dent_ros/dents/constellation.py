@@ -22,17 +22,10 @@ from ftp_dent_ros.dents.sightings import agreement, coincidence
 from ftp_dent_ros.pose import IDENTITY, Pose
 from ftp_dent_ros.rigid import about, fit_move, move_about
 
-# Standard deviation of a dent's centre within its frame: metres, and part of its width.
-_PLACE, _OF_WIDTH = 4e-4, 0.015
 # Standard deviations that a pose may be off, and a place within a frame.
 _GATE, _NEAR = 3.75, 4.0
 # Moves that are tried, at most.
 _TRIED = 400
-# Natural logarithm of the odds from which on a match is believed: against none, and against all
-# others that put every dent elsewhere (20 to 1).
-_BELIEVED, _SURE = 0.0, 3.0
-# Square metres that a frame's dents are counted on, at least.
-_LEAST_AREA = 0.05
 
 Field = NDArray[np.float64]
 
@@ -122,7 +115,8 @@ def find_match(
     # Sightings of what the frame cuts have their centre anywhere.
     whole = np.array([not d.is_cut for d in seen])[:, None] & [not d.is_cut for d in nearby]
     sizes = np.array([d.width.value for d in seen]), np.array([d.width.value for d in nearby])
-    place = np.hypot(_PLACE, _OF_WIDTH * np.nan_to_num(np.minimum(sizes[0][:, None], sizes[1])))
+    # Standard deviation of a dent's centre within its frame: metres, and part of its width.
+    place = np.hypot(4e-4, 0.015 * np.nan_to_num(np.minimum(sizes[0][:, None], sizes[1])))
     rows, columns = np.nonzero(possible & whole)
     judged: list[Match] = []
     tried: set[tuple[tuple[int, int], ...]] = set()
@@ -131,10 +125,12 @@ def find_match(
         if found is not None:
             judged.append(Match(IDENTITY, found[1], found[0]))
     best = max(judged, key=lambda each: each.odds, default=None)
-    if best is None or best.odds <= _BELIEVED:
+    # Natural logarithm of the odds from which on a match is believed: against none, and against
+    # all others that put every dent elsewhere (20 to 1).
+    if best is None or best.odds <= 0.0:
         return None
     rivals = [each.odds for each in judged if not set(each.pairs) & set(best.pairs)]
-    if rivals and best.odds - logsumexp(rivals) < _SURE:
+    if rivals and best.odds - logsumexp(rivals) < 3.0:
         return None
     i, j = np.array(best.pairs).T
     return Match(
@@ -189,7 +185,8 @@ def _judged(a, b, agree, possible, place, angle, move, shift, turn, tried):
         weight = place[i, j] ** -2.0
         angle, move = _fitted(a[i, :2], b[j, :2], weight, shift, turn)
     off = b[j, :2] - (_turned(a[i, :2], angle) + move)
-    density = len(a) / max(_area(a), _LEAST_AREA)
+    # Square metres that a frame's dents are counted on, at least.
+    density = len(a) / max(_area(a), 0.05)
     odds = -float((weight * (off**2).sum(axis=1) + agree[i, j]).sum()) / 2
     odds -= float(np.log(2 * math.pi * density / weight).sum())
     # What the pose says of the move, and what the fit takes of the places' freedom.

@@ -26,12 +26,9 @@ COVERAGE = 1.96
 Vector = NDArray[np.float64]
 Points = NDArray[np.float64]
 
-# Decimals of outlines and profiles, metres: they are for drawing.
-_DRAWN = 7
-
 
 @dataclass(frozen=True)
-class Settings:
+class SmallestDent:
     """The smallest dent that is looked for.
 
     Attributes
@@ -236,7 +233,8 @@ def dent_to_plain(dent: MeasuredDent) -> dict[str, Any]:
         if isinstance(value, Estimate):
             value = [value.value, value.uncertainty]
         elif isinstance(value, np.ndarray):
-            value = (np.round(value, _DRAWN) if value.ndim == 2 else value).tolist()
+            # Decimals of outlines and profiles, metres: they are for drawing.
+            value = (np.round(value, 7) if value.ndim == 2 else value).tolist()
         elif isinstance(value, np.generic):
             value = value.item()
         record[field.name] = value

@@ -28,18 +28,11 @@ _NEVER_BETTER = np.diag([1e-3**2] * 3 + [5e-4**2] * 3)
 
 # Chi of three axes that holds 99.7 %.
 GATE = 3.75
-# Off a known dent within a frame that is matched, metres, and as a part of the width.
-_PLACE, _OF_WIDTH = 2e-3, 0.06
 # Or farther, where its sizes agree, but no farther than this part of the way to the next dent:
 # frames that were put to each other over many others have drifted, metres.
 _FREE, _FARTHEST = 0.4, 20e-3
-# Farther from each other than this no pose puts one dent, and its length; metres.
-_ELSEWHERE = 1.0
 
 Indices = list[tuple[int, int]]
-
-# Of a dent's width: better than that a place must be known to lie in it, where poses alone tell.
-_KNOWN = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,14 +58,14 @@ class DentList:
     """
 
     def __init__(self, first: int = 1) -> None:
-        self._entries: list[Entry] = []
+        self._entries: list[TrackedDent] = []
         self._frames: set[tuple[str, int]] = set()
         self._numbers, self._groups = first - 1, 0
         self._begun: dict[tuple[int, int], int] = {}
         self._error: NDArray[np.float64] | None = None
         self._placed: list[_Placed] = []
         self._glass, self._of_glass = Glass(), frozenset[Seen]()
-        self._given: list[Given] = []
+        self._given: list[GivenCloud] = []
         self._base = IDENTITY
 
     @property
@@ -176,7 +169,7 @@ class DentList:
         if pose is not None:
             stated = known_covariance(covariance)
             self._glass = self._glass.with_frame(frame, dents, pose, stated)
-        given = Given(frame, dents, pose, covariance, repeats, self._base)
+        given = GivenCloud(frame, dents, pose, covariance, repeats, self._base)
         self._given.append(given)
         before, self._of_glass = self._of_glass, self._glass.of_marks
         if {each for each in self._of_glass if each[0] != frame} == before:
@@ -187,7 +180,7 @@ class DentList:
         for each in self._given:
             self._place(each.moved(self._base))
 
-    def _place(self, given: Given) -> None:
+    def _place(self, given: GivenCloud) -> None:
         """Put a frame in its place, and pair what it shows of the skin with what is known."""
         frame, pose, covariance = given.frame, given.pose, given.covariance
         kept = [i for i in range(len(given.dents)) if (frame, i) not in self._of_glass]
@@ -220,7 +213,7 @@ class DentList:
             self._entries[at] = self._entries[at].with_sightings(seen[index])
         for index in sorted(set(range(len(seen))) - {index for index, _ in pairs}):
             self._entries.append(
-                Entry(group, listed(self._number(frame, kept[index]), (seen[index],)))
+                TrackedDent(group, listed(self._number(frame, kept[index]), (seen[index],)))
             )
 
     def _number(self, frame: int, index: int) -> int:
@@ -288,7 +281,7 @@ def error_of(move: Pose, pivot: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 @dataclass(frozen=True, eq=False)
-class Given:
+class GivenCloud:
     """What was added of a frame.
 
     Attributes
@@ -311,7 +304,7 @@ class Given:
     repeats: Sequence[tuple[MeasuredDent, ...]]
     base: Pose
 
-    def moved(self, base: Pose) -> Given:
+    def moved(self, base: Pose) -> GivenCloud:
         """The same where the list is now."""
         if base is self.base:
             return self
@@ -326,7 +319,7 @@ class Given:
 
 
 @dataclass(frozen=True, eq=False)
-class Entry:
+class TrackedDent:
     """One dent, and the group of dents among which its place is known exactly."""
 
     group: int
@@ -337,23 +330,23 @@ class Entry:
         """The dent as it is listed, from all its sightings."""
         return self.listed.dent
 
-    def with_sightings(self, *more: Sighting) -> Entry:
+    def with_sightings(self, *more: Sighting) -> TrackedDent:
         """The same dent, seen more often."""
         sightings = sorted((*self.listed.sightings, *more), key=lambda item: item.frame)
         return replace(self, listed=listed(self.listed.number, tuple(sightings)))
 
-    def moved(self, move: Pose, group: int) -> Entry:
+    def moved(self, move: Pose, group: int) -> TrackedDent:
         """The same dent in its place in another group."""
         sightings = tuple(
             replace(item, dent=item.dent.transformed(move)) for item in self.listed.sightings
         )
-        return Entry(group, listed(self.listed.number, sightings))
+        return TrackedDent(group, listed(self.listed.number, sightings))
 
 
 def paired(
     dents: Sequence[MeasuredDent],
     sightings: Sequence[Sighting],
-    entries: Sequence[Entry],
+    entries: Sequence[TrackedDent],
     group: int,
 ) -> Indices:
     """Which dents, in their places, are which entries: one of the other at most."""
@@ -386,7 +379,7 @@ def _free(dents: Sequence[MeasuredDent]) -> NDArray[np.float64]:
 
 
 def _thinkable(
-    dents: Sequence[MeasuredDent], entries: Sequence[Entry], group: int
+    dents: Sequence[MeasuredDent], entries: Sequence[TrackedDent], group: int
 ) -> NDArray[np.bool_]:
     """Mask of the pairs that may be one dent by their places alone, shape (dents, entries)."""
     known = [entry.dent for entry in entries]
@@ -402,11 +395,14 @@ def _thinkable(
     near = np.linalg.norm(along, axis=-1) < 1.1 * _FARTHEST + 0.6 * longest
     cut = np.array([d.is_cut for d in dents])[:, None] | np.array([d.is_cut for d in known])
     same = np.array([entry.group == group for entry in entries])
-    far = np.linalg.norm(apart, axis=-1) > _ELSEWHERE + longest
+    # Farther from each other than this no pose puts one dent, and its length; metres.
+    far = np.linalg.norm(apart, axis=-1) > 1.0 + longest
     return np.where(same, near, cut) & ~far
 
 
-def _misfit(dent: MeasuredDent, sighting: Sighting, entry: Entry, reach: float | None) -> float:
+def _misfit(
+    dent: MeasuredDent, sighting: Sighting, entry: TrackedDent, reach: float | None
+) -> float:
     """How far a dent lies from an entry; 1 at the gate.
 
     `reach` is how far it may lie within a group, metres, and None where it is in another.
@@ -423,7 +419,8 @@ def _misfit(dent: MeasuredDent, sighting: Sighting, entry: Entry, reach: float |
         # Along the skin: the pose's error across it is not matched.
         apart = apart - dent.normal * (apart @ dent.normal)
         width = np.nan_to_num(min(dent.width.value, other.width.value))
-        gate = max(float(np.hypot(_PLACE, _OF_WIDTH * width)), reach)
+        # Off a known dent within a frame that is matched, metres, and as a part of the width.
+        gate = max(float(np.hypot(2e-3, 0.06 * width)), reach)
         return float(np.linalg.norm(apart)) / (gate + own)
     if not partly:
         return np.inf
@@ -432,7 +429,7 @@ def _misfit(dent: MeasuredDent, sighting: Sighting, entry: Entry, reach: float |
     return float(np.sqrt(apart @ np.linalg.solve(spread, apart)) / GATE)
 
 
-def without_parts(entries: Sequence[Entry]) -> list[Entry]:
+def without_parts(entries: Sequence[TrackedDent]) -> list[TrackedDent]:
     """Entries but for those that lie in a dent which more clouds show whole than show them.
 
     A cloud at the rim of which a dent lies may take it for two that overlap. Each cloud's dents
@@ -445,7 +442,7 @@ def without_parts(entries: Sequence[Entry]) -> list[Entry]:
     ]
 
 
-def _is_part(each: Entry, other: Entry) -> bool:
+def _is_part(each: TrackedDent, other: TrackedDent) -> bool:
     """Whether an entry that no cloud shows whole lies in another one."""
     dent = other.dent
     whole = sum(not sighting.dent.is_cut for sighting in other.listed.sightings)
@@ -462,13 +459,17 @@ def _is_part(each: Entry, other: Entry) -> bool:
     return bool(np.hypot(2 * along / dent.length.value, 2 * across / dent.width.value) < 1)
 
 
-def _is_known(each: Entry, other: Entry) -> bool:
+def _is_known(each: TrackedDent, other: TrackedDent) -> bool:
     """Whether poses tell where one entry lies to the other, as those of a survey do."""
     spread = each.listed.position_covariance + other.listed.position_covariance
-    return bool(np.sqrt(np.linalg.eigvalsh(spread)[-1]) < _KNOWN * other.dent.width.value)
+    # Of a dent's width: better than that a place must be known to lie in it, where poses alone
+    # tell.
+    return bool(np.sqrt(np.linalg.eigvalsh(spread)[-1]) < 0.25 * other.dent.width.value)
 
 
-def doubles(dents: Sequence[MeasuredDent], entries: Sequence[Entry]) -> list[tuple[int, ...]]:
+def doubles(
+    dents: Sequence[MeasuredDent], entries: Sequence[TrackedDent]
+) -> list[tuple[int, ...]]:
     """Numbers of those that each entry may be, though neither dents nor poses are sure of it.
 
     Within a part of a flight dents tell each other apart, and what fits is one entry already.
@@ -479,7 +480,7 @@ def doubles(dents: Sequence[MeasuredDent], entries: Sequence[Entry]) -> list[tup
     ----------
     dents : sequence of MeasuredDent
         Of the entries, where the list has them.
-    entries : sequence of Entry
+    entries : sequence of TrackedDent
     """
     groups = np.array([entry.group for entry in entries])
     if len(set(groups.tolist())) < 2:

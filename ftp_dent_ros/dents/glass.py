@@ -25,17 +25,8 @@ from ftp_dent_ros.pose import Pose
 # How far what is seen of one mark strays in the picture, radians: its sizes are told otherwise in
 # each cloud, and a mark on the projector's glass moves with the distance.
 _STRAYS = 0.012
-# What is so many times longer than wide may keep its middle in the picture as a seam does that the
-# drone flies along.
-_LONG = 2.5
-# The smallest picture of which the chance is reckoned, square radians.
-_SMALLEST = 0.03
 # The camera is elsewhere if it has moved by so many of its standard deviations, and so far (m).
 _CERTAIN, _ELSEWHERE = 4.0, 0.03
-# Marks that chance alone may tell, a flight.
-_FALSE = 1e-5
-# Part of the camera's places at which a mark is seen, at least.
-_OFTEN = 0.5
 
 Seen = tuple[int, int]
 
@@ -120,7 +111,9 @@ class Glass:
         spots, known = list(self.spots), self._known
         halves = [each.length.value / 2 for each in dents] / np.maximum(places[:, 2], _ELSEWHERE)
         for index, (dent, bearing) in enumerate(zip(dents, bearings, strict=True)):
-            if dent.kind == 'step' or not dent.length.value < _LONG * dent.width.value:
+            # What is so many times longer than wide may keep its middle in the picture as a seam
+            # does that the drone flies along.
+            if dent.kind == 'step' or not dent.length.value < 2.5 * dent.width.value:
                 continue
             sign = 1 if dent.depth.value > 0 else -1
             # What has the other sign lies elsewhere.
@@ -194,13 +187,16 @@ class Glass:
 
     def _is_mark(self, spot: Spot) -> bool:
         hits, places = len(spot.cameras), len(self.cameras) - spot.first + 1
-        if hits < max(3, _OFTEN * places) or self.low is None or self.high is None:
+        # Part of the camera's places at which a mark is seen, at least.
+        if hits < max(3, 0.5 * places) or self.low is None or self.high is None:
             return False
-        picture = max(float(np.prod(self.high - self.low)), _SMALLEST)
+        # The smallest picture of which the chance is reckoned, square radians.
+        picture = max(float(np.prod(self.high - self.low)), 0.03)
         others = (self.items - len(spot.seen)) / self.frames
         chance = min(others * math.pi * _STRAYS**2 / picture, 0.9)
         by_chance = float(bdtrc(hits - 2, max(places, hits) - 1, chance))
-        return by_chance * len(self.spots) < _FALSE
+        # Marks that chance alone may tell, a flight.
+        return by_chance * len(self.spots) < 1e-5
 
 
 def sentence(marks: Sequence[Spot]) -> str:

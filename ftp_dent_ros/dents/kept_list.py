@@ -53,7 +53,7 @@ class KeptList:
         try:
             poses: dict[int, Pose] = {}
             for item in self._journal.entries() if self._journal else ():
-                if isinstance(item, Correction):
+                if isinstance(item, PoseCorrection):
                     poses |= item.poses
                 else:
                     self._take(item)
@@ -89,7 +89,7 @@ class KeptList:
         OSError
             It cannot be kept on disk; it is in the list all the same.
         """
-        entry = Entry(frame_id, stamp_ns, tuple(dents), pose, covariance)
+        entry = ListedCloud(frame_id, stamp_ns, tuple(dents), pose, covariance)
         self._take(entry)
         if self._journal:
             self._journal.append(entry)
@@ -119,7 +119,7 @@ class KeptList:
             raise _other_frame('the path is', frame_id, self.frame_id)
         corrected = self._replace(poses)
         if corrected and self._journal:
-            self._journal.append(Correction(corrected))
+            self._journal.append(PoseCorrection(corrected))
         return bool(corrected)
 
     def clear(self) -> None:
@@ -139,7 +139,7 @@ class KeptList:
 
     def _forget(self) -> None:
         self._list = DentList()
-        self._taken: list[Entry] = []
+        self._taken: list[ListedCloud] = []
         # Its states before some clouds, and how all has been moved since.
         self._before: list[tuple[DentList, Pose]] = []
         self.frame_id, self.stamp_ns = '', 0
@@ -181,7 +181,7 @@ class KeptList:
             self._add(entry)
         return used
 
-    def _add(self, entry: Entry) -> bool:
+    def _add(self, entry: ListedCloud) -> bool:
         before = None if len(self._taken) % _EVERY else self._list.copy()
         number = len(self._taken) + 1
         words = entry.dents, entry.pose, entry.covariance
@@ -192,7 +192,7 @@ class KeptList:
         self._taken.append(entry)
         return True
 
-    def _take(self, entry: Entry) -> None:
+    def _take(self, entry: ListedCloud) -> None:
         if self.frame_id and entry.frame_id != self.frame_id:
             raise _other_frame('the cloud is put', entry.frame_id, self.frame_id)
         if not self._add(entry):
@@ -213,7 +213,7 @@ def _other_frame(what: str, frame_id: str, own: str) -> PoseError:
 
 
 @dataclass(frozen=True, eq=False)
-class Entry:
+class ListedCloud:
     """What one frame added.
 
     Attributes
@@ -236,7 +236,7 @@ class Entry:
 
 
 @dataclass(frozen=True, eq=False)
-class Correction:
+class PoseCorrection:
     """Where cameras are found to have been, after all.
 
     Attributes
@@ -280,7 +280,7 @@ class Journal:
             # Cut short: the next entry must not be joined to it.
             os.truncate(self.path, sum(len(line) + 1 for line in self._whole))
 
-    def entries(self) -> Iterator[Entry | Correction]:
+    def entries(self) -> Iterator[ListedCloud | PoseCorrection]:
         """What the file held when it was opened, in its order.
 
         Raises
@@ -290,7 +290,7 @@ class Journal:
         """
         return (self._read(number, line) for number, line in enumerate(self._whole, start=1))
 
-    def _read(self, number: int, line: bytes) -> Entry | Correction:
+    def _read(self, number: int, line: bytes) -> ListedCloud | PoseCorrection:
         try:
             record = json.loads(line)
             return _correction(record) if 'corrected' in record else _entry(record)
@@ -300,7 +300,7 @@ class Journal:
                 'name another file, or remove this one'
             ) from None
 
-    def append(self, item: Entry | Correction) -> None:
+    def append(self, item: ListedCloud | PoseCorrection) -> None:
         """Write what is new; raises OSError if it cannot be."""
         line = json.dumps(_record(item)).encode() + b'\n'
         with self.path.open('ab') as file:
@@ -313,8 +313,8 @@ class Journal:
         os.truncate(self.path, 0)
 
 
-def _record(item: Entry | Correction) -> dict[str, Any]:
-    if isinstance(item, Correction):
+def _record(item: ListedCloud | PoseCorrection) -> dict[str, Any]:
+    if isinstance(item, PoseCorrection):
         corrected = [{'stamp_ns': stamp, **_plain(pose)} for stamp, pose in item.poses.items()]
         return {'corrected': corrected}
     return {
@@ -337,12 +337,12 @@ def _pose(record: dict[str, Any]) -> Pose:
     return Pose.from_quaternion(record['orientation_xyzw'], record['position'])
 
 
-def _correction(record: dict[str, Any]) -> Correction:
-    return Correction({int(each['stamp_ns']): _pose(each) for each in record['corrected']})
+def _correction(record: dict[str, Any]) -> PoseCorrection:
+    return PoseCorrection({int(each['stamp_ns']): _pose(each) for each in record['corrected']})
 
 
-def _entry(record: dict[str, Any]) -> Entry:
-    return Entry(
+def _entry(record: dict[str, Any]) -> ListedCloud:
+    return ListedCloud(
         frame_id=str(record['frame_id']),
         stamp_ns=int(record['stamp_ns']),
         dents=tuple(dent_from_plain(each) for each in record['dents']),
@@ -351,14 +351,14 @@ def _entry(record: dict[str, Any]) -> Entry:
     )
 
 
-def is_off(entry: Entry, pose: Pose) -> bool:
+def is_off(entry: ListedCloud, pose: Pose) -> bool:
     """Whether another pose puts a cloud's dents elsewhere."""
     move = pose @ entry.pose.inverse()
     places = _places([entry])
     return bool((np.linalg.norm(move.apply(places) - places, axis=1) > _OFF).any())
 
 
-def placed(entry: Entry, pose: Pose) -> Entry:
+def placed(entry: ListedCloud, pose: Pose) -> ListedCloud:
     """What a cloud shows, where another pose puts it."""
     if pose is entry.pose:
         return entry
@@ -367,12 +367,12 @@ def placed(entry: Entry, pose: Pose) -> Entry:
     return replace(entry, dents=dents, pose=pose)
 
 
-def _places(entries: Sequence[Entry]) -> NDArray[np.float64]:
+def _places(entries: Sequence[ListedCloud]) -> NDArray[np.float64]:
     """Of all dents, shape (n, 3)."""
     return np.array([dent.position for each in entries for dent in each.dents]).reshape(-1, 3)
 
 
-def common_move(before: Sequence[Entry], after: Sequence[Entry]) -> Pose:
+def common_move(before: Sequence[ListedCloud], after: Sequence[ListedCloud]) -> Pose:
     """The move that carries all dents as one, in the mean."""
     old, new = _places(before), _places(after)
     middle, there = old.mean(axis=0), new.mean(axis=0)
@@ -384,7 +384,7 @@ def common_move(before: Sequence[Entry], after: Sequence[Entry]) -> Pose:
     return Pose(turn, there - turn.apply(middle))
 
 
-def unmoved(before: Sequence[Entry], after: Sequence[Entry], move: Pose) -> int:
+def unmoved(before: Sequence[ListedCloud], after: Sequence[ListedCloud], move: Pose) -> int:
     """How many of the first clouds a move of all puts where they are to be."""
     for index, (old, new) in enumerate(zip(before, after, strict=True)):
         off = move.apply(_places([old])) - _places([new])

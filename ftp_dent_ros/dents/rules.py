@@ -87,7 +87,7 @@ class Limit:
 
 
 @dataclass(frozen=True)
-class Finding:
+class Judgement:
     """A dent held against one limit; value and standard uncertainty in the measure's unit."""
 
     limit: Limit
@@ -110,7 +110,7 @@ class Rules:
     reference: str
     limits: tuple[Limit, ...]
 
-    def judge(self, dents: Sequence[MeasuredDent]) -> list[tuple[Finding, ...]]:
+    def judge(self, dents: Sequence[MeasuredDent]) -> list[tuple[Judgement, ...]]:
         """What the limits say of each dent among all of them."""
         return [
             tuple(_finding(limit, dent, dents) for limit in self.limits if dent.kind == 'dent')
@@ -118,7 +118,7 @@ class Rules:
         ]
 
 
-def verdict(findings: Sequence[Finding]) -> str | None:
+def verdict(findings: Sequence[Judgement]) -> str | None:
     """The worst of the findings: exceeds, cannot decide, within; None without any."""
     found = {finding.verdict for finding in findings}
     return next((word for word in (EXCEEDS, UNDECIDED, WITHIN) if word in found), None)
@@ -195,10 +195,10 @@ def _number(data: dict[Any, Any], name: str, where: str, default: float) -> floa
     return float(value)
 
 
-def _finding(limit: Limit, dent: MeasuredDent, dents: Sequence[MeasuredDent]) -> Finding:
+def _finding(limit: Limit, dent: MeasuredDent, dents: Sequence[MeasuredDent]) -> Judgement:
     if limit.measure == _DENSITY:
         count = float(_most_within(limit.area_m2, dent, dents))
-        return Finding(limit, count, 0.0, _verdict(limit, count, 0.0))
+        return Judgement(limit, count, 0.0, _verdict(limit, count, 0.0))
     measure, factor = _MEASURES[limit.measure]
     estimate = measure(dent)
     value, sigma = estimate.value * factor, estimate.uncertainty * factor
@@ -206,7 +206,7 @@ def _finding(limit: Limit, dent: MeasuredDent, dents: Sequence[MeasuredDent]) ->
     if dent.is_cut and limit.measure != 'clearance_mm':
         certain = limit.measure in _GROWING and value - COVERAGE * sigma > limit.maximum
         decided = EXCEEDS if certain else UNDECIDED
-    return Finding(limit, value, sigma, decided)
+    return Judgement(limit, value, sigma, decided)
 
 
 def _verdict(limit: Limit, value: float, sigma: float) -> str:

@@ -22,8 +22,6 @@ _AGREE, _OF_SIZE = 4.0, 0.08
 # Natural logarithm of the range over which other dents' sizes lie, at most: hail's, which is the
 # most alike (depths of 1 to 4, lengths of 1 to 2.5). Widths tell little that lengths do not.
 _RANGES = {'depth': 1.4, 'length': 0.9}
-# Known dents from which on they tell themselves how alike they are.
-_TELLING = 4
 
 Field = NDArray[np.float64]
 
@@ -214,7 +212,8 @@ def _range(name: str, known: Sequence[MeasuredDent]) -> float:
     """Natural logarithm of the range of a size, as if all in it were alike frequent."""
     sizes = np.abs([getattr(each, name).value for each in known if not each.is_cut])
     sizes = sizes[np.isfinite(sizes) & (sizes > 0)]
-    return math.inf if len(sizes) < _TELLING else math.sqrt(12) * float(np.log(sizes).std(ddof=1))
+    # Known dents from which on they tell themselves how alike they are.
+    return math.inf if len(sizes) < 4 else math.sqrt(12) * float(np.log(sizes).std(ddof=1))
 
 
 def _compared(

@@ -17,7 +17,7 @@ from scipy.optimize import brentq, minimize
 from scipy.stats import chi2
 
 from ftp_dent_ros import __version__
-from ftp_dent_ros.dents.dent import Inspection, Settings
+from ftp_dent_ros.dents.dent import Inspection, SmallestDent
 from ftp_dent_ros.errors import ConfigurationError, FtpDentError
 from ftp_dent_ros.evaluation.scenes import PATTERN, Scene, make_rig
 from ftp_dent_ros.files import written_aside
@@ -157,7 +157,7 @@ def _taken(index: int, smallest_depth: float) -> Trial:
     try:
         photograph = scene.photograph(abs(index))
         measured = reconstructor_at(distance).measure(photograph, True)
-        found = inspect(measured.cloud, Settings(smallest_depth=smallest_depth))
+        found = inspect(measured.cloud, SmallestDent(smallest_depth=smallest_depth))
     except FtpDentError as error:
         missed = [[true.depth, true.width, 0, math.nan] for true in truth]
         return Trial(*words, 0.0, missed, 0, 0, str(error))

@@ -7,18 +7,18 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from typing import Any
 
-from ftp_dent_ros.dents.dent import Inspection, Settings
+from ftp_dent_ros.dents.dent import Inspection, SmallestDent
 from ftp_dent_ros.dents.rules import Rules
 from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.inspection.inspecting import (
+    CloudInspector,
     Inspect,
     Inspected,
-    Observation,
-    Survey,
+    SeenCloud,
     Task,
     viewpoint_of,
 )
-from ftp_dent_ros.inspection.report import Report
+from ftp_dent_ros.inspection.report import InspectionReport
 from ftp_dent_ros.pose import IDENTITY
 from ftp_dent_ros.recording.clouds import (
     BagCloud,
@@ -39,12 +39,12 @@ def survey_bag(
     rig: tuple[str, str] = ('', ''),
     camera: Lens | None = None,
     rules: Rules | None = None,
-    settings: Settings | None = None,
+    settings: SmallestDent | None = None,
     progress: Callable[[], Any] = lambda: None,
     prepared: Callable[[BagCloud], BagCloud] | None = None,
     told: Callable[[BagCloud, Inspection], Inspection] = lambda item, found: found,
     each: Each = map,
-) -> Report:
+) -> InspectionReport:
     """Inspect every cloud of a bag: the tagged ones with their poses, else those of ``points``.
 
     Parameters
@@ -57,7 +57,7 @@ def survey_bag(
     camera : Lens, optional
         Of that rig, to draw the dents into the photographs.
     rules : Rules, optional
-    settings : Settings, optional
+    settings : SmallestDent, optional
     progress : callable
         Called after each cloud.
     prepared : callable, optional
@@ -70,7 +70,7 @@ def survey_bag(
 
     Returns
     -------
-    Report
+    InspectionReport
         It names the messages that could not be used.
 
     Raises
@@ -82,10 +82,10 @@ def survey_bag(
     """
     count, tagged = count_clouds(bag)
     repeat = tagged and prepared is None
-    survey = Survey(inspect, count, repeat=repeat, placed=tagged, settings=settings)
+    survey = CloudInspector(inspect, count, repeat=repeat, placed=tagged, settings=settings)
     frame_id, in_camera = '', True
     skipped: list[SkippedMessage] = []
-    read: deque[tuple[BagCloud, Observation]] = deque()
+    read: deque[tuple[BagCloud, SeenCloud]] = deque()
 
     def tasks() -> Iterator[Task]:
         for item in bag_clouds(bag, skipped.append):
@@ -116,8 +116,8 @@ def survey_bag(
     return replace(report, frames=frames, skipped=tuple(map(str, skipped)))
 
 
-def _observation(item: BagCloud) -> Observation:
-    return Observation(
+def _observation(item: BagCloud) -> SeenCloud:
+    return SeenCloud(
         name=f'{item.stamp_ns / 1e9:.3f} s',
         cloud=item.cloud,
         stamp_ns=item.stamp_ns,

@@ -15,30 +15,22 @@ from numpy.typing import ArrayLike, NDArray
 from ftp_dent_ros import __version__
 from ftp_dent_ros.cloud.cloud import Cloud, check_resolution
 from ftp_dent_ros.cloud.coverage import Coverage
-from ftp_dent_ros.dents.dent import Inspection, MeasuredDent, Settings
+from ftp_dent_ros.dents.dent import Inspection, MeasuredDent, SmallestDent
 from ftp_dent_ros.dents.dent_list import EXACT, DentList
 from ftp_dent_ros.dents.glass import sentence
 from ftp_dent_ros.dents.rules import Rules
 from ftp_dent_ros.dents.sightings import ListedDent
 from ftp_dent_ros.errors import FtpDentError
 from ftp_dent_ros.inspection.repeatability import halves, repeats_of, study
-from ftp_dent_ros.inspection.report import Frame, Mesh, Report, View
+from ftp_dent_ros.inspection.report import DrawnCloud, InspectionReport, Mesh, ReportedCloud
 from ftp_dent_ros.pages.drawing import jpeg
 from ftp_dent_ros.pose import IDENTITY, Pose
 from ftp_dent_ros.rig.rig import Lens
 
-# Of the 3-D view: in one cloud, and in all of them.
-_VERTICES, _ALL_VERTICES = 16_000, 120_000
-# The maps of so many frames are kept, whatever else they show, where there are no dents.
-_LEAST_VIEWS = 1
-# Clouds whose halves are measured too, evenly over the flight: with a few dents in each they give
-# some 25 degrees of freedom, so the gauge study's standard deviations to a seventh.
-_HALVED = 10
-
 Inspect = Callable[..., Inspection]
 
 
-class Survey:
+class CloudInspector:
     """Inspects clouds and keeps what a report needs, however many they are.
 
     Parameters
@@ -51,7 +43,7 @@ class Survey:
         Whether some clouds are measured again in two halves, for the gauge study.
     placed : bool
         Whether all clouds' poses are known, so that a dent can be seen again.
-    settings : Settings, optional
+    settings : SmallestDent, optional
     """
 
     def __init__(
@@ -60,19 +52,23 @@ class Survey:
         clouds: int = 1,
         repeat: bool = False,
         placed: bool = True,
-        settings: Settings | None = None,
+        settings: SmallestDent | None = None,
     ) -> None:
-        self._settings = settings or Settings()
+        self._settings = settings or SmallestDent()
         #: Inspects a task, in whatever process.
         self.inspect = partial(inspected, inspect, self._settings)
         self._repeat, self._placed = repeat, placed
-        self._every, self._come = math.ceil(max(clouds, 1) / _HALVED), 0
-        self._vertices = max(400, min(_VERTICES, _ALL_VERTICES // max(clouds, 1)))
+        # Clouds whose halves are measured too, evenly over the flight: with a few dents in each
+        # they give some 25 degrees of freedom, so the gauge study's standard deviations to a
+        # seventh.
+        self._every, self._come = math.ceil(max(clouds, 1) / 10), 0
+        # Of the 3-D view: in one cloud, and in all of them.
+        self._vertices = max(400, min(16_000, 120_000 // max(clouds, 1)))
         self._lists: list[DentList] = []
-        self._frames: list[Frame] = []
+        self._frames: list[ReportedCloud] = []
         self.refused: list[str] = []
 
-    def add(self, observation: Observation) -> Inspection | None:
+    def add(self, observation: SeenCloud) -> Inspection | None:
         """Inspect one cloud; None if it is refused, and its reason is kept.
 
         Returns
@@ -82,13 +78,13 @@ class Survey:
         """
         return self.take(observation, self.inspect(self.task(observation)))
 
-    def task(self, observation: Observation) -> Task:
+    def task(self, observation: SeenCloud) -> Task:
         """What is to be inspected of the next cloud."""
         in_halves = self._repeat and not self._come % self._every
         self._come += 1
         return Task(observation.cloud, observation.viewpoint, in_halves)
 
-    def take(self, observation: Observation, inspected: Inspected) -> Inspection | None:
+    def take(self, observation: SeenCloud, inspected: Inspected) -> Inspection | None:
         """Keep what came of a cloud's task; as `add` does. In the order of the tasks."""
         found, again = inspected.found, inspected.again
         if found is None:
@@ -123,11 +119,11 @@ class Survey:
         rig: tuple[str, str] = ('', ''),
         camera: Lens | None = None,
         rules: Rules | None = None,
-    ) -> Report:
+    ) -> InspectionReport:
         """What was found, with the calibration's name and id and the user's limits."""
         entries = _renumbered(self._entries())
         several = len(self._frames) > 1
-        return Report(
+        return InspectionReport(
             source=source,
             frame_id=frame_id,
             frames=tuple(self._frames),
@@ -158,11 +154,13 @@ class Survey:
     def _entries(self) -> tuple[ListedDent, ...]:
         return tuple(entry for each in self._lists for entry in each.entries)
 
-    def _keep_views(self, observation: Observation, found: Inspection) -> None:
+    def _keep_views(self, observation: SeenCloud, found: Inspection) -> None:
         """Keep the maps of the frames alone that show some dent best, the last one's too."""
         best = {entry.best for entry in self._entries()}
         if not best:
-            best = {frame.number for frame in self._frames[:_LEAST_VIEWS]}
+            # The maps of so many frames are kept, whatever else they show, where there are no
+            # dents.
+            best = {frame.number for frame in self._frames[:1]}
         last = self._frames[-1]
         if last.number in best:
             self._frames[-1] = replace(last, view=_view(observation, found))
@@ -187,14 +185,14 @@ def _renumbered(entries: Sequence[ListedDent]) -> tuple[ListedDent, ...]:
 
 def _frame(
     number: int,
-    observation: Observation,
+    observation: SeenCloud,
     covariance: NDArray[np.float64] | None,
     found: Inspection,
     vertices: int,
-) -> Frame:
+) -> ReportedCloud:
     cloud = observation.cloud
     noise = found.noise[np.isfinite(found.noise)]
-    return Frame(
+    return ReportedCloud(
         number=number,
         name=observation.name,
         stamp_ns=observation.stamp_ns,
@@ -213,9 +211,9 @@ def _frame(
     )
 
 
-def _view(observation: Observation, found: Inspection) -> View:
+def _view(observation: SeenCloud, found: Inspection) -> DrawnCloud:
     photograph = observation.photograph
-    return View(
+    return DrawnCloud(
         observation.cloud.points,
         found.deviation,
         observation.pose,
@@ -281,7 +279,7 @@ class Inspected:
     reason: str = ''
 
 
-def inspected(inspect: Inspect, settings: Settings, task: Task) -> Inspected:
+def inspected(inspect: Inspect, settings: SmallestDent, task: Task) -> Inspected:
     """Inspect a cloud and, if that is asked for, its halves."""
     try:
         found = inspect(check_resolution(task.cloud), settings=settings, viewpoint=task.viewpoint)
@@ -301,7 +299,7 @@ def inspected(inspect: Inspect, settings: Settings, task: Task) -> Inspected:
 
 
 @dataclass(frozen=True, eq=False)
-class Observation:
+class SeenCloud:
     """A cloud, and what is known of it.
 
     Attributes

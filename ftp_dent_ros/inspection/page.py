@@ -21,7 +21,7 @@ from ftp_dent_ros.dents.rules import (
     EXCEEDS,
     UNDECIDED,
     WITHIN,
-    Finding,
+    Judgement,
     clearance,
     verdict,
     width_to_depth,
@@ -30,7 +30,7 @@ from ftp_dent_ros.dents.sightings import ListedDent
 from ftp_dent_ros.files import written_together
 from ftp_dent_ros.inspection.measuring.places.kinds import AT_RIM
 from ftp_dent_ros.inspection.records import csv_text, report_record
-from ftp_dent_ros.inspection.report import Frame, Report, View
+from ftp_dent_ros.inspection.report import DrawnCloud, InspectionReport, ReportedCloud
 from ftp_dent_ros.pages import drawing
 from ftp_dent_ros.pages.page import render
 from ftp_dent_ros.pages.words import interval, iso_time, position_interval
@@ -40,7 +40,7 @@ from ftp_dent_ros.rig.rig import Lens
 WIDTH, HEIGHT = 300, 110
 
 
-def write_report(folder: str | os.PathLike[str], report: Report) -> Path:
+def write_report(folder: str | os.PathLike[str], report: InspectionReport) -> Path:
     """Write dents.json, dents.csv and report.html into a folder; the path of the page.
 
     Raises
@@ -60,7 +60,7 @@ def write_report(folder: str | os.PathLike[str], report: Report) -> Path:
     return Path(folder) / 'report.html'
 
 
-def page(report: Report) -> str:
+def page(report: InspectionReport) -> str:
     """The whole page as HTML."""
     limit = _limit(report)
     findings = dict(zip((e.number for e in report.dents), report.findings(), strict=True))
@@ -82,7 +82,7 @@ def page(report: Report) -> str:
     )
 
 
-def _limit(report: Report) -> float:
+def _limit(report: InspectionReport) -> float:
     """End of the colour scale, metres: a round number beyond the deepest dent and the noise."""
     depths = [abs(entry.dent.depth.value) for entry in report.entries]
     # Five standard deviations of a point: noise alone has no strong colours.
@@ -95,7 +95,9 @@ def _limit(report: Report) -> float:
     )
 
 
-def _headline(report: Report, findings: dict[int, tuple[Finding, ...]]) -> dict[str, Any]:
+def _headline(
+    report: InspectionReport, findings: dict[int, tuple[Judgement, ...]]
+) -> dict[str, Any]:
     dents = report.dents
     count = len(dents)
     found = f'{count or "No"} dent{"" if count == 1 else "s"} found'
@@ -118,7 +120,7 @@ def _headline(report: Report, findings: dict[int, tuple[Finding, ...]]) -> dict[
     }
 
 
-def _dent(entry: ListedDent, findings: Sequence[Finding], limit: float) -> dict[str, Any]:
+def _dent(entry: ListedDent, findings: Sequence[Judgement], limit: float) -> dict[str, Any]:
     dent = entry.dent
     return {
         'number': entry.number,
@@ -144,7 +146,7 @@ def _dent(entry: ListedDent, findings: Sequence[Finding], limit: float) -> dict[
     }
 
 
-def _finding(finding: Finding) -> dict[str, str]:
+def _finding(finding: Judgement) -> dict[str, str]:
     value, half = interval(Estimate(finding.value, finding.uncertainty), 1.0, 3)
     return {
         'measure': finding.limit.measure.replace('_', ' ').replace(' mm', ', mm'),
@@ -161,7 +163,7 @@ def _repeatability(each: Any) -> list[str]:
     return [each.quantity, str(each.dents), str(each.frames), *figures]
 
 
-def _seen(frame: Frame) -> list[str]:
+def _seen(frame: ReportedCloud) -> list[str]:
     pose = frame.pose
     place = '–' if pose is None else ', '.join(f'{value:.3f}' for value in pose.translation)
     spread = '–'
@@ -172,7 +174,7 @@ def _seen(frame: Frame) -> list[str]:
     return [str(frame.number), time, place, spread, noise, str(frame.dents), str(frame.others)]
 
 
-def facts_of(report: Report) -> list[tuple[str, str]]:
+def facts_of(report: InspectionReport) -> list[tuple[str, str]]:
     """Names and values, in the order in which they are shown."""
     frames = report.frames
     stamps = sorted(frame.stamp_ns for frame in frames if frame.stamp_ns is not None)
@@ -211,19 +213,19 @@ def facts_of(report: Report) -> list[tuple[str, str]]:
     return facts
 
 
-def _rig(report: Report) -> str:
+def _rig(report: InspectionReport) -> str:
     """File and id of the rig, as far as they are known."""
     if not report.rig_id:
         return 'not told'
     return f'{report.rig_name}, id {report.rig_id}' if report.rig_name else f'id {report.rig_id}'
 
 
-def _smallest(report: Report) -> str:
+def _smallest(report: InspectionReport) -> str:
     depth, width = report.settings.smallest_depth, report.settings.smallest_width
     return f'dents of {depth * 1e3:g} mm depth and {width * 1e3:g} mm width, and larger'
 
 
-def _marks(frames: Sequence[Frame]) -> str:
+def _marks(frames: Sequence[ReportedCloud]) -> str:
     without = sum(not frame.has_skin for frame in frames)
     if not without:
         return 'looked for in the image of the skin'
@@ -231,7 +233,7 @@ def _marks(frames: Sequence[Frame]) -> str:
     return f'{clouds} no image of the skin: narrow gouges were not looked for there'
 
 
-def _findable(frames: Sequence[Frame], smallest_depth: float) -> str:
+def _findable(frames: Sequence[ReportedCloud], smallest_depth: float) -> str:
     known = [f.findable for f in frames if math.isfinite(f.findable[1])]
     if not known:
         return 'not known'
@@ -244,7 +246,7 @@ def _findable(frames: Sequence[Frame], smallest_depth: float) -> str:
     )
 
 
-def _not_measured(report: Report) -> str:
+def _not_measured(report: InspectionReport) -> str:
     """Of the worst cloud, and what was left out whole."""
     shares = [f.coverage for f in report.frames if f.coverage is not None]
     left = f'{len(report.refused)} clouds left out; ' if report.refused else ''
@@ -257,7 +259,7 @@ def _not_measured(report: Report) -> str:
     return left + '; '.join((words, *worst.remarks))
 
 
-def _waviness(frames: Sequence[Frame]) -> str:
+def _waviness(frames: Sequence[ReportedCloud]) -> str:
     waves = [wave for frame in frames for wave in frame.waviness]
     if not waves:
         return 'none beyond the noise'
@@ -268,7 +270,7 @@ def _waviness(frames: Sequence[Frame]) -> str:
     )
 
 
-def _pose(frames: Sequence[Frame]) -> str:
+def _pose(frames: Sequence[ReportedCloud]) -> str:
     posed = [frame for frame in frames if frame.pose is not None]
     if not posed:
         return 'none: positions are relative to the camera'
@@ -283,7 +285,7 @@ def _pose(frames: Sequence[Frame]) -> str:
     )
 
 
-def pictures_of(frame: Frame, report: Report, limit: float) -> dict[str, Any]:
+def pictures_of(frame: ReportedCloud, report: InspectionReport, limit: float) -> dict[str, Any]:
     """Heat map and photograph of a frame, with the outlines of the dents that it shows."""
     view = frame.view
     assert view is not None
@@ -351,7 +353,7 @@ def _scale_bar(points: NDArray[np.float32]) -> dict[str, Any] | None:
     return drawing.scale_bar(float(np.nanmedian(step)), points.shape[1])
 
 
-def scene_of(report: Report, limit: float) -> dict[str, Any]:
+def scene_of(report: InspectionReport, limit: float) -> dict[str, Any]:
     """What the 3-D view shows, about the middle of it all."""
     frames = report.frames
     if not report.placed:
@@ -483,7 +485,7 @@ def _round_step(step: float) -> float:
     return next(each * power for each in (1, 2, 5, 10) if each * power >= 0.999 * step)
 
 
-def on_grid(points: NDArray[np.float64], view: View) -> NDArray[np.float64]:
+def on_grid(points: NDArray[np.float64], view: DrawnCloud) -> NDArray[np.float64]:
     """Column and row of points of the report's frame on a cloud's grid, shape (n, 2)."""
     points = view.pose.inverse().apply(np.asarray(points, float))
     grid = view.points
@@ -536,7 +538,7 @@ def _at(grid: NDArray, rows: NDArray, columns: NDArray) -> NDArray[np.float64]:
 
 
 def on_photograph(
-    points: NDArray[np.float64], place: NDArray[np.float64], view: View, camera: Lens | None
+    points: NDArray[np.float64], place: NDArray[np.float64], view: DrawnCloud, camera: Lens | None
 ) -> NDArray[np.float64]:
     """Pixels of points of the report's frame in a cloud's photograph, shape (n, 2).
 
@@ -545,7 +547,7 @@ def on_photograph(
     points : ndarray, shape (n, 3)
     place : ndarray, shape (n, 2)
         Theirs `on_grid`.
-    view : View
+    view : DrawnCloud
     camera : Lens or None
         If the cloud is in its frame; else the cloud's own grid says where a point is.
     """

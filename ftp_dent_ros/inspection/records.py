@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from ftp_dent_ros.dents.rules import Finding, Rules, clearance, verdict, width_to_depth
+from ftp_dent_ros.dents.rules import Judgement, Rules, clearance, verdict, width_to_depth
 from ftp_dent_ros.dents.sightings import ListedDent
-from ftp_dent_ros.inspection.report import Frame, Report
+from ftp_dent_ros.inspection.report import InspectionReport, ReportedCloud
 from ftp_dent_ros.pages.words import finite, iso_time
 
 
-def report_record(report: Report) -> dict[str, Any]:
+def report_record(report: InspectionReport) -> dict[str, Any]:
     """The whole report; of numbers that are not finite, None."""
     rules = report.rules
     record = {
@@ -62,48 +62,54 @@ def list_record(entries: Sequence[ListedDent], rules: Rules | None = None) -> di
     }
 
 
-def dent_record(entry: ListedDent, findings: Sequence[Finding] = ()) -> dict[str, Any]:
+def dent_record(entry: ListedDent, findings: Sequence[Judgement] = ()) -> dict[str, Any]:
     """One dent: metres for its position, millimetres and degrees for what people read."""
     dent = entry.dent
-    x, y, z = (float(value) for value in dent.position)
-    record: dict[str, Any] = {'number': entry.number, 'kind': dent.kind, 'x': x, 'y': y, 'z': z}
-    spread = math.sqrt(float(np.trace(entry.position_covariance)) / 3)
-    record['position_uncertainty_mm'] = spread * 1e3
-    normal = [float(value) for value in dent.normal]
-    record['normal_x'], record['normal_y'], record['normal_z'] = normal
-    for name, estimate, unit, factor in (
-        ('length', dent.length, '_mm', 1e3),
-        ('width', dent.width, '_mm', 1e3),
-        ('depth', dent.depth, '_mm', 1e3),
-        ('width_to_depth', width_to_depth(dent), '', 1.0),
-        ('orientation', dent.orientation, '_deg', 180 / math.pi),
-        ('area', dent.area, '_mm2', 1e6),
-        ('volume', dent.volume, '_mm3', 1e9),
-        ('model_length', dent.model_length, '_mm', 1e3),
-        ('model_width', dent.model_width, '_mm', 1e3),
-        ('clearance', clearance(dent), '_mm', 1e3),
-    ):
-        record[f'{name}{unit}'] = estimate.value * factor
-        record[f'{name}_uncertainty{unit}'] = estimate.uncertainty * factor
-    record['bottom_radius_mm'] = float(dent.bottom_radius) * 1e3
-    record['is_cut'] = bool(dent.is_cut)
-    record['reason'] = entry.reason
-    record['significance'] = float(dent.significance)
-    record['sightings'] = len(entry.sightings)
-    record['frame'] = entry.best
-    record['verdict'] = verdict(findings)
-    record['limits'] = [
-        {
-            'measure': finding.limit.measure,
-            'limit': finding.limit.text,
-            'value': finding.value,
-            'uncertainty': finding.uncertainty,
-            'verdict': finding.verdict,
-            'reference': finding.limit.reference,
-        }
-        for finding in findings
-    ]
-    return record
+    measured = {
+        ('length', '_mm'): (dent.length, 1e3),
+        ('width', '_mm'): (dent.width, 1e3),
+        ('depth', '_mm'): (dent.depth, 1e3),
+        ('width_to_depth', ''): (width_to_depth(dent), 1.0),
+        ('orientation', '_deg'): (dent.orientation, 180 / math.pi),
+        ('area', '_mm2'): (dent.area, 1e6),
+        ('volume', '_mm3'): (dent.volume, 1e9),
+        ('model_length', '_mm'): (dent.model_length, 1e3),
+        ('model_width', '_mm'): (dent.model_width, 1e3),
+        ('clearance', '_mm'): (clearance(dent), 1e3),
+    }
+    return {
+        'number': entry.number,
+        'kind': dent.kind,
+        **{axis: float(value) for axis, value in zip('xyz', dent.position, strict=True)},
+        'position_uncertainty_mm': math.sqrt(float(np.trace(entry.position_covariance)) / 3) * 1e3,
+        **{f'normal_{axis}': float(v) for axis, v in zip('xyz', dent.normal, strict=True)},
+        **{
+            key: value * factor
+            for (name, unit), (estimate, factor) in measured.items()
+            for key, value in (
+                (f'{name}{unit}', estimate.value),
+                (f'{name}_uncertainty{unit}', estimate.uncertainty),
+            )
+        },
+        'bottom_radius_mm': float(dent.bottom_radius) * 1e3,
+        'is_cut': bool(dent.is_cut),
+        'reason': entry.reason,
+        'significance': float(dent.significance),
+        'sightings': len(entry.sightings),
+        'frame': entry.best,
+        'verdict': verdict(findings),
+        'limits': [
+            {
+                'measure': finding.limit.measure,
+                'limit': finding.limit.text,
+                'value': finding.value,
+                'uncertainty': finding.uncertainty,
+                'verdict': finding.verdict,
+                'reference': finding.limit.reference,
+            }
+            for finding in findings
+        ],
+    }
 
 
 def csv_text(record: dict[str, Any]) -> str:
@@ -117,7 +123,7 @@ def csv_text(record: dict[str, Any]) -> str:
     return text.getvalue()
 
 
-def _frame_record(frame: Frame) -> dict[str, Any]:
+def _frame_record(frame: ReportedCloud) -> dict[str, Any]:
     pose = frame.pose
     return {
         'number': frame.number,

@@ -12,8 +12,6 @@ from ftp_dent_ros.dents.dent import MeasuredDent
 from ftp_dent_ros.dents.sightings import ListedDent
 
 QUANTITIES = ('depth', 'length', 'width')
-# A side of a cloud that is large enough to be halved.
-_LARGE_ENOUGH = 64
 
 
 @dataclass(frozen=True)
@@ -47,7 +45,8 @@ def halves(cloud: Cloud) -> tuple[Cloud, ...]:
 
     Noise that neighbouring rows share is not seen between them.
     """
-    if min(cloud.valid.shape) < _LARGE_ENOUGH:
+    # A side of a cloud that is large enough to be halved.
+    if min(cloud.valid.shape) < 64:
         return ()
     rows = len(cloud.points) // 2 * 2
     return tuple(

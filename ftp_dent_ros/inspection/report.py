@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud.coverage import Coverage
-from ftp_dent_ros.dents.dent import Settings, Waviness
-from ftp_dent_ros.dents.rules import Finding, Rules
+from ftp_dent_ros.dents.dent import SmallestDent, Waviness
+from ftp_dent_ros.dents.rules import Judgement, Rules
 from ftp_dent_ros.dents.sightings import ListedDent
 from ftp_dent_ros.inspection.repeatability import Repeatability
 from ftp_dent_ros.pose import Pose
@@ -24,7 +24,7 @@ _MICROMETRES = 1e6
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class DrawnCloud:
     """One cloud as it is drawn.
 
     Attributes
@@ -49,7 +49,7 @@ class View:
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class ReportedCloud:
     """One cloud that was inspected.
 
     Attributes
@@ -81,7 +81,7 @@ class Frame:
         Seconds between the exposure and its pose.
     coverage : Coverage, optional
         What of the lit skin has no points, and why.
-    view : View, optional
+    view : DrawnCloud, optional
         Kept of the frames that show some dent best.
     """
 
@@ -100,11 +100,11 @@ class Frame:
     covariance: NDArray[np.float64] | None = None
     pose_age: float | None = None
     coverage: Coverage | None = None
-    view: View | None = None
+    view: DrawnCloud | None = None
 
 
 @dataclass(frozen=True, eq=False)
-class Report:
+class InspectionReport:
     """All that is reported.
 
     Attributes
@@ -115,14 +115,14 @@ class Report:
         Frame of all positions.
     placed : bool
         Whether it is one and the same for all clouds; if not, each cloud stands by itself.
-    frames : tuple of Frame
+    frames : tuple of ReportedCloud
     entries : tuple of ListedDent
         Dents, bumps and steps.
     version : str
         Of the software.
     written_ns : int
         Time of writing, nanoseconds since 1970.
-    settings : Settings
+    settings : SmallestDent
         The smallest dents that were looked for.
     rig_name, rig_id : str
         File of the calibration, and the id of its content; empty if none was given.
@@ -143,11 +143,11 @@ class Report:
 
     source: str
     frame_id: str
-    frames: tuple[Frame, ...]
+    frames: tuple[ReportedCloud, ...]
     entries: tuple[ListedDent, ...]
     version: str
     written_ns: int
-    settings: Settings
+    settings: SmallestDent
     rig_name: str = ''
     rig_id: str = ''
     camera: Lens | None = None
@@ -170,12 +170,12 @@ class Report:
         """Bumps and steps."""
         return tuple(entry for entry in self.entries if entry.dent.kind != 'dent')
 
-    def findings(self) -> list[tuple[Finding, ...]]:
+    def findings(self) -> list[tuple[Judgement, ...]]:
         """Of each of `dents`; empty ones without rules."""
         if self.rules is None:
             return [()] * len(self.dents)
         together = {e.number: 0 if self.placed else e.best for e in self.dents}
-        found: dict[int, tuple[Finding, ...]] = {}
+        found: dict[int, tuple[Judgement, ...]] = {}
         for group in set(together.values()):
             members = [e for e in self.dents if together[e.number] == group]
             judged = self.rules.judge([e.dent for e in members])

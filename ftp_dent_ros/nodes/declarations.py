@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ftp_dent_ros import files
-from ftp_dent_ros.parameters import Declarations, Given, flat
+from ftp_dent_ros.parameters import Declarations, FileParameters, flat
 from ftp_dent_ros.supervision.configuration import NodeEntry
 from ftp_dent_ros.supervision.executables import DECLARATIONS, NODES, SIMULATED_AUTOPILOT
 
@@ -28,7 +28,7 @@ def names_of_all() -> tuple[str, ...]:
 
 def names_of(node: str) -> tuple[str, ...]:
     """Names of a node's parameters."""
-    given = Given({}, Path(), node)
+    given = FileParameters({}, Path(), node)
     declarations(node)(given)
     return tuple(given.names)
 
@@ -51,13 +51,13 @@ def _fitted(entry: NodeEntry) -> NodeEntry:
     if entry.executable == SIMULATED_AUTOPILOT:
         from ftp_dent_ros.simulation.autopilot import build_parser
 
-        given = Given(entry.parameters, folder, where)
+        given = FileParameters(entry.parameters, folder, where)
         given.file('scene', f'{files.SHIPPED}scene.yaml', 'Scene file.')
         given.names.extend(vars(build_parser().parse_args([])))
         given.refuse_others()
     else:
         own, shared = dict(flat(entry.parameters)), dict(flat(entry.shared))
-        given = Given({**shared, **own}, folder, where)
+        given = FileParameters({**shared, **own}, folder, where)
         declarations(entry.executable)(given)
         given.refuse_others([name for name in shared if name not in own], names_of_all())
     return replace(entry, absolute=given.absolute, files=given.files)

@@ -41,7 +41,7 @@ from ftp_dent_ros.inspection.records import list_record
 from ftp_dent_ros.nodes.declarations import names_of_all
 from ftp_dent_ros.nodes.drawing import Drawing
 from ftp_dent_ros.nodes.inspector_parameters import declare
-from ftp_dent_ros.nodes.matching import Matched, Matching, located
+from ftp_dent_ros.nodes.matching import Matched, MessageMatcher, located
 from ftp_dent_ros.pages.words import finite
 from ftp_dent_ros.pose import IDENTITY, Pose
 from ftp_dent_ros.ros.dent_messages import dents_to_markers, dents_to_message
@@ -79,7 +79,7 @@ class DentInspector(Node):
         self._dents = self.create_publisher(PointCloud2, 'dents', DENTS)
         self._diagnostics = Diagnostics(self, self._judge)
         self._listing = DentListing(self, self._diagnostics, kept, self._tagged)
-        self._matching = Matching(
+        self._matching = MessageMatcher(
             self._hand_over,
             self._diagnostics.refuse,
             self._expected,

@@ -12,12 +12,12 @@ import struct
 import sys
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from typing import Any
 
 import cv2
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -26,7 +26,7 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_srvs.srv import Trigger
 
 from ftp_dent_ros.cloud.cloud import Cloud
-from ftp_dent_ros.coding.cloud_codec import View, encode, thinned
+from ftp_dent_ros.coding.cloud_codec import RayGrid, encode, thinned
 from ftp_dent_ros.coding.messages import message_class
 from ftp_dent_ros.errors import FtpDentError, InputError
 from ftp_dent_ros.ground import topics
@@ -47,19 +47,6 @@ from ftp_dent_ros.ros.messages import (
 from ftp_dent_ros.ros.node import run
 from ftp_dent_ros.ros.parameters import Parameters
 from ftp_dent_ros.ros.qos import CLOUDS, DIAGNOSTICS, IMAGES, LATCHED, OVERRIDABLE, POSES
-
-# Of the link's rate, what the small ones of a kind may take up, and how often at most (s).
-_PREVIEW_SHARE, _PREVIEW_PERIOD = 0.4, 0.45
-# A preview's depth is coarser than a cloud's: 1.3 um at 0.8 m.
-_PREVIEW_PART = 4.0
-_PREVIEW_WIDTH, _PREVIEW_QUALITY = 240, 50
-
-# Clouds and pictures that may wait to be coded: some seconds of a busy machine.
-_WAITING = 8
-# Of the link's rate, what state may take up, and how often at most (s).
-_STATE_SHARE, _STATE_PERIOD = 0.25, 1.0
-# For a service of another node to answer (s).
-_PATIENCE = 15.0
 
 
 class Coder:
@@ -100,10 +87,10 @@ class Coder:
         stamp = stamp_to_ns(message.header.stamp)
         extra = {'frame': message.header.frame_id}
         rows, columns = cloud.intensity.shape
-        view = View.of(self._lens, rows, columns) if self._lens is not None else None
+        view = RayGrid.of(self._lens, rows, columns) if self._lens is not None else None
         if self._is_due(*self._preview):
             few, few_view = thinned(cloud, view, self._given.preview_columns)
-            data = encode(Cloud(few.points, few.intensity), few_view, _PREVIEW_PART)
+            data = encode(Cloud(few.points, few.intensity), few_view, 4.0)  # 1.3 um at 0.8 m
             self._preview = time.monotonic(), len(data)
             self._put(
                 Item(Importance.PREVIEWS, topics.PREVIEW_POINTS, 'cloud', stamp, data, extra=extra)
@@ -122,9 +109,9 @@ class Coder:
         extra = {'frame': message.header.frame_id}
         bgr = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
         if self._is_due(*self._picture_preview):
-            height = round(bgr.shape[0] * _PREVIEW_WIDTH / bgr.shape[1])
-            small = cv2.resize(bgr, (_PREVIEW_WIDTH, height), interpolation=cv2.INTER_AREA)
-            data = _jpeg(small, _PREVIEW_QUALITY)
+            height = round(bgr.shape[0] * 240 / bgr.shape[1])
+            small = cv2.resize(bgr, (240, height), interpolation=cv2.INTER_AREA)
+            data = _jpeg(small, 50)
             self._picture_preview = time.monotonic(), len(data)
             self._put(
                 Item(Importance.PREVIEWS, topics.PREVIEW_IMAGE, 'jpeg', stamp, data, extra=extra)
@@ -133,12 +120,13 @@ class Coder:
         self._diagnostics.count('pictures')
         self._diagnostics.note('bytes of a picture', len(data))
         if self._lens is not None:
-            extra = {**extra, 'lens': View(self._lens, 1).numbers()}
+            extra = {**extra, 'lens': RayGrid(self._lens, 1).numbers()}
         self._put(Item(Importance.PICTURES, topics.IMAGE, 'jpeg', stamp, data, extra=extra))
 
     def _is_due(self, sent_at: float, size: int) -> bool:
         # By the rate as it is known now: in the beginning it is known to be far too low.
-        pause = pause_after(size, self._rate(), _PREVIEW_SHARE, _PREVIEW_PERIOD)
+        # Small ones take up 0.4 of the link's rate at most, and are two a second at most.
+        pause = pause_after(size, self._rate(), 0.4, 0.45)
         return time.monotonic() >= sent_at + pause
 
 
@@ -186,19 +174,6 @@ def _jpeg(bgr: Any, quality: int) -> bytes:
     return data.tobytes()
 
 
-class _NeverWoken(CallbackGroup):
-    """Of subscriptions that no executor waits for."""
-
-    def can_execute(self, entity: Any) -> bool:
-        return False
-
-    def beginning_execution(self, entity: Any) -> bool:
-        return False
-
-    def ending_execution(self, entity: Any) -> None:
-        return
-
-
 class Downlink(Node):
     """Node that sends what the payload publishes to the ground."""
 
@@ -234,7 +209,7 @@ class Downlink(Node):
             self.get_logger().warning(f'{link.address}: no keys: whoever reaches it may command')
         self._coder = Coder(self._given, self._put, self._drone.rate, self._diagnostics)
         self._queue: queue.Queue[tuple[Callable[[Any], None], Any] | None]
-        self._queue = queue.Queue(_WAITING)
+        self._queue = queue.Queue(8)  # some seconds of a busy machine
         self._worker = threading.Thread(target=self._run, name='coding', daemon=True)
         self._worker.start()
         self._thrift = Thrift(self._put, self._drone.rate)
@@ -284,21 +259,18 @@ class Downlink(Node):
             qos = LATCHED if topic.latest else POSES
             self.create_subscription(message_class(topic.type), topic.name, forward, qos, raw=True)
             return
-        # The newest is taken when one is due: to be woken fifty times a second is dear.
-        subscription = self.create_subscription(
-            message_class(topic.type),
-            topic.name,
-            forward,
-            QoSProfile(depth=1),
-            raw=True,
-            callback_group=_NeverWoken(),
-        )
+        newest: deque[bytes] = deque(maxlen=1)
+        qos = QoSProfile(depth=1)
+        message_type = message_class(topic.type)
+
+        def keep(data: bytes) -> None:
+            newest.append(data)
+
+        self.create_subscription(message_type, topic.name, keep, qos, raw=True)
 
         def take() -> None:
-            with subscription.handle:
-                found = subscription.handle.take_message(subscription.msg_type, True)
-            if found is not None:
-                forward(found[0])
+            if newest:
+                forward(newest.pop())
 
         self.create_timer(topic.period, take, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
@@ -313,7 +285,7 @@ class Downlink(Node):
         array.header.stamp = self.get_clock().now().to_msg()
         data = serialize_message(array)
         size = len(deflate(data, 1, self._last_state))
-        pause = pause_after(size, self._drone.rate(), _STATE_SHARE, _STATE_PERIOD)
+        pause = pause_after(size, self._drone.rate(), 0.25, 1.0)
         self._next_state, self._last_state = now + pause, data
         kind = 'cdr:diagnostic_msgs/msg/DiagnosticArray'
         self._put(Item(Importance.STATE, topics.DIAGNOSTICS, kind, self._now_ns(), data))
@@ -346,9 +318,9 @@ class Downlink(Node):
         done = threading.Event()
         future = client.call_async(Trigger.Request())
         future.add_done_callback(lambda _: done.set())
-        if not done.wait(_PATIENCE):
+        if not done.wait(15.0):
             client.remove_pending_request(future)
-            return Answer(False, f'{client.srv_name} has not answered within {_PATIENCE:g} s')
+            return Answer(False, f'{client.srv_name} has not answered within 15 s')
         response = future.result()
         return Answer(bool(response.success), str(response.message))
 

@@ -21,7 +21,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 from std_srvs.srv import Trigger
 
 from ftp_dent_ros.cloud.cloud import Cloud
-from ftp_dent_ros.coding.cloud_codec import View, decode
+from ftp_dent_ros.coding.cloud_codec import RayGrid, decode
 from ftp_dent_ros.coding.compressed_depth import FORMAT, depth_image
 from ftp_dent_ros.coding.messages import message_class
 from ftp_dent_ros.errors import CodecError, ConfigurationError, InputError, PoseError
@@ -47,12 +47,6 @@ from ftp_dent_ros.ros.node import run
 from ftp_dent_ros.ros.parameters import Parameters
 from ftp_dent_ros.ros.qos import CLOUDS, DIAGNOSTICS, IMAGES, LATCHED, POSES
 
-# Clouds that wait for their pose (coded), and poses that wait for their cloud.
-_WAITING = 200, 100_000
-
-# Items that wait to be decoded: the link waits for no decoding.
-_QUEUE = 64
-_DISCOVERY = 1.5  # seconds
 # The command of each service.
 _SERVICES = {
     'camera_capture/capture': 'capture',
@@ -124,7 +118,7 @@ class GroundTopics:
     def _take_pose(self, message: PoseWithCovarianceStamped) -> None:
         stamp = stamp_to_ns(message.header.stamp)
         self._poses[stamp] = pose_from_message(message.pose.pose), message.header.frame_id
-        while len(self._poses) > _WAITING[1]:
+        while len(self._poses) > 100_000:
             self._poses.popitem(last=False)
         waiting = self._untagged.pop(stamp, None)
         if waiting is not None:
@@ -148,7 +142,7 @@ class GroundTopics:
             self._publish_tagged(cloud, item.stamp_ns)
         else:
             self._untagged[item.stamp_ns] = item.data
-            while len(self._untagged) > _WAITING[0]:
+            while len(self._untagged) > 200:
                 self._untagged.popitem(last=False)
 
     def _publish_tagged(self, cloud: Cloud, stamp_ns: int) -> None:
@@ -179,7 +173,7 @@ class GroundTopics:
         lens = None
         if 'lens' in item.extra:
             try:
-                lens = View.from_numbers(item.extra['lens']).lens
+                lens = RayGrid.from_numbers(item.extra['lens']).lens
             except (ValueError, TypeError):
                 raise CodecError('a picture has a malformed lens') from None
         size = rgb.shape[1], rgb.shape[0]
@@ -210,7 +204,7 @@ class GroundStation(Node):
         self._ending = threading.Event()
         self._diagnostics = Diagnostics(self, self._judge, hardware_id=given.link.address)
         self._topics = GroundTopics(self, self._diagnostics)
-        self._queue: queue.Queue[Item | None] = queue.Queue(_QUEUE)
+        self._queue: queue.Queue[Item | None] = queue.Queue(64)
         link = given.link
         self._station = Station(
             Link('ground', link.address, link.security, link.name),
@@ -259,7 +253,7 @@ class GroundStation(Node):
     def _run(self) -> None:
         """Publish item after item, in a thread of its own; nothing that they hold ends it."""
         # What is published before subscribers have found the publishers nobody hears.
-        self._ending.wait(_DISCOVERY)
+        self._ending.wait(1.5)
         while (item := self._queue.get()) is not None:
             self._publish_or_refuse(item)
 

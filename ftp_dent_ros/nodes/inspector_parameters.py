@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ftp_dent_ros.dents.dent import RANGES, Settings
+from ftp_dent_ros.dents.dent import RANGES, SmallestDent
 from ftp_dent_ros.dents.rules import Rules, read_rules
 from ftp_dent_ros.parameters import Declarations
 
@@ -17,7 +17,7 @@ class InspectorParameters:
 
     is_tagged: bool
     always: bool
-    settings: Settings
+    settings: SmallestDent
     rules: Rules | None
     list_file: str
     map_frame: str
@@ -25,7 +25,7 @@ class InspectorParameters:
 
 def declare(parameters: Declarations) -> InspectorParameters:
     """Declare them."""
-    default = Settings()
+    default = SmallestDent()
     depths, widths = RANGES['smallest_depth'], RANGES['smallest_width']
     rules = parameters.file('rules', '', 'File of limits to judge the list by.')
     return InspectorParameters(
@@ -40,7 +40,7 @@ def declare(parameters: Declarations) -> InspectorParameters:
         always=parameters.declare(
             'always', False, 'Whether the list is kept while nobody subscribes.'
         ),
-        settings=Settings(
+        settings=SmallestDent(
             smallest_depth=parameters.declare(
                 'smallest_depth',
                 default.smallest_depth,

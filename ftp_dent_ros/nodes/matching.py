@@ -14,8 +14,6 @@ from ftp_dent_ros.errors import PoseError
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.ros.messages import covariance_from_message, pose_from_message, stamp_to_ns
 
-# Stamps that may wait for the rest of their messages.
-_WAITING = 10
 _POSES = ('pose', 'surveyed')
 
 
@@ -34,7 +32,7 @@ class Matched:
         return self.surveyed or self.pose
 
 
-class Matching:
+class MessageMatcher:
     """Hands over a cloud when a pose of it is there, and what else there will be.
 
     Parameters
@@ -72,7 +70,8 @@ class Matching:
                 for earlier in sorted(each for each in self._waiting if each <= stamp_ns):
                     if self._is_of_use(self._waiting[earlier]):
                         self._hand_over(Matched(**self._waiting.pop(earlier)))
-        while len(self._waiting) > _WAITING:
+        # Stamps that may wait for the rest of their messages.
+        while len(self._waiting) > 10:
             self._give_up(self._waiting.pop(next(iter(self._waiting))))
 
     def _give_up(self, parts: dict[str, Any]) -> None:

@@ -25,7 +25,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
-from sensor_msgs.msg import CameraInfo, NavSatFix, PointCloud2
+from sensor_msgs.msg import CameraInfo, NavSatFix, NavSatStatus, PointCloud2
 from std_srvs.srv import Trigger
 
 from ftp_dent_ros.cloud.cloud import Cloud
@@ -44,7 +44,6 @@ from ftp_dent_ros.ros.diagnostics import ERROR, OK, WARN, Diagnostics
 from ftp_dent_ros.ros.messages import (
     cloud_from_message,
     cloud_to_message,
-    fix_message,
     make_header,
     pose_stamped_message,
     pose_to_message,
@@ -54,15 +53,6 @@ from ftp_dent_ros.ros.node import run
 from ftp_dent_ros.ros.parameters import Parameters
 from ftp_dent_ros.ros.qos import CLOUDS, IMAGES, LATCHED, OVERRIDABLE, POSES, PREVIEWS
 
-# As tf2_ros has them.
-_DYNAMIC = QoSProfile(depth=100)
-_STATIC = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-
-# Commands, and images, that wait for each other.
-_MOST_WAITING = 20
-
-# Seconds between two looks at which clouds have their poses.
-_CHECK_PERIOD = 0.1
 _LEVELS = {'ok': OK, 'warning': WARN, 'error': ERROR}
 
 
@@ -88,22 +78,21 @@ class TransformPublisher:
     """Publishes on ``/tf`` and ``/tf_static``; does nothing where TF is not installed."""
 
     def __init__(self, node: Node) -> None:
-        self._dynamic = self._static = None
+        self._publishers: dict[bool, Publisher] = {}
         if TFMessage is not None:
-            self._dynamic = node.create_publisher(TFMessage, '/tf', _DYNAMIC)
-            self._static = node.create_publisher(TFMessage, '/tf_static', _STATIC)
+            # As tf2_ros has them.
+            latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+            moving = node.create_publisher(TFMessage, '/tf', QoSProfile(depth=100))
+            fixed = node.create_publisher(TFMessage, '/tf_static', latched)
+            self._publishers = {False: moving, True: fixed}
 
-    def publish(self, pose: Pose, parent: str, child: str, stamp_ns: int) -> None:
-        """Publish a pose that changes."""
-        if self._dynamic is not None:
+    def publish(
+        self, pose: Pose, parent: str, child: str, stamp_ns: int, static: bool = False
+    ) -> None:
+        """Publish a pose, that never changes if it is `static`."""
+        if self._publishers:
             message = transform_message(pose, parent, child, stamp_ns)
-            self._dynamic.publish(TFMessage(transforms=[message]))
-
-    def publish_static(self, pose: Pose, parent: str, child: str, stamp_ns: int) -> None:
-        """Publish a pose that never changes."""
-        if self._static is not None:
-            message = transform_message(pose, parent, child, stamp_ns)
-            self._static.publish(TFMessage(transforms=[message]))
+            self._publishers[static].publish(TFMessage(transforms=[message]))
 
 
 class BridgeCamera:
@@ -122,9 +111,9 @@ class BridgeCamera:
     ) -> None:
         self._node, self._mount, self._diagnostics = node, mount, diagnostics
         self._camera = Camera(ground_station, self._shoot)
-        self._size = self._told_size = size
-        self._commands: deque[Any] = deque(maxlen=_MOST_WAITING)
-        self._images: deque[tuple[int, float]] = deque(maxlen=_MOST_WAITING)
+        self._size = self._sent_size = size
+        self._commands: deque[Any] = deque(maxlen=20)
+        self._images: deque[tuple[int, float]] = deque(maxlen=20)
         self._failures = 0
         self._client = node.create_client(Trigger, 'camera_capture/capture')
         node.create_subscription(
@@ -146,15 +135,15 @@ class BridgeCamera:
     def settle(self, link: Link, now_ns: int, timeout: float) -> None:
         """Answer what can be answered by now."""
         send: Callable[[Any], None] = lambda message: link.send(message, COMPONENT)  # noqa: E731
-        has_news = self._commands or self._images or self._size != self._told_size
+        has_news = self._commands or self._images or self._size != self._sent_size
         state = link.state() if has_news else None
         if state is None or state.identity is None:
             return
         offset = state.clock_offset
         boot_ms = 0 if offset is None else round(1e3 * (now_ns / 1e9 - offset))
-        if self._size != self._told_size:
+        if self._size != self._sent_size:
             # Whoever asked before the first image was told that it is not known.
-            self._told_size = self._size
+            self._sent_size = self._size
             send(self._camera.information(self._size, boot_ms))
         while self._commands:
             command = self._commands.popleft()
@@ -323,7 +312,8 @@ class MavlinkBridge(Node):
         self._poses = self.create_publisher(PoseStamped, 'mavlink/pose', POSES)
         self._transforms = TransformPublisher(self) if given.publishes_tf else None
         if self._transforms is not None:
-            self._transforms.publish_static(self._mount, self._base, self._camera, self._now_ns())
+            now_ns = self._now_ns()
+            self._transforms.publish(self._mount, self._base, self._camera, now_ns, static=True)
         self._diagnostics = Diagnostics(self, self._judge, hardware_id=address)
         self._tags = BridgeTags(
             self,
@@ -339,7 +329,7 @@ class MavlinkBridge(Node):
         )
         self._news = self.create_guard_condition(self._settle)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(_CHECK_PERIOD, self._settle, clock=steady)
+        self.create_timer(0.1, self._settle, clock=steady)
         self.create_timer(1.0, self._send_heartbeat, clock=steady)
         station, size = given.ground_station, given.image_size
         self._mavlink_camera = (
@@ -479,6 +469,18 @@ class MavlinkBridge(Node):
 
     def _now_ns(self) -> int:
         return self.get_clock().now().nanoseconds
+
+
+def fix_message(origin: Origin, stamp_ns: int, frame_id: str) -> NavSatFix:
+    """sensor_msgs/NavSatFix of the origin of the frame `frame_id`."""
+    return NavSatFix(
+        header=make_header(stamp_ns, frame_id),
+        status=NavSatStatus(status=NavSatStatus.STATUS_FIX, service=NavSatStatus.SERVICE_GPS),
+        latitude=origin.latitude,
+        longitude=origin.longitude,
+        altitude=origin.altitude,
+        position_covariance_type=NavSatFix.COVARIANCE_TYPE_UNKNOWN,
+    )
 
 
 def main() -> int:

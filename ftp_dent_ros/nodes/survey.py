@@ -22,10 +22,10 @@ from visualization_msgs.msg import MarkerArray
 from ftp_dent_ros.errors import CloudError, ImageError, PoseError
 from ftp_dent_ros.nodes.declarations import names_of_all
 from ftp_dent_ros.nodes.drawing import Drawing
-from ftp_dent_ros.nodes.matching import Matched, Matching, located
+from ftp_dent_ros.nodes.matching import Matched, MessageMatcher, located
 from ftp_dent_ros.nodes.survey_parameters import declare
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.ros.coverage_messages import coverage_to_markers
+from ftp_dent_ros.ros.dent_messages import coverage_to_markers
 from ftp_dent_ros.ros.diagnostics import OK, WARN, Diagnostics
 from ftp_dent_ros.ros.messages import (
     cloud_from_message,
@@ -61,7 +61,7 @@ class Survey(Node):
         self._coverage = self.create_publisher(MarkerArray, 'survey/coverage', LATCHED)
         self._drawing = Drawing(self._draw, self._diagnostics, 'the skin')
         self._worker = NewestWorker(self._work, 'survey', given.queue_size)
-        self._matching = Matching(
+        self._matching = MessageMatcher(
             self._hand_over,
             self._diagnostics.refuse,
             lambda: ('skin',) if self._has_skin else (),

@@ -19,14 +19,14 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ftp_dent_ros.coding.cloud_codec import VERSION, View, decode, encode
+from ftp_dent_ros.coding.cloud_codec import VERSION, RayGrid, decode, encode
 from ftp_dent_ros.coding.images import image_from_message, photograph_from_message
 from ftp_dent_ros.coding.messages import CLOUD_FIELDS, cloud_from_message, lens_from_message
 from ftp_dent_ros.errors import BagError, InputError
 from ftp_dent_ros.recording.topic import (
     CODED,
     Message,
-    Topic,
+    RecordedTopic,
     find_definition,
     type_hash,
     typestore,
@@ -46,23 +46,14 @@ _QUICKLY = (cv2.IMWRITE_PNG_COMPRESSION, 1)
 
 
 class CompressedBagWriter(BagWriter):
-    """A `BagWriter` that codes clouds and pictures; what cannot be coded is stored as it is.
+    """A `BagWriter` that codes clouds and pictures; what cannot be coded is stored as it is."""
 
-    Parameters
-    ----------
-    *arguments, **options
-        Of `BagWriter`.
-    quality : int
-        Of the pictures' JPEG.
-    """
-
-    def __init__(self, *arguments: Any, quality: int = 90, **options: Any) -> None:
+    def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
-        self._quality = quality
-        self._given: dict[str, Topic] = {}
+        self._given: dict[str, RecordedTopic] = {}
         self._lenses: dict[str, Lens] = {}
 
-    def add_topic(self, topic: Topic) -> None:
+    def add_topic(self, topic: RecordedTopic) -> None:
         """As `BagWriter.add_topic`; how a cloud or picture is stored its messages say."""
         if topic.type in (_CLOUD, _IMAGE):
             self._given.setdefault(topic.name, topic)
@@ -115,7 +106,7 @@ class CompressedBagWriter(BagWriter):
             raise ValueError('a cloud of another layout')
         cloud = cloud_from_message(message)
         lens = self._lenses.get(message.header.frame_id)
-        view = View.of(lens, message.height, message.width) if lens is not None else None
+        view = RayGrid.of(lens, message.height, message.width) if lens is not None else None
         return f'ftp_dent_ros cloud {VERSION}, {count} fields', encode(cloud, view)
 
     def _code_picture(self, message: Any) -> tuple[str, bytes]:
@@ -127,17 +118,19 @@ class CompressedBagWriter(BagWriter):
         bgr = np.ascontiguousarray(image_from_message(message)[..., ::-1])
         # A projector's pattern is small as PNG, and must be exact.
         few = bgr[:: max(1, bgr.shape[0] // 16)]
-        form, options = '.jpg', [cv2.IMWRITE_JPEG_QUALITY, self._quality]
+        form, options = '.jpg', [cv2.IMWRITE_JPEG_QUALITY, 90]
         if len(_encoded(few, '.png', [])) < len(_encoded(few, '.jpg', options)):
             form, options = '.png', []
         name = 'png' if form == '.png' else 'jpeg'
         return f'ftp_dent_ros rgb8, {name}', _encoded(bgr, form, options)
 
 
-def plain_topics(topics: Iterable[Topic]) -> tuple[dict[str, str], tuple[Topic, ...]]:
+def plain_topics(
+    topics: Iterable[RecordedTopic],
+) -> tuple[dict[str, str], tuple[RecordedTopic, ...]]:
     """Names of coded topics and what they stand for, and all topics as they were recorded."""
     coded: dict[str, str] = {}
-    plain: list[Topic] = []
+    plain: list[RecordedTopic] = []
     for topic in topics:
         for kind, suffix in _SUFFIXES.items():
             if topic.type == _CODED and topic.name.endswith(suffix):
@@ -229,7 +222,7 @@ def _encoded(bgr: Any, form: str, options: Sequence[int]) -> bytes:
     return data.tobytes()
 
 
-def _topic(name: str, kind: str, like: Topic) -> Topic:
+def _topic(name: str, kind: str, like: RecordedTopic) -> RecordedTopic:
     code = type_hash(kind)
     return replace(
         like, name=name, type=kind, type_hash=code, definition=find_definition(kind, code)

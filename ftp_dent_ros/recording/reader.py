@@ -19,7 +19,7 @@ from mcap.reader import SeekingReader
 from mcap.records import Channel, Schema
 
 from ftp_dent_ros.errors import BagError
-from ftp_dent_ros.recording.topic import CODED, Message, Topic, deserialise, qos_from
+from ftp_dent_ros.recording.topic import CODED, Message, RecordedTopic, deserialise, qos_from
 from ftp_dent_ros.recording.writer import (
     MAGIC,
     METADATA_FILE,
@@ -136,7 +136,7 @@ def read_messages(
     return open_bag(path).messages(topics)
 
 
-def topic_from(channel: Channel, schema: Schema | None) -> Topic:
+def topic_from(channel: Channel, schema: Schema | None) -> RecordedTopic:
     """What a channel says about its topic.
 
     Raises
@@ -150,7 +150,7 @@ def topic_from(channel: Channel, schema: Schema | None) -> Topic:
             'only bags of ROS 2 are read here'
         )
     described = schema is not None and schema.encoding == 'ros2msg'
-    return Topic(
+    return RecordedTopic(
         name=channel.topic,
         type=schema.name if schema else '',
         type_hash=channel.metadata.get('topic_type_hash', ''),
@@ -193,7 +193,7 @@ def _read_metadata(folder: Path) -> tuple[list[Path], str, dict[str, str]]:
 def _metadata(files: Sequence[Path]) -> BagMetadata:
     """What the ends of the files say."""
     counts: dict[str, int] = defaultdict(int)
-    topics: dict[tuple[str, str], Topic] = {}
+    topics: dict[tuple[str, str], RecordedTopic] = {}
     described = []
     for path in files:
         with _whole_file(path) as reader:

@@ -19,7 +19,7 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 
 from ftp_dent_ros.errors import BagError
 from ftp_dent_ros.recording.reader import topic_from
-from ftp_dent_ros.recording.topic import Message, Topic
+from ftp_dent_ros.recording.topic import Message, RecordedTopic
 from ftp_dent_ros.recording.writer import MAGIC, METADATA_FILE, BagWriter
 
 
@@ -138,7 +138,7 @@ def _messages(
 ) -> Iterator[Message]:
     """Every message of whole records, in the order of the file; their topics go to `writer`."""
     schemas: dict[int, Schema] = {}
-    topics: dict[int, Topic] = {}
+    topics: dict[int, RecordedTopic] = {}
     for record in _records(path, recovery):
         if isinstance(record, Schema):
             schemas[record.id] = record

@@ -51,7 +51,7 @@ class Qos(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Topic:
+class RecordedTopic:
     """A topic as it was recorded.
 
     Attributes

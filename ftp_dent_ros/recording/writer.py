@@ -39,7 +39,7 @@ from mcap.records import Message as MessageRecord
 from ftp_dent_ros import __version__
 from ftp_dent_ros.errors import BagError
 from ftp_dent_ros.files import written_aside
-from ftp_dent_ros.recording.topic import Message, Topic, qos_to_list
+from ftp_dent_ros.recording.topic import Message, RecordedTopic, qos_to_list
 
 MAGIC = b'\x89MCAP0\r\n'
 METADATA_FILE = 'metadata.yaml'
@@ -65,7 +65,7 @@ class BagMetadata:
     """
 
     files: tuple[BagFile, ...]
-    topics: tuple[Topic, ...]
+    topics: tuple[RecordedTopic, ...]
     message_counts: Mapping[str, int]
     ros_distro: str = ''
     custom_data: Mapping[str, str] = field(default_factory=dict)
@@ -156,7 +156,7 @@ class BagWriter:
         self.custom_data: dict[str, str] = {}
         self._name = name or folder.resolve().name
         self._max_file_size = max_file_size
-        self._topics: dict[str, Topic] = {}
+        self._topics: dict[str, RecordedTopic] = {}
         self._files: list[BagFile] = []
         self._closed_size = 0
         try:
@@ -170,7 +170,7 @@ class BagWriter:
             raise self._failure(reason) from None
 
     @property
-    def topics(self) -> tuple[Topic, ...]:
+    def topics(self) -> tuple[RecordedTopic, ...]:
         """Those made known so far."""
         return tuple(self._topics.values())
 
@@ -184,7 +184,7 @@ class BagWriter:
         """Bytes of all files."""
         return self._closed_size + self._file.size
 
-    def add_topic(self, topic: Topic) -> None:
+    def add_topic(self, topic: RecordedTopic) -> None:
         """Make a topic known before its first message; a second time changes nothing."""
         self._topics.setdefault(topic.name, topic)
 
@@ -389,7 +389,7 @@ class _McapFile:
         duration_ns = self._end_ns - self._start_ns if count else 0
         return BagFile(self.path.name, self._start_ns, duration_ns, count)
 
-    def write(self, messages: Sequence[Message], topics: Mapping[str, Topic]) -> None:
+    def write(self, messages: Sequence[Message], topics: Mapping[str, RecordedTopic]) -> None:
         """Write messages as one chunk with its indices."""
         channels = [self._channel(topics[message.topic]) for message in messages]
         builder = RecordBuilder()
@@ -447,7 +447,7 @@ class _McapFile:
         """Have the kernel put what is written on the disk itself."""
         os.fdatasync(self._stream.fileno())
 
-    def close(self, topics: Iterable[Topic], metadata: dict[str, str]) -> None:
+    def close(self, topics: Iterable[RecordedTopic], metadata: dict[str, str]) -> None:
         """Add metadata and summary, and close; afterwards the file is whole."""
         try:
             for topic in topics:
@@ -482,7 +482,7 @@ class _McapFile:
         """Close without a summary: what is written can be recovered."""
         self._stream.close()
 
-    def _channel(self, topic: Topic) -> int:
+    def _channel(self, topic: RecordedTopic) -> int:
         known = self._channels.get(topic.name)
         if known is not None:
             return known.id

@@ -1,4 +1,4 @@
-"""Dents as standard messages: a point a dent, and markers for RViz and Foxglove."""
+"""Dents, measured skin and its gaps as standard messages, and as markers for RViz and Foxglove."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ import numpy as np
 from geometry_msgs.msg import Point, Vector3
 from numpy.typing import NDArray
 from sensor_msgs.msg import PointCloud2, PointField
-from std_msgs.msg import ColorRGBA
+from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from ftp_dent_ros.dents.dent import KINDS
 from ftp_dent_ros.dents.sightings import ListedDent
 from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.ros.messages import make_header, to_data
+from ftp_dent_ros.survey.footprint import SeenSkin
 
 _ESTIMATES = (
     *('length', 'width', 'depth', 'model_length', 'model_width'),
@@ -37,12 +38,6 @@ _COLOURS = {
     'gouge': (0.9, 0.5, 0.0, 1.0),
     'other': (0.6, 0.6, 0.1, 1.0),
 }
-# Width of an outline, and height of a label, metres.
-_LINE = 0.0015
-_TEXT = 0.02
-# Markers lie on a lattice of 1/4096 m: a drawing of 1.5 mm wide lines shows no difference, and it
-# is deflated for the ground to a third.
-_LATTICE = 4096
 
 
 def dents_to_message(entries: Sequence[ListedDent], stamp_ns: int, frame_id: str) -> PointCloud2:
@@ -111,27 +106,67 @@ def dents_to_markers(entries: Sequence[ListedDent], stamp_ns: int, frame_id: str
     markers = [Marker(header=header, action=Marker.DELETEALL)]
     for entry in entries:
         dent = entry.dent
-        red, green, blue, alpha = _COLOURS[dent.kind]
-        colour = ColorRGBA(r=red, g=green, b=blue, a=alpha)
-        outline = Marker(header=header, ns='outlines', id=entry.number, type=Marker.LINE_STRIP)
-        outline.scale.x = _LINE
-        outline.color = colour
-        outline.pose.orientation.w = 1.0
-        closed = np.concatenate([dent.outline, dent.outline[:1]])
-        outline.points = [_point(each + _LINE * dent.normal) for each in closed]
-        label = Marker(header=header, ns='depths', id=entry.number, type=Marker.TEXT_VIEW_FACING)
-        label.scale = Vector3(x=0.0, y=0.0, z=_TEXT)
-        label.color = colour
-        label.pose.orientation.w = 1.0
-        beside = dent.position + _TEXT * dent.normal
-        label.pose.position = _point(beside)
-        label.text = f'{entry.number}: {dent.depth.value * 1e3:.2f} mm'
-        if dent.kind != 'dent':
-            label.text += f' ({dent.kind})'
-        markers += [outline, label] if len(dent.outline) else [label]
+        if len(dent.outline):
+            outline = _marker(header, 'outlines', entry.number, Marker.LINE_STRIP)
+            outline.color = _colour(_COLOURS[dent.kind])
+            # Metres: as wide, and as far above the skin.
+            outline.scale.x = 0.0015
+            closed = np.concatenate([dent.outline, dent.outline[:1]])
+            outline.points = [_point(each + 0.0015 * dent.normal) for each in closed]
+            markers.append(outline)
+        text = f'{entry.number}: {dent.depth.value * 1e3:.2f} mm'
+        text += '' if dent.kind == 'dent' else f' ({dent.kind})'
+        label = _marker(header, 'depths', entry.number, Marker.TEXT_VIEW_FACING, text, 0.02)
+        label.color = _colour(_COLOURS[dent.kind])
+        label.pose.position = _point(dent.position + 0.02 * dent.normal)
+        markers.append(label)
     return MarkerArray(markers=markers)
 
 
+def coverage_to_markers(seen: SeenSkin, stamp_ns: int, frame_id: str) -> MarkerArray:
+    """visualization_msgs/MarkerArray: what was measured, green, and gaps, red, with their sizes.
+
+    Its first marker deletes all that were there before; of the gaps, the 20 largest have a label.
+    """
+    header, red = make_header(stamp_ns, frame_id), (0.95, 0.1, 0.1, 0.9)
+    markers = [Marker(header=header, action=Marker.DELETEALL)]
+    for name, mask, colour in (
+        ('measured', seen.measured, (0.1, 0.65, 0.3, 0.45)),
+        ('gaps', seen.gap_mask(), red),
+    ):
+        corners = seen.strips(mask)
+        if len(corners):
+            marker = _marker(header, name, 0, Marker.TRIANGLE_LIST)
+            marker.scale = Vector3(x=1.0, y=1.0, z=1.0)
+            marker.color = _colour(colour)
+            # Two triangles of a strip's four corners.
+            marker.points = [_point(e) for e in corners[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)]
+            markers.append(marker)
+    for number, gap in enumerate(seen.gaps[:20]):
+        text = 'not measured: {:.0f} x {:.0f} mm'.format(*(gap.size * 1e3))
+        label = _marker(header, 'sizes', number, Marker.TEXT_VIEW_FACING, text, 0.03)
+        label.color = _colour(red)
+        label.pose.position = _point(seen.skin.points(gap.place, 0.03))
+        markers.append(label)
+    return MarkerArray(markers=markers)
+
+
+def _marker(
+    header: Header, name: str, number: int, kind: int, text: str = '', height: float = 0.0
+) -> Marker:
+    """A marker; `height` is that of the letters of its text, metres."""
+    marker = Marker(header=header, ns=name, id=number, type=kind, text=text)
+    marker.scale.z = height
+    marker.pose.orientation.w = 1.0
+    return marker
+
+
+def _colour(values: tuple[float, float, float, float]) -> ColorRGBA:
+    red, green, blue, alpha = values
+    return ColorRGBA(r=red, g=green, b=blue, a=alpha)
+
+
 def _point(values: NDArray) -> Point:
-    x, y, z = (round(float(value) * _LATTICE) / _LATTICE for value in values)
+    """On a lattice of 1/4096 m: no drawing shows it, and it is deflated to a third."""
+    x, y, z = (round(float(value) * 4096) / 4096 for value in values)
     return Point(x=x, y=y, z=z)

@@ -178,7 +178,7 @@ class Diagnostics:
                 level = WARN
                 message = (
                     f'{topic} has {publishers} publishers, whose messages mix: end all but one '
-                    '(one that was killed counts for 20 s)'
+                    '(one that was killed counts for 5 s)'
                 )
         values = dict(self._notes)
         for name in list(self._counted):

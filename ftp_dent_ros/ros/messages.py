@@ -12,7 +12,7 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Pose as PoseMessage
 from geometry_msgs.msg import PoseStamped
 from numpy.typing import NDArray
-from sensor_msgs.msg import CameraInfo, Image, NavSatFix, NavSatStatus, PointCloud2, PointField
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2, PointField
 from std_msgs.msg import Header
 
 from ftp_dent_ros.cloud.cloud import Cloud
@@ -29,7 +29,6 @@ from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.rig.rig import Lens
 
 if TYPE_CHECKING:
-    from ftp_dent_ros.navigation.origin import Origin
     from ftp_dent_ros.pose import Pose
 
 
@@ -38,7 +37,6 @@ __all__ = [
     'cloud_from_message',
     'cloud_to_message',
     'covariance_from_message',
-    'fix_message',
     'image_from_message',
     'image_to_message',
     'lens_from_message',
@@ -165,15 +163,3 @@ def pose_to_message(pose: Pose) -> PoseMessage:
 def pose_stamped_message(pose: Pose, stamp_ns: int, frame_id: str) -> PoseStamped:
     """geometry_msgs/PoseStamped of a pose in `frame_id`."""
     return PoseStamped(header=make_header(stamp_ns, frame_id), pose=pose_to_message(pose))
-
-
-def fix_message(origin: Origin, stamp_ns: int, frame_id: str) -> NavSatFix:
-    """sensor_msgs/NavSatFix of the origin of the frame `frame_id`."""
-    return NavSatFix(
-        header=make_header(stamp_ns, frame_id),
-        status=NavSatStatus(status=NavSatStatus.STATUS_FIX, service=NavSatStatus.SERVICE_GPS),
-        latitude=origin.latitude,
-        longitude=origin.longitude,
-        altitude=origin.altitude,
-        position_covariance_type=NavSatFix.COVARIANCE_TYPE_UNKNOWN,
-    )

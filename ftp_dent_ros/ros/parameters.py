@@ -30,7 +30,7 @@ class Parameters(Declarations):
         self._node = node
         self._checks: dict[str, Callable[[Any], Any]] = {}
         self._listeners: list[Callable[[dict[str, Any]], None]] = []
-        self._told: list[str] = []
+        self._read: list[str] = []
         node.add_on_set_parameters_callback(self._set)
 
     def take(self, declaration: Declaration) -> Any:
@@ -59,7 +59,7 @@ class Parameters(Declarations):
             what = '' if secret else f' (SHA-256 {files.content_id(path)}...)'
         except ConfigurationError as error:
             raise ConfigurationError(f'parameter {name}: {error}') from None
-        self._told.append(f'{name}: {path}{what}')
+        self._read.append(f'{name}: {path}{what}')
         return path
 
     def close(self, of_all_nodes: Callable[[], Sequence[str]]) -> None:
@@ -85,7 +85,7 @@ class Parameters(Declarations):
             if name not in of_all_nodes():
                 raise ConfigurationError(undeclared(name, declared))
             self._node.get_logger().warning(f'{undeclared(name, declared)} It is not used.')
-        for line in self._told:
+        for line in self._read:
             self._node.get_logger().info(line)
 
     def __getitem__(self, name: str) -> Any:

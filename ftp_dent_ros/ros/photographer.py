@@ -19,19 +19,10 @@ from ftp_dent_ros.errors import CameraError, ImageError
 from ftp_dent_ros.ros.messages import image_from_message, image_to_message, stamp_to_ns
 from ftp_dent_ros.ros.qos import IMAGES, LATCHED_INPUT, PATTERNS
 
-# Nodes find each other within seconds; a photograph takes at most as long as its service.
+# Nodes find each other within so many seconds; a photograph takes at most as long as its service.
 _DISCOVERY, _ANSWER = 15.0, 12.0
-# One that was killed is forgotten after 20 seconds, by the middleware's own measure.
+# One that was killed is forgotten sooner, by the middleware's own measure.
 _FORGOTTEN = 25.0
-# A camera that runs by itself may deliver photographs from before the call, and one that has just
-# started may not be ready yet: tries, and seconds between those that failed.
-_MOST_TRIES, _PAUSE = 10, 0.5
-_FRAME = 'projector_optical_frame'
-# Tries to see an image that does not change the photograph: it may light nothing in view.
-_LATE = 3
-# A photograph has changed where means of so many pixels each way differ by so many grey levels,
-# over this part of it: a camera's noise leaves a tenth of that in such a mean.
-_PIXELS, _LEVELS, _PART = 7, 4.0, 0.001
 
 
 class Photographer:
@@ -87,7 +78,7 @@ class Photographer:
 
     def show(self, image: NDArray[np.uint8]) -> int:
         """Show RGB pixels; the time from which they are shown, nanoseconds."""
-        message = image_to_message(image, self._node.get_clock().now().nanoseconds, _FRAME)
+        message = image_to_message(image, self._node.get_clock().now().nanoseconds, 'projector')
         self._shown.clear()
         self._show.publish(message)
 
@@ -108,7 +99,9 @@ class Photographer:
     def photograph(self, after_ns: int, colour: bool = False) -> tuple[NDArray[np.uint8], int]:
         """Photograph exposed after a time, grey or RGB, and the middle of its exposure, ns."""
         trouble = 'the photographs are older than what is projected: check the stamps'
-        for _ in range(_MOST_TRIES):
+        # A camera that runs by itself may deliver photographs from before the call, and one that
+        # has just started may not be ready yet.
+        for _ in range(10):
             self._taken.clear()
             answer = self._capture.call_async(Trigger.Request())
             self._until(answer.done, _ANSWER, 'camera_capture does not answer')
@@ -116,7 +109,7 @@ class Photographer:
             if result is None or not result.success:
                 why = result.message if result else 'no answer'
                 trouble = f'camera_capture took no photograph: {why}'
-                self.waited_for(lambda: False, _PAUSE)
+                self.waited_for(lambda: False, 0.5)
                 continue
             self._until(lambda: bool(self._taken), _ANSWER, 'no photograph arrives')
             stamp_ns = stamp_to_ns(self._taken[-1].header.stamp)
@@ -137,7 +130,8 @@ class Photographer:
         """
         shown, seen = self._before or (image, None)
         after_ns = self.show(image) + self.delay_ns
-        for _ in range(_LATE):
+        # An image that lights nothing in view never changes the photograph.
+        for _ in range(3):
             photograph, _ = self.photograph(after_ns)
             if seen is None or np.array_equal(shown, image) or changed(seen, photograph):
                 break
@@ -178,5 +172,6 @@ def changed(before: NDArray[np.uint8], now: NDArray[np.uint8]) -> bool:
     """Whether the light in a photograph, shape (rows, columns), is another than in one before."""
     if before.shape != now.shape:
         return True
-    means = (cv2.blur(each.astype(np.float32), (_PIXELS, _PIXELS)) for each in (before, now))
-    return bool((cv2.absdiff(*means) > _LEVELS).mean() > _PART)
+    # Means of 7x7 pixels: a camera's noise leaves a tenth of four grey levels in them.
+    means = (cv2.blur(each.astype(np.float32), (7, 7)) for each in (before, now))
+    return bool((cv2.absdiff(*means) > 4.0).mean() > 0.001)

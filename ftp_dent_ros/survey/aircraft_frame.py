@@ -31,9 +31,6 @@ Array = NDArray[np.float64]
 # Points that tell a frame, and rounds of its adjustment.
 _NEEDED = 3
 _ROUNDS = 4
-# A turn that the points leave open by more than this standard deviation, radians, is no frame:
-# places beside the points are then off by a twentieth of their distance, and no longer linearly.
-_OPEN = 0.05
 # Chance that right points are refused as contradicting each other.
 _REFUSED = 1e-3
 
@@ -129,7 +126,10 @@ def aircraft_frame(points: Sequence[ReferencePoint]) -> AircraftFrame:
         )
     frame, misfit = _fitted(points)
     turns = np.sqrt(np.linalg.eigvalsh(frame.covariance[3:, 3:]))
-    if not turns[-1] < _OPEN:
+    # A turn that the points leave open by more than this standard deviation, radians, is no frame:
+    # places beside the points are then off by a twentieth of their distance, and no longer
+    # linearly.
+    if not turns[-1] < 0.05:
         raise ConfigurationError(
             'the reference points lie on a line, or nearly, or too close together: the frame can '
             f'still turn by {math.degrees(turns[-1]):.1f} degrees (standard deviation): name '

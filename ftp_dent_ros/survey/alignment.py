@@ -17,14 +17,12 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.robust import cauchy, deviation
-from ftp_dent_ros.survey.patch import Patch
+from ftp_dent_ros.survey.patch import SkinPatch
 
 # Distances between the points whose heights, and of the squares of which one cell's paint each,
 # are compared, metres: at about this distance errors are independent.
 _HEIGHTS, _PAINT = 0.006, 0.004
 _MOST_HEIGHTS, _MOST_PAINT = 3000, 4000
-# Of these, every so many-th finds the way; the last steps are by all.
-_FEW = 4
 # No two clouds fit each other better: a height's and a paint's standard deviation.
 _LEAST_HEIGHT, _LEAST_PAINT = 2e-6, 1e-3
 
@@ -39,7 +37,7 @@ class Samples:
         Metres, in the patch's frame.
     height_values : ndarray, shape (n, 4)
     paint_values, coarse_values : ndarray, shape (n, 4)
-        As the layers of `Patch`.
+        As the layers of `SkinPatch`.
     """
 
     heights: NDArray[np.float64]
@@ -51,7 +49,8 @@ class Samples:
     @cached_property
     def few(self) -> Samples:
         """Every fourth of them: enough to find the way."""
-        some = slice(None, None, _FEW)
+        # Of these, every so many-th finds the way; the last steps are by all.
+        some = slice(None, None, 4)
         return Samples(
             self.heights[some],
             self.height_values[some],
@@ -61,7 +60,7 @@ class Samples:
         )
 
 
-def samples_of(patch: Patch) -> Samples:
+def samples_of(patch: SkinPatch) -> Samples:
     """Heights on a regular grid; of the paint, in every square, the cell that changes most."""
     step = max(1, round(_HEIGHTS / patch.pitch))
     row, column = np.nonzero(patch.known[::step, ::step])
@@ -77,7 +76,7 @@ def samples_of(patch: Patch) -> Samples:
     )
 
 
-def _strongest(patch: Patch) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _strongest(patch: SkinPatch) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Rows and columns of the cells, one a square, whose paint changes most."""
     side = max(1, round(_PAINT / patch.pitch))
     rows, columns = (size // side for size in patch.paint.shape[:2])
@@ -97,7 +96,7 @@ def _strongest(patch: Patch) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 
 
 @dataclass(frozen=True, eq=False)
-class Equations:
+class PairEquations:
     """Linearised residuals at a pose, of the n points that lie on the other patch.
 
     Attributes
@@ -131,12 +130,12 @@ class Equations:
 
 
 def equations(
-    first: Patch,
+    first: SkinPatch,
     second: Samples,
     pose: Pose,
     centre: NDArray[np.float64],
     with_paint: bool = True,
-) -> Equations:
+) -> PairEquations:
     """Equations at a pose of the second patch in the first."""
     heights, height_spread = _of_heights(first, second, pose, centre)
     parts, paint_spread = [heights], 0.0
@@ -148,7 +147,7 @@ def equations(
     )
     is_paint = np.arange(len(residual)) >= len(heights[0])
     spread = height_spread, paint_spread
-    return Equations(residual, own, other, weight, place, is_paint, spread)
+    return PairEquations(residual, own, other, weight, place, is_paint, spread)
 
 
 def _of_heights(first, second, pose, centre):
@@ -171,13 +170,13 @@ def _of_heights(first, second, pose, centre):
 
 
 def of_paint(
-    first: Patch,
+    first: SkinPatch,
     second: Samples,
     pose: Pose,
     centre: NDArray[np.float64],
     coarse: bool = False,
 ) -> tuple[tuple[NDArray[np.float64], ...], float]:
-    """Residuals, both slopes, weights and places of the paint as `Equations` has, and spread."""
+    """Residuals, both slopes, weights and places of the paint, as `PairEquations` has; spread."""
     layer, values = (
         (first.coarse, second.coarse_values) if coarse else (first.paint, second.paint_values)
     )

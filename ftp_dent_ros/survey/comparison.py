@@ -16,15 +16,15 @@ from scipy.optimize import linear_sum_assignment
 
 from ftp_dent_ros import __version__
 from ftp_dent_ros.dents.dent import COVERAGE, Estimate, MeasuredDent
-from ftp_dent_ros.dents.rules import Finding, Rules, clearance, verdict, width_to_depth
+from ftp_dent_ros.dents.rules import Judgement, Rules, clearance, verdict, width_to_depth
 from ftp_dent_ros.dents.sightings import agreement
 from ftp_dent_ros.pages.drawing import scale_bar
 from ftp_dent_ros.pages.page import render
 from ftp_dent_ros.pages.words import date_of, finite, interval, position_interval
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.survey.aircraft_frame import AircraftFrame
-from ftp_dent_ros.survey.growth import Change, Growth, Scale, changes_of, depth_growth
-from ftp_dent_ros.survey.matching import Matching, match
+from ftp_dent_ros.survey.growth import Change, CommonFactor, Growth, changes_of, depth_growth
+from ftp_dent_ros.survey.matching import DentMatching, match
 from ftp_dent_ros.survey.result import SurveyedDent, SurveyResult
 
 Status = Literal[
@@ -52,9 +52,6 @@ STATUSES: dict[Status, str] = {
 }
 # What is compared: these are damage; steps, bumps and what is none of these are not.
 DAMAGE = ('dent', 'crease', 'gouge')
-# A dent would have been found for certain if it is so many times as deep as the findable depth,
-# after twice its uncertainty: what the smallest width, on which that stands, may cost.
-_CERTAIN, _SURE = 1.5, 2.0
 # Standard deviations of a place in the other survey, around which it must have been looked at.
 _AROUND = 3.0
 
@@ -103,15 +100,15 @@ class Comparison:
     earlier, later : SurveyResult
     dents : tuple of ComparedDent
         In the order of `STATUSES`, the deepest first.
-    matching : Matching
-    scales : tuple of Scale
+    matching : DentMatching
+    scales : tuple of CommonFactor
     """
 
     earlier: SurveyResult
     later: SurveyResult
     dents: tuple[ComparedDent, ...]
-    matching: Matching
-    scales: tuple[Scale, ...]
+    matching: DentMatching
+    scales: tuple[CommonFactor, ...]
 
 
 def compare(earlier: SurveyResult, later: SurveyResult) -> Comparison:
@@ -144,7 +141,7 @@ def compare(earlier: SurveyResult, later: SurveyResult) -> Comparison:
     return Comparison(earlier, later, tuple(found), matching, scales)
 
 
-def _deeper(earlier: SurveyedDent, later: SurveyedDent, matching: Matching) -> Growth | None:
+def _deeper(earlier: SurveyedDent, later: SurveyedDent, matching: DentMatching) -> Growth | None:
     """How much deeper a dent is by the skin about it, outward for what stands out."""
     turn = matching.motion.rotation.inv()
     places, _ = matching.in_later(earlier.dent.position[None])
@@ -192,14 +189,14 @@ def _matched(
     return ComparedDent(status, earlier, later, changes)
 
 
-def _gone(dent: SurveyedDent, later: SurveyResult, matching: Matching) -> ComparedDent:
+def _gone(dent: SurveyedDent, later: SurveyResult, matching: DentMatching) -> ComparedDent:
     places, spread = matching.in_later(dent.dent.position[None])
     normal = matching.motion.rotation.inv().apply(dent.dent.normal)
     reason = _not_looked_at(dent, later, places[0], normal, float(spread[0]))
     return ComparedDent('not seen' if reason else 'repaired', dent, None, (), reason)
 
 
-def _come(dent: SurveyedDent, earlier: SurveyResult, matching: Matching) -> ComparedDent:
+def _come(dent: SurveyedDent, earlier: SurveyResult, matching: DentMatching) -> ComparedDent:
     places, spread = matching.in_earlier(dent.dent.position[None])
     normal = matching.motion.rotation.apply(dent.dent.normal)
     reason = _not_looked_at(dent, earlier, places[0], normal, float(spread[0]))
@@ -207,7 +204,7 @@ def _come(dent: SurveyedDent, earlier: SurveyResult, matching: Matching) -> Comp
 
 
 def _with_doubts(
-    gone: list[ComparedDent], come: list[ComparedDent], matching: Matching
+    gone: list[ComparedDent], come: list[ComparedDent], matching: DentMatching
 ) -> list[ComparedDent]:
     """All of both, those once that may be one dent: neither survey tells that they are two."""
     unseen = [each for each in gone if each.status == 'not seen']
@@ -251,7 +248,9 @@ def _not_looked_at(
     if not np.isfinite(findable):
         return f'not all of its place was measured in the survey {survey.name}'
     findable = max(findable, survey.settings.smallest_depth)
-    if abs(depth.value) - _SURE * depth.uncertainty < _CERTAIN * findable:
+    # A dent would have been found for certain if it is so many times as deep as the findable
+    # depth, after twice its uncertainty: what the smallest width, on which that stands, may cost.
+    if abs(depth.value) - 2.0 * depth.uncertainty < 1.5 * findable:
         return (
             f'in the survey {survey.name} only dents from {findable * 1e3:.2f} mm depth on would '
             'have been found there'
@@ -262,7 +261,7 @@ def _not_looked_at(
 
 
 @dataclass(frozen=True, eq=False)
-class Row:
+class ChartRow:
     """One dent of the chart.
 
     Attributes
@@ -276,7 +275,7 @@ class Row:
         Standard uncertainty of that along its worst direction, metres.
     first_seen : str
         Date.
-    findings : tuple of Finding
+    findings : tuple of Judgement
         What the user's limits say of it.
     """
 
@@ -285,7 +284,7 @@ class Row:
     location: NDArray[np.float64]
     uncertainty: float
     first_seen: str
-    findings: tuple[Finding, ...]
+    findings: tuple[Judgement, ...]
 
     @property
     def dent(self) -> MeasuredDent:
@@ -295,7 +294,7 @@ class Row:
 
 def chart(
     comparison: Comparison, frame: AircraftFrame | None = None, rules: Rules | None = None
-) -> list[Row]:
+) -> list[ChartRow]:
     """Rows in the order of the comparison.
 
     Parameters
@@ -307,7 +306,7 @@ def chart(
         Limits for the dents that are there.
     """
     there = [each for each in comparison.dents if each.later is not None]
-    findings: dict[int, tuple[Finding, ...]] = {}
+    findings: dict[int, tuple[Judgement, ...]] = {}
     if rules is not None:
         judged = rules.judge([each.shown.dent for each in there])
         findings = {id(each): found for each, found in zip(there, judged, strict=True)}
@@ -318,8 +317,8 @@ def _row(
     each: ComparedDent,
     comparison: Comparison,
     frame: AircraftFrame | None,
-    findings: tuple[Finding, ...],
-) -> Row:
+    findings: tuple[Judgement, ...],
+) -> ChartRow:
     shown = each.shown
     place, among = shown.dent.position, _PLACE
     if each.later is None:
@@ -329,7 +328,7 @@ def _row(
     if frame is not None:
         place, covariance = frame.place(place, np.eye(3) * among**2)
     first = comparison.later if each.earlier is None else comparison.earlier
-    return Row(
+    return ChartRow(
         each,
         str(shown.number) if each.later is not None else f'({shown.number})',
         place,
@@ -339,7 +338,7 @@ def _row(
     )
 
 
-def chart_record(row: Row, on_aircraft: bool) -> dict[str, Any]:
+def chart_record(row: ChartRow, on_aircraft: bool) -> dict[str, Any]:
     """A row's cells: millimetres; None where there is nothing."""
     dent, compared = row.dent, row.compared
     names = ('station', 'buttock_line', 'water_line') if on_aircraft else ('x', 'y', 'z')
@@ -376,7 +375,7 @@ def chart_record(row: Row, on_aircraft: bool) -> dict[str, Any]:
     return finite(record)
 
 
-def chart_csv(rows: list[Row], on_aircraft: bool) -> str:
+def chart_csv(rows: list[ChartRow], on_aircraft: bool) -> str:
     """The chart, a line a dent; empty cells are not known."""
     empty = [
         f'{q}_growth{u}_mm' for q in ('depth', 'length', 'width') for u in ('', '_95_percent')
@@ -392,7 +391,7 @@ def chart_csv(rows: list[Row], on_aircraft: bool) -> str:
     return text.getvalue()
 
 
-def growth_of(row: Row, quantity: str = 'depth') -> tuple[Estimate, float] | None:
+def growth_of(row: ChartRow, quantity: str = 'depth') -> tuple[Estimate, float] | None:
     """Change of a quantity and half its 95 % interval, metres; None where it is not compared."""
     for change in row.compared.changes:
         if change.quantity == quantity:
@@ -402,7 +401,7 @@ def growth_of(row: Row, quantity: str = 'depth') -> tuple[Estimate, float] | Non
 
 def comparison_page(
     comparison: Comparison,
-    rows: list[Row],
+    rows: list[ChartRow],
     frame: AircraftFrame | None = None,
     rules: Rules | None = None,
 ) -> str:
@@ -470,7 +469,7 @@ def _survey(survey: SurveyResult) -> str:
     )
 
 
-def _cells(row: Row) -> dict[str, Any]:
+def _cells(row: ChartRow) -> dict[str, Any]:
     dent, growth = row.dent, growth_of(row)
     return {
         'number': row.number,
@@ -502,7 +501,7 @@ def _signed(estimate: Estimate, half: float) -> tuple[str, str]:
     return f'{estimate.value * 1e3:+.3f}', f'± {half * 1e3:.3f}'
 
 
-def _map(rows: list[Row]) -> dict[str, Any] | None:
+def _map(rows: list[ChartRow]) -> dict[str, Any] | None:
     """Where the dents lie, on the plane that they spread along."""
     if len(rows) < 2:
         return None

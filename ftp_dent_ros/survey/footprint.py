@@ -19,10 +19,6 @@ from ftp_dent_ros.survey.unrolled import Gap, Unrolled, find_gaps
 
 # Side of a cell, and of the squares that a cloud has a sample of, metres.
 CELL, _SAMPLE = 0.01, 0.005
-# Points a side of a square that are enough, and of how many rows one tells how far apart they are.
-_A_SIDE, _ROWS = 2.5, 16
-# Of a cell, that was measured if the cell was.
-_NEEDED = 0.5
 # Cells that are drawn at most: poses may put clouds anywhere.
 _LARGEST = 1 << 26
 # Steps to either side of a footprint's middle, in a number of 16 bits.
@@ -56,9 +52,11 @@ class Footprint:
     @classmethod
     def of(cls, cloud: Cloud) -> Footprint:
         """A mean point of each square of the plane through a cloud that it has measured."""
-        apart = np.linalg.norm(np.diff(cloud.points[::_ROWS], axis=1), axis=-1)
+        # Points a side of a square that are enough, and of how many rows one tells how far apart
+        # they are.
+        apart = np.linalg.norm(np.diff(cloud.points[::16], axis=1), axis=-1)
         apart = apart[apart > 0]
-        every = max(1, int(_SAMPLE / _A_SIDE / np.median(apart))) if len(apart) else 1
+        every = max(1, int(_SAMPLE / 2.5 / np.median(apart))) if len(apart) else 1
         thinned = slice(None, None, every), slice(None, None, every)
         points = cloud.points[thinned][cloud.valid[thinned]].astype(float)
         middle = points.mean(axis=0)
@@ -172,7 +170,8 @@ def seen_skin(footprints: Sequence[Footprint], poses: Sequence[Pose]) -> SeenSki
     down, across = (slice(max(each[0] - 1, 0), each[-1] + 2) for each in inside)
     low = low + CELL * np.array([across.start, down.start])
     covered, height = covered[down, across], height[down, across]
-    measured = covered >= _NEEDED
+    # Of a cell, that was measured if the cell was.
+    measured = covered >= 0.5
     height = height / np.maximum(covered, 1e-9)
     # Of what was not measured, that of the nearest that was.
     nearest = distance_transform_edt(~measured, return_distances=False, return_indices=True)

@@ -19,11 +19,6 @@ from ftp_dent_ros.survey.unrolled import Unrolled
 # Side of a pixel: narrower than the points of a cloud lie apart, metres.
 PIXEL = 0.001
 _LARGEST = 1 << 30  # pixels: what is never written takes no memory
-# Side of the square over which the scatter of several clouds is pooled, metres: it holds several
-# of the places over which noise is correlated, and no more than a dent.
-_POOLED = 0.015
-# Points that the way back to a cloud's grid is fitted to: about, and at least.
-_FITTED, _LEAST_POINTS = 1500, 20
 # Pixels about a cloud that its grid may reach into, and about the middle of a dent.
 _ROOM, _AROUND = 4, 2
 
@@ -81,10 +76,11 @@ class Fusion:
     def add(self, cloud: Cloud, pose: Pose) -> None:
         """Another cloud, in its camera's frame; one that tells no uncertainty is left out."""
         places, told = self._places(cloud, pose), cloud.valid & (cloud.sigma > 0)
-        step = max(1, math.isqrt(np.count_nonzero(told) // _FITTED))
+        # Points that the way back to a cloud's grid is fitted to: about, and at least.
+        step = max(1, math.isqrt(np.count_nonzero(told) // 1500))
         row, column = step * np.array(np.nonzero(told[::step, ::step]))
         window = self._window(places[told])
-        if window is None or len(row) < _LEAST_POINTS:
+        if window is None or len(row) < 20:
             return
         corner = self._low + PIXEL * (np.array([window[1].start, window[0].start]) + 0.5)
         size = np.array([each.stop - each.start for each in window[::-1]])
@@ -172,7 +168,9 @@ class Fusion:
         """What is told within a window."""
         weight, count = self._weight[window], self._count[window].astype(np.float32)
         several = count > 1
-        side = 2 * round(_POOLED / PIXEL / 2) + 1
+        # Side of the square over which the scatter of several clouds is pooled, metres: it holds
+        # several of the places over which noise is correlated, and no more than a dent.
+        side = 2 * round(0.015 / PIXEL / 2) + 1
         free = _pooled(np.where(several, count - 1, 0), side)
         ratio = _pooled(np.where(several, self._squares[window], 0), side) / np.maximum(free, 1e-6)
         stated = count / np.maximum(weight, 1)  # mean of the variances that the clouds tell

@@ -35,24 +35,11 @@ _SHARE = {'depth': 0.9, 'length': 0.05, 'width': 0.05}
 # (it is 1, within a factor of two), and as how many at most all dents count: errors are not
 # quite Gaussian far out.
 _TRUST, _MOST = 4.0, 40.0
-# Standard deviations beyond which a dent has changed.
-_FAR = 3.0
 # Two calibrations' common factor on sizes, before there are dents: within 1 %.
 _SCALE = 0.01
 _ROUNDS = 20
-# Of a skin's difference, metres squared: what is less is none.
-_LEAST_NOISE = 1e-15
 
 Array = NDArray[np.float64]
-
-# Times the ellipse of the dent's sizes, from which on the skin is undeformed.
-_OUTSIDE = 1.25
-# Of the dent's points, that both surveys must have; and so many beside it, by those of the dent.
-_LEAST_SHARE, _LEAST_BESIDE = 0.95, 0.3
-# Steps in which a slide is found.
-_RELIEF_GROWTH_ROUNDS = 3
-# Within so much of the relief what its points differ by is correlated at most.
-_CORRELATED = 0.25
 
 
 @dataclass(frozen=True)
@@ -78,7 +65,7 @@ class Change:
 
 
 @dataclass(frozen=True)
-class Scale:
+class CommonFactor:
     """What two surveys have in common in one quantity: the factor of the later one's values."""
 
     quantity: str
@@ -91,7 +78,7 @@ def changes_of(
     earlier: Sequence[MeasuredDent],
     later: Sequence[MeasuredDent],
     deeper: Sequence[Growth | None] = (),
-) -> tuple[list[tuple[Change, ...]], tuple[Scale, ...]]:
+) -> tuple[list[tuple[Change, ...]], tuple[CommonFactor, ...]]:
     """Changes of dents that are the same, in their order, and the surveys' common factors.
 
     Parameters
@@ -139,7 +126,7 @@ def _compared(
     later: Sequence[Estimate],
     given: Sequence[Growth | None],
     usable: NDArray[np.bool_],
-) -> tuple[Scale, list[Estimate], list[float]]:
+) -> tuple[CommonFactor, list[Estimate], list[float]]:
     """How most dents compare; each one's difference, and its degrees of freedom."""
     later = [
         b if d is None else Estimate(a.value + d.estimate.value, a.uncertainty)
@@ -167,7 +154,8 @@ def _compared(
 
 def _uncertainty(growth: Growth, usual: float) -> float:
     """Of a growth, whose few places may be quieter than the surveys' skins are by chance alone."""
-    return growth.estimate.uncertainty * max(1.0, usual / max(growth.noise, _LEAST_NOISE))
+    # Of a skin's difference, metres squared: what is less is none.
+    return growth.estimate.uncertainty * max(1.0, usual / max(growth.noise, 1e-15))
 
 
 def _with_scale(growth: Estimate, depth: Estimate) -> Estimate:
@@ -187,7 +175,7 @@ def _scale(
     later: Sequence[Estimate],
     stated: NDArray[np.float64],
     usable: NDArray[np.bool_],
-) -> tuple[Scale, float]:
+) -> tuple[CommonFactor, float]:
     """Factor of later over earlier values, the factor on their noise, and its freedom."""
     a, b = (np.array([[e.value, e.uncertainty] for e in each]) for each in (earlier, later))
     known = usable & np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
@@ -196,7 +184,8 @@ def _scale(
     factor, spread, noise, freedom = 1.0, _SCALE, 1.0, _TRUST
     for _ in range(_ROUNDS if len(a) else 0):
         off = (b[:, 0] - factor * a[:, 0]) / stated
-        unchanged = np.abs(off) < _FAR * max(NORMAL_SPREAD * float(np.median(np.abs(off))), 0.1)
+        # Standard deviations beyond which a dent has changed.
+        unchanged = np.abs(off) < 3.0 * max(NORMAL_SPREAD * float(np.median(np.abs(off))), 0.1)
         count = int(unchanged.sum())
         noise = float(np.sqrt((_TRUST + (off[unchanged] ** 2).sum()) / (_TRUST + count)))
         freedom = min(_TRUST + count, _MOST)
@@ -205,10 +194,12 @@ def _scale(
         information = float((weight * a[:, 0] ** 2).sum()) + _SCALE**-2
         factor = (float((weight * a[:, 0] * b[:, 0]).sum()) + _SCALE**-2) / information
         spread = information**-0.5
-    return Scale(quantity, factor, spread, noise), freedom
+    return CommonFactor(quantity, factor, spread, noise), freedom
 
 
-def _difference(earlier: Estimate, later: Estimate, stated: float, scale: Scale) -> Estimate:
+def _difference(
+    earlier: Estimate, later: Estimate, stated: float, scale: CommonFactor
+) -> Estimate:
     value = later.value / scale.factor - earlier.value
     noise = scale.noise * stated
     return Estimate(value, float(np.hypot(noise, earlier.value * scale.uncertainty)))
@@ -270,7 +261,8 @@ def depth_growth(earlier: SurveyedDent, later: SurveyedDent, to_later: Pose) -> 
     if earlier.relief is None or later.relief is None:
         return None
     slide, found = np.zeros(2), None
-    for _ in range(_RELIEF_GROWTH_ROUNDS):
+    # Steps in which a slide is found.
+    for _ in range(3):
         found = _fitted(earlier, later, to_later, slide)
         if found is None:
             return None
@@ -290,8 +282,11 @@ def _fitted(
     dent = earlier.dent
     far = np.hypot(2 * a / dent.length.value, 2 * b / dent.width.value)
     known = np.isfinite(before) & np.isfinite(after)
-    ring = known & (far > _OUTSIDE)
-    if known[far < 1].mean() < _LEAST_SHARE or ring.sum() < _LEAST_BESIDE * (far < 1).sum():
+    # Times the ellipse of the dent's sizes, from which on the skin is undeformed.
+    ring = known & (far > 1.25)
+    # Of the dent's points, that both surveys must have; and so many beside it, by those of the
+    # dent.
+    if known[far < 1].mean() < 0.95 or ring.sum() < 0.3 * (far < 1).sum():
         return None
     mean = np.where(known, (before + after) / 2, np.nan)
     x, y = a / np.abs(a).max(), b / np.abs(b).max()
@@ -344,5 +339,6 @@ def _correlated(rest: Array, used: NDArray[np.bool_]) -> float:
     both = with_itself(used.astype(float))
     covariance = with_itself(rest) / np.maximum(both, 1)
     down, across = (np.abs(np.fft.fftfreq(size, 1 / size)) for size in shape)
-    near = np.hypot(down[:, None], across) < _CORRELATED * min(rest.shape)
+    # Within so much of the relief what its points differ by is correlated at most.
+    near = np.hypot(down[:, None], across) < 0.25 * min(rest.shape)
     return float(np.maximum(covariance[near & (both > 0.5)] / covariance[0, 0], 0).sum())

@@ -17,22 +17,12 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rigid import moved_along, twist_between
-from ftp_dent_ros.survey.alignment import Equations
+from ftp_dent_ros.survey.alignment import PairEquations
 
 Array = NDArray[np.float64]
 
-# Width of a strip, metres: errors of clouds are alike over some windows of their fringes.
-_STRIP = 0.04
 # Strips each way, and squares as wide as a strip, that a direction takes at least to be told.
 _LEAST_STRIPS, _LEAST_SQUARES = 3, 12
-# Standard deviations of what noise would tell by chance, from which on a direction is believed.
-_SURE = 5.0
-# Marks lie in relief that the fringes do not resolve (grooves about rivets, edges of paint), so
-# that they move against the skin with the direction they are seen from: its depth, metres.
-_RELIEF = 1e-4
-# What no pair is better known than, metres: points are rounded to single precision. And what
-# stands for nothing, beside what all strips tell.
-_LEAST, _NOTHING = 1e-7, 1e-9
 
 # Standard deviations of what calibrations leave (benchmarks/calibration.py): focal lengths and
 # baselines are off by 0.003 %, which stretches; 0.002 px that the camera or the projector is off
@@ -46,8 +36,6 @@ _FORMS = np.array([[[1.0, 0], [0, 0]], [[0, 1], [1, 0]], [[0, 0], [0, 1]]])
 # Metres that a turn of a radian is taken for: half of a patch.
 _ARM = 0.15
 _SCALE = np.array([1, 1, 1, 1 / _ARM, 1 / _ARM, 1 / _ARM])
-# By how much a patch that is slid may slide on while it is laid on the other, metres.
-_HELD = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,12 +57,12 @@ class Told:
     count: int
 
 
-def told_by(found: Equations, centre: Array, parallax: Array) -> Told:
+def told_by(found: PairEquations, centre: Array, parallax: Array) -> Told:
     """What equations at their solution tell.
 
     Parameters
     ----------
-    found : Equations
+    found : PairEquations
     centre : ndarray, shape (3,)
         Of what both saw, metres.
     parallax : ndarray, shape (2,)
@@ -89,7 +77,9 @@ def told_by(found: Equations, centre: Array, parallax: Array) -> Told:
     values, directions = np.linalg.eigh((product + product.T) / 2)
     own, other = own @ directions, other @ directions
     chance = np.sqrt(np.square(found.weight[:, None] * own * other).sum(axis=0))
-    sure = (values > 0) & (values > _SURE * chance)
+    # Standard deviations of what noise would tell by chance, from which on a direction is
+    # believed.
+    sure = (values > 0) & (values > 5.0 * chance)
     kept = directions[:, sure]
     ways = [_strips(found.place[:, axis]) for axis in (0, 1)]
     squares = np.unique(ways[0] + (ways[0].max() + 1) * ways[1])
@@ -98,8 +88,12 @@ def told_by(found: Equations, centre: Array, parallax: Array) -> Told:
     own, other = own[:, sure], other[:, sure]
     weighted, pull = found.weight[:, None] * own, (found.weight * found.residual)[:, None]
     # All marks of a pair lie as deep, so that strips do not show it.
-    moved = _RELIEF * kept[:2].T @ parallax
-    covariance = np.outer(moved, moved) + _LEAST**2 * np.eye(len(moved))
+    # Marks lie in relief that the fringes do not resolve (grooves about rivets, edges of paint),
+    # so that they move against the skin with the direction they are seen from: its depth, metres.
+    moved = 1e-4 * kept[:2].T @ parallax
+    # What no pair is better known than, metres: points are rounded to single precision. And what
+    # stands for nothing, beside what all strips tell.
+    covariance = np.outer(moved, moved) + 1e-7**2 * np.eye(len(moved))
     for strips in ways:
         part = _products(weighted, other, strips)
         gradients = _summed((own + other) / 2 * pull, strips)
@@ -107,7 +101,7 @@ def told_by(found: Equations, centre: Array, parallax: Array) -> Told:
         step = -np.linalg.solve(inner, gradients.sum(axis=0))
         scores = gradients + part @ step
         # Without a strip that alone tells a direction, nothing does.
-        left = inner - part + _NOTHING * np.trace(inner) * np.eye(len(inner))
+        left = inner - part + 1e-9 * np.trace(inner) * np.eye(len(inner))
         moves = np.linalg.solve(left, scores[..., None])[..., 0]
         covariance = covariance + (count - 1) / count * moves.T @ moves
     information = kept @ np.linalg.inv(covariance) @ kept.T
@@ -117,7 +111,8 @@ def told_by(found: Equations, centre: Array, parallax: Array) -> Told:
 def _strips(place: Array) -> NDArray[np.intp]:
     """Number of each point's strip: they are alike in width."""
     low, size = place.min(), max(float(np.ptp(place)), 1e-9)
-    count = max(_LEAST_STRIPS, round(size / _STRIP))
+    # Width of a strip, metres: errors of clouds are alike over some windows of their fringes.
+    count = max(_LEAST_STRIPS, round(size / 0.04))
     return np.minimum((place - low) / size * count, count - 1).astype(np.intp)
 
 
@@ -227,7 +222,8 @@ def slid_information(
     free, sure = directions[:, : 6 - told.count], directions[:, 6 - told.count :]
     spread = np.linalg.inv(np.linalg.inv(doubt) * both + told.information * both)
     variances, ways = np.linalg.eigh(free.T @ spread @ free)
-    held = free @ free.T / both / _HELD**2
+    # By how much a patch that is slid may slide on while it is laid on the other, metres.
+    held = free @ free.T / both / 1e-5**2
     covariance = np.diag(1 / values[6 - told.count :])
     for step in (free @ ways * np.sqrt(variances)).T:
         for sign in (1, -1):

@@ -13,25 +13,19 @@ from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.survey.alignment import Samples, samples_of
 from ftp_dent_ros.survey.information import RelativePose, UnlikePairError
-from ftp_dent_ros.survey.patch import Kept, outline_of, patch_of
+from ftp_dent_ros.survey.patch import KeptPatch, outline_of, patch_of
 from ftp_dent_ros.survey.pose_graph import PoseGraph
 from ftp_dent_ros.survey.pose_terms import Node, relative_doubt, share_kept
 from ftp_dent_ros.survey.registration import register
 
 # Earlier clouds that each is laid on: the one before, and one some clouds back.
 _BACK = (1, 3)
-# A cloud is kept for later passes where the last that was kept is this part of a patch away.
-_KEPT = 0.3
 # Share of an autopilot's error below which it is taken for another one: one in twenty.
 _ANOTHER = 0.05
-# Clouds before the newest by which its place is told.
-_WINDOW = 20
 
 # So many passes, which are others from so many clouds on; and no farther apart than this part of
 # both patches' sizes.
 _PASSES, _APART, _NEAR = 2, 8, 0.6
-# Pairs on the same skin err alike: this part of a patch from the last that was laid on another.
-_ANEW = 0.5
 
 # Clouds before the newest, and about another, by which the doubt of these two is known.
 _NEARBY = 4
@@ -62,7 +56,7 @@ class Joining:
         self.remarks: list[str] = []
         self.without_skin = 0
         self._remark = remark
-        self._kept: dict[int, Kept] = {}
+        self._kept: dict[int, KeptPatch] = {}
         self._last_key = -1
         self._was_refused = False
         self._last_closed = self._last_slid = -1
@@ -108,7 +102,7 @@ class Joining:
         size = float(np.ptp(samples.heights[:, :2], axis=0).min())
         self.outlines.append(patch.frame.apply(outline_of(samples.heights)))
         self.normals.append(patch.frame.rotation.apply([0.0, 0.0, 1.0]))
-        self._kept[number] = Kept(patch, size)
+        self._kept[number] = KeptPatch(patch, size)
         for other in self._neighbours(number):
             if self._join(other, number, samples) and other == number - 1:
                 # A guess for the others that is nearly right.
@@ -148,7 +142,8 @@ class Joining:
         last ones are only moved now and then.
         """
         count = len(self.graph.nodes)
-        last = self.graph.part(range(max(0, count - _WINDOW), count))
+        # Clouds before the newest by which its place is told.
+        last = self.graph.part(range(max(0, count - 20), count))
         return last.covariances(only=[len(last.nodes) - 1])[0]
 
     def _guess(self, node: Node) -> Pose:
@@ -228,7 +223,9 @@ class Joining:
         last = self._last_key
         if last >= 0 and last in self._kept:
             apart = np.linalg.norm(self._middle(last) - self._middle(old))
-            if apart < _KEPT * kept.size and self._flight(last) == self._flight(old):
+            # A cloud is kept for later passes where the last that was kept is this part of a patch
+            # away.
+            if apart < 0.3 * kept.size and self._flight(last) == self._flight(old):
                 del self._kept[old]
                 return
         self._last_key = old
@@ -258,7 +255,7 @@ class Joining:
         self._remark(text)
 
 
-def closures(graph: PoseGraph, kept: Mapping[int, Kept], number: int, last: int) -> list[int]:
+def closures(graph: PoseGraph, kept: Mapping[int, KeptPatch], number: int, last: int) -> list[int]:
     """Of other passes that show the same skin, the nearest cloud of each.
 
     Parameters
@@ -290,11 +287,13 @@ def _are_passes(graph: PoseGraph, one: int, other: int) -> bool:
     return abs(one - other) >= _APART or nodes[one].flight != nodes[other].flight
 
 
-def _is_same_skin(graph: PoseGraph, cloud: Kept, number: int, last: int) -> bool:
+def _is_same_skin(graph: PoseGraph, cloud: KeptPatch, number: int, last: int) -> bool:
     if last < 0 or _are_passes(graph, last, number):
         return False
     apart = np.linalg.norm(graph.poses[last].translation - graph.poses[number].translation)
-    return bool(apart < _ANEW * cloud.size)
+    # Pairs on the same skin err alike: this part of a patch from the last that was laid on
+    # another.
+    return bool(apart < 0.5 * cloud.size)
 
 
 def doubt_by_links(graph: PoseGraph, first: int, second: int) -> NDArray[np.float64]:

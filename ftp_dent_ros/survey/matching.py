@@ -27,22 +27,14 @@ from ftp_dent_ros.pose import Pose
 
 Array = NDArray[np.float64]
 
-# Standard deviation of a dent's centre in its survey, as part of its width.
-_OF_WIDTH = 0.015
-# Part of the way to the next dent within which a dent is looked for.
-_FREE = 0.4
 # What a motion may leave of two dents that are the same, beside their places, metres: by its own
 # turn, and as the maps stretch.
 _LEFT = 2e-3
-# Chance that dents of two aircraft are laid on each other.
-_CHANCE = 1e-3
 
 #: Standard deviation of a dent's centre in its survey, metres.
 PLACE = 4e-4
 #: Standard deviations within which two are taken for the same.
 GATE = 4.0
-# Of the distance of two neighbours, per metre, beside: what maps stretch.
-_STRETCH = 4e-3
 # Neighbours that a dent makes pairs with; motions that are tried.
 _NEIGHBOURS, _TRIED = 8, 400
 
@@ -53,13 +45,10 @@ _FREE_SHIFT, _FREE_TURN = 0.05, 0.02
 # Variance of a component that a metre of walk adds, square metres: from hundredths of a millimetre
 # (clouds laid on each other by their skin) to centimetres (by an autopilot).
 _WALKS = np.geomspace(1e-10, 1e-4, 13)
-# What is expected of it before there are dents: a millimetre over a metre, give or take a factor
-# of ten (natural logarithm of a variance).
-_EXPECTED, _GIVE_OR_TAKE = 1e-6, 4.6
 
 
 @dataclass(frozen=True, eq=False)
-class Matching:
+class DentMatching:
     """The dents of a later survey among those of an earlier one.
 
     Attributes
@@ -93,7 +82,7 @@ class NoMatchError(InputError):
     """Two surveys cannot be laid on each other."""
 
 
-def match(earlier: Sequence[MeasuredDent], later: Sequence[MeasuredDent]) -> Matching:
+def match(earlier: Sequence[MeasuredDent], later: Sequence[MeasuredDent]) -> DentMatching:
     """Find the same dents.
 
     Parameters
@@ -125,7 +114,8 @@ def match(earlier: Sequence[MeasuredDent], later: Sequence[MeasuredDent]) -> Mat
         ) / (2 * GATE**2 * max(len(pairs), 1))
         if best is None or score > best[0]:
             best = score, motion, pairs
-    if best is None or _by_chance(len(best[2]), len(motions), there, here, place, agree) > _CHANCE:
+    # Chance that dents of two aircraft are laid on each other.
+    if best is None or _by_chance(len(best[2]), len(motions), there, here, place, agree) > 1e-3:
         raise NoMatchError(
             'no motion lays enough dents of the one survey on those of the other: '
             'check that they are of the same aircraft and overlap'
@@ -154,13 +144,14 @@ def _followed(
     motion: Pose,
     pairs: list[tuple[int, int]],
     place: Array,
-) -> Matching:
+) -> DentMatching:
     """From some pairs outward, until nothing is added."""
     there = np.stack([dent.position for dent in earlier])
     moved = motion.apply(np.stack([dent.position for dent in later]))
     signs = [np.array([np.sign(d.depth.value) for d in each]) for each in (earlier, later)]
     alike = signs[0][:, None] == signs[1]
-    free = np.minimum(_free(there)[:, None], _free(moved)) * _FREE
+    # Part of the way to the next dent within which a dent is looked for.
+    free = np.minimum(_free(there)[:, None], _free(moved)) * 0.4
     # A cut dent has its centre anywhere in it.
     half = np.array([[_half(a, b) for b in later] for a in earlier])
     while True:
@@ -178,7 +169,7 @@ def _followed(
         pairs = found
     i, j = np.array(pairs).T
     shifts, spreads = there[i] - moved[j], place[i, j] * math.sqrt(2)
-    return Matching(
+    return DentMatching(
         tuple(pairs), motion, fit(moved[j], shifts, spreads), fit(there[i], -shifts, spreads)
     )
 
@@ -202,7 +193,8 @@ def _together(
 
 def _place(earlier: Sequence[MeasuredDent], later: Sequence[MeasuredDent]) -> Array:
     widths = [np.nan_to_num([dent.width.value for dent in each]) for each in (earlier, later)]
-    return np.hypot(PLACE, _OF_WIDTH * np.minimum(widths[0][:, None], widths[1]))
+    # Standard deviation of a dent's centre in its survey, as part of its width.
+    return np.hypot(PLACE, 0.015 * np.minimum(widths[0][:, None], widths[1]))
 
 
 def _half(a: MeasuredDent, b: MeasuredDent) -> float:
@@ -239,7 +231,8 @@ def motions_between(
     if not len(a) or not len(b):
         return []
     lengths = [_lengths(each, pairs) for each, pairs in ((earlier, a), (later, b))]
-    tolerance = GATE * np.hypot(2 * PLACE, _STRETCH * lengths[0])
+    # Of the distance of two neighbours, per metre, beside: what maps stretch.
+    tolerance = GATE * np.hypot(2 * PLACE, 4e-3 * lengths[0])
     good = np.abs(lengths[0][:, None] - lengths[1]) < tolerance[:, None]
     sizes = agree[a[:, 0]][:, b[:, 0]] + agree[a[:, 1]][:, b[:, 1]]
     good &= np.isfinite(sizes)
@@ -338,7 +331,9 @@ def fit(at: Array, shifts: Array, spreads: Array) -> Deformation:
         weights = cho_solve(factor, shifts)
         likelihood = -0.5 * float((shifts * weights).sum())
         likelihood -= 3 * float(np.log(np.diag(factor[0])).sum())
-        likelihood -= 0.5 * (float(np.log(walk / _EXPECTED)) / _GIVE_OR_TAKE) ** 2
+        # What is expected of it before there are dents: a millimetre over a metre, give or take a
+        # factor of ten (natural logarithm of a variance).
+        likelihood -= 0.5 * (float(np.log(walk / 1e-6)) / 4.6) ** 2
         if best is None or likelihood > best[0]:
             best = likelihood, Deformation(at - middle, middle, weights, factor, float(walk))
     assert best is not None

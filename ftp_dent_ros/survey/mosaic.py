@@ -20,8 +20,6 @@ PIXEL, PIXELS_A_CELL = 0.002, 5
 # Of a cell's pixels, that were measured if the cell was.
 _MEASURED = 0.5
 _LARGEST = 1 << 28  # pixels
-# Points that the way back to a cloud's grid is fitted to: about, and at least.
-_FITTED, _LEAST_POINTS = 1500, 20
 
 
 class Mosaic:
@@ -101,11 +99,12 @@ class Mosaic:
         So what is measured ends where the points do, and not a pixel later, and clouds with fewer
         points than the picture has pixels leave no holes.
         """
-        step = max(1, math.isqrt(np.count_nonzero(valid) // _FITTED))
+        # Points that the way back to a cloud's grid is fitted to: about, and at least.
+        step = max(1, math.isqrt(np.count_nonzero(valid) // 1500))
         row, column = step * np.array(np.nonzero(valid[::step, ::step]))
         some = places[row, column]
         nothing = np.zeros(0, np.intp)
-        if len(some) < _LEAST_POINTS:
+        if len(some) < 20:
             return nothing, nothing
         rows, columns = self.shape
         begin = np.maximum(np.floor((some.min(axis=0) - self.low) / PIXEL).astype(int) - 8, 0)

@@ -25,40 +25,22 @@ from ftp_dent_ros.survey.resampling import Grid, cells, polynomial, remap
 # Points that the plane and the way back to the cloud's grid are fitted to, at least.
 _FITTED = 1000
 _LEAST_POINTS = 500
-# Of the grid, by the cloud's own spacing.
-_COARSER = 1.5
-# What the coarse paint is smoothed by: standard deviation, metres.
-_SMOOTH = 0.002
 # Of grey levels; 0 is no skin.
 _LOGARITHMS = np.log(np.array([np.nan, *range(1, 256)], np.float32))
-# Of a point, where a cloud does not tell its uncertainty, metres.
-_UNKNOWN_SIGMA = 5e-5
 
-# Light changes slowly along the skin, paint does not: standard deviation of what is taken off,
-# metres.
-_LIGHT = 0.006
 # Logarithm of a paint that is this far from its surroundings tells no more by being farther.
 _MOST = 0.7
-# Of the window, that must be known: at a rim, to one side of which the skin and its image's own
-# windows end, light would be taken for paint.
-_LEAST_SHARE = 0.93
-# About so many cells tell the light that is taken off first.
-_PAINT_FITTED = 1500
 
-# Least step of heights, metres: a quarter of what no pair is better than.
-_STEP = 2.5e-7
 # Of the logarithm of light: a tenth of a skin image's noise.
 _LIGHT_STEP = 5e-4
 # Steps either way, and what stands for nothing.
 _FOLDED_PATCH_MOST, _NONE = 32000, -32768
-# Of zlib: the quickest.
-_LEVEL = 1
 # Cells a side that share one uncertainty.
 _SHARED = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Patch:
+class SkinPatch:
     """A cloud over its tangent plane; arrays of shape (rows, columns), NaN where unknown.
 
     Attributes
@@ -113,7 +95,8 @@ class Patch:
         if self.light is None:
             nothing = np.zeros((*self.height.shape, 4), np.float32)
             return nothing, nothing
-        return paint_of(self.light, self.pitch, _SMOOTH / self.pitch)
+        # What the coarse paint is smoothed by: standard deviation, metres.
+        return paint_of(self.light, self.pitch, 0.002 / self.pitch)
 
     @property
     def has_paint(self) -> bool:
@@ -139,7 +122,7 @@ class Patch:
 
 def patch_of(
     cloud: Cloud, skin: NDArray[np.uint8] | None = None, pitch: float | None = None
-) -> Patch:
+) -> SkinPatch:
     """Patch of a cloud in its camera's frame.
 
     Parameters
@@ -171,18 +154,20 @@ def patch_of(
     places: Any = cv2.transform(everywhere, matrix[:2])
     heights: Any = cv2.transform(everywhere, matrix[2:])
     place = places[row, column].astype(float)
-    size = pitch or _COARSER * _spacing(everywhere)
+    # Of the grid, by the cloud's own spacing.
+    size = pitch or 1.5 * _spacing(everywhere)
     low, high = place.min(axis=0), place.max(axis=0)
     count = np.ceil((high - low) / size).astype(int) + 1
     pixel = polynomial(place, np.stack([column, row], axis=-1).astype(float))
     u, v = cells(places, low, size, count, pixel)
-    sigma = np.where(np.isfinite(cloud.sigma), cloud.sigma, np.float32(_UNKNOWN_SIGMA))
+    # Of a point, where a cloud does not tell its uncertainty, metres.
+    sigma = np.where(np.isfinite(cloud.sigma), cloud.sigma, np.float32(5e-5))
     height = remap(heights, u, v)
     deviation = remap(sigma.astype(np.float32, copy=False) * np.float32(1e3), u, v)
     light = None
     if skin is not None and skin.any():
         light = remap(_LOGARITHMS[skin], u, v)
-    return Patch(frame, size, low, height, deviation, light)
+    return SkinPatch(frame, size, low, height, deviation, light)
 
 
 def outline_of(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -264,11 +249,15 @@ def paint_of(logarithm: Grid, pitch: float, smooth: float) -> tuple[Grid, Grid]:
     share = known.astype(np.float32)
     # What is left of the light is level, so that windows may be one-sided at the rim.
     values = np.where(known, logarithm - _light(logarithm, known), np.float32(0))
-    light = _LIGHT / pitch
+    # Light changes slowly along the skin, paint does not: standard deviation of what is taken off,
+    # metres.
+    light = 0.006 / pitch
     window = _mean(share, light)
     around = _mean(values, light) / np.maximum(window, np.float32(1e-3))
     rest = np.clip((values - around) * share, -_MOST, _MOST)
-    inside = (share * (window > _LEAST_SHARE)).astype(np.uint8)
+    # Of the window, that must be known: at a rim, to one side of which the skin and its image's
+    # own windows end, light would be taken for paint.
+    inside = (share * (window > 0.93)).astype(np.uint8)
     layers = []
     for width in (0.0, smooth):
         if width:
@@ -284,7 +273,8 @@ def paint_of(logarithm: Grid, pitch: float, smooth: float) -> tuple[Grid, Grid]:
 
 def _light(logarithm: Grid, known: NDArray[np.bool_]) -> Grid:
     """Polynomial through a logarithm of light, by some of its cells."""
-    step = max(1, math.isqrt(np.count_nonzero(known) // _PAINT_FITTED))
+    # About so many cells tell the light that is taken off first.
+    step = max(1, math.isqrt(np.count_nonzero(known) // 1500))
     row, column = np.nonzero(known[::step, ::step])
     if not len(row):
         return np.zeros_like(logarithm)
@@ -341,11 +331,12 @@ class FoldedPatch:
     level: float
 
     @classmethod
-    def of(cls, patch: Patch) -> FoldedPatch:
+    def of(cls, patch: SkinPatch) -> FoldedPatch:
         """Fold a patch."""
         known = np.isfinite(patch.height)
         low, high = float(patch.height[known].min()), float(patch.height[known].max())
-        middle, step = (low + high) / 2, max(_STEP, (high - low) / 2 / _FOLDED_PATCH_MOST)
+        # Least step of heights, metres: a quarter of what no pair is better than.
+        middle, step = (low + high) / 2, max(2.5e-7, (high - low) / 2 / _FOLDED_PATCH_MOST)
         steps = np.where(known, (patch.height - middle) / step, _NONE)
         light, level = None, 0.0
         if patch.light is not None:
@@ -371,7 +362,7 @@ class FoldedPatch:
         )
 
     @lru_cache(maxsize=8)  # noqa: B019 - the last that were used, with their layers, on purpose
-    def unfolded(self) -> Patch:
+    def unfolded(self) -> SkinPatch:
         """The patch; the last ones are kept."""
         rows, columns = self.shape
         height = self.middle + self.step * _unpacked(self.steps, self.shape)
@@ -380,7 +371,7 @@ class FoldedPatch:
         if self.light is not None:
             there = _LIGHT_STEP * _unpacked(self.light, self.shape) + self.level
             light = there.astype(np.float32)
-        return Patch(
+        return SkinPatch(
             self.frame,
             self.pitch,
             self.corner,
@@ -393,7 +384,8 @@ class FoldedPatch:
 def _packed(steps: NDArray[np.floating]) -> bytes:
     """Whole numbers that differ little from column to column."""
     whole = np.rint(steps).astype(np.int16)
-    return zlib.compress(np.diff(whole, axis=1, prepend=np.int16(0)).tobytes(), _LEVEL)
+    # Of zlib: the quickest.
+    return zlib.compress(np.diff(whole, axis=1, prepend=np.int16(0)).tobytes(), 1)
 
 
 def _unpacked(packed: bytes, shape: tuple[int, int]) -> NDArray[np.float64]:
@@ -405,17 +397,17 @@ def _unpacked(packed: bytes, shape: tuple[int, int]) -> NDArray[np.float64]:
 
 
 @dataclass(frozen=True, eq=False)
-class Kept:
+class KeptPatch:
     """A patch that clouds to come may be laid on, whole or folded, and its lesser side, metres."""
 
-    whole: Patch | FoldedPatch
+    whole: SkinPatch | FoldedPatch
     size: float
 
     @property
-    def patch(self) -> Patch:
+    def patch(self) -> SkinPatch:
         """The patch."""
-        return self.whole if isinstance(self.whole, Patch) else self.whole.unfolded()
+        return self.whole if isinstance(self.whole, SkinPatch) else self.whole.unfolded()
 
-    def folded(self) -> Kept:
+    def folded(self) -> KeptPatch:
         """The same in less memory."""
-        return Kept(FoldedPatch.of(self.patch), self.size)
+        return KeptPatch(FoldedPatch.of(self.patch), self.size)

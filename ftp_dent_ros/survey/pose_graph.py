@@ -22,22 +22,17 @@ from ftp_dent_ros.survey.information import COMMON, RelativePose
 from ftp_dent_ros.survey.pose_terms import (
     ANCHOR,
     Array,
-    Link,
     LinkTerms,
     Node,
     NormalEquations,
+    PairLink,
     StatedTerms,
     distances,
 )
 
-# Of squared errors by directions told: from where on a pair is told to contradict the others.
-_WRONG = 36.0
 # Standard deviations from what the autopilot says: farther off, no pair is believed. Autopilots
 # are surer of themselves than they are right, but not by as much.
 _FAR = 30.0
-# Poses that move as clouds come. All move where a pair with an earlier one strains them, but for a
-# rest of this share of them; and at once after so many clouds, and such a share.
-_WINDOW, _REST, _EVERY, _GROWN = 20, 0.02, 100, 0.25
 # Columns of the inverse that are solved for at once.
 _AT_ONCE = 600
 
@@ -46,10 +41,6 @@ HALF = 16.0
 # Steps, the step that is small enough, and the one from which on pairs are told apart: metres and
 # radians. And the gain of a step, in squared standard deviations of all, that is none.
 _STEPS, _DONE, _COARSE, _NO_GAIN = 40, 1e-7, 1e-4, 1e-4
-# By which the tolerance falls from step to step.
-_GRADUAL = 4.0
-# A step is halved so often at most.
-_HALVINGS = 12
 
 
 class PoseGraph:
@@ -60,7 +51,7 @@ class PoseGraph:
     nodes : list of Node
     poses, guesses : list of Pose
         As they are found, and as they were guessed.
-    links : list of Link
+    links : list of PairLink
         Each second cloud's number is no less than the last one's.
     left_out : set of int
         Numbers of the links that contradict the others.
@@ -73,7 +64,7 @@ class PoseGraph:
         self.nodes: list[Node] = []
         self.poses: list[Pose] = []
         self.guesses: list[Pose] = []
-        self.links: list[Link] = []
+        self.links: list[PairLink] = []
         self.left_out: set[int] = set()
         self.refused = 0.0
         # The poses once more, in arrays that grow by doubling.
@@ -94,7 +85,7 @@ class PoseGraph:
 
     def link(self, first: int, second: int, relative: RelativePose) -> None:
         """Another relative pose; the second cloud is the newer one."""
-        self.links.append(Link(first, second, relative))
+        self.links.append(PairLink(first, second, relative))
 
     def first_link(self, number: int) -> int:
         """Number of the first link to a pose or a newer one."""
@@ -120,13 +111,15 @@ class PoseGraph:
     def update(self) -> None:
         """Move the last poses, and all where that does not do, after a pose and its links came."""
         number = len(self.nodes) - 1
-        fixed = max(0, number - _WINDOW)
+        # Poses that move as clouds come. All move where a pair with an earlier one strains them,
+        # but for a rest of this share of them; and at once after so many clouds, and such a share.
+        fixed = max(0, number - 20)
         self.solve(fixed)
         newest = range(self.first_link(number), len(self.links))
         self._is_strained |= self.strained([k for k in newest if self.links[k].first < fixed])
         rested = number - self._all_moved
-        is_due = rested >= max(_EVERY, _GROWN * number)
-        if is_due or (self._is_strained and rested >= _REST * number):
+        is_due = rested >= max(100, 0.25 * number)
+        if is_due or (self._is_strained and rested >= 0.02 * number):
             self.solve()
             self._all_moved, self._is_strained = number, False
 
@@ -149,7 +142,9 @@ class PoseGraph:
         self.poses[fixed:] = [Pose(rotations[k], places[fixed + k].copy()) for k in range(count)]
         misfits = terms.links.misfits(turns, places)
         self.left_out -= set(judged.tolist())
-        self.left_out |= set(judged[misfits > _WRONG].tolist())
+        # Of squared errors by directions told: from where on a pair is told to contradict the
+        # others.
+        self.left_out |= set(judged[misfits > 36.0].tolist())
 
     def follow(self, number: int) -> None:
         """Put the newest pose where its last link says, as far as that says anything."""
@@ -374,7 +369,8 @@ def _stepped(
         equations = terms.equations(turns, places, errors, weights)
         step = -factored(equations.matrix()).solve(equations.gradient).reshape(-1, 6)
         before, gain = terms.cost(errors, each), 0.0
-        for _ in range(_HALVINGS):
+        # A step is halved so often at most.
+        for _ in range(12):
             there = _moved(turns, places, terms.fixed, step)
             off = terms.errors(*there)
             gain = before - terms.cost(off, each)
@@ -389,7 +385,8 @@ def _stepped(
             if gain > _NO_GAIN and size > _COARSE:
                 continue
             tolerance = float(errors.misfits[~doubted].max(initial=0.0)) / HALF
-        tolerance = max(1.0, tolerance / _GRADUAL)
+        # By which the tolerance falls from step to step.
+        tolerance = max(1.0, tolerance / 4.0)
     return turns, places
 
 

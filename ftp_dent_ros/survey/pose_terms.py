@@ -15,9 +15,6 @@ from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rigid import about, changes, crossed, rotation_vectors, twists
 from ftp_dent_ros.survey.information import RelativePose
 
-# After which an autopilot's error is another one, seconds: the shortest that hovering ones were
-# seen to have; a longer one would believe more of it.
-_FORGOTTEN = 5.0
 # What an autopilot errs anew each time, metres and radians.
 _JITTER = np.diag([3e-3**2] * 3 + [1e-3**2] * 3)
 # Where nothing says where the survey lies: metres, radians.
@@ -207,7 +204,9 @@ def share_kept(earlier: Node, later: Node) -> float:
     """Share of an autopilot's error at one cloud that is still there at another."""
     if earlier.flight != later.flight:
         return 0.0
-    return math.exp(-abs(later.seconds - earlier.seconds) / _FORGOTTEN)
+    # After which an autopilot's error is another one, seconds: the shortest that hovering ones
+    # were seen to have; a longer one would believe more of it.
+    return math.exp(-abs(later.seconds - earlier.seconds) / 5.0)
 
 
 def _off(turns: Array, places: Array, stated: Array, there: Array) -> Array:
@@ -296,7 +295,7 @@ class NormalEquations:
 
 
 @dataclass(frozen=True, eq=False)
-class Link:
+class PairLink:
     """A relative pose between two clouds, the second's seen from the first."""
 
     first: int
@@ -338,7 +337,7 @@ class LinkTerms:
     common: Array
 
     @classmethod
-    def of(cls, links: Sequence[Link], numbers: Sequence[int]) -> LinkTerms:
+    def of(cls, links: Sequence[PairLink], numbers: Sequence[int]) -> LinkTerms:
         """Terms of links, and the links' numbers."""
         relative = [link.relative for link in links]
         count = len(links)

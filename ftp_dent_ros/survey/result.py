@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from ftp_dent_ros.dents.dent import MeasuredDent, Settings
+from ftp_dent_ros.dents.dent import MeasuredDent, SmallestDent
 from ftp_dent_ros.pose import Pose
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Relief:
+class DentRelief:
     """The skin about a dent as all clouds tell it together.
 
     Attributes
@@ -52,7 +52,7 @@ class SurveyedDent:
     position_covariance : ndarray, shape (3, 3)
         Square metres: with what all dents of the survey have in common.
     sightings : int
-    relief : Relief, optional
+    relief : DentRelief, optional
         For the comparison with another survey.
     """
 
@@ -60,7 +60,7 @@ class SurveyedDent:
     dent: MeasuredDent
     position_covariance: Array
     sightings: int
-    relief: Relief | None = None
+    relief: DentRelief | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +155,7 @@ class SurveyResult:
     covariances : ndarray, shape (n, 6, 6)
         Of these, as in geometry_msgs/PoseWithCovariance.
     coverage : CoverageCells, optional
-    settings : Settings
+    settings : SmallestDent
         The smallest dents that were looked for.
     rig_id : str
         Id of the calibration; empty if it is not known.
@@ -171,6 +171,6 @@ class SurveyResult:
     poses: tuple[Pose, ...] = ()
     covariances: Array = field(default_factory=lambda: np.zeros((0, 6, 6)))
     coverage: CoverageCells | None = None
-    settings: Settings = field(default_factory=Settings)
+    settings: SmallestDent = field(default_factory=SmallestDent)
     rig_id: str = ''
     software: str = ''

@@ -21,14 +21,14 @@ from numpy.typing import NDArray
 from ftp_dent_ros.dents.dent import (
     Estimate,
     MeasuredDent,
-    Settings,
+    SmallestDent,
     dent_from_plain,
     dent_to_plain,
 )
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.files import check_writable
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.survey.result import CoverageCells, Relief, SurveyedDent, SurveyResult
+from ftp_dent_ros.survey.result import CoverageCells, DentRelief, SurveyedDent, SurveyResult
 
 # "FtpD", in the file's header; and of the tables below.
 _APPLICATION, VERSION = 0x46747044, 2
@@ -58,7 +58,7 @@ _MM = 1e-3
 _NOTHING = np.zeros((0, 3))
 
 
-class Store:
+class SurveyStore:
     """The file of an aircraft's surveys.
 
     Parameters
@@ -292,7 +292,7 @@ def result_of(
         ),
         covariances=np.array([_floats(row['covariance']) for row in poses]).reshape(-1, 6, 6),
         coverage=_cells(coverage[0]) if coverage else None,
-        settings=Settings(**json.loads(survey['settings'])),
+        settings=SmallestDent(**json.loads(survey['settings'])),
         rig_id=survey['rig_id'],
         software=survey['software'],
     )
@@ -304,9 +304,9 @@ def _cells(row: Any) -> CoverageCells:
     return CoverageCells(row['size'], **values)
 
 
-def _relief(row: Any) -> Relief:
+def _relief(row: Any) -> DentRelief:
     heights = np.frombuffer(zlib.decompress(row['heights']), '<f4')
-    return Relief(row['spacing'], heights.reshape(-1, row['columns']))
+    return DentRelief(row['spacing'], heights.reshape(-1, row['columns']))
 
 
 def _packed(values: NDArray[np.number], kind: str) -> bytes:
@@ -343,7 +343,9 @@ def survey_from_report(path: str | os.PathLike[str], name: str = '') -> SurveyRe
         written = datetime.fromisoformat(record['written'].replace('Z', '+00:00'))
         posed = [each['pose'] is not None for each in record['frames']]
         dents = tuple(map(_dent, [*record['dents'], *record['others']]))
-        settings = Settings(record['smallest_depth_mm'] * _MM, record['smallest_width_mm'] * _MM)
+        settings = SmallestDent(
+            record['smallest_depth_mm'] * _MM, record['smallest_width_mm'] * _MM
+        )
         result = SurveyResult(
             name or file.resolve().parent.name,
             (record['source'],),

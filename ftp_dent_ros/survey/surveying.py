@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros import __version__
 from ftp_dent_ros.cloud.cloud import Cloud
-from ftp_dent_ros.dents.dent import Estimate, Inspection, MeasuredDent, Settings
+from ftp_dent_ros.dents.dent import Estimate, Inspection, MeasuredDent, SmallestDent
 from ftp_dent_ros.dents.dent_list import DentList, position_covariance
 from ftp_dent_ros.dents.glass import sentence
 from ftp_dent_ros.dents.rules import Rules
@@ -21,7 +21,7 @@ from ftp_dent_ros.errors import BagError, CloudError, FtpDentError
 from ftp_dent_ros.inspection.bag import survey_bag
 from ftp_dent_ros.inspection.inspecting import Inspect, check_resolution
 from ftp_dent_ros.inspection.measuring.inspection import inspect
-from ftp_dent_ros.inspection.report import Report
+from ftp_dent_ros.inspection.report import InspectionReport
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.recording.clouds import BagCloud, bag_clouds
 from ftp_dent_ros.recording.reader import Bag
@@ -29,7 +29,7 @@ from ftp_dent_ros.rig.rig import Lens
 from ftp_dent_ros.survey.fusion import PIXEL, Fusion
 from ftp_dent_ros.survey.joining import Joining
 from ftp_dent_ros.survey.mosaic import Mosaic
-from ftp_dent_ros.survey.result import Relief, SurveyedDent, SurveyResult
+from ftp_dent_ros.survey.result import DentRelief, SurveyedDent, SurveyResult
 from ftp_dent_ros.survey.unrolled import Unrolled
 from ftp_dent_ros.survey.writing import skin_of
 
@@ -39,10 +39,6 @@ _UNKNOWN = np.diag([0.03**2] * 3 + [0.015**2] * 3)
 _OWN_FRAME = 'survey'
 # Parts of a skin whose sizes a sentence names.
 _SIZES = 8
-
-# Of the skin that is kept about a dent: times the dent's own sizes, metres beside them, and points
-# across, at most.
-_BEYOND, _BESIDE, _POINTS = 1.5, 0.006, 80
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,10 +65,9 @@ class Surveyed:
 def survey_bags(
     bags: Sequence[Bag],
     name: str = '',
-    settings: Settings | None = None,
+    settings: SmallestDent | None = None,
     rig_id: str = '',
     progress: Callable[[], Any] = lambda: None,
-    remark: Callable[[str], Any] = lambda text: None,
 ) -> Surveyed:
     """Make one skin of the clouds of all bags, which show one aircraft.
 
@@ -80,14 +75,12 @@ def survey_bags(
     ----------
     bags : sequence of Bag
     name : str
-    settings : Settings, optional
+    settings : SmallestDent, optional
         The smallest dents that are looked for.
     rig_id : str
         Id of the calibration.
     progress : callable
         Called after each cloud, three times for each.
-    remark : callable
-        Called with each remark as it comes up.
 
     Raises
     ------
@@ -96,8 +89,8 @@ def survey_bags(
     CloudError
         No cloud can be used.
     """
-    settings = settings or Settings()
-    joined = join_bags(bags, progress, remark)
+    settings = settings or SmallestDent()
+    joined = join_bags(bags, progress)
     joining, poses = joined.joining, joined.poses
     skin = FusedSkin(bags, joined, progress)
     dents = DentList()
@@ -143,7 +136,7 @@ def survey_bags(
     return Surveyed(result, mosaic, remarks, pairs, len(joining.graph.left_out))
 
 
-def _inspected(cloud: Cloud, settings: Settings) -> Inspection | None:
+def _inspected(cloud: Cloud, settings: SmallestDent) -> Inspection | None:
     try:
         return inspect(check_resolution(cloud), settings)
     except FtpDentError:
@@ -151,7 +144,7 @@ def _inspected(cloud: Cloud, settings: Settings) -> Inspection | None:
 
 
 @dataclass(frozen=True, eq=False)
-class Joined:
+class JoinedClouds:
     """Clouds, and where their cameras were.
 
     Attributes
@@ -199,8 +192,7 @@ class Joined:
 def join_bags(
     bags: Sequence[Bag],
     progress: Callable[[], Any] = lambda: None,
-    remark: Callable[[str], Any] = lambda text: None,
-) -> Joined:
+) -> JoinedClouds:
     """Join all clouds of all bags, which show one aircraft.
 
     Parameters
@@ -208,8 +200,6 @@ def join_bags(
     bags : sequence of Bag
     progress : callable
         Called after each cloud.
-    remark : callable
-        Called with each remark as it comes up.
 
     Raises
     ------
@@ -220,10 +210,7 @@ def join_bags(
     """
     remarks: list[str] = []
 
-    def say(text: str) -> None:
-        remarks.append(text)
-        remark(text)
-
+    say = remarks.append
     joining = Joining(say)
     frame_id, known = '', set[int]()
     unplaced = without_covariance = 0
@@ -271,7 +258,7 @@ def join_bags(
             f'only {else_told} tells where they lie; record /skin too'
         )
     _tell_groups(joining, say)
-    return Joined(joining, frame_id or _OWN_FRAME, tuple(remarks))
+    return JoinedClouds(joining, frame_id or _OWN_FRAME, tuple(remarks))
 
 
 def _require_ties(joining: Joining, bags: Sequence[Bag]) -> None:
@@ -346,14 +333,14 @@ class FusedSkin:
     Parameters
     ----------
     bags : sequence of Bag
-    joined : Joined
+    joined : JoinedClouds
         Their clouds.
     progress : callable
         Called after each cloud.
     """
 
     def __init__(
-        self, bags: Sequence[Bag], joined: Joined, progress: Callable[[], Any] = lambda: None
+        self, bags: Sequence[Bag], joined: JoinedClouds, progress: Callable[[], Any] = lambda: None
     ) -> None:
         self._bags, self._joined = bags, joined
         self.mosaic, self._fusion = joined.mosaic(), joined.fusion()
@@ -387,19 +374,21 @@ class FusedSkin:
             covariance=self._joined.covariances_among_them[number],
         )
 
-    def relief(self, dent: MeasuredDent) -> Relief | None:
+    def relief(self, dent: MeasuredDent) -> DentRelief | None:
         """The skin about a dent; None where its sizes are not known."""
         if dent.is_cut or not (dent.length.is_measured and dent.width.is_measured):
             return None
-        halves = np.array([dent.length.value, dent.width.value]) / 2 * _BEYOND + _BESIDE
-        spacing = max(PIXEL, 2 * float(halves.max()) / _POINTS)
+        # Of the skin that is kept about a dent: times the dent's own sizes, metres beside them,
+        # and points across, at most.
+        halves = np.array([dent.length.value, dent.width.value]) / 2 * 1.5 + 0.006
+        spacing = max(PIXEL, 2 * float(halves.max()) / 80)
         columns, rows = np.ceil(halves / spacing).astype(int)
         empty = np.full((2 * rows + 1, 2 * columns + 1), np.nan, np.float32)
-        a, b = Relief(spacing, empty).places()
+        a, b = DentRelief(spacing, empty).places()
         across = np.cross(dent.normal, dent.axis)
         plane = dent.position + a[..., None] * dent.axis + b[..., None] * across
         heights = (self._fusion.heights(plane) - dent.position) @ dent.normal
-        return Relief(spacing, heights.astype(np.float32))
+        return DentRelief(spacing, heights.astype(np.float32))
 
     def shown(self, item: BagCloud, found: Inspection | None) -> None:
         """Draw a prepared cloud into the picture, with what its inspection tells."""
@@ -435,9 +424,9 @@ def report_on_skin(
     rig: tuple[str, str] = ('', ''),
     camera: Lens | None = None,
     rules: Rules | None = None,
-    settings: Settings | None = None,
+    settings: SmallestDent | None = None,
     progress: Callable[[], Any] = lambda: None,
-) -> tuple[Report, Joined]:
+) -> tuple[InspectionReport, JoinedClouds]:
     """Join a bag's clouds, inspect each with what all tell of its place, and show the whole skin.
 
     Parameters
@@ -477,7 +466,7 @@ def report_on_skin(
     return replace(report, skin=skin_of(skin.mosaic, dents, facts, joined.remarks)), joined
 
 
-def _in_the_map(report: Report, joined: Joined) -> Report:
+def _in_the_map(report: InspectionReport, joined: JoinedClouds) -> InspectionReport:
     """Places with what all of them have in common: the error of the autopilot's poses."""
     frames = [
         frame

@@ -9,12 +9,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-# A larger radius is a plane, metres.
-_FLATTEST = 100.0
-
-# A gap is no wider than this; a wider one is the rim of what was flown over; metres.
-_WIDEST = 0.1
-
 
 @dataclass(frozen=True, eq=False)
 class Unrolled:
@@ -84,7 +78,8 @@ class Unrolled:
 def _radius(y: NDArray, z: NDArray, tilt: NDArray) -> float:
     """Radius by how normals tilt with y."""
     slope = float(y @ tilt / max(y @ y, 1e-12))
-    if abs(slope) < 1 / _FLATTEST:
+    # A larger radius is a plane, metres.
+    if abs(slope) < 1 / 100.0:
         return math.inf
     return 1 / slope
 
@@ -124,7 +119,8 @@ def find_gaps(measured: NDArray[np.bool_], low: NDArray[np.float64], side: float
         Of a cell, metres.
     """
     seen = measured.astype(np.uint8)
-    reach = int(np.ceil(_WIDEST / side / 2))
+    # A gap is no wider than this; a wider one is the rim of what was flown over; metres.
+    reach = int(np.ceil(0.1 / side / 2))
     wide = np.pad(seen, reach)
     square = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
     closed = cv2.morphologyEx(wide, cv2.MORPH_CLOSE, square)[reach:-reach, reach:-reach] > 0

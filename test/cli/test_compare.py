@@ -10,7 +10,7 @@ from survey_samples import COUNT, GROWN, pair
 
 from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.survey.store import Store
+from ftp_dent_ros.survey.store import SurveyStore
 
 AIRCRAFT = Pose.from_rpy((0.0, 0.1, -1.0), (12.0, -2.0, 3.0))
 COLUMNS = {
@@ -24,7 +24,7 @@ COLUMNS = {
 def kept(tmp_path):
     file = tmp_path / 'aircraft.sqlite'
     for survey in pair():
-        Store(file).add(survey)
+        SurveyStore(file).add(survey)
     return file
 
 

@@ -195,26 +195,6 @@ def test_an_encoding_that_the_file_cannot_have_is_refused(folder, capfd, pixels,
     assert said in refused(folder, capfd, '--encoding', encoding, image='bad.png')
 
 
-def test_few_bits_in_sixteen_are_thought_of(folder, photograph, capfd):
-    write_image(folder / 'dark.png', raw(photograph[1]) >> 2)
-    said = refused(folder, capfd, '--encoding', 'bayer_rggb16', image='dark.png')
-    assert 'tell how many bits the camera has' in said
-    # What is bright enough has points; that the rest has none is told.
-    write_image(folder / 'dim.png', raw(photograph[1]) << 1)
-    words_of_it = [*words(folder, image='dim.png'), '--encoding', 'bayer_rggb16']
-    assert main(words_of_it) == 0
-    assert 'tell how many (bits, --encoding)' in capfd.readouterr().out
-
-
-@pytest.mark.parametrize('suffix', ['.png', '.tif'])
-@pytest.mark.parametrize('kept', [0.0, 0.01, 0.5])
-def test_files_that_are_cut_short_are_refused(folder, photograph, capfd, suffix, kept):
-    path = folder / f'bad{suffix}'
-    write_image(path, photograph[1])
-    path.write_bytes(path.read_bytes()[: int(kept * path.stat().st_size)])
-    assert f'{path}: empty, damaged or not an image' in refused(folder, capfd, image=path.name)
-
-
 @pytest.mark.parametrize(
     ('name', 'said'),
     [
@@ -336,26 +316,12 @@ def test_options_out_of_range_are_refused(folder, capfd, option, value, said):
     assert said in refused(folder, capfd, option, value)
 
 
-def test_a_choice_that_does_not_exist_is_bad_usage(folder, capfd):
-    with pytest.raises(SystemExit) as ended:
-        main([*words(folder), '--method', 'guess'])
-    assert ended.value.code == 2
-    assert 'virtual-reference' in capfd.readouterr().err
-
-
 def test_the_skin_is_written_beside_the_cloud(folder, photograph):
     rig, image = photograph
     assert main([*words(folder), '--skin', str(folder / 'skin.png')]) == 0
     written = cv2.imread(str(folder / 'skin.png'), cv2.IMREAD_UNCHANGED)
     expected = Reconstructor(rig, PATTERN).measure(image, skin=True).cloud.skin
     np.testing.assert_array_equal(written, expected)
-
-
-@pytest.mark.parametrize('skin', ['image.png/skin.png', 'folder.png'])
-def test_a_skin_that_cannot_be_written_is_refused_before_a_cloud_is(folder, capfd, skin):
-    (folder / 'folder.png').mkdir()
-    assert 'cannot be written' in refused(folder, capfd, '--skin', str(folder / skin))
-    assert not (folder / 'cloud.ply').exists()
 
 
 def test_a_photograph_without_a_point_is_refused_and_nothing_is_written(

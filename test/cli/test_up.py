@@ -1,4 +1,3 @@
-import os
 import sys
 import time
 
@@ -40,12 +39,6 @@ def test_restarts_one_that_is_killed_and_leaves_the_others():
     assert len(set(pids)) == len(pids) >= 3
     assert run.said[0] == 'dies was killed by SIGKILL: restarting it in 0.01 s'
     assert run.said[-1] == 'stopped'
-
-
-def test_waits_longer_each_time():
-    run = Run(Program('dies', (*BARE, 'print(1); raise SystemExit(1)')), lines={'dies': 4})
-    delays = [float(line.split()[-2]) for line in run.said if 'restarting' in line]
-    assert delays[:3] == [0.01, 0.02, 0.04]
 
 
 def test_wrong_parameters_are_not_tried_again():
@@ -139,18 +132,6 @@ def test_log_files_have_the_lines_alone(tmp_path):
         log.show('left/a', 'text')
     assert (tmp_path / 'log' / 'left.a.log').read_text() == 'text\n'
     assert (tmp_path / 'log' / 'b.log').read_text() == ''
-
-
-def test_log_outlives_its_reader(tmp_path):
-    reader, writer = os.pipe()
-    os.close(reader)
-    with (
-        open(writer, 'w') as terminal,
-        ProcessLog(['a'], tmp_path, terminal=terminal) as log,
-    ):
-        log.show('a', 'one')
-        log.show('a', 'two')
-    assert (tmp_path / 'a.log').read_text() == 'one\ntwo\n'
 
 
 def test_log_folder_that_cannot_be_made(tmp_path):

@@ -3,7 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from ftp_dent_ros.dents.dent import Estimate
+from ftp_dent_ros.dents.dent import Estimate, SmallestDent
+from ftp_dent_ros.errors import ConfigurationError
 
 
 @pytest.mark.parametrize('uncertainty', [math.nan, math.inf, -1e-6])
@@ -19,3 +20,10 @@ def test_a_value_has_its_uncertainty():
     assert (estimate.value, estimate.uncertainty) == (-1e-3, 0.0)
     # The next dent may be nowhere.
     assert Estimate(math.inf, 1e-3).is_measured
+
+
+@pytest.mark.parametrize('value', [0, -1e-4, 1e-12, 5.0, float('nan'), float('inf'), True, '0.1'])
+@pytest.mark.parametrize('name', ['smallest_depth', 'smallest_width'])
+def test_what_is_no_length_is_refused(name, value):
+    with pytest.raises(ConfigurationError, match=name):
+        SmallestDent(**{name: value})

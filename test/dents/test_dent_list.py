@@ -6,7 +6,7 @@ import pytest
 from dent_samples import make_dent
 
 from ftp_dent_ros.dents.dent import Estimate
-from ftp_dent_ros.dents.dent_list import DentList, position_covariance
+from ftp_dent_ros.dents.dent_list import DentList
 from ftp_dent_ros.dents.kept_list import KeptList
 from ftp_dent_ros.dents.sightings import coincidence, combined
 from ftp_dent_ros.pose import Pose
@@ -55,21 +55,6 @@ def test_neighbours_stay_apart_and_each_keeps_its_own_sightings():
     assert entries[0].dent.clearance == entries[1].dent.clearance
 
 
-def test_how_far_a_sighting_may_lie_follows_the_poses_covariance():
-    frames = [[make_dent((0, 0, 0.6))], [make_dent((0.03, 0, 0.6))]]
-    assert len(listed(*frames).entries) == 2
-    assert len(listed(*frames, covariance=KNOWN * 100).entries) == 1
-    # Unknown, in ROS: all zeros.
-    assert len(listed(*frames, covariance=np.zeros((6, 6))).entries) == 1
-
-
-def test_an_uncertain_turn_moves_a_dent_across_the_line_of_sight_only():
-    covariance = np.zeros((6, 6))
-    covariance[5, 5] = 0.01**2
-    spread = position_covariance(np.array([2.0, 0, 0]), POSE, covariance)
-    np.testing.assert_allclose(spread, np.diag([0, 0.02**2, 0]), atol=1e-12)
-
-
 def test_a_dent_that_one_frame_cuts_is_measured_where_it_is_whole():
     whole = make_dent((0, 0, 0.6), depth=2e-3, length=60e-3)
     cut = make_dent((0.02, 0, 0.6), depth=1.1e-3, length=25e-3, is_cut=True)
@@ -85,17 +70,6 @@ def test_cut_sightings_alone_stay_a_cut_dent_with_the_largest_extent():
     ]
     (entry,) = listed(*([cut] for cut in cuts)).entries
     assert entry.dent.is_cut and entry.dent.length.value == pytest.approx(30e-3)
-
-
-def test_what_is_cut_everywhere_is_of_the_kind_that_most_clouds_say():
-    longest = make_dent(length=60e-3, kind='crease', is_cut=True)
-    cut = make_dent((0.005, 0, 0.6), length=40e-3, is_cut=True)
-    (entry,) = listed([longest], [cut], [cut]).entries
-    assert entry.dent.kind == 'dent' and entry.dent.length.value == pytest.approx(40e-3)
-
-
-def test_a_bump_is_never_the_dent_beside_it():
-    assert len(listed([make_dent()], [make_dent(kind='bump', depth=-1e-3)]).entries) == 2
 
 
 def test_measurements_that_disagree_are_as_uncertain_as_they_scatter():

@@ -54,13 +54,6 @@ def test_hail_is_counted_exactly_though_poses_err_by_centimetres_and_a_degree(se
     assert np.linalg.norm(found.mean(axis=0) - true.mean(axis=0)) < 0.03
 
 
-def test_the_same_cloud_once_more_changes_nothing():
-    dents = DentList()
-    assert dents.add(1, [make_dent()], SAME, COVARIANCE, stamp_ns=5)
-    assert not dents.add(2, [make_dent()], SAME, COVARIANCE, stamp_ns=5)
-    assert [len(entry.sightings) for entry in dents.entries] == [1]
-
-
 def test_a_list_is_there_again_after_a_restart(tmp_path):
     path = tmp_path / 'list' / 'dents.jsonl'
     kept = KeptList(path)

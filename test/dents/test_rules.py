@@ -42,15 +42,6 @@ def test_a_minimum_of_width_to_depth_counts_both_uncertainties():
     assert judged(shallow, Limit('width_to_depth', minimum=29)) == 'cannot decide'
 
 
-def test_the_worst_finding_is_the_verdict():
-    dent = make_dent(depth=2e-3, length=40e-3)
-    limits = Limit('length_mm', maximum=50), Limit('depth_mm', maximum=2.0)
-    assert judged(dent, limits[0]) == 'within'
-    assert judged(dent, *limits) == 'cannot decide'
-    assert judged(dent, *limits, Limit('depth_mm', maximum=1)) == 'exceeds'
-    assert verdict(()) is None
-
-
 def test_a_cut_dent_can_exceed_but_never_be_within():
     dent = make_dent(depth=1e-3, is_cut=True)
     assert judged(dent, Limit('depth_mm', maximum=0.5)) == 'exceeds'
@@ -76,10 +67,6 @@ def test_dents_are_counted_in_the_worst_circle_of_the_area():
     apart = [make_dent(position=1.1 * place) for place in places]
     assert [found[0].value for found in Rules('', '', (limit,)).judge(apart)] == [2, 2, 2]
     assert judged(make_dent(), limit) == 'within'
-
-
-def test_bumps_and_steps_are_not_judged():
-    assert judged(make_dent(kind='bump', depth=-9e-3), Limit('depth_mm', maximum=1)) is None
 
 
 def test_the_shipped_example_is_readable_and_says_that_it_is_fictitious():

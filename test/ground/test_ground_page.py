@@ -16,7 +16,7 @@ pytest.importorskip('rosbags', reason='rosbags is not installed: the page is not
 from chromium import Chromium
 from free_address import free_address
 
-from ftp_dent_ros.coding.cloud_codec import View, encode
+from ftp_dent_ros.coding.cloud_codec import RayGrid, encode
 from ftp_dent_ros.errors import CodecError, ConfigurationError
 from ftp_dent_ros.ground import topics
 from ftp_dent_ros.ground.commands import Answer, Executive
@@ -171,7 +171,7 @@ def state_item(text='works'):
 
 
 def picture_item(view):
-    lens = View(view.lens, 1)
+    lens = RayGrid(view.lens, 1)
     image = np.full((view.lens.height, view.lens.width, 3), 120, np.uint8)
     data = cv2.imencode('.jpg', image)[1].tobytes()
     extra = {'frame': 'camera', 'lens': lens.numbers()}

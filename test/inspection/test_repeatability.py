@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from dent_samples import make_dent
 
-from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.dents.dent import Estimate
 from ftp_dent_ros.dents.dent_list import DentList
-from ftp_dent_ros.inspection.repeatability import halves, repeats_of, study
+from ftp_dent_ros.inspection.repeatability import study
 
 
 def test_the_study_gives_back_the_deviations_that_were_put_in():
@@ -30,23 +29,3 @@ def test_the_study_gives_back_the_deviations_that_were_put_in():
     assert depth.between == pytest.approx(between, rel=0.1)
     assert depth.total == pytest.approx(np.hypot(within, between), rel=0.1)
     assert (length.within, length.between) == (0, 0)
-
-
-def test_one_sighting_says_nothing_of_other_frames():
-    dents = DentList()
-    dents.add(1, [make_dent()])
-    assert all(np.isnan([g.within, g.between, g.total]).all() for g in study(dents.entries))
-
-
-def test_repeats_are_the_same_place_in_both_halves():
-    dent, other = make_dent(), make_dent((0.2, 0, 0.6))
-    assert repeats_of([dent, other], [[other, dent], [dent]]) == [(dent, dent), ()]
-
-
-def test_halves_share_no_point_and_keep_the_columns():
-    points = np.random.default_rng(1).random((101, 80, 3)).astype(np.float32)
-    even, odd = halves(Cloud(points, points[..., 0]))
-    assert even.points.shape == odd.points.shape == (50, 80, 3)
-    np.testing.assert_array_equal(even.points[7], points[14])
-    np.testing.assert_array_equal(odd.points[7], points[15])
-    assert halves(Cloud(points[:20], points[:20, :, 0])) == ()

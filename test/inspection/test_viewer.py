@@ -4,7 +4,7 @@ import pytest
 from chromium import Chromium
 from dent_samples import DENTED, TrueInspector, noisy_cloud
 
-from ftp_dent_ros.inspection.inspecting import Observation, Survey
+from ftp_dent_ros.inspection.inspecting import CloudInspector, SeenCloud
 from ftp_dent_ros.inspection.page import write_report
 
 # Counts what was drawn: grey skin is not counted as red, coloured dents are.
@@ -36,8 +36,8 @@ def browser(tmp_path):
 
 
 def test_the_skin_and_its_dents_are_drawn(tmp_path, browser):
-    survey = Survey(TrueInspector(DENTED))
-    survey.add(Observation('cloud', noisy_cloud()))
+    survey = CloudInspector(TrueInspector(DENTED))
+    survey.add(SeenCloud('cloud', noisy_cloud()))
     page = write_report(tmp_path, survey.report('cloud.ply', 'camera_optical_frame'))
     browser.open(page.as_uri())
 

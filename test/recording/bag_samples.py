@@ -3,7 +3,14 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from ftp_dent_ros.recording.topic import Message, Qos, Topic, find_definition, type_hash, typestore
+from ftp_dent_ros.recording.topic import (
+    Message,
+    Qos,
+    RecordedTopic,
+    find_definition,
+    type_hash,
+    typestore,
+)
 from ftp_dent_ros.recording.writer import BagWriter
 
 STRING = 'std_msgs/msg/String'
@@ -11,9 +18,11 @@ POSE = 'geometry_msgs/msg/PoseStamped'
 START_NS = 1_700_000_000_000_000_000
 
 
-def topic(name: str, type_name: str, *qos: Qos) -> Topic:
+def topic(name: str, type_name: str, *qos: Qos) -> RecordedTopic:
     hash_ = type_hash(type_name)
-    return Topic(name, type_name, hash_, qos or (Qos(),), find_definition(type_name, hash_))
+    return RecordedTopic(
+        name, type_name, hash_, qos or (Qos(),), find_definition(type_name, hash_)
+    )
 
 
 WORDS = topic('/words', STRING, Qos(), Qos(durability='transient_local'))

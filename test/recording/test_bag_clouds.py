@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 from bag_samples import string_data, topic
 from dent_samples import DENTED, noisy_cloud
-from mcap.writer import Writer
 
 from ftp_dent_ros.errors import BagError, CloudError
 from ftp_dent_ros.inspection.bag import survey_bag
@@ -158,12 +154,6 @@ def test_a_bag_without_clouds_says_what_is_missing(recorded):
         count_clouds(recorded(('/camera/image_raw', parts()['/camera/image_raw'])))
 
 
-def test_a_topic_of_another_type_holds_no_clouds(recorded):
-    strings = dict.fromkeys(TYPES, 'std_msgs/msg/String')
-    with pytest.raises(BagError, match='/tagged/points or /points'):
-        count_clouds(recorded(('/points', string_data('no cloud')), types=strings))
-
-
 @pytest.mark.parametrize(
     ('spoilt', 'data', 'said'),
     [
@@ -198,36 +188,3 @@ def test_the_report_names_what_it_had_to_leave_out(recorded):
     assert report.skipped[0].startswith('/points at 5.000 s: the point cloud of 1000000x')
     with pytest.raises(CloudError, match=r'could be inspected .*/points at 5.000 s'):
         survey_bag(recorded(bad), inspect)
-
-
-def test_a_topic_of_two_types_gives_the_clouds_of_it(tmp_path):
-    contents = (('std_msgs/msg/String', string_data('intruder')), (CLOUD, parts()['/points']))
-    with (tmp_path / 'two.mcap').open('wb') as file:
-        writer = Writer(file)
-        writer.start('ros2')
-        for type_name, data in contents:
-            definition = topic('/points', type_name).definition
-            schema = writer.register_schema(type_name, 'ros2msg', definition.encode())
-            channel = writer.register_channel('/points', 'cdr', schema)
-            writer.add_message(channel, SECOND, data, SECOND)
-        writer.finish()
-    skipped = []
-    assert len(list(bag_clouds(open_bag(tmp_path / 'two.mcap'), skipped.append))) == 1
-    assert [str(each) for each in skipped] == [
-        '/points at 1.000 s: is a std_msgs/msg/String, not a sensor_msgs/msg/PointCloud2'
-    ]
-
-
-def test_clouds_are_read_without_ros(recorded):
-    bag = recorded(*parts().items())
-    code = (
-        'import sys\n'
-        'sys.modules["rclpy"] = sys.modules["sensor_msgs"] = sys.modules["geometry_msgs"] = None\n'
-        'from ftp_dent_ros.recording.clouds import bag_clouds\n'
-        'from ftp_dent_ros.recording.reader import open_bag\n'
-        'print(len(list(bag_clouds(open_bag(sys.argv[1])))))\n'
-    )
-    done = subprocess.run(
-        [sys.executable, '-c', code, str(bag.path)], capture_output=True, text=True, check=False
-    )
-    assert (done.stdout, done.stderr) == ('1\n', '')

@@ -2,7 +2,6 @@ from pathlib import Path
 
 import pytest
 from bag_samples import (
-    POSE,
     START_NS,
     STRING,
     WORDS,
@@ -76,13 +75,6 @@ def test_messages_are_ordered_by_the_time_of_reception(tmp_path):
     assert list(read_messages(tmp_path / 'bag')) == messages
 
 
-def test_content_without_ros(bag):
-    opened = open_bag(bag)
-    word, pose = list(opened.messages())[:2]
-    assert opened.deserialise(word).data == '   0'
-    assert (pose.type, opened.deserialise(pose).header.stamp.sec) == (POSE, 1)
-
-
 @pytest.mark.parametrize(
     'options',
     [
@@ -126,13 +118,6 @@ def test_a_bag_that_is_not_whole_is_refused_with_advice(tmp_path, bag):
             open_bag(tmp_path / 'cut.mcap')
 
 
-def test_a_bag_whose_file_was_cut_afterwards(bag):
-    path = bag / 'bag_0.mcap'
-    path.write_bytes(path.read_bytes()[:-20])
-    with pytest.raises(BagError, match=f'`ftp-dent recover {bag} --output NEW`'):
-        open_bag(bag)
-
-
 def test_damaged_data_are_not_handed_out(bag):
     path = bag / 'bag_0.mcap'
     data = bytearray(path.read_bytes())
@@ -155,17 +140,6 @@ def test_what_is_not_a_bag(tmp_path, content, sentence):
     (tmp_path / 'x.mcap').write_bytes(content)
     with pytest.raises(BagError, match=sentence):
         open_bag(tmp_path / 'x.mcap')
-
-
-def test_paths_that_hold_no_bag(tmp_path, bag):
-    with pytest.raises(BagError, match='no such bag'):
-        open_bag(tmp_path / 'nothing')
-    (tmp_path / 'empty').mkdir()
-    with pytest.raises(BagError, match='holds no MCAP file'):
-        open_bag(tmp_path / 'empty')
-    (bag / 'bag_0.mcap').rename(bag / 'moved.mcap')
-    with pytest.raises(BagError, match=r'bag_0\.mcap: cannot be read \(No such file'):
-        open_bag(bag)
 
 
 def test_a_topic_that_is_not_there(bag):

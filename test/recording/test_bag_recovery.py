@@ -10,7 +10,6 @@ import pytest
 from bag_samples import START_NS, sample_messages, write_sample
 from mcap.reader import SeekingReader
 from rosbags.rosbag2 import Reader
-from test_bag_reader import words, write_foreign
 
 from ftp_dent_ros.errors import BagError
 from ftp_dent_ros.recording.reader import open_bag, read_messages
@@ -85,14 +84,6 @@ def test_a_whole_bag_is_copied_and_said_to_be_whole(tmp_path, bag):
     assert open_bag(tmp_path / 'new').metadata.topics == open_bag(bag).metadata.topics
 
 
-def test_only_the_metadata_are_missing(tmp_path, bag):
-    (bag / 'metadata.yaml').unlink()
-    recovery = recover(bag, tmp_path / 'new')
-    assert not recovery.whole
-    assert recovery.cut == {}
-    assert list(read_messages(tmp_path / 'new')) == MESSAGES
-
-
 def test_a_chunk_with_a_wrong_checksum_is_left_out_and_counted(tmp_path, bag):
     path = bag / 'bag_0.mcap'
     data = bytearray(path.read_bytes())
@@ -102,16 +93,6 @@ def test_a_chunk_with_a_wrong_checksum_is_left_out_and_counted(tmp_path, bag):
     assert recovery.damaged == 1
     assert not recovery.whole
     assert list(read_messages(tmp_path / 'new')) == [*MESSAGES[:6], *MESSAGES[9:]]
-
-
-def test_unchunked_files(tmp_path):
-    path = tmp_path / 'x.mcap'
-    write_foreign(path, words(10), use_chunking=False)
-    data = path.read_bytes()
-    path.write_bytes(data[: data.index(words(10)[7].data) + 5])
-    recovery = recover(path, tmp_path / 'new')
-    assert list(read_messages(tmp_path / 'new')) == words(7)
-    assert recovery.cut['x.mcap'] > 5
 
 
 def test_a_bag_of_several_files_keeps_them(tmp_path):

@@ -56,16 +56,6 @@ def test_what_does_not_fit_is_dropped_and_counted(tmp_path, writer):
     assert len(list(read_messages(tmp_path / 'bag'))) == 10
 
 
-def test_the_message_that_is_being_written_counts_as_waiting(writer):
-    spool = BagSpool(writer, 10 * len(message(0).data))
-    assert spool.put(message(0))
-    assert writer.called.wait(60)
-    assert [spool.put(message(number)) for number in range(1, 11)] == [True] * 9 + [False]
-    writer.go.set()
-    spool.close()
-    writer.close()
-
-
 def test_a_message_larger_than_the_queue_is_taken_alone(tmp_path, writer):
     spool = BagSpool(writer, 100)
     assert spool.put(message(0, 5000))

@@ -6,13 +6,20 @@ pytest.importorskip('rosbags', reason='rosbags is not installed: no bags are com
 
 from skins import skin
 
-from ftp_dent_ros.coding.cloud_codec import View
+from ftp_dent_ros.coding.cloud_codec import RayGrid
 from ftp_dent_ros.coding.images import image_from_message, photograph_from_message
 from ftp_dent_ros.coding.messages import CLOUD_FIELDS, cloud_from_message
 from ftp_dent_ros.errors import BagError
 from ftp_dent_ros.recording.compression import CompressedBagWriter, decoded
 from ftp_dent_ros.recording.reader import open_bag
-from ftp_dent_ros.recording.topic import Message, Qos, Topic, find_definition, type_hash, typestore
+from ftp_dent_ros.recording.topic import (
+    Message,
+    Qos,
+    RecordedTopic,
+    find_definition,
+    type_hash,
+    typestore,
+)
 from ftp_dent_ros.rig.rig import Lens
 
 CLOUD, IMAGE = 'sensor_msgs/msg/PointCloud2', 'sensor_msgs/msg/Image'
@@ -78,7 +85,7 @@ def recorded(folder, messages):
         for name, kind, _ in messages:
             code = type_hash(kind)
             writer.add_topic(
-                Topic(name, kind, code, (Qos('best_effort'),), find_definition(kind, code))
+                RecordedTopic(name, kind, code, (Qos('best_effort'),), find_definition(kind, code))
             )
         writer.write(
             Message(name, kind, 10 + i, 9 + i, bytes(typestore().serialize_cdr(message, kind)), i)
@@ -131,7 +138,7 @@ def test_names_types_and_contents_come_back(tmp_path, view):
 
 def test_a_bag_is_a_fifteenth_of_its_size(tmp_path, view):
     lens = view.lens
-    large = View(Lens(1280, 720, lens.camera_matrix * [[2], [2], [1]], lens.distortion), 2)
+    large = RayGrid(Lens(1280, 720, lens.camera_matrix * [[2], [2], [1]], lens.distortion), 2)
     message = cloud_message(skin(large))
     bag = recorded(
         tmp_path / 'bag',

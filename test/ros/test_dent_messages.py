@@ -41,13 +41,6 @@ def test_a_message_holds_each_dent_as_a_point_with_its_measurements(entries):
     np.testing.assert_allclose(points[1], [1, 2, 3], atol=1e-6)
 
 
-def test_no_dents_are_an_empty_cloud_and_markers_that_delete():
-    message = dents_to_message([], 1, 'map')
-    assert message.width == 0 and len(dents_from_message(message)) == 0
-    (marker,) = dents_to_markers([], 1, 'map').markers
-    assert marker.action == Marker.DELETEALL
-
-
 def test_markers_outline_each_dent_and_say_its_depth(entries):
     first, *others = dents_to_markers(entries, 5, 'map').markers
     assert first.action == Marker.DELETEALL

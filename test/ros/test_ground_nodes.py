@@ -8,7 +8,7 @@ pytest.importorskip('zenoh', reason='Zenoh is not installed: the link to the gro
 from free_address import free_address
 
 from ftp_dent_ros.cloud.cloud import Cloud
-from ftp_dent_ros.coding.cloud_codec import View
+from ftp_dent_ros.coding.cloud_codec import RayGrid
 from ftp_dent_ros.coding.compressed_depth import depths
 from ftp_dent_ros.pose import Pose
 
@@ -33,7 +33,7 @@ def ground(ros, domain, tmp_path):
 
 
 def small_cloud(rig, seed):
-    view = View(rig.camera, 4)
+    view = RayGrid(rig.camera, 4)
     rng = np.random.default_rng(seed)
     depth = 0.7 + 0.05 * rng.random() + 0 * view.rays()[0]
     depth[:5, :9] = np.nan

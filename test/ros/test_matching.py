@@ -6,7 +6,7 @@ import pytest
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from sensor_msgs.msg import Image, PointCloud2
 
-from ftp_dent_ros.nodes.matching import Matching
+from ftp_dent_ros.nodes.matching import MessageMatcher
 from ftp_dent_ros.ros.messages import make_header, stamp_to_ns
 
 TYPES = {
@@ -31,7 +31,7 @@ TYPES = {
 )
 def test_what_belongs_together_comes_together(expects, sent, given):
     found = []
-    matching = Matching(
+    matching = MessageMatcher(
         lambda item: found.append(
             f'{stamp_to_ns(item.cloud.header.stamp)}{"s" * bool(item.skin)}'
         ),
@@ -46,7 +46,7 @@ def test_what_belongs_together_comes_together(expects, sent, given):
 
 def test_without_poses_a_cloud_waits_for_its_skin_alone():
     found = []
-    matching = Matching(
+    matching = MessageMatcher(
         lambda item: found.append((stamp_to_ns(item.cloud.header.stamp), bool(item.skin))),
         lambda reason, _: pytest.fail(reason),
         lambda: ('skin',),
@@ -60,7 +60,9 @@ def test_without_poses_a_cloud_waits_for_its_skin_alone():
 
 def test_what_stays_alone_is_given_up_with_its_reason():
     found, refused = [], []
-    matching = Matching(found.append, lambda reason, _: refused.append(reason), lambda: ('skin',))
+    matching = MessageMatcher(
+        found.append, lambda reason, _: refused.append(reason), lambda: ('skin',)
+    )
     for stamp in range(1, 31):
         for part in ('cp', 'c', 'p', 's')[stamp % 4]:
             name, message_type = TYPES[part]

@@ -20,8 +20,6 @@ from hovering_autopilot import HoveringAutopilot, Wire
 from numpy.testing import assert_allclose
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from rclpy.clock import Clock
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import CameraInfo, NavSatFix, PointCloud2
 from std_srvs.srv import Trigger
@@ -29,7 +27,6 @@ from std_srvs.srv import Trigger
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.files import find
-from ftp_dent_ros.nodes.mavlink_bridge import MavlinkBridge
 from ftp_dent_ros.rig.rig import read_rig
 from ftp_dent_ros.ros.messages import (
     camera_info_message,
@@ -331,27 +328,6 @@ def test_without_gps_no_cloud_is_tagged_and_that_is_told(ros, port, autopilot) -
     bridge.tag()
 
 
-def test_the_life_of_a_link(ros, port) -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
-        other.bind(('127.0.0.1', port))
-        bridge = Bridge(ros, port, pose_timeout=0.3)
-        ros.until(lambda: 'another program listens' in bridge.message())
-    ros.until(lambda: bridge.message().startswith(f'no autopilot heard on udpin:127.0.0.1:{port}'))
-    bridge.publish()
-    ros.until(lambda: bridge.value('refused: no autopilot') == '1')
-    with hovering(port):
-        ros.until(lambda: bridge.stream)
-        bridge.tag()
-    ros.until(lambda: 'silent' in bridge.message())
-    bridge.refuse('link lost')
-    bridge.stream.clear()
-    bridge.poses.clear()
-    with hovering(port, north=8.0):
-        ros.until(lambda: bridge.stream)
-        bridge.tag()
-    assert pose_from_message(bridge.poses[0].pose.pose).translation[1] == pytest.approx(8.0)
-
-
 def test_of_two_vehicles_on_one_port_no_pose_is_the_others(ros, port, autopilot) -> None:
     bridge = Bridge(ros, port)
     ros.until(lambda: bridge.stream)
@@ -362,24 +338,6 @@ def test_of_two_vehicles_on_one_port_no_pose_is_the_others(ros, port, autopilot)
         assert other.received == []
     for message in [*bridge.stream, *(tag.pose for tag in bridge.poses)]:
         assert message.pose.position.y == pytest.approx(3.0)
-
-
-def test_a_node_that_is_stuck_sends_no_heartbeat(ros, port, autopilot) -> None:
-    node = MavlinkBridge(
-        context=ros.context,
-        namespace=ros.namespace,
-        parameter_overrides=[Parameter('address', value=f'udpin:127.0.0.1:{port}')],
-    )
-    try:
-        # Its link goes on while nothing spins it; a heartbeat would be due once a second.
-        ros.until(lambda: len(autopilot.heard('TIMESYNC')) > 12)
-        assert autopilot.heard('HEARTBEAT') == []
-        executor = SingleThreadedExecutor(context=ros.context)
-        executor.add_node(node)
-        ros.until(lambda: executor.spin_once(0.05) or autopilot.heard('HEARTBEAT'))
-        executor.shutdown()
-    finally:
-        node.destroy_node()
 
 
 def test_the_ground_station_takes_photographs_where_that_is_enabled(ros, port, autopilot) -> None:

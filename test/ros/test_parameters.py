@@ -53,12 +53,6 @@ def test_a_whole_number_serves_for_a_floating_point_one(make):
     assert (rate, type(rate)) == (9.0, float)
 
 
-def test_a_list_of_whole_numbers_serves_too(make):
-    parameters = make(mount=[1, 2, 3])
-    assert parameters.declare('mount', [0.0, 0.0, 0.0], 'Position.') == [1.0, 2.0, 3.0]
-    assert parameters['mount'] == [1.0, 2.0, 3.0]
-
-
 @pytest.mark.parametrize(
     ('default', 'value', 'sentence'),
     [
@@ -149,17 +143,6 @@ def test_what_no_node_declares_is_refused_with_the_nearest_name(make, given):
     near = 'did you mean rate?' if given == 'rat' else 'there are rate'
     with pytest.raises(ConfigurationError, match=f'no parameter {given}: {near}'):
         parameters.close(lambda: ('stride',))
-
-
-def test_what_another_node_declares_or_ros_is_no_error(make):
-    parameters = make(stride=2, **{'use_sim_time': False, 'qos_overrides./a.publisher.depth': 3})
-    declare_rate(parameters)
-    parameters.close(lambda: ('stride',))
-
-
-def test_a_number_may_have_an_excluded_end(make):
-    with pytest.raises(ConfigurationError, match='give a value above 0 and up to 1'):
-        make(tau=0).declare('tau', 0.8, 'Gain.', above=0.0, maximum=1.0)
 
 
 def test_the_end_that_is_excluded_cannot_be_set_either(ros, make):

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import signal
 import time
 from array import array
 
@@ -23,7 +22,6 @@ from ftp_dent_ros.ros.messages import (
     image_to_message,
     stamp_to_ns,
 )
-from ftp_dent_ros.ros.node import WAITING
 from ftp_dent_ros.ros.qos import IMAGES, PATTERNS
 from ftp_dent_ros.simulation import Panel, Photometry, Renderer, Surface
 
@@ -302,22 +300,6 @@ def test_hostile_messages_end_nothing_and_a_flood_is_thinned(ros, rig_file, phot
         )
     )
     assert bench.process.stop() == 0
-
-
-def test_a_node_that_stood_still_loses_no_photograph(ros, rig_file, photograph):
-    bench = Bench(ros, rig=rig_file, stride=2)
-    bench.project(PATTERN.draw())
-    bench.says('idle')
-    bench.listen()
-    bench.cloud_of(photograph, 4)
-    # As a busy computer does it now and then, for a second or two.
-    bench.process.send(signal.SIGSTOP)
-    taken = range(5, 5 + WAITING)
-    for stamp in taken:
-        bench.show(photograph, stamp)
-    bench.process.send(signal.SIGCONT)
-    ros.until(lambda: len(bench.clouds) == 1 + WAITING)
-    assert [stamp_to_ns(cloud.header.stamp) for cloud in bench.clouds] == [4, *taken]
 
 
 def test_a_photograph_goes_with_the_pattern_shown_when_it_was_taken(ros, rig_file, render):

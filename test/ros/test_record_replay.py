@@ -3,7 +3,6 @@
 # ruff: noqa: E402
 import os
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -32,8 +31,7 @@ from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.errors import BagError
 from ftp_dent_ros.recording.reader import open_bag, read_messages
 from ftp_dent_ros.recording.recovery import recover
-from ftp_dent_ros.recording.ros.recorder import Recorder
-from ftp_dent_ros.recording.topic import Message, Qos, Selection, Topic, type_hash
+from ftp_dent_ros.recording.topic import Message, Qos, RecordedTopic, type_hash
 from ftp_dent_ros.recording.writer import BagWriter
 
 STRING = 'std_msgs/msg/String'
@@ -134,7 +132,7 @@ def text_of(message):
 
 def write_words(folder, topic, texts, period_ns=20_000_000, qos=(), type_=STRING, hash_=None):
     """A bag of strings, `period_ns` apart."""
-    known = Topic(topic, type_, type_hash(type_) if hash_ is None else hash_, (Qos(*qos),))
+    known = RecordedTopic(topic, type_, type_hash(type_) if hash_ is None else hash_, (Qos(*qos),))
     with BagWriter(folder) as writer:
         writer.add_topic(known)
         for index, text in enumerate(texts):
@@ -225,29 +223,6 @@ def test_types_and_quality_of_service_are_those_of_the_publishers(ros, command, 
         assert topics[name].definition
     pose = topics[f'{ros.namespace}/posestamped']
     assert pose.offered_qos == (Qos(durability='transient_local'),)
-
-
-def test_what_each_publisher_of_a_topic_offers_is_told(ros):
-    topic, topics = f'{ros.namespace}/image', []
-    for offered in (LATCHED, BEST_EFFORT):
-        ros.node.create_publisher(Image, topic, offered)
-    ros.until(lambda: ros.node.count_publishers(topic) == 2)
-    Recorder(ros.node, topics.append, lambda message: True, Selection.of([topic]))
-    (found,) = topics
-    assert sorted(qos.reliability for qos in found.offered_qos) == ['best_effort', 'reliable']
-
-
-def test_topics_are_found_as_they_appear(ros, command, tmp_path):
-    bag = tmp_path / 'bag'
-    command_line = ['--regex', ros.namespace, '--exclude-regex', 'secret', '-o', bag]
-    recorder = command('record', *command_line)
-    secret = ros.node.create_publisher(String, f'{ros.namespace}/secret', 10)
-    for name in ('first', 'second'):
-        ros.publisher(String, f'{ros.namespace}/{name}').publish(String(data=name))
-    secret.publish(String(data='secret'))
-    ros.until(lambda: len(on_disk(bag)) == 2)
-    assert recorder.stop() == 0
-    assert [text_of(message) for message in read_messages(bag)] == ['first', 'second']
 
 
 def test_a_publisher_that_offers_less_is_heard_too(ros, command, tmp_path):
@@ -414,24 +389,12 @@ def test_replay_gives_the_same_bytes_in_the_same_order_and_no_faster(ros, comman
     assert float(ended.group(1)) >= 0.5
 
 
-def test_replay_at_a_rate_from_a_bare_file(ros, command, tmp_path):
-    topic = f'{ros.namespace}/words'
-    write_words(tmp_path / 'bag', topic, ['a', 'b'], period_ns=3600 * 10**9)
-    listener = Listener(ros, String, topic)
-    player = command(
-        'replay', tmp_path / 'bag' / 'bag_0.mcap', '--rate', '36000', '--wait-for-subscribers'
-    )
-    ros.until(lambda: len(listener.data) == 2)
-    assert player.wait() == 0
-    assert listener.texts == ['a', 'b']
-
-
 def test_large_messages_at_once_are_not_lost(ros, command, tmp_path):
     bag, topic = tmp_path / 'bag', f'{ros.namespace}/image'
     sent = [Image(height=number, data=bytes([number]) * 2_000_000) for number in range(40)]
     with BagWriter(bag) as writer:
         type_name = 'sensor_msgs/msg/Image'
-        writer.add_topic(Topic(topic, type_name, type_hash(type_name), (Qos(),)))
+        writer.add_topic(RecordedTopic(topic, type_name, type_hash(type_name), (Qos(),)))
         for number, image in enumerate(sent):
             data = serialize_message(image)
             writer.write([Message(topic, type_name, number * 50_000_000, 0, data)])
@@ -446,8 +409,8 @@ def test_latched_messages_reach_those_who_come_later(ros, command, tmp_path):
     bag = tmp_path / 'bag'
     pattern, words = f'{ros.namespace}/pattern', f'{ros.namespace}/words'
     with BagWriter(bag) as writer:
-        writer.add_topic(Topic(pattern, STRING, '', (Qos(durability='transient_local'),)))
-        writer.add_topic(Topic(words, STRING, '', (Qos(reliability='best_effort'),)))
+        writer.add_topic(RecordedTopic(pattern, STRING, '', (Qos(durability='transient_local'),)))
+        writer.add_topic(RecordedTopic(words, STRING, '', (Qos(reliability='best_effort'),)))
         for index, (topic, text) in enumerate(
             [(pattern, 'old'), (words, 'early'), (pattern, 'new'), (words, 'a'), (words, 'b')]
         ):
@@ -469,7 +432,7 @@ def test_latched_messages_reach_those_who_come_later(ros, command, tmp_path):
 def test_stamps_go_on_when_a_bag_is_replayed_again(ros, command, tmp_path):
     bag, topic, kind = tmp_path / 'bag', f'{ros.namespace}/image', 'sensor_msgs/msg/Image'
     with BagWriter(bag) as writer:
-        writer.add_topic(Topic(topic, kind, type_hash(kind), (Qos(),)))
+        writer.add_topic(RecordedTopic(topic, kind, type_hash(kind), (Qos(),)))
         for number in range(4):
             image = Image(height=number)
             image.header.stamp.sec = 100 + number
@@ -490,7 +453,7 @@ def test_some_topics_under_other_names(ros, command, tmp_path):
     with BagWriter(bag) as writer:
         for name in ('a', 'b', 'c'):
             topic = f'{ros.namespace}/{name}'
-            writer.add_topic(Topic(topic, STRING, '', ()))
+            writer.add_topic(RecordedTopic(topic, STRING, '', ()))
             data = serialize_message(String(data=name))
             writer.write([Message(topic, STRING, 1, 1, data)])
     listeners = {name: Listener(ros, String, name) for name in ('a', 'b', 'c', 'other')}
@@ -509,7 +472,7 @@ def test_what_ros_refuses_is_left_out_and_the_rest_replayed(ros, command, tmp_pa
     good = f'{ros.namespace}/good'
     with BagWriter(bag) as writer:
         for name in ('/2 bad\x1b[2J//names/', good):
-            writer.add_topic(Topic(name, STRING, '', (Qos(),)))
+            writer.add_topic(RecordedTopic(name, STRING, '', (Qos(),)))
             data = on_the_wire(String(data=name))
             writer.write([Message(name, STRING, 1, 1, data)])
     listener = Listener(ros, String, good)
@@ -554,32 +517,3 @@ def test_wrong_arguments_of_replay(domain, capsys, tmp_path, monkeypatch, words,
     (tmp_path / 'empty.mcap').write_bytes(b'')
     assert status('replay', *words) == 2
     assert sentence in capsys.readouterr().err.splitlines()[-1]
-
-
-def test_what_was_recorded_replays_the_same(ros, command, tmp_path):
-    """Recorded, replayed, and recorded again: equal but for the times."""
-    first, second = tmp_path / 'first', tmp_path / 'second'
-    topics = [f'{ros.namespace}/words', f'{ros.namespace}/pattern']
-    recorder = command('record', *topics, '-o', first)
-    words = ros.publisher(String, topics[0], LONG)
-    pattern = ros.publisher(String, topics[1], LATCHED)
-    pattern.publish(String(data='pattern'))
-    for number in range(20):
-        words.publish(String(data=f'{number}'))
-    ros.until(lambda: len(on_disk(first)) == 21)
-    assert recorder.stop() == 0
-    ros.node.destroy_publisher(words)
-    ros.node.destroy_publisher(pattern)
-
-    recorder = command('record', *topics, '-o', second)
-    player = command('replay', first, '--wait-for-subscribers')
-    assert player.wait() == 0
-    ros.until(lambda: len(on_disk(second)) == 21)
-    assert recorder.stop() == 0
-    one, other = open_bag(first), open_bag(second)
-    for topic in topics:
-        assert [message.data for message in one.messages([topic])] == [
-            message.data for message in other.messages([topic])
-        ]
-    assert set(one.metadata.topics) == set(other.metadata.topics)
-    shutil.rmtree(first)

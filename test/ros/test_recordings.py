@@ -50,13 +50,13 @@ def test_a_compressed_recording_reads_as_what_was_published(ros, rig, tmp_path):
     from sensor_msgs.msg import CameraInfo, PointCloud2
 
     from ftp_dent_ros.cloud.cloud import Cloud
-    from ftp_dent_ros.coding.cloud_codec import View
+    from ftp_dent_ros.coding.cloud_codec import RayGrid
     from ftp_dent_ros.coding.messages import cloud_from_message
     from ftp_dent_ros.recording.reader import open_bag
     from ftp_dent_ros.ros.messages import camera_info_message, cloud_to_message
     from ftp_dent_ros.ros.qos import CLOUDS
 
-    view = View(rig.camera, 2)
+    view = RayGrid(rig.camera, 2)
     depth = 0.7 + 0.05 * view.rays()[0]
     cloud = Cloud(np.stack([*view.rays() * depth, depth], axis=2), np.full(view.shape, 20, 'f4'))
     infos = ros.node.create_publisher(CameraInfo, 'camera_info', CLOUDS)

@@ -25,7 +25,7 @@ def test_a_transform_has_frames_stamp_and_pose() -> None:
 
 def test_transforms_are_published_where_tf_is_installed(ros) -> None:
     publisher = TransformPublisher(ros.node)
-    publisher.publish_static(POSE, 'base_link', 'camera_optical_frame', 1)
+    publisher.publish(POSE, 'base_link', 'camera_optical_frame', 1, static=True)
     publisher.publish(POSE, 'map', 'base_link', 2)
     if importlib.util.find_spec('tf2_msgs') is None:
         assert not ros.node.get_publishers_info_by_topic('/tf')

@@ -91,15 +91,6 @@ def test_tells_a_status_from_a_signal(lines):
         assert processes.names == ()
 
 
-def test_a_reader_that_fails_does_not_block_the_program():
-    def show(name, line):
-        raise BrokenPipeError
-
-    with Processes(show) as processes:
-        processes.start(script('a', 'for _ in range(20000): print("0123456789")'))
-        assert one_that_ends(processes).status == 0
-
-
 def test_stops_with_one_term(lines):
     goodbye = 'import signal\n' + (
         'import os\n'
@@ -114,17 +105,6 @@ def test_stops_with_one_term(lines):
         assert processes.stop() == {'a': 0, 'b': 0}
         assert processes.names == ()
     assert lines.count(('a', 'goodbye')) == lines.count(('b', 'goodbye')) == 1
-
-
-def test_stops_one_alone(lines):
-    with Processes(lines.show) as processes:
-        processes.start(script('a', WAIT))
-        processes.start(script('b', WAIT))
-        until(lambda: len(lines) == 2)
-        assert processes.stop('a') == {'a': -signal.SIGTERM}
-        assert processes.names == ('b',)
-        assert is_alive(processes.pid('b'))
-        assert processes.ended() == []
 
 
 def test_asks_twice(lines, signals):

@@ -101,13 +101,3 @@ def test_clouds_that_disagree_are_left_as_they_are():
     assert moved[within].max() == 0.0
     (dent,) = inspect(fused).dents
     assert dent.depth.value == pytest.approx(8e-4, rel=0.03)
-
-
-def test_a_cloud_that_tells_no_uncertainty_neither_gives_nor_takes():
-    skin = FlownSkin(8)
-    pose = next(skin.flight(1))
-    cloud, _ = skin.seen(pose, 0)
-    untold = replace(cloud, sigma=np.full_like(cloud.sigma, np.nan))
-    fusion = fusion_of([(pose, untold), (pose, cloud)])
-    assert np.array_equal(fusion.fused(cloud, pose).points, cloud.points)
-    assert np.array_equal(fusion.fused(untold, pose).points, untold.points)

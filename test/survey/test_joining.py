@@ -10,7 +10,6 @@ from flown_skin import STATED, FlownSkin, erring
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.survey.information import RelativePose
 from ftp_dent_ros.survey.joining import Joining
 
 HALF_S = 500_000_000
@@ -134,21 +133,3 @@ def test_without_poses_the_clouds_join_by_themselves():
     poses = list(skin.flight(4))
     joining = joined(skin, poses, [None] * 4)
     assert relative_errors(joining.graph, poses).max() < 0.6
-
-
-def test_passes_that_only_the_autopilot_slides_are_no_surer_the_more_pairs_they_have(monkeypatch):
-    slid, skin = np.diag([0.0, 1.0, 1.0, 1.0, 0.0, 1.0]) * 1e12, FlownSkin(15, bare=True)
-
-    def laid(first, second, guess, doubt, samples=None, known=None):
-        return RelativePose(guess, np.zeros(3), slid, 4, 0.8, 1e-6, 'by their shape alone')
-
-    monkeypatch.setattr('ftp_dent_ros.survey.joining.register', laid)
-    (pose,) = skin.flight(1)
-    cloud, seen = skin.seen(pose, 0)
-    joining, seconds = Joining(), [*range(9), 9, 10, 11, 30, 31]
-    for second in seconds:
-        joining.add(2 * second * HALF_S, cloud, seen, pose, STATED)
-    closing = [link.second for link in joining.graph.links if link.second - link.first >= 8]
-    told = {seconds[number] for number in closing}
-    # An autopilot's error is another one after 15 s, and a new one stands for itself.
-    assert told == {8, 30}

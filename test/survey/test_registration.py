@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 import pytest
 from flown_skin import STATED, FlownSkin
@@ -12,10 +11,8 @@ from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rigid import twist_between
-from ftp_dent_ros.survey import registration
 from ftp_dent_ros.survey.information import UnlikePairError
-from ftp_dent_ros.survey.patch import FoldedPatch, patch_of
-from ftp_dent_ros.survey.places import Place, not_worse
+from ftp_dent_ros.survey.patch import patch_of
 from ftp_dent_ros.survey.registration import register
 
 DOUBT = STATED / 4
@@ -101,25 +98,6 @@ def test_clouds_apart_are_refused():
         register(patch_of(*near), patch_of(*far), guess, DOUBT)
 
 
-def test_a_patch_holds_what_the_cloud_does():
-    skin = FlownSkin(8)
-    cloud, image = skin.seen(next(skin.flight(1)), 0)
-    patch = patch_of(cloud, image)
-    row, column = np.nonzero(patch.known)
-    keep = slice(None, None, 37)
-    pose = next(skin.flight(1))
-    points = pose.apply(patch.frame.apply(patch.points(row[keep], column[keep])))
-    height = skin.height(points[:, 0], points[:, 1])
-    assert np.abs(points[:, 2] - height).max() < 5e-5
-    folded = FoldedPatch.of(patch)
-    again = folded.unfolded()
-    np.testing.assert_allclose(again.height, patch.height, atol=1e-6)
-    np.testing.assert_allclose(again.paint[..., 0], patch.paint[..., 0], atol=0.002)
-    np.testing.assert_allclose(again.sigma[patch.known], patch.sigma[patch.known], rtol=0.1)
-    held = len(folded.steps) + folded.sigma.nbytes + len(folded.light)
-    assert held < 5 * patch.height.size
-
-
 def test_too_few_points_are_refused():
     points = np.full((20, 20, 3), np.nan, np.float32)
     points[:3] = 0.5
@@ -168,55 +146,6 @@ def test_what_does_not_repeat_itself_or_a_good_guess_decides_between_pitches():
     guess = Pose(true.rotation, true.translation + np.array([0.035, 0, 0]))
     found = register(*patches, guess, doubt)
     assert not found.remark and np.abs(error_of(found, true)[:2]).max() < 2.5e-4
-
-
-def test_a_place_where_they_do_not_overlap_refuses_no_pair(monkeypatch):
-    patches, true = pair(FlownSkin(4, pitch=0.025))
-    right = patches[0].frame.inverse() @ true @ patches[1].frame
-    solved, refused = registration._solved, []
-
-    def with_one_overlap(first, samples, pose, *rest, **options):
-        if not options and np.linalg.norm(pose.translation - right.translation) > 0.01:
-            refused.append(pose)
-            raise UnlikePairError('they do not overlap')
-        return solved(first, samples, pose, *rest, **options)
-
-    monkeypatch.setattr(registration, '_solved', with_one_overlap)
-    # Nothing tells against a pitch farther but the guess.
-    found = register(*patches, true, np.diag([0.014**2] * 3 + [0.005**2] * 3))
-    assert refused and 'more places than one' in found.remark
-    # A guess is enough.
-    unseen, seen = (
-        Place(true, np.array([x, 0.0]), (x / 0.004) ** 2, misfits)
-        for x, misfits in ((0.025, ()), (0.0, (np.ones(9), np.ones(9))))
-    )
-    assert not_worse([unseen, seen], 2) == [seen] and not_worse([], 2) == []
-
-
-def test_places_on_a_curved_skin_are_compared_where_their_shapes_lie_on_each_other(monkeypatch):
-    rng = np.random.default_rng(3)
-    skin = FlownSkin(3)
-    skin.paint[:] = 0
-    for column in rng.uniform(1350, 1650, 5).astype(int):
-        for row in range(0, 800, 25):
-            cv2.circle(skin.paint, (column, row), 3, -0.25, -1)
-    poses = [*skin.flight(1), *skin.flight(1, y=0.06)]
-    patches = [patch_of(*skin.seen(pose, index)) for index, pose in enumerate(poses)]
-    compared = []
-
-    def kept(places, most):
-        places = list(places)
-        compared.append(places)
-        return not_worse(places, most)
-
-    monkeypatch.setattr(registration, 'not_worse', kept)
-    # A pitch round the cylinder turns what slides by four hundred times what is in doubt.
-    doubt = np.diag(np.square([0.012, 0.025, 3e-5, 3e-5, 3e-5, 3e-5]))
-    found = register(*patches, poses[0].inverse() @ poses[1], doubt)
-    assert 'more places than one' in found.remark
-    rough, judged = compared
-    assert 1 < len(judged) <= len(rough)
-    assert max(np.nanmedian(place.misfits[1]) for place in judged) < 1
 
 
 def test_a_known_place_that_is_wrong_is_looked_for_farther_off():

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.survey.growth import depth_growth
-from ftp_dent_ros.survey.result import Relief, SurveyedDent
+from ftp_dent_ros.survey.result import DentRelief, SurveyedDent
 
 SIZES, DEPTH, NOISE = (0.03, 0.02), 5e-4, 4e-6
 
@@ -26,7 +26,7 @@ def surveyed(rng, depth, frame):
     turn, place = rng.normal(0, 0.1), rng.normal(0, 3e-4, 2)
     axis = np.array([np.cos(turn), np.sin(turn), 0])
     spacing = 1e-3
-    a, b = Relief(spacing, np.zeros((45, 61), np.float32)).places()
+    a, b = DentRelief(spacing, np.zeros((45, 61), np.float32)).places()
     x = place[0] + a * axis[0] - b * axis[1]
     y = place[1] + a * axis[1] + b * axis[0]
     noise = cv2.GaussianBlur(rng.normal(size=a.shape), (0, 0), 2.5)
@@ -38,7 +38,7 @@ def surveyed(rng, depth, frame):
         normal=frame.rotation.apply([0, 0, 1.0]),
         axis=frame.rotation.apply(axis),
     )
-    relief = Relief(spacing, heights.astype(np.float32))
+    relief = DentRelief(spacing, heights.astype(np.float32))
     return SurveyedDent(1, dent, np.eye(3) * 1e-6, 5, relief)
 
 
@@ -64,5 +64,5 @@ def test_what_is_not_measured_is_not_compared():
     earlier, later, pose = compared(1, 0.0)
     heights = later.relief.heights.copy()
     heights[:, :30] = np.nan
-    assert depth_growth(earlier, replace(later, relief=Relief(1e-3, heights)), pose) is None
+    assert depth_growth(earlier, replace(later, relief=DentRelief(1e-3, heights)), pose) is None
     assert depth_growth(replace(earlier, relief=None), later, pose) is None

@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 from dent_samples import make_dent
 
-from ftp_dent_ros.dents.dent import Settings, dent_to_plain
+from ftp_dent_ros.dents.dent import SmallestDent, dent_to_plain
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.survey.result import CoverageCells, Relief, SurveyedDent, SurveyResult
-from ftp_dent_ros.survey.store import Store
+from ftp_dent_ros.survey.result import CoverageCells, DentRelief, SurveyedDent, SurveyResult
+from ftp_dent_ros.survey.store import SurveyStore
 
 
 def survey(name='2026-03', taken_ns=5):
     heights = np.array([[np.nan, 1e-4, 2e-4], [0, -1e-4, 0], [1, 2, 3]], np.float32)
     dents = tuple(
         SurveyedDent(k, make_dent((0.1 * k, 0, 0.6)), np.eye(3) * 1e-6, 4, relief)
-        for k, relief in ((1, Relief(2e-3, heights)), (2, None))
+        for k, relief in ((1, DentRelief(2e-3, heights)), (2, None))
     )
     cells = np.arange(12, dtype=np.float32).reshape(4, 3)
     return SurveyResult(
@@ -31,14 +31,14 @@ def survey(name='2026-03', taken_ns=5):
         (Pose.from_rpy((0.1, 0.2, 0.3), (1, 2, 3)),),
         np.eye(6)[None] * 1e-4,
         CoverageCells(0.01, cells, cells[:, 0], cells[:, 1], np.arange(4), np.zeros(4, int)),
-        Settings(2e-4),
+        SmallestDent(2e-4),
         'abc',
         'ftp_dent_ros 0.1.0',
     )
 
 
 def test_a_survey_comes_back_as_it_was(tmp_path):
-    store = Store(tmp_path / 'aircraft.sqlite')
+    store = SurveyStore(tmp_path / 'aircraft.sqlite')
     store.add(survey())
     store.add(survey('2025-09', taken_ns=2))
     assert store.names() == ('2025-09', '2026-03')
@@ -61,7 +61,7 @@ def test_a_survey_comes_back_as_it_was(tmp_path):
 
 
 def test_a_file_of_the_version_before_is_read_and_added_to(tmp_path):
-    store = Store(tmp_path / 'aircraft.sqlite')
+    store = SurveyStore(tmp_path / 'aircraft.sqlite')
     store.add(survey())
     with sqlite3.connect(store.path) as file:
         file.execute('DROP TABLE reliefs')
@@ -72,7 +72,7 @@ def test_a_file_of_the_version_before_is_read_and_added_to(tmp_path):
 
 
 def test_nothing_that_is_there_is_changed_and_nothing_half_is_added(tmp_path):
-    store = Store(tmp_path / 'aircraft.sqlite')
+    store = SurveyStore(tmp_path / 'aircraft.sqlite')
     store.add(survey())
     with pytest.raises(ConfigurationError, match=r'has a survey .* already'):
         store.add(survey())
@@ -98,14 +98,14 @@ def test_nothing_that_is_there_is_changed_and_nothing_half_is_added(tmp_path):
 def test_other_files_are_refused(tmp_path):
     (tmp_path / 'text').write_text('no database at all, but longer than a header is')
     with pytest.raises(ConfigurationError, match='cannot be used as a file of surveys'):
-        Store(tmp_path / 'text').names()
+        SurveyStore(tmp_path / 'text').names()
     other = sqlite3.connect(tmp_path / 'other.sqlite')
     other.execute('CREATE TABLE surveys (a)')
     other.commit()
     other.close()
     with pytest.raises(ConfigurationError, match='a database of something else'):
-        Store(tmp_path / 'other.sqlite').add(survey())
-    store = Store(tmp_path / 'later.sqlite')
+        SurveyStore(tmp_path / 'other.sqlite').add(survey())
+    store = SurveyStore(tmp_path / 'later.sqlite')
     store.add(survey())
     file = sqlite3.connect(store.path)
     file.execute('PRAGMA user_version = 9')
@@ -113,4 +113,4 @@ def test_other_files_are_refused(tmp_path):
     with pytest.raises(ConfigurationError, match='has the version 9'):
         store.names()
     with pytest.raises(ConfigurationError, match='cannot be written'):
-        Store(tmp_path / 'text/aircraft.sqlite').check_new('2026-03')
+        SurveyStore(tmp_path / 'text/aircraft.sqlite').check_new('2026-03')

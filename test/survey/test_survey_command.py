@@ -17,7 +17,7 @@ from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.recording.topic import Message, typestore
 from ftp_dent_ros.recording.writer import BagWriter
 from ftp_dent_ros.survey.mosaic import Mosaic
-from ftp_dent_ros.survey.store import Store
+from ftp_dent_ros.survey.store import SurveyStore
 from ftp_dent_ros.survey.unrolled import Unrolled
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / 'recording'))
@@ -98,7 +98,7 @@ def test_a_flight_becomes_one_skin_with_each_dent_once(tmp_path, skin, capsys):
     picture = cv2.imread(str(tmp_path / 'out' / 'skin.png'), cv2.IMREAD_UNCHANGED)
     assert (picture > 0).sum() * 4e-6 == pytest.approx(found['coverage']['area_m2'], rel=0.03)
     assert found['coverage']['gaps'] == []
-    kept = Store(store).read('first')
+    kept = SurveyStore(store).read('first')
     assert kept.stamps_ns[0] == START_NS
     # The skin about each dent, on a cylinder of 2 m, for the comparison with another survey.
     for each in kept.dents:

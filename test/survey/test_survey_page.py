@@ -9,10 +9,9 @@ from flown_skin import FlownSkin, erring
 from test_survey_command import record
 
 from ftp_dent_ros.cli.main import main
-from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.survey.aircraft_frame import aircraft_frame, read_reference_points
-from ftp_dent_ros.survey.store import Store
+from ftp_dent_ros.survey.store import SurveyStore
 
 # Of the survey's frame in the aircraft's, whose coordinates are typed: millimetres.
 AIRCRAFT = Pose.from_rpy((0.1, -0.2, 0.8), (12.0, -1.5, 3.0))
@@ -80,7 +79,7 @@ def test_picked_points_give_the_aircrafts_frame(surveyed, tmp_path, capsys):
         browser.close()
     points = tmp_path / 'points.yaml'
     points.write_text(text)
-    survey = Store(surveyed / 'aircraft.sqlite').read('spring')
+    survey = SurveyStore(surveyed / 'aircraft.sqlite').read('spring')
     frame = aircraft_frame(read_reference_points(points, survey))
     place = np.array(dents[0]['position'])
     np.testing.assert_allclose(frame.place(place)[0], AIRCRAFT.apply(place), atol=1e-4)
@@ -119,23 +118,3 @@ def test_a_long_strip_is_shown_in_parts_that_are_picked_in(tmp_path):
     finally:
         browser.close()
     np.testing.assert_allclose(picked, dent['position'], atol=1.5e-3)
-
-
-def test_points_without_coordinates_are_no_points_yet(surveyed, tmp_path):
-    browser = Chromium(tmp_path / 'profile')
-    try:
-        browser.open((surveyed / 'out/survey.html').as_uri())
-        browser.until(READY)
-        size = browser.value("document.querySelector('.skin svg').viewBox.baseVal.width")
-        height = browser.value("document.querySelector('.skin svg').viewBox.baseVal.height")
-        browser.value(CLICK % (0, size / 2, height / 2))
-        text = browser.value("document.getElementById('file').value")
-        browser.value("document.querySelector('#picks button').click()")
-        assert browser.value('picks.length') == 0
-    finally:
-        browser.close()
-    assert '#   - {name: "point 1"' in text
-    (tmp_path / 'points.yaml').write_text(text)
-    survey = Store(surveyed / 'aircraft.sqlite').read('spring')
-    with pytest.raises(ConfigurationError, match='points is no list'):
-        read_reference_points(tmp_path / 'points.yaml', survey)

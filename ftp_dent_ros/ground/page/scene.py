@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud.cloud import Cloud
-from ftp_dent_ros.coding.cloud_codec import View, decode
+from ftp_dent_ros.coding.cloud_codec import RayGrid, decode
 from ftp_dent_ros.dents.dent import COVERAGE, KINDS
 from ftp_dent_ros.errors import CodecError
 from ftp_dent_ros.ground import topics
@@ -254,7 +254,7 @@ class Scene:
         if image is None:
             raise ValueError
         if 'lens' in item.extra:
-            self._lens = View.from_numbers(item.extra['lens']).lens
+            self._lens = RayGrid.from_numbers(item.extra['lens']).lens
         self._picture = item.stamp_ns, item.data, (image.shape[1], image.shape[0])
 
     def _take_cloud(self, item: Item) -> None:

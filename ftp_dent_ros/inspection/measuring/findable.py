@@ -15,7 +15,7 @@ from functools import lru_cache, reduce
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.dents.dent import Settings
+from ftp_dent_ros.dents.dent import SmallestDent
 from ftp_dent_ros.inspection.measuring.measurement import CERTAIN, SUPPOSED
 from ftp_dent_ros.inspection.measuring.outlines.restoration import DOUBT
 from ftp_dent_ros.inspection.measuring.places.bare_skin import BareSkin
@@ -65,7 +65,7 @@ class _Asked:
     certain: Map
 
 
-def findable_depth(skin: BareSkin, lattice: Lattice, settings: Settings) -> Map:
+def findable_depth(skin: BareSkin, lattice: Lattice, settings: SmallestDent) -> Map:
     """Depth from which on a dent of the smallest width is listed as one, of each cell, metres.
 
     In 95 % of the cases. It is at most what no dent of that width has, being no dented skin any
@@ -75,7 +75,7 @@ def findable_depth(skin: BareSkin, lattice: Lattice, settings: Settings) -> Map:
     ----------
     skin : BareSkin
     lattice : Lattice
-    settings : Settings
+    settings : SmallestDent
     """
     noise, width = skin.noise, settings.smallest_width
     asked = _asked_in(lattice, tuple(float(scale / width) for scale in noise.scales[1:]), width)

@@ -7,7 +7,7 @@ import math
 import cv2
 import numpy as np
 
-from ftp_dent_ros.dents.dent import COVERAGE, Estimate, MeasuredDent, Settings, orientation_of
+from ftp_dent_ros.dents.dent import COVERAGE, Estimate, MeasuredDent, SmallestDent, orientation_of
 from ftp_dent_ros.inspection.measuring.places.bare_skin import BareSkin
 from ftp_dent_ros.inspection.measuring.places.detection import Candidate
 from ftp_dent_ros.inspection.measuring.places.evidence import SUSPECT
@@ -28,7 +28,7 @@ def not_at_bottom(deepest: float, noise: float) -> str:
 
 
 def hidden_dent(
-    candidate: Candidate, lattice: Lattice, skin: BareSkin, settings: Settings
+    candidate: Candidate, lattice: Lattice, skin: BareSkin, settings: SmallestDent
 ) -> list[MeasuredDent]:
     """What departs from the skin beside places without points, with what is known of it.
 

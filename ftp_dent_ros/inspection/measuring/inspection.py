@@ -8,7 +8,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ftp_dent_ros.cloud.cloud import Cloud
-from ftp_dent_ros.dents.dent import Inspection, MeasuredDent, Settings, Waviness, with_clearances
+from ftp_dent_ros.dents.dent import (
+    Inspection,
+    MeasuredDent,
+    SmallestDent,
+    Waviness,
+    with_clearances,
+)
 from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.inspection.measuring.findable import findable_depth
 from ftp_dent_ros.inspection.measuring.hidden import hidden_dent
@@ -39,7 +45,7 @@ _ONE_PLACE = 0.25
 
 def inspect(
     cloud: Cloud,
-    settings: Settings | None = None,
+    settings: SmallestDent | None = None,
     viewpoint: ArrayLike = (0, 0, 0),
 ) -> Inspection:
     """Find and measure the dents in a cloud.
@@ -49,7 +55,7 @@ def inspect(
     cloud : Cloud
         Organised, in any frame, metres. What it tells of its points' uncertainty and resolution
         is used; without it, noise is estimated from the cloud.
-    settings : Settings, optional
+    settings : SmallestDent, optional
     viewpoint : array_like, shape (3,)
         Of the camera in the cloud's frame, on the outer side of the skin.
 
@@ -58,7 +64,7 @@ def inspect(
     CloudError
         The cloud cannot be inspected; the message says why.
     """
-    settings = settings or Settings()
+    settings = settings or SmallestDent()
     lattice = Lattice.of(cloud, settings)
     panels, labels = find_panels(lattice, np.asarray(viewpoint, float) - lattice.origin, settings)
     if not panels:
@@ -111,7 +117,7 @@ def inspect(
     return Inspection(tuple(dents), others, tuple(wavy), deviation, spread, findable)
 
 
-def _unless_shape(dent: MeasuredDent, panel: Panel, settings: Settings) -> MeasuredDent:
+def _unless_shape(dent: MeasuredDent, panel: Panel, settings: SmallestDent) -> MeasuredDent:
     """A place, in doubt where it is as long as waves and may be the panel's own shape.
 
     No contour is met there, or it is one of the fourth degree, which errs at its rim.

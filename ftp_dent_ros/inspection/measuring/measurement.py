@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.dents.dent import COVERAGE, Estimate, MeasuredDent, Settings, orientation_of
+from ftp_dent_ros.dents.dent import COVERAGE, Estimate, MeasuredDent, SmallestDent, orientation_of
 from ftp_dent_ros.inspection.measuring.hidden import not_at_bottom
 from ftp_dent_ros.inspection.measuring.model_axes import model_axes
 from ftp_dent_ros.inspection.measuring.outlines.bridging import Bridged, bridged
@@ -55,7 +55,7 @@ def measure(
     candidate: Candidate,
     around: Surroundings,
     skin: BareSkin,
-    settings: Settings,
+    settings: SmallestDent,
 ) -> list[MeasuredDent]:
     """Measure every dent of a candidate that is not too small.
 
@@ -64,7 +64,7 @@ def measure(
     candidate : Candidate
     around : Surroundings
     skin : BareSkin
-    settings : Settings
+    settings : SmallestDent
     """
     raw = patch_of(candidate, around, skin.noise)
     local = skin.noise.where(around.extra, raw.scale)
@@ -96,7 +96,7 @@ def _deepest(patch: Patch, own: Mask, least: float) -> list[tuple[int, int]]:
     return [(int(row), int(column))] if depth[row, column] > least else []
 
 
-def _is_spike(patch: Patch, at: tuple[int, int], settings: Settings) -> bool:
+def _is_spike(patch: Patch, at: tuple[int, int], settings: SmallestDent) -> bool:
     length, width, _ = extent(patch, at, _HALF)
     # The patch's own smoothing widens what is short.
     least = math.hypot(_SPIKE * settings.smallest_width, 2 * patch.scale)
@@ -111,7 +111,7 @@ def _one(
     region: Mask | None,
     around: Surroundings,
     skin: BareSkin,
-    settings: Settings,
+    settings: SmallestDent,
 ) -> MeasuredDent | None:
     patch, sign = seen.patch, candidate.sign
     sizes = sizes_of(seen, plain, at, region, around, skin)

@@ -17,7 +17,7 @@ from tqdm import tqdm
 from ftp_dent_ros.coding.messages import message_class
 from ftp_dent_ros.errors import BagError, ConfigurationError, printable
 from ftp_dent_ros.recording.reader import Bag
-from ftp_dent_ros.recording.topic import Message, Qos, Topic, typestore
+from ftp_dent_ros.recording.topic import Message, Qos, RecordedTopic, typestore
 
 # Of each topic: long enough not to wait for each message, short enough for large ones.
 _DEPTH = 10
@@ -34,7 +34,7 @@ class Player:
         Need not be spun.
     bag : Bag
         What to play.
-    topics : sequence of Topic
+    topics : sequence of RecordedTopic
         Those of it that are wanted.
     stop : threading.Event
         Ends whatever is going on.
@@ -53,7 +53,7 @@ class Player:
     """
 
     def __init__(
-        self, node: Node, bag: Bag, topics: Sequence[Topic], stop: threading.Event
+        self, node: Node, bag: Bag, topics: Sequence[RecordedTopic], stop: threading.Event
     ) -> None:
         self.published = 0
         self._bag = bag
@@ -170,7 +170,7 @@ def offer_for(recorded: Sequence[Qos]) -> QoSProfile:
     )
 
 
-def _make_publisher(node: Node, topic: Topic) -> Publisher | None:
+def _make_publisher(node: Node, topic: RecordedTopic) -> Publisher | None:
     """Publisher for a topic; None, after saying why, if it cannot be published."""
     try:
         kind = message_class(topic.type)

@@ -16,8 +16,8 @@ from ftp_dent_ros.errors import ConfigurationError, printable
 from ftp_dent_ros.recording.topic import (
     Message,
     Qos,
+    RecordedTopic,
     Selection,
-    Topic,
     find_definition,
     type_hash,
 )
@@ -49,7 +49,7 @@ class Recorder:
     def __init__(
         self,
         node: Node,
-        add_topic: Callable[[Topic], None],
+        add_topic: Callable[[RecordedTopic], None],
         put: Callable[[Message], bool],
         selection: Selection,
     ) -> None:
@@ -90,7 +90,7 @@ class Recorder:
                 _say(f'{name}: a publisher offers less than the others: recording what all offer')
                 del self._subscriptions[name]
                 self._node.destroy_subscription(subscription)
-                self._subscribe(Topic(name, self._types[name]), request)
+                self._subscribe(RecordedTopic(name, self._types[name]), request)
 
     def missing(self) -> list[str]:
         """Topics that were wanted by name and have not appeared."""
@@ -114,7 +114,7 @@ class Recorder:
         kind = self._types[name]
         announced = str(publishers[0].topic_type_hash)
         hash_ = announced if announced.startswith('RIHS') else type_hash(kind)
-        topic = Topic(
+        topic = RecordedTopic(
             name=name,
             type=kind,
             type_hash=hash_,
@@ -134,7 +134,7 @@ class Recorder:
         large = any(line.startswith('uint8[] ') for line in topic.definition.splitlines())
         self._subscribe(topic, _request_for(publishers, 20 if large else 1000))
 
-    def _subscribe(self, topic: Topic, request: QoSProfile) -> None:
+    def _subscribe(self, topic: RecordedTopic, request: QoSProfile) -> None:
         def take(data: bytes, info: dict[str, int | None]) -> None:
             received = info['received_timestamp'] or time.time_ns()
             published = info['source_timestamp'] or received

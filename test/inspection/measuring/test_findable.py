@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from small_clouds import COLUMNS, PIXEL, ROWS, cloud_of, panel, raised
 
-from ftp_dent_ros.dents.dent import Settings
+from ftp_dent_ros.dents.dent import SmallestDent
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 
-SETTINGS = Settings()
+SETTINGS = SmallestDent()
 WIDTH = SETTINGS.smallest_width
 SPACING = 0.7 * PIXEL
 X, Y = SPACING * (np.mgrid[:COLUMNS, :ROWS].T - np.array([100, 75])).transpose(2, 0, 1)

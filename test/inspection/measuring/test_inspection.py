@@ -7,7 +7,7 @@ from scipy.special import erf
 from small_clouds import COLUMNS, ROWS, cloud_of, panel, raised
 
 from ftp_dent_ros.cloud.cloud import Cloud
-from ftp_dent_ros.dents.dent import Settings
+from ftp_dent_ros.dents.dent import SmallestDent
 from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.measuring.places.kinds import Appearance, kind_of
@@ -272,8 +272,8 @@ def test_any_frame_will_do():
 
 def test_what_is_smaller_than_the_smallest_dent_is_not_reported():
     cloud = cloud_of(panel(DENT))
-    assert inspect(cloud, settings=Settings(smallest_depth=0.0012)).dents == ()
-    assert inspect(cloud, settings=Settings(smallest_width=0.04)).dents == ()
+    assert inspect(cloud, settings=SmallestDent(smallest_depth=0.0012)).dents == ()
+    assert inspect(cloud, settings=SmallestDent(smallest_width=0.04)).dents == ()
 
 
 GRID = np.zeros((100, 100, 3), np.float32)
@@ -336,7 +336,7 @@ def test_crests_of_waves_beside_large_dents_are_no_dents():
     waves = 1e-4 * np.sin(2 * np.pi * X / 0.1 + 1)
     places = [(-0.09, -0.05, 0.02), (0.07, 0.04, 0.017), (-0.03, 0.06, 0.012)]
     dents = sum(6e-4 * 10 ** -(((X - x) ** 2 + (Y - y) ** 2) / r**2) for x, y, r in places)
-    found = inspect(raised(cloud_of(panel(), noise=1e-6), waves + dents), Settings(5e-5))
+    found = inspect(raised(cloud_of(panel(), noise=1e-6), waves + dents), SmallestDent(5e-5))
     assert [each.kind for each in (*found.dents, *found.others)] == 3 * ['dent']
     for x, y, radius in places:
         apart = [np.hypot(dent.position[0] - x, dent.position[1] - y) for dent in found.dents]
@@ -351,7 +351,8 @@ def test_noise_does_not_draw_the_outline_of_a_faint_dent(seed):
     faint = 1e-4 * 10 ** -(X**2 / 0.025**2 + Y**2 / 0.02**2)
     noise = cv2.GaussianBlur(np.random.default_rng(seed).standard_normal(X.shape), (0, 0), 3)
     found = inspect(
-        raised(cloud_of(panel(), noise=1e-6), faint + 1.2e-5 / noise.std() * noise), Settings(5e-5)
+        raised(cloud_of(panel(), noise=1e-6), faint + 1.2e-5 / noise.std() * noise),
+        SmallestDent(5e-5),
     )
     (dent,) = (each for each in found.dents if np.hypot(*each.position[:2]) < 0.02)
     for seen, true in ((dent.length, 0.05), (dent.width, 0.04), (dent.depth, 1e-4)):
@@ -419,54 +420,54 @@ def test_a_crease_that_is_all_shown_is_known_as_a_dent_is(sigma, kind):
 
 def test_what_may_be_as_wide_as_the_smallest_dent_is_listed():
     seen = Appearance(3e-4, 0.012, 0.009, 0.02, 0.01, 0.0, 0.0, False, 0.004, 1.3)
-    assert kind_of(seen, Settings()) == ('other', 'narrower than the smallest dent')
-    assert kind_of(replace(seen, width_doubt=5e-4), Settings()) == ('', '')
+    assert kind_of(seen, SmallestDent()) == ('other', 'narrower than the smallest dent')
+    assert kind_of(replace(seen, width_doubt=5e-4), SmallestDent()) == ('', '')
 
 
 def test_what_may_have_no_width_is_a_crease():
     seen = Appearance(1e-3, 0.06, 0.02, 0.002, 0.01, 0.0, 0.0, False, 0.004, 3.0)
-    assert kind_of(seen, Settings()) == ('crease', '')
-    assert kind_of(replace(seen, width_doubt=0.012), Settings()) == ('crease', '')
+    assert kind_of(seen, SmallestDent()) == ('crease', '')
+    assert kind_of(replace(seen, width_doubt=0.012), SmallestDent()) == ('crease', '')
 
 
 def test_slopes_shade_a_crease_and_make_no_gouge_of_it():
     seen = Appearance(1.7e-3, 0.05, 0.0077, 0.0018, 0.005, 0.0, 0.05, False, 0.0015, 9.0)
     for mark, kind in ((-0.13, 'crease'), (-0.15, 'gouge'), (0.04, 'crease'), (0.07, 'gouge')):
-        assert kind_of(replace(seen, mark=mark), Settings())[0] == kind
+        assert kind_of(replace(seen, mark=mark), SmallestDent())[0] == kind
 
 
 def test_a_dent_whose_outline_noise_draws_out_is_no_crease():
     seen = Appearance(4e-4, 0.036, 0.011, 0.004, 0.008, 0.0, 0.0, False, 0.003, 3.0)
-    assert kind_of(seen, Settings())[0] == 'crease'
-    assert kind_of(replace(seen, slender=1.2), Settings()) == ('dent', '')
+    assert kind_of(seen, SmallestDent())[0] == 'crease'
+    assert kind_of(replace(seen, slender=1.2), SmallestDent()) == ('dent', '')
 
 
 def test_a_long_narrow_valley_is_a_crease_that_may_be_blunt():
     # As a crease 7 mm wide is shown at 1.2 m: it falls apart below half of its depth.
     seen = Appearance(8e-4, 0.069, 0.012, 0.023, 0.012, 0.0, 0.0, False, 0.004, 1.2)
     crease = 'crease', 'too narrow to see how sharp it is'
-    assert kind_of(seen, Settings()) == crease
-    assert kind_of(replace(seen, radius=0.04), Settings()) == crease
+    assert kind_of(seen, SmallestDent()) == crease
+    assert kind_of(replace(seen, radius=0.04), SmallestDent()) == crease
     # Its bottom was not measured; it is short; it is resolved.
     for other in ({'radius': np.nan}, {'length': 0.04}, {'resolution': 0.006}):
-        assert kind_of(replace(seen, **other), Settings()) == ('dent', '')
+        assert kind_of(replace(seen, **other), SmallestDent()) == ('dent', '')
 
 
 @pytest.mark.parametrize(('depth', 'kind'), [(1.6e-3, 'dent'), (-1.6e-3, 'bump')])
 def test_what_the_rim_cuts_and_is_a_large_part_of_its_panel_may_be_another_one(depth, kind):
     seen = Appearance(depth, 0.37, 0.136, 1.0, 0.01, 0.0, 0.0, True, 5e-4, 2.0, 0.2)
-    assert kind_of(seen, Settings()) == ('other', 'is cut by the rim and may be another panel')
-    assert kind_of(replace(seen, share=0.1), Settings()) == (kind, '')
-    assert kind_of(replace(seen, is_cut=False), Settings()) == (kind, '')
+    assert kind_of(seen, SmallestDent()) == ('other', 'is cut by the rim and may be another panel')
+    assert kind_of(replace(seen, share=0.1), SmallestDent()) == (kind, '')
+    assert kind_of(replace(seen, is_cut=False), SmallestDent()) == (kind, '')
 
 
 @pytest.mark.parametrize('depth', [0.05, -0.05])
 def test_what_is_too_steep_to_be_dented_is_something_else(depth):
     corner = Appearance(depth, 0.2, 0.12, 0.02, 0.01, 0.0, 0.0, True, 0.004, 1.7)
-    kind, reason = kind_of(corner, Settings())
+    kind, reason = kind_of(corner, SmallestDent())
     assert kind == 'other'
     assert 'too steep' in reason
-    assert kind_of(replace(corner, depth=0.1 * depth, is_cut=False), Settings())[0] in (
+    assert kind_of(replace(corner, depth=0.1 * depth, is_cut=False), SmallestDent())[0] in (
         'dent',
         'bump',
     )

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.dents.dent import Settings
+from ftp_dent_ros.dents.dent import SmallestDent
 from ftp_dent_ros.inspection.measuring.places.evidence import by_chance, threshold
 from ftp_dent_ros.inspection.measuring.skin.contour import Contour
 from ftp_dent_ros.inspection.measuring.skin.contour_fit import refined
@@ -85,7 +85,7 @@ class BareSkin:
         return math.sqrt(fitted**2 + followed**2 + wavy**2)
 
 
-def bare_skin(lattice: Lattice, panel: Panel, seams: Mask, settings: Settings) -> BareSkin:
+def bare_skin(lattice: Lattice, panel: Panel, seams: Mask, settings: SmallestDent) -> BareSkin:
     """The contour of a panel, its waviness, the noise about them, and what departs from them."""
     scales = tuple(settings.smallest_width * share for share in (0.2, 0.5, 1.0))
     contour = panel.contour
@@ -127,7 +127,7 @@ def bare_skin(lattice: Lattice, panel: Panel, seams: Mask, settings: Settings) -
     return BareSkin(contour, wide, relief, noise, maps, suspect, uneven, area)
 
 
-def _off(maps: list[Map], noise: Noise, settings: Settings, lacks: Map | float = 0.0) -> Mask:
+def _off(maps: list[Map], noise: Noise, settings: SmallestDent, lacks: Map | float = 0.0) -> Mask:
     """Surroundings of what is deep enough to be a dent, as far as it strays from the contour.
 
     By more than the contour `lacks`, metres.
@@ -145,7 +145,7 @@ def _off(maps: list[Map], noise: Noise, settings: Settings, lacks: Map | float =
 
 
 def _fitted(
-    contour: Contour, lattice: Lattice, bare: Mask, tolerance: float, settings: Settings
+    contour: Contour, lattice: Lattice, bare: Mask, tolerance: float, settings: SmallestDent
 ) -> Contour:
     """The contour through the bare skin; as it is, within its tolerance, where that is little."""
     points = _squares(lattice, bare, settings)
@@ -158,7 +158,7 @@ def _fitted(
     return refined(contour, points, noise)
 
 
-def _squares(lattice: Lattice, bare: Mask, settings: Settings) -> NDArray[np.float32]:
+def _squares(lattice: Lattice, bare: Mask, settings: SmallestDent) -> NDArray[np.float32]:
     """Means of the bare points in squares, shape (n, 3)."""
     rows, columns = bare.shape
     across, down = lattice.cells(_SQUARE * settings.smallest_width)

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.dents.dent import Settings
+from ftp_dent_ros.dents.dent import SmallestDent
 from ftp_dent_ros.inspection.measuring.outlines.moments import NOISY, Moments
 from ftp_dent_ros.inspection.measuring.places.bare_skin import BareSkin
 from ftp_dent_ros.inspection.measuring.places.evidence import SIGNIFICANT, SUSPECT
@@ -64,7 +64,7 @@ def find_candidates(
     skin: BareSkin,
     panel: Mask,
     lattice: Lattice,
-    settings: Settings,
+    settings: SmallestDent,
 ) -> list[Candidate]:
     """Places of one panel where a smoothed deviation exceeds its noise.
 
@@ -74,7 +74,7 @@ def find_candidates(
     panel : ndarray, shape (rows, columns), bool
         Cells to look at.
     lattice : Lattice
-    settings : Settings
+    settings : SmallestDent
     """
     found = []
     maps, noise = skin.maps, skin.noise

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud.cloud import Cloud
-from ftp_dent_ros.dents.dent import Estimate, MeasuredDent, Settings, orientation_of
+from ftp_dent_ros.dents.dent import Estimate, MeasuredDent, SmallestDent, orientation_of
 from ftp_dent_ros.inspection.measuring.places.bare_skin import BareSkin
 from ftp_dent_ros.inspection.measuring.places.grooves import Strip, Vector
 from ftp_dent_ros.inspection.measuring.places.narrow_marks import NarrowMark
@@ -62,7 +62,7 @@ def gouge_under(
     deviation: NDArray[np.float32],
     lattice: Lattice,
     skin: BareSkin,
-    settings: Settings,
+    settings: SmallestDent,
 ) -> list[MeasuredDent]:
     """The gouge of a mark, if the cloud shows a groove under it; `other` if there may be one.
 
@@ -81,7 +81,7 @@ def gouge_under(
     lattice : Lattice
     skin : BareSkin
         Of the mark's panel.
-    settings : Settings
+    settings : SmallestDent
     """
     fringes = _fringes(mark, lattice)
     point = max(lattice.spacing) / lattice.block

@@ -26,7 +26,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ftp_dent_ros.dents.dent import Settings
+from ftp_dent_ros.dents.dent import SmallestDent
 
 # Metres.
 _NARROW = 0.006
@@ -99,7 +99,7 @@ class Appearance:
     share: float = 0.0
 
 
-def kind_of(seen: Appearance, settings: Settings) -> tuple[str, str]:
+def kind_of(seen: Appearance, settings: SmallestDent) -> tuple[str, str]:
     """Kind, and the reason where it is in doubt; an empty kind is too small to list."""
     deep = abs(seen.depth)
     blurred = seen.width < _BLURRED * seen.resolution

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.dents.dent import Estimate, MeasuredDent, Settings, orientation_of
+from ftp_dent_ros.dents.dent import Estimate, MeasuredDent, SmallestDent, orientation_of
 from ftp_dent_ros.inspection.measuring.places.detection import SIGNIFICANT
 from ftp_dent_ros.inspection.measuring.places.placement import axis_along
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
@@ -31,7 +31,7 @@ def find_steps(
     panels: list[Panel],
     labels: NDArray[np.int32],
     seams: Mask,
-    settings: Settings,
+    settings: SmallestDent,
 ) -> list[MeasuredDent]:
     """Steps where two panels' contours stand apart along their seam."""
     steps = []

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.dents.dent import Settings
+from ftp_dent_ros.dents.dent import SmallestDent
 from ftp_dent_ros.inspection.measuring.skin.contour import Contour
 from ftp_dent_ros.inspection.measuring.skin.contour_fit import first_contour
 from ftp_dent_ros.inspection.measuring.skin.gaps import GAP, gaps_of
@@ -30,7 +30,7 @@ def joined(
     regions: list[Mask],
     lattice: Lattice,
     viewpoint: NDArray[np.float64],
-    settings: Settings,
+    settings: SmallestDent,
     rng: np.random.Generator,
 ) -> list[Mask]:
     """The regions, those that go on beyond what was not measured as one."""
@@ -85,7 +85,7 @@ def islands(
     mask: Mask,
     contour: Contour,
     tolerance: float,
-    settings: Settings,
+    settings: SmallestDent,
 ) -> Mask:
     """Cells left over that lie within a panel's gaps, near enough to its contour."""
     if not left.any():

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud.cloud import Cloud
-from ftp_dent_ros.dents.dent import Settings
+from ftp_dent_ros.dents.dent import SmallestDent
 from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.robust import median
 
@@ -68,7 +68,7 @@ class Lattice:
     is_uneven: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, cloud: Cloud, settings: Settings) -> Lattice:
+    def of(cls, cloud: Cloud, settings: SmallestDent) -> Lattice:
         """Check a cloud and average it.
 
         Raises

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.dents.dent import Settings
+from ftp_dent_ros.dents.dent import SmallestDent
 from ftp_dent_ros.inspection.measuring.skin.continuation import depths_of, islands, joined
 from ftp_dent_ros.inspection.measuring.skin.contour import Contour
 from ftp_dent_ros.inspection.measuring.skin.contour_fit import first_contour, richer_contour
@@ -55,7 +55,7 @@ class Panel:
 
 
 def find_panels(
-    lattice: Lattice, viewpoint: NDArray[np.float64], settings: Settings
+    lattice: Lattice, viewpoint: NDArray[np.float64], settings: SmallestDent
 ) -> tuple[list[Panel], NDArray[np.int32]]:
     """Split the lattice at jumps and steps, and fit a contour to each part.
 
@@ -67,7 +67,7 @@ def find_panels(
     lattice : Lattice
     viewpoint : ndarray, shape (3,)
         Relative to the lattice's origin.
-    settings : Settings
+    settings : SmallestDent
 
     Returns
     -------

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.dents.dent import Settings
+from ftp_dent_ros.dents.dent import SmallestDent
 from ftp_dent_ros.inspection.measuring.skin.continuation import depths_of
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.skin.panels import Panel
@@ -22,7 +22,7 @@ Mask = NDArray[np.bool_]
 
 
 def given_back(
-    lattice: Lattice, panels: list[Panel], labels: NDArray[np.int32], settings: Settings
+    lattice: Lattice, panels: list[Panel], labels: NDArray[np.int32], settings: SmallestDent
 ) -> tuple[list[Panel], NDArray[np.int32], Mask]:
     """Give each strip to the panel beyond the gap, whose contour explains it.
 

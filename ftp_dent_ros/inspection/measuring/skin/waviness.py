@@ -10,7 +10,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from ftp_dent_ros.dents.dent import Settings, Waviness
+from ftp_dent_ros.dents.dent import SmallestDent, Waviness
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.skin.noise import Map, Mask, Noise, median_of
 from ftp_dent_ros.inspection.measuring.skin.robust_polynomial import basis
@@ -80,7 +80,7 @@ class Relief:
         return np.asarray(np.pad(fine, left, mode='edge'), np.float32)
 
 
-def is_wavy(noise: Noise, settings: Settings) -> bool:
+def is_wavy(noise: Noise, settings: SmallestDent) -> bool:
     """Whether the bare skin strays over long distances, more than its noise can."""
     slow = noise.common[-1]
     return bool(slow > max(_SLOW * noise.common[0], _LEAST * settings.smallest_depth))

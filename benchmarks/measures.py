@@ -1,0 +1,161 @@
+"""What is measured of a photograph: its cloud's errors, and the dents found, against the truth.
+
+Every measure is a dictionary of figures by name; what is refused has the figure `refusals` of 1
+and a reason. Lengths are millimetres; "over u" is an error over its stated standard uncertainty.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from photographs import KINDS, PAPER, STRIDE, Kind, Scene
+
+from ftp_dent_ros import inspect, reconstruct
+from ftp_dent_ros.cloud.cloud import Cloud
+from ftp_dent_ros.dents.dent import Inspection, MeasuredDent
+from ftp_dent_ros.pattern.pattern import CODES
+from ftp_dent_ros.simulation.ground_truth import GroundTruth
+from ftp_dent_ros.simulation.truth import TrueDent, match_truth, true_dents
+
+MM = 1e3
+SIZES = 'depth', 'length', 'width'
+PAPERS_METHOD = 'virtual-reference'
+# Errors beyond so many sigma are counted.
+WILD = 4
+# How far off its truth what is found may lie at least, metres.
+NEAREST = 0.010
+# Around a fitting what is found is its own; around a dent it is part of that; metres.
+_BESIDE_FITTING, _BESIDE_DENT = 0.006, 0.03
+
+Figures = dict[str, Any]
+
+
+@contextmanager
+def attempt(figures: Figures) -> Iterator[None]:
+    """A refusal, or a crash, is a figure: the class of what was raised is kept as the reason."""
+    figures['refusals'] = 0
+    try:
+        yield
+    except Exception as reason:
+        figures |= {'refusals': 1, 'reason': type(reason).__name__}
+
+
+def root_mean_square(values) -> float:
+    """Of those that are numbers; NaN without any."""
+    values = np.asarray(values, float)
+    values = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(values * values))) if len(values) else math.nan
+
+
+def of_points(cloud: Cloud, error: NDArray, lit: NDArray[np.bool_]) -> Figures:
+    """Of a cloud whose points err by so much along their rays, metres, on what is lit."""
+    on = cloud.valid & lit
+    figures: Figures = {'coverage': float(on.sum() / max(lit.sum(), 1))}
+    if on.any():
+        size = MM * np.abs(error[on])
+        figures |= {'mae_mm': float(size.mean()), 'p95_mm': float(np.percentile(size, 95))}
+        ratio = error[on] / cloud.sigma[on]
+        ratio = ratio[np.isfinite(ratio)]
+        if len(ratio):
+            figures['error_over_sigma'] = root_mean_square(ratio)
+            figures['wild'] = float((np.abs(ratio) > WILD).mean())
+    return figures
+
+
+def visible(scene: Scene, truth: GroundTruth) -> list[TrueDent]:
+    """True dents whose whole 10 % contour is lit, and in view."""
+    shown = []
+    for true in true_dents(scene.surface):
+        pixels = np.rint(scene.rig.camera.project(true.outline) / STRIDE).astype(int)
+        inside = (pixels >= 0).all() and (pixels < np.array(truth.lit.shape)[::-1]).all()
+        if inside and truth.lit[pixels[:, 1], pixels[:, 0]].mean() > 0.99:
+            shown.append(true)
+    return shown
+
+
+def of_dents(
+    found: Inspection,
+    true: list[TrueDent],
+    elsewhere: Callable[[MeasuredDent], bool] = lambda _: True,
+) -> Figures:
+    """Of what is found, `elsewhere` telling what is on nothing that is known of."""
+    listed = [m for m in (*found.dents, *found.others) if m.kind != 'step']
+    reaches = [max(NEAREST, t.length / 2) for t in true]
+    pairs = match_truth([m.position for m in listed], [t.position for t in true], reaches)
+    left = [m for i, m in enumerate(listed) if i not in pairs.values() and elsewhere(m)]
+    doubtful = sum(m.kind == 'other' for m in left)
+    figures: Figures = {'false': len(left) - doubtful, 'doubtful': doubtful}
+    if not true:
+        return figures
+    figures['found'] = len(pairs) / len(true)
+    matched = [(listed[j], true[i]) for i, j in pairs.items()]
+    if matched:
+        off = [abs(m.depth.value / t.depth - 1) for m, t in matched]
+        figures['depth_off'] = float(np.median(off))
+    for name in SIZES:
+        ratios = [
+            (getattr(m, name).value - getattr(t, name)) / getattr(m, name).uncertainty
+            for m, t in matched
+            if name == 'depth' or not m.is_cut
+        ]
+        figures[f'{name}_over_u'] = root_mean_square(ratios)
+    return figures
+
+
+def fittings(scene: Scene) -> list[tuple[NDArray, float]]:
+    """Where fittings are in the camera's frame, and how far around them."""
+    places = []
+    for panel in scene.panels:
+        for fitting in panel.rivets:
+            height, _, _ = panel.bare_height(np.array([fitting.x]), np.array([fitting.y]))
+            place = panel.pose.apply(np.array([fitting.x, fitting.y, height[0]]))
+            places.append((place, fitting.reach + _BESIDE_FITTING))
+    return places
+
+
+def of_photograph(
+    scene: Scene, truth: GroundTruth | None, rng: np.random.Generator, **settings
+) -> Figures:
+    """One photograph; the points are not measured without a truth."""
+    figures: Figures = {}
+    known = [*fittings(scene), *((t.position, _BESIDE_DENT) for t in true_dents(scene.surface))]
+
+    def elsewhere(m: MeasuredDent) -> bool:
+        return all(np.linalg.norm(m.position - place) > reach for place, reach in known)
+
+    with attempt(figures):
+        photograph = scene.photograph(rng)
+        cloud = reconstruct(photograph, scene.rig, scene.pattern, stride=STRIDE, **settings).cloud
+        if truth is not None:
+            error = (cloud.points[..., 2] - truth.depth) * truth.along_ray
+            figures |= of_points(cloud, error, truth.lit)
+        if 'method' not in settings:
+            true = [] if truth is None else visible(scene, truth)
+            figures |= of_dents(inspect(cloud), true, elsewhere)
+    return figures
+
+
+def generator(seed: int, draw: int, name: str) -> np.random.Generator:
+    """A name, not its place in a list, decides what is drawn."""
+    return np.random.default_rng([seed, draw, *name.encode()])
+
+
+def photographed(kinds: dict[str, Kind], name: str, seed: int, draw: int) -> dict[str, Figures]:
+    """A kind under both patterns, with its dents; of `KINDS` without them too."""
+    scene = kinds[name](generator(seed, draw, name))
+    truth = scene.truth()
+    rows = {}
+    for code in CODES:
+        one = scene.under(code)
+        noise = generator(seed, draw, f'{name}/{code}')
+        rows[code] = of_photograph(one, truth, noise)
+        if kinds is KINDS:
+            rows[f'{code}, no dents'] = of_photograph(one.bare(), None, noise)
+        if kinds is PAPER and code == 'stripe':
+            rows[PAPERS_METHOD] = of_photograph(one, truth, noise, method=PAPERS_METHOD)
+    return rows
