@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from ftp_dent_ros.calibration.uncertainty import depth_slopes, depths
 from measures import MM, Figures, attempt, generator, root_mean_square
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.calibration.board import Board
+from ftp_dent_ros.calibration.bundle import depth_slopes, depths
 from ftp_dent_ros.calibration.observing import Photographs, Sight, observe
 from ftp_dent_ros.calibration.sequence import Sequence
 from ftp_dent_ros.calibration.solving import Solution, solve
