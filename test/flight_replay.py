@@ -105,7 +105,7 @@ class Errors:
 
 def compare(poses: list[Pose], position: np.ndarray, attitude: np.ndarray) -> Errors:
     """Errors of poses against positions (NED) and attitudes (w, x, y, z; FRD -> NED)."""
-    found = frames.ned_from_enu([pose.translation for pose in poses])
+    found = frames.enu_from_ned([pose.translation for pose in poses])
     wxyz = frames.ned_attitude([pose.quaternion for pose in poses])
     turned = Rotation.from_quat(np.roll(wxyz, -1, axis=1))
     given = Rotation.from_quat(np.roll(attitude, -1, axis=1))

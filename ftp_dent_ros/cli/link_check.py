@@ -77,9 +77,7 @@ def run(arguments: argparse.Namespace) -> int:
     print('\n'.join(_who(state, speakers)))
     if state.identity is not None:
         lines = [f'  {name:44}{value}' for name, value in state.figures.items()]
-        print(
-            '\n'.join([*_streams(speakers, state.identity), '', 'the link', *lines, *_pose(tag)])
-        )
+        print('\n'.join(['', 'the link', *lines, *_pose(tag)]))
     if state.verdict.severity != 'ok':
         print(f'\nNO GO: {state.verdict.text}')
         return 1
@@ -136,15 +134,8 @@ def _pose(tag: Tag | PoseError) -> list[str]:
 def _who(state: LinkState, speakers: Roster) -> list[str]:
     lines = ['', 'on the link']
     for identity, speaker in sorted(speakers.items()):
-        count = sum(speaker.counts.values())
         mark = '  <- believed' if identity == state.identity else ''
         system, component = identity
-        kind = speaker.kind or 'no heartbeat'
-        lines.append(f'  {system:3d}/{component:<3d}  {kind:32} {count:6d} messages{mark}')
+        heard = f'{speaker.kind:32} {speaker.messages:6d} messages'
+        lines.append(f'  {system:3d}/{component:<3d}  {heard}{mark}')
     return lines if speakers else [*lines, '  nobody']
-
-
-def _streams(speakers: Roster, identity: tuple[int, int]) -> list[str]:
-    autopilot = speakers[identity]
-    rates = [f'  {name:28}{autopilot.rate(name):6.1f}' for name in sorted(autopilot.counts)]
-    return ['', 'messages of the autopilot (Hz)', *rates]

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import contextlib
 import heapq
+import os
+import re
 import secrets
+import tempfile
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 
-from ftp_dent_ros.errors import CodecError
+from ftp_dent_ros.errors import CodecError, ConfigurationError
 from ftp_dent_ros.ground.commands import CHANNEL, Executive
 from ftp_dent_ros.ground.link import Link
 from ftp_dent_ros.ground.pace import Mark, Pace
 from ftp_dent_ros.ground.protocol import (
+    LARGEST_ITEM,
     LARGEST_REFERENCE,
     REPLACED,
     SILENCE,
@@ -28,17 +33,198 @@ from ftp_dent_ros.ground.protocol import (
     deflate,
     wrap,
 )
-from ftp_dent_ros.ground.store import Kept, Store
 
 _CROWD = 1000  # items in line before those that are gone are swept out
 _POLL = 0.1  # seconds
+
+
+@dataclass(eq=False)
+class StoredItem:
+    """An item that is kept.
+
+    Attributes
+    ----------
+    name : Name
+    importance : Importance
+    stamp_ns : int
+    topic : str
+        '' for one that was found on disk.
+    size : int
+        Bytes.
+    latest : bool
+    owed : set of bytes
+        Grounds that it is promised to and that have not got it.
+    begun, gone : bool
+        Whether some of it has been sent, and whether it is kept no longer.
+    """
+
+    name: Name
+    importance: Importance
+    stamp_ns: int
+    topic: str
+    size: int
+    latest: bool = False
+    owed: set[bytes] = field(default_factory=set)
+    begun: bool = False
+    gone: bool = False
+
+    @property
+    def is_replaced(self) -> bool:
+        """Whether the next one of its topic takes its place."""
+        return self.latest or self.importance in REPLACED
+
+
+class Store:
+    """Items by name, the least important and oldest dropped when there is no room.
+
+    State, previews and lists are kept in memory alone: another start has newer ones.
+
+    Parameters
+    ----------
+    folder : Path or None
+        Made if it is not there; None keeps all in memory.
+    limit : int
+        Bytes of all items.
+    boot : int
+        Of this program's start.
+
+    Attributes
+    ----------
+    dropped : int
+        Items that were given up.
+    unwritten : int
+        Items that are in memory alone, for the disk is full.
+
+    Raises
+    ------
+    ConfigurationError
+        The folder cannot be written.
+    """
+
+    def __init__(self, folder: Path | None, limit: int, boot: int) -> None:
+        self.dropped = self.unwritten = self.size = 0
+        self.boot = boot
+        self._folder = folder
+        self._limit = limit
+        self._number = 0
+        self._kept: dict[Name, StoredItem] = {}
+        # What is not on disk.
+        self._memory: dict[Name, bytes] = {}
+        self._lock = threading.RLock()
+        if folder is None:
+            return
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=folder):
+                pass
+        except OSError as reason:
+            raise ConfigurationError(
+                f'{folder}: cannot keep items there ({reason.strerror}): choose another folder'
+            ) from None
+        for path in sorted(folder.iterdir()):
+            self._find(path)
+
+    def __len__(self) -> int:
+        return len(self._kept)
+
+    def __iter__(self) -> Iterator[StoredItem]:
+        with self._lock:
+            return iter(list(self._kept.values()))
+
+    def put(self, item: Item) -> StoredItem:
+        """Keep an item, and drop what it takes the place of."""
+        data = item.pack()
+        with self._lock:
+            self._number += 1
+            name = Name(self.boot, self._number)
+            kept = StoredItem(
+                name, item.importance, item.stamp_ns, item.topic, len(data), item.latest
+            )
+            if kept.is_replaced:
+                for other in self:
+                    if other.topic == item.topic and not other.begun:
+                        self.remove(other)
+            self._kept[name] = kept
+            self._memory[name] = data
+            self.size += kept.size
+        if self._folder is not None and not kept.is_replaced:
+            self._write(kept, data)
+        with self._lock:
+            while self.size > self._limit and len(self._kept) > 1:
+                # The least important, of these the oldest.
+                self.remove(max(self._kept.values(), key=lambda k: (k.importance, -k.stamp_ns)))
+                self.dropped += 1
+        return kept
+
+    def read(self, kept: StoredItem) -> bytes | None:
+        """Bytes of an item, or None if it is no longer there."""
+        data = self._memory.get(kept.name)
+        if data is not None or kept.gone:
+            return data
+        try:
+            data = self._path(kept).read_bytes()
+            Item.unpack(data)
+        except (OSError, CodecError):
+            self.remove(kept)
+            self.dropped += 1
+            return None
+        return data
+
+    def remove(self, kept: StoredItem) -> None:
+        """Forget an item that is delivered or of no more use."""
+        with self._lock:
+            if self._kept.pop(kept.name, None) is None:
+                return
+            kept.gone = True
+            self.size -= kept.size
+            is_on_disk = self._memory.pop(kept.name, None) is None
+        if is_on_disk:
+            with contextlib.suppress(OSError):
+                self._path(kept).unlink(missing_ok=True)
+
+    def waiting(self, importance: Importance) -> int:
+        """How many items of an importance are kept."""
+        return sum(kept.importance == importance for kept in self)
+
+    def _path(self, kept: StoredItem) -> Path:
+        assert self._folder is not None
+        stem = f'{int(kept.importance)}_{kept.stamp_ns}_{kept.name.boot:x}_{kept.name.number}'
+        return self._folder / f'{stem}.item'
+
+    def _write(self, kept: StoredItem, data: bytes) -> None:
+        """Write an item; if the disk is full it stays in memory as long as there is room."""
+        path = self._path(kept)
+        aside = path.with_suffix('.part')
+        try:
+            aside.write_bytes(data)
+            os.replace(aside, path)
+        except OSError:
+            self.unwritten += 1
+            with contextlib.suppress(OSError):
+                aside.unlink(missing_ok=True)
+            return
+        with self._lock:
+            if self._memory.pop(kept.name, None) is None:  # removed meanwhile
+                path.unlink(missing_ok=True)
+
+    def _find(self, path: Path) -> None:
+        """Take up a file of an earlier start; halves and strangers' are left out."""
+        match = re.fullmatch(r'([0-5])_(\d+)_([0-9a-f]+)_(\d+)\.item', path.name)
+        if path.suffix == '.part':
+            path.unlink(missing_ok=True)
+        size = path.stat().st_size if match else 0
+        if match is None or size > LARGEST_ITEM:
+            return
+        name = Name(int(match[3], 16), int(match[4]))
+        self._kept[name] = StoredItem(name, Importance(int(match[1])), int(match[2]), '', size)
+        self.size += size
 
 
 @dataclass
 class _Progress:
     """How far an item is sent: what is still to be sent of its bytes as they cross the air."""
 
-    kept: Kept
+    kept: StoredItem
     data: bytes
     gaps: list[tuple[int, int]]
     whole: bytes
@@ -46,9 +232,9 @@ class _Progress:
 
 
 @dataclass(frozen=True)
-class _UnderWay:
+class _InFlight:
     sequence: int
-    kept: Kept
+    kept: StoredItem
     offset: int
     size: int
     mark: Mark
@@ -90,8 +276,8 @@ class Feed:
         self._now = now
         self._heard = now()
         self._sequence = 0
-        self._under_way: deque[_UnderWay] = deque()
-        self._waiting: list[tuple[int, int, Name, Kept]] = []
+        self._in_flight: deque[_InFlight] = deque()
+        self._waiting: list[tuple[int, int, Name, StoredItem]] = []
         self._crowded = _CROWD
         self._progress: dict[Name, _Progress] = {}
         # Of each topic whose items replace each other: its last one's turn, in order of sending.
@@ -107,10 +293,10 @@ class Feed:
         return self._now() - self._heard
 
     @property
-    def _bytes_under_way(self) -> int:
-        return sum(each.size for each in self._under_way)
+    def _bytes_in_flight(self) -> int:
+        return sum(each.size for each in self._in_flight)
 
-    def offer(self, kept: Kept) -> None:
+    def offer(self, kept: StoredItem) -> None:
         """An item is to be sent here."""
         kept.owed.add(self.ground)
         # One of each waits: topics take turns, or those with the newest stamps would be all.
@@ -129,7 +315,7 @@ class Feed:
             self.offer(progress.kept)
         self.former.append(self.instance)
         self.instance, self.link, self._sequence = instance, link, 0
-        self._under_way.clear()
+        self._in_flight.clear()
         self._progress.clear()
         self._references.clear()
 
@@ -140,8 +326,8 @@ class Feed:
         """
         self._lose_if_old()
         size = self.pace.piece
-        full = self._bytes_under_way + size > self.pace.window and self._under_way
-        if full or len(self._under_way) >= WINDOW or self.silence > SILENCE:
+        full = self._bytes_in_flight + size > self.pace.window and self._in_flight
+        if full or len(self._in_flight) >= WINDOW or self.silence > SILENCE:
             return None
         progress = self._choose()
         if progress is None:
@@ -167,22 +353,22 @@ class Feed:
         self._sequence += 1
         self.sent_pieces += 1
         was_full = bool(self._waiting or any(each.gaps for each in self._progress.values()))
-        if not self._under_way:
+        if not self._in_flight:
             self._last_news = self._now()
-        mark = self.pace.sent(size, not self._under_way)
-        self._under_way.append(_UnderWay(self._sequence, kept, start, size, mark, was_full))
+        mark = self.pace.sent(size, not self._in_flight)
+        self._in_flight.append(_InFlight(self._sequence, kept, start, size, mark, was_full))
         return piece, 0.0
 
-    def take(self, report: Report) -> list[Kept]:
+    def take(self, report: Report) -> list[StoredItem]:
         """Learn what has arrived; the items that are whole there now."""
         self._heard = self._now()
         if report.link != self.link:
             return []  # It has heard nothing of this feed yet.
-        done: list[Kept] = []
-        now, flights = self._now(), list(self._under_way)
+        done: list[StoredItem] = []
+        now, flights = self._now(), list(self._in_flight)
         # What stands before a piece in a queue holds it up, too.
-        overdue = self.pace.longest_trip + self._bytes_under_way / self.pace.rate
-        self._under_way.clear()
+        overdue = self.pace.longest_trip + self._bytes_in_flight / self.pace.rate
+        self._in_flight.clear()
         for flight in flights:
             age = report.sequence - flight.sequence
             if 0 <= age < WINDOW and report.received >> age & 1:
@@ -192,10 +378,10 @@ class Feed:
             elif age >= WINDOW or (age > 0 and now > flight.mark.sent_at + overdue):
                 self._send_again(flight)
             else:  # a later piece may have overtaken it
-                self._under_way.append(flight)
+                self._in_flight.append(flight)
         return done
 
-    def _arrived(self, flight: _UnderWay) -> list[Kept]:
+    def _arrived(self, flight: _InFlight) -> list[StoredItem]:
         progress = self._progress.get(flight.kept.name)
         if progress is None:
             return []
@@ -209,7 +395,7 @@ class Feed:
         kept.owed.discard(self.ground)
         return [kept]
 
-    def _send_again(self, flight: _UnderWay) -> None:
+    def _send_again(self, flight: _InFlight) -> None:
         self.lost += 1
         progress = self._progress.get(flight.kept.name)
         if progress is not None:
@@ -220,11 +406,11 @@ class Feed:
 
         The next time twice as much patience is had.
         """
-        patience = self.pace.patience(self._bytes_under_way) * 2**self._trials
-        if self._under_way and self._now() - self._last_news > min(patience, 5.0):
+        patience = self.pace.patience(self._bytes_in_flight) * 2**self._trials
+        if self._in_flight and self._now() - self._last_news > min(patience, 5.0):
             self._trials += 1
-            while self._under_way:
-                self._send_again(self._under_way.pop())
+            while self._in_flight:
+                self._send_again(self._in_flight.pop())
                 self._last_news = self._now()
 
     def _choose(self) -> _Progress | None:
@@ -247,7 +433,7 @@ class Feed:
                 return progress
         return first
 
-    def _deflate(self, kept: Kept, data: bytes) -> bytes:
+    def _deflate(self, kept: StoredItem, data: bytes) -> bytes:
         if kept.importance > Importance.PREVIEWS:
             return wrap(data)
         if kept.name.boot != self._store.boot:
@@ -280,7 +466,7 @@ class Drone:
         self._limit = limit
         self._store = Store(folder, room, secrets.randbits(63))
         self._feeds: dict[bytes, Feed] = {}
-        self._latest: dict[str, Kept] = {}
+        self._latest: dict[str, StoredItem] = {}
         self._changed = threading.Condition()
         self._stop = False
         self._threads: list[threading.Thread] = []

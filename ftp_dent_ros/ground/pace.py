@@ -1,6 +1,6 @@
-"""How much may be under way: the rate that a link delivers, and its round trip.
+"""How much may be in flight: the rate that a link delivers, and its round trip.
 
-After BBR (Cardwell et al., ACM Queue 14(5), 2016), on pieces of items: what is under way can no
+After BBR (Cardwell et al., ACM Queue 14(5), 2016), on pieces of items: what is in flight can no
 longer be overtaken by what is more important. So no more is than the link carries in a round trip,
 and a little. The round trip is that of pieces which found no queue: a long trip through an empty
 link is jitter. A loss slows nothing down: radios lose without being full.
@@ -12,27 +12,6 @@ import time
 from collections import deque
 from collections.abc import Callable
 from typing import NamedTuple
-
-# Round trips, and seconds at least, that the fastest delivery counts; seconds that the shortest
-# round trip does.
-_ROUNDS_OF_RATE, _MEMORY_OF_RATE = 10.0, 2.0
-_MEMORY_OF_TRIP = 30.0
-# Over what the link holds in a round trip: to find more, in the beginning to find it fast, and to
-# see how short a trip is without what waits before it: so often (s), for two trips.
-_GAIN, _FIRST_GAIN, _DRAINING_GAIN = 1.25, 2.0, 0.5
-_DRAIN_EVERY, _SHORTEST_DRAIN = 15.0, 0.1
-# Of the shortest round trip, from which on a piece has waited.
-_WAITED = 2.0
-# The beginning is over when so many round trips have not found so much more.
-_GROWTH, _ROUNDS_WITHOUT = 1.25, 3
-_FIRST_RATE = 6_000.0  # byte/s, below the slowest radio of use
-# Seconds: how late a busy computer's news may be, and for how long none is waited for before the
-# first has come.
-_BUSY, _FIRST_PATIENCE = 0.2, 5.0
-# Of sending, for one piece; and bytes of the smallest and the largest: of one packet where a link
-# is slow, so that a loss costs little, of six at most.
-_PIECE_SECONDS = 0.02
-_SMALLEST_PIECE, _LARGEST_PIECE = 800, 8_000
 
 
 class Mark(NamedTuple):
@@ -74,7 +53,8 @@ class Pace:
     @property
     def rate(self) -> float:
         """byte/s that the link carries, as far as is known."""
-        best = max((rate for _, rate in self._rates), default=_FIRST_RATE)
+        # In the beginning below the slowest radio of use.
+        best = max((rate for _, rate in self._rates), default=6_000.0)
         return min(best, self.limit) if self.limit else best
 
     @property
@@ -93,26 +73,30 @@ class Pace:
         return min((trip for _, trip in self._trips), default=0.2)
 
     def _drains(self, now: float) -> bool:
-        return now < self._drained_at + max(2 * self.trip, _SHORTEST_DRAIN)
+        return now < self._drained_at + max(2 * self.trip, 0.1)
 
     @property
     def window(self) -> int:
-        """Bytes that may be under way."""
-        gain = _FIRST_GAIN if self._growing else _GAIN
+        """Bytes that may be in flight."""
+        # Over what the link holds in a round trip: to find more, in the beginning to find it fast,
+        # and to see how short a trip is without what waits before it.
+        gain = 2.0 if self._growing else 1.25
         if self._drains(self._now()):
-            gain = _DRAINING_GAIN
+            gain = 0.5
         return max(2 * self.piece, round(gain * self.rate * self.trip) + self.piece)
 
     @property
     def piece(self) -> int:
         """Bytes of a piece: short, so that what is more important need not wait."""
-        return round(min(max(self.rate * _PIECE_SECONDS, _SMALLEST_PIECE), _LARGEST_PIECE))
+        # Of 20 ms; of one packet where a link is slow, so that a loss costs little; six at most.
+        return round(min(max(0.02 * self.rate, 800), 8_000))
 
-    def patience(self, under_way: int) -> float:
-        """Seconds within which news must come of so many bytes under way, twice over."""
+    def patience(self, in_flight: int) -> float:
+        """Seconds within which news must come of so many bytes in flight, twice over."""
         if not self._trips:
-            return _FIRST_PATIENCE
-        return _BUSY + 2 * (self.trip + under_way / self.rate)
+            return 5.0
+        # So late a busy computer's news may be.
+        return 0.2 + 2 * (self.trip + in_flight / self.rate)
 
     def wait(self, size: int) -> float:
         """Seconds until so many bytes may go, for the limit's sake."""
@@ -133,7 +117,7 @@ class Pace:
         size : int
             Bytes.
         alone : bool
-            Whether nothing else was under way.
+            Whether nothing else was in flight.
         """
         now = self._now()
         self._budget -= size
@@ -162,16 +146,16 @@ class Pace:
         if mark.is_unqueued:
             self._unqueued.append((now, trip))
         # What had to wait before the link tells its rate, whether more came after it or not.
-        was_full = was_full or trip > _WAITED * self.longest_trip
+        was_full = was_full or trip > 2 * self.longest_trip
         # Acknowledgements may come in a heap after a stall, but none faster than it was sent.
         took = max(now - mark.delivered_at, mark.sent_at - mark.first_sent_at, 1e-4)
         rate = (self._delivered - mark.delivered) / took
         if was_full or rate > self.rate:
             self._rates.append((now, rate))
         for trips in (self._trips, self._unqueued):
-            while trips and trips[0][0] < now - _MEMORY_OF_TRIP:
+            while trips and trips[0][0] < now - 30:
                 trips.popleft()
-        oldest = now - max(_MEMORY_OF_RATE, _ROUNDS_OF_RATE * self.trip)
+        oldest = now - max(2.0, 10 * self.trip)
         while len(self._rates) > 1 and self._rates[0][0] < oldest:
             self._rates.popleft()
         # Only what may yet be the best one is kept.
@@ -182,15 +166,16 @@ class Pace:
         if mark.delivered >= self._round_end:
             self._round_end = self._delivered
             self._judge_growth(was_full)
-        if not self._growing and now > self._drained_at + _DRAIN_EVERY:
+        if not self._growing and now > self._drained_at + 15:
             self._drained_at = now
 
     def _judge_growth(self, was_full: bool) -> None:
         """Once in a round trip."""
         if not self._growing or not was_full:
             return
-        if self.rate > _GROWTH * self._best:
+        # The beginning is over when three round trips have not found a quarter more.
+        if self.rate > 1.25 * self._best:
             self._best, self._rounds_without = self.rate, 0
         else:
             self._rounds_without += 1
-        self._growing = self._rounds_without < _ROUNDS_WITHOUT
+        self._growing = self._rounds_without < 3

@@ -11,12 +11,12 @@ from typing import Any, NamedTuple
 
 from ftp_dent_ros.errors import CodecError
 
-VERSION = 2
+VERSION = 3
 # Bytes: a whole cloud is coded in 0.1 MB, a picture in 0.3.
 LARGEST_ITEM = 32 << 20
 # Bytes of an item that others may differ from: deflate looks back over no more than 32 kB.
 LARGEST_REFERENCE = 40_000
-WINDOW = 64  # pieces that may be under way: the bits of a report
+WINDOW = 64  # pieces that may be in flight: the bits of a report
 #: Without anything from the other end for so long (s) the link counts as lost.
 SILENCE = 3.0
 _HEAD = struct.Struct('<H')
@@ -25,7 +25,7 @@ _END = struct.Struct('<I')
 _AS_IT_IS, _ALONE = 0, 0xFFFFFFFF
 _RAW = -15  # deflate without a header or checksum: the item has its own
 _PIECE = struct.Struct('<2sBBQIIIII')
-_REPORT = struct.Struct('<2sB16sQQQI')
+_REPORT = struct.Struct('<2sB16sQQQ')
 
 
 class Importance(IntEnum):
@@ -196,8 +196,6 @@ class Report:
         Of the last piece; 0 for none.
     received : int
         Bit k: piece ``sequence - k`` has come.
-    span_ms : int
-        Since the last report, by the ground's clock.
     """
 
     ground: bytes
@@ -205,7 +203,6 @@ class Report:
     link: int
     sequence: int
     received: int
-    span_ms: int = 0
 
     def pack(self) -> bytes:
         """Bytes of the report."""
@@ -216,7 +213,6 @@ class Report:
             self.instance,
             self.link << 32 | self.sequence,
             self.received,
-            self.span_ms,
         )
 
     @staticmethod
@@ -224,9 +220,9 @@ class Report:
         """Report of its bytes; raises `CodecError` if they are none."""
         if len(data) != _REPORT.size:
             raise CodecError('a report has an impossible size: it is refused')
-        magic, version, ground, instance, last, received, span = _REPORT.unpack(data)
+        magic, version, ground, instance, last, received = _REPORT.unpack(data)
         _check(magic, b'FR', version)
-        return Report(ground, instance, last >> 32, last & 0xFFFFFFFF, received, span)
+        return Report(ground, instance, last >> 32, last & 0xFFFFFFFF, received)
 
 
 def _check(magic: bytes, expected: bytes, version: int) -> None:

@@ -114,7 +114,7 @@ class Assembly:
         self._of_topic.move_to_end(topic)
         names.append(name)
         self._references[name] = whole
-        # More than can be under way when the drone learns of the one that it has chosen.
+        # More than can be in flight when the drone learns of the one that it has chosen.
         gone = [names.popleft()] if len(names) > WINDOW else []
         if len(self._of_topic) > 24:
             gone += self._of_topic.popitem(last=False)[1]

@@ -4,7 +4,7 @@ The autopilot and the ground station may command it: MAV_CMD_IMAGE_START_CAPTURE
 a time (as of ArduPilot's CAM1_TYPE 6, which wants CAMERA_INFORMATION before), and
 MAV_CMD_REQUEST_MESSAGE, or the commands that it has replaced, for CAMERA_INFORMATION and
 CAMERA_CAPTURE_STATUS; the autopilot also MAV_CMD_DO_DIGICAM_CONTROL (CAM1_TYPE 5). Of every image
-it tells CAMERA_IMAGE_CAPTURED.
+it sends CAMERA_IMAGE_CAPTURED.
 """
 
 from __future__ import annotations
@@ -76,14 +76,14 @@ class Camera:
             return [_ack(command, source, self._result())]
         wanted = _wanted(command)
         if wanted == _INFORMATION:
-            told = self.information(size, boot_ms)
+            reply = self.information(size, boot_ms)
         elif wanted == _STATUS:
-            told = self._status(boot_ms)
+            reply = self._status(boot_ms)
         elif command.target_component == 0:
             return []  # It may be meant for another component.
         else:
             return [_ack(command, source, mavlink.MAV_RESULT_UNSUPPORTED)]
-        return [_ack(command, source, mavlink.MAV_RESULT_ACCEPTED), told]
+        return [_ack(command, source, mavlink.MAV_RESULT_ACCEPTED), reply]
 
     def information(self, size: tuple[int, int], boot_ms: int) -> Any:
         """CAMERA_INFORMATION, with the size of the images (0 if not known yet)."""
@@ -117,7 +117,7 @@ class Camera:
         mount : Pose
             Of the camera's optical frame on the vehicle.
         origin : Origin or None
-            The map's; without it latitude, longitude and altitude are told as unknown.
+            The map's; without it latitude, longitude and altitude are unknown.
         is_good : bool
             Whether there is an image at all.
         """
@@ -151,7 +151,7 @@ class Camera:
     def _is_digicam(
         self, command: Any, source: tuple[int, int], autopilot: tuple[int, int]
     ) -> bool:
-        """Whether it is a shot, and not one that the autopilot was told as well and passes on."""
+        """Whether it is a shot, and not one that the autopilot got as well and passes on."""
         return bool(command.param5 == 1) and (
             source == autopilot or command.target_component == COMPONENT
         )

@@ -33,7 +33,6 @@ class Segment:
     """Exchanges that agree: no clock has stepped between any two of them."""
 
     begin: int
-    is_tight: bool
     exchanges: deque[Exchange] = field(default_factory=lambda: deque(maxlen=64))
     count: int = 0
     latest: tuple[int, int] = (0, 0)
@@ -133,7 +132,8 @@ class ClockOffset:
         self._answered = now
         self.repeated_from = None
         self._round_trips.append(round_trip)
-        is_tight = round_trip <= 2 * self._maximum_error
+        if round_trip > 2 * self._maximum_error:
+            return False  # It bounds the offset too loosely to be of use.
         newest = self._segments[-1] if self._segments else None
         off = newest.contradiction(exchange) if newest else 0
         # A larger step: the autopilot has rebooted, or this computer's clock has been set.
@@ -145,12 +145,8 @@ class ClockOffset:
             self.steps += 1
             if exchange.sent - exchange.boot > newest.offset(now)[0]:
                 self.repeated_from = exchange.boot - (exchange.received - newest.last.sent)
-        elif newest and newest.is_tight and not is_tight:
-            return False
-        elif newest and is_tight and not newest.is_tight:
-            self._segments.pop()
-        if off or not self._segments or self._segments[-1] is not newest:
-            self._segments.append(Segment(now, is_tight))
+        if off or not self._segments:
+            self._segments.append(Segment(now))
         self._segments[-1].add(exchange)
         # Segments that ended a minute ago are of no use to any cloud.
         while abs(now - self._segments[0].last.sent) > 60 * SECOND:
@@ -167,6 +163,14 @@ class ClockOffset:
         PoseError
             A clock stepped around `stamp`, or the offset was not known then.
         """
+        allowed = f'maximum_clock_error allows ({self._maximum_error / MILLISECOND:g} ms)'
+        if not self._segments and self.answers:
+            quickest = min(self._round_trips) / MILLISECOND
+            raise PoseAwaitedError(
+                f"the autopilot's quickest TIMESYNC answers take {quickest:.0f} ms, over twice "
+                f'what {allowed}',
+                'clock not converged',
+            )
         if not self._segments:
             raise PoseAwaitedError(
                 'the autopilot has not answered TIMESYNC yet: its clock is not known',
@@ -190,7 +194,7 @@ class ClockOffset:
             raise error(
                 f"the offset to the autopilot's clock is only known to within "
                 f'{uncertainty / MILLISECOND:.1f} ms after {holders[0].count} TIMESYNC answers, '
-                f'more than maximum_clock_error allows ({self._maximum_error / MILLISECOND:g} ms)',
+                f'more than {allowed}',
                 'clock not converged',
             )
         return stamp - offset, uncertainty

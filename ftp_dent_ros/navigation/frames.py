@@ -9,8 +9,8 @@ attitude       q = w, x, y, z; FRD -> NED  q = x, y, z, w; FLU -> ENU
 yaw            0 north, clockwise          0 east, counter-clockwise
 =============  ==========================  ============================
 
-World and body frames each differ by half a turn, so that each conversion is its own inverse; both
-directions have a name all the same, for a reader should see which way it goes.
+World and body frames each differ by half a turn, so that each conversion of vectors is its own
+inverse.
 """
 
 from __future__ import annotations
@@ -27,19 +27,8 @@ def enu_from_ned(vector: ArrayLike) -> NDArray[np.float64]:
     return np.stack([east, north, -down], axis=-1)
 
 
-def ned_from_enu(vector: ArrayLike) -> NDArray[np.float64]:
-    """World vector(s) of shape (..., 3): (east, north, up) -> (north, east, down)."""
-    east, north, up = np.moveaxis(np.asarray(vector, float), -1, 0)
-    return np.stack([north, east, -up], axis=-1)
-
-
 def flu_from_frd(vector: ArrayLike) -> NDArray[np.float64]:
     """Body vector(s) of shape (..., 3): (forward, right, down) -> (forward, left, up)."""
-    return np.asarray(vector, float) * [1.0, -1.0, -1.0]
-
-
-def frd_from_flu(vector: ArrayLike) -> NDArray[np.float64]:
-    """Body vector(s) of shape (..., 3): (forward, left, up) -> (forward, right, down)."""
     return np.asarray(vector, float) * [1.0, -1.0, -1.0]
 
 

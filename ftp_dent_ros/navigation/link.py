@@ -21,9 +21,8 @@ import selectors
 import socket
 import threading
 import time
-from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -187,44 +186,25 @@ Transport = _Udp | _Tcp | _Serial
 
 @dataclass
 class Speaker:
-    """One component on the link.
+    """One component on the link: its kind by its heartbeat, and how much it sent."""
 
-    Attributes
-    ----------
-    kind : str
-        What its heartbeat says that it is, and its firmware; '' before the first.
-    counts : Counter
-        How many of each message it sent.
-    first, last : dict
-        When each was heard, seconds of steady time.
-    """
-
-    kind: str = ''
-    counts: Counter[str] = field(default_factory=Counter)
-    first: dict[str, float] = field(default_factory=dict)
-    last: dict[str, float] = field(default_factory=dict)
-
-    def rate(self, name: str) -> float:
-        """Mean rate of a message between the first and the last that was heard, Hz."""
-        seconds = self.last[name] - self.first[name]
-        return (self.counts[name] - 1) / seconds if seconds > 0 else 0.0
+    kind: str = 'no heartbeat'
+    messages: int = 0
 
 
 class Roster(dict[tuple[int, int], Speaker]):
     """All who were heard, by system and component."""
 
-    def hear(self, message: Any, now: float) -> None:
-        """Note a message that came at a steady time."""
+    def hear(self, message: Any) -> None:
+        """Note a message."""
         source = (message.get_srcSystem(), message.get_srcComponent())
         # Messages that the dialect does not know are of nobody. A link with more speakers is one
         # on which somebody makes them up.
         if source not in self and (source[0] == 0 or len(self) >= 64):
             return
-        speaker, name = self.setdefault(source, Speaker()), message.get_type()
-        speaker.counts[name] += 1
-        speaker.first.setdefault(name, now)
-        speaker.last[name] = now
-        if name == 'HEARTBEAT':
+        speaker = self.setdefault(source, Speaker())
+        speaker.messages += 1
+        if message.get_type() == 'HEARTBEAT':
             speaker.kind = enum_name('MAV_TYPE', message.type)
             if message.autopilot != mavlink.MAV_AUTOPILOT_INVALID:
                 speaker.kind += f', {enum_name("MAV_AUTOPILOT", message.autopilot)}'
@@ -446,7 +426,7 @@ class Link:
                         self._send(message)
 
     def _receive(self, transport: Transport) -> bool:
-        """Take what has come; tell whether it was anything."""
+        """Take what has come; return whether it was anything."""
         has_come, commands = False, []
         # A flood must not stop the rest.
         for _ in range(100):
@@ -457,7 +437,7 @@ class Link:
             now = self._now()
             with self._lock:
                 for message in self._codec.messages(data, time.time_ns()):
-                    self._roster.hear(message, now.steady)
+                    self._roster.hear(message)
                     if self._is_impostor(message, peer, now.steady):
                         self._impostors += 1
                         continue

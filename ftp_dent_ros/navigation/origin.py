@@ -117,7 +117,7 @@ class Earth:
 
     def clear(self) -> None:
         """Forget everything: the autopilot has just been found, or has rebooted."""
-        self._said: Origin | None = None
+        self._reported: Origin | None = None
         self._derived: Origin | None = None
         self._passed: tuple[int, Origin] | None = None
         self._separation: float | None = None
@@ -126,7 +126,7 @@ class Earth:
     @property
     def origin(self) -> Origin | None:
         """The map's origin, if it is known."""
-        origin = self._said or self._derived
+        origin = self._reported or self._derived
         if origin is None or self._separation is None:
             return origin
         return replace(origin, altitude=origin.above_sea + self._separation)
@@ -136,8 +136,8 @@ class Earth:
         origin = self.origin
         if origin is None:
             return {}
-        said, derived = self._said, self._derived
-        error = said.distance(derived) if said and derived else None
+        reported, derived = self._reported, self._derived
+        error = reported.distance(derived) if reported and derived else None
         return {
             'origin (deg)': f'{origin.latitude:.7f} {origin.longitude:.7f}',
             'origin above the sea (m)': f'{origin.above_sea:.2f}',
@@ -146,8 +146,8 @@ class Earth:
 
     def next_request(self, now: float) -> int | None:
         """Number of a message to request once, at a steady time."""
-        known = (self._said is not None, self._separation is not None or not self._is_wanted)
-        # Seldom where it is only to be seen whether the origin moves; seconds.
+        known = (self._reported is not None, self._separation is not None or not self._is_wanted)
+        # Seldom where only a move of the origin matters; seconds.
         period = 3.0 if self._is_wanted else 30.0
         for index, message_id in enumerate(_ONCE):
             if not known[index] and now - self._asked[index] > period:
@@ -156,8 +156,8 @@ class Earth:
         return None
 
     def _on_gps_global_origin(self, message: Any, at: Instant) -> None:
-        said = place_on_earth(message.latitude, message.longitude, message.altitude)
-        self._said = said or self._said
+        place = place_on_earth(message.latitude, message.longitude, message.altitude)
+        self._reported = place or self._reported
 
     def _on_global_position_int(self, message: Any, at: Instant) -> None:
         # By now there are samples on both sides of the one before.

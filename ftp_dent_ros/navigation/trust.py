@@ -76,7 +76,7 @@ class Report(NamedTuple):
     value: Any
 
 
-class Witness:
+class ReportHistory:
     """Reports of one kind; times are ROS times of arrival in nanoseconds.
 
     Parameters
@@ -164,10 +164,12 @@ class Trust:
     """Follows estimator and GPS of one autopilot; times are ROS times of arrival in ns."""
 
     def __init__(self, settings: Settings) -> None:
-        self._estimator = Witness(
+        self._estimator = ReportHistory(
             'the state of its estimator (EKF_STATUS_REPORT or ESTIMATOR_STATUS)', 'estimator', 3.0
         )
-        self._gps = Witness(f'a new fix of GPS (GPS_RAW_INT; {_WITHOUT_GPS})', 'GPS', _LONGEST)
+        self._gps = ReportHistory(
+            f'a new fix of GPS (GPS_RAW_INT; {_WITHOUT_GPS})', 'GPS', _LONGEST
+        )
         self._has_gps = settings.position_source == 'gps'
         self.handlers: dict[str, Callable[[Any, Instant], None]] = {
             **dict.fromkeys(_FATAL, self._on_report),

@@ -14,8 +14,7 @@ from ftp_dent_ros.coding.cloud_codec import encode
 from ftp_dent_ros.coding.messages import cloud_from_message
 from ftp_dent_ros.errors import CodecError
 from ftp_dent_ros.ground.commands import Answer
-from ftp_dent_ros.ground.page.foxglove import encode_message
-from ftp_dent_ros.ground.page.server import PageServer
+from ftp_dent_ros.ground.page.server import PageServer, encode_message
 from ftp_dent_ros.ground.protocol import Importance, Item
 from ftp_dent_ros.recording.topic import typestore
 

@@ -15,6 +15,7 @@ pytest.importorskip('rosbags', reason='rosbags is not installed: the page is not
 
 from chromium import Chromium
 from free_address import free_address
+from rosbags.interfaces import Nodetype
 
 from ftp_dent_ros.coding.cloud_codec import RayGrid, encode
 from ftp_dent_ros.errors import CodecError, ConfigurationError
@@ -32,89 +33,76 @@ from ftp_dent_ros.recording.topic import typestore
 STAMP = 1_700_000_000_500_000_000
 
 
+def message(kind, **given):
+    """Message made without ROS; what is not given is 0, empty, or the same of a part."""
+    values = {}
+    for name, (node, details) in typestore().fielddefs[kind][1]:
+        if name in given:
+            values[name] = given[name]
+        elif node == Nodetype.NAME:
+            values[name] = message(details)
+        elif node == Nodetype.BASE:
+            values[name] = '' if details[0] == 'string' else 0
+        elif node == Nodetype.ARRAY:
+            values[name] = np.zeros(details[1])
+        else:
+            values[name] = np.zeros(0, np.uint8) if details[0][1] == ('uint8', 0) else []
+    return typestore().types[kind](**values)
+
+
 def coded(topic, kind, importance=Importance.DENTS, **values):
-    """Item of a message, made without ROS."""
-    store = typestore()
-    message = store.types[kind](**values)
-    data = bytes(store.serialize_cdr(message, kind))
+    """Item of a message."""
+    data = bytes(typestore().serialize_cdr(message(kind, **values), kind))
     return Item(importance, topic, f'cdr:{kind}', STAMP, data)
 
 
-def header(frame='map'):
-    types = typestore().types
-    time_ = types['builtin_interfaces/msg/Time'](sec=STAMP // 10**9, nanosec=STAMP % 10**9)
-    return types['std_msgs/msg/Header'](stamp=time_, frame_id=frame)
+def header():
+    stamp = message('builtin_interfaces/msg/Time', sec=STAMP // 10**9, nanosec=STAMP % 10**9)
+    return message('std_msgs/msg/Header', stamp=stamp, frame_id='map')
+
+
+def point(x, y, z):
+    return message('geometry_msgs/msg/Point', x=float(x), y=float(y), z=float(z))
+
+
+def pose(*place):
+    turn = message('geometry_msgs/msg/Quaternion', w=1.0)
+    return message('geometry_msgs/msg/Pose', position=point(*place), orientation=turn)
 
 
 def pose_item(topic):
-    types = typestore().types
-    position = types['geometry_msgs/msg/Point'](x=1.0, y=2.0, z=3.0)
-    turn = types['geometry_msgs/msg/Quaternion'](x=0.0, y=0.0, z=0.0, w=1.0)
-    pose = types['geometry_msgs/msg/Pose'](position=position, orientation=turn)
-    with_covariance = types['geometry_msgs/msg/PoseWithCovariance'](
-        pose=pose, covariance=np.zeros(36)
-    )
-    return coded(
-        topic,
-        'geometry_msgs/msg/PoseWithCovarianceStamped',
-        Importance.POSES,
-        header=header(),
-        pose=with_covariance,
-    )
+    kind = 'geometry_msgs/msg/PoseWithCovariance'
+    given = {'header': header(), 'pose': message(kind, pose=pose(1, 2, 3))}
+    return coded(topic, f'{kind}Stamped', Importance.POSES, **given)
 
 
 def dents_item():
     """One dent of 40 x 30 x 1.5 mm in the middle of the view, 0.8 m ahead."""
-    values = {
-        'x': 1.0,
-        'y': 2.0,
-        'z': 3.8,
-        'normal_x': 0,
-        'normal_y': 0,
-        'normal_z': -1,
-        'axis_x': 1,
-        'axis_y': 0,
-        'axis_z': 0,
-        'length': 0.04,
-        'width': 0.03,
-        'depth': 1.5e-3,
-        'length_uncertainty': 1e-3,
-        'width_uncertainty': 1e-3,
-        'depth_uncertainty': 2e-5,
-    }
+    values = {'x': 1.0, 'y': 2.0, 'z': 3.8, 'normal_x': 0, 'normal_y': 0, 'normal_z': -1}
+    values |= {'axis_x': 1, 'axis_y': 0, 'axis_z': 0, 'length': 0.04, 'width': 0.03}
+    values |= {'depth': 1.5e-3, 'length_uncertainty': 1e-3, 'width_uncertainty': 1e-3}
+    values |= {'depth_uncertainty': 2e-5}
     whole = {'number': 7, 'kind': 0, 'sightings': 3}
     row = np.dtype([(name, '<f4') for name in values] + [(name, '<u4') for name in whole])
     data = np.array([tuple({**values, **whole}.values())], row)
-    field = typestore().types['sensor_msgs/msg/PointField']
     fields = [
-        field(name=name, offset=4 * i, datatype=6 if name in whole else 7, count=1)
+        message(
+            'sensor_msgs/msg/PointField',
+            name=name,
+            offset=4 * i,
+            datatype=6 if name in whole else 7,
+            count=1,
+        )
         for i, name in enumerate(row.names)
     ]
-    return coded(
-        'dents/list',
-        'sensor_msgs/msg/PointCloud2',
-        header=header(),
-        height=1,
-        width=1,
-        fields=fields,
-        is_bigendian=False,
-        point_step=row.itemsize,
-        row_step=row.itemsize,
-        data=np.frombuffer(data.tobytes(), np.uint8),
-        is_dense=True,
-    )
+    given = {'header': header(), 'height': 1, 'width': 1, 'fields': fields}
+    given |= {'point_step': row.itemsize, 'data': np.frombuffer(data.tobytes(), np.uint8)}
+    return coded('dents/list', 'sensor_msgs/msg/PointCloud2', **given)
 
 
 def path_item(*places):
-    types = typestore().types
-    turn = types['geometry_msgs/msg/Quaternion'](x=0.0, y=0.0, z=0.0, w=1.0)
     poses = [
-        types['geometry_msgs/msg/PoseStamped'](
-            header=header(),
-            pose=types['geometry_msgs/msg/Pose'](
-                position=types['geometry_msgs/msg/Point'](*map(float, place)), orientation=turn
-            ),
-        )
+        message('geometry_msgs/msg/PoseStamped', header=header(), pose=pose(*place))
         for place in places
     ]
     return coded('survey/path', 'nav_msgs/msg/Path', header=header(), poses=poses)
@@ -122,45 +110,20 @@ def path_item(*places):
 
 def coverage_item():
     """A measured strip of 1 x 0.2 m, and a gap of 0.02 m beside it."""
-    types = typestore().types
 
     def marker(ns, low, high):
-        a, b, c, d = ((x, y, 3.8) for x, y in ((0, low), (1, low), (1, high), (0, high)))
-        points = [types['geometry_msgs/msg/Point'](*map(float, p)) for p in (a, b, c, a, c, d)]
-        zero = types['geometry_msgs/msg/Vector3'](0.0, 0.0, 0.0)
-        pose = types['geometry_msgs/msg/Pose'](
-            position=types['geometry_msgs/msg/Point'](0.0, 0.0, 0.0),
-            orientation=types['geometry_msgs/msg/Quaternion'](0.0, 0.0, 0.0, 1.0),
-        )
-        names = types['visualization_msgs/msg/Marker'].__dataclass_fields__
-        given = {
-            'header': header(), 'ns': ns, 'id': 0, 'type': 11, 'action': 0, 'pose': pose,
-            'scale': zero, 'points': points, 'colors': [], 'frame_locked': False, 'text': '',
-            'color': types['std_msgs/msg/ColorRGBA'](0.0, 0.0, 0.0, 0.0),
-            'lifetime': types['builtin_interfaces/msg/Duration'](0, 0),
-            'texture_resource': '', 'uv_coordinates': [], 'mesh_resource': '',
-            'texture': types['sensor_msgs/msg/CompressedImage'](
-                header=header(), format='', data=np.zeros(0, np.uint8)
-            ),
-            'mesh_file': types['visualization_msgs/msg/MeshFile'](
-                filename='', data=np.zeros(0, np.uint8)
-            ),
-            'mesh_use_embedded_materials': False,
-        }  # fmt: skip
-        return types['visualization_msgs/msg/Marker'](
-            **{name: given[name] for name in names if name in given}
-        )
+        a, b, c, d = (point(x, y, 3.8) for x, y in ((0, low), (1, low), (1, high), (0, high)))
+        points = [a, b, c, a, c, d]
+        return message('visualization_msgs/msg/Marker', header=header(), ns=ns, points=points)
 
     markers = [marker('measured', 2.0, 2.2), marker('gaps', 2.2, 2.22)]
     return coded('survey/coverage', 'visualization_msgs/msg/MarkerArray', markers=markers)
 
 
 def state_item(text='works'):
-    types = typestore().types
-    value = types['diagnostic_msgs/msg/KeyValue'](key='recording', value='not recording')
-    status = types['diagnostic_msgs/msg/DiagnosticStatus'](
-        level=0, name='downlink', message=text, hardware_id='', values=[value]
-    )
+    kind = 'diagnostic_msgs/msg/DiagnosticStatus'
+    value = message('diagnostic_msgs/msg/KeyValue', key='recording', value='not recording')
+    status = message(kind, level=0, name='downlink', message=text, values=[value])
     return coded(
         topics.DIAGNOSTICS,
         'diagnostic_msgs/msg/DiagnosticArray',

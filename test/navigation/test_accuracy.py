@@ -39,22 +39,12 @@ def test_ardupilots_ratios_are_innovations_by_its_gates() -> None:
     assert np.degrees(worst[5]) == pytest.approx(40, abs=1)
 
 
-def test_px4s_accuracies_are_taken_as_they_are() -> None:
-    assert_allclose(
-        deviations(pose_covariance.reported(px4(0.4, 0.9, 0)))[:3], [0.4, 0.4, 0.9], rtol=0.01
-    )
-
-
 @pytest.mark.parametrize('wrong', [np.nan, np.inf, -1.0])
 @pytest.mark.parametrize('report', [ekf, px4])
 def test_an_impossible_report_says_nothing(report, wrong: float) -> None:
     for values in ((wrong, 0, 0), (0, wrong, 0), (0, 0, wrong)):
         if (report, values[2]) != (px4, np.nan):
             assert pose_covariance.reported(report(*values)) is None
-
-
-def test_px4_without_a_compass_says_nothing_of_the_yaw() -> None:
-    assert_allclose(deviations(pose_covariance.reported(px4(0.4, 0.9, np.nan)))[5], 1.0, rtol=0.01)
 
 
 @pytest.mark.parametrize(('height', 'error'), [(3.0, 0.10), (5.0, 0.18), (6.0, 0.22), (8.0, 0.31)])
@@ -96,22 +86,12 @@ def test_a_doubtful_clock_is_doubt_along_the_way() -> None:
     assert_allclose(pose_covariance.of_tag(GOOD, STILL, 0.03, True), GOOD)
 
 
-def test_what_is_stamped_when_it_is_put_together_is_older_than_it_says() -> None:
-    flying = Motion(np.array([0, 2.0, 0]), np.array([0, 0, 1.0]), 0.0)
-    covariance = pose_covariance.of_tag(GOOD, flying, 0.0, False) - GOOD
-    assert_allclose(np.sqrt(np.diag(covariance)), [0, 0.04, 0, 0, 0, 0.005], atol=1e-12)
-
-
 def test_a_gap_is_doubt_in_every_direction() -> None:
     gap = Motion(np.zeros(3), np.zeros(3), 0.1)
     added = deviations(pose_covariance.of_tag(GOOD, gap, 0.0, True) - GOOD)
     assert_allclose(added, 3 * 0.1**2 / 8)
     usual = Motion(np.zeros(3), np.zeros(3), 0.02)
     assert deviations(pose_covariance.of_tag(GOOD, usual, 0.0, True) - GOOD).max() < 2e-4
-
-
-def test_the_mount_adds_to_it() -> None:
-    assert_allclose(deviations(pose_covariance.of_mount(0.005, 0.01)), [0.005] * 3 + [0.01] * 3)
 
 
 def test_an_odometrys_covariance_is_turned_into_the_map() -> None:

@@ -119,13 +119,6 @@ def test_it_says_what_it_is(command) -> None:
     assert information.time_boot_ms == 5000
 
 
-def test_what_it_cannot_do_is_unsupported_unless_anybody_was_meant() -> None:
-    it = Shooting()
-    assert it.result(REQUEST, 269) == mavlink.MAV_RESULT_UNSUPPORTED
-    assert it.result(REQUEST, float('nan')) == mavlink.MAV_RESULT_UNSUPPORTED
-    assert it.say(REQUEST, 269, target=0) == []
-
-
 def test_of_an_image_it_tells_where_and_how_it_was_taken() -> None:
     # Nose east and 30 degrees up, 4 m north, 3 m up.
     tag = Tag(

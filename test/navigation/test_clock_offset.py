@@ -98,16 +98,6 @@ def test_a_step_is_followed_and_nothing_is_said_of_the_time_around_it(by_ms: int
     assert refused[-1] - refused[0] < 110 * MILLISECOND
 
 
-def test_after_a_step_it_says_that_it_has_not_converged_until_it_has() -> None:
-    wire = Wire(stepping(START + 3 * SECOND, 50 * MILLISECOND), clean).run(3.3)
-    assert not wire.clock.is_converged(wire.now)
-    with pytest.raises(PoseAwaitedError) as refusal:
-        wire.clock.boot_time(wire.now - 150 * MILLISECOND)
-    assert refusal.value.reason == 'clock not converged'
-    wire.run(0.5)
-    assert wire.clock.is_converged(wire.now)
-
-
 def test_after_this_computers_clock_was_set_all_starts_anew() -> None:
     wire = Wire(steady, clean).run(3)
     hour = 3600 * SECOND
@@ -161,14 +151,6 @@ def test_an_answer_that_was_overtaken_is_not_taken() -> None:
     assert clock.answers == 1
 
 
-def test_requests_come_at_their_rate_and_unanswered_ones_are_forgotten() -> None:
-    clock = ClockOffset(period=0.1)
-    asked = [clock.request(START + ms * MILLISECOND) for ms in range(0, 100_000, 10)]
-    assert sum(ts1 is not None for ts1 in asked) == 1000
-    clock.answer(steady(START), START, START + 100 * SECOND)
-    assert clock.answers == 0
-
-
 @pytest.mark.parametrize('up', [2 * SECOND, 500 * SECOND])
 def test_a_reboot_is_told_and_starts_anew(up: int) -> None:
     # The second has been up as long as the first when it is heard again.
@@ -182,18 +164,6 @@ def test_a_reboot_is_told_and_starts_anew(up: int) -> None:
         wire.clock.boot_time(START + 2 * SECOND)
 
 
-def test_the_wrap_of_time_boot_ms_is_passed() -> None:
-    wrap = 2**32 * MILLISECOND  # 49.7 days
-    wire = Wire(lambda now: now - START + wrap - 2 * SECOND, clean).run(5)
-    now = wire.now
-    boot = wire.vehicle(now)
-    assert boot > wrap
-    assert wire.clock.unwrap(boot // MILLISECOND % 2**32, now) == boot // MILLISECOND * MILLISECOND
-    before = wrap - 500 * MILLISECOND
-    assert wire.clock.unwrap(before // MILLISECOND, now) == before
-    assert wire.restarts == 0
-
-
 def test_times_that_are_not_of_this_flight_are_told_apart() -> None:
     clock = ClockOffset()
     assert clock.unwrap(500_000, START) is None  # nothing is known of the clock yet
@@ -204,20 +174,3 @@ def test_times_that_are_not_of_this_flight_are_told_apart() -> None:
     assert wire.clock.unwrap(present + 1_000, wire.now) is None
     assert wire.clock.unwrap(0, wire.now) is None
     assert wire.clock.unwrap(2**32 - 1, wire.now) is None
-
-
-def test_a_slow_link_says_how_little_it_knows() -> None:
-    wire = Wire(steady, lambda: (30 * MILLISECOND, 30 * MILLISECOND)).run(3)
-    assert not wire.clock.is_converged(wire.now)
-    figures = wire.clock.figures(wire.now)
-    assert float(figures['clock uncertainty (ms)']) == pytest.approx(30, abs=0.1)
-    with pytest.raises(PoseAwaitedError, match=r'30\.0 ms'):
-        wire.clock.boot_time(wire.now - SECOND)
-    assert wire.clock.ros_time(steady(wire.now)) is None
-
-
-def test_a_clock_that_is_not_heard_of_any_more_is_not_converged() -> None:
-    wire = Wire(steady, clean).run(3)
-    assert wire.clock.is_converged(wire.now)
-    assert not wire.clock.is_converged(wire.now + 3 * SECOND)
-    assert wire.clock.ros_time(steady(wire.now)) == pytest.approx(wire.now, abs=MILLISECOND)

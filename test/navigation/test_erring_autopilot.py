@@ -109,13 +109,3 @@ def test_of_a_lost_gps_no_tag_goes_out_that_is_not_true() -> None:
     assert len(world.errors(14.0, 15.5)) == 15
     # It had drifted off by a metre and a half, and the autopilot said for 7 s that it was ready.
     assert np.linalg.norm(world.scene.faults.drift(12.9)) > 1.5
-
-
-def test_without_watching_gps_the_ratios_that_stand_still_tell_it() -> None:
-    settings = Settings(position_source='other')
-    world = Simulated(faults=Faults(gps_lost_from=4.0, gps_lost_for=9.0), settings=settings)
-    tags = world.run(13).errors(4.0, 12.5)
-    assert tags and max(tags) < 5.0
-    assert max(np.linalg.norm(error[:3]) for _, error in tags.values()) < 0.02
-    frozen = Simulated(faults=Faults(frozen_from=4.0, frozen_for=5.0), settings=settings)
-    assert max(frozen.run(8).errors(4.0, 7.5)) < 5.0

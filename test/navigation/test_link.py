@@ -153,13 +153,6 @@ def test_a_serial_line(connect) -> None:
     subject.until(lambda: 'the serial line failed' in subject.text())
 
 
-def test_a_serial_device_that_is_not_there_is_told(connect, tmp_path) -> None:
-    pytest.importorskip('serial')
-    device = tmp_path / 'ttyACM0'
-    subject = connect(str(device))
-    subject.until(lambda: str(device) in subject.text())
-
-
 def test_a_port_in_use_is_told_and_taken_when_it_is_free(connect) -> None:
     with udp() as other:
         port = other.getsockname()[1]
@@ -232,14 +225,6 @@ def test_an_autopilot_that_signs_is_told_of_where_no_key_is_set(connect) -> None
         assert autopilot.received == []
 
 
-def test_another_key_is_told_from_none(connect) -> None:
-    port = free_port()
-    subject = connect(f'udpin:{port}', bytes(32))
-    with HoveringAutopilot(Wire(udp(), (LOCAL, port)), key=bytes(range(32))):
-        subject.until(lambda: 'another key: check signing_key' in subject.text())
-    assert subject.link.state().identity is None
-
-
 @pytest.mark.parametrize(('behind', 'is_heard'), [(25.0, True), (300.0, False)])
 def test_a_signing_autopilot_that_restarts_with_a_time_of_the_past(
     connect, behind, is_heard
@@ -295,7 +280,7 @@ def test_it_knows_who_is_on_the_link(connect) -> None:
     speakers = subject.link.speakers()
     vehicle, ground = speakers[1, 1], speakers[255, 190]
     assert vehicle.kind == 'quadrotor, ardupilotmega'
-    assert vehicle.counts['ATTITUDE_QUATERNION'] > 2 and vehicle.rate('HEARTBEAT') > 0
+    assert vehicle.messages > 2
     assert ground.kind == 'gcs'
 
 
@@ -338,11 +323,6 @@ def test_hostile_bytes_do_no_harm(connect) -> None:
 def test_a_malformed_address_is_refused(address: str) -> None:
     with pytest.raises(ConfigurationError, match='udpin:HOST:PORT'):
         Link(address, 115200, Settings())
-
-
-def test_a_host_that_does_not_exist_is_told(connect) -> None:
-    subject = connect('udpout:no-such-host.invalid:14550')
-    subject.until(lambda: 'cannot be opened' in subject.text())
 
 
 def test_closing_ends_the_thread_and_frees_the_port() -> None:

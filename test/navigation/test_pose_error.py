@@ -74,9 +74,9 @@ class Sky:
             messages += [report, gps_raw_int(1000 * boot_ms)]
         if now % (20 * MS) == 0:
             turn = frames.ned_attitude(self.circle.attitude(now).as_quat())
-            rates = frames.frd_from_flu(self.circle.body_rate(now))
-            place = frames.ned_from_enu(self.circle.position(now))
-            speed = frames.ned_from_enu(self.circle.velocity(now))
+            rates = frames.flu_from_frd(self.circle.body_rate(now))
+            place = frames.enu_from_ned(self.circle.position(now))
+            speed = frames.enu_from_ned(self.circle.velocity(now))
             messages.append(mavlink.MAVLink_attitude_quaternion_message(boot_ms, *turn, *rates))
             messages.append(mavlink.MAVLink_local_position_ned_message(boot_ms, *place, *speed))
         arrival = now + self.delay()

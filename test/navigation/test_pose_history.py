@@ -64,20 +64,6 @@ def test_at_50_hz_interpolation_costs_under_2_mm_and_a_twentieth_of_a_degree() -
     assert history.resets == 0
 
 
-def test_a_sample_is_given_back_as_it_is() -> None:
-    pose = flown().at(500 * MS)
-    assert_allclose(pose.translation, Circle().position(500 * MS), atol=1e-15)
-    assert_allclose(pose.rotation.as_matrix(), Circle().attitude(500 * MS).as_matrix())
-
-
-def test_messages_at_different_rates_are_each_interpolated() -> None:
-    history = Circle().feed(PoseHistory(), range(0, 1001, 20), range(3, 1001, 50))
-    pose = history.at(471 * MS)
-    assert_allclose(pose.translation, Circle().position(471 * MS), atol=1e-3)
-    turn = (pose.rotation.inv() * Circle().attitude(471 * MS)).magnitude()
-    assert np.degrees(turn) < 0.05
-
-
 def test_a_change_of_the_quaternions_sign_is_no_motion() -> None:
     history, circle = PoseHistory(), Circle()
     for index, stamp in enumerate(range(0, 200, 20)):
@@ -126,42 +112,9 @@ def test_a_yaw_reset_is_seen_and_not_interpolated_across() -> None:
     assert history.at(180 * MS) and history.at(200 * MS)
 
 
-def test_a_position_reset_is_seen_and_not_interpolated_across() -> None:
-    history, circle = PoseHistory(), Circle()
-    circle.feed(history, range(0, 400, 20), range(0))
-    for stamp in range(0, 400, 20):
-        moved = circle.position(stamp * MS) + np.array([0, 0.1 * (stamp >= 200), 0])
-        history.add_position(stamp * MS, moved, circle.velocity(stamp * MS))
-    assert history.resets == 1
-    assert reason_at(history, 190 * MS) == 'estimator reset'
-
-
 @pytest.mark.parametrize('step', [5, 20, 100])
 def test_rough_flying_is_no_reset(step: int) -> None:
     # 200 degrees a second at 5 m/s: 17 m/s2.
     circle = Circle(speed=5.0, rate=np.radians(200))
     history = circle.feed(PoseHistory(), range(0, 3000, step), range(0, 3000, step))
     assert history.resets == 0
-
-
-def test_a_sample_that_is_not_newer_is_not_taken() -> None:
-    history, circle = flown(end=101), Circle()
-    assert not history.add_attitude(100 * MS, circle.attitude(0).as_quat(), [0, 0, 0])
-    assert not history.add_position(60 * MS, [0, 0, 0], [0, 0, 0])
-    assert_allclose(history.at(60 * MS).translation, circle.position(60 * MS))
-
-
-def test_it_forgets_what_is_older_than_its_duration() -> None:
-    history = Circle().feed(PoseHistory(duration=1.0), range(0, 8000, 20), range(0, 8000, 20))
-    assert reason_at(history, 5000 * MS) == 'too old'
-    assert history.at(7100 * MS)
-    assert len(history.stamps_since(0)) <= 2 * 50 + 2
-
-
-def test_stamps_since_gives_each_known_pose_once() -> None:
-    history = Circle().feed(PoseHistory(), range(20, 201, 20), range(20, 161, 20))
-    assert history.stamps_since(100 * MS) == [120 * MS, 140 * MS, 160 * MS]
-    assert history.stamps_since(160 * MS) == []
-    history.clear()
-    assert history.stamps_since(0) == []
-    assert reason_at(history, 100 * MS) == 'no pose yet'

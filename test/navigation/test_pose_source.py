@@ -112,12 +112,6 @@ def test_without_the_estimators_status_there_is_no_pose() -> None:
     assert world.poses == []
 
 
-def test_an_accuracy_that_cannot_be_is_no_pose() -> None:
-    world = Px4()
-    world.accuracies = np.nan, 0.8
-    assert world.run(5).reason(1.0) == ('estimator not ready', False)
-
-
 def test_px4_without_gps_is_refused_from_its_last_fix_on() -> None:
     world = Px4().run(5)
     lost = world.now
@@ -130,15 +124,6 @@ def test_px4_without_gps_is_refused_from_its_last_fix_on() -> None:
     assert world.say(none)
     assert world.reason(0.3)[0] == 'GPS lost'
     assert 'GPS has no fix (no gps)' in world.verdict()
-
-
-def test_a_velocity_along_the_body_is_turned() -> None:
-    world = Px4()
-    # Nose east, moving north: to the left.
-    world.given = {'child_frame_id': BODY, 'vx': 0, 'vy': -1}
-    world.run(5)
-    assert world.figure('estimator resets') == 0
-    assert world.pose_at(1.0)
 
 
 def north_at(world: World, stamp: int) -> float | None:
@@ -165,15 +150,6 @@ def test_a_reset_is_not_interpolated_across_whether_it_is_counted_or_seen(counte
         jump = world.jump if stamp > reset - 5 * MS else 0
         assert north is None or north == pytest.approx((stamp - START) / S + jump, abs=1e-5)
     assert 0 < refused <= 20
-
-
-def test_a_frame_that_does_not_know_north_is_not_taken() -> None:
-    world = Px4()
-    world.given = {'frame_id': mavlink.MAV_FRAME_LOCAL_FRD}
-    world.others = 0.0
-    world.run(5)
-    assert world.figure('messages malformed') > 100
-    assert_allclose(world.pose_at(1.0).translation, [0, 4, 5], atol=2e-3)
 
 
 def test_when_it_ends_the_other_messages_take_over() -> None:
