@@ -6,8 +6,8 @@
 stopped for some seconds (SIGSTOP) in random order, each as soon as dents are published of a
 photograph that was taken after the fault before; meanwhile busy loops take the processor, and
 messages that cannot be come on every topic and on the autopilot's port. Every cloud, tag and dent
-is held against the truth. Exit status 1 if one was wrong, a recovery took longer than 10 s, memory
-grew.
+is held against the truth. Exit status 1 if one was wrong, a recovery took longer than 10 s, or
+memory grew.
 
 A recovery is work for the processor, most of it Python's start. A probe measures how much of the
 processor one more thread gets, of what the busy loops leave: where others on the machine take more
