@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.calibration.board import Board
+from ftp_dent_ros.calibration.bundle import depth_slopes, depths
 from ftp_dent_ros.calibration.observing import Photographs, Sight, observe
 from ftp_dent_ros.calibration.sequence import Sequence
 from ftp_dent_ros.calibration.solving import Solution, solve
-from ftp_dent_ros.calibration.uncertainty import depth_slopes, depths
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.files import find
 from ftp_dent_ros.rig.rig import Lens, Rig, read_rig

@@ -13,14 +13,17 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.calibration.board import Board
-from ftp_dent_ros.calibration.verdict import Check, judged, turn_covariance, turned
 from ftp_dent_ros.calibration.wall_check import (
     ANY_TURN,
     PHASE_LEAST,
     PHASE_PX,
+    Check,
     fringe_levels,
+    judged,
     linear_photograph,
     scatter,
+    turn_covariance,
+    turned,
 )
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.pattern.pattern import Pattern, fringe_order

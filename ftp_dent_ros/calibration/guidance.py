@@ -10,15 +10,16 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.calibration.board import Board
-from ftp_dent_ros.calibration.bundle import Model, adjust
-from ftp_dent_ros.calibration.observing import Observation
-from ftp_dent_ros.calibration.start import FEWEST_POSES, first_rig
-from ftp_dent_ros.calibration.uncertainty import (
+from ftp_dent_ros.calibration.bundle import (
+    Model,
+    adjust,
     covariance,
     depth_slopes,
     information,
     with_information,
 )
+from ftp_dent_ros.calibration.observing import Observation
+from ftp_dent_ros.calibration.start import FEWEST_POSES, first_rig
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.rig.rig import Rig
 

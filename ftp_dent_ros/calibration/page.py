@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import base64
-import io
 from pathlib import Path
 
-import jinja2
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ftp_dent_ros.calibration.bundle import DISTORTIONS, rig_vector, rms
+from ftp_dent_ros.calibration.bundle import DISTORTIONS, depth_deviation, rig_vector, rms
 from ftp_dent_ros.calibration.solving import Solution
-from ftp_dent_ros.calibration.uncertainty import depth_deviation
 from ftp_dent_ros.files import written_aside
+from ftp_dent_ros.pages.drawing import data_uri, figure_png
+from ftp_dent_ros.pages.page import render
 from ftp_dent_ros.rig.calibration_record import PARAMETERS
 from ftp_dent_ros.rig.rig import Lens
 
@@ -56,7 +54,7 @@ def residual_maps(solution: Solution) -> str:
             color='#1f5fa8',
         )
         _frame(axes, lens, f'{name}: residuals, {magnified} times as long')
-    return _png(figure)
+    return data_uri(figure_png(figure))
 
 
 def coverage(solution: Solution) -> str:
@@ -77,7 +75,7 @@ def coverage(solution: Solution) -> str:
     places.set(xlabel='distance, mm', ylabel='tilt, degrees', ylim=(0, None))
     places.set_title('boards', fontsize=9)
     places.tick_params(labelsize=8)
-    return _png(figure)
+    return data_uri(figure_png(figure))
 
 
 def expected_depth(solution: Solution) -> str:
@@ -96,7 +94,7 @@ def expected_depth(solution: Solution) -> str:
         bar = figure.colorbar(drawn, ax=axes, shrink=0.85)
         bar.ax.tick_params(labelsize=7)
         _frame(axes, lens, f'at {1e3 * depth:.0f} mm: standard deviation, mm')
-    return _png(figure)
+    return data_uri(figure_png(figure))
 
 
 def _facing(poses: NDArray) -> NDArray[np.float64]:
@@ -112,21 +110,11 @@ def _frame(axes, lens: Lens, title: str) -> None:
     axes.tick_params(labelsize=7)
 
 
-def _png(figure: Figure) -> str:
-    stream = io.BytesIO()
-    figure.savefig(stream, format='png', dpi=110)
-    return 'data:image/png;base64,' + base64.b64encode(stream.getvalue()).decode()
-
-
 def write_page(path: Path, solution: Solution, left_out: list[str]) -> None:
     """Write the page of a solution; `left_out` are sentences on poses that were not used."""
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader('ftp_dent_ros.calibration', 'templates'),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    text = environment.get_template('page.html.j2').render(
+    text = render(
+        'ftp_dent_ros.calibration',
+        'templates/page.html.j2',
         rig=solution.rig,
         record=solution.rig.record,
         remarks=solution.remarks,

@@ -19,12 +19,13 @@ from ftp_dent_ros.calibration.bundle import (
     Estimate,
     Model,
     adjust,
+    covariance,
+    depths,
     rig_vector,
     rms,
 )
 from ftp_dent_ros.calibration.observing import Observation
 from ftp_dent_ros.calibration.start import FEWEST_POSES, first_rig
-from ftp_dent_ros.calibration.uncertainty import covariance, depths
 from ftp_dent_ros.errors import CalibrationError, RigError
 from ftp_dent_ros.rig.calibration_record import PARAMETERS, CalibrationRecord
 from ftp_dent_ros.rig.geometry import check_geometry

@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ftp_dent_ros.calibration.board_check import check_by_board
-from ftp_dent_ros.calibration.verdict import adjusted
-from ftp_dent_ros.calibration.wall_check import check
+from ftp_dent_ros.calibration.wall_check import adjusted, check
 from ftp_dent_ros.cli.board_arguments import add_board_arguments, board_of
 from ftp_dent_ros.errors import ConfigurationError, RefusedFrameError
 from ftp_dent_ros.files import find

@@ -24,7 +24,7 @@ from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from sensor_msgs.msg import CameraInfo
 
-from ftp_dent_ros.capture.simulated import write_rendered
+from ftp_dent_ros.capture.source import write_rendered
 from ftp_dent_ros.demonstration.appraisal import TYPES
 from ftp_dent_ros.errors import ConfigurationError, FtpDentError
 from ftp_dent_ros.files import find

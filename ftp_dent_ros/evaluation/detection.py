@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import io
 import json
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -12,7 +10,6 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -26,6 +23,8 @@ from ftp_dent_ros.evaluation.scenes import PATTERN, Scene, make_rig
 from ftp_dent_ros.files import written_aside
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.records import finite
+from ftp_dent_ros.pages.drawing import data_uri, figure_png
+from ftp_dent_ros.pages.page import render
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor
 from ftp_dent_ros.profilometry import Settings as ReconstructionSettings
@@ -415,10 +414,6 @@ def blanks_of(trials: Sequence[Trial]) -> list[Blank]:
     ]
 
 
-def _calls(count: int) -> str:
-    return f'was {count} false call' if count == 1 else f'were {count or "no"} false calls'
-
-
 def sentence(rows: Sequence[Row], blanks: Sequence[Blank], smallest_depth: float) -> str:
     """What an inspector may quote, with the conditions that it holds under."""
     clean = next(row for row in rows if (row.distance, row.skin) == (0.8, 'clean'))
@@ -439,7 +434,7 @@ def sentence(rows: Sequence[Row], blanks: Sequence[Blank], smallest_depth: float
         f'In simulation, from one photograph at 0.8 m, single smooth dents {_MM * _WIDTH:g} mm '
         'wide are found in 90 % of cases, with a confidence of 95 % (a90/95), from a depth of '
         f'{" and ".join(parts)} on, when depths from {_MM * smallest_depth:g} mm on are looked '
-        f'for; there {_calls(every.calls)} on {every.area:.0f} m² of skin without dents '
+        f'for; there were {every.calls} false calls on {every.area:.0f} m² of skin without dents '
         f'(with a confidence of 95 % at most {every.most:.2f} a square metre). It holds for the '
         "simulated rig, lights and skins below, for dents away from the frame's rim, and not for "
         'a real rig until that has been tested in the same way.'
@@ -454,17 +449,13 @@ def write_detection(
     smallest_depth: float,
 ) -> Path:
     """Write ``detection.html`` and ``detection.json``; return the page's path."""
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader('ftp_dent_ros.evaluation', 'templates'),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     quoted = sentence(rows, blanks, smallest_depth)
-    text = environment.get_template('detection.html.j2').render(
+    text = render(
+        'ftp_dent_ros.evaluation',
+        'templates/detection.html.j2',
         sentence=quoted,
-        rows=[_cells(row) for row in rows],
-        blanks=[_blank_cells(blank) for blank in blanks],
+        rows=rows,
+        blanks=blanks,
         curves=_curves(trials, rows),
         dents=sum(row.detection.dents for row in rows),
         photographs=len(trials),
@@ -485,30 +476,6 @@ def write_detection(
     with written_aside(page) as aside:
         aside.write_text(text, encoding='utf-8')
     return page
-
-
-def _cells(row: Row) -> list[str]:
-    d = row.detection
-    return [
-        f'{row.distance:g} m',
-        row.skin,
-        f'{d.hits} of {d.dents}',
-        _mm(d.a90),
-        _mm(d.a90_95),
-        '–' if math.isnan(row.bias) else f'{100 * row.bias:+.1f} %',
-        '–' if math.isnan(row.scatter) else f'{100 * row.scatter:.1f} %',
-    ]
-
-
-def _blank_cells(blank: Blank) -> list[str]:
-    rate = '–' if not blank.area else f'{blank.calls / blank.area:.3f}'
-    most = '–' if not blank.area else f'{blank.most:.3f}'
-    numbers = [str(blank.photographs), f'{blank.area:.1f}', str(blank.calls), rate, most]
-    return [blank.skin, *numbers, str(blank.others)]
-
-
-def _mm(value: float) -> str:
-    return '–' if math.isnan(value) else f'{_MM * value:.3f}'
 
 
 def _curves(trials: Sequence[Trial], rows: Sequence[Row]) -> str:
@@ -540,6 +507,4 @@ def _curves(trials: Sequence[Trial], rows: Sequence[Row]) -> str:
         if axis.get_legend_handles_labels()[0]:
             axis.legend(fontsize=8, frameon=False, loc='center right')
     axes[0].set_ylabel('probability of detection')
-    png = io.BytesIO()
-    figure.savefig(png, format='png', dpi=130)
-    return 'data:image/png;base64,' + base64.b64encode(png.getvalue()).decode()
+    return data_uri(figure_png(figure, 130))

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import base64
-import io
 import math
 import platform
 from collections.abc import Sequence
 from pathlib import Path
 
-import jinja2
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
@@ -17,6 +14,8 @@ from matplotlib.figure import Figure
 from ftp_dent_ros import __version__
 from ftp_dent_ros.evaluation.study import ESTRADA, ITOH, LEAST_SQUARES, SMOOTHER, Entry
 from ftp_dent_ros.files import written_aside
+from ftp_dent_ros.pages.drawing import data_uri, figure_png
+from ftp_dent_ros.pages.page import render
 
 _SENSOR = 'noise of 12,000 electrons at saturation, 0.8 grey levels of read noise, 8 bits'
 # Title, remark, table of the study, methods.
@@ -77,22 +76,18 @@ def write_page(folder: Path, entries: Sequence[Entry], quick: bool) -> Path:
         (caption, error_maps([e for e in entries if _is(e, table, row) and e.method in methods]))
         for caption, table, row, methods in _PICTURES
     ]
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader('ftp_dent_ros.evaluation', 'templates'),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
+    text = render(
+        'ftp_dent_ros.evaluation',
+        'templates/page.html.j2',
+        columns=COLUMNS,
+        tables=tables,
+        pictures=pictures,
+        quick=quick,
+        version=__version__,
+        machine=f'{platform.system()} {platform.machine()}',
     )
     page = folder / 'index.html'
     with written_aside(page) as aside:
-        text = environment.get_template('page.html.j2').render(
-            columns=COLUMNS,
-            tables=tables,
-            pictures=pictures,
-            quick=quick,
-            version=__version__,
-            machine=f'{platform.system()} {platform.machine()}',
-        )
         aside.write_text(text, encoding='utf-8')
     return page
 
@@ -142,16 +137,10 @@ def error_maps(entries: Sequence[Entry]) -> str:
         scale = figure.colorbar(image, ax=axes, shrink=0.85)
         scale.set_label(f'mm; MAE {np.nanmean(error):.3g}', fontsize=8)
         scale.ax.tick_params(labelsize=7)
-    return _png(figure)
+    return data_uri(figure_png(figure))
 
 
 def _cropped(error):
     """The part of the image that holds points."""
     rows, columns = (np.flatnonzero(np.isfinite(error).any(axis=axis)) for axis in (1, 0))
     return error[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-
-
-def _png(figure: Figure) -> str:
-    stream = io.BytesIO()
-    figure.savefig(stream, format='png', dpi=110)
-    return 'data:image/png;base64,' + base64.b64encode(stream.getvalue()).decode()

@@ -13,7 +13,9 @@ import sys
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -22,11 +24,18 @@ from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image
 from std_srvs.srv import Trigger
 
-from ftp_dent_ros.capture.simulated import SimulatedSource
-from ftp_dent_ros.capture.source import Frame, Source
-from ftp_dent_ros.errors import CameraError, ImageError
-from ftp_dent_ros.nodes.camera_parameters import declare
-from ftp_dent_ros.nodes.camera_sources import make_source
+from ftp_dent_ros.capture.device import DeviceSource, open_device
+from ftp_dent_ros.capture.files import FileSource
+from ftp_dent_ros.capture.source import (
+    ExposureClock,
+    Frame,
+    RenderedSource,
+    SimulatedSource,
+    Source,
+    stamps_exposure_start,
+)
+from ftp_dent_ros.errors import CameraError, ConfigurationError, ImageError
+from ftp_dent_ros.nodes.camera_parameters import CameraParameters, declare
 from ftp_dent_ros.nodes.declarations import names_of_all
 from ftp_dent_ros.ros.diagnostics import OK, WARN, Diagnostics
 from ftp_dent_ros.ros.messages import (
@@ -203,6 +212,45 @@ def _describe(frame: Frame | None) -> tuple[bool, str]:
         return False, 'there are no more images: set files.loop, or start again'
     seconds, nanoseconds = divmod(frame.stamp_ns, 1_000_000_000)
     return True, f'photograph taken at {seconds}.{nanoseconds:09d}'
+
+
+def make_source(given: CameraParameters, now_ns: Callable[[], int]) -> Source:
+    """Make the source, on ROS time in nanoseconds."""
+    if given.source == 'device':
+        return _device(given, now_ns)
+    if given.source == 'genicam':
+        # Imported only here: others need no Aravis.
+        from ftp_dent_ros.capture.aravis import GenicamSource
+
+        clock = ExposureClock(given.device.exposure, given.stamps != 'end', given.stamp_offset)
+        return GenicamSource(given.genicam, given.rate, clock, now_ns)
+    rig = given.rig
+    if given.source == 'files':
+        size = (rig.camera.width, rig.camera.height) if rig else None
+        return FileSource(given.files, given.rate, given.loop, size, now_ns, given.encoding)
+    if rig is None or given.scene is None:
+        lacking = 'rig' if rig is None else 'simulation.scene'
+        raise ConfigurationError(
+            f'the simulation needs its {lacking}: set the parameter {lacking}'
+        )
+    if given.ahead:
+        return RenderedSource(Path(given.ahead), given.rate, given.start_ns, now_ns)
+    # Imported only here: a real camera needs none of it.
+    from ftp_dent_ros.simulation.world import LiveWorld
+
+    world = LiveWorld(given.scene, given.start_ns)
+    return SimulatedSource(functools.partial(world.photograph, rig), given.rate, now_ns)
+
+
+def _device(given: CameraParameters, now_ns: Callable[[], int]) -> Source:
+    device, stamps = given.device, given.stamps
+    if not device.width or not device.height:
+        raise ConfigurationError(
+            'the size of the images is not known: set rig, or device.width and device.height'
+        )
+    at_start = stamps == 'start' or (stamps == 'auto' and stamps_exposure_start(device.path))
+    clock = ExposureClock(device.exposure, at_start, given.stamp_offset)
+    return DeviceSource(functools.partial(open_device, device), given.rate, clock, now_ns)
 
 
 def main() -> int:

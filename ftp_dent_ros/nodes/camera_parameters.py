@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ftp_dent_ros.capture.aravis import GenicamSettings
-from ftp_dent_ros.capture.v4l2 import DeviceSettings
+from ftp_dent_ros.capture.device import DeviceSettings
 from ftp_dent_ros.parameters import Declarations
 from ftp_dent_ros.rig.rig import Rig, read_rig
 

@@ -2,11 +2,10 @@
 
 from ftp_dent_ros.simulation.dents import Dent
 from ftp_dent_ros.simulation.fittings import DomedRivet, Rivet
-from ftp_dent_ros.simulation.form import Wave, waviness
 from ftp_dent_ros.simulation.paint import Dirt, Lettering, Paint, Patch, Sunlight, scratches
 from ftp_dent_ros.simulation.renderer import Renderer, render
 from ftp_dent_ros.simulation.sensor import Photometry
-from ftp_dent_ros.simulation.surface import Panel, Surface
+from ftp_dent_ros.simulation.surface import Panel, Surface, Wave, waviness
 from ftp_dent_ros.simulation.view import Motion
 
 __all__ = [

@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.simulation.fields import require_positive
-from ftp_dent_ros.simulation.form import turned
 
 # exp(1 - 1/q) is below 1e-300 here, and its slope does not overflow.
 _RIM = 1.4e-3
@@ -23,6 +22,25 @@ Field = NDArray[np.float64]
 # crossing; halving the bracket so often leaves 1e-12 of the axes.
 DIRECTIONS = 720
 _ALONG_A_RAY = 400
+
+
+def turned(x: NDArray[Any], y: NDArray[Any], angle: float) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Coordinates along and across a direction.
+
+    Parameters
+    ----------
+    x, y : ndarray
+        On the panel from the part's centre, of any shape and floating-point type.
+    angle : float
+        From the panel's x axis to the direction, towards y, radians.
+
+    Returns
+    -------
+    along, across : ndarray
+        Of the same shape and type.
+    """
+    c, s = math.cos(angle), math.sin(angle)
+    return x * c + y * s, y * c - x * s
 
 
 class Shape(Protocol):

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.calibration.board import Board
 from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.simulation.dents import turned
 from ftp_dent_ros.simulation.fields import require_positive
-from ftp_dent_ros.simulation.form import turned
 
 # Grains of a noise before it repeats (at 4 mm half a metre), and samples a grain: OpenCV 4 rounds
 # positions to 1/32 of a sample.

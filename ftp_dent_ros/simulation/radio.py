@@ -171,10 +171,6 @@ def _take(device: int, way: Way, now: float) -> None:
             way.put(os.read(device, 65536), now)
 
 
-if __name__ == '__main__':
-    carry((int(sys.argv[1]), int(sys.argv[2])), sys.stdin.fileno())
-
-
 @dataclass(frozen=True)
 class Site:
     """One end of the radio.
@@ -298,3 +294,7 @@ def _holder() -> Iterator[int]:
 
 def _run(*words: str) -> None:
     subprocess.run(words, check=True, capture_output=True)
+
+
+if __name__ == '__main__':
+    carry((int(sys.argv[1]), int(sys.argv[2])), sys.stdin.fileno())

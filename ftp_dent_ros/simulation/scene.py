@@ -22,7 +22,6 @@ from ftp_dent_ros.simulation.dents import (
 from ftp_dent_ros.simulation.fields import Fields
 from ftp_dent_ros.simulation.fittings import DomedRivet, Fitting, Rivet
 from ftp_dent_ros.simulation.flight import Flight
-from ftp_dent_ros.simulation.form import Wave
 from ftp_dent_ros.simulation.paint import (
     Dirt,
     Lettering,
@@ -33,7 +32,7 @@ from ftp_dent_ros.simulation.paint import (
     board_print,
     scratches,
 )
-from ftp_dent_ros.simulation.surface import Panel, Surface
+from ftp_dent_ros.simulation.surface import Panel, Surface, Wave
 
 _MARKS: dict[str, Any] = {
     'dirt': Dirt,

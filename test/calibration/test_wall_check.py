@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from ftp_dent_ros.calibration.check_aside import CheckAside
-from ftp_dent_ros.calibration.verdict import adjusted, judged, turned
-from ftp_dent_ros.calibration.wall_check import check, scatter
+from ftp_dent_ros.calibration.wall_check import adjusted, check, judged, scatter, turned
 from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.files import config_folder

@@ -11,9 +11,8 @@ import cv2
 import numpy as np
 import pytest
 
-from ftp_dent_ros.capture.device import DeviceSource, _Due
+from ftp_dent_ros.capture.device import DeviceSettings, DeviceSource, _Due, open_device
 from ftp_dent_ros.capture.source import ExposureClock
-from ftp_dent_ros.capture.v4l2 import DeviceSettings, open_device
 from ftp_dent_ros.errors import CameraError, ConfigurationError
 
 

@@ -60,7 +60,7 @@ def test_the_sentence_says_what_it_holds_for():
     rows, blanks = rows_of(trials), blanks_of(trials)
     words = sentence(rows, blanks, 5e-5)
     assert 'simulation' in words and '0.8 m' in words and '30 mm' in words
-    assert '1 false call on 5 m²' in words
+    assert '1 false calls on 5 m²' in words
     assert sentence(rows_of(trials[2:]), blanks, 5e-5).startswith('These 0 dents are too few')
 
 

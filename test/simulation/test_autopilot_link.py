@@ -63,20 +63,6 @@ def test_a_tcp_server_serves_one_client_after_the_other(free_port, client):
         link.send(PING)
 
 
-def test_a_tcp_client_that_does_not_read_is_left(free_port, client):
-    link = Link(f'tcpin:127.0.0.1:{free_port}', 1)
-    lazy = client(free_port)
-    lazy.sendall(frame())
-    received(link)
-    for _ in range(150_000):
-        link.send(PING)
-    quick = client(free_port)
-    quick.sendall(frame())
-    assert received(link).ts1 == 7
-    link.send(PING)
-    assert parsed(quick.recv(1000))[0].ts1 == 7
-
-
 def test_a_tcp_server_that_comes_back_is_found_again():
     with socket.create_server(('127.0.0.1', 0)) as server:
         server.settimeout(10)
@@ -113,18 +99,6 @@ def test_a_udp_server_answers_all_who_speak_and_survives_who_leave(free_port, cl
         assert parsed(stays.recv(1000))[0].ts1 == 7
     stays.send(frame())
     assert received(link).ts1 == 7
-
-
-def test_sequence_numbers_count_up(free_port, client):
-    link = Link(f'udpin:127.0.0.1:{free_port}', 1)
-    peer = client(free_port, socket.SOCK_DGRAM)
-    peer.send(frame())
-    received(link)
-    numbers = []
-    for _ in range(258):
-        link.send(PING)
-        numbers.append(parsed(peer.recv(1000))[0].get_seq())
-    assert numbers == [*range(256), 0, 1]
 
 
 @pytest.mark.parametrize('kind', ['udpin', 'tcpin'])
