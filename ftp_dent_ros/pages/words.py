@@ -27,7 +27,13 @@ def interval(estimate: Estimate, factor: float = 1e3, finest: int = 2) -> tuple[
 
 def position_interval(covariance: NDArray[np.float64]) -> str:
     """Half the 95 % interval of a place of covariance (3, 3), along any axis in the mean."""
-    return f'± {COVERAGE * math.sqrt(float(np.trace(covariance)) / 3) * 1e3:.2g} mm'
+    return spread(math.sqrt(float(np.trace(covariance)) / 3))
+
+
+def spread(uncertainty: float) -> str:
+    """Half a 95 % interval in millimetres and two digits, of a standard uncertainty in metres."""
+    half = float(f'{COVERAGE * uncertainty * 1e3:.2g}')
+    return f'± {half:g} mm'  # never with an exponent, as 110 of .2g alone has
 
 
 def iso_time(nanoseconds: int) -> str:

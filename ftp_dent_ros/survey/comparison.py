@@ -20,7 +20,7 @@ from ftp_dent_ros.dents.rules import Judgement, Rules, clearance, verdict, width
 from ftp_dent_ros.dents.sightings import agreement
 from ftp_dent_ros.pages.drawing import scale_bar
 from ftp_dent_ros.pages.page import render
-from ftp_dent_ros.pages.words import date_of, finite, interval, position_interval
+from ftp_dent_ros.pages.words import date_of, finite, interval, position_interval, spread
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.survey.aircraft_frame import AircraftFrame
 from ftp_dent_ros.survey.growth import Change, CommonFactor, Growth, changes_of, depth_growth
@@ -482,7 +482,7 @@ def _cells(row: ChartRow) -> dict[str, Any]:
         'clearance': interval(clearance(dent), finest=1),
         'growth': ('–', '') if growth is None else _signed(*growth),
         'location': [f'{value:.3f}' for value in row.location],
-        'spread': f'± {COVERAGE * row.uncertainty * 1e3:.2g} mm',
+        'spread': spread(row.uncertainty),
         'first_seen': row.first_seen,
         'verdict': verdict(row.findings),
         'cut': dent.is_cut,
