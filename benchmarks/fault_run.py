@@ -6,8 +6,8 @@
 stopped for some seconds (SIGSTOP) in random order, each as soon as dents are published of a
 photograph that was taken after the fault before; meanwhile busy loops take the processor, and
 messages that cannot be come on every topic and on the autopilot's port. Every cloud, tag and dent
-is held against the truth. Exit status 1 if one was wrong, a recovery took longer than 10 s, memory
-grew or shared memory was left.
+is held against the truth. Exit status 1 if one was wrong, a recovery took longer than 10 s, or
+memory grew.
 
 A recovery is work for the processor, most of it Python's start. A probe measures how much of the
 processor one more thread gets, of what the busy loops leave: where others on the machine take more
@@ -242,7 +242,6 @@ class Payload:
             *('--log-dir', str(logs)),
         ]
         self._log = logs / 'up.log'
-        self._segments: set[Path] = set()
         self.start()
 
     def start(self) -> None:
@@ -251,10 +250,9 @@ class Payload:
             self._up = subprocess.Popen(self._command, stdout=log, stderr=subprocess.STDOUT)
 
     def keep(self) -> None:
-        """Start it again if it has ended, and note what it has in memory."""
+        """Start it again if it has ended."""
         if self._up.poll() is not None:
             self.start()
-        self._segments |= _segments_of(set(self.pids().values()))
 
     def pids(self) -> dict[str, int]:
         """Process ids by name, of `_UP` too."""
@@ -278,21 +276,10 @@ class Payload:
             pages += int(words[1]) - int(words[2]) if words else 0
         return pages * os.sysconf('SC_PAGE_SIZE') / 1e6
 
-    def stop(self) -> list[Path]:
-        """End it; the segments of shared memory that it has left."""
+    def stop(self) -> None:
+        """End it."""
         self._up.send_signal(signal.SIGINT)
         self._up.wait(60)
-        return [path for path in self._segments if path.exists()]
-
-
-def _segments_of(pids: set[int]) -> set[Path]:
-    """Segments whose locks these processes hold."""
-    # Without the lines of those who wait for a lock, which have an arrow.
-    held = [line.split() for line in _read('/proc/locks').splitlines() if '->' not in line]
-    locked = {int(words[5].rpartition(':')[2]) for words in held if int(words[4]) in pids}
-    with os.scandir('/dev/shm') as entries:
-        names = {entry.name for entry in entries if entry.inode() in locked}
-    return {Path('/dev/shm') / name.removesuffix('_el') for name in names if 'port' not in name}
 
 
 def _read(path: str) -> str:
@@ -402,7 +389,7 @@ def run(payload: Payload, witness: Witness, probe: Probe, rng: random.Random, mi
     return times, memory
 
 
-def report(times, memory: list[float], findings: Findings, left: list[Path]) -> list[str]:
+def report(times, memory: list[float], findings: Findings) -> list[str]:
     """Print the tables; what was not as it should be."""
     every = [each for pairs in times.values() for each in pairs]
     share = statistics.median(share for _, share in every)
@@ -417,7 +404,6 @@ def report(times, memory: list[float], findings: Findings, left: list[Path]) -> 
         print(f'{what:32}{findings.counts[what]:7}{worst:9.4f}')
     print(f'{"hostile messages":32}{findings.counts["hostile messages"]:7}')
     print(f'memory by minute (MB): {", ".join(f"{each:.0f}" for each in memory)}')
-    print(f'segments left in /dev/shm: {len(left)}')
     troubles = list(findings.wrong)
     for what, count in findings.false.items():
         line = f'nothing is there: {what}, in {count} lists'
@@ -441,7 +427,6 @@ def report(times, memory: list[float], findings: Findings, left: list[Path]) -> 
     print(f'recoveries of more than {LONGEST_RECOVERY:g} s: {late}')
     if len(memory) > 1 and memory[-1] > _GROWTH * memory[0] + _GROWTH_MB:
         troubles.append(f'memory grew from {memory[0]:.0f} to {memory[-1]:.0f} MB')
-    troubles += [f'left in shared memory: {path}' for path in left]
     for name, value in sorted(findings.refused.items()):
         if name.endswith('failed') and value != '0':
             print(f'{name}: {value}')
@@ -483,12 +468,12 @@ def main() -> int:
             finally:
                 for each in (*loops, probe):
                     each.kill()
-                left = payload.stop()
+                payload.stop()
                 witness.close()
                 rclpy.try_shutdown()
                 if arguments.keep:
                     shutil.copytree(logs, arguments.keep, dirs_exist_ok=True)
-    return bool(report(times, memory, witness.findings, left))
+    return bool(report(times, memory, witness.findings))
 
 
 if __name__ == '__main__':

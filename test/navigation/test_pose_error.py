@@ -115,10 +115,6 @@ def test_skew_steps_and_jitter_leave_millimetres(steps, fewest) -> None:
                 ratios.append(np.abs([*off, *turned]) / deviations)
             waiting.remove(stamp)
     position, angle = np.transpose(errors)
-    print(
-        f'{len(errors)} tags: {1e3 * np.median(position):.1f} mm, {np.median(angle):.3f} degrees '
-        f'median; {1e3 * position.max():.1f} mm, {angle.max():.3f} degrees at most'
-    )
     asked = (SECONDS - 4.0) * 100
     assert len(errors) > fewest * asked
     assert sky.vehicle.clock.steps == len(steps)
