@@ -76,17 +76,6 @@ def test_is_made_once_and_updated_when_the_build_file_changes(project, make):
     assert make('test') == (0, '', [''])
 
 
-def test_is_made_anew_after_an_interruption(make):
-    status, said, _ = make('test', pip='echo no such package; exit 1')
-    assert status == 2
-    assert said.endswith(
-        'no such package pip could not install --upgrade pip>=23 (its whole log: .venv/pip.log).'
-    )
-    status, said, calls = make('test')
-    assert (status, calls[0]) == (0, 'venv')
-    assert 'Setting up .venv' in said
-
-
 def test_is_made_anew_for_another_python_and_in_another_place(project, make, tmp_path_factory):
     make('test', minor=11)
     assert make('test', minor=12)[2][0] == 'venv'
@@ -132,21 +121,7 @@ def test_a_missing_venv_is_named(make):
     assert 'sudo apt install python3-venv' in said
 
 
-def test_ubuntu_versions_need_a_python_that_has_them(make):
-    status, _, calls = make('ubuntu24.04')
-    assert (status, calls[2]) == (0, 'pip -c test/ubuntu24.04.txt -e .[bags,test]')
-    status, said, calls = make('ubuntu24.04', minor=13)
-    assert (status, calls) == (3, [''])
-    assert 'need Python 3.10 to 3.12, and none of these is here' in said
-
-
 def test_a_python_without_wheels_runs_the_rest(make):
     status, said, calls = make('test', minor=14)
     assert (status, calls[2]) == (0, 'pip -e .[bags,display,ground,test,lint]')
     assert 'there are ROS wheels for Python 3.10 to 3.13 only' in said
-
-
-def test_an_unknown_target_prints_the_usage(make):
-    status, said, _ = make('nonsense')
-    assert status == 2
-    assert 'tools/environment ubuntu24.04' in said

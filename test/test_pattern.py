@@ -1,4 +1,4 @@
-from dataclasses import asdict, replace
+from dataclasses import asdict
 
 import cv2
 import numpy as np
@@ -8,7 +8,7 @@ import yaml
 from ftp_dent_ros.errors import PatternError
 from ftp_dent_ros.pattern.drawn import pattern_from_image
 from ftp_dent_ros.pattern.file import read_pattern, write_pattern
-from ftp_dent_ros.pattern.pattern import SEQUENCES, Pattern, fringe_order
+from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.rig.rig import Lens
 
 PATTERN = Pattern(640, 360, 8.0, 320.0)
@@ -35,15 +35,6 @@ def test_drawn_pixels_follow_the_formula():
 
 
 # Fringes of 6 and 12 columns have pixels halfway between two levels.
-@pytest.mark.parametrize('period', [6.0, 8.0, 10.0, 12.0, 14.0])
-def test_rounding_to_grey_levels_shifts_no_fringe(period):
-    pattern = Pattern(640, 360, period, 320.0)
-    row = pattern.draw()[0, :, 0].astype(float)
-    phase = pattern.phase(np.arange(640))
-    for begin in np.flatnonzero(np.isclose((phase / (2 * np.pi)) % 1, 0))[:-1]:
-        fringe = slice(begin, begin + int(period))
-        assert abs(np.angle(row[fringe] @ np.exp(-1j * phase[fringe]))) < 1e-12
-    assert np.abs(pattern.rounding_shifts).max() < 1e-9
 
 
 @pytest.mark.parametrize(
@@ -82,79 +73,10 @@ def test_reads_itself_back(pattern):
     assert read.low_contrast == pytest.approx(pattern.low_contrast, abs=1e-3)
 
 
-def words(sequence, length):
-    return np.lib.stride_tricks.sliding_window_view(sequence[:160], length)
-
-
-@pytest.mark.parametrize('sequence', SEQUENCES)
-def test_each_word_of_a_code_comes_once_and_long_ones_not_mirrored(sequence):
-    ten = words(sequence, 10)
-    apart = (ten[:, None] != ten[None]).sum(axis=-1)
-    assert apart[~np.eye(len(ten), dtype=bool)].min() == 2
-    forward, mirrored = words(sequence, 15), words(sequence[:160][::-1], 15)
-    assert not (forward[:, None] == mirrored[None]).all(axis=-1).any()
-
-
-def test_no_long_word_of_a_code_is_one_of_another():
-    each = [{tuple(word) for word in words(sequence, 20)} for sequence in SEQUENCES]
-    for number, own in enumerate(each):
-        assert not own & set().union(*each[:number])
-
-
-@pytest.mark.parametrize('ratio', [0.9, 0.95, 0.97, 1.03, 1.05, 1.1])
-@pytest.mark.parametrize('period', [6.0, 8.0, 10.0, 11.3])
-def test_patterns_of_other_periods_have_another_code(period, ratio):
-    pattern = replace(CODED, period_px=period)
-    other = replace(CODED, period_px=period * ratio)
-    assert (pattern.sequence != other.sequence).any()
-
-
-@pytest.mark.parametrize('moved', [0.26, 0.5, 0.74])
-def test_a_zero_a_part_of_a_fringe_elsewhere_has_another_code_a_whole_one_has_not(moved):
-    other = replace(CODED, stripe_center_px=640 + 10 * moved)
-    assert (other.sequence != CODED.sequence).any()
-    assert (replace(CODED, stripe_center_px=650.0).sequence == CODED.sequence).all()
-
-
-def test_coded_fringes_are_grey_continuous_and_of_one_mean():
-    image = CODED.draw()
-    assert (image == image[..., :1]).all()
-    u = np.arange(0, 1280, 0.01)
-    assert np.abs(np.diff(CODED.intensity(u))).max() < 0.5 * 2 * np.pi / 10 * 0.0101
-    order = fringe_order(CODED.phase(u))
-    contrast = CODED.contrast(CODED.phase(u))
-    assert set(np.unique(contrast)) == {np.float32(0.75), np.float32(1)}
-    for k in (-64, -5, 0, 63):
-        assert (contrast[order == k] == (1 if CODED.sequence[k + 64] else 0.75)).all()
-    whole = u[(order == 3) & (contrast == contrast[order == 3][0])]
-    assert CODED.intensity(whole).mean() == pytest.approx(0.5, abs=1e-3)
-    assert CODED.fringe_orders == range(-64, 65)
-
-
-def test_along_coded_fringes_the_contrast_tells_the_row_and_the_mean_does_not():
-    image = CODED.draw()[..., 0].astype(float)
-    bright = np.flatnonzero((CODED.phase(np.arange(1280)) / (2 * np.pi)) % 1 == 0)
-    full = bright[CODED.contrast(CODED.phase(bright)) == 1]
-    contrast = (image[:, full].mean(axis=1) - 127) / 127
-    np.testing.assert_allclose(contrast, CODED.row_contrast(np.arange(720)), atol=0.5 / 127)
-    assert contrast[0] == 1
-    assert contrast.min() == pytest.approx(1 - CODED.row_depth, abs=0.5 / 127)
-    np.testing.assert_allclose(image[:, 5:1275].mean(axis=1), 127, atol=0.3)
-
-
 def test_fringes_along_the_other_axis_are_the_same_turned():
     turned = Pattern(360, 640, 8.0, 320.0, 'v')
     assert turned.transposed == PATTERN
     np.testing.assert_array_equal(turned.draw(), PATTERN.draw().transpose(1, 0, 2))
-
-
-@pytest.mark.parametrize('fringes', [-20, -1, 1, 33])
-@pytest.mark.parametrize(('period', 'centre'), [(10.0, 640.0), (8.0, 641.5), (7.3, 600.25)])
-def test_the_zero_of_coded_fringes_may_be_told_whole_fringes_elsewhere(fringes, period, centre):
-    told = Pattern(1280, 8, period, centre, code='contrast')
-    other = replace(told, stripe_center_px=centre + fringes * period)
-    np.testing.assert_array_equal(other.draw(), told.draw())
-    assert pattern_from_image(other.draw()) == pattern_from_image(told.draw())
 
 
 def test_the_stripe_stays_what_a_file_without_a_code_is(tmp_path):

@@ -8,8 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.errors import RigError
 from ftp_dent_ros.files import find
-from ftp_dent_ros.rig.geometry import check_geometry
-from ftp_dent_ros.rig.rig import Lens, Rig, read_rig, write_rig
+from ftp_dent_ros.rig.rig import Lens, read_rig, write_rig
 
 RIG = read_rig(find('shipped:rig.yaml'))
 
@@ -50,22 +49,3 @@ def test_what_cannot_be_is_refused(tmp_path, rig, words):
     with pytest.raises(RigError, match=words) as caught:
         read_rig(tmp_path / 'rig.yaml')
     assert str(caught.value).startswith(f'{tmp_path}/rig.yaml: ')
-
-
-@pytest.mark.parametrize(
-    'rig',
-    [
-        beside((0.25, 0, 0), 'y', 17),
-        beside((-0.25, 0, 0), 'y', -17),
-        beside((0.25, 0, 0), 'y', 0),
-        beside((0.02, 0, 0), 'y', 0),
-        beside((2.0, 0, 0.5), 'y', 40),
-        beside((0.18, 0.18, 0), 'xy', (-10, 12)),
-        beside((0, 0.25, 0), 'x', -17),
-        # Lens shift, and micromirrors on their corners.
-        Rig(RIG.camera, with_matrix(RIG.projector, c_y=720.0), RIG.rotation, RIG.translation),
-        Rig(RIG.camera, with_matrix(RIG.projector, f_y=948.0), RIG.rotation, RIG.translation),
-    ],
-)
-def test_what_can_be_is_taken(rig):
-    check_geometry(rig)

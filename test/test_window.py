@@ -9,7 +9,6 @@ import subprocess
 import sys
 import time
 
-import cv2
 import numpy as np
 import pytest
 
@@ -145,25 +144,6 @@ def test_another_resolution_is_told(server):
         process.wait()
         process.stdout.close()
     assert 'the display shows 320x240 pixels, the pattern has 400x240' in said
-
-
-def test_a_screenshot_under_wayland_is_the_pattern_bit_for_bit(compositor, tmp_path):
-    environment = compositor(scale=1)
-    process = shown(environment)
-
-    def is_shown():
-        subprocess.run(['weston-screenshooter'], env=environment, cwd=tmp_path, timeout=60)
-        pictures = sorted(tmp_path.glob('wayland-screenshot*.png'))
-        seen = cv2.imread(str(pictures[-1])) if pictures else None
-        return seen is not None and np.array_equal(seen[..., ::-1], PATTERN.draw())
-
-    try:
-        assert process.stdout.readline() == '\n'
-        wait_for(is_shown)
-    finally:
-        process.kill()
-        process.wait()
-        process.stdout.close()
 
 
 def test_a_scaled_desktop_is_told(compositor):

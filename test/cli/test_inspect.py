@@ -15,7 +15,6 @@ from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.cloud.ply import write_ply
 from ftp_dent_ros.files import find
 from ftp_dent_ros.pattern.file import read_pattern
-from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig.rig import read_rig
 from ftp_dent_ros.simulation import Photometry, Renderer
 from ftp_dent_ros.simulation.truth import true_dents
@@ -77,16 +76,6 @@ def test_dents_smaller_than_asked_for_are_left_out(tmp_path, cloud):
     write_ply(tmp_path / 'cloud.ply', cloud, 'camera_optical_frame')
     data = inspected(tmp_path / 'out', tmp_path / 'cloud.ply', '--smallest-depth', '1.5')
     assert len(data['dents']) == 1 and data['smallest_depth_mm'] == pytest.approx(1.5)
-
-
-def test_a_cloud_in_the_map_is_seen_from_its_outside(tmp_path, cloud):
-    pose = Pose.from_rpy((0.4, 1.0, -2.0), (9, -4, 2))
-    write_ply(tmp_path / 'map.ply', cloud.transformed(pose), 'map')
-    data = inspected(tmp_path / 'out', tmp_path / 'map.ply')
-    assert data['frame_id'] == 'map' and data['others'] == []
-    assert [dent['depth_mm'] for dent in data['dents']] == pytest.approx([2, 1], abs=0.02)
-    expected = pose.apply(TRUTH[0].position)
-    assert [data['dents'][0][a] for a in 'xyz'] == pytest.approx(expected, abs=5e-4)
 
 
 def test_a_photograph_is_reconstructed_and_shown_with_its_dents(tmp_path):

@@ -62,12 +62,6 @@ def test_an_estimator_that_is_not_ready_is_no_go(port, wire, capsys) -> None:
     assert beats == {(1, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER)}
 
 
-def test_an_estimator_that_is_never_heard_of_is_no_go(port, wire, capsys) -> None:
-    with HoveringAutopilot(wire) as autopilot:
-        autopilot.reports = False
-        refused(port, '4', 'the autopilot does not report the state of its estimator', capsys)
-
-
 def test_a_vehicle_without_gps_is_no_go_unless_that_is_said(port, wire, capsys) -> None:
     with HoveringAutopilot(wire) as autopilot:
         autopilot.fix_type = 1

@@ -1,4 +1,3 @@
-import copy
 import os
 import subprocess
 import sys
@@ -120,14 +119,6 @@ def test_the_options_reach_the_reconstruction(folder, photograph, capsys):
     assert cloud.points.shape == (120, 160, 3)
 
 
-@pytest.mark.parametrize('suffix', ['.tif', '.jpg'])
-def test_other_formats_are_read(folder, photograph, capsys, suffix):
-    write_image(folder / f'image{suffix}', photograph[1])
-    assert main(words(folder, image=f'image{suffix}')) == 0
-    cloud, _ = read_ply(folder / 'cloud.ply')
-    assert np.abs(SKIN.distance(cloud.points[cloud.valid])).mean() < 5e-4
-
-
 def test_an_existing_cloud_survives_a_refusal(folder, capfd):
     (folder / 'cloud.ply').write_text('the last one')
     write_image(folder / 'black.png', np.zeros((240, 320, 3), np.uint8))
@@ -208,55 +199,6 @@ def test_what_is_no_photograph_is_refused(folder, capfd, name, said):
     (folder / 'text.png').write_text('fringes')
     (folder / 'folder.png').mkdir()
     assert said in refused(folder, capfd, image=name)
-
-
-RIG_FIELDS = [
-    *(
-        (block, field)
-        for block in ('camera', 'projector')
-        for field in (
-            'image_width',
-            'image_height',
-            'camera_matrix',
-            'distortion_model',
-            'distortion_coefficients',
-        )
-    ),
-    ('extrinsics', 'rotation'),
-    ('extrinsics', 'translation'),
-]
-
-
-@pytest.mark.parametrize('value', [None, 'seven', [1.0]])
-@pytest.mark.parametrize(('block', 'field'), RIG_FIELDS)
-def test_each_field_of_the_rig_is_needed(folder, capfd, block, field, value):
-    fields = copy.deepcopy(yaml.safe_load((folder / 'rig.yaml').read_text()))
-    if value is None:
-        del fields[block][field]
-    else:
-        fields[block][field] = value
-    (folder / 'bad.yaml').write_text(yaml.safe_dump(fields))
-    said = refused(folder, capfd, rig='bad.yaml')
-    assert f'{folder}/bad.yaml: {block}.{field}' in said
-
-
-@pytest.mark.parametrize(
-    ('keys', 'value', 'said'),
-    [
-        (('extrinsics', 'rotation', 'data'), [1, 0, 0, 0, 1, 0, 0, 0, 2], 'not a rotation'),
-        (('extrinsics', 'rotation', 'data'), [1, 0, 0, 0, 1, 0, 0, 0, -1], 'not a rotation'),
-        (('extrinsics', 'translation'), [0, 0, 0], 'without a baseline'),
-        (('camera', 'camera_matrix', 'rows'), 2, 'rows: 3, cols: 3'),
-    ],
-)
-def test_an_impossible_rig_is_refused(folder, capfd, keys, value, said):
-    fields = yaml.safe_load((folder / 'rig.yaml').read_text())
-    block = fields
-    for key in keys[:-1]:
-        block = block[key]
-    block[keys[-1]] = value
-    (folder / 'bad.yaml').write_text(yaml.safe_dump(fields))
-    assert said in refused(folder, capfd, rig='bad.yaml')
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,6 @@ import zlib
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from skins import skin
 
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.coding.cloud_codec import (
@@ -44,15 +43,6 @@ def test_without_uncertainties_the_error_is_that_of_the_stated_step(view, cloud,
     assert np.isnan(back.sigma).all() and np.isnan(back.resolution).all()
 
 
-def test_other_fields_come_back_within_their_steps(cloud, view):
-    back = decode(encode(cloud, view))
-    assert np.abs(back.intensity - cloud.intensity).max() <= 0.5001
-    for name in ('sigma', 'resolution'):
-        before, after = getattr(cloud, name), getattr(back, name)
-        np.testing.assert_array_equal(np.isnan(after), np.isnan(before))
-        assert np.nanmax(np.abs(np.log2(after / before))) <= 1 / 8 + 1e-6
-
-
 def test_what_version_1_wrote_reads_the_same_on_every_machine():
     lens = Lens(8, 6, np.array([[10.0, 0, 3.5], [0, 10, 2.5], [0, 0, 1]]), np.full(5, 0.01))
     view = RayGrid(lens, 1)
@@ -76,11 +66,6 @@ AAKWdbm+k=
 """
 
 
-def test_size_of_a_cloud_of_640x360(view):
-    large = RayGrid(Lens(1280, 720, view.lens.camera_matrix * [[2], [2], [1]], np.zeros(5)), 2)
-    assert len(encode(skin(large), large)) < 150_000
-
-
 def test_a_cloud_off_the_rays_keeps_its_accuracy(cloud, view):
     pose = Pose(Rotation.from_euler('xyz', [0.3, 1.2, -2]), np.array([3.0, -2, 1]))
     moved = cloud.transformed(pose)
@@ -88,17 +73,6 @@ def test_a_cloud_off_the_rays_keeps_its_accuracy(cloud, view):
     np.testing.assert_array_equal(back.valid, moved.valid)
     # As float32 a coordinate of 4 m is known to 2.4e-7 m only.
     assert np.nanmax(along_ray(moved, back) - moved.sigma / 2) < 1e-6
-
-
-@pytest.mark.parametrize('rows, columns', [(0, 0), (1, 1), (1, 40), (30, 1), (7, 5)])
-def test_any_size(rows, columns):
-    rng = np.random.default_rng(3)
-    points = rng.uniform(-5, 5, (rows, columns, 3)).astype('f4')
-    points[rng.random((rows, columns)) < 0.3] = np.nan
-    given = Cloud(points, np.zeros((rows, columns), 'f4'))
-    back = decode(encode(given))
-    assert back.points.shape == points.shape
-    np.testing.assert_allclose(back.points, points, atol=1e-6)
 
 
 def test_a_cloud_of_nothing(view):

@@ -76,14 +76,6 @@ def test_garbage_at_the_end_is_cut(tmp_path, bag, garbage):
     assert not recovery.whole
 
 
-def test_a_whole_bag_is_copied_and_said_to_be_whole(tmp_path, bag):
-    recovery = recover(bag, tmp_path / 'new')
-    assert recovery.whole
-    assert recovery.cut == {}
-    assert list(read_messages(tmp_path / 'new')) == MESSAGES
-    assert open_bag(tmp_path / 'new').metadata.topics == open_bag(bag).metadata.topics
-
-
 def test_a_chunk_with_a_wrong_checksum_is_left_out_and_counted(tmp_path, bag):
     path = bag / 'bag_0.mcap'
     data = bytearray(path.read_bytes())

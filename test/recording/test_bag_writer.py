@@ -136,15 +136,6 @@ def test_files_are_split_by_size(tmp_path):
     assert parts == messages
 
 
-def test_a_bag_without_messages_is_a_bag(tmp_path):
-    write_sample(tmp_path / 'bag', [])
-    bag = open_bag(tmp_path / 'bag')
-    assert bag.metadata.message_counts == {'/words': 0, '/poses': 0, '/silent': 0}
-    assert list(bag.messages()) == []
-    with Reader(tmp_path / 'bag') as reader:
-        assert reader.message_count == 0
-
-
 def test_nothing_is_overwritten(tmp_path):
     (tmp_path / 'bag').mkdir()
     (tmp_path / 'bag' / 'bag_0.mcap').write_text('mine')

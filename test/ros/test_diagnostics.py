@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-import pytest
-
 from ftp_dent_ros.ros.diagnostics import ERROR, OK, WARN, Diagnostics, Statistics
 
 
@@ -10,36 +8,6 @@ class Clock:
 
     def __call__(self):
         return self.now
-
-
-def test_rates_look_back_over_the_window_only():
-    clock = Clock()
-    statistics = Statistics(window=10.0, now=clock)
-    for _ in range(40):
-        statistics.add('images')
-        clock.now += 0.5
-    assert statistics.rate('images') == pytest.approx(2.0)
-    assert statistics.totals['images'] == 40
-    clock.now += 11
-    assert (statistics.rate('images'), statistics.values('images')) == (0.0, [])
-
-
-def test_rates_of_a_young_process_are_over_its_life():
-    clock = Clock()
-    statistics = Statistics(window=10.0, now=clock)
-    for _ in range(6):
-        clock.now += 0.5
-        statistics.add('images')
-    assert statistics.rate('images') == pytest.approx(2.0)
-
-
-def test_values_are_those_of_the_window():
-    clock = Clock()
-    statistics = Statistics(window=10.0, now=clock)
-    for value in (9.0, 2.0, 1.0):
-        statistics.add('latency', value)
-        clock.now += 6
-    assert statistics.values('latency') == [1.0]
 
 
 def values_of(status):

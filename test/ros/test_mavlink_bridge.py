@@ -4,17 +4,12 @@ from __future__ import annotations
 
 import signal
 import socket
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from hovering_autopilot import HoveringAutopilot, Wire
 from numpy.testing import assert_allclose
@@ -25,7 +20,6 @@ from sensor_msgs.msg import CameraInfo, NavSatFix, PointCloud2
 from std_srvs.srv import Trigger
 
 from ftp_dent_ros.cloud.cloud import Cloud
-from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.files import find
 from ftp_dent_ros.rig.rig import read_rig
 from ftp_dent_ros.ros.messages import (
@@ -36,8 +30,6 @@ from ftp_dent_ros.ros.messages import (
     stamp_to_ns,
 )
 from ftp_dent_ros.ros.qos import CLOUDS, IMAGES, LATCHED, POSES
-from ftp_dent_ros.simulation.world import read_world
-from ftp_dent_ros.yaml_file import read_yaml
 
 # Hovering with the nose north 3 m north, 2 m east and 1 m above the origin.
 BASE = [2.0, 3.0, 1.0]
@@ -191,45 +183,6 @@ def test_a_cloud_comes_back_in_the_map_with_the_pose_at_its_stamp(ros, port, aut
     assert {(m.get_srcSystem(), m.get_srcComponent(), m.type) for m in beats} == {
         (1, 191, mavlink.MAV_TYPE_ONBOARD_CONTROLLER)
     }
-
-
-def test_poses_are_those_of_the_simulated_flight(ros, port, tmp_path) -> None:
-    # Quicker than the shipped one, so that an error of the clock shows.
-    scene = read_yaml(find('shipped:scene.yaml'), ConfigurationError)
-    scene['autopilot']['errors'] = {}
-    scene['flight'] |= {'speed': 1.0, 'sway': [0.2, 0.1, 0.1], 'wobble': [0.1, 0.1, 0.2]}
-    (tmp_path / 'scene.yaml').write_text(yaml.safe_dump(scene))
-    start = Clock().now().nanoseconds
-    world = read_world(tmp_path / 'scene.yaml', start)
-    bridge = Bridge(ros, port, maximum_clock_error=0.003, pose_timeout=10.0)
-    clouds = ros.collect(PointCloud2, 'tagged/points', CLOUDS)
-    with flying(tmp_path / 'scene.yaml', start, port):
-        ros.until(lambda: bridge.stream)
-        for _ in range(10):
-            bridge.tag()
-        ros.until(lambda: stamps_of(clouds) == stamps_of(bridge.poses))
-    # 3 ms of clock at up to 1.5 m/s and 30 degrees a second, and the interpolation.
-    for tag, cloud in zip(bridge.poses, clouds, strict=True):
-        stamp = stamp_to_ns(tag.header.stamp)
-        error = world.base_pose(stamp).inverse() @ pose_from_message(tag.pose.pose)
-        assert np.linalg.norm(error.translation) < 0.005
-        assert np.degrees(error.rotation.magnitude()) < 0.12
-        seen = world.camera_pose(stamp).apply(np.array([0.2, 0.3, 1.0]))
-        assert_allclose(cloud_from_message(cloud).points[0, 0], seen, atol=0.008)
-
-
-@contextmanager
-def flying(scene: Path, start: int, port: int) -> Iterator[None]:
-    """The simulated autopilot as a process of its own."""
-    options = ['--scene', scene, '--start-ns', start, '--address', f'udpout:127.0.0.1:{port}']
-    process = subprocess.Popen(
-        [sys.executable, '-m', 'ftp_dent_ros.simulation.autopilot', *map(str, options)]
-    )
-    try:
-        yield
-    finally:
-        process.terminate()
-        process.wait(60)
 
 
 def test_what_cannot_be_tagged_is_refused_with_its_reason(ros, port, autopilot) -> None:

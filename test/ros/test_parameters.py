@@ -43,49 +43,6 @@ def set_remotely(ros, name, value):
     return ros.call(SetParameters, 'subject/set_parameters', request).results[0]
 
 
-def test_a_value_that_was_not_given_is_the_default(make):
-    parameters = make()
-    assert declare_rate(parameters) == 5.0 == parameters['rate']
-
-
-def test_a_whole_number_serves_for_a_floating_point_one(make):
-    rate = declare_rate(make(rate=9))
-    assert (rate, type(rate)) == (9.0, float)
-
-
-@pytest.mark.parametrize(
-    ('default', 'value', 'sentence'),
-    [
-        (5.0, 'fast', 'give a number'),
-        (5.0, float('nan'), 'finite'),
-        (5.0, -1, 'from 0 to 100'),
-        (5.0, 100.5, 'from 0 to 100'),
-        (5.0, True, 'give a number'),
-        (3, 2.5, 'whole number'),
-        (3, 101, 'from 0 to 100'),
-        (True, 1, 'true or false'),
-        ('a', 7, 'in quotes'),
-        ([1.0, 2.0], [1.0], 'give 2 numbers'),
-        ([1.0, 2.0], 3.0, 'give 2 numbers'),
-        ([1.0, 2.0], ['x', 'y'], 'give a number'),
-        ([1.0, 2.0], [1.0, 300.0], 'from 0 to 100'),
-    ],
-)
-def test_a_wrong_value_is_refused_with_a_sentence(make, default, value, sentence):
-    numeric = not isinstance(default, (str, bool))
-    span = {'minimum': 0, 'maximum': 100} if numeric else {}
-    with pytest.raises(ConfigurationError, match=sentence) as caught:
-        make(subject=value).declare('subject', default, 'A test.', **span)
-    assert str(caught.value).startswith('parameter subject is ')
-
-
-def test_a_text_must_be_one_of_the_choices(make):
-    with pytest.raises(ConfigurationError, match='give direct or virtual-reference'):
-        make(method='fourier').declare(
-            'method', 'direct', 'How.', choices=('direct', 'virtual-reference')
-        )
-
-
 def test_a_parameter_describes_itself(ros, make):
     parameters = make()
     declare_rate(parameters)
@@ -134,23 +91,6 @@ def test_a_fixed_parameter_cannot_be_changed(ros, make):
     make().declare('rig', 'a.yaml', 'Calibration file.')
     result = set_remotely(ros, 'rig', 'b.yaml')
     assert not result.successful and 'read-only' in result.reason
-
-
-@pytest.mark.parametrize('given', ['rat', 'nothing.like.it'])
-def test_what_no_node_declares_is_refused_with_the_nearest_name(make, given):
-    parameters = make(**{given: 1})
-    declare_rate(parameters)
-    near = 'did you mean rate?' if given == 'rat' else 'there are rate'
-    with pytest.raises(ConfigurationError, match=f'no parameter {given}: {near}'):
-        parameters.close(lambda: ('stride',))
-
-
-def test_the_end_that_is_excluded_cannot_be_set_either(ros, make):
-    parameters = make()
-    parameters.declare('tau', 0.8, 'Gain.', above=0.0, maximum=1.0, changeable=True)
-    result = set_remotely(ros, 'tau', 0.0)
-    assert not result.successful and 'above 0' in result.reason
-    assert parameters['tau'] == 0.8
 
 
 def test_a_file_is_told_with_the_id_of_its_content(make, tmp_path, capfd):

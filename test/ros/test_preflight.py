@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,10 +12,9 @@ import yaml
 from scipy.spatial.transform import Rotation
 from test_calibration import write_scene
 
-from ftp_dent_ros.calibration.preflight import NO, OK, WARN, examine, sharpness
-from ftp_dent_ros.cli.preflight import bar
+from ftp_dent_ros.calibration.preflight import NO, OK, WARN, examine
 from ftp_dent_ros.pattern.file import write_pattern
-from ftp_dent_ros.pattern.pattern import CODES, Pattern
+from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.rig.rig import write_rig
@@ -60,22 +58,6 @@ def test_each_fault_is_found_and_advised(rig, light, flicker, name, verdict):
         assert {each.verdict for each in findings.values()} == {OK}, findings
         assert findings['distance'].text.startswith('0.75')
         assert 'mm a point, dents found from ' in findings['distance'].text
-
-
-@pytest.mark.parametrize('code', CODES)
-def test_the_bar_grows_with_the_focus(rig, code):
-    white, black = (photograph(rig, np.full((200, 320, 3), level, np.uint8)) for level in (254, 0))
-    drawn = replace(PATTERN, code=code).draw()
-    values = [
-        sharpness(white, black, photograph(rig, drawn, defocus_px=blur), drawn)
-        for blur in (3.0, 1.5, 0.7)
-    ]
-    assert values == sorted(values)
-    # What a blur of 0.7 pixels leaves of fringes of 10, whatever contrast is projected.
-    assert values[2] == pytest.approx(0.89, abs=0.05)
-    line = bar(values[0], values[2], 80)
-    assert line.count('\u2588') == 4 * round(78 * values[0])
-    assert line.count('|') == 4
 
 
 def test_a_payload_gets_go_and_a_wrong_rig_no_go(ros, domain, rig, rig_file, tmp_path):

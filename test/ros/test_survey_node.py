@@ -14,7 +14,6 @@ from sensor_msgs.msg import Image, PointCloud2
 from visualization_msgs.msg import MarkerArray
 
 from ftp_dent_ros.cloud.cloud import Cloud
-from ftp_dent_ros.ros.dent_messages import dents_from_message
 from ftp_dent_ros.ros.messages import (
     cloud_to_message,
     covariance_from_message,
@@ -121,38 +120,6 @@ def test_clouds_of_a_flight_get_poses_that_agree_with_each_other(ros, flight):
     assert float(bench.value('computation median (ms)')) > 0
     assert bench.value('refused') == bench.value('failed') == '0'
     assert bench.process.stop() == 0
-
-
-def test_the_dents_of_a_flight_lie_to_each_other_as_on_the_skin(ros):
-    skin = FlownSkin(32, dents=((0.05, 0.02, 0.03, 5e-4), (0.2, -0.03, 0.025, 4e-4)))
-    poses = list(skin.flight(6))
-    stated = erring(poses, 32)
-    bench = Bench(ros)
-    inspector = ros.start('dent_inspector', source='tagged', always=True)
-    told = ros.diagnostics('dent_inspector')
-    listed = ros.collect(PointCloud2, 'dents/list', LATCHED)
-
-    def value(key):
-        values = told().values if told() else ()
-        return next((item.value for item in values if item.key == key), None)
-
-    ros.until(lambda: told() and ros.node.count_subscribers('survey/path'))
-    ros.until(lambda: ros.node.count_subscribers('points') == 2)
-    for number, (pose, said) in enumerate(zip(poses, stated, strict=True)):
-        bench.show(number, *skin.seen(pose, number), said)
-        ros.until(lambda: value('inspected') == str(number + 1))  # noqa: B023
-    # The first may have come before the nodes had found each other.
-    assert int(value('placed by the survey')) >= 3
-
-    def apart():
-        dents = dents_from_message(listed[-1])
-        places = np.stack([dents[axis] for axis in 'xyz'], axis=-1)
-        return len(dents) == 2 and np.linalg.norm(places[1] - places[0])
-
-    # Between their centres on the undented cylinder, however late a correction comes.
-    true = np.hypot(0.15, 0.05)
-    ros.until(lambda: abs(apart() - true) < 1e-3)
-    assert inspector.stop() == 0 and bench.process.stop() == 0
 
 
 def test_what_cannot_be_joined_is_told_with_its_reason_and_ends_nothing(ros, flight):

@@ -114,27 +114,11 @@ def test_no_node_outlives_it(ros, up):
         time.sleep(0.02)
 
 
-def test_wrong_parameters_are_said_and_not_tried_again(up):
-    # Only the node itself finds that it does not fit the pattern.
-    payload = up(pattern_publisher={'pattern': up.pattern, 'period_px': 300.0})
-    assert payload.process.wait(60) == 2
-    assert 'period_px is 300' in payload.output
-    assert 'ended with status 2: it cannot run with what it was given' in payload.output
-    assert 'restarting' not in payload.output
-
-
 def test_wrong_names_start_nothing(up):
     payload = up(pattern_publisher={'pattern': up.pattern}, reconstruction={'strid': 2})
     assert payload.process.wait(60) == 2
     (line,) = payload.output.splitlines()
     assert line.endswith('there is no parameter strid: did you mean stride?')
-
-
-@pytest.mark.parametrize('given', ['rigg:=a.yaml', 'strid:=2', 'displayy.enabled:=true'])
-def test_a_node_by_itself_refuses_wrong_names_too(ros, given):
-    process = ros.start('reconstruction', '-p', given)
-    assert process.wait() == 2
-    assert process.said[0].startswith('reconstruction: there is no parameter')
 
 
 @pytest.mark.parametrize(

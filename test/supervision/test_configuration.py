@@ -7,7 +7,6 @@ from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.files import find
 from ftp_dent_ros.nodes.declarations import fitted
 from ftp_dent_ros.supervision.configuration import frozen, read_configuration
-from ftp_dent_ros.supervision.executables import EXECUTABLES
 
 
 def write(tmp_path, text):
@@ -47,14 +46,6 @@ def test_the_simulated_autopilot_has_options(tmp_path):
     )
 
 
-def test_an_option_is_a_number_or_a_text(tmp_path):
-    (entry,) = read_configuration(
-        write(tmp_path, 'simulated_autopilot: {ros__parameters: {scene: [1, 2]}}')
-    )
-    with pytest.raises(ConfigurationError, match='scene is neither a number nor a text'):
-        entry.program  # noqa: B018
-
-
 @pytest.mark.parametrize(
     'key', ['"a b"', '"3"', '/left//reconstruction', '/', '"reconstruction;"']
 )
@@ -67,13 +58,6 @@ def test_a_node_is_there_once(tmp_path):
     text = '/reconstruction: {ros__parameters: {}}\nreconstruction: {ros__parameters: {}}\n'
     with pytest.raises(ConfigurationError, match='reconstruction is there twice'):
         read_configuration(write(tmp_path, text))
-
-
-@pytest.mark.parametrize('name', ['shipped:payload.yaml', 'shipped:simulation.yaml'])
-def test_shipped_configurations(name):
-    entries = read_configuration(name)
-    assert {entry.executable for entry in entries} <= set(EXECUTABLES)
-    assert all(entry.program.command for entry in entries)
 
 
 def test_the_files_of_a_flight_are_those_of_its_start(tmp_path):

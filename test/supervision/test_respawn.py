@@ -1,4 +1,4 @@
-from ftp_dent_ros.supervision.processes import Respawn, verdict
+from ftp_dent_ros.supervision.processes import Respawn
 
 
 def test_what_ends_soon_waits_longer_each_time_and_what_ran_well_does_not_wait():
@@ -6,14 +6,3 @@ def test_what_ends_soon_waits_longer_each_time_and_what_ran_well_does_not_wait()
     assert [policy.delay(1, 5.0) for _ in range(7)] == [1, 2, 4, 8, 16, 30, 30]
     assert policy.delay(-9, 61.0) == 0
     assert [policy.delay(0, 0.1) for _ in range(2)] == [1, 2]
-
-
-def test_the_verdict_says_when():
-    assert verdict(0.0) == 'restarting it at once'
-    assert verdict(4.0) == 'restarting it in 4 s'
-    assert 'not restarted' in verdict(None)
-
-
-def test_wrong_parameters_are_not_tried_again_however_long_it_ran():
-    assert Respawn().delay(2, 0.1) is None
-    assert Respawn().delay(2, 600.0) is None

@@ -44,40 +44,10 @@ def lines():
     return Lines()
 
 
-@pytest.fixture
-def signals(monkeypatch):
-    """Function that has each signal waited for until a condition of process and signals is met.
-
-    However short the patience: a busy machine brings a signal when it gets to it, and two at once
-    as one.
-    """
-    send = os.killpg
-
-    def wait_for(condition):
-        sent = []
-
-        def killpg(pid, number):
-            send(pid, number)
-            sent.append(number)
-            until(lambda: condition(pid, sent))
-
-        monkeypatch.setattr(os, 'killpg', killpg)
-        return sent
-
-    return wait_for
-
-
 def one_that_ends(processes):
     ends = []
     until(lambda: ends.extend(processes.ended(0.1)) or ends)
     return ends[0]
-
-
-def test_shows_each_line_under_its_name_errors_too(lines):
-    with Processes(lines.show) as processes:
-        processes.start(script('a', 'import sys; print("one"); print("two", file=sys.stderr)'))
-        assert one_that_ends(processes).status == 0
-    assert sorted(lines) == [('a', 'one'), ('a', 'two')]
 
 
 def test_tells_a_status_from_a_signal(lines):
@@ -105,34 +75,6 @@ def test_stops_with_one_term(lines):
         assert processes.stop() == {'a': 0, 'b': 0}
         assert processes.names == ()
     assert lines.count(('a', 'goodbye')) == lines.count(('b', 'goodbye')) == 1
-
-
-def test_asks_twice(lines, signals):
-    second = (
-        'import os, signal\ncount = []\n'
-        'def end(*_):\n count.append(1)\n if len(count) == 2: raise SystemExit\n'
-        ' os.write(1, b"once more\\n")\n'
-        'signal.signal(signal.SIGTERM, end)\n'
-    )
-    with Processes(lines.show) as processes:
-        processes.start(script('a', second + WAIT))
-        until(lambda: lines)
-        sent = signals(lambda pid, sent: len(lines) == 2 if sent[1:] == [] else not is_alive(pid))
-        assert processes.stop(patience=0.1) == {'a': 0}
-    assert sent == [signal.SIGTERM] * 2
-
-
-def test_kills_what_ignores_term(lines, signals):
-    deaf = 'import signal; signal.signal(signal.SIGTERM, signal.SIG_IGN)\n'
-    with Processes(lines.show) as processes:
-        processes.start(script('deaf', deaf + WAIT))
-        processes.start(script('good', WAIT))
-        until(lambda: len(lines) == 2)
-        pid = processes.pid('deaf')
-        signals(lambda each, _: each == pid or not is_alive(each))
-        statuses = processes.stop(patience=0.1)
-    assert statuses == {'deaf': -signal.SIGKILL, 'good': -signal.SIGTERM}
-    assert not is_alive(pid)
 
 
 def test_takes_grandchildren_along(lines):
