@@ -23,6 +23,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
+from multiprocessing.pool import Pool
 from pathlib import Path
 from typing import Any
 
@@ -101,13 +102,24 @@ def done(task: Task, seed: int) -> tuple[Task, dict[str, Figures]]:
         return task, {'not made': {'refusals': 1, 'reason': type(reason).__name__}}
 
 
-def measured(todo: list[Task], seed: int, jobs: int) -> dict[Task, dict[str, Figures]]:
-    """All draws, in processes that have one thread each."""
+def processes(count: int) -> Pool:
+    """Fresh ones, which have one thread each."""
     for name in ('OPENBLAS', 'OMP', 'MKL'):
         os.environ[f'{name}_NUM_THREADS'] = '1'
-    with multiprocessing.get_context('spawn').Pool(jobs, maxtasksperchild=FRESH) as pool:
+    return multiprocessing.get_context('spawn').Pool(count, maxtasksperchild=FRESH)
+
+
+def measured(todo: list[Task], seed: int, jobs: int) -> dict[Task, dict[str, Figures]]:
+    """All draws."""
+    with processes(jobs) as pool:
         results = pool.imap_unordered(partial(done, seed=seed), todo)
         return dict(tqdm(results, total=len(todo), unit='draw', smoothing=0))
+
+
+def timed(seed: int) -> dict[str, float]:
+    """Speeds, in a process that nothing else is done in."""
+    with processes(1) as pool:
+        return pool.apply(speeds, (seed,))
 
 
 def gathered(todo: Iterable[Task], results: dict[Task, dict[str, Figures]]) -> Run:
@@ -163,7 +175,7 @@ def main() -> int:
         run = {'seed': arguments.seed, 'part': part, **gathered(todo, results)}
         package = Path(ftp_dent_ros.__file__).parent
         run['sizes'] = {} if part else sizes(package)
-        run['speeds'] = {} if part else speeds(arguments.seed)
+        run['speeds'] = {} if part else timed(arguments.seed)
     if arguments.output:
         arguments.output.mkdir(parents=True, exist_ok=True)
         (arguments.output / NAME).write_text(text(run))

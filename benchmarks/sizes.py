@@ -85,8 +85,14 @@ def _counted(tree: ast.Module) -> Iterator[str]:
             yield from () if node.value in range(_PLAIN + 1) else ('numbers',)
     for node in tree.body:
         if isinstance(node, ast.Assign | ast.AnnAssign) and node.value is not None:
-            values = node.value.elts if isinstance(node.value, ast.Tuple) else [node.value]
-            yield from ('constants' for value in values if _is_number(value))
+            yield from ('constants' for value in _values(node) if _is_number(value))
+
+
+def _values(node: ast.Assign | ast.AnnAssign) -> list[ast.expr]:
+    """What is assigned, name by name where several names are given."""
+    target = node.targets[0] if isinstance(node, ast.Assign) else node.target
+    several = isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple)
+    return node.value.elts if several else [node.value]
 
 
 def _parameters(arguments: ast.arguments) -> int:
@@ -95,7 +101,7 @@ def _parameters(arguments: ast.arguments) -> int:
 
 
 def _is_number(node: ast.expr) -> bool:
-    if isinstance(node, ast.UnaryOp):
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.UAdd):
         return _is_number(node.operand)
     if isinstance(node, ast.BinOp):
         return _is_number(node.left) and _is_number(node.right)
