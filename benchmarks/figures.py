@@ -47,6 +47,9 @@ ROOT = Path(__file__).resolve().parents[1]
 FRESH = 40
 NAME, PAGE = 'figures.json', 'docs/results.md'
 
+# Of a draw that failed before there was anything to measure.
+NOT_MADE = 'not made'
+
 Measure = Callable[[str, int, int], dict[str, Figures]]
 Task = tuple[str, str, int]
 
@@ -99,7 +102,7 @@ def done(task: Task, seed: int) -> tuple[Task, dict[str, Figures]]:
     try:
         return task, GROUPS[group].measure(name, seed, draw)
     except Exception as reason:
-        return task, {'not made': {'refusals': 1, 'reason': type(reason).__name__}}
+        return task, {NOT_MADE: {'refusals': 1, 'reason': type(reason).__name__}}
 
 
 def processes(count: int) -> Pool:
@@ -124,11 +127,15 @@ def timed(seed: int) -> dict[str, float]:
 
 def gathered(todo: Iterable[Task], results: dict[Task, dict[str, Figures]]) -> Run:
     """Rows of figures, draw by draw, in the order of the tasks; None where there is no number."""
-    draws: dict[str, list[Figures]] = defaultdict(list)
+    made: dict[str, list[dict[str, Figures]]] = defaultdict(list)
     for task in todo:
-        group, name, _ = task
-        for way, figures in results[task].items():
-            draws[f'{group}/{name}/{way}'].append(figures)
+        made[f'{task[0]}/{task[1]}'].append(results[task])
+    draws = {
+        f'{name}/{way}': [ways.get(way) or ways[NOT_MADE] for ways in each]
+        for name, each in made.items()
+        for way in dict.fromkeys(way for ways in each for way in ways)
+        if way != NOT_MADE or all(NOT_MADE in ways for ways in each)
+    }
     rows: dict[str, dict[str, list[Any]]] = {}
     reasons: dict[str, list[str]] = {}
     for row, each in draws.items():
