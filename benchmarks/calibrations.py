@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.calibration.board import Board
 from ftp_dent_ros.calibration.bundle import depth_slopes, depths
-from ftp_dent_ros.calibration.observing import Photographs, Sight, observe
+from ftp_dent_ros.calibration.observing import BoardSight, Photographs, observe
 from ftp_dent_ros.calibration.sequence import Sequence
 from ftp_dent_ros.calibration.solving import Solution, solve
 from ftp_dent_ros.errors import CalibrationError
@@ -84,7 +84,7 @@ def calibration(name: str, seed: int, draw: int) -> dict[str, Figures]:
     return {'board': figures}
 
 
-def _sighted(name: str, taken: Photographs, sequence: Sequence) -> Sight | None:
+def _sighted(name: str, taken: Photographs, sequence: Sequence) -> BoardSight | None:
     """A pose as it is read; None if it is refused, which a capture would take again."""
     try:
         return observe(name, taken, sequence, BOARD)

@@ -23,6 +23,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
+from multiprocessing.pool import Pool
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +46,9 @@ ROOT = Path(__file__).resolve().parents[1]
 # A process does so many draws: what is kept of their rigs is freed with it.
 FRESH = 40
 NAME, PAGE = 'figures.json', 'docs/results.md'
+
+# Of a draw that failed before there was anything to measure.
+NOT_MADE = 'not made'
 
 Measure = Callable[[str, int, int], dict[str, Figures]]
 Task = tuple[str, str, int]
@@ -98,25 +102,40 @@ def done(task: Task, seed: int) -> tuple[Task, dict[str, Figures]]:
     try:
         return task, GROUPS[group].measure(name, seed, draw)
     except Exception as reason:
-        return task, {'not made': {'refusals': 1, 'reason': type(reason).__name__}}
+        return task, {NOT_MADE: {'refusals': 1, 'reason': type(reason).__name__}}
+
+
+def processes(count: int) -> Pool:
+    """Fresh ones, which have one thread each."""
+    for name in ('OPENBLAS', 'OMP', 'MKL'):
+        os.environ[f'{name}_NUM_THREADS'] = '1'
+    return multiprocessing.get_context('spawn').Pool(count, maxtasksperchild=FRESH)
 
 
 def measured(todo: list[Task], seed: int, jobs: int) -> dict[Task, dict[str, Figures]]:
-    """All draws, in processes that have one thread each."""
-    for name in ('OPENBLAS', 'OMP', 'MKL'):
-        os.environ[f'{name}_NUM_THREADS'] = '1'
-    with multiprocessing.get_context('spawn').Pool(jobs, maxtasksperchild=FRESH) as pool:
+    """All draws."""
+    with processes(jobs) as pool:
         results = pool.imap_unordered(partial(done, seed=seed), todo)
         return dict(tqdm(results, total=len(todo), unit='draw', smoothing=0))
 
 
+def timed(seed: int) -> dict[str, float]:
+    """Speeds, in a process that nothing else is done in."""
+    with processes(1) as pool:
+        return pool.apply(speeds, (seed,))
+
+
 def gathered(todo: Iterable[Task], results: dict[Task, dict[str, Figures]]) -> Run:
     """Rows of figures, draw by draw, in the order of the tasks; None where there is no number."""
-    draws: dict[str, list[Figures]] = defaultdict(list)
+    made: dict[str, list[dict[str, Figures]]] = defaultdict(list)
     for task in todo:
-        group, name, _ = task
-        for way, figures in results[task].items():
-            draws[f'{group}/{name}/{way}'].append(figures)
+        made[f'{task[0]}/{task[1]}'].append(results[task])
+    draws = {
+        f'{name}/{way}': [ways.get(way) or ways[NOT_MADE] for ways in each]
+        for name, each in made.items()
+        for way in dict.fromkeys(way for ways in each for way in ways)
+        if way != NOT_MADE or all(NOT_MADE in ways for ways in each)
+    }
     rows: dict[str, dict[str, list[Any]]] = {}
     reasons: dict[str, list[str]] = {}
     for row, each in draws.items():
@@ -163,7 +182,7 @@ def main() -> int:
         run = {'seed': arguments.seed, 'part': part, **gathered(todo, results)}
         package = Path(ftp_dent_ros.__file__).parent
         run['sizes'] = {} if part else sizes(package)
-        run['speeds'] = {} if part else speeds(arguments.seed)
+        run['speeds'] = {} if part else timed(arguments.seed)
     if arguments.output:
         arguments.output.mkdir(parents=True, exist_ok=True)
         (arguments.output / NAME).write_text(text(run))

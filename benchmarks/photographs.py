@@ -27,11 +27,11 @@ from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig.rig import Rig
 from ftp_dent_ros.simulation import (
+    CameraMotion,
     Dent,
     Dirt,
     DomedRivet,
     Lettering,
-    Motion,
     Paint,
     Panel,
     Photometry,
@@ -81,7 +81,7 @@ class Scene:
     panels: tuple[Panel, ...]
     photometry: Photometry
     pattern: Pattern = PATTERN
-    motion: Motion = field(default_factory=Motion)
+    motion: CameraMotion = field(default_factory=CameraMotion)
 
     @property
     def surface(self) -> Surface:
@@ -138,11 +138,11 @@ def skin(rng: Random, distance: float = 0.8, spread: float = 3.0, **options) -> 
     return Panel(pose, _ENDLESS, **options)
 
 
-def scene(*panels: Panel, rig: Rig = RIG, motion: Motion | None = None, **light) -> Scene:
+def scene(*panels: Panel, rig: Rig = RIG, motion: CameraMotion | None = None, **light) -> Scene:
     """Panels in a light that gives a white skin 85 % of saturation, and some daylight."""
     distance = float(panels[0].pose.translation[2])
     usual = {'exposure': 1.0, 'ambient': 0.03, 'samples': 8, 'reference_distance': distance}
-    return Scene(rig, panels, Photometry(**usual | light), motion=motion or Motion())
+    return Scene(rig, panels, Photometry(**usual | light), motion=motion or CameraMotion())
 
 
 def seed(rng: Random) -> int:
@@ -305,7 +305,7 @@ def glossy(rng: Random) -> Scene:
 
 def moving(rng: Random) -> Scene:
     """0.2 m/s and half a radian a second for 8 ms."""
-    motion = Motion(rng.normal(0, 0.5, 3) * 0.008 / 1.7, rng.normal(0, 0.2, 3) * 0.008 / 1.7)
+    motion = CameraMotion(rng.normal(0, 0.5, 3) * 0.008 / 1.7, rng.normal(0, 0.2, 3) * 0.008 / 1.7)
     return scene(skin(rng), motion=motion)
 
 
@@ -332,7 +332,7 @@ def all_at_once(rng: Random) -> Scene:
         waves=waviness(1e-4, 0.16, seed(rng)),
         paint=Paint(roughness=0.2, marks=marks),
     )
-    motion = Motion(translation=rng.normal(0, 0.05, 3) * 0.004)
+    motion = CameraMotion(translation=rng.normal(0, 0.05, 3) * 0.004)
     sensor = {'bayer': True, 'jpeg_quality': 85, 'psf_px': 0.8, 'full_well': 8000.0}
     return scene(panel, motion=motion, ambient=0.5, exposure=0.66, read_noise=1.5, **sensor)
 

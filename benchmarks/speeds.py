@@ -1,7 +1,7 @@
 """How long things take, in multiples of one rfft and irfft of the photograph's rows.
 
-Processor time of one thread; each is timed in turn with the yardstick, so that what else the
-machine does falls on both alike. Memory is kept as nodes and commands keep it.
+Processor time of one thread, the least of several, each in turn with the yardstick: what else the
+machine does only adds to it. Memory is kept as nodes and commands keep it.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ REPETITIONS = 15
 
 
 def speeds(seed: int) -> dict[str, float]:
-    """Medians, by what is done."""
+    """Multiples, by what is done."""
     cv2.setNumThreads(1)
     keep_freed()
     work: dict[str, Callable[[], Any]] = {}
@@ -66,4 +66,4 @@ def _multiple(work: Callable[[], Any], yardstick: Callable[[], Any]) -> float:
             # The first is to warm up.
             if repetition:
                 seconds.append(time.process_time() - begin)
-    return float(np.median(taken[0]) / np.median(taken[1]))
+    return min(taken[0]) / min(taken[1])

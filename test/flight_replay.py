@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from ftp_dent_ros.errors import PoseAwaitedError, PoseError
 from ftp_dent_ros.navigation import frames
-from ftp_dent_ros.navigation.settings import Instant, Settings
+from ftp_dent_ros.navigation.settings import Instant, VehicleSettings
 from ftp_dent_ros.navigation.vehicle import Vehicle
 from ftp_dent_ros.pose import Pose
 
@@ -38,11 +38,11 @@ class Outcome:
 
 
 def replay(
-    flight: Flight, stamps: list[int], seed: int = 1, settings: Settings | None = None
+    flight: Flight, stamps: list[int], seed: int = 1, settings: VehicleSettings | None = None
 ) -> Outcome:
     """Play all packets, answer TIMESYNC after random delays, ask for the pose at each stamp."""
     rng = np.random.default_rng(seed)
-    vehicle, outcome = Vehicle(settings or Settings()), Outcome()
+    vehicle, outcome = Vehicle(settings or VehicleSettings()), Outcome()
     ours, its = mavlink.MAVLink(None, *VEHICLE[:1], 191), mavlink.MAVLink(None, *VEHICLE)
     order = count()
     events = [(stamp, next(order), flight.messages[i]) for i, stamp in enumerate(flight.times)]

@@ -285,7 +285,7 @@ class Problem:
 
 
 @dataclass(frozen=True, eq=False)
-class Estimate:
+class Adjustment:
     """A rig with all that was estimated beside it.
 
     Attributes
@@ -343,7 +343,7 @@ def adjust(
     shape: NDArray[np.float64] | None = None,
     deviations: tuple[float, float] | None = None,
     tolerance: float = 1e-8,
-) -> Estimate:
+) -> Adjustment:
     """Estimate rig, poses and the board's shape from observations.
 
     Parameters
@@ -366,7 +366,7 @@ def adjust(
 
     Returns
     -------
-    Estimate
+    Adjustment
     """
     problem = Problem(observations, board, start, model, free, shape)
     vector = np.concatenate([rig_vector(start), poses.ravel(), problem.start_shape])
@@ -384,7 +384,7 @@ def adjust(
 
 
 def weighted_jacobian(
-    seen: Observation, board: NDArray, estimate: Estimate, pose: NDArray, model: Model
+    seen: Observation, board: NDArray, estimate: Adjustment, pose: NDArray, model: Model
 ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
     """Of one observation's residuals, and the parameters that its columns are of."""
     problem = Problem([seen], board, estimate.rig, model, 'rig', None)
@@ -447,7 +447,7 @@ def _descend(
 
 def _estimate(
     problem: Problem, vector: NDArray, start: Rig, shape_of_poses: tuple[int, ...]
-) -> Estimate:
+) -> Adjustment:
     """All that was estimated, of all parameters."""
     first = RIG + 6 * problem.count
     weighted = problem.residuals(vector[problem.active], vector)
@@ -456,7 +456,7 @@ def _estimate(
     rows_of_pose = np.broadcast_to(problem.pose_of[:, None], problem.known.shape)[problem.known]
     rows_of_pose = np.concatenate([rows_of_pose, np.full(len(weighted) - len(rows_of_pose), -1)])
     jacobian = problem.jacobian(vector[problem.active], vector).toarray() * robust[:, None]
-    return Estimate(
+    return Adjustment(
         rig=rig_of(vector[:RIG], start),
         poses=vector[RIG:first].reshape(shape_of_poses),
         shape=problem.board + problem.give @ vector[first:],
@@ -469,7 +469,7 @@ def _estimate(
     )
 
 
-def covariance(estimate: Estimate) -> NDArray[np.float64]:
+def covariance(estimate: Adjustment) -> NDArray[np.float64]:
     """Covariance of the rig's 24 numbers, in the order of `calibration_record.PARAMETERS`.
 
     That of least squares, times the factor by which the poses' gradients scatter more than
@@ -515,7 +515,7 @@ def covariance(estimate: Estimate) -> NDArray[np.float64]:
 
 
 def information(
-    seen: Observation, board: NDArray, estimate: Estimate, pose: NDArray, model: Model
+    seen: Observation, board: NDArray, estimate: Adjustment, pose: NDArray, model: Model
 ) -> NDArray[np.float64]:
     """What one more pose would add to the normal equations of the rig's 24 numbers."""
     jacobian, active = weighted_jacobian(seen, board, estimate, pose, model)
@@ -542,7 +542,7 @@ def with_information(
     return result
 
 
-def _first_shape(estimate: Estimate) -> int:
+def _first_shape(estimate: Adjustment) -> int:
     return RIG + 6 * len(estimate.poses)
 
 

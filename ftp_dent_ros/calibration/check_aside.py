@@ -28,7 +28,7 @@ _LONGEST = 120
 
 
 @dataclass(frozen=True)
-class Verdict:
+class RigVerdict:
     """What `wall_check` says of a rig.
 
     Attributes
@@ -51,7 +51,7 @@ class CheckAside:
 
     def check(
         self, rig: Rig, pattern: Pattern, photograph: Photograph, points: NDArray
-    ) -> Verdict:
+    ) -> RigVerdict:
         """Check a rig by a photograph and the cloud of it, as `wall_check.check` does.
 
         Raises
@@ -80,7 +80,7 @@ class CheckAside:
         reply = json.loads(told)
         if 'reason' in reply:
             raise CalibrationError(reply['reason'])
-        return Verdict(**reply)
+        return RigVerdict(**reply)
 
     def end(self) -> None:
         """End the check under way, and start none any more."""

@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.calibration.board import Board
-from ftp_dent_ros.calibration.sequence import Frame, Sequence
+from ftp_dent_ros.calibration.sequence import ProjectedFrame, Sequence
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.robust import NORMAL_SPREAD
 
 # A lit pixel is brighter by this than an unlit one: three times what rounding and read noise do.
 _LEAST_CONTRAST = 6.0
 
-Photographs = Mapping[Frame, NDArray[np.uint8]]
+Photographs = Mapping[ProjectedFrame, NDArray[np.uint8]]
 
 # A window reaches this part of the way to the nearest corner. Beyond it a quadratic no longer
 # follows the perspective of a tilted board.
@@ -77,7 +77,7 @@ def decode(photographs: Photographs, sequence: Sequence, part: tuple[slice, slic
 
     Parameters
     ----------
-    photographs : mapping of Frame to ndarray, shape (height, width), uint8
+    photographs : mapping of ProjectedFrame to ndarray, shape (height, width), uint8
         Grey photographs; some may be missing.
     sequence : Sequence
     part : (slice, slice)
@@ -108,8 +108,8 @@ def lit_evenly(photographs: Photographs, steps: int) -> dict[str, NDArray[np.uin
     fringes and second harmonics cancel: that of a whole period or of every other step of it.
     """
     found: dict[str, NDArray[np.uint8]] = {}
-    if Frame('white') in photographs:
-        found['the white one'] = photographs[Frame('white')]
+    if ProjectedFrame('white') in photographs:
+        found['the white one'] = photographs[ProjectedFrame('white')]
     for axis, word in (('u', 'columns'), ('v', 'rows')):
         shifts = {
             frame.index: image
@@ -119,11 +119,11 @@ def lit_evenly(photographs: Photographs, steps: int) -> dict[str, NDArray[np.uin
         turns = np.exp(2j * np.pi * np.array(list(shifts)) / steps)
         cancel = max(abs(turns.sum()), abs((turns * turns).sum())) < 1e-6
         pairs = [
-            (image, photographs[Frame('inverse', axis, frame.index)])
+            (image, photographs[ProjectedFrame('inverse', axis, frame.index)])
             for frame, image in photographs.items()
             if frame.kind == 'gray'
             and frame.axis == axis
-            and Frame('inverse', axis, frame.index) in photographs
+            and ProjectedFrame('inverse', axis, frame.index) in photographs
         ]
         if len(shifts) > 2 and cancel:
             mean = np.mean(np.stack(list(shifts.values())), axis=0, dtype=np.float32)
@@ -133,8 +133,8 @@ def lit_evenly(photographs: Photographs, steps: int) -> dict[str, NDArray[np.uin
                 np.concatenate([np.stack(pair) for pair in pairs]), axis=0, dtype=np.float32
             )
             found[f'those of the {word}'] = _stretched(mean)
-    if Frame('white', '', 1) in photographs:
-        found['the last one'] = photographs[Frame('white', '', 1)]
+    if ProjectedFrame('white', '', 1) in photographs:
+        found['the last one'] = photographs[ProjectedFrame('white', '', 1)]
     return found
 
 
@@ -198,7 +198,7 @@ def _words(
     shifts: Mapping[int, NDArray[np.float32]],
 ) -> tuple[NDArray[np.int32], int, NDArray[np.bool_]]:
     """Gray code words, how many of their finest bits are missing, and where they can be read."""
-    white, black = (photographs.get(Frame(kind)) for kind in ('white', 'black'))
+    white, black = (photographs.get(ProjectedFrame(kind)) for kind in ('white', 'black'))
     middle: NDArray | None = None
     if white is not None and black is not None:
         middle = (white[part].astype(np.float32) + black[part]) / 2
@@ -207,8 +207,8 @@ def _words(
     bits: list[NDArray[np.bool_] | None] = []
     contrast: list[NDArray[np.float32]] = []
     for index in range(sequence.bits(axis)):
-        bit = photographs.get(Frame('gray', axis, index))
-        inverse = photographs.get(Frame('inverse', axis, index))
+        bit = photographs.get(ProjectedFrame('gray', axis, index))
+        inverse = photographs.get(ProjectedFrame('inverse', axis, index))
         if bit is not None and inverse is not None:
             difference = bit[part].astype(np.float32) - inverse[part]
             contrast.append(np.abs(difference))
@@ -313,7 +313,7 @@ def _at(values: NDArray, centre: NDArray, radius: float) -> tuple[float, float]:
 
 
 @dataclass(frozen=True, eq=False)
-class Sight:
+class BoardSight:
     """A pose as it was seen.
 
     Attributes
@@ -336,7 +336,7 @@ class Sight:
     remarks: tuple[str, ...]
 
 
-def observe(name: str, photographs: Photographs, sequence: Sequence, board: Board) -> Sight:
+def observe(name: str, photographs: Photographs, sequence: Sequence, board: Board) -> BoardSight:
     """Find the board's corners and their projector coordinates.
 
     Raises
@@ -350,7 +350,7 @@ def observe(name: str, photographs: Photographs, sequence: Sequence, board: Boar
         raise CalibrationError(f'{name}: {reason}') from None
 
 
-def _observe(name: str, photographs: Photographs, sequence: Sequence, board: Board) -> Sight:
+def _observe(name: str, photographs: Photographs, sequence: Sequence, board: Board) -> BoardSight:
     if not photographs:
         raise CalibrationError('holds no photographs: take the pose again')
     even = lit_evenly(photographs, sequence.steps)
@@ -397,7 +397,7 @@ def _observe(name: str, photographs: Photographs, sequence: Sequence, board: Boa
     if lit < seen and not codes.troubles:
         remarks.append(f'{seen - lit} of {seen} corners have no projector coordinates')
     observation = Observation(name, corners, projected)
-    return Sight(observation, blur, moved, _contrast(photographs, part), tuple(remarks))
+    return BoardSight(observation, blur, moved, _contrast(photographs, part), tuple(remarks))
 
 
 def _found(board: Board, image: NDArray[np.uint8]) -> NDArray[np.float64] | None:
@@ -456,14 +456,17 @@ def _refuse_changing_light(photographs: Photographs, part: tuple[slice, slice]) 
 
 def _refuse_disorder(photographs: Photographs, part: tuple[slice, slice]) -> None:
     """Refuse pairs of a bit and its inverse that do not add up to white and black."""
-    white, black = photographs.get(Frame('white')), photographs.get(Frame('black'))
+    white, black = (
+        photographs.get(ProjectedFrame('white')),
+        photographs.get(ProjectedFrame('black')),
+    )
     if white is None or black is None:
         return
     total = white[part].astype(float) + black[part]
     contrast = np.maximum(white[part].astype(float) - black[part], 1)
     lit = contrast >= np.median(contrast)
     for frame, image in photographs.items():
-        inverse = photographs.get(Frame('inverse', frame.axis, frame.index))
+        inverse = photographs.get(ProjectedFrame('inverse', frame.axis, frame.index))
         if frame.kind != 'gray' or inverse is None:
             continue
         pair = image[part].astype(float) + inverse[part]

@@ -20,7 +20,7 @@ _LEVELS = 254  # as pattern.py
 
 
 @dataclass(frozen=True)
-class Frame:
+class ProjectedFrame:
     """One projected image.
 
     Attributes
@@ -90,34 +90,34 @@ class Sequence:
         return self.period // 2 if self.period else 1
 
     @property
-    def frames(self) -> tuple[Frame, ...]:
+    def frames(self) -> tuple[ProjectedFrame, ...]:
         """What is shown, in order."""
         if not self.period:
             return (
                 *(
-                    Frame(kind, axis, bit)
+                    ProjectedFrame(kind, axis, bit)
                     for axis in 'uv'
                     for bit in range(self.bits(axis))
                     for kind in ('gray', 'inverse')
                 ),
-                Frame('white'),
-                Frame('black'),
+                ProjectedFrame('white'),
+                ProjectedFrame('black'),
             )
         return (
-            Frame('white'),
-            Frame('black'),
+            ProjectedFrame('white'),
+            ProjectedFrame('black'),
             *(
                 frame
                 for axis in 'uv'
                 for frame in (
-                    *(Frame('gray', axis, bit) for bit in range(self.bits(axis))),
-                    *(Frame('shift', axis, step) for step in range(self.steps)),
+                    *(ProjectedFrame('gray', axis, bit) for bit in range(self.bits(axis))),
+                    *(ProjectedFrame('shift', axis, step) for step in range(self.steps)),
                 )
             ),
-            Frame('white', '', 1),
+            ProjectedFrame('white', '', 1),
         )
 
-    def draw(self, frame: Frame) -> NDArray[np.uint8]:
+    def draw(self, frame: ProjectedFrame) -> NDArray[np.uint8]:
         """The pixels of one frame, RGB, shape (height, width, 3)."""
         if not frame.axis:
             level = _LEVELS if frame.kind == 'white' else 0

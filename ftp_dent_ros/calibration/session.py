@@ -15,8 +15,8 @@ import yaml
 from numpy.typing import NDArray
 
 from ftp_dent_ros.calibration.board import Board
-from ftp_dent_ros.calibration.observing import Sight, observe
-from ftp_dent_ros.calibration.sequence import Frame, Sequence
+from ftp_dent_ros.calibration.observing import BoardSight, observe
+from ftp_dent_ros.calibration.sequence import ProjectedFrame, Sequence
 from ftp_dent_ros.errors import CalibrationError, ConfigurationError
 from ftp_dent_ros.files import written_aside
 from ftp_dent_ros.yaml_file import read_yaml
@@ -70,7 +70,7 @@ def find_poses(folder: Path) -> list[PoseFolder]:
 
 def read_pose(
     pose: PoseFolder, sequence: Sequence, first: int = 0
-) -> dict[Frame, NDArray[np.uint8]]:
+) -> dict[ProjectedFrame, NDArray[np.uint8]]:
     """Grey photographs of a pose by the frame that was projected; missing ones are left out.
 
     Raises
@@ -86,7 +86,7 @@ def read_pose(
             f'{sequence.width}x{sequence.height} projector only {len(frames)}: check the '
             "projector's size and the sequence"
         )
-    levels: dict[Frame, NDArray[Any]] = {}
+    levels: dict[ProjectedFrame, NDArray[Any]] = {}
     for number, path in pose.files.items():
         data = np.fromfile(path, np.uint8)
         image = cv2.imdecode(data, _GREY) if len(data) else None
@@ -100,7 +100,9 @@ def read_pose(
     return in_order(taken)
 
 
-def _of_eight_bits(levels: dict[Frame, NDArray[Any]]) -> dict[Frame, NDArray[np.uint8]]:
+def _of_eight_bits(
+    levels: dict[ProjectedFrame, NDArray[Any]],
+) -> dict[ProjectedFrame, NDArray[np.uint8]]:
     """The same in 8 bits; of 16, all are divided by what the brightest photograph needs."""
     deep = [image for image in levels.values() if image.dtype == np.uint16]
     highest = max((int(image.max(initial=0)) for image in deep), default=0)
@@ -111,9 +113,11 @@ def _of_eight_bits(levels: dict[Frame, NDArray[Any]]) -> dict[Frame, NDArray[np.
     }
 
 
-def in_order(taken: dict[Frame, NDArray[np.uint8]]) -> dict[Frame, NDArray[np.uint8]]:
+def in_order(
+    taken: dict[ProjectedFrame, NDArray[np.uint8]],
+) -> dict[ProjectedFrame, NDArray[np.uint8]]:
     """The same with white and black told apart: tools differ in which comes first."""
-    white, black = Frame('white'), Frame('black')
+    white, black = ProjectedFrame('white'), ProjectedFrame('black')
     if white in taken and black in taken and taken[white].mean() < taken[black].mean():
         return taken | {white: taken[black], black: taken[white]}
     return taken
@@ -183,12 +187,12 @@ def read_session(folder: Path) -> Session:
 
 def see_poses(
     folder: Path, session: Session, progress: Callable[[str], None] = lambda name: None
-) -> tuple[list[Sight], list[str], tuple[int, int]]:
+) -> tuple[list[BoardSight], list[str], tuple[int, int]]:
     """Read all poses of a folder.
 
     Returns
     -------
-    sights : list of Sight
+    sights : list of BoardSight
     left_out : list of str
         A sentence for each pose that cannot be used.
     size : (int, int)
@@ -199,7 +203,7 @@ def see_poses(
     CalibrationError
         No pose can be used, or their photographs have different sizes.
     """
-    sights: list[Sight] = []
+    sights: list[BoardSight] = []
     left_out: list[str] = []
     sizes: dict[tuple[int, int], str] = {}
     poses = find_poses(folder)

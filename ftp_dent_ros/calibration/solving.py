@@ -16,7 +16,7 @@ from ftp_dent_ros.calibration.bundle import (
     DISTORTIONS,
     LENS,
     SHAPES,
-    Estimate,
+    Adjustment,
     Model,
     adjust,
     covariance,
@@ -40,7 +40,7 @@ _TOLERANCE = 1e-5
 def select(
     observations: list[Observation],
     board: NDArray[np.float64],
-    estimate: Estimate,
+    estimate: Adjustment,
     model: Model,
     shapes: tuple[str, ...],
     progress: Callable[[str], None],
@@ -50,7 +50,7 @@ def select(
     Parameters
     ----------
     observations, board
-    estimate : Estimate
+    estimate : Adjustment
         With all terms: where each candidate starts.
     model : Model
         Of `estimate`.
@@ -101,7 +101,7 @@ def folds(count: int, wanted: int = 4) -> list[NDArray[np.intp]]:
 
 
 def held_out_score(
-    observations: list[Observation], board: NDArray, estimate: Estimate, candidate: Model
+    observations: list[Observation], board: NDArray, estimate: Adjustment, candidate: Model
 ) -> float:
     """Mean squared residual of poses that a candidate was not fitted to."""
     total, number = 0.0, 0
@@ -118,10 +118,10 @@ def held_out_score(
 def held_out(
     observations: list[Observation],
     board: NDArray,
-    estimate: Estimate,
+    estimate: Adjustment,
     candidate: Model,
     out: NDArray[np.intp],
-) -> tuple[list[NDArray[np.float64]], Estimate]:
+) -> tuple[list[NDArray[np.float64]], Adjustment]:
     """Residuals of the poses `out` with a rig of the others, and that rig's estimate.
 
     Of the held-out poses only where the board was is estimated.
@@ -174,7 +174,7 @@ class HeldOut:
 
 
 def hold_out(
-    used: list[Observation], points: NDArray, estimate: Estimate, model: Model
+    used: list[Observation], points: NDArray, estimate: Adjustment, model: Model
 ) -> HeldOut | None:
     """Fit to each half of the poses and look at the other; None if there are too few."""
     parts = folds(len(used), 2)
@@ -206,8 +206,8 @@ def hold_out(
 
 
 def camera_alone(
-    used: list[Observation], points: NDArray, estimate: Estimate, which: NDArray
-) -> Estimate:
+    used: list[Observation], points: NDArray, estimate: Adjustment, which: NDArray
+) -> Adjustment:
     """Poses as the camera alone tells them, with an estimate's rig."""
     return adjust(
         [replace(used[i], projector=np.full_like(used[i].projector, np.nan)) for i in which],
@@ -222,8 +222,8 @@ def camera_alone(
 
 
 def without_bad_poses(
-    used: list[Observation], points: NDArray, estimate: Estimate
-) -> tuple[list[Observation], Estimate, dict[str, str]]:
+    used: list[Observation], points: NDArray, estimate: Adjustment
+) -> tuple[list[Observation], Adjustment, dict[str, str]]:
     """Leave out poses that fit far worse than the others, one by one, the worst first."""
     excluded: dict[str, str] = {}
     while len(used) > FEWEST_POSES + 1:
@@ -251,7 +251,7 @@ def without_bad_poses(
     return used, estimate, excluded
 
 
-def refuse_hopeless(estimate: Estimate) -> None:
+def refuse_hopeless(estimate: Adjustment) -> None:
     """Raise `CalibrationError` where no rig fits the poses, with what does not."""
     camera, projector, joint = estimate.rms()
     # No rig fits its own photographs worse than this; joint, pixels.
@@ -289,7 +289,7 @@ class Solution:
     ----------
     rig : Rig
         With its record and covariance.
-    estimate : Estimate
+    estimate : Adjustment
     model : Model
     scores : dict
         Cross-validation's, by candidate.
@@ -303,7 +303,7 @@ class Solution:
     """
 
     rig: Rig
-    estimate: Estimate
+    estimate: Adjustment
     model: Model
     scores: dict[Model, float]
     board: Board
@@ -378,7 +378,7 @@ def solve(
     )
 
 
-def _refuse_unknown(estimate: Estimate) -> None:
+def _refuse_unknown(estimate: Adjustment) -> None:
     """Raise `CalibrationError` where the covariance leaves a focal length or the pose open."""
     deviation = np.sqrt(np.diag(covariance(estimate)))
     vector = rig_vector(estimate.rig)
@@ -402,7 +402,7 @@ def _refuse_unknown(estimate: Estimate) -> None:
 STEPS = 4 + candidates(SHAPES)
 
 
-def _record(estimate: Estimate, board: Board, checked: HeldOut | None) -> CalibrationRecord:
+def _record(estimate: Adjustment, board: Board, checked: HeldOut | None) -> CalibrationRecord:
     names = ('camera', 'projector', 'joint')
     kind = f'ChArUco {board.dictionary}' if board.dictionary else 'chessboard'
     places = np.concatenate(
@@ -425,7 +425,7 @@ def _record(estimate: Estimate, board: Board, checked: HeldOut | None) -> Calibr
     )
 
 
-def _remarks(estimate: Estimate, baseline: float, checked: HeldOut | None) -> list[str]:
+def _remarks(estimate: Adjustment, baseline: float, checked: HeldOut | None) -> list[str]:
     remarks = []
     try:
         check_geometry(estimate.rig)

@@ -80,7 +80,7 @@ class Source(Protocol):
         """Let go of the camera; the source cannot be used after this."""
 
 
-class Pace:
+class Cadence:
     """Regular deadlines; one that passed while the frame before was made is left out.
 
     Parameters
@@ -139,7 +139,7 @@ class PacedSource:
 
     def __init__(self, rate: float, patience: float = 0.0) -> None:
         self.finished = False
-        self._pace = Pace(rate, patience=patience)
+        self._pace = Cadence(rate, patience=patience)
 
     @property
     def missed(self) -> int:

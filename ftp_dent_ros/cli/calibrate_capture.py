@@ -21,7 +21,7 @@ from tqdm import tqdm
 from ftp_dent_ros.calibration.guidance import covered, next_pose
 from ftp_dent_ros.calibration.observing import Observation, observe
 from ftp_dent_ros.calibration.response import projector_delay
-from ftp_dent_ros.calibration.sequence import Frame
+from ftp_dent_ros.calibration.sequence import ProjectedFrame
 from ftp_dent_ros.calibration.session import Session, read_session, see_poses, write_session
 from ftp_dent_ros.cli.board_arguments import (
     add_board_arguments,
@@ -126,7 +126,7 @@ def _take_poses(
             break
         name = f'pose_{number:02d}'
         try:
-            first = rig.take(sequence.draw(Frame('white')))
+            first = rig.take(sequence.draw(ProjectedFrame('white')))
             board.find(first)  # before half a minute of photographs
             photographs = _photograph(rig, session, stop)
             sight = observe(name, photographs, sequence, board)
@@ -160,7 +160,7 @@ def _seen_before(folder: Path, session: Session) -> tuple[list[Observation], tup
 
 def _photograph(
     rig: Photographer, session: Session, stop: threading.Event
-) -> dict[Frame, NDArray[np.uint8]]:
+) -> dict[ProjectedFrame, NDArray[np.uint8]]:
     taken = {}
     for frame in tqdm(session.sequence.frames, desc='  photographs', leave=False, disable=None):
         if stop.is_set():
@@ -169,7 +169,7 @@ def _photograph(
     return taken
 
 
-def _keep(folder: Path, session: Session, taken: dict[Frame, NDArray[np.uint8]]) -> None:
+def _keep(folder: Path, session: Session, taken: dict[ProjectedFrame, NDArray[np.uint8]]) -> None:
     """Write a pose's photographs; a folder under that name is whole or not there."""
     aside = folder.with_name(f'.{folder.name}')
     shutil.rmtree(aside, ignore_errors=True)

@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 from ftp_dent_ros.errors import ConfigurationError, InputError
-from ftp_dent_ros.ground.link import Link, Security, endpoints, make_keys
+from ftp_dent_ros.ground.link import GroundLink, Security, endpoints, make_keys
 from ftp_dent_ros.ground.page import serve_page
 from ftp_dent_ros.ground.protocol import Item
 from ftp_dent_ros.ground.station import Station
@@ -89,7 +89,7 @@ def _run_page(arguments: argparse.Namespace) -> int:
     stop = stop_event()
     items: queue.Queue[Item] = queue.Queue(_QUEUE)
     security = Security(arguments.keys, arguments.open)
-    link = Link('ground', arguments.address, security, arguments.name)
+    link = GroundLink('ground', arguments.address, security, arguments.name)
     with (
         contextlib.closing(Station(link, items.put, arguments.station)) as station,
         contextlib.closing(serve_page(arguments.web, station)) as page,

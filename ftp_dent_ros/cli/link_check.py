@@ -11,7 +11,7 @@ import numpy as np
 from ftp_dent_ros.errors import ConfigurationError, PoseError
 from ftp_dent_ros.navigation.link import Link, LinkState, Roster
 from ftp_dent_ros.navigation.pose_covariance import Tag
-from ftp_dent_ros.navigation.settings import Settings
+from ftp_dent_ros.navigation.settings import VehicleSettings
 from ftp_dent_ros.navigation.signing import read_key
 
 # Rates and round trips take as long to be known; seconds.
@@ -22,7 +22,7 @@ _SETTLED_NS = 500_000_000
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    default = Settings()
+    default = VehicleSettings()
     parser.add_argument(
         'address',
         help='udpin:[HOST:]PORT (listens), udpout:HOST:PORT (sends first), tcp:HOST:PORT, or the '
@@ -59,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Listen, say what was heard, and judge: 0 go, 1 no go."""
     if not 0 < arguments.seconds < math.inf:
         raise ConfigurationError(f'--seconds is {arguments.seconds:g}: give more than 0')
-    settings = Settings(
+    settings = VehicleSettings(
         system_id=arguments.system_id,
         component_id=arguments.component_id,
         rate=arguments.rate,

@@ -35,8 +35,8 @@ from ftp_dent_ros.simulation import (
     DomedRivet,
     Lettering,
     Paint,
+    PaintPatch,
     Panel,
-    Patch,
     Photometry,
     Rivet,
     waviness,
@@ -237,7 +237,7 @@ def _skin(skin: str, rng: np.random.Generator, distance: float) -> dict[str, Any
         return {'paint': Paint(marks=(mark,))}
     if skin == 'patches':
         places = rng.uniform(-1, 1, (3, 2)) * reach
-        marks = tuple(Patch(float(x), float(y), 0.05, 0.03, (0.5,) * 3) for x, y in places)
+        marks = tuple(PaintPatch(float(x), float(y), 0.05, 0.03, (0.5,) * 3) for x, y in places)
         return {'paint': Paint(marks=marks)}
     return {}
 

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig.rig import Lens, Rig
-from ftp_dent_ros.simulation import Dent, Motion, Panel, Photometry, Renderer, Surface
+from ftp_dent_ros.simulation import CameraMotion, Dent, Panel, Photometry, Renderer, Surface
 
 PATTERN = Pattern(1280, 720, 8.0, 640.0)
 
@@ -38,13 +38,13 @@ class Scene:
     rig : Rig
     panels : tuple of Panel
     photometry : Photometry
-    motion : Motion
+    motion : CameraMotion
     """
 
     rig: Rig
     panels: tuple[Panel, ...]
     photometry: Photometry
-    motion: Motion = field(default_factory=Motion)
+    motion: CameraMotion = field(default_factory=CameraMotion)
 
     @property
     def surface(self) -> Surface:
@@ -125,7 +125,7 @@ def sample(name: str, rig: Rig, distance: float, speed: float = 0.0) -> Scene:
     """A sample of table 2, tilted a little, at a distance."""
     pose = Pose.from_rpy(np.radians([2.0, -3.0, 1.0]), (0.003, -0.002, distance))
     panel = Panel(pose, (-0.075, 0.075, -0.075, 0.075), dents=(SAMPLES[name],))
-    motion = Motion(translation=np.array([EXPOSURE * speed, 0, 0]))
+    motion = CameraMotion(translation=np.array([EXPOSURE * speed, 0, 0]))
     return Scene(rig, (panel,), Photometry(reference_distance=distance), motion)
 
 

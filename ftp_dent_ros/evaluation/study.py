@@ -51,24 +51,26 @@ class NoisyPhase(FourierTransform):
 
 
 @dataclass(frozen=True)
-class Method:
+class StudyMethod:
     """A method under the name that tables give it."""
 
     name: str
     settings: Settings
 
 
-def methods(unwrapping: str, tau: float = 0.8) -> tuple[Method, Method]:
+def methods(unwrapping: str, tau: float = 0.8) -> tuple[StudyMethod, StudyMethod]:
     """The paper's two methods with one unwrapping."""
     title = "Itoh's" if unwrapping == 'itoh' else f"Estrada's, tau {tau:g}"
     direct, virtual = (
         Settings.chosen(name, unwrapping=unwrapping, tau=tau)
         for name in ('direct', 'virtual-reference')
     )
-    return Method(f'direct, {title}', direct), Method(f'virtual reference, {title}', virtual)
+    return StudyMethod(f'direct, {title}', direct), StudyMethod(
+        f'virtual reference, {title}', virtual
+    )
 
 
-LEAST_SQUARES = Method('least squares', Settings('least-squares'))
+LEAST_SQUARES = StudyMethod('least squares', Settings('least-squares'))
 
 
 @dataclass(frozen=True)
@@ -99,7 +101,7 @@ class Figures:
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
+class StudyTrial:
     """Figures of one photograph, and the cloud with its error (mm) for the pictures."""
 
     figures: Figures
@@ -110,7 +112,7 @@ class Trial:
 class Bench:
     """A method on one rig, with its tables made."""
 
-    def __init__(self, method: Method, rig: Rig) -> None:
+    def __init__(self, method: StudyMethod, rig: Rig) -> None:
         self.method = method
         least_squares = method.settings.method == 'least-squares'
         self._method: Any = (
@@ -126,7 +128,7 @@ class Bench:
         lit: NDArray[np.bool_],
         image: NDArray[np.uint8],
         phase_noise: NDArray[np.float32] | None = None,
-    ) -> Trial:
+    ) -> StudyTrial:
         """Reconstruct a photograph and compare it with the truth.
 
         Parameters
@@ -151,10 +153,10 @@ class Bench:
         except RefusedFrameError:
             nothing = math.nan
             figures = Figures(nothing, nothing, nothing, nothing, 0.0, nothing)
-            return Trial(figures, None, None)
+            return StudyTrial(figures, None, None)
         error = np.full(cloud.valid.shape, np.nan)
         error[cloud.valid] = 1e3 * scene.error(cloud.points[cloud.valid])
-        return Trial(_figures(scene, lit, cloud, error, seconds), cloud, error)
+        return StudyTrial(_figures(scene, lit, cloud, error, seconds), cloud, error)
 
 
 def _figures(scene: Scene, lit, cloud: Cloud, error, seconds: float) -> Figures:
@@ -199,7 +201,7 @@ class Case:
     table: str
     row: str
     scene: Scene
-    methods: tuple[Method, ...]
+    methods: tuple[StudyMethod, ...]
     seeds: int
     phase_noise: float = 0.0
 
@@ -209,10 +211,10 @@ class Entry:
     """Mean figures of one method in one row, how often it refused, and its first trial."""
 
     case: Case
-    method: Method
+    method: StudyMethod
     figures: Figures
     refused: int
-    first: Trial
+    first: StudyTrial
     paper: list[float] | None
 
 
@@ -254,7 +256,7 @@ def steps(quick: bool) -> int:
 
 def _measured(case: Case, benches: list[Bench], progress: Callable[[], object]) -> Iterator[Entry]:
     scene, lit = case.scene, case.scene.lit()
-    trials: list[list[Trial]] = [[] for _ in benches]
+    trials: list[list[StudyTrial]] = [[] for _ in benches]
     image = scene.photograph(0)
     for seed in range(case.seeds):
         noise = None
@@ -266,7 +268,7 @@ def _measured(case: Case, benches: list[Bench], progress: Callable[[], object]) 
         for bench, done in zip(benches, trials, strict=True):
             trial = bench.run(scene, lit, image, noise)
             # Only the first is drawn; the clouds of the others would fill the memory.
-            done.append(trial if seed == 0 else Trial(trial.figures, None, None))
+            done.append(trial if seed == 0 else StudyTrial(trial.figures, None, None))
             progress()
     paper = _paper()
     for bench, done in zip(benches, trials, strict=True):

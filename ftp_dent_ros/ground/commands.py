@@ -13,7 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-from ftp_dent_ros.ground.link import Link
+from ftp_dent_ros.ground.link import GroundLink
 from ftp_dent_ros.supervision.processes import Processes, Program
 
 COMMANDS = {
@@ -76,7 +76,7 @@ class Executive:
             return self._answers[key]
 
 
-def give_command(link: Link, name: str, patience: float = 20.0) -> Answer:
+def give_command(link: GroundLink, name: str, patience: float = 20.0) -> Answer:
     """On the ground: give a command, again if need be, and say what became of it."""
     request = json.dumps({'command': name, 'id': secrets.token_hex(16)}).encode()
     end = time.monotonic() + patience

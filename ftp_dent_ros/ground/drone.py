@@ -17,8 +17,8 @@ from pathlib import Path
 
 from ftp_dent_ros.errors import CodecError, ConfigurationError
 from ftp_dent_ros.ground.commands import CHANNEL, Executive
-from ftp_dent_ros.ground.link import Link
-from ftp_dent_ros.ground.pace import Mark, Pace
+from ftp_dent_ros.ground.link import GroundLink
+from ftp_dent_ros.ground.pace import Pace, SentMark
 from ftp_dent_ros.ground.protocol import (
     LARGEST_ITEM,
     LARGEST_REFERENCE,
@@ -237,7 +237,7 @@ class _InFlight:
     kept: StoredItem
     offset: int
     size: int
-    mark: Mark
+    mark: SentMark
     was_full: bool
 
 
@@ -446,7 +446,7 @@ class Drone:
 
     Parameters
     ----------
-    link : Link
+    link : GroundLink
     folder : Path or None
         Where items are kept until they are delivered; None for memory.
     room : int
@@ -458,7 +458,7 @@ class Drone:
     """
 
     def __init__(
-        self, link: Link, folder: Path | None, room: int, limit: float, executive: Executive
+        self, link: GroundLink, folder: Path | None, room: int, limit: float, executive: Executive
     ) -> None:
         self.refused = 0
         self._same_name = float('-inf')

@@ -200,7 +200,7 @@ def endpoints(address: str, security: Security, role: str) -> list[str]:
     return [stream if match['stream'] else datagrams]
 
 
-class Link:
+class GroundLink:
     """One end of the link.
 
     Parameters

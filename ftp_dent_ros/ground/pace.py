@@ -14,7 +14,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 
-class Mark(NamedTuple):
+class SentMark(NamedTuple):
     """The state of a delivery's measurement when a piece was sent."""
 
     sent_at: float
@@ -109,7 +109,7 @@ class Pace:
         self._budget_at = now
         return max(0.0, (size - self._budget) / self.limit)
 
-    def sent(self, size: int, alone: bool) -> Mark:
+    def sent(self, size: int, alone: bool) -> SentMark:
         """Note what was sent; what it returns goes with the acknowledgement.
 
         Parameters
@@ -124,16 +124,16 @@ class Pace:
         if alone:
             self._delivered_at = self._first_sent_at = now
         is_unqueued = alone or (self._drains(now) and now > self._drained_at + self.trip)
-        return Mark(now, self._delivered, self._delivered_at, self._first_sent_at, is_unqueued)
+        return SentMark(now, self._delivered, self._delivered_at, self._first_sent_at, is_unqueued)
 
-    def acknowledged(self, size: int, mark: Mark, was_full: bool) -> None:
+    def acknowledged(self, size: int, mark: SentMark, was_full: bool) -> None:
         """Note a delivery.
 
         Parameters
         ----------
         size : int
             Bytes.
-        mark : Mark
+        mark : SentMark
             What `sent` returned.
         was_full : bool
             Whether more was waiting to be sent then; if not, a low rate says nothing.

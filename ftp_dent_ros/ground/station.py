@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 
 from ftp_dent_ros.errors import CodecError
 from ftp_dent_ros.ground.commands import Answer, give_command
-from ftp_dent_ros.ground.link import Link
+from ftp_dent_ros.ground.link import GroundLink
 from ftp_dent_ros.ground.protocol import (
     LARGEST_REFERENCE,
     SILENCE,
@@ -165,7 +165,7 @@ class Station:
 
     Parameters
     ----------
-    link : Link
+    link : GroundLink
     take : callable
         Called with each item, once, in a thread of the link's.
     name : str
@@ -173,7 +173,7 @@ class Station:
         purpose's by default. After a restart it must be the same, so that nothing comes twice.
     """
 
-    def __init__(self, link: Link, take: Callable[[Item], None], name: str = '') -> None:
+    def __init__(self, link: GroundLink, take: Callable[[Item], None], name: str = '') -> None:
         self.refused = self.items = 0
         self._reported: int | None = None
         self._link = link

@@ -31,7 +31,7 @@ from ftp_dent_ros.errors import ConfigurationError, LinkError
 from ftp_dent_ros.navigation.origin import Origin
 from ftp_dent_ros.navigation.pose_covariance import Tag
 from ftp_dent_ros.navigation.report import Verdict, enum_name
-from ftp_dent_ros.navigation.settings import Instant, Settings
+from ftp_dent_ros.navigation.settings import Instant, VehicleSettings
 from ftp_dent_ros.navigation.signing import Codec, is_signed
 from ftp_dent_ros.navigation.vehicle import Vehicle
 from ftp_dent_ros.pose import Pose
@@ -246,7 +246,7 @@ class Link:
     address : str
     baud : int
         Baud rate of a serial line.
-    settings : Settings
+    settings : VehicleSettings
         Whom to believe and what to ask for.
     ros_time : callable
         ROS time in nanoseconds.
@@ -268,7 +268,7 @@ class Link:
         self,
         address: str,
         baud: int,
-        settings: Settings,
+        settings: VehicleSettings,
         ros_time: Callable[[], int] = time.time_ns,
         on_poses: Callable[[list[tuple[int, Pose]]], None] = lambda poses: None,
         signing_key: bytes = b'',

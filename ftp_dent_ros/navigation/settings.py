@@ -18,7 +18,7 @@ class Instant:
 
 
 @dataclass(frozen=True)
-class Settings:
+class VehicleSettings:
     """Whom to believe and what to ask for.
 
     Attributes

@@ -16,7 +16,7 @@ from ftp_dent_ros.navigation import pose_covariance
 from ftp_dent_ros.navigation.origin import Origin, place_on_earth
 from ftp_dent_ros.navigation.pose_covariance import Covariance
 from ftp_dent_ros.navigation.report import Verdict, enum_name, number
-from ftp_dent_ros.navigation.settings import Instant, Settings
+from ftp_dent_ros.navigation.settings import Instant, VehicleSettings
 
 # The low bits mean the same in EKF_STATUS_FLAGS and ESTIMATOR_STATUS_FLAGS.
 _NEEDED = (
@@ -68,7 +68,7 @@ class Fault(NamedTuple):
     reason: str
 
 
-class Report(NamedTuple):
+class EstimatorReport(NamedTuple):
     """A report, its ROS time of arrival, and what is wrong with it; without a fault it is good."""
 
     now: int
@@ -92,7 +92,7 @@ class ReportHistory:
     def __init__(self, what: str, name: str, longest: float) -> None:
         self._what, self._name = what, name
         self._longest = round(longest * 1e9)
-        self._reports: deque[Report] = deque(maxlen=256)
+        self._reports: deque[EstimatorReport] = deque(maxlen=256)
         self._since: int | None = None
 
     def restart(self, now: int) -> None:
@@ -102,10 +102,10 @@ class ReportHistory:
 
     def add(self, fault: Fault | None, value: Any, now: int) -> None:
         """Take a report that arrived now."""
-        self._reports.append(Report(now, fault, value))
+        self._reports.append(EstimatorReport(now, fault, value))
 
     @property
-    def last(self) -> Report | None:
+    def last(self) -> EstimatorReport | None:
         """The latest report."""
         return self._reports[-1] if self._reports else None
 
@@ -119,7 +119,7 @@ class ReportHistory:
         fault = self.last.fault
         return fault.reason.removeprefix(f'{self._name} ') if fault else 'ready'
 
-    def around(self, stamp: int, heard: int) -> tuple[Report, Report]:
+    def around(self, stamp: int, heard: int) -> tuple[EstimatorReport, EstimatorReport]:
         """The good reports before and after a stamp.
 
         `heard` is when the autopilot was last heard at all: silence of the whole link is not
@@ -163,7 +163,7 @@ def is_ready(name: str, flags: int) -> bool:
 class Trust:
     """Follows estimator and GPS of one autopilot; times are ROS times of arrival in ns."""
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: VehicleSettings) -> None:
         self._estimator = ReportHistory(
             'the state of its estimator (EKF_STATUS_REPORT or ESTIMATOR_STATUS)', 'estimator', 3.0
         )

@@ -24,7 +24,7 @@ from ftp_dent_ros.navigation.origin import Earth
 from ftp_dent_ros.navigation.pose_covariance import Covariance, Tag
 from ftp_dent_ros.navigation.pose_history import PoseHistory, Sample
 from ftp_dent_ros.navigation.report import Verdict, number
-from ftp_dent_ros.navigation.settings import Instant, Settings
+from ftp_dent_ros.navigation.settings import Instant, VehicleSettings
 from ftp_dent_ros.navigation.trust import Trust
 from ftp_dent_ros.pose import Pose
 
@@ -126,7 +126,7 @@ class Requests:
 
     Parameters
     ----------
-    settings : Settings
+    settings : VehicleSettings
     clock : ClockOffset
     earth : Earth
         Knows what it still needs.
@@ -139,7 +139,9 @@ class Requests:
         How often another client changed a rate.
     """
 
-    def __init__(self, settings: Settings, clock: ClockOffset, earth: Earth, trust: Trust) -> None:
+    def __init__(
+        self, settings: VehicleSettings, clock: ClockOffset, earth: Earth, trust: Trust
+    ) -> None:
         self._settings, self._clock, self._earth, self._trust = settings, clock, earth, trust
         self.rerated = 0
         self._rerated_at = -math.inf
@@ -309,7 +311,7 @@ class Vehicle:
     earth : Earth
     """
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: VehicleSettings) -> None:
         self.identity: tuple[int, int] | None = None
         self.clock = ClockOffset(maximum_error=settings.maximum_clock_error)
         self.earth = Earth(self.clock, self._pose, settings.earth)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from ftp_dent_ros.navigation import pose_covariance
 from ftp_dent_ros.navigation.pose_covariance import Covariance
-from ftp_dent_ros.navigation.settings import MOST_CLOCK_ERROR, Settings
+from ftp_dent_ros.navigation.settings import MOST_CLOCK_ERROR, VehicleSettings
 from ftp_dent_ros.navigation.signing import read_key
 from ftp_dent_ros.parameters import Declarations
 from ftp_dent_ros.pose import Pose
@@ -21,7 +21,7 @@ class BridgeParameters:
     address: str
     baud: int
     signing_key: bytes
-    settings: Settings
+    settings: VehicleSettings
     timeout: float
     most_waiting: int
     map_frame: str
@@ -99,10 +99,10 @@ def declare_link(parameters: Declarations) -> tuple[str, int, bytes]:
     return address, baud, signing_key
 
 
-def declare_settings(parameters: Declarations) -> Settings:
+def declare_settings(parameters: Declarations) -> VehicleSettings:
     """Whom to believe and what to ask for, from parameters."""
-    default = Settings()
-    return Settings(
+    default = VehicleSettings()
+    return VehicleSettings(
         system_id=parameters.declare(
             'system_id',
             default.system_id,

@@ -32,7 +32,7 @@ from ftp_dent_ros.errors import FtpDentError, InputError
 from ftp_dent_ros.ground import topics
 from ftp_dent_ros.ground.commands import Answer, Executive, Recordings
 from ftp_dent_ros.ground.drone import Drone
-from ftp_dent_ros.ground.link import Link
+from ftp_dent_ros.ground.link import GroundLink
 from ftp_dent_ros.ground.protocol import Importance, Item, deflate
 from ftp_dent_ros.nodes.declarations import names_of_all
 from ftp_dent_ros.nodes.link_parameters import DownlinkParameters, declare_downlink
@@ -199,7 +199,7 @@ class Downlink(Node):
         )
         link = self._given.link
         self._drone = Drone(
-            Link('drone', link.address, link.security, link.name),
+            GroundLink('drone', link.address, link.security, link.name),
             self._given.folder,
             self._given.room,
             self._given.limit,

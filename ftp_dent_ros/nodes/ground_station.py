@@ -26,7 +26,7 @@ from ftp_dent_ros.coding.compressed_depth import FORMAT, depth_image
 from ftp_dent_ros.coding.messages import message_class
 from ftp_dent_ros.errors import CodecError, ConfigurationError, InputError, PoseError
 from ftp_dent_ros.ground import topics
-from ftp_dent_ros.ground.link import Link
+from ftp_dent_ros.ground.link import GroundLink
 from ftp_dent_ros.ground.page import serve_page
 from ftp_dent_ros.ground.protocol import Item
 from ftp_dent_ros.ground.station import Station
@@ -207,7 +207,7 @@ class GroundStation(Node):
         self._queue: queue.Queue[Item | None] = queue.Queue(64)
         link = given.link
         self._station = Station(
-            Link('ground', link.address, link.security, link.name),
+            GroundLink('ground', link.address, link.security, link.name),
             self._queue.put,
             given.station,
         )

@@ -2,21 +2,21 @@
 
 from ftp_dent_ros.simulation.dents import Dent
 from ftp_dent_ros.simulation.fittings import DomedRivet, Rivet
-from ftp_dent_ros.simulation.paint import Dirt, Lettering, Paint, Patch, Sunlight, scratches
+from ftp_dent_ros.simulation.paint import Dirt, Lettering, Paint, PaintPatch, Sunlight, scratches
 from ftp_dent_ros.simulation.renderer import Renderer, render
 from ftp_dent_ros.simulation.sensor import Photometry
 from ftp_dent_ros.simulation.surface import Panel, Surface, Wave, waviness
-from ftp_dent_ros.simulation.view import Motion
+from ftp_dent_ros.simulation.view import CameraMotion
 
 __all__ = [
+    'CameraMotion',
     'Dent',
     'Dirt',
     'DomedRivet',
     'Lettering',
-    'Motion',
     'Paint',
+    'PaintPatch',
     'Panel',
-    'Patch',
     'Photometry',
     'Renderer',
     'Rivet',

@@ -77,7 +77,7 @@ _DEFAULTS_US = {
 os.environ.setdefault('MAVLINK20', '1')
 
 
-class Link:
+class AutopilotLink:
     """A connection by its address.
 
     Parameters
@@ -363,12 +363,12 @@ class Autopilot:
     ----------
     world : World
         Where the drone is at a ROS time.
-    link : Link
+    link : AutopilotLink
     uptime : float
         Seconds since its boot when it is made.
     """
 
-    def __init__(self, world: World, link: Link, uptime: float) -> None:
+    def __init__(self, world: World, link: AutopilotLink, uptime: float) -> None:
         self._world, self._link = world, link
         self._boot_ns = time.time_ns() - round(uptime * 1e3) * 1_000_000
         self._intervals_us = dict(_DEFAULTS_US)
@@ -483,7 +483,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise ConfigurationError(f'--uptime is {uptime}: give seconds, 0 or more')
         if not 0 < parsed.system_id < 256:
             raise ConfigurationError(f'--system-id is {parsed.system_id}: give 1 to 255')
-        Autopilot(world, Link(parsed.address, parsed.system_id), uptime).run()
+        Autopilot(world, AutopilotLink(parsed.address, parsed.system_id), uptime).run()
     except FtpDentError as error:
         print(f'simulated_autopilot: {error}', file=sys.stderr)
         return 2

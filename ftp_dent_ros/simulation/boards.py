@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.calibration.board import Board
-from ftp_dent_ros.calibration.sequence import Frame, Sequence
+from ftp_dent_ros.calibration.sequence import ProjectedFrame, Sequence
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig.rig import Rig
@@ -137,7 +137,7 @@ def photographs(
     poses: list[Pose],
     photometry: Photometry,
     seed: int = 0,
-) -> list[dict[Frame, NDArray[np.uint8]]]:
+) -> list[dict[ProjectedFrame, NDArray[np.uint8]]]:
     """Grey photographs of every pose under every frame."""
     rng = np.random.default_rng(seed)
     lights = {frame: Light(sequence.draw(frame), photometry) for frame in sequence.frames}

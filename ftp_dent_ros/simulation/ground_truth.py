@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.simulation.renderer import Renderer
 from ftp_dent_ros.simulation.surface import Surface, paint_and_sun
-from ftp_dent_ros.simulation.view import NOTHING, Motion, View, albedo_table, see
+from ftp_dent_ros.simulation.view import NOTHING, CameraMotion, View, albedo_table, see
 
 # A depth that changes by more than this from pixel to pixel, beyond what its slope there
 # explains, is a step, metres: a fifth of the flattest lap that is asked about.
@@ -65,7 +65,7 @@ def ground_truth(
     surface: Surface,
     period_px: float,
     stride: int = 1,
-    motion: Motion | None = None,
+    motion: CameraMotion | None = None,
 ) -> GroundTruth:
     """Truth of what a renderer's camera sees of a surface.
 
@@ -78,7 +78,7 @@ def ground_truth(
         Of the projected fringes, projector pixels.
     stride : int
         Of the grid.
-    motion : Motion, optional
+    motion : CameraMotion, optional
         Of the surface during the exposure: it only decides what is clipped.
     """
     rig, photometry = renderer.rig, renderer.photometry

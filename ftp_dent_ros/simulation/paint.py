@@ -164,7 +164,7 @@ class Dirt:
 
 
 @dataclass(frozen=True)
-class Patch:
+class PaintPatch:
     """A rectangle or ellipse of another paint; long and narrow, it is a stripe or a scratch.
 
     Attributes
@@ -269,7 +269,7 @@ class Lettering:
 
 def scratches(
     count: int, extent: tuple[float, float, float, float], seed: int = 0
-) -> tuple[Patch, ...]:
+) -> tuple[PaintPatch, ...]:
     """Narrow light and dark marks, 0.2 to 0.8 mm wide and 10 to 80 mm long.
 
     Parameters
@@ -285,7 +285,7 @@ def scratches(
     for _ in range(count):
         tint = float(rng.choice([rng.uniform(0.25, 0.7), rng.uniform(1.1, 1.25)]))
         found.append(
-            Patch(
+            PaintPatch(
                 float(rng.uniform(x_min, x_max)),
                 float(rng.uniform(y_min, y_max)),
                 float(rng.uniform(0.01, 0.08)),
@@ -297,7 +297,7 @@ def scratches(
     return tuple(found)
 
 
-def _from_centre(mark: Patch | Lettering, x: Image, y: Image) -> tuple[Image, Image]:
+def _from_centre(mark: PaintPatch | Lettering, x: Image, y: Image) -> tuple[Image, Image]:
     """Coordinates along and across a mark from its centre, metres, float32."""
     dx, dy = (x - mark.x).astype(np.float32), (y - mark.y).astype(np.float32)
     return turned(dx, dy, mark.angle)

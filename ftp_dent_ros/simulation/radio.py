@@ -66,7 +66,7 @@ class Conditions:
         )
 
 
-class Way:
+class RadioPath:
     """One direction: what was put in comes out when it is due.
 
     Parameters
@@ -139,7 +139,7 @@ class Way:
 
 def carry(devices: tuple[int, int], control: int) -> None:
     """Carry packets between two TUN devices until `control` (lines of conditions) ends."""
-    ways = Way(1), Way(2)
+    ways = RadioPath(1), RadioPath(2)
     ends = {devices[0]: (ways[0], devices[1]), devices[1]: (ways[1], devices[0])}
     for device in devices:
         os.set_blocking(device, False)
@@ -164,7 +164,7 @@ def carry(devices: tuple[int, int], control: int) -> None:
                     os.write(to, packet)
 
 
-def _take(device: int, way: Way, now: float) -> None:
+def _take(device: int, way: RadioPath, now: float) -> None:
     with contextlib.suppress(OSError):  # no more, or an end that is gone
         for _ in range(_TURN):
             # Bytes that are read at once: no IP packet is larger.

@@ -18,7 +18,7 @@ from ftp_dent_ros.rig.rig import Rig
 from ftp_dent_ros.simulation.sensor import Photometry, read_out, speckle
 from ftp_dent_ros.simulation.surface import Panel, Surface, is_even, paint_and_sun, smooth_paint
 from ftp_dent_ros.simulation.view import (
-    Motion,
+    CameraMotion,
     Rays,
     View,
     albedo_table,
@@ -156,7 +156,7 @@ def lattice(count: int) -> NDArray[np.float64]:
     return (np.outer(odd, (1, 19, 53)) % (2 * count)) / (2 * count) - 0.5
 
 
-def image_sweep(rig: Rig, surface: Surface, motion: Motion) -> float:
+def image_sweep(rig: Rig, surface: Surface, motion: CameraMotion) -> float:
     """How far the image moves during the exposure, at most, pixels."""
     if not motion:
         return 0.0
@@ -169,7 +169,9 @@ def image_sweep(rig: Rig, surface: Surface, motion: Motion) -> float:
     return float(np.hypot(*shift.T).max(initial=0.0))
 
 
-def light_drift(rig: Rig, surface: Surface, view: View, motion: Motion) -> NDArray[np.float32]:
+def light_drift(
+    rig: Rig, surface: Surface, view: View, motion: CameraMotion
+) -> NDArray[np.float32]:
     """How far the projector pixel (u, v) that a pixel sees moves during the exposure.
 
     That of the bare skin: it only sets how far the blur reaches. Where skin slides past by a
@@ -188,7 +190,9 @@ def light_drift(rig: Rig, surface: Surface, view: View, motion: Motion) -> NDArr
     )
 
 
-def skin_drift(rig: Rig, surface: Surface, view: View, motion: Motion) -> NDArray[np.float32]:
+def skin_drift(
+    rig: Rig, surface: Surface, view: View, motion: CameraMotion
+) -> NDArray[np.float32]:
     """How far the panel coordinates (x, y) that a pixel sees move during the exposure, metres.
 
     Those of the bare skin. Shape (2, height, width).
@@ -204,7 +208,7 @@ def _drift(
     rig: Rig,
     surface: Surface,
     view: View,
-    motion: Motion,
+    motion: CameraMotion,
     place: Callable[[Panel, Rays, NDArray], tuple[NDArray, NDArray]],
 ) -> NDArray[np.float32]:
     """How far what is seen moves during the exposure, shape (2, height, width)."""
@@ -259,7 +263,7 @@ class Renderer:
         self,
         surface: Surface,
         rng: np.random.Generator | None = None,
-        motion: Motion | None = None,
+        motion: CameraMotion | None = None,
     ) -> Photograph:
         """Photograph a surface, in the encoding of the photometry.
 
@@ -269,7 +273,7 @@ class Renderer:
             In the camera's optical frame, in mid-exposure.
         rng : numpy.random.Generator, optional
             Of the noise; seeded with 0 if left out.
-        motion : Motion, optional
+        motion : CameraMotion, optional
             Of the surface during the exposure.
         """
         rng = rng or np.random.default_rng(0)
@@ -279,7 +283,7 @@ class Renderer:
         self,
         surface: Surface,
         rng: np.random.Generator | None = None,
-        motion: Motion | None = None,
+        motion: CameraMotion | None = None,
     ) -> NDArray[np.uint8]:
         """RGB of 8 bits, shape (camera height, camera width, 3), of such a photograph."""
         return self.photograph(surface, rng, motion).shown()
@@ -288,7 +292,7 @@ class Renderer:
         self,
         surface: Surface,
         rng: np.random.Generator | None = None,
-        motion: Motion | None = None,
+        motion: CameraMotion | None = None,
     ) -> Image:
         """Light on the sensor, before the lens's blur, noise and saturation.
 
@@ -300,7 +304,7 @@ class Renderer:
             1 saturates.
         """
         rng = rng or np.random.default_rng(0)
-        lit, ambient = self._gather(surface, rng, motion or Motion())
+        lit, ambient = self._gather(surface, rng, motion or CameraMotion())
         if self.photometry.speckle_contrast:
             lit *= speckle(lit.shape, self.photometry, rng)
         lit += ambient
@@ -309,7 +313,7 @@ class Renderer:
         return lit
 
     def _gather(
-        self, surface: Surface, rng: np.random.Generator, motion: Motion
+        self, surface: Surface, rng: np.random.Generator, motion: CameraMotion
     ) -> tuple[Image, Image]:
         """The projector's and all other light off the skin, each (3, height, width)."""
         surface = visible_part(self.rig, surface)
@@ -327,7 +331,7 @@ class Renderer:
         return lit, ambient
 
     def _even_skin(
-        self, surface: Surface, view: View, motion: Motion, sweep: float
+        self, surface: Surface, view: View, motion: CameraMotion, sweep: float
     ) -> tuple[Image, Image]:
         """Light off a skin without marks, which changes evenly over a pixel and the exposure.
 
@@ -349,7 +353,9 @@ class Renderer:
         ambient *= np.float32(self.photometry.ambient)
         return lit, ambient
 
-    def _marked_skin(self, surface: Surface, view: View, motion: Motion) -> tuple[Image, Image]:
+    def _marked_skin(
+        self, surface: Surface, view: View, motion: CameraMotion
+    ) -> tuple[Image, Image]:
         """Light off a skin whose marks may end anywhere within a pixel."""
         light = self._light
         place, slopes = self._positions(surface, view, motion)
@@ -391,7 +397,7 @@ class Renderer:
         return lit, ambient
 
     def _positions(
-        self, surface: Surface, view: View, motion: Motion
+        self, surface: Surface, view: View, motion: CameraMotion
     ) -> tuple[Image, list[Image]]:
         """Indices into the light, and their change over a pixel's columns, rows, and time."""
         position = self._light.index(view.u, view.v)
@@ -404,7 +410,7 @@ class Renderer:
     def _broken_skin(
         self,
         surface: Surface,
-        motion: Motion,
+        motion: CameraMotion,
         pixels: NDArray[np.intp],
         rng: np.random.Generator,
     ) -> tuple[Image, Image]:
@@ -429,7 +435,7 @@ def render(
     surface: Surface,
     photometry: Photometry | None = None,
     rng: np.random.Generator | None = None,
-    motion: Motion | None = None,
+    motion: CameraMotion | None = None,
 ) -> NDArray[np.uint8]:
     """Photograph a surface once: see `Renderer`, which is quicker for more of them."""
     return Renderer(rig, projected, photometry).render(surface, rng, motion)

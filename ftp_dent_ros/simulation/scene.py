@@ -27,7 +27,7 @@ from ftp_dent_ros.simulation.paint import (
     Lettering,
     Mark,
     Paint,
-    Patch,
+    PaintPatch,
     Sunlight,
     board_print,
     scratches,
@@ -36,7 +36,7 @@ from ftp_dent_ros.simulation.surface import Panel, Surface, Wave
 
 _MARKS: dict[str, Any] = {
     'dirt': Dirt,
-    'patch': Patch,
+    'patch': PaintPatch,
     'lettering': Lettering,
     'scratches': None,
 }

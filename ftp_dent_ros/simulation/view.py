@@ -66,7 +66,7 @@ def still(directions: Field) -> Rays:
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class CameraMotion:
     """How the surface moves in the camera's frame during the exposure, at constant rates.
 
     Attributes

@@ -21,7 +21,7 @@ from ftp_dent_ros.simulation.renderer import Renderer
 from ftp_dent_ros.simulation.scene import flight_from, surface_from
 from ftp_dent_ros.simulation.sensor import Photometry
 from ftp_dent_ros.simulation.surface import Surface
-from ftp_dent_ros.simulation.view import Motion
+from ftp_dent_ros.simulation.view import CameraMotion
 from ftp_dent_ros.yaml_file import read_yaml
 
 # The optical frame of a camera that looks along the drone's nose.
@@ -81,12 +81,12 @@ class World:
         """The skin in the camera's optical frame."""
         return self.surface.transformed(self.camera_pose(stamp_ns).inverse())
 
-    def motion(self, stamp_ns: int) -> Motion:
+    def motion(self, stamp_ns: int) -> CameraMotion:
         """How the skin moves before the camera during an exposure around a time."""
         half_ns = round(self.exposure_time * 5e8)
         begin, end = (self.camera_pose(stamp_ns + shift) for shift in (-half_ns, half_ns))
         change = end.inverse() @ begin
-        return Motion(change.rotation.as_rotvec(), change.translation)
+        return CameraMotion(change.rotation.as_rotvec(), change.translation)
 
     def photograph(self, rig: Rig, projected: NDArray[np.uint8], stamp_ns: int) -> Photograph:
         """What the camera sees when the projector shows an image.

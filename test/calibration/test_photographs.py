@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from ftp_dent_ros.calibration.board import Board
 from ftp_dent_ros.calibration.bundle import Model
 from ftp_dent_ros.calibration.observing import observe
-from ftp_dent_ros.calibration.sequence import Frame, Sequence
+from ftp_dent_ros.calibration.sequence import ProjectedFrame, Sequence
 from ftp_dent_ros.calibration.session import (
     PoseFolder,
     Session,
@@ -130,13 +130,13 @@ def test_bad_poses_are_refused_with_their_reason(taken):
     half = {frame: image.astype(np.uint8) for frame, image in half.items()}
     assert 'seen whole' in refused(half)
     exchanged = good | {
-        Frame('gray', 'u', 1): good[Frame('gray', 'u', 2)],
-        Frame('gray', 'u', 2): good[Frame('gray', 'u', 1)],
+        ProjectedFrame('gray', 'u', 1): good[ProjectedFrame('gray', 'u', 2)],
+        ProjectedFrame('gray', 'u', 2): good[ProjectedFrame('gray', 'u', 1)],
     }
     assert 'out of order' in refused(exchanged)
     shuffled = good | {
-        Frame('shift', 'u', 1): good[Frame('shift', 'u', 3)],
-        Frame('shift', 'u', 3): good[Frame('shift', 'u', 1)],
+        ProjectedFrame('shift', 'u', 1): good[ProjectedFrame('shift', 'u', 3)],
+        ProjectedFrame('shift', 'u', 3): good[ProjectedFrame('shift', 'u', 1)],
     }
     assert 'out of order' in refused(shuffled)
 

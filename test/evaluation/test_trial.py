@@ -8,7 +8,7 @@ from ftp_dent_ros.evaluation.scenes import simulated_dent
 from ftp_dent_ros.evaluation.study import (
     Bench,
     Figures,
-    Trial,
+    StudyTrial,
     mean,
     methods,
 )
@@ -76,4 +76,4 @@ def test_the_mean_is_of_what_was_not_refused():
     both = mean([good, refused])
     assert (both.mae, both.coverage) == (1.0, 0.5)
     assert np.isnan(mean([refused]).mae)
-    assert Trial(good, None, None).figures is good
+    assert StudyTrial(good, None, None).figures is good

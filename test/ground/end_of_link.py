@@ -11,13 +11,13 @@ import time
 
 from ftp_dent_ros.ground.commands import Executive
 from ftp_dent_ros.ground.drone import Drone
-from ftp_dent_ros.ground.link import Link, Security
+from ftp_dent_ros.ground.link import GroundLink, Security
 from ftp_dent_ros.ground.protocol import Importance, Item
 from ftp_dent_ros.ground.station import Station
 
 
 def drone(address, count):
-    end = Drone(Link('drone', address, Security(open=True)), None, 10**8, 0.0, Executive({}))
+    end = Drone(GroundLink('drone', address, Security(open=True)), None, 10**8, 0.0, Executive({}))
     for stamp in range(count):
         data = random.Random(stamp).randbytes(20_000)
         end.put(Item(Importance.CLOUDS, 'points', 'k', stamp, data))
@@ -35,7 +35,7 @@ def ground(address, count):
         if len(came) == 2 * count:
             whole.set()
 
-    end = Station(Link('ground', address, Security(open=True)), take, 'ground')
+    end = Station(GroundLink('ground', address, Security(open=True)), take, 'ground')
     whole.wait(60)
     time.sleep(0.5)  # for what should not come twice
     end.close()

@@ -15,7 +15,7 @@ from free_address import free_address
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.ground.commands import Answer, Executive, give_command
 from ftp_dent_ros.ground.drone import Drone
-from ftp_dent_ros.ground.link import Link, Security, endpoints
+from ftp_dent_ros.ground.link import GroundLink, Security, endpoints
 from ftp_dent_ros.ground.protocol import Importance, Item, Name, Piece, Report, wrap
 from ftp_dent_ros.ground.station import Station
 
@@ -48,11 +48,11 @@ def until(condition, seconds=60.0):
 
 
 def drone_at(address, security=NO_KEYS, folder=None, does=None):
-    return Drone(Link('drone', address, security), folder, 10**8, 0.0, Executive(does or {}))
+    return Drone(GroundLink('drone', address, security), folder, 10**8, 0.0, Executive(does or {}))
 
 
 def station_at(address, take, name='one', security=NO_KEYS):
-    return Station(Link('ground', address, security), take, name)
+    return Station(GroundLink('ground', address, security), take, name)
 
 
 def cloud(stamp):
@@ -125,7 +125,7 @@ def test_commands_are_done_once_and_answered(address):
         return Answer(True, 'photograph taken')
 
     drone = drone_at(address, does={'capture': capture})
-    link = Link('ground', address, Security())
+    link = GroundLink('ground', address, Security())
     assert give_command(link, 'capture', patience=120.0) == Answer(True, 'photograph taken')
     request = json.dumps({'command': 'capture', 'id': '0' * 32}).encode()
     executive = Executive({'capture': capture})
@@ -161,7 +161,7 @@ def test_with_keys_nobody_else_gets_in(address, keys, tmp_path):
     drone.put(cloud(2))
     until(lambda: len(got) == 2)
     assert not strangers and drone.state()['grounds'] == '1'
-    link = Link('ground', address, Security(tmp_path / 'others'))
+    link = GroundLink('ground', address, Security(tmp_path / 'others'))
     assert not give_command(link, 'capture', patience=0.5).success
     for end in (link, *ends, station, drone):
         end.close()
@@ -183,7 +183,7 @@ def test_noise_and_replays_from_one_who_is_in(address):
     got = []
     drone, station = drone_at(address), station_at(address, got.append)
     pieces = []
-    rogue = Link('ground', address, Security())
+    rogue = GroundLink('ground', address, Security())
     rogue.on('down/*', pieces.append)
     drone.put(cloud(1))
     until(lambda: got)

@@ -22,9 +22,9 @@ from ftp_dent_ros.errors import CodecError, ConfigurationError
 from ftp_dent_ros.ground import topics
 from ftp_dent_ros.ground.commands import Answer, Executive
 from ftp_dent_ros.ground.drone import Drone
-from ftp_dent_ros.ground.link import Link, Security
+from ftp_dent_ros.ground.link import GroundLink, Security
 from ftp_dent_ros.ground.page import serve_page
-from ftp_dent_ros.ground.page.scene import Scene
+from ftp_dent_ros.ground.page.scene import PageScene
 from ftp_dent_ros.ground.page.server import PageServer
 from ftp_dent_ros.ground.protocol import Importance, Item
 from ftp_dent_ros.ground.station import Station
@@ -159,7 +159,7 @@ def items(view):
 
 
 def test_the_scene_places_the_dent_in_the_picture(items, view):
-    scene = Scene()
+    scene = PageScene()
     for item in items:
         scene.take(item)
     state = scene.state()
@@ -176,7 +176,7 @@ def test_the_scene_places_the_dent_in_the_picture(items, view):
 
 
 def test_where_the_survey_runs_the_map_shows_its_path_and_its_coverage(items):
-    scene = Scene()
+    scene = PageScene()
     for item in [*items, path_item((0, 2, 3), (1, 2, 3)), coverage_item()]:
         scene.take(item)
     state = scene.state()
@@ -195,7 +195,7 @@ def coded_empty():
 
 
 def test_the_scene_refuses_what_is_no_item(items):
-    scene = Scene()
+    scene = PageScene()
     for item in items:
         for data in (b'', b'x' * 50, item.data[:-9], b'\xff' * 300):
             with pytest.raises(CodecError):
@@ -295,11 +295,11 @@ def test_the_page_shows_what_comes_and_its_buttons_command(items, tmp_path):
 
     browser = Chromium(tmp_path)
     drone = Drone(
-        Link('drone', address, Security()), None, 10**8, 0.0, Executive({'capture': capture})
+        GroundLink('drone', address, Security()), None, 10**8, 0.0, Executive({'capture': capture})
     )
     pages = []
     station = Station(
-        Link('ground', address, Security()), lambda item: pages[0].take(item), 'browser'
+        GroundLink('ground', address, Security()), lambda item: pages[0].take(item), 'browser'
     )
     pages.append(serve_page('127.0.0.1:0', station))
     try:

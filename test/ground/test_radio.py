@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from ftp_dent_ros.errors import ConfigurationError
-from ftp_dent_ros.simulation.radio import Conditions, Way, joined_sites
+from ftp_dent_ros.simulation.radio import Conditions, RadioPath, joined_sites
 
 END = str(Path(__file__).with_name('end_of_link.py'))
 
 
 def carried(conditions, packets=20_000, interval=0.001, size=100):
     """(number, delay) of the packets that come out, in their order."""
-    way = Way(3)
+    way = RadioPath(3)
     way.conditions = conditions
     out, now = [], 0.0
     for number in range(packets):

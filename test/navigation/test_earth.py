@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from test_vehicle import World
 
 from ftp_dent_ros.navigation.origin import Origin, origin_below
-from ftp_dent_ros.navigation.settings import Settings
+from ftp_dent_ros.navigation.settings import VehicleSettings
 
 ORIGIN = Origin(47.45, 8.56, 430.0)
 ORIGIN_ID = mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN
@@ -34,7 +34,7 @@ class Abroad(World):
     """Says where it is on the earth, too; moves north at 1 m/s, 5 m up."""
 
     def __init__(self, **settings: Any) -> None:
-        super().__init__(Settings(earth=True, **settings))
+        super().__init__(VehicleSettings(earth=True, **settings))
         self.grants = self.grants | {GLOBAL_ID}
 
     def _send(self, message_id: int) -> None:

@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from test_vehicle import GRANTED, MS, START, S, World
 
 from ftp_dent_ros.errors import PoseError
-from ftp_dent_ros.navigation.settings import Settings
+from ftp_dent_ros.navigation.settings import VehicleSettings
 from ftp_dent_ros.simulation.autopilot import Telemetry
 from ftp_dent_ros.simulation.flight import EstimateErrors, Faults
 from ftp_dent_ros.simulation.world import read_world
@@ -34,7 +34,7 @@ class Simulated(World):
         self,
         errors: EstimateErrors | None = None,
         faults: Faults | None = None,
-        settings: Settings | None = None,
+        settings: VehicleSettings | None = None,
         height: float | None = None,
     ) -> None:
         super().__init__(settings)

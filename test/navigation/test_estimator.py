@@ -9,7 +9,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from ftp_dent_ros.errors import PoseAwaitedError, PoseError
-from ftp_dent_ros.navigation.settings import Instant, Settings
+from ftp_dent_ros.navigation.settings import Instant, VehicleSettings
 from ftp_dent_ros.navigation.trust import Trust, is_ready
 
 S = 1_000_000_000
@@ -42,7 +42,7 @@ class Reports:
     """Reports of an estimator that navigates without GPS; times in seconds."""
 
     def __init__(self, *reports: tuple[float, bool]) -> None:
-        self.trust = Trust(Settings(position_source='other'))
+        self.trust = Trust(VehicleSettings(position_source='other'))
         self.trust.restart(0)
         for at, ready in reports:
             self.add(at, flags=0x33F if ready else 0)

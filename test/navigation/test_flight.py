@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from ftp_dent_ros.errors import PoseAwaitedError, PoseError
 from ftp_dent_ros.navigation import frames
 from ftp_dent_ros.navigation.link import Link
-from ftp_dent_ros.navigation.settings import Settings
+from ftp_dent_ros.navigation.settings import VehicleSettings
 from ftp_dent_ros.navigation.trust import is_ready
 
 
@@ -27,7 +27,7 @@ def flight(data: Path) -> Flight:
 
 @pytest.fixture(scope='module')
 def outcome(flight: Flight) -> Outcome:
-    return replay(flight, flight.truth().times, settings=Settings(earth=True))
+    return replay(flight, flight.truth().times, settings=VehicleSettings(earth=True))
 
 
 def ready_time(flight: Flight) -> int:
@@ -140,7 +140,7 @@ def test_four_seconds_of_it_over_a_socket_in_real_time(flight: Flight) -> None:
         address = probe.getsockname()
     news = threading.Event()
     link = Link(
-        f'udpin:{address[0]}:{address[1]}', 0, Settings(), on_poses=lambda poses: news.set()
+        f'udpin:{address[0]}:{address[1]}', 0, VehicleSettings(), on_poses=lambda poses: news.set()
     )
     begin = (flight.of('HEARTBEAT')[75][0] - flight.times[0]) / 1e9 - 0.1
     try:

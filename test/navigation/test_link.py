@@ -16,7 +16,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from ftp_dent_ros.errors import ConfigurationError, PoseError
 from ftp_dent_ros.navigation.link import Link, parse_address
-from ftp_dent_ros.navigation.settings import Settings
+from ftp_dent_ros.navigation.settings import VehicleSettings
 
 LOCAL = '127.0.0.1'
 UNSIGNED = 'messages without the right signature'
@@ -28,7 +28,7 @@ class Subject:
     def __init__(self, address: str, key: bytes = b'') -> None:
         self._news = threading.Event()
         self.poses: list[Any] = []
-        self.link = Link(address, 115200, Settings(), on_poses=self._take, signing_key=key)
+        self.link = Link(address, 115200, VehicleSettings(), on_poses=self._take, signing_key=key)
 
     def _take(self, poses: list[Any]) -> None:
         self.poses += [pose for _, pose in poses]
@@ -277,7 +277,7 @@ def test_it_knows_who_is_on_the_link(connect) -> None:
 )
 def test_a_malformed_address_is_refused(address: str) -> None:
     with pytest.raises(ConfigurationError, match='udpin:HOST:PORT'):
-        Link(address, 115200, Settings())
+        Link(address, 115200, VehicleSettings())
 
 
 def test_closing_ends_the_thread_and_frees_the_port() -> None:

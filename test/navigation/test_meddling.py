@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from test_vehicle import MS, S, World, tagged
 
 from ftp_dent_ros.errors import PoseError
-from ftp_dent_ros.navigation.settings import Settings
+from ftp_dent_ros.navigation.settings import VehicleSettings
 
 
 @pytest.mark.parametrize('seen', ['not at all', 'command', 'data stream', 'answer'])
@@ -50,7 +50,7 @@ def test_losses_on_the_link_are_blamed_on_nobody() -> None:
 
 def test_round_trips_that_are_too_long_name_the_remedy() -> None:
     for allowed, is_known in ((0.01, False), (0.03, True)):
-        world = World(Settings(maximum_clock_error=allowed))
+        world = World(VehicleSettings(maximum_clock_error=allowed))
         world.round_trip = 45 * MS
         world.run(6)
         assert world.vehicle.clock.is_converged(world.at.ros) is is_known
@@ -66,7 +66,7 @@ def test_round_trips_that_are_too_long_name_the_remedy() -> None:
 @pytest.mark.parametrize('step', [0.3, 4.1, -0.3, -4.1, 3600.0, -3600.0])
 @pytest.mark.parametrize('at', ['between exchanges', 'in an exchange'])
 def test_a_step_of_the_computers_clock_is_called_that(step: float, at: str) -> None:
-    world = World(Settings(maximum_clock_error=0.02))
+    world = World(VehicleSettings(maximum_clock_error=0.02))
     world.round_trip = 15 * MS
     world.run(6)
     if at == 'in an exchange':

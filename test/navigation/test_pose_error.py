@@ -14,7 +14,7 @@ from test_vehicle import MS, READY, START, S, gps_raw_int, heartbeat
 
 from ftp_dent_ros.errors import PoseAwaitedError, PoseError
 from ftp_dent_ros.navigation import frames
-from ftp_dent_ros.navigation.settings import Instant, Settings
+from ftp_dent_ros.navigation.settings import Instant, VehicleSettings
 from ftp_dent_ros.navigation.vehicle import Vehicle
 
 SECONDS = 24
@@ -28,7 +28,7 @@ class Sky:
         self.random = np.random.default_rng(6)
         self.steps = steps
         self.circle = Circle()
-        self.vehicle = Vehicle(Settings())
+        self.vehicle = Vehicle(VehicleSettings())
         self._sender = mavlink.MAVLink(None, 1, 1)
         self._events: list = []
         self._order = count()

@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from test_vehicle import GRANTED, MS, S, World
 
 from ftp_dent_ros.errors import PoseError
-from ftp_dent_ros.navigation.settings import Settings
+from ftp_dent_ros.navigation.settings import VehicleSettings
 
 
 def test_without_a_report_of_the_estimator_there_is_no_pose_and_no_go() -> None:
@@ -79,7 +79,7 @@ def test_a_gps_that_repeats_its_last_fix_is_lost() -> None:
 
 def test_without_gps_a_vehicle_has_to_say_so() -> None:
     for source, expected in (('gps', False), ('other', True)):
-        world = World(Settings(position_source=source))  # type: ignore[arg-type]
+        world = World(VehicleSettings(position_source=source))  # type: ignore[arg-type]
         world.grants = GRANTED - {mavlink.MAVLINK_MSG_ID_GPS_RAW_INT}
         world.run(5)
         assert bool(world.poses) is expected
@@ -94,7 +94,7 @@ def deviations(world: World) -> Any:
 
 def test_height_is_stated_with_the_barometers_scale() -> None:
     assert_allclose(deviations(World().run(5))[2], np.hypot(0.05, 0.04 * 5), rtol=0.01)
-    flat = World(Settings(height_scale_uncertainty=0.0)).run(5)
+    flat = World(VehicleSettings(height_scale_uncertainty=0.0)).run(5)
     assert_allclose(deviations(flat)[2], 0.05, rtol=0.01)
 
 

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from ftp_dent_ros.errors import PoseAwaitedError, PoseError
-from ftp_dent_ros.navigation.settings import Instant, Settings
+from ftp_dent_ros.navigation.settings import Instant, VehicleSettings
 from ftp_dent_ros.navigation.vehicle import Vehicle
 
 START = 1_800_000_000_000_000_000
@@ -38,8 +38,10 @@ class World:
     It hovers 5 m above a point that moves north at 1 m/s, nose east.
     """
 
-    def __init__(self, settings: Settings | None = None, boot: int = START - 100 * S) -> None:
-        self.vehicle = Vehicle(settings or Settings())
+    def __init__(
+        self, settings: VehicleSettings | None = None, boot: int = START - 100 * S
+    ) -> None:
+        self.vehicle = Vehicle(settings or VehicleSettings())
         self.now = START
         self.ahead = 0  # of the computer's clock
         self.boot = boot

@@ -12,7 +12,7 @@ from small_scenes import DENT, DEPTH, INVERTED, PATTERN, RIG, Scene, lens, panel
 from ftp_dent_ros.cloud.coverage import UNTIED
 from ftp_dent_ros.errors import NoStripeError, RefusedFrameError
 from ftp_dent_ros.profilometry import Reconstructor, Settings
-from ftp_dent_ros.simulation import Motion, Paint, Surface
+from ftp_dent_ros.simulation import CameraMotion, Paint, Surface
 
 # Depth between neighbouring fringes at `DEPTH`, metres.
 FRINGE = DEPTH**2 * 8 / (940 * 0.2)
@@ -34,7 +34,9 @@ CASES = {
     'colour filter and JPEG': lambda: Scene.of(panel(), bayer=True, jpeg_quality=90),
     'speckle': lambda: Scene.of(panel(), speckle_contrast=0.1),
     'ambient': lambda: Scene.of(panel(), exposure=0.3, ambient=2.0),
-    'moving': lambda: Scene.of(panel(), motion=Motion(translation=np.array([0.001, 0.0, 0.0]))),
+    'moving': lambda: Scene.of(
+        panel(), motion=CameraMotion(translation=np.array([0.001, 0.0, 0.0]))
+    ),
     'noisy phase': lambda: Scene.of(panel(), phase_noise_px=0.6 * PATTERN.period_px / (2 * np.pi)),
     'a line of dirt': lambda: with_line(Scene.of(panel())),
 }

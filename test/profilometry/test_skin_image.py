@@ -13,11 +13,11 @@ from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.profilometry.skin_image import SkinImager
 from ftp_dent_ros.simulation import Paint
-from ftp_dent_ros.simulation.paint import Dirt, Patch
+from ftp_dent_ros.simulation.paint import Dirt, PaintPatch
 
 MARKS = (
     Dirt(0.15, scales=(0.03, 0.012), seed=5),
-    Patch(0.03, 0.02, 0.02, 0.006, (0.6, 0.6, 0.6), angle=0.5),
+    PaintPatch(0.03, 0.02, 0.02, 0.006, (0.6, 0.6, 0.6), angle=0.5),
 )
 
 

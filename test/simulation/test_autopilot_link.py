@@ -5,7 +5,7 @@ import socket
 import pytest
 
 from ftp_dent_ros.errors import ConfigurationError, LinkError
-from ftp_dent_ros.simulation.autopilot import Link, mavlink
+from ftp_dent_ros.simulation.autopilot import AutopilotLink, mavlink
 
 PING = mavlink.MAVLink_timesync_message(0, 7)
 
@@ -50,7 +50,7 @@ def client():
 
 
 def test_a_tcp_server_serves_one_client_after_the_other(free_port, client):
-    link = Link(f'tcpin:127.0.0.1:{free_port}', 5)
+    link = AutopilotLink(f'tcpin:127.0.0.1:{free_port}', 5)
     link.send(PING)  # To nobody.
     for _ in range(3):
         peer = client(free_port)
@@ -67,7 +67,7 @@ def test_a_tcp_server_that_comes_back_is_found_again():
     with socket.create_server(('127.0.0.1', 0)) as server:
         server.settimeout(10)
         port = server.getsockname()[1]
-        link = Link(f'tcp:127.0.0.1:{port}', 1)
+        link = AutopilotLink(f'tcp:127.0.0.1:{port}', 1)
         server.accept()[0].close()
     for _ in link.receive(5):
         raise AssertionError('nobody spoke')
@@ -87,7 +87,7 @@ def test_a_tcp_server_that_comes_back_is_found_again():
 
 
 def test_a_udp_server_answers_all_who_speak_and_survives_who_leave(free_port, client):
-    link = Link(f'udpin:127.0.0.1:{free_port}', 1)
+    link = AutopilotLink(f'udpin:127.0.0.1:{free_port}', 1)
     gone, stays = (client(free_port, socket.SOCK_DGRAM) for _ in range(2))
     for peer in (gone, stays):
         peer.send(frame()[:12])
@@ -104,16 +104,16 @@ def test_a_udp_server_answers_all_who_speak_and_survives_who_leave(free_port, cl
 @pytest.mark.parametrize('kind', ['udpin', 'tcpin'])
 def test_an_address_in_use_is_refused(free_port, kind):
     address = f'{kind}:127.0.0.1:{free_port}'
-    first = Link(address, 1)
+    first = AutopilotLink(address, 1)
     with pytest.raises(LinkError, match=r'another program listens there: stop it') as refusal:
-        Link(address, 1)
+        AutopilotLink(address, 1)
     assert str(refusal.value).startswith(address)
     assert first.system_id == 1
 
 
 def test_a_server_that_is_not_there_is_refused(free_port):
     with pytest.raises(LinkError, match=r'cannot be opened .*refused'):
-        Link(f'tcp:127.0.0.1:{free_port}', 1)
+        AutopilotLink(f'tcp:127.0.0.1:{free_port}', 1)
 
 
 @pytest.mark.parametrize(
@@ -121,4 +121,4 @@ def test_a_server_that_is_not_there_is_refused(free_port):
 )
 def test_what_is_no_address_is_refused(address):
     with pytest.raises(ConfigurationError, match='no address: give udpout:HOST:PORT'):
-        Link(address, 1)
+        AutopilotLink(address, 1)

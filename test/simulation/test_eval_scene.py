@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig.rig import read_rig
-from ftp_dent_ros.simulation import Dent, Motion, Paint, Panel, Photometry, Renderer, Surface
+from ftp_dent_ros.simulation import CameraMotion, Dent, Paint, Panel, Photometry, Renderer, Surface
 from ftp_dent_ros.simulation.view import see
 
 
@@ -27,7 +27,7 @@ class Scene:
         self.surface = Surface((_panel(scene['surface']),))
         self.reference_distance = scene['median_depth_m']
         motion = scene['motion']
-        self.motion = Motion(
+        self.motion = CameraMotion(
             translation=np.array(motion['velocity_m_s'], float) * motion['exposure_s']
         )
         self.seen = self.truth['valid'] & ~self.truth['edge']

@@ -9,13 +9,13 @@ from scipy.spatial.transform import Rotation
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.simulation import (
+    CameraMotion,
     Dirt,
     DomedRivet,
     Lettering,
-    Motion,
     Paint,
+    PaintPatch,
     Panel,
-    Patch,
     Photometry,
     Sunlight,
     Surface,
@@ -70,9 +70,9 @@ def test_letters_are_as_high_as_asked_for_and_painted():
 def test_a_patch_is_seen_as_the_same_edge_of_paint_is(rig, pattern, noiseless, speed):
     """The one is sampled everywhere, the other only where it breaks a pixel."""
     photometry = dataclasses.replace(noiseless, samples=64, ambient=0.3, exposure=0.7)
-    motion = Motion(translation=np.array([speed, 0, 0]))
+    motion = CameraMotion(translation=np.array([speed, 0, 0]))
     edge = Paint(edge=(1.0, 0.0, 0.004), albedo_beyond=(0.2, 0.3, 0.4))
-    patch = Patch(0.254, 0, 0.5, 1.0, (0.25, 0.375, 0.5))
+    patch = PaintPatch(0.254, 0, 0.5, 1.0, (0.25, 0.375, 0.5))
     images = [
         render(rig, pattern.draw(), skin(paint=paint), photometry, motion=motion).astype(float)
         for paint in (edge, Paint(marks=(patch,)))

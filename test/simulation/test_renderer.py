@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from ftp_dent_ros.errors import ImageError
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.simulation import (
+    CameraMotion,
     Dent,
-    Motion,
     Paint,
     Panel,
     Photometry,
@@ -104,7 +104,7 @@ def test_motion_is_the_mean_over_the_instants(rig, pattern, noiseless, dents, ve
     """6 mm towards the skin the fringes move by half a period."""
     plain, surface = both(radius=0.7, dents=dents)
     rig = replace_lens(rig, width=64, height=40, shift=(-16, -12))
-    motion = Motion(translation=np.array(velocity))
+    motion = CameraMotion(translation=np.array(velocity))
     image = render(rig, pattern.draw(), surface, noiseless, motion=motion)
     moments = (np.arange(12) + 0.5) / 12 - 0.5
     expected = photograph(
@@ -120,7 +120,7 @@ def test_a_turning_camera_blurs_as_the_mean_of_its_instants(rig, pattern, noisel
     _, surface = both(radius=0.7, dents=())
     rotation = np.array([0.002, -0.008, 0.05])
     renderer = Renderer(rig, pattern.draw(), noiseless)
-    blurred = renderer.render(surface, motion=Motion(rotation=rotation))
+    blurred = renderer.render(surface, motion=CameraMotion(rotation=rotation))
     moments = (np.arange(24) + 0.5) / 24 - 0.5
     instants = [
         renderer.render(surface.transformed(Pose(Rotation.from_rotvec(t * rotation), np.zeros(3))))

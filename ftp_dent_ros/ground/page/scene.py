@@ -154,7 +154,7 @@ def _dent(value: Any) -> dict[str, Any]:
     }
 
 
-class Scene:
+class PageScene:
     """Takes items as they come and says what there is to see; for several threads.
 
     Attributes

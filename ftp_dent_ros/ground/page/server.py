@@ -25,7 +25,7 @@ from aiohttp import WSMsgType, web
 from ftp_dent_ros.errors import CodecError, ConfigurationError
 from ftp_dent_ros.ground import topics
 from ftp_dent_ros.ground.commands import COMMANDS, Answer
-from ftp_dent_ros.ground.page.scene import Scene, as_json, message_of
+from ftp_dent_ros.ground.page.scene import PageScene, as_json, message_of
 from ftp_dent_ros.ground.protocol import Item
 
 PROTOCOLS = ('foxglove.sdk.v1', 'foxglove.websocket.v1')
@@ -193,7 +193,7 @@ class PageServer:
     def __init__(
         self, address: str, link: Callable[[], dict[str, Any]], command: Callable[[str], Answer]
     ) -> None:
-        self.scene = Scene()
+        self.scene = PageScene()
         self._foxglove = Foxglove()
         self._link, self._command = link, command
         self._key = secrets.token_urlsafe(12)
