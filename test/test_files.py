@@ -25,15 +25,6 @@ def test_a_file_is_whole_or_not_there(tmp_path):
     assert list(path.parent.iterdir()) == [path]
 
 
-def test_an_old_result_survives_a_failure(tmp_path):
-    path = tmp_path / 'result.txt'
-    path.write_text('old')
-    with pytest.raises(RuntimeError), written_aside(path) as aside:
-        aside.write_text('half')
-        raise RuntimeError
-    assert path.read_text() == 'old'
-
-
 def test_a_full_disk_is_told_with_the_name_that_was_given(tmp_path):
     full = OSError(errno.ENOSPC, 'No space left on device')
     with pytest.raises(OSError, match='No space') as told, written_aside(tmp_path / 'a.txt'):

@@ -75,12 +75,6 @@ def test_a_cloud_off_the_rays_keeps_its_accuracy(cloud, view):
     assert np.nanmax(along_ray(moved, back) - moved.sigma / 2) < 1e-6
 
 
-def test_a_cloud_of_nothing(view):
-    empty = Cloud(np.full((*view.shape, 3), np.nan, 'f4'), np.zeros(view.shape, 'f4'))
-    data = encode(empty, view)
-    assert not decode(data).valid.any() and len(data) < 500
-
-
 def test_a_preview_is_the_same_points_fewer(cloud, view):
     few, few_view = thinned(cloud, view, 80)
     assert few.intensity.shape == few_view.shape == (45, 80)

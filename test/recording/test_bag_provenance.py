@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bag_samples import START_NS, sample_messages, topic, write_sample
+from bag_samples import START_NS, topic
 
 from ftp_dent_ros.cloud.coverage import UNTIED, Coverage
 from ftp_dent_ros.recording.clouds import NOTED_STAMP, coverages_of, rig_id_of
@@ -42,11 +42,6 @@ def test_the_diagnostics_tell_it_where_the_recorder_was_killed(tmp_path):
         writer.add_topic(DIAGNOSTICS)
         writer.write([diagnostics(0, rig='none'), diagnostics(1, rig='ba9876543210')])
     assert rig_id_of(open_bag(tmp_path / 'bag')) == 'ba9876543210'
-
-
-def test_a_bag_without_either_says_nothing(tmp_path):
-    write_sample(tmp_path / 'bag', sample_messages(4))
-    assert rig_id_of(open_bag(tmp_path / 'bag')) == ''
 
 
 def test_the_diagnostics_tell_what_of_the_lit_skin_has_no_points(tmp_path):

@@ -129,25 +129,6 @@ def test_damaged_data_are_not_handed_out(bag):
 
 
 @pytest.mark.parametrize(
-    ('content', 'sentence'),
-    [
-        (b'', 'an empty file'),
-        (b'SQLite format 3\0' + bytes(100), 'not an MCAP file'),
-        (b'\x89MCAP0\r\n', 'not a whole MCAP file'),
-    ],
-)
-def test_what_is_not_a_bag(tmp_path, content, sentence):
-    (tmp_path / 'x.mcap').write_bytes(content)
-    with pytest.raises(BagError, match=sentence):
-        open_bag(tmp_path / 'x.mcap')
-
-
-def test_a_topic_that_is_not_there(bag):
-    with pytest.raises(BagError, match='has no topic /word: it has /poses, /silent, /words'):
-        open_bag(bag).messages(['/word'])
-
-
-@pytest.mark.parametrize(
     ('old', 'new', 'sentence'),
     [
         ('storage_identifier: mcap', 'storage_identifier: sqlite3', 'ros2 bag convert'),

@@ -14,7 +14,7 @@ from rosbags.interfaces import QosDurability, QosReliability
 from rosbags.rosbag2 import Reader
 
 from ftp_dent_ros.errors import BagError
-from ftp_dent_ros.recording.reader import open_bag, read_messages
+from ftp_dent_ros.recording.reader import read_messages
 from ftp_dent_ros.recording.recovery import recover
 from ftp_dent_ros.recording.topic import Message
 from ftp_dent_ros.recording.writer import BagWriter
@@ -120,28 +120,6 @@ def test_the_file_alone_says_all_that_rosbag2_asks_it(tmp_path):
     # An index of each message, by which rosbag2 sorts by time.
     assert [len(each.message_index_offsets) for each in summary.chunk_indexes] == [2, 2, 2, 1]
     assert all(each.message_index_length for each in summary.chunk_indexes)
-
-
-def test_files_are_split_by_size(tmp_path):
-    messages = sample_messages(300)
-    write_sample(tmp_path / 'bag', messages, max_file_size=20_000)
-    bag = open_bag(tmp_path / 'bag')
-    assert len(bag.files) > 3
-    assert [path.name for path in bag.files] == [f'bag_{i}.mcap' for i in range(len(bag.files))]
-    assert all(20_000 <= path.stat().st_size < 40_000 for path in bag.files[:-1])
-    assert list(bag.messages()) == messages
-    with Reader(tmp_path / 'bag') as reader:
-        assert len(list(reader.messages())) == 300
-    parts = [message for path in bag.files for message in read_messages(path)]
-    assert parts == messages
-
-
-def test_nothing_is_overwritten(tmp_path):
-    (tmp_path / 'bag').mkdir()
-    (tmp_path / 'bag' / 'bag_0.mcap').write_text('mine')
-    with pytest.raises(BagError, match='exists already and is not overwritten'):
-        BagWriter(tmp_path / 'bag')
-    assert (tmp_path / 'bag' / 'bag_0.mcap').read_text() == 'mine'
 
 
 def test_a_full_disk_is_one_sentence_and_loses_nothing_that_was_written(small_disk, tmp_path):

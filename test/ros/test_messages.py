@@ -42,13 +42,6 @@ def image_message(pixels: np.ndarray, encoding: str, padding: int = 0, **fields)
     return message
 
 
-def test_an_image_comes_back_with_stamp_and_frame():
-    message = through_the_wire(image_to_message(RGB, 12_000_000_034, 'eye'))
-    assert (message.header.stamp.sec, message.header.stamp.nanosec) == (12, 34)
-    assert (message.header.frame_id, message.encoding, message.step) == ('eye', 'rgb8', 18)
-    np.testing.assert_array_equal(image_from_message(message), RGB)
-
-
 ALPHA = np.full((4, 6, 1), 7, np.uint8)
 WIDE = RGB.astype(np.uint16) * 256 + 255 - RGB
 

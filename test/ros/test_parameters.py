@@ -2,8 +2,7 @@ from __future__ import annotations
 
 import pytest
 import rclpy
-from rcl_interfaces.msg import ParameterType
-from rcl_interfaces.srv import DescribeParameters, SetParameters
+from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 
 from ftp_dent_ros.errors import ConfigurationError
@@ -41,17 +40,6 @@ def declare_rate(parameters):
 def set_remotely(ros, name, value):
     request = SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()])
     return ros.call(SetParameters, 'subject/set_parameters', request).results[0]
-
-
-def test_a_parameter_describes_itself(ros, make):
-    parameters = make()
-    declare_rate(parameters)
-    parameters.declare('rig', '', 'Calibration file.')
-    request = DescribeParameters.Request(names=['rate', 'rig'])
-    rate, rig = ros.call(DescribeParameters, 'subject/describe_parameters', request).descriptors
-    assert (rate.type, rate.description) == (ParameterType.PARAMETER_DOUBLE, 'Images a second.')
-    assert rate.floating_point_range[0].to_value == 100.0
-    assert (rate.read_only, rig.read_only) == (False, True)
 
 
 def test_a_change_reaches_the_listener_and_the_value(ros, make):

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import signal
-import subprocess
-import sys
 
 import pytest
 from rclpy.parameter import Parameter
@@ -101,16 +99,3 @@ def test_arguments_that_ros_cannot_parse_are_status_2(ros):
     process = ros.start('reconstruction', '-p', 'rate')
     assert process.wait() == 2
     assert 'Traceback' not in process.output and 'reconstruction: ' in process.output
-
-
-def test_a_node_starts_without_what_scipy_takes_a_second_to_import():
-    """A second of processor, in each of the nodes that a flight waits for after a restart."""
-    names = 'reconstruction', 'dent_inspector', 'downlink', 'mavlink_bridge'
-    program = '; '.join(
-        [
-            *(f'import ftp_dent_ros.nodes.{name}' for name in names),
-            "import sys; print(*{'scipy.signal', 'scipy.stats'}.intersection(sys.modules))",
-        ]
-    )
-    done = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True)
-    assert (done.returncode, done.stdout.strip()) == (0, ''), done.stderr

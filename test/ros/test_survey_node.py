@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import count, pairwise
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -155,19 +155,3 @@ def test_what_cannot_be_joined_is_told_with_its_reason_and_ends_nothing(ros, fli
     assert bench.value('failed') == '0' and bench.state().level == WARN
     assert bench.process.stop() == 0
     assert 'their heights differ' in bench.process.output
-
-
-def test_what_there_is_no_time_for_is_dropped_and_told(ros, flight):
-    _, stated, seen = flight
-    bench = Bench(ros, has_skin=False, queue_size=1)
-    numbers = count()
-
-    def flood():
-        for _ in range(3):
-            bench.show(next(numbers), seen[0][0], None, stated[0])
-        return int(bench.value('dropped') or 0) > 0 and int(bench.value('joined') or 0) > 0
-
-    ros.until(flood)
-    assert bench.state().level == WARN and 'skin' in bench.state().message
-    assert int(bench.value('clouds without skin')) > 0
-    assert bench.process.stop() == 0
