@@ -259,8 +259,9 @@ class Telemetry:
 
     def _estimate(self, boot_ns: int) -> Pose:
         world = self._world
-        seconds = world.flight_time(self._boot_ns + boot_ns)
-        pose = world.errors.estimated(world.flight, seconds)
+        stamp_ns = self._boot_ns + boot_ns
+        elapsed = (stamp_ns - world.start_ns) / _NS
+        pose = world.errors.estimated(world.flight, world.flight_time(stamp_ns), elapsed)
         return Pose(pose.rotation, pose.translation + world.faults.drift(self._uptime(boot_ns)))
 
     def _heartbeat(self, _: int) -> Any:

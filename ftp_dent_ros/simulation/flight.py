@@ -158,10 +158,20 @@ class EstimateErrors:
                 f'errors: wander_period is {self.wander_period!r}: give a positive number'
             )
 
-    def estimated(self, flight: Flight, seconds: float) -> Pose:
-        """The pose that is estimated so long into a flight."""
+    def estimated(self, flight: Flight, seconds: float, elapsed: float | None = None) -> Pose:
+        """The pose that is estimated so long into a flight.
+
+        Parameters
+        ----------
+        flight : Flight
+        seconds : float
+            Into the flight's period.
+        elapsed : float, optional
+            Since the flight's start; the wander does not begin again with each period.
+        """
         true = flight.pose(seconds)
-        angle = 2 * math.pi / self.wander_period * seconds / _PERIODS + _ESTIMATE_PHASES
+        elapsed = seconds if elapsed is None else elapsed
+        angle = 2 * math.pi / self.wander_period * elapsed / _PERIODS + _ESTIMATE_PHASES
         east, north, up, turn = np.sin(angle) @ _SHARES
         place = flight.pose(seconds - self.lag).translation if self.lag else true.translation
         place = place * [1, 1, 1 + self.height_scale] + self.offset

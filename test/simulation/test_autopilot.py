@@ -123,8 +123,9 @@ def test_poses_are_the_flights_at_their_own_time(client):
     # The path is known at the boot clock's exact time; the offset to within half a round trip.
     slack = 1e-5 + round_trip / 2e9 * np.array([0.5, np.radians(10)])
     for boot_ms in sorted(attitudes.keys() & positions.keys()):
-        seconds = world.flight_time(boot_ns + boot_ms * 1_000_000)
-        pose = world.errors.estimated(world.flight, seconds)
+        stamp_ns = boot_ns + boot_ms * 1_000_000
+        elapsed = (stamp_ns - world.start_ns) / 1e9
+        pose = world.errors.estimated(world.flight, world.flight_time(stamp_ns), elapsed)
         position, attitude = positions[boot_ms], attitudes[boot_ms]
         east, north, up = pose.translation
         sent = np.array([position.x, position.y, position.z])

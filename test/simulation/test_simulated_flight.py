@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.simulation.flight import Flight
+from ftp_dent_ros.simulation.flight import EstimateErrors, Flight
 
 MIDDLE = Pose.from_rpy([0.02, -0.03, 0.6], [3.0, -2.0, 5.0])
 NONE = np.zeros(3)
@@ -74,3 +74,14 @@ def test_the_middle_is_in_the_map():
 def test_a_value_out_of_its_range_is_refused_by_name(name, value):
     with pytest.raises(ConfigurationError, match=f'flight: .*{name}'):
         flight(**{name: value})
+
+
+@pytest.mark.parametrize('turns', [0, 1])
+def test_an_estimate_does_not_jump_where_the_flight_begins_again(turns):
+    errors = EstimateErrors(wander=(0.1, 0.1, 0.05), wander_period=7.0, yaw_wander=0.02)
+    period = flight().period_ns / 1e9
+    begin = turns * period
+    before, after = (
+        errors.estimated(flight(), (begin + off) % period, begin + off) for off in (-0.01, 0.01)
+    )
+    assert np.linalg.norm(after.translation - before.translation) < 0.02
