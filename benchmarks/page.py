@@ -68,7 +68,7 @@ def _parts(run: Run) -> Iterator[str]:
         )
     if run['reasons']:
         yield '## Refused\n'
-        reasons = ((row, _told(reasons)) for row, reasons in run['reasons'].items())
+        reasons = ((row, _counted(reasons)) for row, reasons in run['reasons'].items())
         yield from _table(('', 'reasons'), reasons)
     if run['sizes']:
         yield _SIZES
@@ -106,6 +106,6 @@ def _cell(figure: str, draws: list[float | None] | None) -> str:
     return f'{mean:.{digits}f}' + (f' ± {spread:.{digits}f}' if spread else '')
 
 
-def _told(reasons: list[str]) -> str:
+def _counted(reasons: list[str]) -> str:
     counts = Counter(filter(None, reasons))
     return ', '.join(f'{reason} ({count} of {len(reasons)})' for reason, count in counts.items())

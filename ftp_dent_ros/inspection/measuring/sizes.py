@@ -28,10 +28,9 @@ _SAMPLING = 0.0015
 _GRAIN = 0.06
 # Part of the outline's errors that does not even out along it.
 _EVENED = 0.6
-#: What the uncertainties of depths, and of lengths and widths, were short of, over shapes of nine
-# families, by the rule of `benchmarks/dent_families.py`: what the others of the family left out
-# ask for at most. Depths: 1.1, on 57 dents of seeds 731 to 733, 1601 and 1602. Sizes: 1.1, on 42
-# of seeds 9301, 9501 and 9701, and a sixth wider, for that is how well so few tell it.
+#: What the uncertainties of depths, and of lengths and widths, are short of over nine families of
+# shapes, each left out in turn. Depths: 1.1, on 57 dents. Sizes: 1.1, on 42, and a sixth wider, for
+# so few dents know it no better.
 OF_DEPTH, _OF_SIZES = 1.1, 1.3
 #: Of what is as narrow as the resolution: uncertainty of the depth, as a part of it, and of the
 # sizes, as a part of the resolution; it falls with the square of their ratio.
