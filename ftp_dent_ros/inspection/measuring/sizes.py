@@ -29,8 +29,8 @@ _GRAIN = 0.06
 # Part of the outline's errors that does not even out along it.
 _EVENED = 0.6
 #: What the uncertainties of depths, and of lengths and widths, are short of over nine families of
-# shapes, each left out in turn. Depths: 1.1, on 57 dents. Sizes: 1.1, on 42, and a sixth wider, for
-# so few dents know it no better.
+# shapes, each left out in turn. Depths: 1.1, on 57 dents. Sizes: 1.1, on 42, and a sixth wider,
+# for so few dents know it no better.
 OF_DEPTH, _OF_SIZES = 1.1, 1.3
 #: Of what is as narrow as the resolution: uncertainty of the depth, as a part of it, and of the
 # sizes, as a part of the resolution; it falls with the square of their ratio.
