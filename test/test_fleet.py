@@ -5,6 +5,7 @@ import signal
 
 import pytest
 
+from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.fleet import (
     LostWorkerError,
     begin,
@@ -91,3 +92,22 @@ def test_an_interruption_ends_the_processes_without_a_word_and_reaches_this_one(
     assert list(side_by_side(ends_at_once, [1], 1)) == [(1, True)]
     after = signal.getsignal(signal.SIGINT), signal.pthread_sigmask(signal.SIG_BLOCK, ())
     assert before == after and signal.SIGINT not in after[1]
+
+
+def test_on_a_cluster_results_are_the_same_and_a_failure_is_told(monkeypatch):
+    distributed = pytest.importorskip('distributed', reason='needs Dask')
+    from ftp_dent_ros import fleet as ours
+
+    on_cluster = ours.on_cluster
+
+    cluster = distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, host='127.0.0.1', dashboard_address=None
+    )
+    with cluster:
+        results = dict(on_cluster(square, [1, 13, 2, 3], cluster.scheduler_address))
+        address = cluster.scheduler_address
+    assert isinstance(results.pop(13), ValueError)
+    assert results == {number: (number**2, '1') for number in (1, 2, 3)}
+    monkeypatch.setattr(ours, '_PATIENCE', 0.3)
+    with pytest.raises(ConfigurationError, match='no Dask scheduler answers'):
+        list(on_cluster(square, [1], address.rpartition(':')[0] + ':1'))

@@ -15,6 +15,7 @@ from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.cloud.ply import write_ply
 from ftp_dent_ros.files import find
 from ftp_dent_ros.pattern.file import read_pattern
+from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig.rig import read_rig
 from ftp_dent_ros.simulation import Photometry, Renderer
 from ftp_dent_ros.simulation.truth import true_dents
@@ -127,3 +128,13 @@ def test_without_ros_clouds_and_photographs_are_inspected_all_the_same():
     )
     done = subprocess.run([sys.executable, '-c', code], capture_output=True, env=os.environ)
     assert done.returncode == 0, done.stderr
+
+
+def test_a_cloud_in_the_map_is_seen_from_its_outside(tmp_path, cloud):
+    pose = Pose.from_rpy((0.4, 1.0, -2.0), (9, -4, 2))
+    write_ply(tmp_path / 'map.ply', cloud.transformed(pose), 'map')
+    data = inspected(tmp_path / 'out', tmp_path / 'map.ply')
+    assert data['frame_id'] == 'map' and data['others'] == []
+    assert [dent['depth_mm'] for dent in data['dents']] == pytest.approx([2, 1], abs=0.02)
+    expected = pose.apply(TRUTH[0].position)
+    assert [data['dents'][0][a] for a in 'xyz'] == pytest.approx(expected, abs=5e-4)

@@ -289,3 +289,30 @@ def test_a_photograph_of_mirrored_halves_ends_in_a_sentence():
     mirrored = np.hstack([half[:, ::-1], half])
     with pytest.raises(RefusedFrameError):
         Reconstructor(rig, pattern, Settings(stride=4)).measure(mirrored)
+
+
+@pytest.mark.parametrize('suffix', ['.tif', '.jpg'])
+def test_other_formats_are_read(folder, photograph, capsys, suffix):
+    write_image(folder / f'image{suffix}', photograph[1])
+    assert main(words(folder, image=f'image{suffix}')) == 0
+    cloud, _ = read_ply(folder / 'cloud.ply')
+    assert np.abs(SKIN.distance(cloud.points[cloud.valid])).mean() < 5e-4
+
+
+@pytest.mark.parametrize(
+    ('keys', 'value', 'said'),
+    [
+        (('extrinsics', 'rotation', 'data'), [1, 0, 0, 0, 1, 0, 0, 0, 2], 'not a rotation'),
+        (('extrinsics', 'rotation', 'data'), [1, 0, 0, 0, 1, 0, 0, 0, -1], 'not a rotation'),
+        (('extrinsics', 'translation'), [0, 0, 0], 'without a baseline'),
+        (('camera', 'camera_matrix', 'rows'), 2, 'rows: 3, cols: 3'),
+    ],
+)
+def test_an_impossible_rig_is_refused(folder, capfd, keys, value, said):
+    fields = yaml.safe_load((folder / 'rig.yaml').read_text())
+    block = fields
+    for key in keys[:-1]:
+        block = block[key]
+    block[keys[-1]] = value
+    (folder / 'bad.yaml').write_text(yaml.safe_dump(fields))
+    assert said in refused(folder, capfd, rig='bad.yaml')

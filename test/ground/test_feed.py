@@ -361,3 +361,22 @@ def test_what_the_ground_holds_is_bounded():
     piece = Piece(Name(2, 1), 1, 900, len(replayed), 0, replayed)
     assert ground.add(piece) is not None
     assert [ground.add(piece) for _ in range(5)] == [None] * 5
+
+
+def test_minutes_of_a_full_link_do_not_fill_its_buffer():
+    line = Line(rate=30_000.0, delay=0.1)
+    line.put(Importance.CLOUDS, 1, 30_000_000)
+    waits = []
+    for _ in range(120):
+        line.run(1.0, step=0.01)
+        waits.append(line._free - line.time)
+    assert max(waits[10:]) < 0.25 and line.ground.bytes > 0.85 * 120 * line.rate
+
+
+def test_a_link_that_gets_slower_is_known_for_it_in_seconds():
+    line = Line(rate=250_000.0)
+    line.put(Importance.CLOUDS, 1, 30_000_000)
+    line.run(5)
+    line.rate = 30_000.0
+    line.run(10)
+    assert line._free - line.time < 0.25
