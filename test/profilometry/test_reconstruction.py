@@ -3,6 +3,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from small_scenes import DEPTH, PATTERN, RIG, Scene, panel
 
 from ftp_dent_ros.errors import (
@@ -308,3 +309,13 @@ def test_photographs_of_an_independent_renderer(data, name, mae, coverage):
     assert errors_mm.mean() < mae
     assert seen.sum() > coverage * truth['valid'].sum()
     assert (errors_mm > 1).mean() < 1e-4
+
+
+def test_a_point_that_may_lie_a_tenth_of_its_depth_elsewhere_is_none():
+    # Half a millimetre between the lenses: depth is hardly known, and nowhere equally.
+    turn = Rotation.from_euler('y', 0.3 / 400).as_matrix()
+    rig = replace(RIG, rotation=turn, translation=RIG.translation / 400)
+    scene = Scene.of(panel(), rig=rig, exposure=0.15, full_well=300.0, read_noise=6.0)
+    cloud = Reconstructor(rig, PATTERN).measure(scene.image).cloud
+    assert 0 < cloud.valid.sum() < 0.99 * scene.lit().sum()
+    assert (cloud.sigma[cloud.valid] <= 0.1 * cloud.points[cloud.valid][:, 2]).all()
