@@ -133,7 +133,7 @@ def pairs(name: str, seed: int, draw: int) -> dict[str, Figures]:
                 turned = Rotation.from_rotvec(off[3:]) * true.rotation
                 guess = Pose(turned, true.translation + off[:3])
                 found = register(patches[first], patches[second], guess, doubt)
-                if found.told < 6:
+                if found.rank < 6:
                     untold += 1
                     continue
                 error = twist_between(found.pose, true, found.centre)

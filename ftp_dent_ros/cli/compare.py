@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import argparse
 from collections import Counter
-from pathlib import Path
 
 from ftp_dent_ros.cli.inspection_arguments import output_folder
 from ftp_dent_ros.dents.rules import read_rules
 from ftp_dent_ros.errors import ConfigurationError
-from ftp_dent_ros.files import find, written_aside
+from ftp_dent_ros.files import find, written_together
 from ftp_dent_ros.survey.aircraft_frame import aircraft_frame, read_reference_points
 from ftp_dent_ros.survey.comparison import (
     STATUSES,
@@ -21,17 +20,16 @@ from ftp_dent_ros.survey.comparison import (
     growth_of,
 )
 from ftp_dent_ros.survey.result import SurveyResult
-from ftp_dent_ros.survey.store import SurveyStore, survey_from_report
+from ftp_dent_ros.survey.store import SurveyStore
 
 PAGE, TABLE = 'comparison.html', 'chart.csv'
-_SQLITE = b'SQLite format 3\x00'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    what = 'FILE.sqlite:NAME, or what `ftp-dent inspect` has written of a bag (its folder)'
-    parser.add_argument('earlier', metavar='SURVEY_A', help=f'the earlier survey: {what}')
-    parser.add_argument('later', metavar='SURVEY_B', help='the later one')
+    what = 'file of `ftp-dent survey --store`, and name of a survey in it'
+    parser.add_argument('earlier', metavar='FILE.sqlite:NAME', help=what)
+    parser.add_argument('later', metavar='FILE.sqlite:NAME', help='that of the later survey')
     parser.add_argument('--output', required=True, metavar='DIR', help=f'takes {PAGE} and {TABLE}')
     parser.add_argument(
         '--points',
@@ -60,14 +58,9 @@ def run(arguments: argparse.Namespace) -> int:
         PAGE: comparison_page(comparison, rows, frame, rules),
         TABLE: chart_csv(rows, frame is not None),
     }
-    try:
+    with written_together(output, texts, 'the comparison') as asides:
         for name, text in texts.items():
-            with written_aside(output / name) as aside:
-                aside.write_text(text, encoding='utf-8', errors='backslashreplace')
-    except OSError as reason:
-        raise ConfigurationError(
-            f'--output {output}: cannot be written ({reason.strerror}): name another folder'
-        ) from None
+            asides[name].write_text(text, encoding='utf-8', errors='backslashreplace')
     print(summary(rows))
     print(output / PAGE)
     return 0
@@ -90,21 +83,6 @@ def summary(rows: list[ChartRow]) -> str:
 
 def _survey(name: str) -> SurveyResult:
     path, _, survey = name.rpartition(':')
-    if not Path(name).exists() and path and Path(path).exists():
-        return SurveyStore(path).read(survey)
-    if not Path(name).exists():
-        raise ConfigurationError(f'{name}: no such file: give FILE.sqlite:NAME, or a report')
-    if not _is_store(Path(name)):
-        return survey_from_report(name)
-    names = SurveyStore(name).names()
-    if len(names) != 1:
-        known = ', '.join(f'{name}:{each}' for each in names) or 'none yet'
-        raise ConfigurationError(f'{name}: name one of its surveys: it has {known}')
-    return SurveyStore(name).read(names[0])
-
-
-def _is_store(path: Path) -> bool:
-    if path.is_dir():
-        return False
-    with path.open('rb') as file:
-        return file.read(len(_SQLITE)) == _SQLITE
+    if not path:
+        raise ConfigurationError(f'{name}: names no survey of a file: give FILE.sqlite:NAME')
+    return SurveyStore(find(path)).read(survey)

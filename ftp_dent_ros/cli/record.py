@@ -106,11 +106,9 @@ def run(arguments: argparse.Namespace) -> int:
         raise spool.error
     if failure is not None:
         raise BagError(
-            f'{spool.error or failure}; the recording ends after {total}: '
+            f'{failure}; the recording ends after {total}: '
             f'make it whole with `ftp-dent recover {output} --output NEW` on a disk with room'
         )
-    if spool.error is not None:
-        raise BagError(f'{spool.error}; the recording ends after {total}, which are a whole bag')
     print(f'{output}: {total}, {len(writer.topics)} topics')
     return 0
 

@@ -37,7 +37,3 @@ def _report(recovery: Recovery, arguments: argparse.Namespace) -> None:
         print(f'{printable(name)}: cut {size} bytes at the end, which hold no whole message')
     if recovery.damaged:
         print(f'left out {recovery.damaged} damaged chunks or records')
-    for reason in recovery.skipped.values():
-        print(f'left out {reason}')
-    if recovery.whole:
-        print(f'{arguments.bag} was whole already: the new bag is a copy')

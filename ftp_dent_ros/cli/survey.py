@@ -100,9 +100,8 @@ def run(arguments: argparse.Namespace) -> int:
             f'length {dent.length.value * _MM:.1f} mm, width {dent.width.value * _MM:.1f} mm, '
             f'seen {each.sightings} times' + (f', {dent.reason}' if dent.reason else '')
         )
-    if result.coverage is not None:
-        area = len(result.coverage.views) * result.coverage.size**2
-        print(f'{area:.3f} m2 of the skin were measured')
+    area = len(result.coverage.views) * result.coverage.size**2
+    print(f'{area:.3f} m2 of the skin were measured')
     for gap in survey.mosaic.gaps()[:_GAPS]:
         x, y = gap.place
         width, height = gap.size * _MM
@@ -120,12 +119,12 @@ def _rig_of(bags: Sequence[Bag], name: str | None) -> str:
     # The first that tells which rig it is: a file, or a bag.
     known, whose = (read_rig(given).id, given) if given else ('', None)
     for bag in bags:
-        told = clouds.rig_id_of(bag)
-        if told and known and told != known:
+        rig = clouds.rig_id_of(bag)
+        if rig and known and rig != known:
             raise ConfigurationError(
-                f'{bag.path}: was measured by the rig {told}, and {whose} is of the rig {known}: '
+                f'{bag.path}: was measured by the rig {rig}, and {whose} is of the rig {known}: '
                 'a survey is of one rig: survey them one by one, and compare'
             )
-        if told and not known:
-            known, whose = told, bag.path
+        if rig and not known:
+            known, whose = rig, bag.path
     return known

@@ -14,14 +14,6 @@ if TYPE_CHECKING:
     from ftp_dent_ros.pose import Pose
 
 
-def _not_given() -> NDArray[np.float32]:
-    return np.empty((0, 0), np.float32)
-
-
-def _no_skin() -> NDArray[np.uint8]:
-    return np.empty((0, 0), np.uint8)
-
-
 @dataclass(frozen=True)
 class Cloud:
     """Points on the camera's grid, at full resolution or at every n-th pixel.
@@ -45,9 +37,11 @@ class Cloud:
 
     points: NDArray[np.float32]
     intensity: NDArray[np.float32]
-    sigma: NDArray[np.float32] = field(default_factory=_not_given)
-    resolution: NDArray[np.float32] = field(default_factory=_not_given)
-    skin: NDArray[np.uint8] = field(default_factory=_no_skin, kw_only=True)
+    sigma: NDArray[np.float32] = field(default_factory=lambda: np.empty((0, 0), np.float32))
+    resolution: NDArray[np.float32] = field(default_factory=lambda: np.empty((0, 0), np.float32))
+    skin: NDArray[np.uint8] = field(
+        default_factory=lambda: np.empty((0, 0), np.uint8), kw_only=True
+    )
 
     def __post_init__(self) -> None:
         if self.points.ndim != 3 or self.points.shape[2] != 3:
@@ -55,14 +49,9 @@ class Cloud:
                 f'a cloud has the shape (rows, columns, 3), not {self.points.shape}: '
                 'give an organised cloud'
             )
-        if self.intensity.shape != self.points.shape[:2]:
-            raise CloudError(
-                f'intensity has the shape {self.intensity.shape}, the points '
-                f'{self.points.shape[:2]}: give one intensity a point'
-            )
-        for name in ('sigma', 'resolution', 'skin'):
+        for name in ('intensity', 'sigma', 'resolution', 'skin'):
             values = getattr(self, name)
-            if not values.size:
+            if name != 'intensity' and not values.size:
                 nothing = 0 if name == 'skin' else np.nan
                 unknown = np.full(self.points.shape[:2], nothing, values.dtype)
                 object.__setattr__(self, name, unknown)

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -121,10 +123,17 @@ def read_ply(path: str | os.PathLike[str]) -> tuple[Cloud, str]:
         PLY of a layout that holds no organised cloud; told by the header, before anything large
         is read or made.
     """
+    with _reading(path) as file:
+        header = read_header(header_lines(file))
+        return _cloud(header, _vertices(header, file)), header.frame_id
+
+
+@contextmanager
+def _reading(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
+    """The file, opened; what is wrong with it is said with its path."""
     try:
         with Path(path).open('rb') as file:
-            header = read_header(header_lines(file))
-            return _cloud(header, _vertices(header, file)), header.frame_id
+            yield file
     except OSError as reason:
         raise CloudError(f'{path}: cannot be read ({reason.strerror}): check the path') from None
     except CloudError as reason:
@@ -139,14 +148,14 @@ def rig_id_of(path: str | os.PathLike[str]) -> str:
     CloudError
         The file cannot be read, or is no PLY.
     """
-    try:
-        with Path(path).open('rb') as file:
-            told = [line for line in header_lines(file) if line.startswith(RIG)]
-    except OSError as reason:
-        raise CloudError(f'{path}: cannot be read ({reason.strerror}): check the path') from None
-    except CloudError as reason:
-        raise CloudError(f'{path}: {reason}') from None
-    return told[0].removeprefix(RIG).strip() if told else ''
+    with _reading(path) as file:
+        return _after(RIG, header_lines(file))
+
+
+def _after(start: str, lines: list[str]) -> str:
+    """Rest of the first line that begins so; empty if none does."""
+    rests = (line.removeprefix(start).strip() for line in lines if line.startswith(start))
+    return next(rests, '')
 
 
 def _vertices(header: Header, file: BinaryIO) -> NDArray[np.void]:
@@ -269,8 +278,7 @@ def read_header(lines: list[str]) -> Header:
         raise CloudError(
             f'{count} points on a grid of {columns}x{rows}, which no camera has: write it again'
         )
-    told = [line.removeprefix(FRAME) for line in lines if line.startswith(FRAME)]
-    frame_id = told[0].strip() if told else ''
+    frame_id = _after(FRAME, lines)
     return Header(order, vertex, count, rows, columns, frame_id, len(elements) == 1)
 
 

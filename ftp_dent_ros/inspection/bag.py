@@ -42,7 +42,7 @@ def survey_bag(
     settings: SmallestDent | None = None,
     progress: Callable[[], Any] = lambda: None,
     prepared: Callable[[BagCloud], BagCloud] | None = None,
-    told: Callable[[BagCloud, Inspection], Inspection] = lambda item, found: found,
+    completed: Callable[[BagCloud, Inspection], Inspection] = lambda item, found: found,
     each: Each = map,
 ) -> InspectionReport:
     """Inspect every cloud of a bag: the tagged ones with their poses, else those of ``points``.
@@ -63,8 +63,8 @@ def survey_bag(
     prepared : callable, optional
         Gives a cloud as it is to be inspected, with what others tell of its place: then clouds
         are no measurements by themselves, of whose repeatability anything could be said.
-    told : callable
-        Gives what is told of such a cloud, from its inspection.
+    completed : callable
+        Gives the whole inspection of such a cloud, from its own.
     each : callable
         As `map`: where clouds are inspected, and how many of them at once.
 
@@ -97,7 +97,7 @@ def survey_bag(
     for inspected in each(survey.inspect, tasks()):
         item, observation = read.popleft()
         if inspected.found is not None:
-            inspected = replace(inspected, found=told(item, inspected.found))
+            inspected = replace(inspected, found=completed(item, inspected.found))
         survey.take(observation, inspected)
         frame_id, in_camera = item.frame_id, in_camera and item.in_camera
         progress()

@@ -143,13 +143,13 @@ class CloudInspector:
 
     def _remarks(self) -> tuple[str, ...]:
         marks = tuple(mark for each in self._lists for mark in each.glass)
-        told = [sentence(marks)] if marks else []
+        remarks = [sentence(marks)] if marks else []
         if not self._placed and len(self._frames) > 1:
-            told.append(
+            remarks.append(
                 'no poses tell how the clouds lie: each is listed by itself, and what several '
                 'show counts several times; `ftp-dent survey` joins them by the skin they share'
             )
-        return tuple(told)
+        return tuple(remarks)
 
     def _entries(self) -> tuple[ListedDent, ...]:
         return tuple(entry for each in self._lists for entry in each.entries)

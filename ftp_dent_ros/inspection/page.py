@@ -216,7 +216,7 @@ def facts_of(report: InspectionReport) -> list[tuple[str, str]]:
 def _rig(report: InspectionReport) -> str:
     """File and id of the rig, as far as they are known."""
     if not report.rig_id:
-        return 'not told'
+        return 'not known'
     return f'{report.rig_name}, id {report.rig_id}' if report.rig_name else f'id {report.rig_id}'
 
 

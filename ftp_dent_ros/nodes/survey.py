@@ -197,7 +197,7 @@ class Survey(Node):
     def _tell_pairs(self, links: int) -> None:
         """Tell what became of the pairs: those that were there already, and those from `links`."""
         graph = self._joining.graph
-        self._without_ties += sum(link.relative.told == 0 for link in graph.links[links:])
+        self._without_ties += sum(link.relative.rank == 0 for link in graph.links[links:])
         contradicting = self._joining.contradicting()
         for index in contradicting.keys() - self._left_out:
             self._diagnostics.refuse('contradicting pair', contradicting[index])

@@ -69,10 +69,9 @@ class Bag:
             A topic is not in the bag, or the data are damaged.
         """
         known = {topic.name for topic in self.metadata.topics}
-        unknown = sorted(set(topics or ()) - known)
-        if unknown:
+        for unknown in sorted(set(topics or ()) - known):
             there = ', '.join(sorted(known)) or 'none'
-            raise BagError(f'{self.path}: has no topic {unknown[0]}: it has {there}')
+            raise BagError(f'{self.path}: has no topic {unknown}: it has {there}')
         return self._messages(topics, start_ns)
 
     def deserialise(self, message: Message) -> Any:

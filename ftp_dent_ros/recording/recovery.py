@@ -20,7 +20,7 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from ftp_dent_ros.errors import BagError
 from ftp_dent_ros.recording.reader import topic_from
 from ftp_dent_ros.recording.topic import Message, RecordedTopic
-from ftp_dent_ros.recording.writer import MAGIC, METADATA_FILE, BagWriter
+from ftp_dent_ros.recording.writer import MAGIC, BagWriter
 
 
 @dataclass
@@ -36,17 +36,11 @@ class Recovery:
         such bytes.
     damaged : int
         Chunks left out because their checksum is wrong.
-    skipped : dict of str to str
-        Files left out as a whole, with the reason.
-    whole : bool
-        The bag was whole, and the new one is a copy.
     """
 
     message_counts: dict[str, int] = field(default_factory=dict)
     cut: dict[str, int] = field(default_factory=dict)
     damaged: int = 0
-    skipped: dict[str, str] = field(default_factory=dict)
-    whole: bool = True
 
 
 def recover(
@@ -74,26 +68,20 @@ def recover(
             f'{output}: exists already and is not overwritten: choose another output folder'
         )
     aside = output.with_name(f'.{output.name}.{os.getpid()}')
-    recovery = Recovery(whole=bag.is_file() or (bag / METADATA_FILE).is_file())
+    recovery = Recovery()
     try:
         with BagWriter(aside, Path(os.path.abspath(output)).name) as writer:
             for path in files:
-                try:
-                    _check(path)
-                except BagError as reason:
-                    recovery.skipped[path.name] = str(reason)
-                    continue
                 if writer.message_count:
                     writer.split()
                 writer.write(_messages(path, writer, recovery, progress))
-            if len(recovery.skipped) == len(files):
-                raise BagError(next(iter(recovery.skipped.values())))
+            if all(recovery.cut.get(path.name, 0) == path.stat().st_size for path in files):
+                raise BagError(f'{bag}: holds no whole part of an MCAP file: nothing to recover')
         os.rename(aside, output)
     except BagError as error:
         raise BagError(str(error).replace(str(aside), str(output))) from None
     finally:
         shutil.rmtree(aside, ignore_errors=True)
-    recovery.whole &= not (recovery.skipped or recovery.damaged)
     recovery.message_counts = {
         topic.name: writer.message_counts[topic.name] for topic in writer.topics
     }
@@ -111,26 +99,14 @@ def mcap_files(bag: Path) -> list[Path]:
     if bag.is_file():
         return [bag]
 
-    def number(path: Path) -> tuple[int, str]:
+    def number(path: Path) -> int:
         digits = re.search(r'(\d+)$', path.stem)
-        return (int(digits.group(1)) if digits else 0, path.name)
+        return int(digits.group(1)) if digits else 0
 
     files = sorted(bag.glob('*.mcap'), key=number)
     if not files:
-        what = 'holds no MCAP file' if bag.is_dir() else 'no such bag'
-        raise BagError(f'{bag}: {what}: check the path')
+        raise BagError(f'{bag}: no such bag, or one without MCAP files: check the path')
     return files
-
-
-def _check(path: Path) -> None:
-    try:
-        with path.open('rb') as stream:
-            head = stream.read(len(MAGIC))
-    except OSError as reason:
-        raise BagError(f'{path}: cannot be read ({reason.strerror}): check it') from None
-    if head != MAGIC:
-        what = 'not an MCAP file' if head else 'an empty file'
-        raise BagError(f'{path}: {what}: there is nothing to recover in it')
 
 
 def _messages(
@@ -153,19 +129,15 @@ def _messages(
 
 
 def _records(path: Path, recovery: Recovery) -> Iterator[McapRecord]:
-    size = path.stat().st_size
+    """Records of a file until the first that is not whole."""
+    size, end = path.stat().st_size, 0
     with path.open('rb') as stream:
-        end = stream.tell()
-        ended = False
         reader = StreamReader(stream, emit_chunks=True, record_size_limit=size)
         records = iter(reader.records)
         while True:
             try:
-                record = next(records, None)
+                record = next(records)
             except Exception:  # the end of the file, and whatever damaged data make of the library
-                break
-            if record is None:
-                ended = stream.tell() == size
                 break
             if stream.tell() > size:
                 break
@@ -179,6 +151,5 @@ def _records(path: Path, recovery: Recovery) -> Iterator[McapRecord]:
                 recovery.damaged += 1
                 continue
             yield from content
-        recovery.whole &= ended
-        if end < size:
-            recovery.cut[path.name] = size - end
+    if end < size:
+        recovery.cut[path.name] = size - end

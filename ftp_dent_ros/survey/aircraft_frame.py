@@ -12,7 +12,7 @@ import math
 import os
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,7 @@ from scipy.stats import chi2
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rigid import about, move_about
-from ftp_dent_ros.survey.result import SurveyedDent, SurveyResult
+from ftp_dent_ros.survey.result import SurveyResult
 from ftp_dent_ros.yaml_file import read_yaml
 
 Array = NDArray[np.float64]
@@ -105,11 +105,6 @@ class AircraftFrame:
             spread = spread + turn @ covariance @ turn.T
         return there, spread
 
-    def dent(self, each: SurveyedDent, covariance: Array | None = None) -> SurveyedDent:
-        """A dent in the aircraft's frame; `covariance` is its place's among the others'."""
-        _, spread = self.place(each.dent.position, covariance)
-        return replace(each, dent=each.dent.transformed(self.pose), position_covariance=spread)
-
 
 def aircraft_frame(points: Sequence[ReferencePoint]) -> AircraftFrame:
     """Fit the frame.
@@ -148,18 +143,15 @@ def _contradiction(points: Sequence[ReferencePoint], frame: AircraftFrame) -> st
         'uncertainties allow'
     )
     right = []
-    for index, point in enumerate(points):
-        others = [*points[:index], *points[index + 1 :]]
-        if len(others) < _NEEDED:
-            continue
-        without, misfit = _fitted(others)
-        if misfit <= chi2.isf(_REFUSED, 3 * len(others) - 6):
-            there, _ = without.place(point.in_map)
-            right.append((misfit, point.name, np.linalg.norm(there - point.on_aircraft) * 1e3))
+    for index, point in enumerate(points if len(points) > _NEEDED else ()):
+        without, misfit = _fitted([*points[:index], *points[index + 1 :]])
+        if misfit <= chi2.isf(_REFUSED, 3 * len(points) - 9):
+            right.append((point, without))
     if len(right) == 1:
-        _, name, off = right[0]
+        ((point, without),) = right
+        off = np.linalg.norm(without.place(point.in_map)[0] - point.on_aircraft) * 1e3
         return (
-            f'{said}: without {name}, which is {off:.1f} mm off, they agree: '
+            f'{said}: without {point.name}, which is {off:.1f} mm off, they agree: '
             'check its place and its coordinates'
         )
     return f'{said}: check their places and coordinates, or name one more to tell which is wrong'

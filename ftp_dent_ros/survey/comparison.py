@@ -7,7 +7,7 @@ import io
 import math
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -49,6 +49,13 @@ STATUSES: dict[Status, str] = {
     'not seen': 'its place was not looked at this time, or not well enough to find it',
     'in doubt': 'may be the same as before: its place is not known well enough to tell',
     'known': 'as before, as far as can be told',
+}
+# By the signs of what has changed.
+_BY_SIGNS: dict[frozenset[int], Status] = {
+    frozenset(): 'known',
+    frozenset({1}): 'grown',
+    frozenset({-1}): 'shallower',
+    frozenset({1, -1}): 'changed',
 }
 # What is compared: these are damage; steps, bumps and what is none of these are not.
 DAMAGE = ('dent', 'crease', 'gouge')
@@ -142,17 +149,11 @@ def compare(earlier: SurveyResult, later: SurveyResult) -> Comparison:
 
 
 def _deeper(earlier: SurveyedDent, later: SurveyedDent, matching: DentMatching) -> Growth | None:
-    """How much deeper a dent is by the skin about it, outward for what stands out."""
+    """How much deeper a dent is by the skin about it."""
     turn = matching.motion.rotation.inv()
     places, _ = matching.in_later(earlier.dent.position[None])
     to_later = Pose(turn, places[0] - turn.apply(earlier.dent.position))
-    deeper = depth_growth(earlier, later, to_later)
-    if deeper is None:
-        return None
-    sign = float(np.sign(earlier.dent.depth.value))
-    return replace(
-        deeper, estimate=Estimate(sign * deeper.estimate.value, deeper.estimate.uncertainty)
-    )
+    return depth_growth(earlier, later, to_later)
 
 
 def _depth(each: ComparedDent) -> float:
@@ -178,28 +179,21 @@ def _matched(
         return ComparedDent(
             'known', earlier, later, (), 'cut by the edge of what was measured: not compared'
         )
-    signs = {change.verdict for change in changes} - {0}
-    status: Status = 'known'
-    if signs == {1}:
-        status = 'grown'
-    elif signs == {-1}:
-        status = 'shallower'
-    elif signs:
-        status = 'changed'
-    return ComparedDent(status, earlier, later, changes)
+    signs = frozenset(change.verdict for change in changes) - {0}
+    return ComparedDent(_BY_SIGNS[signs], earlier, later, changes)
 
 
 def _gone(dent: SurveyedDent, later: SurveyResult, matching: DentMatching) -> ComparedDent:
     places, spread = matching.in_later(dent.dent.position[None])
     normal = matching.motion.rotation.inv().apply(dent.dent.normal)
-    reason = _not_looked_at(dent, later, places[0], normal, float(spread[0]))
+    reason = _why_not_found(dent, later, places[0], normal, float(spread[0]))
     return ComparedDent('not seen' if reason else 'repaired', dent, None, (), reason)
 
 
 def _come(dent: SurveyedDent, earlier: SurveyResult, matching: DentMatching) -> ComparedDent:
     places, spread = matching.in_earlier(dent.dent.position[None])
     normal = matching.motion.rotation.apply(dent.dent.normal)
-    reason = _not_looked_at(dent, earlier, places[0], normal, float(spread[0]))
+    reason = _why_not_found(dent, earlier, places[0], normal, float(spread[0]))
     return ComparedDent('first seen' if reason else 'new', None, dent, (), reason)
 
 
@@ -234,12 +228,10 @@ def _with_doubts(
     return [*(each for each in (*gone, *come) if id(each.shown) not in taken), *doubts]
 
 
-def _not_looked_at(
+def _why_not_found(
     dent: SurveyedDent, survey: SurveyResult, place: np.ndarray, normal: np.ndarray, spread: float
 ) -> str:
     """Why a survey cannot say that a dent was not there; empty if it can."""
-    if survey.coverage is None:
-        return f'the survey {survey.name} keeps no coverage'
     if dent.dent.is_cut:
         return 'cut by the edge of what was measured'
     width = float(np.nan_to_num(dent.dent.width.value))
@@ -358,9 +350,10 @@ def chart_record(row: ChartRow, on_aircraft: bool) -> dict[str, Any]:
     ):
         record[f'{name}{unit}'] = estimate.value * factor
         record[f'{name}_uncertainty{unit}'] = estimate.uncertainty * factor
-    for change in compared.changes:
-        record[f'{change.quantity}_growth_mm'] = change.estimate.value * 1e3
-        record[f'{change.quantity}_growth_95_percent_mm'] = change.half * 1e3
+    for quantity in ('depth', 'length', 'width'):
+        growth = growth_of(row, quantity)
+        record[f'{quantity}_growth_mm'] = growth and growth[0].value * 1e3
+        record[f'{quantity}_growth_95_percent_mm'] = growth and growth[1] * 1e3
     worst = verdict(row.findings)
     record |= {
         'date_first_seen': row.first_seen,
@@ -377,15 +370,9 @@ def chart_record(row: ChartRow, on_aircraft: bool) -> dict[str, Any]:
 
 def chart_csv(rows: list[ChartRow], on_aircraft: bool) -> str:
     """The chart, a line a dent; empty cells are not known."""
-    empty = [
-        f'{q}_growth{u}_mm' for q in ('depth', 'length', 'width') for u in ('', '_95_percent')
-    ]
     records = [chart_record(row, on_aircraft) for row in rows]
-    names = list(records[0]) if records else ['number', 'status']
-    names = [name for name in names if name not in empty]
-    at = names.index('date_first_seen') if 'date_first_seen' in names else len(names)
     text = io.StringIO()
-    writer = csv.DictWriter(text, [*names[:at], *empty, *names[at:]], lineterminator='\n')
+    writer = csv.DictWriter(text, list(records[0]), lineterminator='\n')
     writer.writeheader()
     writer.writerows(records)
     return text.getvalue()
@@ -393,10 +380,8 @@ def chart_csv(rows: list[ChartRow], on_aircraft: bool) -> str:
 
 def growth_of(row: ChartRow, quantity: str = 'depth') -> tuple[Estimate, float] | None:
     """Change of a quantity and half its 95 % interval, metres; None where it is not compared."""
-    for change in row.compared.changes:
-        if change.quantity == quantity:
-            return change.estimate, change.half
-    return None
+    changes = row.compared.changes
+    return next(((c.estimate, c.half) for c in changes if c.quantity == quantity), None)
 
 
 def comparison_page(
@@ -444,14 +429,12 @@ def _facts(comparison: Comparison, frame: AircraftFrame | None) -> list[tuple[st
         f'± {100 * COVERAGE * each.uncertainty:.2f} %'
         for each in comparison.scales
     )
-    noise = ', '.join(f'{each.quantity} {each.noise:.2f}' for each in comparison.scales)
     facts = [
         ('Earlier survey', _survey(comparison.earlier)),
         ('Later survey', _survey(comparison.later)),
         ('In both', f'{len(matching.pairs)} dents, by which the surveys lie on each other'),
         ('Maps apart', f'{walk:.2g} mm over a metre, root mean square along an axis'),
         ('Later sees larger', f'{scales}; taken out of every growth'),
-        ('Differences scatter', f'by so many times what is stated: {noise}'),
     ]
     if frame is not None:
         worst = float(np.linalg.norm(frame.residuals, axis=1).max()) * 1e3
@@ -462,11 +445,8 @@ def _facts(comparison: Comparison, frame: AircraftFrame | None) -> list[tuple[st
 
 
 def _survey(survey: SurveyResult) -> str:
-    coverage = '' if survey.coverage is not None else ', coverage not kept'
-    return (
-        f'{survey.name}, {date_of(survey.taken_ns)}, '
-        f'{sum(each.dent.kind == "dent" for each in survey.dents)} dents{coverage}'
-    )
+    dents = sum(each.dent.kind == 'dent' for each in survey.dents)
+    return f'{survey.name}, {date_of(survey.taken_ns)}, {dents} dents'
 
 
 def _cells(row: ChartRow) -> dict[str, Any]:

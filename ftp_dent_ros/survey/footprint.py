@@ -1,6 +1,6 @@
 """What of the skin clouds have measured, light enough to be drawn anew while flying.
 
-Each cloud keeps a sample every few millimetres, and the coverage is made of all of them where
+Each cloud keeps a point every few millimetres, and the coverage is made of all of them where
 their cameras are known to have been now: it moves with the survey's corrections.
 """
 
@@ -17,15 +17,12 @@ from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.survey.unrolled import Gap, Unrolled, find_gaps
 
-# Side of a cell, and of the squares that a cloud has a sample of, metres.
-CELL, _SAMPLE = 0.01, 0.005
+# Side of a cell, and how far apart the points of a cloud are that it keeps, metres.
+CELL, _APART = 0.01, 0.004
 # Cells that are drawn at most: poses may put clouds anywhere.
 _LARGEST = 1 << 26
-# Steps to either side of a footprint's middle, in a number of 16 bits.
-_STEPS = 32000
-# Points of a footprint by which the skin's form is found; footprints that are drawn at once; and
-# what lengths on the skin may be longer than straight ones.
-_FEW, _AT_ONCE, _LONGER = 50, 64, 1.1
+# Points of a footprint by which the skin's form is found.
+_FEW = 50
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,55 +31,36 @@ class Footprint:
 
     Attributes
     ----------
-    steps : ndarray, shape (n, 3), int16
-        From the middle on.
     middle : ndarray, shape (3,)
         Metres.
-    step : float
-        Metres.
+    offsets : ndarray, shape (n, 3), float16
+        Of the points from it, metres.
     normal : ndarray, shape (3,)
         Of the plane through the cloud, towards the camera.
+    share : float
+        Of a cell, that a point stands for.
     """
 
-    steps: NDArray[np.int16]
     middle: NDArray[np.float64]
-    step: float
+    offsets: NDArray[np.float16]
     normal: NDArray[np.float64]
+    share: float
 
     @classmethod
     def of(cls, cloud: Cloud) -> Footprint:
-        """A mean point of each square of the plane through a cloud that it has measured."""
-        # Points a side of a square that are enough, and of how many rows one tells how far apart
-        # they are.
-        apart = np.linalg.norm(np.diff(cloud.points[::16], axis=1), axis=-1)
-        apart = apart[apart > 0]
-        every = max(1, int(_SAMPLE / 2.5 / np.median(apart))) if len(apart) else 1
-        thinned = slice(None, None, every), slice(None, None, every)
-        points = cloud.points[thinned][cloud.valid[thinned]].astype(float)
+        """Of the points that a cloud has, some on its grid."""
+        spacing = np.nanmedian(np.linalg.norm(np.diff(cloud.points[::16], axis=1), axis=-1))
+        every = max(1, int(_APART / spacing))
+        points = cloud.points[::every, ::every][cloud.valid[::every, ::every]].astype(float)
         middle = points.mean(axis=0)
-        some = points[:: max(1, len(points) // 1000)] - middle
-        _, _, axes = np.linalg.svd(some, full_matrices=False)
-        square = np.floor((points - middle) @ axes[:2].T / _SAMPLE).astype(np.int64)
-        square -= square.min(axis=0)
-        at = square[:, 0] * (square[:, 1].max() + 1) + square[:, 1]
-        count = np.bincount(at)
-        # Less than half a square at the rim is none.
-        full = np.flatnonzero(count >= np.median(count[count > 0]) / 2)
-        mean = np.stack([np.bincount(at, each)[full] for each in points.T], axis=-1)
-        # Towards the camera.
+        _, _, axes = np.linalg.svd(points[:: max(1, len(points) // 1000)] - middle, False)
         normal = axes[2] * (-1 if axes[2] @ middle > 0 else 1)
-        off = mean / count[full, None] - middle
-        step = max(float(np.abs(off).max(initial=0.0)), 1e-3) / _STEPS
-        return cls(np.rint(off / step).astype(np.int16), middle, step, normal)
+        share = float(every * spacing / CELL) ** 2
+        return cls(middle, (points - middle).astype(np.float16), normal, share)
 
     def points(self, every: int = 1) -> NDArray[np.float64]:
         """Every so many-th of the points, shape (m, 3), metres."""
-        return self.middle + self.step * self.steps[::every]
-
-    @property
-    def reach(self) -> float:
-        """What no point is farther from the middle than along any axis, metres."""
-        return self.step * _STEPS
+        return self.middle + self.offsets[::every]
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,45 +112,27 @@ class SeenSkin:
 def seen_skin(footprints: Sequence[Footprint], poses: Sequence[Pose]) -> SeenSkin | None:
     """Coverage of clouds where their cameras were; None where that is too far apart to draw."""
     both = list(zip(poses, footprints, strict=True))
-    few = [pose.apply(each.points(max(1, len(each.steps) // _FEW))) for pose, each in both]
+    few = [pose.apply(each.points(max(1, len(each.offsets) // _FEW))) for pose, each in both]
     normals = np.stack([pose.rotation.apply(each.normal) for pose, each in both])
     repeated = np.repeat(normals, [len(each) for each in few], axis=0)
     skin = Unrolled.through(np.concatenate(few), repeated)
-    middles = skin.place(np.stack([pose.apply(each.middle) for pose, each in both]))[:, :2]
-    reach = _LONGER * np.sqrt(3) * np.array([[each.reach] for each in footprints])
-    low = (np.floor((middles - reach).min(axis=0) / CELL) - 1) * CELL
-    columns, rows = np.floor(((middles + reach).max(axis=0) - low) / CELL).astype(int) + 2
+    places = [skin.place(pose.apply(each.points())).astype(np.float32) for pose, each in both]
+    corners = [(each[:, :2].min(axis=0), each[:, :2].max(axis=0)) for each in places]
+    # A cell of nothing about what was measured.
+    low = (np.floor(np.min(corners, axis=(0, 1)) / CELL) - 1) * CELL
+    columns, rows = np.floor((np.max(corners, axis=(0, 1)) - low) / CELL).astype(int) + 2
     if columns * rows > _LARGEST:
         return None
-    covered, height = (np.zeros(rows * columns) for _ in range(2))
-    for start in range(0, len(both), _AT_ONCE):
-        some = both[start : start + _AT_ONCE]
-        place = skin.place(np.concatenate([pose.apply(each.points()) for pose, each in some]))
-        # A square lies on up to four cells: their shares of it, along each axis.
-        corner = (place[:, :2] - low - _SAMPLE / 2) / CELL
-        first = np.floor(corner).astype(np.int64)
-        # Poses that contradict each other have no one skin: on it some points lie far off.
-        inside = ((first >= 0) & (first < (columns - 1, rows - 1))).all(axis=1)
-        if not inside.any():
-            continue
-        place, corner, first = place[inside], corner[inside], first[inside]
-        beyond = np.maximum(corner - first + _SAMPLE / CELL - 1, 0)
-        within = _SAMPLE / CELL - beyond
-        for right, up in ((0, 0), (1, 0), (0, 1), (1, 1)):
-            share = (beyond if right else within)[:, 0] * (beyond if up else within)[:, 1]
-            at = (first[:, 1] + up) * columns + first[:, 0] + right
-            begin, end = at.min(), at.max() + 1
-            covered[begin:end] += np.bincount(at - begin, share)
-            height[begin:end] += np.bincount(at - begin, share * place[:, 2])
-    covered, height = covered.reshape(rows, columns), height.reshape(rows, columns)
-    # A cell of nothing about what is covered.
-    inside = [np.flatnonzero(covered.any(axis=1 - axis)) for axis in (0, 1)]
-    down, across = (slice(max(each[0] - 1, 0), each[-1] + 2) for each in inside)
-    low = low + CELL * np.array([across.start, down.start])
-    covered, height = covered[down, across], height[down, across]
+    covered, height = np.zeros((2, rows * columns))
+    for place, footprint in zip(places, footprints, strict=True):
+        column, row = np.floor((place[:, :2] - low) / CELL).astype(int).T
+        at = row * columns + column
+        cells = slice(at.min(), at.max() + 1)
+        covered[cells] += footprint.share * np.bincount(at - cells.start)
+        height[cells] += footprint.share * np.bincount(at - cells.start, place[:, 2])
     # Of a cell, that was measured if the cell was.
-    measured = covered >= 0.5
-    height = height / np.maximum(covered, 1e-9)
+    measured = (covered >= 0.5).reshape(rows, columns)
+    height = (height / np.maximum(covered, 1e-9)).reshape(rows, columns)
     # Of what was not measured, that of the nearest that was.
     nearest = distance_transform_edt(~measured, return_distances=False, return_indices=True)
     return SeenSkin(skin, low, measured, height[tuple(nearest)], find_gaps(measured, low, CELL))

@@ -26,7 +26,7 @@ Map = NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
-class _Told:
+class _Together:
     """What clouds tell together of the pixels of a window; NaN where fewer than two do.
 
     Attributes
@@ -67,7 +67,7 @@ class Fusion:
                 'check their poses'
             )
         # Weight, weighted mean and squares about it, weighted resolution, sum of the variances
-        # told, and number of clouds.
+        # stated, and number of clouds.
         self._weight, self._mean, self._squares, self._resolution, self._variance = (
             np.zeros((rows, columns), np.float32) for _ in range(5)
         )
@@ -75,22 +75,22 @@ class Fusion:
 
     def add(self, cloud: Cloud, pose: Pose) -> None:
         """Another cloud, in its camera's frame; one that tells no uncertainty is left out."""
-        places, told = self._places(cloud, pose), cloud.valid & (cloud.sigma > 0)
+        places, known = self._places(cloud, pose), cloud.valid & (cloud.sigma > 0)
         # Points that the way back to a cloud's grid is fitted to: about, and at least.
-        step = max(1, math.isqrt(np.count_nonzero(told) // 1500))
-        row, column = step * np.array(np.nonzero(told[::step, ::step]))
-        window = self._window(places[told])
+        step = max(1, math.isqrt(np.count_nonzero(known) // 1500))
+        row, column = step * np.array(np.nonzero(known[::step, ::step]))
+        window = self._window(places[known])
         if window is None or len(row) < 20:
             return
         corner = self._low + PIXEL * (np.array([window[1].start, window[0].start]) + 0.5)
         size = np.array([each.stop - each.start for each in window[::-1]])
         # From the corner on, single precision is enough.
-        flat = np.where(told[..., None], places[..., :2] - corner, np.nan).astype(np.float32)
+        flat = np.where(known[..., None], places[..., :2] - corner, np.nan).astype(np.float32)
         back = polynomial(
             flat[row, column].astype(float), np.stack([column, row], axis=-1).astype(float)
         )
         u, v = cells(flat, np.zeros(2), PIXEL, size, back)
-        height = remap(np.where(told, places[..., 2], np.nan), u, v, cv2.INTER_CUBIC)
+        height = remap(np.where(known, places[..., 2], np.nan), u, v, cv2.INTER_CUBIC)
         sigma = remap(cloud.sigma, u, v)
         resolution = remap(cloud.resolution, u, v)
         known = np.isfinite(height) & (sigma > 0) & np.isfinite(resolution)
@@ -115,12 +115,12 @@ class Fusion:
         window = self._window(places[cloud.valid])
         if window is None:
             return cloud
-        told = self._told(window)
+        together = self._together(window)
         corner = self._low + PIXEL * (np.array([window[1].start, window[0].start]) + 0.5)
         at = np.where(cloud.valid[..., None], (places[..., :2] - corner) / PIXEL, -9)
         u, v = np.moveaxis(at.astype(np.float32), -1, 0)
-        height = remap(told.mean, u, v, cv2.INTER_CUBIC)
-        spread = np.sqrt(remap(told.scattered, u, v))
+        height = remap(together.mean, u, v, cv2.INTER_CUBIC)
+        spread = np.sqrt(remap(together.scattered, u, v))
         better = cloud.valid & np.isfinite(height) & (spread < cloud.sigma)
         if not better.any():
             return cloud
@@ -128,7 +128,7 @@ class Fusion:
         up = pose.rotation.inv().apply(self._normal(places[better].mean(axis=0)))
         moved = np.where(better, height - places[..., 2], 0)
         points = cloud.points + moved[..., None] * up
-        resolution = np.where(better, remap(told.resolution, u, v), cloud.resolution)
+        resolution = np.where(better, remap(together.resolution, u, v), cloud.resolution)
         return replace(
             cloud,
             points=points.astype(np.float32),
@@ -147,7 +147,7 @@ class Fusion:
             return np.full(places.shape, np.nan)
         corner = self._low + PIXEL * (np.array([window[1].start, window[0].start]) + 0.5)
         u, v = np.moveaxis(((flat - corner) / PIXEL).astype(np.float32), -1, 0)
-        height = remap(self._told(window).mean, u, v, cv2.INTER_CUBIC)
+        height = remap(self._together(window).mean, u, v, cv2.INTER_CUBIC)
         return self._skin.points(flat, height.astype(float))
 
     def shared(self, place: NDArray[np.float64]) -> float:
@@ -164,7 +164,7 @@ class Fusion:
             return 0.0
         return math.sqrt(float((self._variance[window][several] / count[several]).mean()))
 
-    def _told(self, window: tuple[slice, slice]) -> _Told:
+    def _together(self, window: tuple[slice, slice]) -> _Together:
         """What is told within a window."""
         weight, count = self._weight[window], self._count[window].astype(np.float32)
         several = count > 1
@@ -179,7 +179,7 @@ class Fusion:
         def known(values: NDArray) -> Map:
             return np.where(several, values, np.float32(np.nan)).astype(np.float32)
 
-        return _Told(
+        return _Together(
             known(self._mean[window]),
             known(self._resolution[window] / np.maximum(weight, 1)),
             known(stated / count * np.maximum(ratio, 1)),

@@ -1,4 +1,4 @@
-"""Whether dents have grown between two surveys, told so that noise is never a growth.
+"""Whether dents have grown between two surveys, so that noise is never a growth.
 
 Every length, width and depth of every dent is a test, so that by chance alone some of hundreds lie
 beyond any single test's limit: limits are those of Holm's step-down procedure (Scand. J. Statist.
@@ -6,7 +6,7 @@ beyond any single test's limit: limits are those of Holm's step-down procedure (
 reconstruction smooths, how an outline is drawn) drops out of their difference, which is therefore
 less uncertain than both figures are stated to be: by how much is learnt from the dents themselves,
 most of which have not grown. Where both surveys keep the skin about a dent, its depth's change is
-that of the skin itself (`relief_growth`), and the factor on its uncertainty is learnt from such.
+that of the skin itself (`depth_growth`), and the factor on its uncertainty is learnt from such.
 """
 
 from __future__ import annotations
@@ -26,10 +26,9 @@ from ftp_dent_ros.robust import NORMAL_SPREAD, median
 from ftp_dent_ros.survey.resampling import remap
 from ftp_dent_ros.survey.result import SurveyedDent
 
-QUANTITIES = ('depth', 'length', 'width')
-# Chance that a comparison tells any change where there is none, and how it is shared out: depth is
+# Chance that a comparison shows any change where there is none, and how it is shared out: depth is
 # what grows first, and what manuals limit.
-FALSE_ALARM = 5e-3
+_FALSE_ALARM = 5e-3
 _SHARE = {'depth': 0.9, 'length': 0.05, 'width': 0.05}
 # What is known of the factor on stated uncertainties before there are dents, in degrees of freedom
 # (it is 1, within a factor of two), and as how many at most all dents count: errors are not
@@ -49,13 +48,13 @@ class Change:
     Attributes
     ----------
     quantity : str
-        One of `QUANTITIES`.
+        depth, length or width.
     estimate : Estimate
         Metres; the two surveys' common factor is taken out.
     half : float
         Half the 95 % interval, metres.
     verdict : int
-        1 grown, -1 shrunk, 0 neither can be told.
+        1 grown, -1 shrunk, 0 neither is certain.
     """
 
     quantity: str
@@ -66,171 +65,33 @@ class Change:
 
 @dataclass(frozen=True)
 class CommonFactor:
-    """What two surveys have in common in one quantity: the factor of the later one's values."""
+    """What two surveys have in common in one quantity: the factor of the later one's values.
+
+    Attributes
+    ----------
+    quantity : str
+    factor, uncertainty : float
+    noise : float
+        Factor on the stated uncertainties.
+    freedom : float
+        Degrees of freedom of that.
+    """
 
     quantity: str
     factor: float
     uncertainty: float
-    noise: float  # on the stated uncertainties
-
-
-def changes_of(
-    earlier: Sequence[MeasuredDent],
-    later: Sequence[MeasuredDent],
-    deeper: Sequence[Growth | None] = (),
-) -> tuple[list[tuple[Change, ...]], tuple[CommonFactor, ...]]:
-    """Changes of dents that are the same, in their order, and the surveys' common factors.
-
-    Parameters
-    ----------
-    earlier, later : sequence of MeasuredDent
-        The same dents. One that is cut in either has no changes: its sizes are bounds.
-    deeper : sequence of Growth or None, optional
-        Change of each dent's depth, where the skins themselves tell it.
-    """
-    usable = np.array([not (a.is_cut or b.is_cut) for a, b in zip(earlier, later, strict=True)])
-    known: dict[str, Sequence[Growth | None]] = {'depth': deeper or [None] * len(earlier)}
-    scales, values, freedoms = [], {}, {}
-    for quantity in QUANTITIES:
-        one, two = (
-            [_magnitude(getattr(dent, quantity)) for dent in dents] for dents in (earlier, later)
-        )
-        given = known.get(quantity, [None] * len(earlier))
-        scale, values[quantity], freedoms[quantity] = _compared(quantity, one, two, given, usable)
-        scales.append(scale)
-    told = set()
-    for quantity in QUANTITIES:
-        indices = np.flatnonzero(usable)
-        chances = [
-            _chance(values[quantity][index], freedoms[quantity][index]) for index in indices
-        ]
-        significant = _holm(chances, FALSE_ALARM * _SHARE[quantity])
-        told |= {(index, quantity) for index in indices[significant]}
-    result = []
-    for index in range(len(earlier)):
-        found = []
-        for quantity in QUANTITIES if usable[index] else ():
-            estimate = values[quantity][index]
-            sign = int(np.sign(estimate.value)) if (index, quantity) in told else 0
-            if quantity == 'depth' and known['depth'][index] is not None:
-                estimate = _with_scale(estimate, earlier[index].depth)
-            half = float(student.ppf(0.975, freedoms[quantity][index]) * estimate.uncertainty)
-            found.append(Change(quantity, estimate, half, sign))
-        result.append(tuple(found))
-    return result, tuple(scales)
-
-
-def _compared(
-    quantity: str,
-    earlier: Sequence[Estimate],
-    later: Sequence[Estimate],
-    given: Sequence[Growth | None],
-    usable: NDArray[np.bool_],
-) -> tuple[CommonFactor, list[Estimate], list[float]]:
-    """How most dents compare; each one's difference, and its degrees of freedom."""
-    later = [
-        b if d is None else Estimate(a.value + d.estimate.value, a.uncertainty)
-        for a, b, d in zip(earlier, later, given, strict=True)
-    ]
-    directly = np.array([each is not None for each in given], bool)
-    noise = median(np.array([each.noise for each in given if each is not None] or [0.0]))
-    stated = np.array(
-        [
-            np.hypot(a.uncertainty, b.uncertainty) if d is None else _uncertainty(d, noise)
-            for a, b, d in zip(earlier, later, given, strict=True)
-        ]
-    )
-    by_skin, by_size = (
-        _scale(quantity, earlier, later, stated, usable & part) for part in (directly, ~directly)
-    )
-    differences, freedoms = [], []
-    for a, b, spread, direct in zip(earlier, later, stated, given, strict=True):
-        scale, freedom = by_size if direct is None else by_skin
-        differences.append(_difference(a, b, spread, scale))
-        freedoms.append(freedom if direct is None else min(freedom, direct.freedom))
-    most = by_skin if (usable & directly).sum() > (usable & ~directly).sum() else by_size
-    return most[0], differences, freedoms
-
-
-def _uncertainty(growth: Growth, usual: float) -> float:
-    """Of a growth, whose few places may be quieter than the surveys' skins are by chance alone."""
-    # Of a skin's difference, metres squared: what is less is none.
-    return growth.estimate.uncertainty * max(1.0, usual / max(growth.noise, 1e-15))
-
-
-def _with_scale(growth: Estimate, depth: Estimate) -> Estimate:
-    """A growth as uncertain as its dent's depth is, too: windows take of both alike."""
-    part = growth.value * depth.uncertainty / depth.value
-    return Estimate(growth.value, float(np.hypot(growth.uncertainty, part)))
-
-
-def _magnitude(estimate: Estimate) -> Estimate:
-    """A bump grows outward."""
-    return Estimate(abs(estimate.value), estimate.uncertainty)
-
-
-def _scale(
-    quantity: str,
-    earlier: Sequence[Estimate],
-    later: Sequence[Estimate],
-    stated: NDArray[np.float64],
-    usable: NDArray[np.bool_],
-) -> tuple[CommonFactor, float]:
-    """Factor of later over earlier values, the factor on their noise, and its freedom."""
-    a, b = (np.array([[e.value, e.uncertainty] for e in each]) for each in (earlier, later))
-    known = usable & np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
-    known &= stated > 0
-    a, b, stated = a[known], b[known], stated[known]
-    factor, spread, noise, freedom = 1.0, _SCALE, 1.0, _TRUST
-    for _ in range(_ROUNDS if len(a) else 0):
-        off = (b[:, 0] - factor * a[:, 0]) / stated
-        # Standard deviations beyond which a dent has changed.
-        unchanged = np.abs(off) < 3.0 * max(NORMAL_SPREAD * float(np.median(np.abs(off))), 0.1)
-        count = int(unchanged.sum())
-        noise = float(np.sqrt((_TRUST + (off[unchanged] ** 2).sum()) / (_TRUST + count)))
-        freedom = min(_TRUST + count, _MOST)
-        # Those that have grown are far off, and weigh little.
-        weight = 1 / ((noise * stated) ** 2 * (1 + (off / noise) ** 2 / 4))
-        information = float((weight * a[:, 0] ** 2).sum()) + _SCALE**-2
-        factor = (float((weight * a[:, 0] * b[:, 0]).sum()) + _SCALE**-2) / information
-        spread = information**-0.5
-    return CommonFactor(quantity, factor, spread, noise), freedom
-
-
-def _difference(
-    earlier: Estimate, later: Estimate, stated: float, scale: CommonFactor
-) -> Estimate:
-    value = later.value / scale.factor - earlier.value
-    noise = scale.noise * stated
-    return Estimate(value, float(np.hypot(noise, earlier.value * scale.uncertainty)))
-
-
-def _chance(change: Estimate, freedom: float) -> float:
-    """That noise alone is as far from nothing, to either side; 1 where it is not known."""
-    if not (np.isfinite(change.value) and change.uncertainty > 0):
-        return 1.0
-    return float(2 * student.sf(abs(change.value) / change.uncertainty, freedom))
-
-
-def _holm(chances: Sequence[float], together: float) -> NDArray[np.bool_]:
-    """Which tests are significant, all together to a chance."""
-    order = np.argsort(chances)
-    significant = np.zeros(len(chances), bool)
-    for rank, index in enumerate(order):
-        if chances[index] > together / (len(chances) - rank):
-            break
-        significant[index] = True
-    return significant
+    noise: float
+    freedom: float
 
 
 @dataclass(frozen=True)
 class Growth:
-    """How much deeper a dent is.
+    """How much deeper a dent is by the skin about it.
 
     Attributes
     ----------
-    estimate : Estimate
-        Metres, inward positive.
+    value, uncertainty : float
+        Metres; of what stands out, how much farther it does.
     freedom : float
         Degrees of freedom of its uncertainty: how many places of the difference that are not
         correlated tell it, less what is fitted.
@@ -238,13 +99,120 @@ class Growth:
         Of the difference, as a mean over a square of one metre would have it, metres squared.
     """
 
-    estimate: Estimate
+    value: float
+    uncertainty: float
     freedom: float
     noise: float
 
 
+def changes_of(
+    earlier: Sequence[MeasuredDent],
+    later: Sequence[MeasuredDent],
+    deeper: Sequence[Growth | None],
+) -> tuple[list[tuple[Change, ...]], tuple[CommonFactor, ...]]:
+    """Changes of dents that are the same, in their order, and the surveys' common factors.
+
+    Parameters
+    ----------
+    earlier, later : sequence of MeasuredDent
+        The same dents. One that is cut in either has no changes: its sizes are bounds.
+    deeper : sequence of Growth or None
+        Change of each dent's depth, where the skins themselves tell it.
+    """
+    usable = np.array([not (a.is_cut or b.is_cut) for a, b in zip(earlier, later, strict=True)])
+    changes: list[list[Change]] = [[] for _ in earlier]
+    factors = []
+    for quantity in _SHARE:
+        given = deeper if quantity == 'depth' else [None] * len(earlier)
+        sizes = [
+            np.array([[abs(e.value), e.uncertainty] for e in (getattr(d, quantity) for d in each)])
+            for each in (earlier, later)
+        ]
+        factor, found = _changes(quantity, sizes[0], sizes[1], given, usable)
+        factors.append(factor)
+        for index, change in found.items():
+            changes[index].append(change)
+    return [tuple(each) for each in changes], tuple(factors)
+
+
+def _changes(
+    quantity: str,
+    earlier: Array,
+    later: Array,
+    given: Sequence[Growth | None],
+    usable: NDArray[np.bool_],
+) -> tuple[CommonFactor, dict[int, Change]]:
+    """Changes of values and their uncertainties, shape (n, 2), by the number of the dent."""
+    before, after = earlier[:, 0], later[:, 0].copy()
+    stated = np.hypot(earlier[:, 1], later[:, 1])
+    freedom = np.full(len(before), math.inf)
+    by_skin = np.array([each is not None for each in given], bool)
+    usual = median(np.array([each.noise for each in given if each is not None] or [0.0]))
+    for index, each in enumerate(given):
+        if each is not None:
+            after[index] = before[index] + each.value
+            # A few places may be quieter than the surveys' skins are by chance alone; what is less
+            # than the last number, metres squared, is no noise at all.
+            stated[index] = each.uncertainty * max(1.0, usual / max(each.noise, 1e-15))
+            freedom[index] = each.freedom
+    known = usable & np.isfinite(before) & np.isfinite(after) & (stated > 0)
+    change, uncertainty = np.full((2, len(before)), math.nan)
+    factors = []
+    for part in (by_skin, ~by_skin):
+        some = known & part
+        common = _common_factor(quantity, before[some], after[some], stated[some])
+        change[part] = after[part] / common.factor - before[part]
+        uncertainty[part] = np.hypot(
+            common.noise * stated[part], before[part] * common.uncertainty
+        )
+        freedom[part] = np.minimum(freedom[part], common.freedom)
+        factors.append((int((usable & part).sum()), common))
+    whole = np.flatnonzero(usable)
+    chances = 2 * student.sf(np.abs(change[whole]) / uncertainty[whole], freedom[whole])
+    significant = whole[_holm(np.nan_to_num(chances, nan=1.0), _FALSE_ALARM * _SHARE[quantity])]
+    # A growth is as uncertain as its dent's depth is, too: windows take of both alike.
+    scale = np.where(by_skin, change * earlier[:, 1] / before, 0.0)
+    uncertainty = np.hypot(uncertainty, scale)
+    half = student.ppf(0.975, freedom) * uncertainty
+    most = factors[0] if factors[0][0] > factors[1][0] else factors[1]
+    return most[1], {
+        k: Change(
+            quantity,
+            Estimate(float(change[k]), float(uncertainty[k])),
+            float(half[k]),
+            int(np.sign(change[k])) if k in significant else 0,
+        )
+        for k in whole.tolist()
+    }
+
+
+def _common_factor(quantity: str, before: Array, after: Array, stated: Array) -> CommonFactor:
+    """Factor of later over earlier values, and that on their noise."""
+    factor, spread, noise, freedom = 1.0, _SCALE, 1.0, _TRUST
+    for _ in range(_ROUNDS if len(before) else 0):
+        off = (after - factor * before) / stated
+        # Standard deviations beyond which a dent has changed.
+        unchanged = np.abs(off) < 3.0 * max(NORMAL_SPREAD * float(np.median(np.abs(off))), 0.1)
+        count = int(unchanged.sum())
+        noise = float(np.sqrt((_TRUST + (off[unchanged] ** 2).sum()) / (_TRUST + count)))
+        freedom = min(_TRUST + count, _MOST)
+        # Those that have grown are far off, and weigh little.
+        weight = 1 / ((noise * stated) ** 2 * (1 + (off / noise) ** 2 / 4))
+        information = float((weight * before**2).sum()) + _SCALE**-2
+        factor = (float((weight * before * after).sum()) + _SCALE**-2) / information
+        spread = information**-0.5
+    return CommonFactor(quantity, factor, spread, noise, freedom)
+
+
+def _holm(chances: Array, together: float) -> NDArray[np.intp]:
+    """Which tests are significant, all together to a chance."""
+    order = np.argsort(chances)
+    within = chances[order] <= together / np.arange(len(chances), 0, -1)
+    return order[np.logical_and.accumulate(within)]
+
+
 def depth_growth(earlier: SurveyedDent, later: SurveyedDent, to_later: Pose) -> Growth | None:
-    """Depth of a dent in the later survey less that in the earlier one, metres, inward positive.
+    """Depth of a dent in the later survey less that in the earlier one.
 
     Parameters
     ----------
@@ -256,30 +224,28 @@ def depth_growth(earlier: SurveyedDent, later: SurveyedDent, to_later: Pose) -> 
     Returns
     -------
     Growth or None
-        None where not both surveys tell of the skin about it.
+        None where not both surveys keep the skin about it.
     """
-    if earlier.relief is None or later.relief is None:
-        return None
-    slide, found = np.zeros(2), None
-    # Steps in which a slide is found.
+    growth, slide = None, np.zeros(2)
+    # Steps in which it is found how far off the later skin lies.
     for _ in range(3):
-        found = _fitted(earlier, later, to_later, slide)
-        if found is None:
+        fitted = _fitted(earlier, later, to_later, slide)
+        if fitted is None:
             return None
-        slide = slide + found[1]
-    assert found is not None
-    return found[0]
+        growth, slide = fitted[0], slide + fitted[1]
+    return growth
 
 
 def _fitted(
     earlier: SurveyedDent, later: SurveyedDent, to_later: Pose, slide: Array
 ) -> tuple[Growth, Array] | None:
     """Growth, and how far off the later skin lies from where it is taken, along and across."""
-    assert earlier.relief is not None
+    if earlier.relief is None or later.relief is None:
+        return None
+    dent, spacing = earlier.dent, earlier.relief.spacing
     a, b = earlier.relief.places()
     before = earlier.relief.heights.astype(float)
-    after = _after(earlier, later, to_later, a + slide[0], b + slide[1])
-    dent = earlier.dent
+    after = _heights_above(dent, later, to_later, a + slide[0], b + slide[1])
     far = np.hypot(2 * a / dent.length.value, 2 * b / dent.width.value)
     known = np.isfinite(before) & np.isfinite(after)
     # Times the ellipse of the dent's sizes, from which on the skin is undeformed.
@@ -293,7 +259,7 @@ def _fitted(
     contour = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
     deep = contour @ np.linalg.lstsq(contour[ring], mean[ring], rcond=None)[0] - mean
     form = deep / (0.5 * (dent.depth.value + later.dent.depth.value))
-    along, across = np.gradient(mean, earlier.relief.spacing)[::-1]
+    along, across = np.gradient(mean, spacing)[::-1]
     used = known & np.isfinite(along) & np.isfinite(across)
     steepest = np.hypot(along, across)[used].max()
     terms = np.stack([-form, along / steepest, across / steepest], axis=-1)
@@ -303,24 +269,23 @@ def _fitted(
     fit = inverse @ off
     rest = np.zeros(used.shape)
     rest[used] = off - terms @ fit
-    area = _correlated(rest, used)
+    area = _correlated_points(rest, used)
     places = float(used.sum()) / area
     freedom = max(places - terms.shape[1], 1.0)
     noise = math.sqrt(float(rest[used].var()) * places / freedom * area)
-    estimate = Estimate(float(fit[0]), noise * math.sqrt(float((inverse[0] ** 2).sum())))
-    noise *= earlier.relief.spacing
-    return Growth(estimate, freedom, noise), -fit[1:3] / steepest
+    uncertainty = noise * math.sqrt(float((inverse[0] ** 2).sum()))
+    growth = float(np.sign(dent.depth.value) * fit[0])
+    return Growth(growth, uncertainty, freedom, noise * spacing), -fit[1:3] / steepest
 
 
-def _after(
-    earlier: SurveyedDent, later: SurveyedDent, to_later: Pose, a: Array, b: Array
+def _heights_above(
+    dent: MeasuredDent, later: SurveyedDent, to_later: Pose, a: Array, b: Array
 ) -> Array:
     """Heights of the later skin above the plane of the earlier dent, at places in it."""
-    relief = later.relief
+    relief, theirs = later.relief, later.dent
     assert relief is not None
-    ours, theirs = earlier.dent, later.dent
-    across = np.cross(ours.normal, ours.axis)
-    plane = ours.position + a[..., None] * ours.axis + b[..., None] * across
+    across = np.cross(dent.normal, dent.axis)
+    plane = dent.position + a[..., None] * dent.axis + b[..., None] * across
     off = to_later.apply(plane) - theirs.position
     rows, columns = relief.heights.shape
     u = off @ theirs.axis / relief.spacing + columns // 2
@@ -329,15 +294,14 @@ def _after(
     return heights - off @ theirs.normal
 
 
-def _correlated(rest: Array, used: NDArray[np.bool_]) -> float:
+def _correlated_points(rest: Array, used: NDArray[np.bool_]) -> float:
     """Points over which a difference is correlated: the sum of its correlations."""
     shape = [2 * size for size in rest.shape]
-
-    def with_itself(values: Array) -> Array:
-        return np.fft.irfft2(np.abs(np.fft.rfft2(values, shape)) ** 2, shape)
-
-    both = with_itself(used.astype(float))
-    covariance = with_itself(rest) / np.maximum(both, 1)
+    both, covariance = (
+        np.fft.irfft2(np.abs(np.fft.rfft2(values, shape)) ** 2, shape)
+        for values in (used.astype(float), rest)
+    )
+    covariance = covariance / np.maximum(both, 1)
     down, across = (np.abs(np.fft.fftfreq(size, 1 / size)) for size in shape)
     # Within so much of the relief what its points differ by is correlated at most.
     near = np.hypot(down[:, None], across) < 0.25 * min(rest.shape)

@@ -21,7 +21,7 @@ from ftp_dent_ros.survey.alignment import PairEquations
 
 Array = NDArray[np.float64]
 
-# Strips each way, and squares as wide as a strip, that a direction takes at least to be told.
+# Strips each way, and squares as wide as a strip, that a direction takes at least to be known.
 _LEAST_STRIPS, _LEAST_SQUARES = 3, 12
 
 # Standard deviations of what calibrations leave (20 rendered rigs): focal lengths and
@@ -39,25 +39,25 @@ _SCALE = np.array([1, 1, 1, 1 / _ARM, 1 / _ARM, 1 / _ARM])
 
 
 @dataclass(frozen=True, eq=False)
-class Told:
-    """What is told.
+class PairInformation:
+    """What a pair of patches says of its relative pose.
 
     Attributes
     ----------
     step : ndarray, shape (6,)
-        To the pose that the patches alone tell: shift of the centre, and turn.
+        To the pose by the patches alone: shift of the centre, and turn.
     information : ndarray, shape (6, 6)
-        Inverse covariance; zero in directions that are not told.
-    count : int
-        Directions told.
+        Inverse covariance; zero in directions that are not known.
+    rank : int
+        Directions known.
     """
 
     step: NDArray[np.float64]
     information: NDArray[np.float64]
-    count: int
+    rank: int
 
 
-def told_by(found: PairEquations, centre: Array, parallax: Array) -> Told:
+def pair_information(found: PairEquations, centre: Array, parallax: Array) -> PairInformation:
     """What equations at their solution tell.
 
     Parameters
@@ -84,7 +84,7 @@ def told_by(found: PairEquations, centre: Array, parallax: Array) -> Told:
     ways = [_strips(found.place[:, axis]) for axis in (0, 1)]
     squares = np.unique(ways[0] + (ways[0].max() + 1) * ways[1])
     if not sure.any() or len(squares) < _LEAST_SQUARES:
-        return Told(np.zeros(6), np.zeros((6, 6)), 0)
+        return PairInformation(np.zeros(6), np.zeros((6, 6)), 0)
     own, other = own[:, sure], other[:, sure]
     weighted, pull = found.weight[:, None] * own, (found.weight * found.residual)[:, None]
     # All marks of a pair lie as deep, so that strips do not show it.
@@ -105,7 +105,9 @@ def told_by(found: PairEquations, centre: Array, parallax: Array) -> Told:
         moves = np.linalg.solve(left, scores[..., None])[..., 0]
         covariance = covariance + (count - 1) / count * moves.T @ moves
     information = kept @ np.linalg.inv(covariance) @ kept.T
-    return Told(kept @ step * scale, information / np.outer(scale, scale), int(sure.sum()))
+    return PairInformation(
+        kept @ step * scale, information / np.outer(scale, scale), int(sure.sum())
+    )
 
 
 def _strips(place: Array) -> NDArray[np.intp]:
@@ -170,7 +172,7 @@ class RelativePose:
     information : ndarray, shape (6, 6)
         Inverse of the covariance of the twist about `centre`, of shift (metres) and turn
         (radians), along the first camera's axes; zero in directions that the skin does not tell.
-    told : int
+    rank : int
         Directions that it does tell, up to 6.
     overlap : float
         Share of the second cloud that lies on the first.
@@ -186,7 +188,7 @@ class RelativePose:
     pose: Pose
     centre: NDArray[np.float64]
     information: NDArray[np.float64]
-    told: int
+    rank: int
     overlap: float
     misfit: float
     remark: str = ''
@@ -198,7 +200,7 @@ class UnlikePairError(Exception):
 
 
 def slid_information(
-    told: Told,
+    pair: PairInformation,
     pose: Pose,
     centre: Array,
     doubt: Array,
@@ -208,23 +210,23 @@ def slid_information(
 
     Parameters
     ----------
-    told : Told
+    pair : PairInformation
         At the pose.
     doubt : ndarray, shape (6, 6)
         Covariance of the guess, of the shift of the centre and the turn.
     laid : callable
         Lays the patches on each other by their heights, from a pose on, held by a matrix.
     """
-    if told.count in (0, 6):
-        return told.information
+    if pair.rank in (0, 6):
+        return pair.information
     both = np.outer(_SCALE, _SCALE)
-    values, directions = np.linalg.eigh(told.information * both)
-    free, sure = directions[:, : 6 - told.count], directions[:, 6 - told.count :]
-    spread = np.linalg.inv(np.linalg.inv(doubt) * both + told.information * both)
+    values, directions = np.linalg.eigh(pair.information * both)
+    free, sure = directions[:, : 6 - pair.rank], directions[:, 6 - pair.rank :]
+    spread = np.linalg.inv(np.linalg.inv(doubt) * both + pair.information * both)
     variances, ways = np.linalg.eigh(free.T @ spread @ free)
     # By how much a patch that is slid may slide on while it is laid on the other, metres.
     held = free @ free.T / both / 1e-5**2
-    covariance = np.diag(1 / values[6 - told.count :])
+    covariance = np.diag(1 / values[6 - pair.rank :])
     for step in (free @ ways * np.sqrt(variances)).T:
         for sign in (1, -1):
             try:

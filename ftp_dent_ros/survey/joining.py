@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.survey.alignment import Samples, samples_of
 from ftp_dent_ros.survey.information import RelativePose, UnlikePairError
-from ftp_dent_ros.survey.patch import KeptPatch, outline_of, patch_of
+from ftp_dent_ros.survey.patch import FoldedPatch, SkinPatch, outline_of, patch_of
 from ftp_dent_ros.survey.pose_graph import PoseGraph
 from ftp_dent_ros.survey.pose_terms import Node, relative_doubt, share_kept
 from ftp_dent_ros.survey.registration import register
@@ -56,9 +56,10 @@ class Joining:
         self.remarks: list[str] = []
         self.without_skin = 0
         self._remark = remark
-        self._kept: dict[int, KeptPatch] = {}
+        # Those that clouds to come may be laid on; and the lesser side of each cloud's, metres.
+        self._kept: dict[int, SkinPatch | FoldedPatch] = {}
+        self._sizes: list[float] = []
         self._last_key = -1
-        self._was_refused = False
         self._last_closed = self._last_slid = -1
         self.outlines: list[NDArray[np.float64]] = []
         self.normals: list[NDArray[np.float64]] = []
@@ -99,18 +100,17 @@ class Joining:
         self.graph.add(node, self._guess(node))
         self.stamps_ns.append(stamp_ns)
         samples = samples_of(patch)
-        size = float(np.ptp(samples.heights[:, :2], axis=0).min())
+        self._sizes.append(float(np.ptp(samples.heights[:, :2], axis=0).min()))
         self.outlines.append(patch.frame.apply(outline_of(samples.heights)))
         self.normals.append(patch.frame.rotation.apply([0.0, 0.0, 1.0]))
-        self._kept[number] = KeptPatch(patch, size)
+        self._kept[number] = patch
         for other in self._neighbours(number):
             if self._join(other, number, samples) and other == number - 1:
                 # A guess for the others that is nearly right.
                 self.graph.follow(number)
-        for other in closures(self.graph, self._kept, number, self._last_closed):
+        for other in self._closures(number):
             self._close(other, number, samples)
         self.graph.update()
-        self._tell_refused()
         self._forget(number)
         return self.graph.poses[number]
 
@@ -121,7 +121,6 @@ class Joining:
         """
         self._kept.clear()
         self.graph.solve()
-        self._tell_refused()
         for text in self.contradicting().values():
             self._remark_on(text)
 
@@ -142,7 +141,7 @@ class Joining:
         last ones are only moved now and then.
         """
         count = len(self.graph.nodes)
-        # Clouds before the newest by which its place is told.
+        # Clouds before the newest by which its place is known.
         last = self.graph.part(range(max(0, count - 20), count))
         return last.covariances(only=[len(last.nodes) - 1])[0]
 
@@ -168,7 +167,7 @@ class Joining:
         return self.graph.nodes[number].flight
 
     def _middle(self, number: int) -> NDArray[np.float64]:
-        return self.graph.poses[number].apply(self._kept[number].whole.frame.translation)
+        return self.graph.poses[number].apply(self._kept[number].frame.translation)
 
     def _join(self, first: int, second: int, samples: Samples) -> bool:
         """Lay a cloud on one shortly before; False if it does not fit."""
@@ -176,9 +175,9 @@ class Joining:
         if relative is None:
             return False
         self.graph.link(first, second, relative)
-        if relative.remark and second - first == 1 and self._kept[second].patch.has_paint:
+        if relative.remark and second - first == 1 and self._patch(second).has_paint:
             self._tell(first, second, relative.remark)
-        return relative.told > 0
+        return relative.rank > 0
 
     def _close(self, first: int, second: int, samples: Samples) -> None:
         """Lay a cloud on one of another pass.
@@ -190,7 +189,7 @@ class Joining:
         if relative is None:
             return
         nodes, last = self.graph.nodes, self._last_slid
-        if relative.told == 6:
+        if relative.rank == 6:
             self._last_closed = second
         elif last in (-1, second) or share_kept(nodes[last], nodes[second]) < _ANOTHER:
             self._last_slid = second
@@ -202,7 +201,7 @@ class Joining:
         """Pose of a cloud seen from an earlier one; None if it does not fit."""
         if first not in self._kept:
             return None
-        patches = self._kept[first].patch, self._kept[second].patch
+        patches = self._patch(first), self._patch(second)
         guess = self.graph.poses[first].inverse() @ self.graph.poses[second]
         is_known = bool(self.graph.links) and self.graph.links[-1].second == second
         known = doubt_by_links(self.graph, first, second) if is_known else None
@@ -219,29 +218,50 @@ class Joining:
         old = number - max(_BACK)
         if old < 0 or old not in self._kept:
             return
-        kept = self._kept[old]
         last = self._last_key
-        if last >= 0 and last in self._kept:
+        if last in self._kept:
             apart = np.linalg.norm(self._middle(last) - self._middle(old))
             # A cloud is kept for later passes where the last that was kept is this part of a patch
             # away.
-            if apart < 0.3 * kept.size and self._flight(last) == self._flight(old):
+            if apart < 0.3 * self._sizes[old] and self._flight(last) == self._flight(old):
                 del self._kept[old]
                 return
         self._last_key = old
-        self._kept[old] = kept.folded()
+        self._kept[old] = FoldedPatch.of(self._patch(old))
 
-    def _tell_refused(self) -> None:
-        """Tell of a solution that was not taken, once until one is."""
-        far, was_refused = self.graph.refused, self._was_refused
-        self._was_refused = far > 0
-        if far and not was_refused:
-            stamp_s = self.stamps_ns[-1] / 1e9
-            self._remark_on(
-                f'cloud {len(self.stamps_ns)} ({stamp_s:.3f} s): its pairs would put poses '
-                f'{far:.0f} standard deviations from where the autopilot says: refused, the last '
-                'places are kept; the pairs are wrong, or the autopilot is'
-            )
+    def _patch(self, number: int) -> SkinPatch:
+        kept = self._kept[number]
+        return kept if isinstance(kept, SkinPatch) else kept.unfolded()
+
+    def _closures(self, number: int) -> list[int]:
+        """Of other passes that show the same skin, the nearest cloud of each."""
+        others = [each for each in self._kept if self._are_passes(each, number)]
+        if not others or self._is_same_skin(number):
+            return []
+        both = [*others, number]
+        seen = np.stack([self._kept[each].frame.translation for each in both])
+        sizes = np.array([self._sizes[each] for each in both])
+        middles = self.graph.placed(both, seen)
+        apart = np.linalg.norm(middles[:-1] - middles[-1], axis=1)
+        near = np.flatnonzero(apart < _NEAR * (sizes[:-1] + sizes[-1]))
+        chosen: list[int] = []
+        for index in near[np.argsort(apart[near], kind='stable')]:
+            if all(self._are_passes(others[index], each) for each in chosen):
+                chosen.append(others[index])
+        return chosen[:_PASSES]
+
+    def _are_passes(self, one: int, other: int) -> bool:
+        return abs(one - other) >= _APART or self._flight(one) != self._flight(other)
+
+    def _is_same_skin(self, number: int) -> bool:
+        """Whether another pass shows hardly more than the last that was laid on another."""
+        last, poses = self._last_closed, self.graph.poses
+        if last < 0 or self._are_passes(last, number):
+            return False
+        apart = np.linalg.norm(poses[last].translation - poses[number].translation)
+        # Pairs on the same skin err alike: this part of a patch from the last that was laid on
+        # another.
+        return bool(apart < 0.5 * self._sizes[number])
 
     def _tell(self, first: int, second: int, what: str) -> None:
         self._remark_on(self._about(first, second, what))
@@ -253,47 +273,6 @@ class Joining:
     def _remark_on(self, text: str) -> None:
         self.remarks.append(text)
         self._remark(text)
-
-
-def closures(graph: PoseGraph, kept: Mapping[int, KeptPatch], number: int, last: int) -> list[int]:
-    """Of other passes that show the same skin, the nearest cloud of each.
-
-    Parameters
-    ----------
-    graph : PoseGraph
-    kept : mapping of int to Kept
-        Clouds that can be looked up; `number` is one of them.
-    number, last : int
-        Of the cloud, and of the last that was laid on another pass; -1 for none.
-    """
-    others = [each for each in kept if _are_passes(graph, each, number)]
-    if not others or _is_same_skin(graph, kept[number], number, last):
-        return []
-    both = [*others, number]
-    seen = np.stack([kept[each].whole.frame.translation for each in both])
-    sizes = np.array([kept[each].size for each in both])
-    middles = graph.placed(both, seen)
-    apart = np.linalg.norm(middles[:-1] - middles[-1], axis=1)
-    near = np.flatnonzero(apart < _NEAR * (sizes[:-1] + sizes[-1]))
-    chosen: list[int] = []
-    for index in near[np.argsort(apart[near], kind='stable')]:
-        if all(_are_passes(graph, others[index], each) for each in chosen):
-            chosen.append(others[index])
-    return chosen[:_PASSES]
-
-
-def _are_passes(graph: PoseGraph, one: int, other: int) -> bool:
-    nodes = graph.nodes
-    return abs(one - other) >= _APART or nodes[one].flight != nodes[other].flight
-
-
-def _is_same_skin(graph: PoseGraph, cloud: KeptPatch, number: int, last: int) -> bool:
-    if last < 0 or _are_passes(graph, last, number):
-        return False
-    apart = np.linalg.norm(graph.poses[last].translation - graph.poses[number].translation)
-    # Pairs on the same skin err alike: this part of a patch from the last that was laid on
-    # another.
-    return bool(apart < 0.5 * cloud.size)
 
 
 def doubt_by_links(graph: PoseGraph, first: int, second: int) -> NDArray[np.float64]:

@@ -26,6 +26,7 @@ from ftp_dent_ros.errors import InputError
 from ftp_dent_ros.pose import Pose
 
 Array = NDArray[np.float64]
+Pairs = tuple[NDArray[np.intp], NDArray[np.intp]]
 
 # What a motion may leave of two dents that are the same, beside their places, metres: by its own
 # turn, and as the maps stretch.
@@ -33,8 +34,8 @@ _LEFT = 2e-3
 
 #: Standard deviation of a dent's centre in its survey, metres.
 PLACE = 4e-4
-#: Standard deviations within which two are taken for the same.
-GATE = 4.0
+# Standard deviations within which two are taken for the same.
+_GATE = 4.0
 # Neighbours that a dent makes pairs with; motions that are tried.
 _NEIGHBOURS, _TRIED = 8, 400
 
@@ -100,169 +101,137 @@ def match(earlier: Sequence[MeasuredDent], later: Sequence[MeasuredDent]) -> Den
             f'the surveys have {len(earlier)} and {len(later)} dents, too few to lay them on each '
             'other: survey a larger part of the skin'
         )
-    there = np.stack([dent.position for dent in earlier])
-    here = np.stack([dent.position for dent in later])
-    place = _place(earlier, later)
+    there, here = _positions(earlier), _positions(later)
+    widths = [np.nan_to_num([dent.width.value for dent in each]) for each in (earlier, later)]
+    # Standard deviation of a dent's centre in its survey, as part of its width.
+    place = np.hypot(PLACE, 0.015 * np.minimum(widths[0][:, None], widths[1]))
     agree = agreement(earlier, later)
-    best: tuple[float, Pose, list[tuple[int, int]]] | None = None
-    motions = motions_between(earlier, later, agree)
+    motions = _motions_between(earlier, later, agree)
+    best_score, best = -math.inf, None
     for motion in motions:
         moved = motion.apply(here)
-        pairs = _together(there, moved, place, np.isfinite(agree))
-        score = len(pairs) - float(
-            sum(((there[i] - moved[j]) ** 2).sum() / place[i, j] ** 2 for i, j in pairs)
-        ) / (2 * GATE**2 * max(len(pairs), 1))
-        if best is None or score > best[0]:
-            best = score, motion, pairs
+        i, j = _nearest_pairs(there, moved, place, np.isfinite(agree))
+        misfit = float((np.square(there[i] - moved[j]).sum(axis=1) / place[i, j] ** 2).sum())
+        score = len(i) - misfit / (2 * _GATE**2 * max(len(i), 1))
+        if score > best_score:
+            best_score, best = score, (motion, i, j)
     # Chance that dents of two aircraft are laid on each other.
-    if best is None or _by_chance(len(best[2]), len(motions), there, here, place, agree) > 1e-3:
+    if best is None or _by_chance(len(best[1]), len(motions), there, place, agree) > 1e-3:
         raise NoMatchError(
             'no motion lays enough dents of the one survey on those of the other: '
             'check that they are of the same aircraft and overlap'
         )
-    _, motion, pairs = best
-    return _followed(earlier, later, motion, pairs, place)
+    motion, i, j = best
+    moved = motion.apply(here)
+    i, j = _followed_pairs(earlier, later, moved, place, (i, j))
+    shifts, spreads = there[i] - moved[j], place[i, j] * math.sqrt(2)
+    return DentMatching(
+        tuple(zip(i.tolist(), j.tolist(), strict=True)),
+        motion,
+        _fit(moved[j], shifts, spreads),
+        _fit(there[i], -shifts, spreads),
+    )
 
 
-def _by_chance(
-    count: int, tried: int, there: Array, here: Array, place: Array, agree: Array
-) -> float:
+def _positions(dents: Sequence[MeasuredDent]) -> Array:
+    return np.stack([dent.position for dent in dents])
+
+
+def _by_chance(count: int, tried: int, there: Array, place: Array, agree: Array) -> float:
     """How many motions of those tried bring so many strangers together."""
     axes = np.linalg.svd(there - there.mean(axis=0), full_matrices=False)[2]
     sides = np.ptp((there - there.mean(axis=0)) @ axes[:2].T, axis=0)
-    reach = GATE * float(np.median(place)) + _LEFT
+    reach = _GATE * float(np.median(place)) + _LEFT
     area = float(np.prod(np.maximum(sides, 2 * reach)))
-    alike = float(np.isfinite(agree).mean())
-    expected = len(here) * min(1.0, len(there) * math.pi * reach**2 / area) * alike
+    density = min(1.0, len(there) * math.pi * reach**2 / area)
+    expected = agree.shape[1] * density * float(np.isfinite(agree).mean())
     # Two are brought together by making.
     return tried * float(poisson.sf(count - 3, expected))
 
 
-def _followed(
+def _nearest_pairs(there: Array, moved: Array, place: Array, possible: NDArray[np.bool_]) -> Pairs:
+    """Dents that a motion brings together, each with one other at most, the nearest."""
+    off, nearest = cKDTree(there).query(moved)
+    later = np.arange(len(moved))
+    together = possible[nearest, later] & (off < _GATE * place[nearest, later] + _LEFT)
+    order = later[together][np.argsort(off[together], kind='stable')]
+    i, first = np.unique(nearest[order], return_index=True)
+    return i, order[first]
+
+
+def _followed_pairs(
     earlier: Sequence[MeasuredDent],
     later: Sequence[MeasuredDent],
-    motion: Pose,
-    pairs: list[tuple[int, int]],
+    moved: Array,
     place: Array,
-) -> DentMatching:
+    pairs: Pairs,
+) -> Pairs:
     """From some pairs outward, until nothing is added."""
-    there = np.stack([dent.position for dent in earlier])
-    moved = motion.apply(np.stack([dent.position for dent in later]))
-    signs = [np.array([np.sign(d.depth.value) for d in each]) for each in (earlier, later)]
+    there = _positions(earlier)
+    signs, cut, lengths = (
+        [np.array([measure(dent) for dent in dents]) for dents in (earlier, later)]
+        for measure in (
+            lambda dent: np.sign(dent.depth.value),
+            lambda dent: dent.is_cut,
+            lambda dent: np.nan_to_num(dent.length.value),
+        )
+    )
     alike = signs[0][:, None] == signs[1]
     # Part of the way to the next dent within which a dent is looked for.
-    free = np.minimum(_free(there)[:, None], _free(moved)) * 0.4
+    gaps = [cKDTree(places).query(places, k=2)[0][:, 1] for places in (there, moved)]
+    free = 0.4 * np.minimum(gaps[0][:, None], gaps[1])
     # A cut dent has its centre anywhere in it.
-    half = np.array([[_half(a, b) for b in later] for a in earlier])
+    is_cut = cut[0][:, None] | cut[1]
+    half = np.where(is_cut, np.maximum(lengths[0][:, None], lengths[1]) / 2, 0.0)
     while True:
-        i, j = np.array(pairs).T
-        forward = fit(moved[j], there[i] - moved[j], place[i, j] * math.sqrt(2))
+        i, j = pairs
+        forward = _fit(moved[j], there[i] - moved[j], place[i, j] * math.sqrt(2))
         shift, spread = forward.shift(moved)
-        off = np.linalg.norm(there[:, None] - (moved + shift), axis=2)
+        off = cdist(there, moved + shift)
         sigma = np.hypot(spread, math.sqrt(2) * place)
-        reach = np.minimum(GATE * sigma + half, np.maximum(free, GATE * place))
+        reach = np.minimum(_GATE * sigma + half, np.maximum(free, _GATE * place))
         cost = np.where(alike & (off < reach), off / sigma, 1e6)
         rows, columns = linear_sum_assignment(cost)
-        found = [(int(a), int(b)) for a, b in zip(rows, columns, strict=True) if cost[a, b] < 1e6]
-        if len(found) <= len(pairs):
-            break
-        pairs = found
-    i, j = np.array(pairs).T
-    shifts, spreads = there[i] - moved[j], place[i, j] * math.sqrt(2)
-    return DentMatching(
-        tuple(pairs), motion, fit(moved[j], shifts, spreads), fit(there[i], -shifts, spreads)
-    )
+        found = cost[rows, columns] < 1e6
+        if found.sum() <= len(i):
+            return pairs
+        pairs = rows[found], columns[found]
 
 
-def _together(
-    there: Array, moved: Array, place: Array, possible: NDArray[np.bool_]
-) -> list[tuple[int, int]]:
-    """Dents that a motion brings together, each to one other at most; near its middle first."""
-    tree = cKDTree(there)
-    distance, index = tree.query(moved)
-    pairs: dict[int, tuple[float, int]] = {}
-    for j, (off, i) in enumerate(zip(distance, index, strict=True)):
-        if (
-            possible[i, j]
-            and off < GATE * place[i, j] + _LEFT
-            and (i not in pairs or off < pairs[i][0])
-        ):
-            pairs[int(i)] = float(off), j
-    return [(i, j) for i, (_, j) in pairs.items()]
-
-
-def _place(earlier: Sequence[MeasuredDent], later: Sequence[MeasuredDent]) -> Array:
-    widths = [np.nan_to_num([dent.width.value for dent in each]) for each in (earlier, later)]
-    # Standard deviation of a dent's centre in its survey, as part of its width.
-    return np.hypot(PLACE, 0.015 * np.minimum(widths[0][:, None], widths[1]))
-
-
-def _half(a: MeasuredDent, b: MeasuredDent) -> float:
-    if not (a.is_cut or b.is_cut):
-        return 0.0
-    return max(np.nan_to_num(a.length.value), np.nan_to_num(b.length.value)) / 2
-
-
-def _free(places: Array) -> Array:
-    """Distance of each place to the next one, metres."""
-    distance, _ = cKDTree(places).query(places, k=2)
-    return distance[:, 1]
-
-
-def motions_between(
+def _motions_between(
     earlier: Sequence[MeasuredDent], later: Sequence[MeasuredDent], agree: Array
 ) -> list[Pose]:
     """Motions that lay two neighbours of the later survey on two of the earlier one.
 
-    Parameters
-    ----------
-    earlier, later : sequence of MeasuredDent
-        Each in its survey's frame.
-    agree : ndarray, shape (n, m)
-        How unlike the sizes of any two are, as `agreement` gives it; infinite where they cannot
-        be the same.
-
-    Returns
-    -------
-    list of Pose
-        Those of long pairs of like sizes first.
+    Those of long pairs of like sizes are first, as they say the most.
     """
     a, b = _neighbours(earlier), _neighbours(later)
-    if not len(a) or not len(b):
-        return []
-    lengths = [_lengths(each, pairs) for each, pairs in ((earlier, a), (later, b))]
+    lengths = [
+        np.linalg.norm(np.diff(_positions(dents)[pairs], axis=1)[:, 0], axis=1)
+        for dents, pairs in ((earlier, a), (later, b))
+    ]
     # Of the distance of two neighbours, per metre, beside: what maps stretch.
-    tolerance = GATE * np.hypot(2 * PLACE, 4e-3 * lengths[0])
-    good = np.abs(lengths[0][:, None] - lengths[1]) < tolerance[:, None]
+    tolerance = _GATE * np.hypot(2 * PLACE, 4e-3 * lengths[0])
     sizes = agree[a[:, 0]][:, b[:, 0]] + agree[a[:, 1]][:, b[:, 1]]
-    good &= np.isfinite(sizes)
-    rows, columns = np.nonzero(good)
-    # Long ones of like sizes say the most.
+    good = np.abs(lengths[0][:, None] - lengths[1]) < tolerance[:, None]
+    rows, columns = np.nonzero(good & np.isfinite(sizes) & (lengths[0] > 0)[:, None])
     order = np.argsort(sizes[rows, columns] - np.log(lengths[0][rows]), kind='stable')[:_TRIED]
-    motions = (_motion(earlier, later, a[rows[k]], b[columns[k]]) for k in order)
-    return [motion for motion in motions if motion is not None]
+    motions = []
+    for k in order:
+        one, there = _pair_frame(*(earlier[n] for n in a[rows[k]]))
+        other, here = _pair_frame(*(later[n] for n in b[columns[k]]))
+        turn = Rotation.from_matrix(one @ other.T)
+        motions.append(Pose(turn, there - turn.apply(here)))
+    return motions
 
 
-def _motion(
-    earlier: Sequence[MeasuredDent],
-    later: Sequence[MeasuredDent],
-    there: NDArray[np.intp],
-    here: NDArray[np.intp],
-) -> Pose | None:
-    """Motion by two places and the skin's normals at them."""
-    frames = []
-    for dents, (first, second) in ((earlier, there), (later, here)):
-        along = dents[second].position - dents[first].position
-        normal = dents[first].normal + dents[second].normal
-        across = np.cross(normal, along)
-        if np.linalg.norm(across) < 1e-9:
-            return None
-        along, across = along / np.linalg.norm(along), across / np.linalg.norm(across)
-        middle = (dents[first].position + dents[second].position) / 2
-        frames.append((np.stack([along, across, np.cross(along, across)], axis=1), middle))
-    (one, origin), (other, start) = frames
-    turn = Rotation.from_matrix(one @ other.T)
-    return Pose(turn, origin - turn.apply(start))
+def _pair_frame(first: MeasuredDent, second: MeasuredDent) -> tuple[Array, Array]:
+    """Axes by two places and the skin's normals at them, shape (3, 3), and the middle."""
+    along = second.position - first.position
+    across = np.cross(first.normal + second.normal, along)
+    along, across = along / np.linalg.norm(along), across / np.linalg.norm(across)
+    axes = np.stack([along, across, np.cross(along, across)], axis=1)
+    return axes, (first.position + second.position) / 2
 
 
 def _neighbours(dents: Sequence[MeasuredDent]) -> NDArray[np.intp]:
@@ -270,15 +239,10 @@ def _neighbours(dents: Sequence[MeasuredDent]) -> NDArray[np.intp]:
     whole = np.array([k for k, dent in enumerate(dents) if not dent.is_cut], np.intp)
     if len(whole) < 2:
         return np.zeros((0, 2), np.intp)
-    places = np.stack([dents[k].position for k in whole])
+    places = _positions(dents)[whole]
     _, index = cKDTree(places).query(places, k=min(_NEIGHBOURS + 1, len(whole)))
     first = np.repeat(np.arange(len(whole)), index.shape[1] - 1)
-    return np.stack([whole[first], whole[index[:, 1:].ravel()]], axis=1)
-
-
-def _lengths(dents: Sequence[MeasuredDent], pairs: NDArray[np.intp]) -> Array:
-    places = np.stack([dent.position for dent in dents])
-    return np.linalg.norm(places[pairs[:, 1]] - places[pairs[:, 0]], axis=1)
+    return whole[np.stack([first, index[:, 1:].ravel()], axis=1)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -313,7 +277,7 @@ class Deformation:
         return across @ self.weights, np.sqrt(np.maximum(prior - explained, 0.0))
 
 
-def fit(at: Array, shifts: Array, spreads: Array) -> Deformation:
+def _fit(at: Array, shifts: Array, spreads: Array) -> Deformation:
     """The likeliest deformation.
 
     Parameters
@@ -324,7 +288,7 @@ def fit(at: Array, shifts: Array, spreads: Array) -> Deformation:
         Standard deviation of each shift without the maps' own errors, metres.
     """
     middle = at.mean(axis=0)
-    best: tuple[float, Deformation] | None = None
+    fits = []
     for walk in _WALKS:
         covariance = _covariance(at - middle, at - middle, walk) + np.diag(spreads**2)
         factor = cho_factor(covariance, lower=True)
@@ -334,10 +298,8 @@ def fit(at: Array, shifts: Array, spreads: Array) -> Deformation:
         # What is expected of it before there are dents: a millimetre over a metre, give or take a
         # factor of ten (natural logarithm of a variance).
         likelihood -= 0.5 * (float(np.log(walk / 1e-6)) / 4.6) ** 2
-        if best is None or likelihood > best[0]:
-            best = likelihood, Deformation(at - middle, middle, weights, factor, float(walk))
-    assert best is not None
-    return best[1]
+        fits.append((likelihood, Deformation(at - middle, middle, weights, factor, float(walk))))
+    return max(fits, key=lambda fit: fit[0])[1]
 
 
 def _covariance(a: Array, b: Array, walk: float) -> Array:

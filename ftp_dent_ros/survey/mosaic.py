@@ -80,9 +80,9 @@ class Mosaic:
         if found is None:
             return
         deviation = found.deviation.ravel()[index]
-        told = np.isfinite(deviation)
-        self._deviation[pixels] += np.where(told, deviation, 0)
-        self._weight[pixels] += told
+        known = np.isfinite(deviation)
+        self._deviation[pixels] += np.where(known, deviation, 0)
+        self._weight[pixels] += known
         findable, noise = found.findable.ravel()[index], found.noise.ravel()[index]
         better = np.isfinite(findable) & ~(self._findable[pixels] <= findable)
         chosen = pixels[better]

@@ -34,7 +34,7 @@ _MOST = 0.7
 # Of the logarithm of light: a tenth of a skin image's noise.
 _LIGHT_STEP = 5e-4
 # Steps either way, and what stands for nothing.
-_FOLDED_PATCH_MOST, _NONE = 32000, -32768
+_MOST_STEPS, _NONE = 32000, -32768
 # Cells a side that share one uncertainty.
 _SHARED = 4
 
@@ -298,116 +298,67 @@ def _mean(field: Any, sigma: float) -> Grid:
 
 
 @dataclass(frozen=True, eq=False)
-class FoldedPatch:
-    """A patch in small numbers.
+class _FoldedGrid:
+    """A grid whose numbers differ little from column to column: middle + step * whole number."""
 
-    Attributes
-    ----------
-    frame, pitch, corner
-        As the patch's.
-    shape : tuple of 2 ints
-        Rows and columns.
-    steps : bytes
-        Heights from the middle one on, packed.
-    middle, step : float
-        Metres.
-    sigma : ndarray, shape (rows / 4, columns / 4), float16
-        Millimetres.
-    light : bytes or None
-        Packed.
-    level : float
-        That is added to the light.
-    """
+    shape: tuple[int, ...]
+    middle: float
+    step: float
+    packed: bytes
+
+    @classmethod
+    def of(cls, grid: Grid, middle: float, step: float) -> _FoldedGrid:
+        steps = np.clip((grid - middle) / step, -_MOST_STEPS, _MOST_STEPS)
+        whole = np.rint(np.where(np.isfinite(grid), steps, _NONE)).astype(np.int16)
+        changes = np.diff(whole, axis=1, prepend=np.int16(0))
+        # Of zlib: the quickest.
+        return cls(grid.shape, middle, step, zlib.compress(changes.tobytes(), 1))
+
+    def unfolded(self) -> Grid:
+        changes = np.frombuffer(zlib.decompress(self.packed), np.int16).reshape(self.shape)
+        # Sums that do not fit come round to where they were.
+        whole = np.cumsum(changes, axis=1, dtype=np.int16)
+        steps = np.where(whole == _NONE, np.nan, whole.astype(float))
+        return (self.middle + self.step * steps).astype(np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class FoldedPatch:
+    """A patch in small numbers; its uncertainty is that of every fourth cell each way."""
 
     frame: Pose
     pitch: float
     corner: NDArray[np.float64]
-    shape: tuple[int, int]
-    steps: bytes
-    middle: float
-    step: float
+    height: _FoldedGrid
     sigma: NDArray[np.float16]
-    light: bytes | None
-    level: float
+    light: _FoldedGrid | None
 
     @classmethod
     def of(cls, patch: SkinPatch) -> FoldedPatch:
         """Fold a patch."""
-        known = np.isfinite(patch.height)
-        low, high = float(patch.height[known].min()), float(patch.height[known].max())
+        low, high = float(np.nanmin(patch.height)), float(np.nanmax(patch.height))
         # Least step of heights, metres: a quarter of what no pair is better than.
-        middle, step = (low + high) / 2, max(2.5e-7, (high - low) / 2 / _FOLDED_PATCH_MOST)
-        steps = np.where(known, (patch.height - middle) / step, _NONE)
-        light, level = None, 0.0
-        if patch.light is not None:
-            level = float(np.nanmean(patch.light))
-            light = np.clip(
-                (patch.light - level) / _LIGHT_STEP, -_FOLDED_PATCH_MOST, _FOLDED_PATCH_MOST
-            )
-            light = _packed(np.where(np.isfinite(light), light, _NONE))
+        step = max(2.5e-7, (high - low) / 2 / _MOST_STEPS)
         sigma = patch.sigma[::_SHARED, ::_SHARED]
         # Beside the rim, where heights end and not their uncertainty.
         sigma = np.where(np.isfinite(sigma), sigma, np.nanmax(sigma))
-        return cls(
-            patch.frame,
-            patch.pitch,
-            patch.corner,
-            (patch.height.shape[0], patch.height.shape[1]),
-            _packed(steps),
-            middle,
-            step,
-            sigma.astype(np.float16),
-            light,
-            level,
-        )
+        light = None
+        if patch.light is not None:
+            light = _FoldedGrid.of(patch.light, float(np.nanmean(patch.light)), _LIGHT_STEP)
+        height = _FoldedGrid.of(patch.height, (low + high) / 2, step)
+        coarse = sigma.astype(np.float16)
+        return cls(patch.frame, patch.pitch, patch.corner, height, coarse, light)
 
     @lru_cache(maxsize=8)  # noqa: B019 - the last that were used, with their layers, on purpose
     def unfolded(self) -> SkinPatch:
         """The patch; the last ones are kept."""
-        rows, columns = self.shape
-        height = self.middle + self.step * _unpacked(self.steps, self.shape)
+        rows, columns = self.height.shape
         sigma = np.repeat(np.repeat(self.sigma, _SHARED, axis=0), _SHARED, axis=1)
-        light = None
-        if self.light is not None:
-            there = _LIGHT_STEP * _unpacked(self.light, self.shape) + self.level
-            light = there.astype(np.float32)
         return SkinPatch(
             self.frame,
             self.pitch,
             self.corner,
-            height.astype(np.float32),
+            self.height.unfolded(),
             sigma[:rows, :columns].astype(np.float32),
-            light,
+            None if self.light is None else self.light.unfolded(),
         )
-
-
-def _packed(steps: NDArray[np.floating]) -> bytes:
-    """Whole numbers that differ little from column to column."""
-    whole = np.rint(steps).astype(np.int16)
-    # Of zlib: the quickest.
-    return zlib.compress(np.diff(whole, axis=1, prepend=np.int16(0)).tobytes(), 1)
-
-
-def _unpacked(packed: bytes, shape: tuple[int, int]) -> NDArray[np.float64]:
-    """The numbers, NaN where there was nothing."""
-    changes = np.frombuffer(zlib.decompress(packed), np.int16).reshape(shape)
-    # Sums that do not fit come round to where they were.
-    whole = np.cumsum(changes, axis=1, dtype=np.int16)
-    return np.where(whole == _NONE, np.nan, whole.astype(float))
-
-
-@dataclass(frozen=True, eq=False)
-class KeptPatch:
-    """A patch that clouds to come may be laid on, whole or folded, and its lesser side, metres."""
-
-    whole: SkinPatch | FoldedPatch
-    size: float
-
-    @property
-    def patch(self) -> SkinPatch:
-        """The patch."""
-        return self.whole if isinstance(self.whole, SkinPatch) else self.whole.unfolded()
-
-    def folded(self) -> KeptPatch:
-        """The same in less memory."""
-        return KeptPatch(FoldedPatch.of(self.patch), self.size)

@@ -27,19 +27,15 @@ from ftp_dent_ros.survey.pose_terms import (
     NormalEquations,
     PairLink,
     StatedTerms,
-    distances,
 )
 
-# Standard deviations from what the autopilot says: farther off, no pair is believed. Autopilots
-# are surer of themselves than they are right, but not by as much.
-_FAR = 30.0
 # Columns of the inverse that are solved for at once.
 _AT_ONCE = 600
 
-#: Of squared errors by directions told: where a pair counts a quarter.
+#: Of squared errors by the rank: where a pair counts a quarter.
 HALF = 16.0
-# Steps, the step that is small enough, and the one from which on pairs are told apart: metres and
-# radians. And the gain of a step, in squared standard deviations of all, that is none.
+# Steps, the step that is small enough, and the one from which on pairs are weighed apart: metres
+# and radians. And the gain of a step, in squared standard deviations of all, that is none.
 _STEPS, _DONE, _COARSE, _NO_GAIN = 40, 1e-7, 1e-4, 1e-4
 
 
@@ -55,9 +51,6 @@ class PoseGraph:
         Each second cloud's number is no less than the last one's.
     left_out : set of int
         Numbers of the links that contradict the others.
-    refused : float
-        How far from what the autopilot says, in its standard deviations, the last solution would
-        have put a pose: too far, so that poses are where they were; 0 if it was taken.
     """
 
     def __init__(self) -> None:
@@ -66,19 +59,14 @@ class PoseGraph:
         self.guesses: list[Pose] = []
         self.links: list[PairLink] = []
         self.left_out: set[int] = set()
-        self.refused = 0.0
-        # The poses once more, in arrays that grow by doubling.
-        self._turns, self._places = np.zeros((16, 3, 3)), np.zeros((16, 3))
+        # The poses once more, in arrays.
+        self._turns, self._places = np.zeros((0, 3, 3)), np.zeros((0, 3))
         self._all_moved, self._is_strained = 0, False
 
     def add(self, node: Node, guess: Pose) -> None:
         """Another pose, about where it is guessed to be."""
-        number = len(self.nodes)
-        if number == len(self._places):
-            self._turns = np.concatenate([self._turns, np.zeros_like(self._turns)])
-            self._places = np.concatenate([self._places, np.zeros_like(self._places)])
-        self._turns[number] = guess.rotation.as_matrix()
-        self._places[number] = guess.translation
+        self._turns = np.concatenate([self._turns, guess.rotation.as_matrix()[None]])
+        self._places = np.concatenate([self._places, guess.translation[None]])
         self.nodes.append(node)
         self.poses.append(guess)
         self.guesses.append(guess)
@@ -129,27 +117,21 @@ class PoseGraph:
         if count <= 0:
             return
         terms = self._gathered(fixed)
-        size = len(self.nodes)
         judged = terms.links.number
         doubted = np.isin(judged, list(self.left_out) if fixed else [])
-        turns, places = solved(terms, self._turns[:size], self._places[:size], doubted)
-        farthest = float(self._distances(fixed, turns, places).max())
-        self.refused = farthest if farthest > _FAR else 0.0
-        if self.refused:
-            turns, places = self._held(terms)
-        self._turns[:size], self._places[:size] = turns, places
+        turns, places = solved(terms, self._turns, self._places, doubted)
+        self._turns, self._places = turns, places
         rotations = Rotation.from_matrix(turns[fixed:])
         self.poses[fixed:] = [Pose(rotations[k], places[fixed + k].copy()) for k in range(count)]
         misfits = terms.links.misfits(turns, places)
         self.left_out -= set(judged.tolist())
-        # Of squared errors by directions told: from where on a pair is told to contradict the
-        # others.
+        # Of squared errors by the rank: from where on a pair contradicts the others.
         self.left_out |= set(judged[misfits > 36.0].tolist())
 
     def follow(self, number: int) -> None:
         """Put the newest pose where its last link says, as far as that says anything."""
         link = self.links[-1]
-        if link.relative.told == 6:
+        if link.relative.rank == 6:
             pose = self.poses[link.first] @ link.relative.pose
             self.poses[number] = pose
             self._turns[number] = pose.rotation.as_matrix()
@@ -164,8 +146,8 @@ class PoseGraph:
 
     def strained(self, numbers: Sequence[int]) -> bool:
         """Whether some links, by their numbers, do not fit where the poses are."""
-        told = [k for k in numbers if self.links[k].relative.told]
-        terms = LinkTerms.of([self.links[k] for k in told], told)
+        known = [k for k in numbers if self.links[k].relative.rank]
+        terms = LinkTerms.of([self.links[k] for k in known], known)
         return bool((terms.misfits(self._turns, self._places) > HALF).any())
 
     def covariances(
@@ -217,35 +199,20 @@ class PoseGraph:
         joins = [
             (link.first, link.second)
             for index, link in enumerate(self.links)
-            if index not in self.left_out and link.relative.told == 6
+            if index not in self.left_out and link.relative.rank == 6
         ]
         first, second = np.array(joins, int).reshape(-1, 2).T
         size = len(self.nodes)
         joined = coo_matrix((np.ones(len(joins)), (first, second)), shape=(size, size))
         return connected_components(joined, directed=False)[1].tolist()
 
-    def _distances(self, fixed: int, turns: Array, places: Array) -> Array:
-        return distances(self.nodes[fixed:], turns[fixed:], places[fixed:])
-
-    def _held(self, terms: Terms) -> tuple[Array, Array]:
-        """Poses as they were, or where the autopilot says, settled if they stay near that."""
-        fixed, size = terms.fixed, len(self.nodes)
-        turns, places = self._turns[:size].copy(), self._places[:size].copy()
-        for number in fixed + np.flatnonzero(self._distances(fixed, turns, places) > _FAR):
-            stated = self.nodes[number].stated
-            assert stated is not None
-            turns[number], places[number] = stated.rotation.as_matrix(), stated.translation
-        found = settled(terms, turns, places)
-        is_near = self._distances(fixed, *found).max() <= _FAR
-        return found if is_near else (turns, places)
-
     def _gathered(self, fixed: int, anchor: int | None = None) -> Terms:
-        told = [
+        known = [
             number
             for number in range(self.first_link(fixed), len(self.links))
-            if self.links[number].relative.told
+            if self.links[number].relative.rank
         ]
-        links = LinkTerms.of([self.links[number] for number in told], told)
+        links = LinkTerms.of([self.links[number] for number in known], known)
         stated = StatedTerms.of(self.nodes, self.guesses, fixed, anchor)
         return Terms(fixed, len(self.nodes) - fixed, links, stated)
 
@@ -258,7 +225,7 @@ class Errors:
     ----------
     links, stated : ndarray, shape (n, 6) and (m, 6)
     misfits : ndarray, shape (n,)
-        Squares of the links' errors, a direction told.
+        Squares of the links' errors, by their ranks.
     of_stated : float
         Sum of squares of the stated poses' errors.
     """
@@ -311,7 +278,7 @@ class Terms:
     def cost(self, errors: Errors, tolerance: Array | float = 1.0) -> float:
         """Robust sum of squares."""
         heard = errors.misfits / (1 + errors.misfits / (HALF * tolerance))
-        return float(self.links.told @ heard + errors.of_stated)
+        return float(self.links.rank @ heard + errors.of_stated)
 
 
 def solved(
@@ -334,13 +301,9 @@ def solved(
     """
     found = _stepped(terms, turns, places, doubted, math.inf)
     if terms.cost(terms.errors(*found)) > terms.cost(terms.errors(turns, places)):
-        return settled(terms, turns, places)
+        # No pair that does not fit already pulls.
+        return _stepped(terms, turns, places, np.ones(len(terms.links), bool), 1.0)
     return found
-
-
-def settled(terms: Terms, turns: Array, places: Array) -> tuple[Array, Array]:
-    """The same, but no pair that does not fit already pulls."""
-    return _stepped(terms, turns, places, np.ones(len(terms.links), bool), 1.0)
 
 
 def weights_of(misfits: Array, tolerance: Array | float = 1.0) -> Array:

@@ -146,31 +146,6 @@ class StatedTerms:
         equations.add([self.before, self.index], [-keep, each], errors, self.information)
 
 
-def distances(nodes: Sequence[Node], turns: Array, places: Array) -> Array:
-    """Of n poses from where they are said to be, in standard deviations; 0 if nothing is said.
-
-    Parameters
-    ----------
-    nodes : sequence of Node
-    turns, places : ndarray, shape (n, 3, 3) and (n, 3)
-    """
-    result = np.zeros(len(nodes))
-    said = [
-        (index, node.stated, node.covariance)
-        for index, node in enumerate(nodes)
-        if node.stated is not None and node.covariance is not None
-    ]
-    if said:
-        at, poses, spreads = zip(*said, strict=True)
-        stated = np.stack([pose.rotation.as_matrix() for pose in poses])
-        there = np.stack([pose.translation for pose in poses])
-        some = list(at)
-        off = _off(turns[some], places[some], stated, there)[..., None]
-        squares = np.swapaxes(off, 1, 2) @ np.linalg.solve(np.stack(spreads), off)
-        result[some] = np.sqrt(squares[:, 0, 0])
-    return result
-
-
 def relative_doubt(a: Node, b: Node, first: Pose, second: Pose) -> NDArray[np.float64]:
     """Covariance of the second camera's place seen from the first, by the autopilot alone.
 
@@ -182,14 +157,8 @@ def relative_doubt(a: Node, b: Node, first: Pose, second: Pose) -> NDArray[np.fl
         What is said of the two.
     first, second : Pose
         Where they are.
-
-    Raises
-    ------
-    ValueError
-        Nothing is said of one of them.
     """
-    if a.covariance is None or b.covariance is None:
-        raise ValueError('the poses of two clouds are not stated')
+    assert a.covariance is not None and b.covariance is not None
     keep = share_kept(a, b)
     spread = (a.covariance + b.covariance) * (1 - keep) + 2 * _JITTER
     # The first one's turn moves what lies at the end of the arm.
@@ -320,8 +289,8 @@ class LinkTerms:
         Of the second seen from the first.
     centre : ndarray, shape (n, 3)
     information : ndarray, shape (n, 6, 6)
-    told : ndarray, shape (n,)
-        Directions.
+    rank : ndarray, shape (n,)
+        Directions known.
     common : ndarray, shape (n, 6, 6)
         How twists change with the errors that all clouds have in common.
     """
@@ -333,7 +302,7 @@ class LinkTerms:
     shift: Array
     centre: Array
     information: Array
-    told: Array
+    rank: Array
     common: Array
 
     @classmethod
@@ -349,7 +318,7 @@ class LinkTerms:
             np.array([each.pose.translation for each in relative]).reshape(count, 3),
             np.array([each.centre for each in relative]).reshape(count, 3),
             np.array([each.information for each in relative]).reshape(count, 6, 6),
-            np.array([each.told for each in relative], float),
+            np.array([each.rank for each in relative], float),
             np.array([each.common for each in relative]).reshape(count, 6, 6),
         )
 
@@ -376,7 +345,7 @@ class LinkTerms:
 
     def squares(self, errors: Array) -> Array:
         """The same of errors of shape (n, 6)."""
-        return squares(errors, self.information) / self.told
+        return squares(errors, self.information) / self.rank
 
     def add_to(
         self,

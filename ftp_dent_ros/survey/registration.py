@@ -27,8 +27,8 @@ from ftp_dent_ros.survey.information import (
     RelativePose,
     UnlikePairError,
     in_common,
+    pair_information,
     slid_information,
-    told_by,
 )
 from ftp_dent_ros.survey.patch import SkinPatch
 from ftp_dent_ros.survey.resampling import Grid
@@ -36,7 +36,7 @@ from ftp_dent_ros.survey.resampling import Grid
 # Share of the second cloud that has to lie on the first, and points; of the few that find the way.
 LEAST_OVERLAP, _LEAST_POINTS, _LEAST_FEW = 0.15, 200, 50
 # Steps of least squares by few points, and the step that is small enough, metres and radians; the
-# last step is by all of them, and comes with what is told.
+# last step is by all of them, and comes with its information.
 _STEPS, _SHAPE_STEPS, _DONE = 8, 2, 5e-5
 # Standard deviations of a guess within which the truth lies.
 _GATE = 5.0
@@ -105,16 +105,16 @@ def register(
     _check(found, samples, remark)
     heights = ~found.is_paint
     overlap = heights.sum() / len(samples.heights)
-    told = told_by(found, centre, _parallax(first, second, best, centre))
-    # What is told is told without the guess.
-    best = moved(best, told.step, centre)
-    information = told.information
+    pair = pair_information(found, centre, _parallax(first, second, best, centre))
+    # The result is that of the patches, without the guess.
+    best = moved(best, pair.step, centre)
+    information = pair.information
     if remark:
 
         def laid(pose: Pose, held: NDArray[np.float64]) -> Pose:
             return _laid(first, few, pose, centre, held)
 
-        information = slid_information(told, best, centre, near.doubt, laid)
+        information = slid_information(pair, best, centre, near.doubt, laid)
     misfit = _misfit(first, few, best)
     pose = first.frame @ best @ second.frame.inverse()
     turn = np.kron(np.eye(2), first.frame.rotation.as_matrix())
@@ -122,7 +122,7 @@ def register(
         pose,
         first.frame.apply(centre),
         turn @ information @ turn.T,
-        told.count,
+        pair.rank,
         overlap,
         misfit,
         remark,

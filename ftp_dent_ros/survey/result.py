@@ -148,13 +148,13 @@ class SurveyResult:
     frame_id : str
         Frame of all positions.
     dents : tuple of SurveyedDent
+    coverage : CoverageCells
     stamps_ns : tuple of int
         Of the clouds.
     poses : tuple of Pose
         Of the camera at each of them.
     covariances : ndarray, shape (n, 6, 6)
         Of these, as in geometry_msgs/PoseWithCovariance.
-    coverage : CoverageCells, optional
     settings : SmallestDent
         The smallest dents that were looked for.
     rig_id : str
@@ -167,10 +167,10 @@ class SurveyResult:
     taken_ns: int
     frame_id: str
     dents: tuple[SurveyedDent, ...]
+    coverage: CoverageCells
     stamps_ns: tuple[int, ...] = ()
     poses: tuple[Pose, ...] = ()
     covariances: Array = field(default_factory=lambda: np.zeros((0, 6, 6)))
-    coverage: CoverageCells | None = None
     settings: SmallestDent = field(default_factory=SmallestDent)
     rig_id: str = ''
     software: str = ''

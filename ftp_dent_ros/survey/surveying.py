@@ -37,8 +37,6 @@ from ftp_dent_ros.survey.writing import skin_of
 _UNKNOWN = np.diag([0.03**2] * 3 + [0.015**2] * 3)
 # Frame of a survey that no autopilot has placed.
 _OWN_FRAME = 'survey'
-# Parts of a skin whose sizes a sentence names.
-_SIZES = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +97,7 @@ def survey_bags(
         found = _inspected(item.cloud, settings)
         skin.shown(item, found)
         if found is not None and item.pose is not None:
-            found = skin.told(item, found)
+            found = skin.with_common_errors(item, found)
             seen = [each.transformed(item.pose) for each in (*found.dents, *found.others)]
             number = joined.numbers[item.stamp_ns]
             dents.add(number, seen, item.pose, item.covariance, stamp_ns=item.stamp_ns)
@@ -252,10 +250,10 @@ def join_bags(
     if without_covariance:
         say(f'{without_covariance} poses do not state how good they are: 30 mm is taken')
     if joining.without_skin:
-        else_told = 'the autopilot' if frame_id else 'their shape'
+        known_by = 'the autopilot' if frame_id else 'their shape'
         say(
             f'{joining.without_skin} of {clouds} clouds have no image of the skin: along the skin '
-            f'only {else_told} tells where they lie; record /skin too'
+            f'only {known_by} tells where they lie; record /skin too'
         )
     _tell_groups(joining, say)
     return JoinedClouds(joining, frame_id or _OWN_FRAME, tuple(remarks))
@@ -285,23 +283,17 @@ def _require_ties(joining: Joining, bags: Sequence[Bag]) -> None:
 
 
 def _tell_groups(joining: Joining, say: Callable[[str], Any]) -> None:
-    groups: dict[int, list[int]] = {}
-    for number, group in enumerate(joining.graph.groups()):
-        groups.setdefault(group, []).append(number)
-    if len(groups) == 1:
+    groups = np.array(joining.graph.groups())
+    sizes = np.bincount(groups)
+    if len(sizes) == 1:
         return
-    parts = sorted(groups.values(), key=len, reverse=True)
-    sizes = ', '.join(str(len(each)) for each in parts[:_SIZES])
-    if len(parts) > _SIZES:
-        sizes += ', ...'
-    nodes = joining.graph.nodes
-    adrift = sum(all(nodes[number].stated is None for number in part) for part in parts)
-    told = 'only the autopilot tells how these lie to each other'
-    if adrift == len(parts):
-        told = 'nothing tells how these lie to each other: they lie there by guess'
-    elif adrift:
-        told += f', and {adrift} of them have no poses: they lie there by guess'
-    say(f'the clouds are not one skin but {len(parts)} parts ({sizes} clouds): {told}')
+    placed = [node.stated is not None for node in joining.graph.nodes]
+    adrift = len(sizes) - len(np.unique(groups[placed]))
+    say(
+        f'the clouds are not one skin but {len(sizes)} parts, the largest of {sizes.max()} '
+        'clouds: only the autopilot tells how these lie to each other'
+        + (f', and {adrift} of them have no poses: they lie there by guess' if adrift else '')
+    )
 
 
 def _skin(
@@ -396,7 +388,7 @@ class FusedSkin:
         if number is not None:
             self.mosaic.add(number, item.cloud, self._joined.poses[number], item.skin, found)
 
-    def told(self, item: BagCloud, found: Inspection) -> Inspection:
+    def with_common_errors(self, item: BagCloud, found: Inspection) -> Inspection:
         """What is told of a prepared cloud: depths as uncertain as what all clouds may share."""
         if item.pose is None or item.stamp_ns not in self._joined.numbers:
             return found
@@ -449,11 +441,13 @@ def report_on_skin(
     joined = join_bags([bag], progress)
     skin = FusedSkin([bag], joined, progress)
 
-    def told(item: BagCloud, found: Inspection) -> Inspection:
+    def completed(item: BagCloud, found: Inspection) -> Inspection:
         skin.shown(item, found)
-        return skin.told(item, found)
+        return skin.with_common_errors(item, found)
 
-    report = survey_bag(bag, inspect, rig, camera, rules, settings, progress, skin.prepared, told)
+    report = survey_bag(
+        bag, inspect, rig, camera, rules, settings, progress, skin.prepared, completed
+    )
     report = replace(_in_the_map(report, joined), frame_id=joined.frame_id)
     dents = [
         SurveyedDent(each.number, each.dent, each.position_covariance, len(each.sightings))

@@ -138,8 +138,8 @@ def fields(survey: Surveyed, frame: AircraftFrame | None = None) -> dict[str, An
         ],
         'coverage': {
             'cell_mm': PIXEL * PIXELS_A_CELL * 1e3,
-            'area_m2': 0.0 if cells is None else len(cells.views) * cells.size**2,
-            'findable_mm': _shares(None if cells is None else cells.findable),
+            'area_m2': len(cells.views) * cells.size**2,
+            'findable_mm': _shares(cells.findable),
             'gaps': [
                 {
                     'unrolled': gap.place.tolist(),
@@ -169,9 +169,9 @@ def _millimetres(value: float) -> float | None:
     return float(value) * 1e3 if np.isfinite(value) else None
 
 
-def _shares(values: NDArray | None) -> dict[str, float | None]:
+def _shares(values: NDArray) -> dict[str, float | None]:
     """Median and 95th percentile of the smallest dents that would have been found."""
-    known = np.zeros(0) if values is None else values[np.isfinite(values)]
+    known = values[np.isfinite(values)]
     if not len(known):
         return {'median': None, 'p95': None}
     median, high = np.percentile(known, [50, 95]) * 1e3
@@ -224,7 +224,7 @@ def survey_page(survey: Surveyed, frame: AircraftFrame | None = None) -> str:
         ('Flown', f'{date_of(result.taken_ns)}, {len(result.stamps_ns)} clouds'),
         ('Joined by', f'{used} pairs of clouds, {survey.left_out} left out'),
         ('Frame', result.frame_id),
-        ('Rig', result.rig_id or 'not told'),
+        ('Rig', result.rig_id or 'not known'),
     ]
     if frame is not None:
         off = float(np.linalg.norm(frame.residuals, axis=1).max()) * 1e3
@@ -245,7 +245,7 @@ def survey_page(survey: Surveyed, frame: AircraftFrame | None = None) -> str:
 
 def _dent(each: SurveyedDent, survey: Surveyed, frame: AircraftFrame | None) -> dict[str, Any]:
     dent = each.dent
-    told: dict[str, Any] = {
+    record: dict[str, Any] = {
         'number': each.number,
         'kind': dent.kind,
         'cut': dent.is_cut,
@@ -258,9 +258,9 @@ def _dent(each: SurveyedDent, survey: Surveyed, frame: AircraftFrame | None) -> 
     }
     if frame is not None:
         place, spread = frame.place(dent.position)
-        told['aircraft'] = ', '.join(f'{value * 1e3:.1f}' for value in place)
-        told['aircraft_spread'] = position_interval(spread)
-    return told
+        record['aircraft'] = ', '.join(f'{value * 1e3:.1f}' for value in place)
+        record['aircraft_spread'] = position_interval(spread)
+    return record
 
 
 def _places(survey: Surveyed) -> dict[str, Any]:

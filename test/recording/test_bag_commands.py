@@ -39,12 +39,6 @@ def test_recover_says_what_was_saved_and_what_was_cut(tmp_path, bag, capsys):
     assert len(output.splitlines()) == 4
 
 
-def test_recover_of_a_whole_bag_says_so(tmp_path, bag, capsys):
-    assert main(['recover', str(bag), '-o', str(tmp_path / 'new')]) == 0
-    assert capsys.readouterr().out.endswith(f'{bag} was whole already: the new bag is a copy\n')
-    assert list(read_messages(tmp_path / 'new')) == MESSAGES
-
-
 @pytest.mark.parametrize('name', ['nothing', 'empty.mcap', 'text.mcap'])
 def test_recover_of_nothing_is_an_error_of_one_line(tmp_path, capsys, name):
     (tmp_path / 'empty.mcap').write_bytes(b'')

@@ -9,7 +9,9 @@ from survey_samples import COUNT, ELSEWHERE, GROWN, NEW, REPAIRED, UNSEEN, pair
 
 from ftp_dent_ros.survey.comparison import compare
 from ftp_dent_ros.survey.matching import NoMatchError, match
+from ftp_dent_ros.survey.result import CoverageCells
 
+NOWHERE = CoverageCells(0.01, np.zeros((1, 3), np.float32), *np.full((4, 1), np.nan))
 EXPECTED = {GROWN: 'grown', REPAIRED: 'repaired', NEW: 'new', UNSEEN: 'not seen'}
 
 
@@ -33,15 +35,6 @@ def test_each_dent_is_told_right_wherever_the_aircraft_stands():
     places, spread = comparison.matching.in_earlier(ELSEWHERE.apply(np.array([[0.6, 0.3, 0.0]])))
     np.testing.assert_allclose(places[0], [0.6, 0.3, 0.0], atol=4 * spread[0])
     assert spread[0] < 1e-3
-
-
-def test_without_coverage_nothing_is_new_and_nothing_repaired():
-    earlier, later = (replace(each, coverage=None) for each in pair())
-    comparison = compare(earlier, later)
-    assert told(comparison)[NEW] == 'first seen' and told(comparison)[REPAIRED] == 'not seen'
-    assert {each.reason for each in comparison.dents if each.status == 'first seen'} == {
-        'the survey before keeps no coverage'
-    }
 
 
 def test_a_dent_that_would_hardly_have_been_found_is_not_new():
@@ -75,7 +68,7 @@ def test_dents_nearer_than_their_places_are_known_are_one_in_doubt():
             for each in survey.dents
             if each.number not in (1, 2, 3, 4)
         ]
-        return replace(survey, dents=tuple(dents), coverage=None)
+        return replace(survey, dents=tuple(dents), coverage=NOWHERE)
 
     found = compare(loose(earlier), loose(later, lambda n: off.get(n, np.zeros(3))))
     counts = Counter(each.status for each in found.dents)

@@ -13,22 +13,10 @@ from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rigid import spread_of_shift, twists
 from ftp_dent_ros.survey.information import RelativePose
 from ftp_dent_ros.survey.pose_graph import PoseGraph, Terms, solved
-from ftp_dent_ros.survey.pose_terms import LinkTerms, Node, PairLink, StatedTerms, distances
+from ftp_dent_ros.survey.pose_terms import LinkTerms, Node, PairLink, StatedTerms
 
 STATED = np.diag([0.03**2] * 3 + [0.015**2] * 3)
 RADIUS = 2.0
-
-
-def motion(twist):
-    """Rotation matrix and shift of a twist, as its exponential gives them."""
-    turn = Rotation.from_rotvec(twist[3:])
-    x, y, z = twist[3:]
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    powers, total = np.eye(3), np.zeros((3, 3))
-    for k in range(1, 20):
-        total = total + powers
-        powers = powers @ cross / (k + 1)
-    return turn.as_matrix(), total @ twist[:3]
 
 
 def test_twists_are_logarithms_of_motions():
@@ -109,46 +97,20 @@ def test_false_pairs_between_passes_are_left_out_and_the_map_is_not_bent(share, 
     assert farthest(graph.poses, batch(graph).poses) < 1e-6, 'as all at once'
 
 
-def test_pairs_that_would_take_the_map_far_from_the_autopilot_are_refused():
-    """Each pair is too long: they agree with each other, but not with the world."""
-    poses = flight(np.random.default_rng(4), 36, passes=1)
-    links = []
-    for first, second in pairs_of(poses):
-        true = poses[first].inverse() @ poses[second]
-        longer = off_by(true, np.array([0.08 * (second - first), 0, 0, 0, 0, 0]))
-        links.append((first, second, RelativePose(longer, CENTRE, 1e9 * np.eye(6), 6, 0.6, 1e-6)))
-    refused, far = [], []
-
-    def seen(graph):
-        refused.append(graph.refused)
-        turns = np.array([pose.rotation.as_matrix() for pose in graph.poses])
-        places = np.array([pose.translation for pose in graph.poses])
-        far.append(distances(graph.nodes, turns, places).max())
-
-    graph, _ = joined(poses, links, 4, seen)
-    assert max(refused) > 30 >= max(far), 'the pairs would take the map far off, and do not'
-    assert graph.left_out, 'and are told'
-
-
-@pytest.mark.parametrize(('jump', 'parts'), [(0.5, 1), (2.0, 2)])
-def test_an_autopilot_that_jumps_is_overruled_or_parts_the_map(jump, parts):
-    """By seventeen of its standard deviations, and by more than any autopilot errs."""
+def test_an_autopilot_that_jumps_is_overruled():
     rng = np.random.default_rng(1)
     poses = flight(rng, 36, passes=1)
     links, _ = relatives(rng, poses, 0.0, 0.0)
-    step = np.array([0, jump, 0])
+    step = np.array([0, 2.0, 0])
     stated = [
         Pose(each.rotation, each.translation + step * (number >= 24))
         for number, each in enumerate(erring(poses, 5))
     ]
     graph, _ = joined(poses, links, 5, stated=stated)
-    assert len(set(graph.groups())) == parts
-    across = {number for number, (first, second, _) in enumerate(links) if first < 24 <= second}
-    assert graph.left_out == (across if parts == 2 else set())
-    for some in (slice(0, 24), slice(24, 36)):
-        first, true = graph.poses[some][0].inverse(), poses[some][0].inverse()
-        seen = [first @ pose for pose in graph.poses[some]]
-        assert farthest(seen, [true @ pose for pose in poses[some]]) < 1e-3
+    assert not graph.left_out and len(set(graph.groups())) == 1
+    first, true = graph.poses[0].inverse(), poses[0].inverse()
+    seen = [first @ pose for pose in graph.poses]
+    assert farthest(seen, [true @ pose for pose in poses]) < 2e-3
 
 
 def test_no_solution_fits_worse_than_where_it_began():
@@ -177,4 +139,3 @@ def test_no_solution_fits_worse_than_where_it_began():
         turns, places = solved(terms, turns, places, np.zeros(len(links), bool))
         assert cost(turns, places) <= before
         places = places + rng.normal(0, 0.02, places.shape)
-    assert distances(nodes, turns, places).max() < 10

@@ -39,7 +39,7 @@ def test_marked_skin_is_found_to_a_tenth_of_a_millimetre_and_says_how_well():
         patches, true = pair(FlownSkin(seed))
         found = register(*patches, off(true, seed), DOUBT)
         error = error_of(found, true)
-        assert found.told == 6 and not found.remark
+        assert found.rank == 6 and not found.remark
         assert np.abs(error[:2]).max() < 2.5e-4 and abs(error[2]) < 2e-5
         assert np.degrees(np.abs(error[3:])).max() < 0.03
         normalised.append(error @ found.information @ error / 6)
@@ -58,7 +58,7 @@ def test_a_side_overlap_holds_what_it_states_and_states_more_than_neighbours_do(
             found = register(patches[0], patches[other], off(true, seed), DOUBT)
             spreads.append(np.sqrt(np.diag(np.linalg.inv(found.information))))
         error = error_of(found, true)
-        assert found.told == 6 and 0.2 < found.overlap < 0.4
+        assert found.rank == 6 and 0.2 < found.overlap < 0.4
         normalised.append(error @ found.information @ error / 6)
         # Relief of a tenth of a millimetre, seen from places 0.15 m apart at 0.8 m.
         assert spreads[1][1] > 1e-4 * 0.15 / 0.8
@@ -73,7 +73,7 @@ def test_bare_skin_tells_its_height_and_tilt_and_no_place_along_it():
     skin = FlownSkin(5, marked=(9.0, 9.0))
     patches, true = pair(skin)
     found = register(*patches, off(true, 1), DOUBT)
-    assert 3 <= found.told < 6
+    assert 3 <= found.rank < 6
     # In some direction nothing is believed at all.
     assert np.linalg.eigvalsh(found.information).min() < 1 / 0.1**2
     error = error_of(found, true)
@@ -87,7 +87,7 @@ def test_without_an_image_of_the_skin_the_shape_alone_is_used():
     patches = [patch_of(skin.seen(pose, index)[0]) for index, pose in enumerate(poses)]
     true = poses[0].inverse() @ poses[1]
     found = register(*patches, off(true, 2), DOUBT)
-    assert found.told < 6 and 'without a skin image' in found.remark
+    assert found.rank < 6 and 'without a skin image' in found.remark
 
 
 def test_clouds_apart_are_refused():
@@ -111,7 +111,7 @@ def test_a_cloud_lies_on_itself_and_on_a_copy():
     patch = patch_of(*skin.seen(pose, 0))
     for other in (patch, patch_of(*skin.seen(pose, 0))):
         found = register(patch, other, Pose(Rotation.identity(), np.zeros(3)), DOUBT)
-        assert found.told == 6 and np.isfinite(found.information).all()
+        assert found.rank == 6 and np.isfinite(found.information).all()
         assert np.linalg.norm(found.pose.translation) < 1e-6
 
 
@@ -127,7 +127,7 @@ def test_a_skin_that_repeats_itself_is_never_tied_a_pitch_off(pitch, doubt):
             found = register(*patches, guess, covariance)
             is_tied = not found.remark
             assert not is_tied or np.abs(error_of(found, true)[:2]).max() < 1e-3
-            assert is_tied or ('more places than one' in found.remark and found.told < 6)
+            assert is_tied or ('more places than one' in found.remark and found.rank < 6)
 
 
 def test_what_does_not_repeat_itself_or_a_good_guess_decides_between_pitches():
@@ -171,5 +171,5 @@ def test_a_shape_laid_beside_its_place_is_not_sure_of_itself():
             guess = Pose(true.rotation, true.translation + np.array([x, 0.01, 0.0]))
             found = register(*patches, guess, covariance)
             error = error_of(found, true)
-            misfits.append(error @ found.information @ error / max(found.told, 1))
+            misfits.append(error @ found.information @ error / max(found.rank, 1))
     assert np.sqrt(np.mean(misfits)) < 3

@@ -27,10 +27,10 @@ def survey(name='2026-03', taken_ns=5):
         taken_ns,
         'map',
         dents,
+        CoverageCells(0.01, cells, cells[:, 0], cells[:, 1], np.arange(4), np.zeros(4, int)),
         (taken_ns,),
         (Pose.from_rpy((0.1, 0.2, 0.3), (1, 2, 3)),),
         np.eye(6)[None] * 1e-4,
-        CoverageCells(0.01, cells, cells[:, 0], cells[:, 1], np.arange(4), np.zeros(4, int)),
         SmallestDent(2e-4),
         'abc',
         'ftp_dent_ros 0.1.0',
@@ -60,17 +60,6 @@ def test_a_survey_comes_back_as_it_was(tmp_path):
         )
 
 
-def test_a_file_of_the_version_before_is_read_and_added_to(tmp_path):
-    store = SurveyStore(tmp_path / 'aircraft.sqlite')
-    store.add(survey())
-    with sqlite3.connect(store.path) as file:
-        file.execute('DROP TABLE reliefs')
-        file.execute('PRAGMA user_version = 1')
-    assert all(each.relief is None for each in store.read('2026-03').dents)
-    store.add(survey('2027-03'))
-    assert store.read('2027-03').dents[0].relief is not None
-
-
 def test_nothing_that_is_there_is_changed_and_nothing_half_is_added(tmp_path):
     store = SurveyStore(tmp_path / 'aircraft.sqlite')
     store.add(survey())
@@ -79,9 +68,8 @@ def test_nothing_that_is_there_is_changed_and_nothing_half_is_added(tmp_path):
     with pytest.raises(ConfigurationError, match=r'has a survey .* already'):
         store.check_new('2026-03')
     store.check_new('2026-04')
-    for name in ('', 'Flug \udcc3'):
-        with pytest.raises(ConfigurationError, match='is no text: give another name'):
-            store.check_new(name)
+    with pytest.raises(ConfigurationError, match='cannot be used'):
+        store.check_new('Flug \udcc3')
     bad = replace(survey('bad'), stamps_ns=())
     with pytest.raises(ValueError, match='zip'):
         store.add(bad)
@@ -110,7 +98,7 @@ def test_other_files_are_refused(tmp_path):
     file = sqlite3.connect(store.path)
     file.execute('PRAGMA user_version = 9')
     file.close()
-    with pytest.raises(ConfigurationError, match='has the version 9'):
+    with pytest.raises(ConfigurationError, match='of another version'):
         store.names()
-    with pytest.raises(ConfigurationError, match='cannot be written'):
+    with pytest.raises(ConfigurationError, match='cannot be used'):
         SurveyStore(tmp_path / 'text/aircraft.sqlite').check_new('2026-03')
