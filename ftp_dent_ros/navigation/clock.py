@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from ftp_dent_ros.errors import PoseAwaitedError, PoseError
-from ftp_dent_ros.navigation.report import Verdict, number
+from ftp_dent_ros.navigation.report import number
 from ftp_dent_ros.navigation.settings import MOST_CLOCK_ERROR
 
 SECOND = 1_000_000_000
@@ -94,7 +94,7 @@ class ClockOffset:
         self._open_requests: dict[int, None] = {}
         self._last_request: int | None = None
         self._round_trips: deque[int] = deque(maxlen=20)
-        self.answers = self.steps = self.restarts = self._answered = 0
+        self.answers = self.steps = self.restarts = 0
         self.repeated_from: int | None = None
 
     def request(self, now: int) -> int | None:
@@ -129,7 +129,6 @@ class ClockOffset:
         if round_trip < 0:
             return False
         self.answers += 1
-        self._answered = now
         self.repeated_from = None
         self._round_trips.append(round_trip)
         if round_trip > 2 * self._maximum_error:
@@ -163,19 +162,8 @@ class ClockOffset:
         PoseError
             A clock stepped around `stamp`, or the offset was not known then.
         """
-        allowed = f'maximum_clock_error allows ({self._maximum_error / MILLISECOND:g} ms)'
-        if not self._segments and self.answers:
-            quickest = min(self._round_trips) / MILLISECOND
-            raise PoseAwaitedError(
-                f"the autopilot's quickest TIMESYNC answers take {quickest:.0f} ms, over twice "
-                f'what {allowed}',
-                'clock not converged',
-            )
         if not self._segments:
-            raise PoseAwaitedError(
-                'the autopilot has not answered TIMESYNC yet: its clock is not known',
-                'clock not converged',
-            )
+            raise PoseAwaitedError(self._unknown(), 'clock not converged')
         newest = self._segments[-1]
         if stamp > newest.last.sent:
             raise PoseAwaitedError(
@@ -191,12 +179,7 @@ class ClockOffset:
         offset, uncertainty = holders[0].offset(stamp)
         if holders[0].count < _MINIMUM_EXCHANGES or uncertainty > self._maximum_error:
             error = PoseAwaitedError if holders[0] is newest else PoseError
-            raise error(
-                f"the offset to the autopilot's clock is only known to within "
-                f'{uncertainty / MILLISECOND:.1f} ms after {holders[0].count} TIMESYNC answers, '
-                f'more than {allowed}',
-                'clock not converged',
-            )
+            raise error(self._unknown(), 'clock not converged')
         return stamp - offset, uncertainty
 
     def ros_time(self, boot: int) -> int | None:
@@ -229,44 +212,6 @@ class ClockOffset:
         """ROS time less time since boot, seconds."""
         return self._segments[-1].latest[0] / SECOND if self._segments else None
 
-    def verdict(self, now: int) -> Verdict | None:
-        """What is wrong with it, at a ROS time."""
-        if self.is_converged(now):
-            return None
-        silence = (now - self._answered) / SECOND
-        if not self.answers:
-            return Verdict(
-                'error', 'the autopilot does not answer TIMESYNC, so that no cloud can be tagged'
-            )
-        if silence > 2:
-            return Verdict(
-                'error',
-                f'the autopilot has not answered TIMESYNC for {silence:.1f} s, so that no cloud '
-                'can be tagged',
-            )
-        if self.answers < 30:
-            return Verdict('warning', "the autopilot's clock is not known well enough yet")
-        quickest = min(self._round_trips) / SECOND
-        if quickest <= 2 * self._maximum_error / SECOND:
-            return Verdict(
-                'warning',
-                "the autopilot's clock and this computer's have stepped against each other: wait "
-                'some seconds until the offset is known again, and let nothing set a clock in '
-                'flight',
-            )
-        # A fifth more than the best uncertainty, in whole steps.
-        allowed = math.ceil(1.2 * quickest / 2 / 0.005) * 0.005
-        advice = 'make the link quicker'
-        if allowed <= MOST_CLOCK_ERROR:
-            advice += (
-                f', or set maximum_clock_error to {allowed:.3f} (each tag tells what that costs)'
-            )
-        return Verdict(
-            'warning',
-            f"the autopilot's clock is known to within {500 * quickest:.0f} ms at best, for the "
-            f'quickest answers take {1e3 * quickest:.0f} ms: {advice}',
-        )
-
     def figures(self, now: int) -> dict[str, str]:
         """What is known of it, at a ROS time."""
         uncertainty = self._segments[-1].latest[1] if self._segments else None
@@ -280,6 +225,22 @@ class ClockOffset:
             'clock steps': str(self.steps),
             'clock restarts': str(self.restarts),
         }
+
+    def _unknown(self) -> str:
+        """Why the offset is not known, and what to do about it."""
+        if not self.answers:
+            return 'the autopilot does not answer TIMESYNC: its clock is not known'
+        quickest = min(self._round_trips)
+        if quickest <= 2 * self._maximum_error:
+            return "the autopilot's clock is not known well enough yet: wait some seconds"
+        # A fifth more than the best uncertainty, in whole steps.
+        allowed = math.ceil(1.2 * quickest / 2 / SECOND / 0.005) * 0.005
+        remedy = f', or set maximum_clock_error to {allowed:.3f}'
+        return (
+            f"the autopilot's clock is known to within {quickest / 2 / MILLISECOND:.0f} ms only, "
+            f'for the quickest answers to TIMESYNC take {quickest / MILLISECOND:.0f} ms: make the '
+            f'link quicker{remedy if allowed <= MOST_CLOCK_ERROR else ""}'
+        )
 
     def _is_known(self) -> bool:
         if not self._segments:

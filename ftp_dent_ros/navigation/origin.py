@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -12,11 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from ftp_dent_ros.errors import PoseError
-from ftp_dent_ros.navigation.clock import ClockOffset
-from ftp_dent_ros.navigation.report import number
 from ftp_dent_ros.navigation.settings import Instant
-from ftp_dent_ros.pose import Pose
 
 # Equatorial radius in metres, and the eccentricity's square.
 _RADIUS, _ECCENTRICITY = 6_378_137.0, 6.694_379_990_141e-3
@@ -70,11 +65,6 @@ class Origin:
         )
 
 
-def origin_below(place: Origin, position: NDArray) -> Origin:
-    """Origin of a map in which a place on the earth has a position (ENU, metres)."""
-    return place.moved(-position)
-
-
 def place_on_earth(latitude: int, longitude: int, altitude: int) -> Origin | None:
     """Place of MAVLink's 1e-7 degrees and millimetres; None for none (0, 0) and no such place."""
     if not (latitude or longitude) or abs(latitude) > 900_000_000 or abs(longitude) > 1.8e9:
@@ -96,78 +86,54 @@ class Earth:
 
     Parameters
     ----------
-    clock : ClockOffset
-    pose_at : callable
-        Pose in the map at a time since boot.
     is_wanted : bool
         Whether to ask for all that the origin is made of; else only its moves are noticed.
     """
 
-    def __init__(
-        self, clock: ClockOffset, pose_at: Callable[[int], Pose], is_wanted: bool
-    ) -> None:
-        self._clock, self._pose_at, self._is_wanted = clock, pose_at, is_wanted
+    def __init__(self, is_wanted: bool) -> None:
+        self._is_wanted = is_wanted
         self.handlers: dict[str, Callable[[Any, Instant], None]] = {
-            'GPS_GLOBAL_ORIGIN': self._on_gps_global_origin
+            'GPS_GLOBAL_ORIGIN': self._on_gps_global_origin,
+            'GPS_RAW_INT': self._on_gps_raw_int,
         }
-        if is_wanted:
-            self.handlers['GLOBAL_POSITION_INT'] = self._on_global_position_int
-            self.handlers['GPS_RAW_INT'] = self._on_gps_raw_int
         self.clear()
 
     def clear(self) -> None:
         """Forget everything: the autopilot has just been found, or has rebooted."""
         self._reported: Origin | None = None
-        self._derived: Origin | None = None
-        self._passed: tuple[int, Origin] | None = None
-        self._separation: float | None = None
-        self._asked = [-math.inf, -math.inf]
+        self._separation = math.nan
+        self._asked = dict.fromkeys(_ONCE, -math.inf)
 
     @property
     def origin(self) -> Origin | None:
         """The map's origin, if it is known."""
-        origin = self._reported or self._derived
-        if origin is None or self._separation is None:
-            return origin
-        return replace(origin, altitude=origin.above_sea + self._separation)
+        origin = self._reported
+        return origin and replace(origin, altitude=origin.above_sea + self._separation)
 
     def figures(self) -> dict[str, str]:
         """What is known of it."""
         origin = self.origin
         if origin is None:
             return {}
-        reported, derived = self._reported, self._derived
-        error = reported.distance(derived) if reported and derived else None
         return {
             'origin (deg)': f'{origin.latitude:.7f} {origin.longitude:.7f}',
             'origin above the sea (m)': f'{origin.above_sea:.2f}',
-            'origin differs from GLOBAL_POSITION_INT (m)': number(error, 2),
         }
 
     def next_request(self, now: float) -> int | None:
         """Number of a message to request once, at a steady time."""
-        known = (self._reported is not None, self._separation is not None or not self._is_wanted)
+        has_height = math.isfinite(self._separation) or not self._is_wanted
         # Seldom where only a move of the origin matters; seconds.
         period = 3.0 if self._is_wanted else 30.0
-        for index, message_id in enumerate(_ONCE):
-            if not known[index] and now - self._asked[index] > period:
-                self._asked[index] = now
-                return message_id
+        for number, is_known in zip(_ONCE, (self._reported, has_height), strict=True):
+            if not is_known and now - self._asked[number] > period:
+                self._asked[number] = now
+                return number
         return None
 
     def _on_gps_global_origin(self, message: Any, at: Instant) -> None:
         place = place_on_earth(message.latitude, message.longitude, message.altitude)
         self._reported = place or self._reported
-
-    def _on_global_position_int(self, message: Any, at: Instant) -> None:
-        # By now there are samples on both sides of the one before.
-        if self._passed is not None:
-            boot, place = self._passed
-            with contextlib.suppress(PoseError):
-                self._derived = origin_below(place, self._pose_at(boot).translation)
-        here = place_on_earth(message.lat, message.lon, message.alt)
-        stamp = self._clock.unwrap(message.time_boot_ms, at.ros)
-        self._passed = None if here is None or stamp is None else (stamp, here)
 
     def _on_gps_raw_int(self, message: Any, at: Instant) -> None:
         if message.fix_type >= mavlink.GPS_FIX_TYPE_3D_FIX and message.alt_ellipsoid:

@@ -66,8 +66,8 @@ class _Track:
         if expired > len(self.stamps) // 2:
             del self.stamps[:expired], self.samples[:expired], self.is_reset[:expired]
 
-    def around(self, stamp: int, maximum_gap: int) -> tuple[_Vector, _Vector, float]:
-        """Values at the samples around a stamp, and where between them it lies, 0 to 1."""
+    def around(self, stamp: int, maximum_gap: int) -> tuple[Sample, Sample, float, float]:
+        """The samples around a stamp, their gap in seconds, and where in it it lies, 0 to 1."""
         if not self.stamps:
             raise PoseAwaitedError(f'no {self.name} has come from the autopilot', 'no pose yet')
         if stamp > self.stamps[-1]:
@@ -81,9 +81,8 @@ class _Track:
                 'too old',
             )
         after = bisect.bisect_left(self.stamps, stamp)
-        value = self.samples[after][0]
         if self.stamps[after] == stamp:
-            return value, value, 0.0
+            return self.samples[after], self.samples[after], 0.0, 0.0
         gap = self.stamps[after] - self.stamps[after - 1]
         if self.is_reset[after]:
             raise PoseError(
@@ -95,16 +94,8 @@ class _Track:
                 f'{_ms(maximum_gap)}',
                 'gap in the samples',
             )
-        return self.samples[after - 1][0], value, (stamp - self.stamps[after - 1]) / gap
-
-    def nearest(self, stamp: int) -> tuple[_Vector, _Vector, float]:
-        """The sample nearest to a stamp among them, and the gap around it in seconds."""
-        after = bisect.bisect_left(self.stamps, stamp)
-        if self.stamps[after] == stamp:
-            return *self.samples[after], 0.0
-        start, end = self.stamps[after - 1 : after + 1]
-        closest = after if 2 * stamp > start + end else after - 1
-        return *self.samples[closest], (end - start) / _SECOND
+        share = (stamp - self.stamps[after - 1]) / gap
+        return self.samples[after - 1], self.samples[after], gap / _SECOND, share
 
 
 class PoseHistory:
@@ -152,8 +143,8 @@ class PoseHistory:
         self._attitudes.clear()
         self._positions.clear()
 
-    def at(self, stamp: int) -> Pose:
-        """Pose of `base_link` in `map` at a stamp.
+    def at(self, stamp: int) -> tuple[Pose, Motion]:
+        """Pose of `base_link` in `map` at a stamp, and how it moved then.
 
         Raises
         ------
@@ -162,12 +153,15 @@ class PoseHistory:
         PoseError
             The stamp is older than all samples, or lies in a gap or across a reset.
         """
-        before, after, weight = self._attitudes.around(stamp, self._maximum_gap)
-        start, end, along = self._positions.around(stamp, self._maximum_gap)
-        rotation = Rotation.from_quat(before)
+        before, after, turning_gap, weight = self._attitudes.around(stamp, self._maximum_gap)
+        start, end, moving_gap, along = self._positions.around(stamp, self._maximum_gap)
+        rotation = Rotation.from_quat(before[0])
         if weight:
-            rotation = rotation * Rotation.from_rotvec(weight * _turn(before, after))
-        return Pose(rotation, start + along * (end - start))
+            rotation = rotation * Rotation.from_rotvec(weight * _turn(before[0], after[0]))
+        body_rate = (before if weight <= 0.5 else after)[1]
+        velocity = (start if along <= 0.5 else end)[1]
+        motion = Motion(velocity, rotation.apply(body_rate), max(turning_gap, moving_gap))
+        return Pose(rotation, start[0] + along * (end[0] - start[0])), motion
 
     @property
     def newest(self) -> int:
@@ -181,13 +175,6 @@ class PoseHistory:
             return []
         begin = max(bisect.bisect_right(stamps, stamp), bisect.bisect_left(stamps, positions[0]))
         return stamps[begin : bisect.bisect_right(stamps, positions[-1])]
-
-    def motion(self, stamp: int) -> Motion:
-        """How it moved at a stamp that `at` has a pose for."""
-        attitude, body_rate, turning_gap = self._attitudes.nearest(stamp)
-        _, velocity, moving_gap = self._positions.nearest(stamp)
-        turn_rate = Rotation.from_quat(attitude).apply(body_rate)
-        return Motion(velocity, turn_rate, max(turning_gap, moving_gap))
 
     def _add(
         self, track: _Track, stamp: int, value: ArrayLike, rate: ArrayLike, is_reset: bool
@@ -204,25 +191,8 @@ def _difference(start: _Vector, end: _Vector) -> _Vector:
 
 
 def _turn(start: _Vector, end: _Vector) -> _Vector:
-    """Rotation vector, in the body's frame, from one quaternion (x, y, z, w) to another.
-
-    In plain numbers, for it runs on every sample.
-    """
-    ax, ay, az, aw = start.tolist()
-    bx, by, bz, bw = end.tolist()
-    w = aw * bw + ax * bx + ay * by + az * bz
-    vector = np.array(
-        [
-            aw * bx - ax * bw - ay * bz + az * by,
-            aw * by - ay * bw - az * bx + ax * bz,
-            aw * bz - az * bw - ax * by + ay * bx,
-        ]
-    )
-    sine = float(np.linalg.norm(vector))
-    if sine < 1e-12:
-        return np.zeros(3)
-    # The shorter way round, whatever the signs of the two.
-    return np.copysign(2 * np.arctan2(sine, abs(w)) / sine, w) * vector
+    """Rotation vector, in the body's frame, from one quaternion (x, y, z, w) to another."""
+    return (Rotation.from_quat(start).inv() * Rotation.from_quat(end)).as_rotvec()
 
 
 def _ms(nanoseconds: float) -> str:

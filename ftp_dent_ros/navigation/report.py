@@ -8,10 +8,11 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 
 class Verdict(NamedTuple):
-    """One sentence on what is wrong and what to do about it, and how bad it is."""
+    """One sentence on what is wrong, and how bad it is; `reason` has no figures in it."""
 
     severity: Literal['ok', 'warning', 'error']
     text: str
+    reason: str = ''
 
 
 def number(value: float | None, digits: int, factor: float = 1.0) -> str:

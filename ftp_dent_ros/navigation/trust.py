@@ -15,7 +15,7 @@ from ftp_dent_ros.errors import PoseAwaitedError, PoseError
 from ftp_dent_ros.navigation import pose_covariance
 from ftp_dent_ros.navigation.origin import Origin, place_on_earth
 from ftp_dent_ros.navigation.pose_covariance import Covariance
-from ftp_dent_ros.navigation.report import Verdict, enum_name, number
+from ftp_dent_ros.navigation.report import enum_name, number
 from ftp_dent_ros.navigation.settings import Instant, VehicleSettings
 
 # The low bits mean the same in EKF_STATUS_FLAGS and ESTIMATOR_STATUS_FLAGS.
@@ -47,18 +47,6 @@ _SATELLITES, _ACCURACY = 6, 5.0
 # A disagreement is more than so many standard deviations.
 _SIGMAS = 3.0
 _WITHOUT_GPS = 'set position_source to other if this vehicle navigates without GPS'
-_ESTIMATOR_VERDICTS = {
-    'not ready': Verdict(
-        'warning', "the autopilot's estimator is not ready: wait until it knows its position"
-    ),
-    'awaited': Verdict('warning', 'the autopilot has not reported the state of its estimator yet'),
-    'silent': Verdict('warning', 'the autopilot has stopped reporting the state of its estimator'),
-    'not reported': Verdict(
-        'error',
-        'the autopilot does not report the state of its estimator (EKF_STATUS_REPORT, or '
-        'ESTIMATOR_STATUS): nobody can say whether its pose is true, and no cloud is tagged',
-    ),
-}
 
 
 class Fault(NamedTuple):
@@ -110,12 +98,9 @@ class ReportHistory:
         return self._reports[-1] if self._reports else None
 
     def state(self, now: int) -> str:
-        """'awaited', 'not reported', 'silent', 'ready', or what its latest report says."""
-        if self.last is None:
-            is_early = self._since is None or now - self._since < self._longest
-            return 'awaited' if is_early else 'not reported'
-        if now - self.last.now > self._longest:
-            return 'silent'
+        """'ready', or in a word or two why not."""
+        if self.last is None or now - self.last.now > self._longest:
+            return 'not reported'
         fault = self.last.fault
         return fault.reason.removeprefix(f'{self._name} ') if fault else 'ready'
 
@@ -134,7 +119,7 @@ class ReportHistory:
         """
         awaited, missing = f'{self._name} report awaited', f'{self._name} not reported'
         if self.last is None:
-            if self.state(heard) == 'awaited':
+            if self._since is None or heard - self._since < self._longest:
                 raise PoseAwaitedError(f'the autopilot has not reported {self._what} yet', awaited)
             raise PoseError(f'the autopilot does not report {self._what}', missing)
         before = after = None
@@ -237,26 +222,6 @@ class Trust:
         """Whether nothing speaks against the estimate of this moment."""
         is_fixed = not self._has_gps or self._gps.state(now) == 'ready'
         return is_fixed and self._estimator.state(now) == 'ready'
-
-    def verdict(self, now: int) -> Verdict | None:
-        """What is wrong with the estimate, at a ROS time."""
-        state = self._estimator.state(now)
-        if state in _ESTIMATOR_VERDICTS:
-            return _ESTIMATOR_VERDICTS[state]
-        gps = self._gps.state(now) if self._has_gps else 'ready'
-        wrong = ''
-        if gps == 'not reported':
-            wrong = f'the autopilot does not report GPS_RAW_INT: {_WITHOUT_GPS}'
-        elif gps == 'silent':
-            wrong = f'GPS has given no new fix for {self._fix_age(now):.1f} s'
-        for report in (self._gps.last if self._has_gps else None, self._estimator.last):
-            if not wrong and report is not None and report.fault is not None:
-                wrong = report.fault.sentence
-        if wrong:
-            return Verdict('error', f'{wrong}: no cloud is tagged')
-        if gps != 'ready':
-            return Verdict('warning', 'the autopilot has not reported a fix of GPS yet')
-        return None
 
     def figures(self, now: int) -> dict[str, str]:
         """What is known of it, at a ROS time."""

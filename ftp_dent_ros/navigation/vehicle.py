@@ -12,7 +12,6 @@ import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from itertools import pairwise
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -21,20 +20,20 @@ from ftp_dent_ros.errors import PoseAwaitedError, PoseError
 from ftp_dent_ros.navigation import pose_covariance, pose_history
 from ftp_dent_ros.navigation.clock import SECOND, ClockOffset
 from ftp_dent_ros.navigation.origin import Earth
-from ftp_dent_ros.navigation.pose_covariance import Covariance, Tag
+from ftp_dent_ros.navigation.pose_covariance import Covariance, Motion, Tag
 from ftp_dent_ros.navigation.pose_history import PoseHistory, Sample
 from ftp_dent_ros.navigation.report import Verdict, number
 from ftp_dent_ros.navigation.settings import Instant, VehicleSettings
 from ftp_dent_ros.navigation.trust import Trust
 from ftp_dent_ros.pose import Pose
 
-_INTERVAL = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
-# Seconds between two requests for one message, doubled while they are of no use.
-_PATIENCE = 0.5
+# A message that stays away is asked for again after as long, seconds (a link may hold messages up
+# for a tenth of a second), or as many intervals; then after twice as long, and so on.
+_PATIENCE, _MISSED = 0.1, 5
+# Seconds between two requests at most, for a message without which there is no pose.
+_LONGEST_PAUSE = 8.0
 # Share of the rate asked for that is enough.
 _ENOUGH = 0.8
-# Intervals without a message that no loss explains.
-_MISSED = 5
 
 # pymavlink makes its messages' fields at run time: no type checker knows them.
 Message = Any
@@ -43,6 +42,9 @@ Message = Any
 _SILENCE = 1.5
 # For as long after an ODOMETRY the messages that say less are left alone; seconds.
 _PREFERRED = 0.5
+# By then all has been heard of a moment that its pose depends on, nanoseconds: GPS gives a fix a
+# second at least.
+_SETTLED = SECOND
 # Poses are kept for as long, seconds: a cloud of a machine that has just restarted half of its
 # processes may come 15 s after its photograph. TIMESYNC's drift (200 ppm) is 6 ms by then.
 _LONGEST_AGE = 30.0
@@ -58,246 +60,54 @@ class Stream:
         MAVLink's name of the message.
     rate : float
         Hz; the autopilot gets the interval in whole milliseconds, as ArduPilot counts.
-    required : bool
-        Whether it is asked for again after the autopilot has denied it.
-    stamps : deque of float
-        Of the last messages, by the autopilot's clock where they bear its time, ms.
+    longest_pause : float
+        The pause between two requests doubles up to this.
     """
 
     name: str
     rate: float
-    required: bool = True
-    is_denied: bool = False
-    is_disturbed: bool = False
-    first_asked: float | None = None
-    asked: float = 0.0
-    patience: float = _PATIENCE
-    retries: int = 0
+    longest_pause: float = 60.0
+    asked: float = -math.inf
+    heard: float = -math.inf
+    pause: float = 0.0
     arrivals: deque[float] = field(default_factory=lambda: deque(maxlen=4096))
-    stamps: deque[float] = field(default_factory=lambda: deque(maxlen=5))
 
-    @property
-    def interval_us(self) -> int:
-        """Interval to ask for."""
-        return max(1, round(1000 / self.rate)) * 1000
-
-    @property
-    def window(self) -> float:
-        """How far the measured rate looks back, seconds."""
-        return max(2.0, 5 / self.rate)
+    def __post_init__(self) -> None:
+        self._window = max(2.0, 5 / self.rate)
 
     def measured(self, now: float) -> float:
         """Rate over the last seconds, Hz."""
-        while self.arrivals and self.arrivals[0] < now - self.window:
+        while self.arrivals and self.arrivals[0] < now - self._window:
             self.arrivals.popleft()
-        return len(self.arrivals) / self.window
+        return len(self.arrivals) / self._window
 
     def is_slow(self, now: float) -> bool:
-        """Whether it comes too slowly although it was first asked for some time ago."""
-        has_had_time = self.first_asked is not None and now - self.first_asked > self.window
-        return has_had_time and self.measured(now) < _ENOUGH * self.rate
+        """Whether it comes too slowly although it was asked for some time ago."""
+        return now - self.asked > self._window and self.measured(now) < _ENOUGH * self.rate
 
-    def steps(self) -> list[float]:
-        """Times between its last stamps, in intervals."""
-        return [1e3 * (b - a) / self.interval_us for a, b in pairwise(self.stamps)]
+    def receive(self, now: float) -> None:
+        """Note that one has come."""
+        self.arrivals.append(now)
+        self.heard = now
+        if self.measured(now) >= _ENOUGH * self.rate:
+            self.pause = max(_PATIENCE, _MISSED / self.rate)
 
-    def is_late(self, now: float) -> bool:
-        """Whether its last stamps are too far apart, as no loss explains, or it stays away."""
-        steps = self.steps()
-        if len(steps) == 4 and min(steps) > 1 / _ENOUGH:
-            return True
-        # A link may hold messages up for a tenth of a second; the first takes its time.
-        patience = max(0.1, _MISSED / self.rate) if self.stamps else self.window
-        last = self.arrivals[-1] if self.arrivals else self.asked
-        return now - max(self.asked, last) > patience
-
-    def is_due(self, now: float) -> bool:
-        """Whether it has to be asked for (again)."""
-        if self.first_asked is None:
-            return True
-        if self.is_denied and not self.required:
-            return False
-        is_bad = self.is_denied or self.is_disturbed or self.is_late(now)
-        return is_bad and now - self.asked > self.patience
+    def request(self, vehicle: tuple[int, int], now: float) -> Message | None:
+        """Request to send now, if it stays away or comes too slowly."""
+        is_silent = now - max(self.asked, self.heard) > self.pause
+        if not (is_silent or (self.is_slow(now) and now - self.asked > self.pause)):
+            return None
+        patience = max(_PATIENCE, _MISSED / self.rate)
+        self.pause = min(max(2 * self.pause, patience), self.longest_pause)
+        self.asked = now
+        interval_us = max(1, round(1000 / self.rate)) * 1000
+        number = getattr(mavlink, f'MAVLINK_MSG_ID_{self.name}')
+        return _command(vehicle, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, interval_us)
 
 
-class Requests:
-    """Requests to an autopilot, and what comes of them.
-
-    Parameters
-    ----------
-    settings : VehicleSettings
-    clock : ClockOffset
-    earth : Earth
-        Knows what it still needs.
-    trust : Trust
-        Knows what it watches.
-
-    Attributes
-    ----------
-    rerated : int
-        How often another client changed a rate.
-    """
-
-    def __init__(
-        self, settings: VehicleSettings, clock: ClockOffset, earth: Earth, trust: Trust
-    ) -> None:
-        self._settings, self._clock, self._earth, self._trust = settings, clock, earth, trust
-        self.rerated = 0
-        self._rerated_at = -math.inf
-        self._streams: dict[str, Stream] = {}
-        self._open: Stream | None = None
-        self._heard = deque[float](maxlen=64)
-
-    def restart(self, autopilot: int) -> None:
-        """An autopilot (a MAV_AUTOPILOT) has just been found or has rebooted: it knows nothing."""
-        rate = self._settings.rate
-        wanted = [
-            Stream('ATTITUDE_QUATERNION', rate),
-            Stream('LOCAL_POSITION_NED', rate),
-            Stream('ODOMETRY', rate, required=False),
-            Stream('SYSTEM_TIME', 1.0, required=False),
-            *(Stream(*each, required=False) for each in self._trust.rates(autopilot).items()),
-        ]
-        if self._settings.earth and self._settings.position_source != 'gps':
-            wanted.append(Stream('GLOBAL_POSITION_INT', 2.0, required=False))
-        self._streams = {stream.name: stream for stream in wanted}
-        self._open = None
-
-    def overhear(
-        self, message: Any, vehicle: tuple[int, int], our_system: int, now: float
-    ) -> None:
-        """Note whether another client sets rates, by a message of anybody's at a steady time.
-
-        `vehicle` is system and component of the autopilot; we are the onboard computer of its
-        system.
-        """
-        name, source = message.get_type(), (message.get_srcSystem(), message.get_srcComponent())
-        ours = (our_system, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER)
-        if name == 'COMMAND_ACK':
-            target = (message.target_system, message.target_component)
-            is_other = source == vehicle and target not in (ours, (0, 0))
-        else:
-            is_other = source not in (ours, vehicle)
-        if name in ('COMMAND_LONG', 'COMMAND_INT', 'REQUEST_DATA_STREAM'):
-            is_other = is_other and message.target_system in (0, vehicle[0])
-        elif name != 'COMMAND_ACK':
-            return
-        if is_other and (name == 'REQUEST_DATA_STREAM' or message.command == _INTERVAL):
-            self._note_rerating(now)
-            for stream in self._streams.values():
-                stream.is_disturbed = True
-
-    def receive(self, message: Any, now: float) -> None:
-        """Note that a message of the autopilot's has come at a steady time."""
-        self._heard.append(now)
-        stream = self._streams.get(message.get_type())
-        if stream is None:
-            return
-        stamp = getattr(message, 'time_boot_ms', 1e3 * now)
-        if stream.stamps and stamp < stream.stamps[-1]:
-            stream.stamps.clear()  # Wrapped, or overtaken.
-        stream.stamps.append(stamp)
-        steps = stream.steps()
-        if len(steps) == 4 and min(steps) <= 1 / _ENOUGH:
-            stream.patience = _PATIENCE
-        if steps and steps[-1] > _MISSED and stream.arrivals:
-            # If nothing else came in the middle of the gap, link or autopilot halted.
-            begin, edge = stream.arrivals[-1], 0.25 * (now - stream.arrivals[-1])
-            if any(begin + edge < at < now - edge for at in self._heard):
-                self._note_rerating(now)
-        stream.arrivals.append(now)
-
-    def acknowledge(self, message: Any, our_system: int) -> None:
-        """Take a COMMAND_ACK of the autopilot's."""
-        # A MAVLink 1 autopilot leaves the addressee 0.
-        ours = (our_system, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER)
-        target = (message.target_system, message.target_component)
-        is_ours = message.command == _INTERVAL and target in (ours, (0, 0))
-        if is_ours and self._open and message.result != mavlink.MAV_RESULT_IN_PROGRESS:
-            self._open.is_denied = message.result != mavlink.MAV_RESULT_ACCEPTED
-            self._open = None
-
-    def due(self, vehicle: tuple[int, int], at: Instant) -> list[Any]:
-        """Messages that are due to be sent."""
-        messages: list[Any] = []
-        ts1 = self._clock.request(at.ros)
-        if ts1 is not None:
-            messages.append(mavlink.MAVLink_timesync_message(tc1=0, ts1=ts1))
-        stream = self._next_stream(at.steady)
-        if stream is not None:
-            message_id = getattr(mavlink, f'MAVLINK_MSG_ID_{stream.name}')
-            wanted = message_id, stream.interval_us
-            messages.append(_command(vehicle, _INTERVAL, stream.retries, *wanted))
-        once = self._earth.next_request(at.steady)
-        if once is not None:
-            messages.append(_command(vehicle, mavlink.MAV_CMD_REQUEST_MESSAGE, 0, once, 0))
-        return messages
-
-    @property
-    def denied(self) -> list[str]:
-        """Names of the required messages that the autopilot denies."""
-        return [each.name for each in self._streams.values() if each.is_denied and each.required]
-
-    def verdict(self, now: float) -> Verdict | None:
-        """What is wrong with the streams, at a steady time."""
-        if now - self._rerated_at < 10:
-            return Verdict(
-                'warning',
-                'some poses are missing: another client changes the rates of messages; they are '
-                'asked for again at once each time',
-            )
-        slow = [s.name for s in self._streams.values() if s.required and s.is_slow(now)]
-        if slow:
-            return Verdict('warning', f'too few {" and ".join(slow)} come; asked for again')
-        return None
-
-    def figures(self, now: float) -> dict[str, str]:
-        """What is known of the streams, at a steady time."""
-        rates = {f'{each.name} (Hz)': each.measured(now) for each in self._streams.values()}
-        return {
-            'rates changed by others': str(self.rerated),
-            **{name: f'{rate:.1f}' for name, rate in rates.items()},
-        }
-
-    def _next_stream(self, now: float) -> Stream | None:
-        """The message to ask for now, if any."""
-        unanswered = self._open
-        if unanswered is not None:
-            if now - unanswered.asked < 0.5:
-                return None
-            self._open = None
-            if unanswered.retries < 3:
-                unanswered.retries += 1
-                return self._ask(unanswered, now)
-        for stream in self._streams.values():
-            if stream.is_due(now):
-                if stream.first_asked is not None:
-                    stream.patience = min(2 * stream.patience, 8.0)
-                stream.retries = 0
-                return self._ask(stream, now)
-        return None
-
-    def _ask(self, stream: Stream, now: float) -> Stream:
-        stream.asked = now
-        if stream.first_asked is None:
-            stream.first_asked = now
-        stream.is_disturbed = False
-        while len(stream.stamps) > 1:
-            stream.stamps.popleft()
-        self._open = stream
-        return stream
-
-    def _note_rerating(self, now: float) -> None:
-        self.rerated += 1
-        self._rerated_at = now
-
-
-def _command(
-    target: tuple[int, int], command: int, confirmation: int, first: float, second: float
-) -> Any:
+def _command(target: tuple[int, int], command: int, first: float, second: float) -> Message:
     parameters = (first, second, 0, 0, 0, 0, 0)
-    return mavlink.MAVLink_command_long_message(*target, command, confirmation, *parameters)
+    return mavlink.MAVLink_command_long_message(*target, command, 0, *parameters)
 
 
 class Vehicle:
@@ -314,12 +124,12 @@ class Vehicle:
     def __init__(self, settings: VehicleSettings) -> None:
         self.identity: tuple[int, int] | None = None
         self.clock = ClockOffset(maximum_error=settings.maximum_clock_error)
-        self.earth = Earth(self.clock, self._pose, settings.earth)
+        self.earth = Earth(settings.earth)
         self._settings = settings
         self._autopilot = mavlink.MAV_AUTOPILOT_INVALID
         self._history = PoseHistory(_LONGEST_AGE, settings.maximum_gap)
         self._trust = Trust(settings)
-        self._requests = Requests(settings, self.clock, self.earth, self._trust)
+        self._streams: dict[str, Stream] = {}
         self._heard: Instant | None = None
         self._sequence: int | None = None
         self._streamed = self._streamed_ros = 0
@@ -329,7 +139,6 @@ class Vehicle:
         self._repeated = deque[tuple[int, int]](maxlen=8)
         handlers: dict[str, Callable[[Message, Instant], None]] = {
             'TIMESYNC': self._on_timesync,
-            'COMMAND_ACK': self._on_command_ack,
             'SYSTEM_TIME': self._on_system_time,
             'ATTITUDE_QUATERNION': self._on_attitude_quaternion,
             'LOCAL_POSITION_NED': self._on_local_position_ned,
@@ -351,15 +160,14 @@ class Vehicle:
             self.identity = source
             self._autopilot = message.autopilot
             self._start_anew(at)
-        if self.identity is not None:
-            self._requests.overhear(message, self.identity, self.system_id, at.steady)
         if source != self.identity:
             self._foreign += 1
             return False
         self._messages += 1
         self._count_losses(message.get_seq())
         self._heard = at
-        self._requests.receive(message, at.steady)
+        if name in self._streams:
+            self._streams[name].receive(at.steady)
         for handlers in self._handlers:
             if name in handlers:
                 handlers[name](message, at)
@@ -367,7 +175,23 @@ class Vehicle:
 
     def requests(self, at: Instant) -> list[Message]:
         """Messages that are due to be sent to the autopilot; ask some 20 times a second."""
-        return [] if self.identity is None else self._requests.due(self.identity, at)
+        if self.identity is None:
+            return []
+        messages: list[Message] = []
+        ts1 = self.clock.request(at.ros)
+        if ts1 is not None:
+            messages.append(mavlink.MAVLink_timesync_message(tc1=0, ts1=ts1))
+        # One at a time: a thin line has little room.
+        for stream in self._streams.values():
+            request = stream.request(self.identity, at.steady)
+            if request is not None:
+                messages.append(request)
+                break
+        once = self.earth.next_request(at.steady)
+        if once is not None:
+            command = mavlink.MAV_CMD_REQUEST_MESSAGE
+            messages.append(_command(self.identity, command, once, 0))
+        return messages
 
     def tag_at(self, stamp: int, at: Instant) -> Tag:
         """Pose of `base_link` in `map` at a ROS time in nanoseconds, and its covariance.
@@ -394,7 +218,7 @@ class Vehicle:
         try:
             estimate, doubt = self._trust.check(stamp, self._heard.ros)
             boot, clock_doubt = self.clock.boot_time(stamp)
-            pose = self._pose(boot)
+            pose, motion = self._pose(boot)
         except PoseAwaitedError as error:
             if self.is_alive(at):
                 raise
@@ -402,7 +226,7 @@ class Vehicle:
             raise PoseAwaitedError(
                 f'the autopilot has been silent for {silence:.1f} s ({error})', 'link lost'
             ) from None
-        covariance = doubt + self._covariance(boot, estimate, clock_doubt / 1e9)
+        covariance = doubt + self._covariance(boot, estimate, motion, clock_doubt / 1e9)
         height = float(pose.translation[2])
         covariance += pose_covariance.of_height(height, self._settings.height_scale_uncertainty)
         return Tag(pose, covariance, boot)
@@ -425,7 +249,7 @@ class Vehicle:
             if stamp is None or stamp <= self._streamed_ros:
                 continue
             with contextlib.suppress(PoseError):
-                poses.append((stamp, self._pose(boot)))
+                poses.append((stamp, self._pose(boot)[0]))
                 self._streamed_ros = stamp
         return poses
 
@@ -434,22 +258,25 @@ class Vehicle:
         return self._heard is not None and at.steady - self._heard.steady < _SILENCE
 
     def verdict(self, at: Instant) -> Verdict:
-        """The first thing that is wrong with a vehicle that was heard, and what to do about it."""
+        """What keeps a cloud of a moment ago from getting its pose; else what is not as wanted."""
         if not self.is_alive(at):
             return Verdict('error', 'the autopilot has fallen silent: check its power and cable')
-        if self._requests.denied:
-            denied = ' and '.join(self._requests.denied)
-            return Verdict('error', f'the autopilot denies {denied}: lower the rate')
-        return (
-            self.clock.verdict(at.ros)
-            or self._trust.verdict(at.ros)
-            or self._requests.verdict(at.steady)
-            or Verdict('ok', 'believing the autopilot {}/{}'.format(*self.identity or (0, 0)))
-        )
+        try:
+            self.tag_at(at.ros - _SETTLED, at)
+        except PoseError as error:
+            is_awaited = isinstance(error, PoseAwaitedError)
+            text = f'{error}: no cloud is tagged'
+            return Verdict('warning' if is_awaited else 'error', text, error.reason)
+        needed = [each for each in self._streams.values() if each.longest_pause == _LONGEST_PAUSE]
+        slow = ' and '.join(each.name for each in needed if each.is_slow(at.steady))
+        if slow and at.steady - self._odometry_heard > _PREFERRED:
+            return Verdict('warning', f'too few {slow} come, asked for again: lower the rate')
+        return Verdict('ok', 'believing the autopilot {}/{}'.format(*self.identity or (0, 0)))
 
     def figures(self, at: Instant) -> dict[str, str]:
         """What is known of the vehicle, by name, in the units that are in the names."""
         silence = None if self._heard is None else at.steady - self._heard.steady
+        streams = self._streams.values()
         newest = self.clock.ros_time(self._history.newest) if self._history.newest else None
         ahead = None
         if self.clock.offset is not None and self._utc_offset is not None:
@@ -468,16 +295,18 @@ class Vehicle:
             **self._trust.figures(at.ros),
             **self.clock.figures(at.ros),
             **self.earth.figures(),
-            **self._requests.figures(at.steady),
+            **{f'{each.name} (Hz)': f'{each.measured(at.steady):.1f}' for each in streams},
         }
 
-    def _pose(self, boot: int) -> Pose:
+    def _pose(self, boot: int) -> tuple[Pose, Motion]:
         """Pose at a time since boot; PoseError also for a time that has come twice."""
         if any(first <= boot <= last for first, last in self._repeated):
             raise PoseError('a clock stepped back around that time', 'clock stepped')
         return self._history.at(boot)
 
-    def _covariance(self, boot: int, reported: Covariance, clock_doubt: float) -> Covariance:
+    def _covariance(
+        self, boot: int, reported: Covariance, motion: Motion, clock_doubt: float
+    ) -> Covariance:
         """Covariance of the pose at a time since boot; the clock's doubt is in seconds.
 
         `reported` is the estimator's, where ODOMETRY does not bring its own.
@@ -488,7 +317,6 @@ class Vehicle:
             stamp, own = self._covariances[after]
             is_odometry = stamp - boot <= self._settings.maximum_gap * SECOND
         estimate = own if is_odometry and own is not None else reported
-        motion = self._history.motion(boot)
         return pose_covariance.of_tag(estimate, motion, clock_doubt, is_odometry)
 
     def _is_wanted(self, message: Message, source: tuple[int, int], name: str) -> bool:
@@ -501,7 +329,15 @@ class Vehicle:
 
     def _start_anew(self, at: Instant) -> None:
         """The autopilot has just been found or has rebooted: it knows of no request."""
-        self._requests.restart(self._autopilot)
+        rate = self._settings.rate
+        streams = [
+            Stream('ATTITUDE_QUATERNION', rate, _LONGEST_PAUSE),
+            Stream('LOCAL_POSITION_NED', rate, _LONGEST_PAUSE),
+            Stream('ODOMETRY', rate),
+            Stream('SYSTEM_TIME', 1.0),
+            *(Stream(*each) for each in self._trust.rates(self._autopilot).items()),
+        ]
+        self._streams = {stream.name: stream for stream in streams}
         self._trust.restart(at.ros)
         self.earth.clear()
         self._clear()
@@ -532,9 +368,6 @@ class Vehicle:
         elif self.clock.repeated_from is not None:
             gap = round(self._settings.maximum_gap * SECOND)
             self._repeated.append((self.clock.repeated_from, self._history.newest + gap))
-
-    def _on_command_ack(self, message: Message, at: Instant) -> None:
-        self._requests.acknowledge(message, self.system_id)
 
     def _on_system_time(self, message: Message, at: Instant) -> None:
         boot = self.clock.unwrap(message.time_boot_ms, at.ros)

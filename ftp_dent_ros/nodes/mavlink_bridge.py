@@ -36,7 +36,6 @@ from ftp_dent_ros.navigation.camera import COMPONENT, Camera
 from ftp_dent_ros.navigation.link import Link
 from ftp_dent_ros.navigation.origin import Origin
 from ftp_dent_ros.navigation.pose_covariance import Covariance, Tag
-from ftp_dent_ros.navigation.report import Verdict
 from ftp_dent_ros.nodes.bridge_parameters import declare
 from ftp_dent_ros.nodes.declarations import names_of_all
 from ftp_dent_ros.pose import Pose
@@ -308,7 +307,7 @@ class MavlinkBridge(Node):
         parameters.on_change(self._change)
         self._address = address
         self._waiting: deque[_Waiting] = deque()
-        self._said: Verdict | None = None
+        self._said: tuple[str, str] | None = None
         self._poses = self.create_publisher(PoseStamped, 'mavlink/pose', POSES)
         self._transforms = TransformPublisher(self) if given.publishes_tf else None
         if self._transforms is not None:
@@ -442,8 +441,9 @@ class MavlinkBridge(Node):
         self._diagnostics.note('clouds waiting', len(self._waiting))
         self._follow_origin(state.origin)
         verdict = state.verdict
-        if verdict != self._said:
-            self._said = verdict
+        said = (verdict.severity, verdict.reason or verdict.text)
+        if said != self._said:
+            self._said = said
             # One line a severity: rclpy ties a severity to the line that logs.
             if verdict.severity == 'ok':
                 self.get_logger().info(verdict.text)

@@ -57,7 +57,7 @@ def refused(port: int, seconds: str, verdict: str, capsys: pytest.CaptureFixture
 
 def test_an_estimator_that_is_not_ready_is_no_go(port, wire, capsys) -> None:
     with HoveringAutopilot(wire, estimator_flags=0x0A7) as autopilot:
-        refused(port, '1.5', "the autopilot's estimator is not ready", capsys)
+        refused(port, '1.5', "the autopilot's estimator was not ready", capsys)
     beats = {(m.get_srcSystem(), m.get_srcComponent()) for m in autopilot.heard('HEARTBEAT')}
     assert beats == {(1, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER)}
 

@@ -115,7 +115,7 @@ def test_after_this_computers_clock_was_set_all_starts_anew() -> None:
 
 def test_a_stamp_is_converted_only_between_two_exchanges() -> None:
     wire = Wire(steady, clean)
-    with pytest.raises(PoseAwaitedError, match='not answered TIMESYNC'):
+    with pytest.raises(PoseAwaitedError, match='does not answer TIMESYNC'):
         wire.clock.boot_time(START)
     wire.run(2)
     last_request = wire.now - SECOND // 10

@@ -126,11 +126,10 @@ def test_covariances_cover_the_truth(flight: Flight, outcome: Outcome) -> None:
     assert np.all(np.median(deviations, axis=0) < [0.05, 0.05, 0.22, 0.02, 0.02, 0.04])
 
 
-def test_two_ways_to_know_the_maps_origin_agree(flight: Flight, outcome: Outcome) -> None:
+def test_the_maps_origin_is_what_the_autopilot_says(flight: Flight, outcome: Outcome) -> None:
     _, said = flight.of('GPS_GLOBAL_ORIGIN')[-1]
     origin = outcome.vehicle.earth.origin
     assert origin.latitude == pytest.approx(1e-7 * said.latitude, abs=1e-9)
-    assert float(outcome.figures['origin differs from GLOBAL_POSITION_INT (m)']) < 0.1
     assert origin.altitude == pytest.approx(origin.above_sea)  # the simulator has no geoid
 
 

@@ -74,7 +74,7 @@ def test_a_gps_that_repeats_its_last_fix_is_lost() -> None:
     given, reasons = first_refused(world)
     assert given < 0.25
     assert reasons == {'GPS not reported'}
-    assert 'GPS has given no new fix for 7' in world.verdict()
+    assert 'the autopilot did not report a new fix of GPS' in world.verdict()
 
 
 def test_without_gps_a_vehicle_has_to_say_so() -> None:

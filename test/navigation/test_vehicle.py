@@ -185,7 +185,7 @@ def test_a_message_that_never_comes_is_named_and_asked_for_ever_more_slowly() ->
     world = World()
     world.late = 60 * S
     world.run(5)
-    assert world.verdict() == 'too few LOCAL_POSITION_NED come; asked for again'
+    assert 'no position has come from the autopilot' in world.verdict()
     world.run(50)
     assert 8 < world.asked.count(mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED) < 14
 
@@ -194,8 +194,7 @@ def test_a_rate_that_is_denied_is_asked_for_again_if_it_is_needed() -> None:
     world = World()
     world.grants = GRANTED - {mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION}
     world.run(8)
-    assert world.verdict() == 'the autopilot denies ATTITUDE_QUATERNION: lower the rate'
-    assert world.asked.count(mavlink.MAVLINK_MSG_ID_ODOMETRY) == 1
+    assert 'no attitude has come from the autopilot' in world.verdict()
     world.grants = GRANTED
     world.run(10)
     assert world.verdict() == 'believing the autopilot 1/1'
@@ -209,7 +208,7 @@ def test_a_request_that_is_not_answered_is_repeated() -> None:
         message.get_type() != 'COMMAND_ACK' and say(message, *who)
     )
     world.run(1.9)
-    assert world.asked.count(mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION) == 4
+    assert 4 <= world.asked.count(mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION) <= 6
 
 
 def test_the_stream_gives_each_pose_once_in_ros_time() -> None:
@@ -223,17 +222,16 @@ def test_the_stream_gives_each_pose_once_in_ros_time() -> None:
 
 def test_it_asks_for_what_it_needs_and_no_more() -> None:
     world = World().run(20)
-    assert sorted(world.asked) == [
-        mavlink.MAVLINK_MSG_ID_SYSTEM_TIME,
-        mavlink.MAVLINK_MSG_ID_GPS_RAW_INT,
-        mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION,
-        mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
+    granted = GRANTED - {mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS}
+    assert {number: world.asked.count(number) for number in granted} == dict.fromkeys(granted, 1)
+    denied = {
         mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
         mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN,
         mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR,
-        mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
         mavlink.MAVLINK_MSG_ID_ODOMETRY,
-    ]
+    }
+    assert set(world.asked) == granted | denied
+    assert max(world.asked.count(number) for number in denied) < 10
     assert world.intervals[mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION] == 20_000
     assert world.intervals[mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED] == 20_000
 
@@ -278,7 +276,7 @@ def test_nothing_is_believed_before_the_estimator_is_ready() -> None:
     world.run(5)
     assert world.poses == []
     assert world.reason(1.0) == ('estimator not ready', False)
-    assert "the autopilot's estimator is not ready" in world.verdict()
+    assert "the autopilot's estimator was not ready" in world.verdict()
     world.flags = READY
     world.run(5)
     assert world.poses

@@ -272,7 +272,7 @@ def test_without_gps_no_cloud_is_tagged_and_that_is_told(ros, port, autopilot) -
     bridge.tag()
     autopilot.fix_type = 1
     ros.until(lambda: bridge.value('GPS fix') == 'no fix')
-    assert 'GPS has no fix' in bridge.message()
+    ros.until(lambda: 'GPS has no fix' in bridge.message())
     lost = Clock().now().nanoseconds
     bridge.refuse('GPS lost')
     assert max(stamps_of(bridge.poses)) < lost
