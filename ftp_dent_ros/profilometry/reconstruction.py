@@ -13,6 +13,7 @@ from ftp_dent_ros.errors import ImageError, NoStripeError, PatternError, TooDark
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.profilometry.fourier_transform import FourierTransform
+from ftp_dent_ros.profilometry.fringe_model import FringeModel
 from ftp_dent_ros.profilometry.least_squares import LeastSquares
 from ftp_dent_ros.profilometry.measurement import Measurement
 from ftp_dent_ros.profilometry.settings import Settings
@@ -38,6 +39,8 @@ def method_for(rig: Rig, pattern: Pattern, settings: Settings) -> Method:
     """Method of the settings, with its tables."""
     if settings.method == 'least-squares':
         return LeastSquares(rig, pattern, settings.stride)
+    if settings.method == 'fringe-model':
+        return FringeModel(rig, pattern, settings.stride)
     if pattern.code != 'stripe':
         raise PatternError(
             f'the method {settings.method} numbers fringes by a red stripe, and the pattern has '

@@ -11,6 +11,7 @@ UNWRAPPINGS = ('itoh', 'estrada')
 # The options that each method has.
 METHODS = {
     'least-squares': (),
+    'fringe-model': (),
     'virtual-reference': ('unwrapping', 'tau'),
     'direct': ('unwrapping', 'tau'),
 }
@@ -25,8 +26,9 @@ class Settings:
     ----------
     method : str
         One of `METHODS`: ``'least-squares'`` fits the fringes in windows about the analytic
-        reference phase; ``'virtual-reference'`` unwraps the phase shift against a virtual
-        reference plane (eq. 12 and 13), ``'direct'`` the fringes' phase itself (eq. 11).
+        reference phase; ``'fringe-model'`` fits one model of light, waveform and noise;
+        ``'virtual-reference'`` unwraps the phase shift against a virtual reference plane (eq. 12
+        and 13), ``'direct'`` the fringes' phase itself (eq. 11).
     unwrapping : str, optional
         Of the latter two, one of `UNWRAPPINGS`: Itoh's integration of wrapped differences (the
         default), or Estrada's first-order system, which smooths as it unwraps.

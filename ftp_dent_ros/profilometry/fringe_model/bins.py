@@ -1,0 +1,161 @@
+"""Bins, means of a few pixels that hold the fringes, and nodes, sums of a few bins."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+# Bins a fringe along u, and fringes that a bin is high: a fringe is sampled, not averaged away.
+_PER_FRINGE, _HIGH = 7.0, 0.25
+# Fringes between nodes: windows half a fringe wide change little over it.
+_PITCH = 0.43
+# A Gaussian is computed on a grid so coarse that it is still this wide.
+_FINE = 2.5
+# Pixel rows of a bin: fewer cost time, more than these are seen as steps.
+_ROWS = 4, 16
+
+#: Standard deviation of the Gaussian windows, fringes: below 0.45 level and contrast of a cosine
+#: are no longer apart.
+WIDTH = 0.5
+
+
+@dataclass(frozen=True)
+class BinGrid:
+    """Bins and nodes of an image of fringes of some period.
+
+    Attributes
+    ----------
+    width, height : int
+        Of the image, pixels.
+    period : float
+        Of the fringes, pixels.
+    step, rows : int
+        Pixels of a bin along u and v.
+    node : int
+        Bins of a node along u; along v a node is a bin.
+    """
+
+    width: int
+    height: int
+    period: float
+    step: int
+    rows: int
+    node: int
+
+    @classmethod
+    def of(cls, width: int, height: int, period: float) -> BinGrid:
+        """Grid for fringes of `period` pixels."""
+        step = max(1, round(period / _PER_FRINGE))
+        rows = int(np.clip(round(_HIGH * period), *_ROWS))
+        return cls(width, height, period, step, rows, max(2, round(_PITCH * period / step)))
+
+    @property
+    def node_shape(self) -> tuple[int, int]:
+        """Rows and columns of nodes."""
+        return -(-self.height // self.rows), -(-self.width // (self.step * self.node))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of bins."""
+        rows, columns = self.node_shape
+        return rows, columns * self.node
+
+    @property
+    def fringe(self) -> tuple[float, float]:
+        """Bins a fringe is wide, along u and v."""
+        return self.period / self.step, self.period / self.rows
+
+    def bin_positions(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Pixel columns and rows of the bins' centres."""
+        rows, columns = self.shape
+        return _centres(columns, self.step), _centres(rows, self.rows)
+
+    def node_positions(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Pixel columns and rows of the nodes' centres."""
+        rows, columns = self.node_shape
+        return _centres(columns, self.step * self.node), _centres(rows, self.rows)
+
+    def binned(self, plane: NDArray[Any]) -> NDArray[np.float32]:
+        """Means of a plane of pixels over the bins."""
+        rows, columns = self.shape
+        below, right = rows * self.rows - self.height, columns * self.step - self.width
+        whole = cv2.copyMakeBorder(plane, 0, below, 0, right, cv2.BORDER_REPLICATE)
+        wide: Any = whole.astype(np.float32)
+        return cv2.resize(wide, (columns, rows), interpolation=cv2.INTER_AREA)
+
+    def at_nodes(self, bins: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Means of bins over the nodes."""
+        mean: Any = cv2.resize(bins, self.node_shape[::-1], interpolation=cv2.INTER_AREA)
+        return mean
+
+    def at_bins(self, nodes: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Values at the nodes, interpolated to the bins."""
+        values: Any = cv2.resize(nodes, self.shape[::-1], interpolation=cv2.INTER_LINEAR)
+        return values
+
+    def repeated(self, nodes: NDArray[Any]) -> NDArray[Any]:
+        """Values at the nodes, each for all of its bins."""
+        return np.repeat(nodes, self.node, axis=1)
+
+    def window_sums(self, bins: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Means of bins under the windows about the nodes; there is nothing beyond the image."""
+        return self.smooth_nodes(self.at_nodes(bins), WIDTH)
+
+    def smooth_nodes(self, nodes: NDArray[np.float32], fringes: float) -> NDArray[np.float32]:
+        """Gaussian of so many fringes over values at the nodes."""
+        sigmas = fringes * self.fringe[0] / self.node, fringes * self.fringe[1]
+        size = nodes.shape[::-1]
+        # Wide windows see no more on a coarser grid.
+        coarse = [max(1, int(sigma / _FINE)) for sigma in sigmas]
+        small = tuple(-(-n // each) for n, each in zip(size, coarse, strict=True))
+        few: Any = cv2.resize(nodes, small, interpolation=cv2.INTER_AREA)
+        sigma_u, sigma_v = (s * m / n for s, m, n in zip(sigmas, small, size, strict=True))
+        few = cv2.GaussianBlur(
+            few, (0, 0), sigmaX=sigma_u, sigmaY=sigma_v, borderType=cv2.BORDER_CONSTANT
+        )
+        smooth: Any = cv2.resize(few, size, interpolation=cv2.INTER_LINEAR)
+        return smooth
+
+    def smooth_bins(self, bins: NDArray[np.float32], fringes: float) -> NDArray[np.float32]:
+        """Gaussian of so many fringes over bins."""
+        sigma_u, sigma_v = (fringes * each for each in self.fringe)
+        smooth: Any = cv2.GaussianBlur(bins, (0, 0), sigmaX=sigma_u, sigmaY=sigma_v)
+        return smooth
+
+    def around(self, bins: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Means over half a fringe about the bins."""
+        mean: Any = cv2.blur(bins, self.half_fringe)
+        return mean
+
+    @property
+    def half_fringe(self) -> tuple[int, int]:
+        """Bins of half a fringe along u and v, odd numbers."""
+        u, v = (max(1, int(each / 2)) | 1 for each in self.fringe)
+        return max(3, u), v
+
+    @property
+    def bins_in_window(self) -> float:
+        """Bins that count in a window: those of one of even weights with the same variance."""
+        along_u, along_v = self.fringe
+        return 4 * np.pi * WIDTH**2 * along_u * along_v
+
+
+def nearest(values: NDArray[Any], known: NDArray[np.bool_]) -> NDArray[Any]:
+    """The values with the nearest known one where none is known."""
+    if known.all() or not known.any():
+        return values
+    away: Any = (~known).view(np.uint8)
+    _, label = cv2.distanceTransformWithLabels(
+        away, cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    place = np.zeros(label.max() + 1, np.intp)
+    place[label[known]] = np.flatnonzero(known)
+    return values.ravel()[place[label]]
+
+
+def _centres(count: int, pitch: int) -> NDArray[np.float64]:
+    return pitch * np.arange(count, dtype=float) + (pitch - 1) / 2

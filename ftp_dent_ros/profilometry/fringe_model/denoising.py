@@ -1,0 +1,118 @@
+"""Wiener's gain of each octave of the phase, against the noise that the fringes' contrast shows.
+
+What dirt, speckle, grain and pixels add near the carrier shifts the fringes and changes their
+contrast alike; the skin's shape shifts them only. So the contrast's logarithm, octave by octave,
+measures the phase's noise (eq. 8), and energy beyond it is the skin's shape.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH, BinGrid
+
+# Octaves: the widest window is 16 fringes, beyond which a quadric follows the skin.
+_OCTAVES = 5
+# Phase noise of white dirt over the contrast's: 1.8 to 2.4 for fringes of contrast 0.8 to 1.
+_OF_DIRT = 2.0
+# Widths of windows over which energy and noise are means: 2 and 9 windows count.
+_OF_ENERGY, _OF_NOISE = 1.5, 3.0
+# Share of Gaussian noise's mean square that is left under Geman and McClure's weights.
+_LEFT = 0.58
+# From an octave to the next, noise falls to a half at least: dirt is white along u.
+_FALLS = 0.5
+# Noise beyond the widest window, over the last octave's: a quarter as many windows.
+_BEYOND = 0.25
+# Wavelength of which half the depth is left after four rounds with windows of half a fringe,
+# fringes; each octave that is left out doubles it.
+_FINEST = 1.6
+
+
+@dataclass(frozen=True, eq=False)
+class Denoised:
+    """A surface's phase at the nodes: arrays of shape (rows, nodes), float32.
+
+    Attributes
+    ----------
+    phase : ndarray
+        About the reference, radians.
+    variance : ndarray
+        Mean square error: noise that is left, and signal that is not; radians^2.
+    finest : ndarray
+        Gain of the finest octave.
+    wavelength : ndarray
+        At which half of a detail's depth is left, fringes.
+    """
+
+    phase: NDArray[np.float32]
+    variance: NDArray[np.float32]
+    finest: NDArray[np.float32]
+    wavelength: NDArray[np.float32]
+
+
+def denoise(
+    grid: BinGrid,
+    phase: NDArray[np.float32],
+    contrast: NDArray[np.float32],
+    mask: NDArray[np.float32],
+) -> Denoised:
+    """Denoise a surface's phase.
+
+    Parameters
+    ----------
+    grid : BinGrid
+    phase : ndarray, shape (rows, nodes)
+        About a quadric, radians.
+    contrast : ndarray, shape (rows, nodes)
+        Logarithm of the amplitude over the level, about a quadric.
+    mask : ndarray, shape (rows, nodes), float32
+        1 on the surface, else 0.
+    """
+    low, low_contrast = phase * mask, contrast * mask
+    kept, variance, noise = (np.zeros_like(phase) for _ in range(3))
+    finest, lost, octaves_lost = (np.ones_like(phase) for _ in range(3))
+    for octave in range(_OCTAVES):
+        width = WIDTH * 2**octave
+        smooth, smooth_contrast = (_flat_top(grid, x, mask, width) for x in (low, low_contrast))
+        detail = (low - smooth) * mask
+        before, noise = noise, _noise(grid, (low_contrast - smooth_contrast) * mask, mask, width)
+        if octave > 1:  # the first two pass the windows of the fit
+            noise = np.minimum(noise, np.float32(_FALLS) * before)
+        energy = _mean(grid, detail * detail, mask, _OF_ENERGY * width)
+        signal = np.maximum(energy - noise, 0)
+        gain = signal / np.maximum(energy, np.float32(1e-12))  # eq. 9
+        gain = _mean(grid, gain, mask, WIDTH * width)
+        kept = kept + gain * detail
+        variance = variance + gain * gain * noise + np.square(1 - gain) * signal  # eq. 10
+        finest = finest if octave else gain
+        lost = lost * (1 - gain)
+        octaves_lost = octaves_lost * np.exp2(lost)
+        low, low_contrast = smooth, smooth_contrast
+    return Denoised(
+        *((kept + low) * mask, variance + _BEYOND * noise, finest, _FINEST * octaves_lost)
+    )
+
+
+def _noise(grid, contrast, mask, width):
+    """Variance of the phase by an octave of the contrast; edges of paint count little."""
+    fringes = _OF_NOISE * width
+    square = contrast * contrast
+    # Of a Gaussian, by the mean of its absolute values.
+    scale = np.float32(np.pi / 2) * np.square(_mean(grid, np.abs(contrast), mask, fringes))
+    weight = mask / np.square(1 + square / (4 * scale + np.float32(1e-12)))
+    return np.float32(_OF_DIRT / _LEFT) * _mean(grid, square, weight, fringes)
+
+
+def _mean(grid, values, weight, fringes):
+    """Gaussian mean of values at the nodes."""
+    share = np.maximum(grid.smooth_nodes(weight, fringes), np.float32(1e-3))
+    return grid.smooth_nodes(values * weight, fringes) / share
+
+
+def _flat_top(grid, values, mask, fringes):
+    """The mean, and the mean of what it leaves: slopes and bends pass."""
+    mean = _mean(grid, values, mask, fringes)
+    return mean + _mean(grid, values - mean, mask, fringes)

@@ -1,0 +1,167 @@
+"""From the fit to points: the phase of each surface denoised, and met with the camera's rays."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.cloud.cloud import Cloud
+from ftp_dent_ros.pattern.pattern import Pattern
+from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH, BinGrid, nearest
+from ftp_dent_ros.profilometry.fringe_model.denoising import Denoised, denoise
+from ftp_dent_ros.profilometry.fringe_model.quadric import Quadric
+from ftp_dent_ros.profilometry.fringe_model.solver import FringeFit
+from ftp_dent_ros.profilometry.least_squares.phase_geometry import PhaseGeometry, rays_at
+from ftp_dent_ros.rig.rig import Rig
+
+# Mean square of the residual about a bin over its scale, beyond which its light is not explained
+# (F test at 1e-6, some 12 bins), and from which on it makes the phase less certain.
+_UNEXPLAINED, _UNUSUAL = 30.0, 3.0
+# Standard deviations of what noise alone leaves so unevenly.
+_CHANCE = 2.0
+# Amplitude over the residuals' scale that shows fringes: two standard deviations.
+_VISIBLE = 2.0
+# Mean square of rounding to whole levels in a bin, levels^2.
+_ROUNDING = 0.05
+# Share of a node's bins that must be on the surface, for its phase, and for the quadric.
+_MOST, _ALL = 0.6, 0.95
+# Nodes that a surface has at least: two rows of windows over some fringes.
+_LEAST_NODES = 30
+# Standard deviation of a phase that is published, radians: three are a right angle.
+_DEVIATION = math.pi / 6
+# Projector pixels at the panel's rim that the lens blurs.
+_RIM = 1.5
+
+
+class Points:
+    """The cloud of one photograph, to which surfaces are added.
+
+    Parameters
+    ----------
+    rig, pattern, grid, bins, nodes
+        As of the method; `bins` and `nodes` are the grid's rays.
+    stride : int
+        The cloud has every `stride`-th pixel.
+    fit : FringeFit
+    usable : ndarray, shape (rows, columns)
+        1 where the light is not clipped.
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        pattern: Pattern,
+        grid: BinGrid,
+        bins: PhaseGeometry,
+        nodes: PhaseGeometry,
+        stride: int,
+        fit: FringeFit,
+        usable: NDArray[np.float32],
+    ) -> None:
+        self._rig, self._pattern, self._grid = rig, pattern, grid
+        self._bins, self._nodes, self._stride, self._fit = bins, nodes, stride, fit
+        rest = grid.around(grid.around(fit.residual * fit.residual))
+        explained = rest < _UNEXPLAINED * np.maximum(fit.scale, _ROUNDING)
+        visible = fit.amplitude > _VISIBLE * np.sqrt(np.maximum(fit.scale, 0))
+        self._good = explained & visible & (usable > 0)
+        amplitude = np.maximum(fit.amplitude, 1)
+        self._unexplained = 2 * np.maximum(rest - _UNUSUAL * fit.scale, 0) / np.square(amplitude)
+        # Detail that the windows do not resolve leaves more on the flanks than on the crests.
+        wave, slope, _ = fit.waveform.at(fit.phase)
+        uneven = fit.residual * fit.residual * (slope * slope - wave * wave)
+        chance = _CHANCE * math.sqrt(1.5 / grid.bins_in_window) * fit.scale
+        detail = np.maximum(grid.smooth_bins(uneven, WIDTH) - chance, 0)
+        self._unexplained += 4 * detail / np.square(amplitude)
+        _, v_p = bins.meet(fit.phase)
+        by_rows = pattern.row_contrast(np.nan_to_num(v_p)).astype(np.float32)
+        level, amplitude = (np.maximum(each, 0.5) for each in (fit.level, fit.amplitude / by_rows))
+        self._contrast = np.log(amplitude / level)
+        columns, rows = (np.arange(0, n, stride) for n in (grid.width, grid.height))
+        self._pixels, self._rays = (columns, rows), rays_at(rig.camera, columns, rows)
+        shape = self._rays.shape[:2]
+        unknown = (np.full(shape, np.nan, np.float32) for _ in range(2))
+        points = np.full((*shape, 3), np.nan, np.float32)
+        self.cloud = Cloud(points, np.zeros(shape, np.float32), *unknown)
+        self.measured = np.zeros(grid.shape, bool)
+        self._at_stripe: list[NDArray[np.float32]] = []
+
+    @property
+    def stripe_depth(self) -> float:
+        """Depth where the phase is zero, or of all that is measured; NaN of nothing."""
+        return float(np.median(np.concatenate(self._at_stripe))) if self._at_stripe else math.nan
+
+    def add(self, inside: NDArray[np.bool_], reference: NDArray[np.float32]) -> None:
+        """Add the surface of some bins, whose phase is near a reference's."""
+        grid, fit = self._grid, self._fit
+        inside = inside & self._good
+        share = grid.at_nodes(inside.astype(np.float32))
+
+        def mean(bins: NDArray[Any]) -> NDArray[np.float32]:
+            within = np.where(inside, bins, 0).astype(np.float32)
+            return grid.at_nodes(within) / np.maximum(share, np.float32(1e-3))
+
+        places = grid.node_positions()
+        inverse, _ = self._nodes.meet(mean(fit.phase - reference) + grid.at_nodes(reference))
+        nodes = (share > _MOST) & np.isfinite(inverse)  # a ray may miss its plane
+        if np.count_nonzero(nodes) < _LEAST_NODES:
+            return
+        whole = nodes & (share > _ALL)
+        at = whole if np.count_nonzero(whole) > _LEAST_NODES else nodes
+        quadric = Quadric.through(grid.width, *places, inverse, at)
+        smooth = self._bins.phase(quadric.at(*grid.bin_positions()))
+        contrast = mean(self._contrast)
+        contrast = contrast - Quadric.through(grid.width, *places, contrast, nodes).at(*places)
+        away = fit.phase - smooth
+        coarse = mean(away)
+        denoised = denoise(grid, coarse, contrast, nodes.astype(np.float32))
+
+        def at_bins(values: NDArray[np.float32]) -> NDArray[np.float32]:
+            return grid.at_bins(nearest(values, nodes))
+
+        # What is finer than the nodes is as good as the finest octave.
+        finest = np.clip(at_bins(denoised.finest), 0, 1)
+        phase = smooth + at_bins(denoised.phase) + finest * (away - at_bins(coarse))
+        self._publish(inside, quadric, phase, denoised, at_bins)
+
+    def _publish(self, inside, quadric, phase, denoised: Denoised, at_bins) -> None:
+        """Put what is certain enough, and lit by the panel, into the cloud."""
+        variance = np.maximum(at_bins(denoised.variance), 0) + self._unexplained
+        inverse, v_p = self._bins.meet(phase)
+        good = inside & (variance < _DEVIATION**2) & np.isfinite(inverse)
+        good &= self._on_panel(phase, v_p)
+        # Of a bin at a rim, half may lie beyond.
+        whole: Any = cv2.erode(good.view(np.uint8), np.ones((3, 3), np.uint8), borderValue=1)
+        good = whole > 0
+        if not good.any():
+            return
+        self.measured |= good
+        stripe = good & (np.abs(phase) < math.pi)
+        self._at_stripe.append(1 / inverse[stripe if stripe.any() else good])
+        away = np.where(good, inverse - quadric.at(*self._grid.bin_positions()), 0)
+        away = self._at_pixels(nearest(away.astype(np.float32), good))
+        z = 1 / (quadric.at(*self._pixels) + away)
+        on = (self._at_pixels(good, cv2.INTER_NEAREST) > 0) & (z > 0)
+        cloud, depth = self.cloud, z[on]
+        cloud.points[on, :2], cloud.points[on, 2] = self._rays[on] * depth[:, None], depth
+        cloud.intensity[on] = self._at_pixels(self._fit.amplitude)[on]
+        cloud.sigma[on] = self._at_pixels(self._bins.deviation(phase, variance))[on]
+        pixel = depth / np.float32(self._rig.camera.camera_matrix[0, 0])
+        wavelength = self._at_pixels(at_bins(denoised.wavelength))[on]
+        cloud.resolution[on] = wavelength * np.float32(self._grid.period) * pixel
+
+    def _on_panel(self, phase, v_p) -> NDArray[np.bool_]:
+        """Where the panel lights, but for its blurred rim."""
+        u_p, panel = self._pattern.column(phase), self._rig.projector
+        inside = (u_p > _RIM) & (u_p < panel.width - 1 - _RIM)
+        return inside & (v_p > _RIM) & (v_p < panel.height - 1 - _RIM)
+
+    def _at_pixels(self, bins, how=cv2.INTER_LINEAR):
+        """Values of the bins at the cloud's pixels."""
+        grid, stride = self._grid, self._stride
+        size = grid.shape[1] * grid.step, grid.shape[0] * grid.rows
+        wide = cv2.resize(bins.astype(np.float32), size, interpolation=how)
+        return wide[: grid.height : stride, : grid.width : stride]

@@ -1,0 +1,50 @@
+"""A quadric of inverse depth over the picture: exact for planes, near enough for a fuselage."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+# Fits, each with the weights of what the last one left (Geman and McClure's function).
+_FITS = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Quadric:
+    """Inverse depth c_0 + c_1 x + c_2 y + c_3 x^2 + c_4 x y + c_5 y^2 of pixels over `width`."""
+
+    width: int
+    coefficients: NDArray[np.float64]
+
+    @classmethod
+    def through(
+        cls,
+        width: int,
+        columns: NDArray[np.float64],
+        rows: NDArray[np.float64],
+        inverse_depth: NDArray[np.float32],
+        mask: NDArray[np.bool_],
+    ) -> Quadric:
+        """Robust quadric through points at pixel columns and rows."""
+        terms = _terms(columns / width, rows / width)[:, mask]
+        values = inverse_depth[mask].astype(float)
+        weight = np.ones(len(values))
+        for _ in range(_FITS):
+            weighted = terms * weight
+            c = np.linalg.lstsq(weighted @ terms.T, weighted @ values, rcond=None)[0]
+            left = values - c @ terms
+            scale = 1.48 * np.median(np.abs(left)) + 1e-9
+            weight = 1 / np.square(1 + np.square(left / (4 * scale)))
+        return cls(width, c)
+
+    def at(self, columns: NDArray[np.float64], rows: NDArray[np.float64]) -> NDArray[np.float32]:
+        """Inverse depth at the crossings of pixel columns and rows."""
+        terms = _terms(columns / self.width, rows / self.width)
+        return np.tensordot(self.coefficients, terms, axes=1).astype(np.float32)
+
+
+def _terms(x, y):
+    x, y = np.meshgrid(x, y)
+    return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y])

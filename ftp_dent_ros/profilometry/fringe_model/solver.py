@@ -1,0 +1,178 @@
+"""The one solver: residual, weights, window sums, the clearest window, update."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from ftp_dent_ros.profilometry.fringe_model.bins import BinGrid
+from ftp_dent_ros.profilometry.fringe_model.local_fit import fit_windows
+from ftp_dent_ros.profilometry.fringe_model.waveform import Waveform
+
+# Gauss-Newton rounds: they leave half the depth of details 1.6 fringes long.
+_ROUNDS = 4
+# Fringes from the centred window to those at its sides: an edge between is two deviations off.
+_ASIDE = 1.0
+# Significance at which a window at the side explains a bin's light better (F test).
+_SIGNIFICANCE = 1e-2
+# Steps of the waveform's unknowns a round.
+_LEARNED = 2
+# Fringes over which the misfit's scale is the mean.
+_SCALE = 4.0
+# Residuals beyond which a bin counts less, in scales (Geman and McClure's function).
+_REDESCENDS = 2.0
+# Share of Gaussian noise's mean square that is left under these weights.
+_LEFT = 0.58
+# Mean square of rounding to whole levels in a bin, levels^2, and the least amplitude, levels.
+_ROUNDING, _LEAST_AMPLITUDE = 0.05, 1e-3
+# Least mean weight of a window that may be taken.
+_LEAST_WEIGHT = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class FringeFit:
+    """Level, amplitude and phase of the fringes in each bin, and how well they explain its light.
+
+    Attributes
+    ----------
+    phase, level, amplitude : ndarray, shape (rows, columns), float32
+    residual : ndarray
+        Light less the model.
+    scale : ndarray
+        Mean square of the residuals about, by weight.
+    weight : ndarray
+        0 to 1.
+    waveform : Waveform
+        With its harmonics.
+    blur : ndarray, shape (3,)
+        Variance of the blur, radians^2: in the middle, and its rise over the width and height.
+    """
+
+    phase: NDArray[np.float32]
+    level: NDArray[np.float32]
+    amplitude: NDArray[np.float32]
+    residual: NDArray[np.float32]
+    scale: NDArray[np.float32]
+    weight: NDArray[np.float32]
+    waveform: Waveform
+    blur: NDArray[np.float64]
+
+
+class Solver:
+    """Fits the model to bins of light.
+
+    Parameters
+    ----------
+    grid : BinGrid
+    """
+
+    def __init__(self, grid: BinGrid) -> None:
+        self.grid = grid
+        along_u, along_v = (max(1, round(_ASIDE * each)) for each in grid.fringe)
+        self._sides = (along_u, 0), (-along_u, 0), (0, along_v), (0, -along_v)
+        freedom = float(np.prod(grid.half_fringe))
+        rows, columns = grid.shape
+        y, x = np.mgrid[-0.5 : 0.5 : rows * 1j, -0.5 : 0.5 : columns * 1j].astype(np.float32)
+        self._plane = np.stack([np.ones_like(x), x, y])
+        self.clear = float(stats.f.isf(_SIGNIFICANCE, freedom, freedom))
+
+    def solve(
+        self,
+        light: NDArray[np.float32],
+        usable: NDArray[np.float32],
+        reference: NDArray[np.float32],
+        start: FringeFit,
+    ) -> FringeFit:
+        """Fit from a start, whose phase is right to a third of a fringe."""
+        fit, weight = start, usable
+        for number in range(_ROUNDS):
+            wave, slope, _ = self._wave(fit)
+            residual = light - fit.level - fit.amplitude * wave  # eq. 1
+            more = fit_windows(self.grid, residual, wave, slope, weight)  # eq. 3
+            level, amplitude, shift = (
+                self.grid.at_bins(each) for each in (more.level, more.amplitude, more.slope)
+            )
+            level, amplitude = fit.level + level, fit.amplitude + amplitude
+            shift = np.clip(shift / np.maximum(amplitude, _LEAST_AMPLITUDE), -1, 1)
+            count = self.grid.at_bins(more.weight)
+            fitted = level, amplitude, fit.phase + shift - reference
+            level, amplitude, away = self._clearest(light, usable, fit, fitted, count, reference)
+            fit = replace(fit, phase=reference + away, level=level, amplitude=amplitude)
+            fit, weight = self._weighted(light, usable, fit, weight, number < _ROUNDS - 1)
+        return fit
+
+    def _weighted(self, light, usable, fit, weight, learn):
+        """The fit with its global unknowns, residuals and weights (eq. 4 and 5)."""
+        for _ in range(_LEARNED if learn else 0):
+            wave, _, by_blur = self._wave(fit)
+            amplitude = np.maximum(fit.amplitude, 1)
+            by_power = np.where(fit.amplitude > 1, usable * amplitude * amplitude, 0)
+            misfit = (light - fit.level - fit.amplitude * wave) / amplitude
+            blur = fit.blur + self._more_blur(misfit, by_blur, by_power)
+            fit = replace(
+                fit, waveform=fit.waveform.corrected(fit.phase, misfit, by_power), blur=blur
+            )
+        wave, *_ = self._wave(fit)
+        residual = light - fit.level - fit.amplitude * wave
+        square = residual * residual
+        scale = self._about(weight * square) / np.maximum(_LEFT * self._about(weight), 1e-3)
+        limit = _REDESCENDS**2 * np.maximum(scale, _ROUNDING)
+        weight = usable / np.square(1 + square / limit)
+        return replace(fit, residual=residual, scale=scale, weight=weight), weight
+
+    def _wave(self, fit):
+        return fit.waveform.at(fit.phase, np.tensordot(fit.blur, self._plane, axes=1))
+
+    def _more_blur(self, misfit, by_blur, weight):
+        """What the misfit says of the blur's plane (least squares)."""
+        terms = (self._plane * by_blur).reshape(3, -1)
+        weighted = terms * weight.ravel()
+        normal = weighted @ terms.T
+        size = float(np.trace(normal))
+        if size <= 1e-6 * float(weight.sum()):  # a plain cosine keeps its form
+            return np.zeros(3)
+        more = np.linalg.solve(normal + 1e-6 * size * np.eye(3), weighted @ misfit.ravel())
+        return np.clip(more, -1, 1)
+
+    def _clearest(self, light, usable, fit, fitted, count, reference):
+        """For each bin the fit of the window that explains its light best (eq. 6).
+
+        Windows at the sides tell level and amplitude; the phase goes on from them in a straight
+        line.
+        """
+
+        def misfit_of(level, amplitude, away):
+            wave, *_ = self._wave(replace(fit, phase=reference + away))
+            return (
+                self.grid.around(usable * np.square(light - level - amplitude * wave)) + _ROUNDING
+            )
+
+        best = list(fitted)
+        least = centred = misfit_of(*fitted)
+        for u, v in self._sides:
+            level, amplitude, away = (_moved(each, u, v) for each in fitted)
+            away = 2 * away - _moved(fitted[2], 2 * u, 2 * v)
+            misfit = misfit_of(level, amplitude, away)
+            better = (misfit * self.clear < centred) & (misfit < least)
+            better &= _moved(count, u, v) > _LEAST_WEIGHT
+            least = np.where(better, misfit, least)
+            moved = level, amplitude, away
+            best = [np.where(better, new, old) for new, old in zip(moved, best, strict=True)]
+        return best
+
+    def _about(self, bins):
+        width, height = (round(_SCALE * each) for each in self.grid.fringe)
+        return cv2.blur(bins, (width, height))
+
+
+def _moved(bins, columns, rows):
+    """The value of the bin so far to the right and below, at the border the border's."""
+    move = np.array([[1, 0, -columns], [0, 1, -rows]], np.float32)
+    size = bins.shape[::-1]
+    return cv2.warpAffine(
+        bins, move, size, flags=cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE
+    )

@@ -1,0 +1,75 @@
+"""The method of one model: points on the skin, errors as they are stated, orders or none."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from small_scenes import DEPTH, PATTERN, RIG, Scene, panel
+
+from ftp_dent_ros.errors import NoStripeError, TooDarkError
+from ftp_dent_ros.profilometry import Reconstructor, Settings
+from ftp_dent_ros.simulation import Dirt, Paint
+
+CODED = replace(PATTERN, code='contrast')
+MODEL = Settings('fringe-model')
+
+
+def measured(scene: Scene, pattern=PATTERN):
+    """The cloud, and its errors in millimetres and in its own sigmas."""
+    cloud = Reconstructor(scene.rig, pattern, MODEL).reconstruct(scene.image)
+    sigma = cloud.sigma[cloud.valid & scene.lit()] * 1e3
+    errors = scene.errors_mm(cloud)
+    return cloud, errors, errors / sigma if len(sigma) == len(errors) else errors
+
+
+@pytest.mark.parametrize(
+    'name',
+    ['flat', 'tilted left', 'tilted right', 'tilted up', 'cylinder', 'distorted', 'inverted'],
+)
+def test_the_cloud_lies_on_the_true_surface(scene, name):
+    seen = scene(name)
+    cloud, errors, _ = measured(seen)
+    assert errors.mean() < 0.04
+    assert (cloud.valid & seen.lit()).sum() / seen.lit().sum() > 0.9
+    assert (cloud.valid & ~seen.lit()).mean() < 2e-3
+
+
+def test_coded_fringes_are_measured():
+    _, errors, _ = measured(Scene.of(panel(), projected=CODED.draw()), CODED)
+    assert errors.mean() < 0.06
+
+
+def test_errors_on_dirt_are_as_stated():
+    dirty = panel(paint=Paint(marks=(Dirt(0.25, seed=1),)))
+    _, errors, ratio = measured(Scene.of(dirty))
+    assert errors.mean() < 0.1
+    assert 0.5 < np.sqrt(np.mean(np.square(ratio))) < 1.5
+
+
+def test_two_skins_one_behind_the_other_are_numbered_by_the_code_or_left_out():
+    near = panel(half=0.045, centre=(-0.04, 0.0), dents=())
+    far = panel(half=0.09, dents=())
+    far = replace(far, pose=replace(far.pose, translation=np.array([0.0, 0.0, DEPTH + 0.04])))
+    for pattern, share in ((CODED, 0.85), (PATTERN, 0.3)):
+        seen = Scene.of(near, far, projected=pattern.draw())
+        cloud, errors, _ = measured(seen, pattern)
+        assert (cloud.valid & seen.lit()).sum() / seen.lit().sum() > share
+        assert (errors > 5).mean() < 0.01
+
+
+def test_the_same_photograph_gives_the_same_bits(scene):
+    reconstructor = Reconstructor(RIG, PATTERN, MODEL)
+    first, second = (reconstructor.reconstruct(scene('flat').image) for _ in range(2))
+    assert first.points.tobytes() == second.points.tobytes()
+
+
+def test_the_dark_and_fringes_without_a_number_are_refused(scene):
+    reconstructor = Reconstructor(RIG, PATTERN, MODEL)
+    image = scene('flat').image
+    with pytest.raises(TooDarkError, match='no fringes'):
+        reconstructor.reconstruct(np.full_like(image, 3))
+    grey = np.repeat(image[..., :1], 3, axis=2)
+    with pytest.raises(NoStripeError):
+        reconstructor.reconstruct(grey)
