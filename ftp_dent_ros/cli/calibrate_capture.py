@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import math
 import shutil
 import sys
@@ -23,6 +22,7 @@ from ftp_dent_ros.calibration.observing import Observation, observe
 from ftp_dent_ros.calibration.response import projector_delay
 from ftp_dent_ros.calibration.sequence import ProjectedFrame
 from ftp_dent_ros.calibration.session import Session, read_session, see_poses, write_session
+from ftp_dent_ros.cli.arguments import number
 from ftp_dent_ros.cli.board_arguments import (
     add_board_arguments,
     add_sequence_arguments,
@@ -37,7 +37,9 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the step's arguments."""
     parser.add_argument('folder', type=Path, metavar='DIR', help='where the poses go; new')
-    parser.add_argument('--poses', type=int, default=15, help='default: %(default)s')
+    parser.add_argument(
+        '--poses', type=number('--poses', 1, kind=int), default=15, help='default: %(default)s'
+    )
     parser.add_argument(
         '--resume', action='store_true', help='go on with the poses of a capture that ended early'
     )
@@ -49,15 +51,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Guide through the poses: 0 if all were taken, else 1."""
-    if importlib.util.find_spec('rclpy') is None:
-        raise ConfigurationError('needs rclpy, which is not here: see "Install" in the README')
     # Only here: the other steps run without ROS.
     from ftp_dent_ros.ros.photographer import Photographer
     from ftp_dent_ros.ros.session import session as ros_session
 
     folder = arguments.folder
-    if arguments.poses < 1:
-        raise ConfigurationError(f'--poses is {arguments.poses}: give at least 1')
     if folder.exists() and not folder.is_dir():
         raise ConfigurationError(f'{folder}: is a file: give a new folder')
     if arguments.resume:
@@ -171,17 +169,17 @@ def _photograph(
 
 def _keep(folder: Path, session: Session, taken: dict[ProjectedFrame, NDArray[np.uint8]]) -> None:
     """Write a pose's photographs; a folder under that name is whole or not there."""
-    aside = folder.with_name(f'.{folder.name}')
-    shutil.rmtree(aside, ignore_errors=True)
+    unfinished = folder.with_name(f'.{folder.name}')
+    shutil.rmtree(unfinished, ignore_errors=True)
     try:
-        aside.mkdir(parents=True)
+        unfinished.mkdir(parents=True)
         for number, frame in enumerate(session.sequence.frames):
             # Encoded first: OpenCV does not tell of a full disk.
             _, data = cv2.imencode('.png', taken[frame])
-            (aside / f'{frame.name}_{number:02d}.png').write_bytes(data.tobytes())
-        aside.rename(folder)
+            (unfinished / f'{frame.name}_{number:02d}.png').write_bytes(data.tobytes())
+        unfinished.rename(folder)
     except OSError as reason:
-        shutil.rmtree(aside, ignore_errors=True)
+        shutil.rmtree(unfinished, ignore_errors=True)
         raise ConfigurationError(
             f'{folder}: cannot be written ({reason.strerror}): make room on the disk and go on '
             'with --resume; the poses before it are kept'

@@ -10,6 +10,7 @@ import numpy as np
 
 from ftp_dent_ros.calibration.board_check import check_by_board
 from ftp_dent_ros.calibration.wall_check import adjusted, check
+from ftp_dent_ros.cli.arguments import number
 from ftp_dent_ros.cli.board_arguments import add_board_arguments, board_of
 from ftp_dent_ros.errors import ConfigurationError, RefusedFrameError
 from ftp_dent_ros.files import find
@@ -36,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--flatness',
-        type=float,
+        type=number('--flatness', 0.001),
         default=0.1,
         metavar='MM',
         help='how flat wall or board are (standard deviation at the border); default: %(default)s',
@@ -58,8 +59,6 @@ def run(arguments: argparse.Namespace) -> int:
         raise ConfigurationError(
             f'{arguments.adjust}: is there, and a rig is never overwritten: give a new name'
         )
-    if not arguments.flatness > 0:
-        raise ConfigurationError(f'--flatness is {arguments.flatness:g}: give millimetres')
     with_board = arguments.board is not None or arguments.square is not None
     if arguments.skin and with_board:
         raise ConfigurationError('--skin and --board are both given: the photograph shows one')

@@ -12,6 +12,7 @@ from tqdm import tqdm
 from ftp_dent_ros.calibration.page import depth_words, write_page
 from ftp_dent_ros.calibration.session import find_poses, see_poses
 from ftp_dent_ros.calibration.solving import STEPS, Solution, solve
+from ftp_dent_ros.cli.arguments import progress_bar
 from ftp_dent_ros.cli.board_arguments import (
     add_board_arguments,
     add_sequence_arguments,
@@ -48,14 +49,14 @@ def run(arguments: argparse.Namespace) -> int:
     count = len(find_poses(arguments.folder))
     for path in (output, page):
         check_writable(path)
-    with tqdm(total=count, desc='reading poses', unit='pose', disable=None) as bar:
+    with progress_bar('reading poses', count, 'pose') as bar:
         sights, left_out, size = see_poses(arguments.folder, session, _shown_on(bar))
     for sight in sights:
         for remark in sight.remarks:
             print(f'{sight.observation.name}: {remark}')
     for sentence in left_out:
         print(f'left out: {sentence}')
-    with tqdm(total=STEPS, desc='solving', unit='step', disable=None) as bar:
+    with progress_bar('solving', STEPS, 'step') as bar:
         try:
             solution = solve(
                 [sight.observation for sight in sights],

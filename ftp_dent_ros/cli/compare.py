@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 from collections import Counter
 
-from ftp_dent_ros.cli.inspection_arguments import output_folder
-from ftp_dent_ros.dents.rules import read_rules
+from ftp_dent_ros.cli.arguments import output_folder, rules
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.files import find, written_together
 from ftp_dent_ros.survey.aircraft_frame import aircraft_frame, read_reference_points
@@ -30,20 +29,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     what = 'file of `ftp-dent survey --store`, and name of a survey in it'
     parser.add_argument('earlier', metavar='FILE.sqlite:NAME', help=what)
     parser.add_argument('later', metavar='FILE.sqlite:NAME', help='that of the later survey')
-    parser.add_argument('--output', required=True, metavar='DIR', help=f'takes {PAGE} and {TABLE}')
+    parser.add_argument(
+        '--output',
+        type=output_folder,
+        required=True,
+        metavar='DIR',
+        help=f'takes {PAGE} and {TABLE}',
+    )
     parser.add_argument(
         '--points',
+        type=find,
         metavar='POINTS.yaml',
         help='three or more points of the later survey whose coordinates on the aircraft are '
         'known: all locations are given in these',
     )
-    parser.add_argument('--rules', metavar='RULES.yaml', help='limits to judge the dents by')
+    parser.add_argument(
+        '--rules', type=rules, metavar='RULES.yaml', help='limits to judge the dents by'
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Compare, print what has changed, and write page and chart."""
-    output = output_folder(arguments)
-    rules = read_rules(find(arguments.rules)) if arguments.rules else None
     earlier, later = _survey(arguments.earlier), _survey(arguments.later)
     if earlier.taken_ns > later.taken_ns:
         raise ConfigurationError(
@@ -51,18 +57,18 @@ def run(arguments: argparse.Namespace) -> int:
         )
     frame = None
     if arguments.points:
-        frame = aircraft_frame(read_reference_points(find(arguments.points), later))
+        frame = aircraft_frame(read_reference_points(arguments.points, later))
     comparison = compare(earlier, later)
-    rows = chart(comparison, frame, rules)
+    rows = chart(comparison, frame, arguments.rules)
     texts = {
-        PAGE: comparison_page(comparison, rows, frame, rules),
+        PAGE: comparison_page(comparison, rows, frame, arguments.rules),
         TABLE: chart_csv(rows, frame is not None),
     }
-    with written_together(output, texts, 'the comparison') as asides:
+    with written_together(arguments.output, texts, 'the comparison') as asides:
         for name, text in texts.items():
             asides[name].write_text(text, encoding='utf-8', errors='backslashreplace')
     print(summary(rows))
-    print(output / PAGE)
+    print(arguments.output / PAGE)
     return 0
 
 

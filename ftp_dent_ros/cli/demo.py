@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import json
 import math
 import os
 import shutil
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from tqdm import tqdm
-
+from ftp_dent_ros.cli.arguments import number, progress_bar
 from ftp_dent_ros.demonstration.appraisal import (
-    DentAppraisal,
-    SkinAppraisal,
+    Figures,
     appraise,
     appraise_dents,
     appraise_skin,
@@ -47,7 +45,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--output', type=Path, default=Path('out/demo'), metavar='DIR', help='default: out/demo'
     )
     parser.add_argument(
-        '--clouds', type=int, default=24, metavar='N', help='tagged clouds to fly for; default: 24'
+        '--clouds',
+        type=number('--clouds', 1, kind=int),
+        default=24,
+        metavar='N',
+        help='tagged clouds to fly for; default: 24',
     )
     parser.add_argument(
         '--configuration',
@@ -59,32 +61,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Fly, appraise, draw: 0 if every figure is within its bound, else 1."""
-    if arguments.clouds < 1:
-        raise ConfigurationError(f'--clouds is {arguments.clouds}: give at least 1')
     started = time.monotonic()
     output = arguments.output
     _refuse_to_replace_others(output)
-    # Everything is made aside: a demonstration under its name is a whole one.
-    aside = output.with_name(f'.{output.name}.{os.getpid()}')
+    blocks = simulation_parameters(arguments.configuration)
+    # A demonstration under its name is a whole one.
+    unfinished = output.with_name(f'{output.name}.unfinished')
+    shutil.rmtree(unfinished, ignore_errors=True)
+    unfinished.mkdir(parents=True)
     try:
-        aside.mkdir(parents=True)
-    except OSError as error:
-        raise ConfigurationError(
-            f'--output {output} cannot be made ({error.strerror}): name another folder'
-        ) from None
-    try:
-        figures, summary = _demonstrate(arguments, aside)
+        figures, summary = _demonstrate(blocks, arguments.clouds, unfinished)
     except FlightError as error:
-        logs = output.with_name(f'{output.name}.failed')
-        shutil.rmtree(logs, ignore_errors=True)
-        aside.rename(logs)
-        raise FlightError(f'{error} (kept in {logs})') from None
-    except BaseException:
-        shutil.rmtree(aside, ignore_errors=True)
-        raise
+        raise FlightError(f'{error} (kept in {unfinished})') from None
     if output.exists():
         shutil.rmtree(output)
-    aside.rename(output)
+    unfinished.rename(output)
     print(f'\n{summary}\n\n{_files(output)}')
     print(f'Done in {time.monotonic() - started:.0f} s.')
     return _verdict(figures, output)
@@ -104,43 +95,40 @@ def _refuse_to_replace_others(output: Path) -> None:
         )
 
 
-def _demonstrate(arguments: argparse.Namespace, folder: Path) -> tuple[dict[str, Any], str]:
-    blocks = simulation_parameters(arguments.configuration)
+def _demonstrate(blocks: dict[str, Any], clouds: int, folder: Path) -> tuple[Figures, str]:
     camera = blocks['camera_capture']['ros__parameters']
     ahead = folder / 'photographs'
     # Some more than are flown for: the camera may begin late, and photographs drain.
-    wanted = arguments.clouds + 6
-    with _bar('rendering ahead', wanted, 'photograph') as bar:
+    wanted = clouds + 6
+    with progress_bar('rendering ahead', wanted, 'photograph') as bar:
         render_ahead(blocks, ahead, wanted, bar.update)
-    with _bar('flying', arguments.clouds, 'cloud') as bar:
+    with progress_bar('flying', clouds, 'cloud') as bar:
 
         def progress(tagged: int) -> None:
             # A few more come while the last ones drain.
-            bar.total = max(arguments.clouds, tagged)
+            bar.total = max(clouds, tagged)
             bar.update(tagged - bar.n)
 
-        bag = open_bag(fly(folder, blocks, arguments.clouds, progress, bar.write))
+        bag = open_bag(fly(folder, blocks, clouds, progress, bar.write))
     shutil.rmtree(ahead)
     world = read_world(camera['simulation.scene'], camera['simulation.start_ns'])
     count = sum(bag.metadata.message_counts[topic] for topic in ('/points', '/tagged/points'))
-    with _bar('comparing with the truth', count, 'cloud') as bar:
+    with progress_bar('comparing with the truth', count, 'cloud') as bar:
         appraisal = appraise(bag, world, bar.update)
     dents, skin, poses = _inspect(bag, world, camera['rig'], folder / REPORT)
-    summary = summary_of(appraisal, dents, skin)
+    figures = {**appraisal, **dents, **skin}
+    summary = summary_of(figures)
     (folder / 'summary.txt').write_text(f'{summary}\n', encoding='utf-8')
-    figures: dict[str, Any] = {}
-    for each in (appraisal, dents, skin):
-        figures |= dataclasses.asdict(each)
     record = {'figures': figures, 'bounds': BOUNDS}
     (folder / SUMMARY).write_text(json.dumps(record, indent=1), encoding='utf-8')
-    with _bar('writing clouds and pictures', None, 'file') as bar:
+    with progress_bar('writing clouds and pictures', None, 'file') as bar:
         write_results(bag, world, poses, folder, bar.update)
     return figures, summary
 
 
 def _inspect(
     bag: Bag, world: World, rig: str, folder: Path
-) -> tuple[DentAppraisal, SkinAppraisal, dict[int, Pose]]:
+) -> tuple[Figures, Figures, dict[int, Pose]]:
     """Write the report on the flight's skin, and hold it against the true one.
 
     The last are the cameras' poses by the skin, which is put onto the true one.
@@ -149,17 +137,13 @@ def _inspect(
     calibrated = read_rig(file)
     named, camera = (file.name, calibrated.id), calibrated.camera
     count = bag.metadata.message_counts['/points']
-    with _bar('inspecting', 3 * count, 'cloud') as bar:
+    with progress_bar('inspecting', 3 * count, 'cloud') as bar:
         report, joined = report_on_skin(bag, inspect, named, camera, progress=bar.update)
-    write_report(folder, dataclasses.replace(report, source='flight of the demonstration'))
+    write_report(folder, replace(report, source='flight of the demonstration'))
     onto = onto_truth(bag, joined, world)
     poses = {stamp: onto.move(stamp) @ joined.poses[i] for stamp, i in joined.numbers.items()}
     dents = appraise_dents(bag, report, world, camera, onto.move)
     return dents, appraise_skin(bag, joined, world, onto), poses
-
-
-def _bar(what: str, total: int | None, unit: str) -> tqdm:
-    return tqdm(desc=what, total=total, unit=unit, dynamic_ncols=True, disable=None)
 
 
 def _files(output: Path) -> str:
@@ -167,7 +151,7 @@ def _files(output: Path) -> str:
     return '\n'.join([f'In {output}/:', *(f'  {name}' for name in sorted(names))])
 
 
-def _verdict(figures: dict[str, Any], output: Path) -> int:
+def _verdict(figures: Figures, output: Path) -> int:
     print(f'The report: {output / REPORT / "report.html"}')
     # A figure that could not be measured (NaN) is out of its bound.
     outside = [name for name, bound in BOUNDS.items() if not figures[name] <= bound]

@@ -6,10 +6,7 @@ import argparse
 import math
 from pathlib import Path
 
-from tqdm import tqdm
-
-from ftp_dent_ros.cli.inspection_arguments import output_folder
-from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.cli.arguments import number, output_folder, progress_bar
 from ftp_dent_ros.evaluation.page import write_page
 from ftp_dent_ros.evaluation.study import steps, study
 
@@ -18,8 +15,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     parser.add_argument(
         '--output',
-        type=Path,
-        default=Path('out/evaluation'),
+        type=output_folder,
+        default='out/evaluation',
         metavar='DIR',
         help='default: out/evaluation',
     )
@@ -32,18 +29,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='the probability of detection instead; a run that was ended is gone on with',
     )
     parser.add_argument(
-        '--dents', type=int, default=400, metavar='N', help='with --pod; default: %(default)s'
+        '--dents',
+        type=number('--dents', 1, kind=int),
+        default=400,
+        metavar='N',
+        help='with --pod; default: %(default)s',
     )
     parser.add_argument(
         '--blanks',
-        type=int,
+        type=number('--blanks', 1, kind=int),
         default=1000,
         metavar='N',
         help='photographs without dents, with --pod; default: %(default)s',
     )
     parser.add_argument(
         '--smallest-depth',
-        type=float,
+        type=number('--smallest-depth', 0.001, 100),
         default=0.05,
         metavar='MM',
         help='that is looked for, with --pod; default: %(default)g',
@@ -52,12 +53,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Measure, and write the pages: 0."""
-    folder = output_folder(arguments)
     if arguments.pod:
-        return _detect(arguments, folder)
-    with tqdm(total=steps(arguments.quick), unit='cloud', dynamic_ncols=True, disable=None) as bar:
+        return _detect(arguments, arguments.output)
+    with progress_bar('evaluating', steps(arguments.quick), 'cloud') as bar:
         measured = study(arguments.quick, bar.update)
-    print(write_page(folder, measured, arguments.quick))
+    print(write_page(arguments.output, measured, arguments.quick))
     return 0
 
 
@@ -72,18 +72,9 @@ def _detect(arguments: argparse.Namespace, folder: Path) -> int:
         write_detection,
     )
 
-    for name in ('dents', 'blanks'):
-        if getattr(arguments, name) < 1:
-            raise ConfigurationError(
-                f'--{name} is {getattr(arguments, name)}: give a number above 0'
-            )
-    if not 0 < arguments.smallest_depth < 100:
-        raise ConfigurationError(
-            f'--smallest-depth is {arguments.smallest_depth:g}: give millimetres, above 0'
-        )
     depth = arguments.smallest_depth / 1e3
     total = math.ceil(arguments.dents / TOGETHER) + arguments.blanks
-    with tqdm(total=total, unit='photograph', dynamic_ncols=True, disable=None) as bar:
+    with progress_bar('evaluating', total, 'photograph') as bar:
         taken = run_trials(folder, arguments.dents, arguments.blanks, depth, bar.update)
     rows, blanks = rows_of(taken), blanks_of(taken)
     page = write_detection(folder, taken, rows, blanks, depth)

@@ -11,6 +11,7 @@ import queue
 import sys
 from pathlib import Path
 
+from ftp_dent_ros.cli.arguments import number
 from ftp_dent_ros.errors import ConfigurationError, InputError
 from ftp_dent_ros.ground.link import GroundLink, Security, endpoints, make_keys
 from ftp_dent_ros.ground.page import serve_page
@@ -46,7 +47,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--station', default='', help="name of this ground (default: the machine's)"
     )
     parser.add_argument(
-        '--domain', type=int, metavar='N', help="the ground's ROS domain (default: the shell's)"
+        '--domain',
+        type=number('--domain', 0, _LAST_DOMAIN, int),
+        metavar='N',
+        help="the ground's ROS domain (default: the shell's)",
     )
     parser.add_argument(
         '--interface',
@@ -73,8 +77,6 @@ def run(arguments: argparse.Namespace) -> int:
     """Run until SIGINT or SIGTERM."""
     if arguments.make_keys is not None:
         return _make_keys(arguments.make_keys)
-    if arguments.domain is not None and not 0 <= arguments.domain <= _LAST_DOMAIN:
-        raise ConfigurationError(f'--domain is {arguments.domain}: give 0 to {_LAST_DOMAIN}')
     if arguments.address is None:
         raise ConfigurationError("the drone's address is missing: give HOST or HOST:PORT")
     endpoints(arguments.address, Security(arguments.keys, arguments.open), 'ground')

@@ -13,12 +13,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from tqdm import tqdm
-
 from ftp_dent_ros import profilometry
-from ftp_dent_ros.cli.inspection_arguments import (
+from ftp_dent_ros.cli.arguments import (
     add_settings_arguments,
+    number,
     output_folder,
+    progress_bar,
     settings_of,
 )
 from ftp_dent_ros.cloud.ply import read_ply, rig_id_of
@@ -49,6 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--output',
+        type=output_folder,
         required=True,
         metavar='DIR',
         help='takes dents.json, dents.csv, report.html; of several inputs, a folder for each',
@@ -72,7 +73,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--jobs',
-        type=int,
+        type=number('--jobs', 1, kind=int),
         metavar='N',
         help="inputs, or one bag's clouds, inspected at once; default: one a core",
     )
@@ -85,9 +86,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Inspect, print a line a dent, and write the report."""
-    output = output_folder(arguments)
-    if arguments.jobs is not None and arguments.jobs < 1:
-        raise ConfigurationError(f'--jobs is {arguments.jobs}: give at least 1')
+    output = arguments.output
     settings = settings_of(arguments)
     # Before minutes of the other inputs.
     profilometry.Settings(stride=arguments.stride)
@@ -98,7 +97,7 @@ def run(arguments: argparse.Namespace) -> int:
     ]
     if len(requests) > 1 or arguments.scheduler:
         return inspect_several(requests, output, arguments.jobs, arguments.scheduler)
-    with tqdm(desc='inspecting', unit='cloud', dynamic_ncols=True, delay=0.5, disable=None) as bar:
+    with progress_bar('inspecting', None, 'cloud') as bar:
 
         def progress(count: int) -> None:
             bar.total = count
@@ -328,9 +327,7 @@ def inspect_several(
     for task in done:
         print(f'{task.request.path}: done before, and nothing has changed since: {task.folder}')
     counts: Counter[bool] = Counter()
-    with tqdm(
-        desc='inspecting', total=len(waiting), unit='input', dynamic_ncols=True, disable=None
-    ) as bar:
+    with progress_bar('inspecting', len(waiting), 'input') as bar:
         for task, outcome in _results(waiting, jobs, scheduler):
             if isinstance(outcome, Exception):
                 outcome = _Outcome(f'not inspected ({outcome}): try it alone', failed=True)

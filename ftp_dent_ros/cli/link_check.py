@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import math
 import time
 
 import numpy as np
 
-from ftp_dent_ros.errors import ConfigurationError, PoseError
+from ftp_dent_ros.cli.arguments import number
+from ftp_dent_ros.errors import PoseError
 from ftp_dent_ros.navigation.link import Link, LinkState, Roster
 from ftp_dent_ros.navigation.pose_covariance import Tag
 from ftp_dent_ros.navigation.settings import VehicleSettings
@@ -30,7 +30,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument('--baud', type=int, default=921600, help='default: %(default)s')
     parser.add_argument(
-        '--seconds', type=float, default=15.0, help='how long to wait; default: %(default)s'
+        '--seconds',
+        type=number('--seconds', 0, 86400),
+        default=15.0,
+        help='how long to wait; default: %(default)s',
     )
     parser.add_argument(
         '--rate', type=float, default=default.rate, help='poses a second; default: %(default)s'
@@ -57,8 +60,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Listen, say what was heard, and judge: 0 go, 1 no go."""
-    if not 0 < arguments.seconds < math.inf:
-        raise ConfigurationError(f'--seconds is {arguments.seconds:g}: give more than 0')
     settings = VehicleSettings(
         system_id=arguments.system_id,
         component_id=arguments.component_id,

@@ -68,6 +68,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except FtpDentError as error:
         print(f'ftp-dent {chosen}: {error}', file=sys.stderr)
         return 2
+    except ModuleNotFoundError as error:
+        package = (error.name or str(error)).split('.')[0]
+        if package == 'ftp_dent_ros':
+            raise
+        needs = f'needs the Python package {package}, which is not installed: {_advice(package)}'
+        print(f'ftp-dent {chosen}: {needs}', file=sys.stderr)
+        return 2
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:
@@ -84,15 +91,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _module(command: str):
-    try:
-        return importlib.import_module(f'ftp_dent_ros.cli.{command.replace("-", "_")}')
-    except ModuleNotFoundError as error:
-        if error.name and error.name.startswith('ftp_dent_ros'):
-            raise
-        package = (error.name or str(error)).split('.')[0]
-        raise FtpDentError(
-            f'needs the Python package {package}, which is not installed: {_advice(package)}'
-        ) from None
+    return importlib.import_module(f'ftp_dent_ros.cli.{command.replace("-", "_")}')
 
 
 def _advice(package: str) -> str:

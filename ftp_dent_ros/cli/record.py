@@ -8,7 +8,6 @@ gives it all back. A power cut costs the last two seconds.
 from __future__ import annotations
 
 import argparse
-import re
 import sys
 import threading
 import time
@@ -28,6 +27,8 @@ from ftp_dent_ros.ros.qos import DIAGNOSTICS
 from ftp_dent_ros.ros.session import session
 
 _MEGABYTE = 10**6
+# Memory for messages that wait for the disk, bytes: half a minute of a flight.
+_CAPACITY = 512 * _MEGABYTE
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,31 +38,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('-a', '--all', action='store_true', help='every topic, also later ones')
     parser.add_argument('-e', '--regex', default='', help='topics whose name matches')
     parser.add_argument(
-        '-x', '--exclude-regex', default='', help='but not those of --all and --regex that match'
-    )
-    parser.add_argument(
         '-o', '--output', type=Path, help='folder of the bag: must not exist (default: by time)'
-    )
-    parser.add_argument(
-        '-b',
-        '--max-bag-size',
-        '--max-size',
-        type=_size,
-        default=0,
-        metavar='BYTES',
-        help='begin a new file after so many bytes, as in 500M or 4G (default: one file)',
     )
     parser.add_argument(
         '--compress',
         action='store_true',
         help='clouds to half of their own uncertainty, pictures as JPEG: a fifteenth of the size',
-    )
-    parser.add_argument(
-        '--max-cache-size',
-        type=_size,
-        default=512 * _MEGABYTE,
-        metavar='BYTES',
-        help='memory for messages that wait for the disk (default: 512M)',
     )
 
 
@@ -71,14 +53,13 @@ def run(arguments: argparse.Namespace) -> int:
         [*arguments.names, *arguments.topics],
         everything=arguments.all,
         regex=arguments.regex,
-        exclude_regex=arguments.exclude_regex,
     )
     if not (selection.names or selection.everything or selection.regex):
         raise ConfigurationError('nothing to record: name topics, or give --all or --regex')
     output = arguments.output or Path(time.strftime('rosbag2_%Y_%m_%d-%H_%M_%S'))
     with session('recorder') as (node, stop):
         writer = _writer(arguments, output)
-        spool = BagSpool(writer, arguments.max_cache_size)
+        spool = BagSpool(writer, _CAPACITY)
         recorder = Recorder(node, writer.add_topic, spool.put, selection)
         _note_rig(node, writer)
         failure: Exception | None = None
@@ -115,10 +96,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _writer(arguments: argparse.Namespace, output: Path) -> BagWriter:
     if not arguments.compress:
-        return BagWriter(output, max_file_size=arguments.max_bag_size)
+        return BagWriter(output)
     from ftp_dent_ros.recording.compression import CompressedBagWriter
 
-    return CompressedBagWriter(output, max_file_size=arguments.max_bag_size)
+    return CompressedBagWriter(output)
 
 
 def _note_rig(node: Node, writer: BagWriter) -> None:
@@ -155,13 +136,6 @@ def _receive(
                 executor.spin_once(timeout_sec=0.0)
     finally:
         executor.shutdown()
-
-
-def _size(text: str) -> int:
-    match = re.fullmatch(r'(\d+)([KMG]?)B?', text.upper())
-    if not match:
-        raise argparse.ArgumentTypeError(f'{text!r} is no size: write it as 500000, 500M or 4G')
-    return int(match.group(1)) * {'': 1, 'K': 10**3, 'M': 10**6, 'G': 10**9}[match.group(2)]
 
 
 def _say(text: str) -> None:

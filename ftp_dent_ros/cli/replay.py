@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import math
 import time
 from pathlib import Path
 
+from ftp_dent_ros.cli.arguments import number
 from ftp_dent_ros.errors import BagError
 from ftp_dent_ros.recording.reader import Bag, open_bag
 from ftp_dent_ros.recording.ros.player import Player
@@ -18,17 +18,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument('bag', type=Path, help='folder of the bag, or an .mcap file')
     parser.add_argument(
-        '-r', '--rate', type=_positive, default=1.0, help='times the original speed; inf: at once'
+        '-r',
+        '--rate',
+        type=number('--rate', 0.001),
+        default=1.0,
+        help='times the original speed; inf: at once',
     )
-    parser.add_argument('-l', '--loop', action='store_true', help='begin again at the end')
     parser.add_argument(
         '--topics', nargs='+', default=[], metavar='TOPIC', help='only these (default: all)'
     )
-    parser.add_argument('-e', '--regex', default='', help='only topics whose name matches')
-    parser.add_argument('-x', '--exclude-regex', default='', help='no topics whose name matches')
     parser.add_argument(
         '--start-offset',
-        type=_seconds,
+        type=number('--start-offset', 0, 1e9),
         default=0.0,
         metavar='SECONDS',
         help='begin so far into the bag; latched messages from before are published first',
@@ -57,13 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
         player = Player(node, bag, topics, stop)
         player.wait_for_subscribers(all_of_them=arguments.wait_for_subscribers)
         start = time.monotonic()
-        offset_ns, later_ns = round(arguments.start_offset * 1e9), 0
-        while not stop.is_set():
-            player.play(arguments.rate, offset_ns, later_ns)
-            if not arguments.loop:
-                break
-            # Time goes on: a stamp that came before is refused, or overwrites what it was of.
-            later_ns += max(0, bag.metadata.duration_ns - offset_ns) + 100_000_000
+        player.play(arguments.rate, round(arguments.start_offset * 1e9))
         player.wait_for_acknowledgements()
     print(
         f'{arguments.bag}: {player.published} messages of {len(player.topics)} topics '
@@ -73,29 +68,9 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _chosen(bag: Bag, arguments: argparse.Namespace) -> list[RecordedTopic]:
-    selection = Selection.of(
-        arguments.topics,
-        everything=not (arguments.topics or arguments.regex),
-        regex=arguments.regex,
-        exclude_regex=arguments.exclude_regex,
-    )
-    topics = bag.metadata.topics
-    known = [topic.name for topic in topics]
-    for name in selection.names:
+    known = {topic.name: topic for topic in bag.metadata.topics}
+    names = Selection.of(arguments.topics).names or tuple(known)
+    for name in names:
         if name not in known:
             raise BagError(f'{bag.path}: has no topic {name}: it has {", ".join(sorted(known))}')
-    return [topic for topic in topics if selection.wants(topic.name)]
-
-
-def _positive(text: str) -> float:
-    value = float(text)
-    if not value > 0:
-        raise argparse.ArgumentTypeError(f'{text} is no speed: give a number above 0')
-    return value
-
-
-def _seconds(text: str) -> float:
-    value = float(text)
-    if not 0 <= value < math.inf:
-        raise argparse.ArgumentTypeError(f'{text} is no time: give seconds from the beginning')
-    return value
+    return [topic for topic in bag.metadata.topics if topic.name in names]

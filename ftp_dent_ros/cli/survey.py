@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tqdm import tqdm
-
-from ftp_dent_ros.cli.inspection_arguments import (
+from ftp_dent_ros.cli.arguments import (
     add_settings_arguments,
     output_folder,
+    progress_bar,
     settings_of,
 )
 from ftp_dent_ros.errors import ConfigurationError
@@ -32,6 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--output',
+        type=output_folder,
         required=True,
         metavar='DIR',
         help='takes survey.html, survey.json, mosaic.ply and pictures of the unrolled skin',
@@ -43,10 +44,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="file of the aircraft's surveys, for `compare`",
     )
     parser.add_argument(
-        '--rig', metavar='RIG.yaml', help='calibrated rig: bags of another are refused'
+        '--rig', type=find, metavar='RIG.yaml', help='calibrated rig: bags of another are refused'
     )
     parser.add_argument(
         '--points',
+        type=find,
         metavar='POINTS.yaml',
         help='three or more points whose coordinates on the aircraft are known, as survey.html '
         'saves them: places are given in these besides',
@@ -64,24 +66,19 @@ def run(arguments: argparse.Namespace) -> int:
     from ftp_dent_ros.survey.surveying import survey_bags
     from ftp_dent_ros.survey.writing import write_survey
 
-    output = output_folder(arguments)
-    settings = settings_of(arguments)
     bags = [open_bag(path) for path in arguments.bags]
     rig_id = _rig_of(bags, arguments.rig)
     name = arguments.name or bags[0].path.stem
-    points = find(arguments.points) if arguments.points else None
     store = SurveyStore(arguments.store) if arguments.store else None
     if store:
         store.check_new(name)
     count = sum(count_clouds(bag)[0] for bag in bags)
-    with tqdm(
-        desc='surveying', total=3 * count, unit='cloud', dynamic_ncols=True, disable=None
-    ) as bar:
-        survey = survey_bags(bags, name, settings, rig_id, bar.update)
+    with progress_bar('surveying', 3 * count, 'cloud') as bar:
+        survey = survey_bags(bags, name, settings_of(arguments), rig_id, bar.update)
     result, frame = survey.result, None
-    if points:
-        frame = aircraft_frame(read_reference_points(points, result))
-    files = write_survey(output, survey, frame)
+    if arguments.points:
+        frame = aircraft_frame(read_reference_points(arguments.points, result))
+    files = write_survey(arguments.output, survey, frame)
     if store:
         store.add(result)
     used = survey.pairs - survey.left_out
@@ -111,11 +108,10 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _rig_of(bags: Sequence[Bag], name: str | None) -> str:
+def _rig_of(bags: Sequence[Bag], given: Path | None) -> str:
     """Id of the one rig that measured all bags, as far as they tell; else of the file given."""
     from ftp_dent_ros.recording import clouds
 
-    given = find(name) if name else None
     # The first that tells which rig it is: a file, or a bag.
     known, whose = (read_rig(given).id, given) if given else ('', None)
     for bag in bags:

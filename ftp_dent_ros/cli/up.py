@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import shlex
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.nodes.declarations import fitted
 from ftp_dent_ros.supervision import transport
 from ftp_dent_ros.supervision.configuration import frozen, read_configuration
@@ -51,8 +49,6 @@ def run(arguments: argparse.Namespace) -> int:
     entries = fitted(read_configuration(arguments.configuration))
     if arguments.dry_run:
         return _print([entry.program for entry in entries], arguments.interface)
-    if importlib.util.find_spec('rclpy') is None:
-        raise ConfigurationError('needs rclpy, which is not here: see "Install" in the README')
     from ftp_dent_ros.ros.session import check_parameters, refuse_second
 
     check_parameters(entries)

@@ -42,44 +42,11 @@ _EVERY = 3
 _MM = 1e3
 
 
-@dataclass(frozen=True)
-class Appraisal:
-    """Figures of one flight; counts of messages in the bag, milliseconds, millimetres.
-
-    Attributes
-    ----------
-    images, clouds, tagged_clouds, poses : int
-        What the bag holds; `tagged_clouds` counts those that have both cloud and pose.
-    images_lost, poses_lost : int
-        Holes in the count of the publisher: published, and not in the bag.
-    clouds_lost, tagged_clouds_lost : int
-        Images without a cloud; clouds without the same cloud in ``map`` and a pose.
-    latency_median_ms, latency_maximum_ms : float
-        From the middle of the exposure to the tagged cloud's arrival at the recorder.
-    camera_mae_mm, camera_mae_worst_mm : float
-        Mean distance of the clouds' points to the true skin in the camera's frame: over all
-        clouds, and of the worst cloud.
-    map_mae_mm, map_mae_worst_mm : float
-        The same for the tagged clouds in ``map``, so with the pose's errors.
-    """
-
-    images: int
-    images_lost: int
-    clouds: int
-    clouds_lost: int
-    tagged_clouds: int
-    tagged_clouds_lost: int
-    poses: int
-    poses_lost: int
-    latency_median_ms: float
-    latency_maximum_ms: float
-    camera_mae_mm: float
-    camera_mae_worst_mm: float
-    map_mae_mm: float
-    map_mae_worst_mm: float
+#: Figures of one flight by their names; lengths in millimetres.
+Figures = dict[str, float]
 
 
-def appraise(bag: Bag, world: World, progress: Callable[[], Any] = lambda: None) -> Appraisal:
+def appraise(bag: Bag, world: World, progress: Callable[[], Any] = lambda: None) -> Figures:
     """Compare a bag with the world that it was recorded in.
 
     Parameters
@@ -89,12 +56,20 @@ def appraise(bag: Bag, world: World, progress: Callable[[], Any] = lambda: None)
         With the flight's start as it was flown.
     progress : callable
         Called after each cloud.
+
+    Returns
+    -------
+    dict of str to float
+        images, clouds, tagged_clouds, poses: what the bag holds; tagged are those that have both
+        cloud and pose. images_lost, poses_lost: published, and not in the bag. clouds_lost: images
+        without a cloud; tagged_clouds_lost: clouds without the same in ``map`` and a pose.
+        latency_*: from the middle of the exposure to the tagged cloud's arrival at the recorder.
+        camera_mae_*: mean distance of the clouds' points to the true skin in the camera's frame,
+        over all clouds and of the worst. map_mae_*: the same in ``map``, with the pose's errors.
     """
     stamps: dict[str, set[int]] = {topic: set() for topic in TYPES}
     counts: dict[str, set[int]] = {topic: set() for topic in TYPES}
-    latencies: list[float] = []
-    camera_errors: list[float] = []
-    map_errors: list[float] = []
+    latencies, camera_errors, map_errors = [math.nan], [math.nan], [math.nan]
     for message in bag.messages(TYPES):
         content = deserialize_message(message.data, TYPES[message.topic])
         stamp_ns = stamp_to_ns(content.header.stamp)
@@ -109,34 +84,24 @@ def appraise(bag: Bag, world: World, progress: Callable[[], Any] = lambda: None)
             error = map_error(world, cloud_from_message(content), _EVERY)
             map_errors.append(mean_absolute(error))
             progress()
-    images, clouds, poses = (
-        stamps[topic] for topic in ('/camera/image_raw', '/points', '/mavlink/pose')
-    )
+    images, clouds = stamps['/camera/image_raw'], stamps['/points']
     tagged = stamps['/tagged/points'] & stamps['/tagged/pose']
-    latency, camera, on_map = (
-        (float(middle(values)), max(values)) if values else (math.nan, math.nan)
-        for values, middle in (
-            (latencies, np.median),
-            (camera_errors, np.mean),
-            (map_errors, np.mean),
-        )
-    )
-    return Appraisal(
-        images=len(images),
-        images_lost=_holes(counts['/camera/image_raw']),
-        clouds=len(clouds),
-        clouds_lost=len(images - clouds),
-        tagged_clouds=len(tagged),
-        tagged_clouds_lost=len(clouds - tagged),
-        poses=len(poses),
-        poses_lost=_holes(counts['/mavlink/pose']),
-        latency_median_ms=latency[0],
-        latency_maximum_ms=latency[1],
-        camera_mae_mm=camera[0],
-        camera_mae_worst_mm=camera[1],
-        map_mae_mm=on_map[0],
-        map_mae_worst_mm=on_map[1],
-    )
+    return {
+        'images': len(images),
+        'images_lost': _holes(counts['/camera/image_raw']),
+        'clouds': len(clouds),
+        'clouds_lost': len(images - clouds),
+        'tagged_clouds': len(tagged),
+        'tagged_clouds_lost': len(clouds - tagged),
+        'poses': len(stamps['/mavlink/pose']),
+        'poses_lost': _holes(counts['/mavlink/pose']),
+        'latency_median_ms': float(np.nanmedian(latencies)),
+        'latency_maximum_ms': float(np.nanmax(latencies)),
+        'camera_mae_mm': float(np.nanmean(camera_errors)),
+        'camera_mae_worst_mm': float(np.nanmax(camera_errors)),
+        'map_mae_mm': float(np.nanmean(map_errors)),
+        'map_mae_worst_mm': float(np.nanmax(map_errors)),
+    }
 
 
 def clouds_of(bag: Bag, topic: str) -> Iterator[tuple[int, Cloud]]:
@@ -180,33 +145,6 @@ def _holes(counts: set[int]) -> int:
     return max(counts) - min(counts) + 1 - len(counts) if counts else 0
 
 
-@dataclass(frozen=True)
-class SkinAppraisal:
-    """Figures of the skin that the clouds make by the survey's poses.
-
-    Attributes
-    ----------
-    skin_mae_mm, skin_mae_worst_mm : float
-        Mean distance of the clouds' points to the true skin, which each part is put onto as one:
-        over all clouds, and of the worst cloud.
-    skin_place_mm : float
-        Root mean square of how far points lie from their true places then, mostly along the skin.
-    skin_off_mm : float
-        How far the whole is off in the map, by the autopilot: root mean square.
-    skin_parts : int
-        In how many parts it is, that share nothing.
-    skin_pairs_left_out : int
-        Of the pairs of clouds, those that contradict the others.
-    """
-
-    skin_mae_mm: float
-    skin_mae_worst_mm: float
-    skin_place_mm: float
-    skin_off_mm: float
-    skin_parts: int
-    skin_pairs_left_out: int
-
-
 @dataclass(frozen=True, eq=False)
 class Onto:
     """The moves that put each part of a survey onto the true skin, by the stamps of its clouds."""
@@ -246,14 +184,8 @@ def onto_truth(bag: Bag, joined: JoinedClouds, world: World) -> Onto:
     return Onto(moves, np.concatenate(places), np.concatenate(offsets))
 
 
-def appraise_skin(
-    bag: Bag,
-    joined: JoinedClouds,
-    world: World,
-    onto: Onto,
-    progress: Callable[[], Any] = lambda: None,
-) -> SkinAppraisal:
-    """Compare the skin that a bag's clouds make with the true one.
+def appraise_skin(bag: Bag, joined: JoinedClouds, world: World, onto: Onto) -> Figures:
+    """Compare the skin that a bag's clouds make by the survey's poses with the true one.
 
     Parameters
     ----------
@@ -264,8 +196,15 @@ def appraise_skin(
         In which it was recorded.
     onto : Onto
         From `onto_truth`.
-    progress : callable
-        Called after each cloud.
+
+    Returns
+    -------
+    dict of str to float
+        skin_mae_*: mean distance of the clouds' points to the true skin, which each part is put
+        onto as one, over all clouds and of the worst. skin_place_mm: root mean square of how far
+        points lie from their true places then, mostly along the skin. skin_off_mm: how far the
+        whole is off in the map, by the autopilot, root mean square. skin_parts: in how many parts
+        it is, that share nothing. skin_pairs_left_out: pairs of clouds that contradict the others.
     """
     errors = []
     for stamp, cloud in clouds_of(bag, '/points'):
@@ -273,15 +212,14 @@ def appraise_skin(
         if number is not None:
             placed = cloud.transformed(onto.move(stamp) @ joined.poses[number])
             errors.append(mean_absolute(map_error(world, placed, _EVERY)))
-        progress()
-    return SkinAppraisal(
-        skin_mae_mm=float(np.mean(errors)),
-        skin_mae_worst_mm=max(errors),
-        skin_place_mm=_rms(onto.places) * _MM,
-        skin_off_mm=_rms(onto.offsets) * _MM,
-        skin_parts=len({id(move) for move in onto.moves.values()}),
-        skin_pairs_left_out=len(joined.joining.graph.left_out),
-    )
+    return {
+        'skin_mae_mm': float(np.mean(errors)),
+        'skin_mae_worst_mm': max(errors),
+        'skin_place_mm': _rms(onto.places) * _MM,
+        'skin_off_mm': _rms(onto.offsets) * _MM,
+        'skin_parts': len({id(move) for move in onto.moves.values()}),
+        'skin_pairs_left_out': len(joined.joining.graph.left_out),
+    }
 
 
 def _rms(offsets: NDArray[np.float64]) -> float:
@@ -338,50 +276,13 @@ def _sizes_agree(listed: NDArray[Any], truth: Sequence[TrueDent]) -> NDArray[np.
     return result
 
 
-@dataclass(frozen=True)
-class DentAppraisal:
-    """Figures of the dents of one flight.
-
-    Attributes
-    ----------
-    dents : int
-        True dents that lie wholly inside some cloud.
-    dents_missed : int
-        Those of them that no cloud shows.
-    sightings, sightings_missed : int
-        How often a true dent lies wholly inside a cloud, and is not found in it.
-    dents_false : int
-        Listed, and not there.
-    depth_error_mm, length_error_mm, width_error_mm : float
-        Largest absolute error of the combined measurements of dents that were seen whole.
-    dents_in_list, dents_false_in_list : int
-        What the node's own list held at the end, and what of it is no true dent.
-    clouds_not_inspected : int
-    others : int
-        Reported as something else than a dent.
-    """
-
-    dents: int
-    dents_missed: int
-    sightings: int
-    sightings_missed: int
-    dents_false: int
-    depth_error_mm: float
-    length_error_mm: float
-    width_error_mm: float
-    dents_in_list: int
-    dents_false_in_list: int
-    clouds_not_inspected: int
-    others: int
-
-
 def appraise_dents(
     bag: Bag,
     report: InspectionReport,
     world: World,
     camera: Lens,
     move: Callable[[int | None], Pose],
-) -> DentAppraisal:
+) -> Figures:
     """Compare a report on a bag with the world that it was recorded in.
 
     Parameters
@@ -392,6 +293,16 @@ def appraise_dents(
     camera : Lens
     move : callable
         What puts the clouds that belong to the one of a stamp onto the true skin.
+
+    Returns
+    -------
+    dict of str to float
+        dents: true ones that lie wholly inside some cloud; dents_missed: those that no cloud
+        shows. sightings, sightings_missed: how often a true dent lies wholly inside a cloud, and
+        is not found in it. dents_false: listed, and not there. depth_error_mm, length_error_mm,
+        width_error_mm: largest of the combined measurements of dents that were seen whole.
+        dents_in_list, dents_false_in_list: what the node's own list held at the end, and what of
+        it is no true dent. clouds_not_inspected. others: reported as something else than a dent.
     """
     truth = [true for true in true_dents(world.surface) if true.depth > 0]
     clouds = dict(clouds_of(bag, '/points'))
@@ -432,20 +343,20 @@ def appraise_dents(
     whole = {index for index, _ in expected}
     listed_by_node = _last_list(bag)
     worst = np.abs(errors).max(axis=0) * _MM if errors else np.full(3, np.nan)
-    return DentAppraisal(
-        dents=len(whole),
-        dents_missed=len(whole - {index for index, _ in found}),
-        sightings=len(expected),
-        sightings_missed=len(expected - found),
-        dents_false=false,
-        depth_error_mm=float(worst[0]),
-        length_error_mm=float(worst[1]),
-        width_error_mm=float(worst[2]),
-        dents_in_list=len(listed_by_node),
-        dents_false_in_list=false_in_list(listed_by_node, truth),
-        clouds_not_inspected=len(report.refused),
-        others=len(report.others),
-    )
+    return {
+        'dents': len(whole),
+        'dents_missed': len(whole - {index for index, _ in found}),
+        'sightings': len(expected),
+        'sightings_missed': len(expected - found),
+        'dents_false': false,
+        'depth_error_mm': float(worst[0]),
+        'length_error_mm': float(worst[1]),
+        'width_error_mm': float(worst[2]),
+        'dents_in_list': len(listed_by_node),
+        'dents_false_in_list': false_in_list(listed_by_node, truth),
+        'clouds_not_inspected': len(report.refused),
+        'others': len(report.others),
+    }
 
 
 def _inside(cloud: Cloud, camera: Lens) -> tuple[np.ndarray, int]:

@@ -166,7 +166,7 @@ def fly(
                 processes.start(program)
         observer.until(observer.ready_to_reconstruct, _READY_S, 'reconstruction is not ready')
         # The flight starts when all can be there: the photographs are of its first seconds.
-        start_ns = time.time_ns() + 5_000_000_000
+        start_ns = time.time_ns() + 3_000_000_000
         blocks[_CAMERA]['ros__parameters']['simulation.start_ns'] = start_ns
         blocks[_AUTOPILOT]['ros__parameters']['start_ns'] = start_ns
         programs = written()

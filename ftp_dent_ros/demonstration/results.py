@@ -16,9 +16,7 @@ from numpy.typing import NDArray
 from ftp_dent_ros.cloud.ply import write_ply
 from ftp_dent_ros.coding.images import image_from_message
 from ftp_dent_ros.demonstration.appraisal import (
-    Appraisal,
-    DentAppraisal,
-    SkinAppraisal,
+    Figures,
     camera_error,
     clouds_of,
     image_at,
@@ -180,31 +178,26 @@ def _picture_of_all(bag: Bag, world: World, poses: Mapping[int, Pose], folder: P
     view_3d(folder / 'view_3d.png', skin, undented.distance(skin), flight)
 
 
-def summary_of(appraisal: Appraisal, dents: DentAppraisal, skin: SkinAppraisal) -> str:
+_SUMMARY = """\
+exposure to tagged cloud  {latency_median_ms:.0f} ms median, {latency_maximum_ms:.0f} ms at most
+dents in view             {dents}, missed {dents_missed}, false {dents_false}
+largest error of a dent   depth {depth_error_mm:.3f} mm, length {length_error_mm:.2f} mm, \
+width {width_error_mm:.2f} mm
+error of the clouds       {camera_mae_mm:.4f} mm mean, worst cloud {camera_mae_worst_mm:.4f} mm
+error of the joined skin  {skin_mae_mm:.4f} mm mean, worst cloud {skin_mae_worst_mm:.4f} mm
+by the autopilot's poses  {map_mae_mm:.1f} mm mean, worst cloud {map_mae_worst_mm:.1f} mm
+images                    {images}, lost {images_lost}
+clouds                    {clouds}, not inspected {clouds_not_inspected}; left out because this \
+machine was busy {clouds_lost}
+tagged clouds             {tagged_clouds}, lost {tagged_clouds_lost}
+autopilot poses           {poses}, lost {poses_lost}
+sightings of dents        {sightings}, missed {sightings_missed}
+listed as others          {others}
+dents in the node's list  {dents_in_list}, false {dents_false_in_list}
+parts of the skin         {skin_parts}; points {skin_place_mm:.3f} mm from their places on it, \
+the whole {skin_off_mm:.0f} mm off in the map"""
+
+
+def summary_of(figures: Figures) -> str:
     """The figures as people read them, a line each: those that matter most first."""
-    a, d, s = appraisal, dents, skin
-    rows = {
-        'exposure to tagged cloud': f'{a.latency_median_ms / 1e3:.2f} s median, '
-        f'{a.latency_maximum_ms / 1e3:.2f} s at most',
-        'dents in view': f'{d.dents}: found {d.dents - d.dents_missed}, missed {d.dents_missed}, '
-        f'false {d.dents_false}',
-        'largest error of a dent': f'depth {d.depth_error_mm:.3f} mm, length '
-        f'{d.length_error_mm:.2f} mm, width {d.width_error_mm:.2f} mm',
-        'error of the clouds': f'{a.camera_mae_mm:.4f} mm mean, worst cloud '
-        f'{a.camera_mae_worst_mm:.4f} mm (bound {BOUNDS["camera_mae_mm"]} mm)',
-        'error of the joined skin': f'{s.skin_mae_mm:.4f} mm mean, worst cloud '
-        f'{s.skin_mae_worst_mm:.4f} mm (bound {BOUNDS["skin_mae_mm"]} mm)',
-        "by the autopilot's poses": f'{a.map_mae_mm:.1f} mm mean, worst cloud '
-        f'{a.map_mae_worst_mm:.1f} mm (bound {BOUNDS["map_mae_mm"]:g} mm)',
-        'images': f'{a.images}, lost {a.images_lost}',
-        'clouds': f'{a.clouds}, not inspected {d.clouds_not_inspected}; left out because this '
-        f'machine was busy {a.clouds_lost}',
-        'tagged clouds': f'{a.tagged_clouds}, lost {a.tagged_clouds_lost}',
-        'autopilot poses': f'{a.poses}, lost {a.poses_lost}',
-        'sightings of dents': f'{d.sightings}, missed {d.sightings_missed}',
-        'listed as others': f'{d.others}',
-        "dents in the node's list": f'{d.dents_in_list}, false {d.dents_false_in_list}',
-        'parts of the skin': f'{s.skin_parts}; points {s.skin_place_mm:.3f} mm from their places '
-        f'on it, the whole {s.skin_off_mm:.0f} mm off in the map',
-    }
-    return '\n'.join(f'{name:26}{value}' for name, value in rows.items())
+    return _SUMMARY.format(**figures)

@@ -72,8 +72,6 @@ def recover(
     try:
         with BagWriter(aside, Path(os.path.abspath(output)).name) as writer:
             for path in files:
-                if writer.message_count:
-                    writer.split()
                 writer.write(_messages(path, writer, recovery, progress))
             if all(recovery.cut.get(path.name, 0) == path.stat().st_size for path in files):
                 raise BagError(f'{bag}: holds no whole part of an MCAP file: nothing to recover')

@@ -204,7 +204,7 @@ class Selection:
         Wanted in any case; a name without a leading slash is taken from the root namespace.
     everything : bool
         All topics, but not hidden ones (a part of the name begins with ``_``).
-    regex, exclude_regex : str
+    regex : str
         Searched for in the names of topics that are not hidden; '' for none.
 
     Raises
@@ -216,16 +216,14 @@ class Selection:
     names: tuple[str, ...] = ()
     everything: bool = False
     regex: str = ''
-    exclude_regex: str = ''
 
     def __post_init__(self) -> None:
-        for expression in (self.regex, self.exclude_regex):
-            try:
-                re.compile(expression)
-            except re.error as reason:  # noqa: PERF203
-                raise ConfigurationError(
-                    f'{expression!r} is no regular expression ({reason}): correct it'
-                ) from None
+        try:
+            re.compile(self.regex)
+        except re.error as reason:
+            raise ConfigurationError(
+                f'{self.regex!r} is no regular expression ({reason}): correct it'
+            ) from None
 
     @classmethod
     def of(cls, names: Sequence[str], **others: bool | str) -> Selection:
@@ -244,6 +242,5 @@ class Selection:
         if topic in self.names:
             return True
         hidden = any(part.startswith('_') for part in topic.split('/'))
-        if hidden or (self.exclude_regex and re.search(self.exclude_regex, topic)):
-            return False
-        return self.everything or bool(self.regex and re.search(self.regex, topic))
+        matches = self.everything or bool(self.regex and re.search(self.regex, topic))
+        return matches and not hidden

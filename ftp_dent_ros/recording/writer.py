@@ -10,7 +10,7 @@ import os
 import threading
 import time
 from collections import defaultdict, deque
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -111,19 +111,18 @@ class BagMetadata:
 
 
 class BagWriter:
-    """Writes a new bag: ``FOLDER/NAME_0.mcap`` and so on, at last ``FOLDER/metadata.yaml``.
+    """Writes a new bag: ``FOLDER/NAME_0.mcap``, at last ``FOLDER/metadata.yaml``.
 
-    Every message that `write` has returned from is in the kernel's hands: it outlives this
-    process, and `recovery.recover` gives it back if the bag is never closed.
+    The file is of profile ``ros2``, uncompressed, with checksums and an index. Every message that
+    `write` has returned from is in the kernel's hands: it outlives this process, and
+    `recovery.recover` gives it back if the bag is never closed.
 
     Parameters
     ----------
     folder : Path
         Is made, and must not exist.
     name : str, optional
-        What the files are called; the folder's name by default.
-    max_file_size : int, optional
-        Bytes after which the next file is begun; 0 for one file.
+        What the file is called; the folder's name by default.
 
     Attributes
     ----------
@@ -139,14 +138,15 @@ class BagWriter:
         bag then ends there and cannot be closed.
     """
 
-    def __init__(self, folder: Path, name: str = '', max_file_size: int = 0) -> None:
+    def __init__(self, folder: Path, name: str = '') -> None:
         self.folder = folder
         self.message_counts: dict[str, int] = defaultdict(int)
         self.custom_data: dict[str, str] = {}
-        self._name = name or folder.resolve().name
-        self._max_file_size = max_file_size
+        self._path = folder / f'{name or folder.resolve().name}_0.mcap'
         self._topics: dict[str, RecordedTopic] = {}
-        self._files: list[_File] = []
+        self._schemas: dict[str, int] = {}
+        self._channels: dict[str, int] = {}
+        self._start_ns, self._end_ns = NO_TIME_NS, 0
         self._failure: BagError | None = None
         with self._disk():
             try:
@@ -156,7 +156,15 @@ class BagWriter:
                     f'{folder}: exists already and is not overwritten: choose another output '
                     'folder'
                 ) from None
-            self._begin_file()
+            self._stream = _Stream(self._path)
+            # Without a limit of its own it ends a chunk where it is told to.
+            self._writer = Writer(
+                self._stream,  # type: ignore[arg-type]
+                chunk_size=1 << 62,
+                compression=CompressionType.NONE,
+            )
+            self._writer.start('ros2', f'ftp_dent_ros {__version__}')
+            self._writer.flush()
 
     @property
     def topics(self) -> tuple[RecordedTopic, ...]:
@@ -170,8 +178,8 @@ class BagWriter:
 
     @property
     def size(self) -> int:
-        """Bytes of all files."""
-        return sum(file.stream.size for file in self._files)
+        """Bytes of the file."""
+        return self._stream.size
 
     def add_topic(self, topic: RecordedTopic) -> None:
         """Make a topic known before its first message; a second time changes nothing."""
@@ -180,10 +188,9 @@ class BagWriter:
     def write(self, messages: Iterable[Message]) -> None:
         """Write messages of known topics; when it returns, the kernel has them."""
         batch: list[Message] = []
-        most = min(_CHUNK, self._max_file_size or _CHUNK)
         for message in messages:
             batch.append(message)
-            if sum(len(each.data) for each in batch) >= most:
+            if sum(len(each.data) for each in batch) >= _CHUNK:
                 self._write(batch)
                 batch = []
         if batch:
@@ -192,21 +199,22 @@ class BagWriter:
     def sync(self) -> None:
         """Have what is written outlive a power cut too; takes as long as the disk needs."""
         with self._disk():
-            self._files[-1].stream.sync()
-
-    def split(self) -> None:
-        """Close the file and begin the next one."""
-        with self._disk():
-            self._close_file()
-            self._begin_file()
+            self._stream.sync()
 
     def close(self) -> BagMetadata:
         """Close the file and write ``metadata.yaml``: the bag is whole."""
         with self._disk():
-            self._close_file()
+            for topic in self.topics:
+                self._channel(topic)
             metadata = self._metadata()
+            content = {'rosbag2_bagfile_information': metadata.to_mapping()}
+            serialised = _yaml(metadata.to_mapping())
+            self._writer.add_metadata('rosbag2', {'serialized_metadata': serialised})
+            self._writer.finish()
+            self._stream.flush()
+            self._stream.sync()
+            self._stream.close()
             with written_aside(self.folder / METADATA_FILE) as path:
-                content = {'rosbag2_bagfile_information': metadata.to_mapping()}
                 path.write_text(_yaml(content), encoding='utf-8')
         return metadata
 
@@ -222,27 +230,47 @@ class BagWriter:
         if kind is None:
             self.close()
         else:
-            self._files[-1].stream.close()
+            self._stream.close()
 
     def _write(self, messages: list[Message]) -> None:
+        """Write messages as one chunk."""
         with self._disk():
-            self._files[-1].write(messages, self._topics)
+            for message in messages:
+                self._writer.add_message(
+                    self._channel(self._topics[message.topic]),
+                    log_time=message.log_time_ns,
+                    data=message.data,
+                    publish_time=message.publish_time_ns,
+                    sequence=message.sequence,
+                )
+            self._writer.flush()
         for message in messages:
             self.message_counts[message.topic] += 1
-        if 0 < self._max_file_size <= self._files[-1].stream.size:
-            self.split()
+            self._start_ns = min(self._start_ns, message.log_time_ns)
+            self._end_ns = max(self._end_ns, message.log_time_ns)
 
-    def _begin_file(self) -> None:
-        self._files.append(_File(self.folder / f'{self._name}_{len(self._files)}.mcap'))
-
-    def _close_file(self) -> None:
-        self._files[-1].close(self.topics, _yaml(self._metadata().to_mapping()))
+    def _channel(self, topic: RecordedTopic) -> int:
+        if topic.type not in self._schemas:
+            self._schemas[topic.type] = self._writer.register_schema(
+                topic.type, 'ros2msg' if topic.definition else '', topic.definition.encode()
+            )
+        if topic.name not in self._channels:
+            metadata = {
+                'offered_qos_profiles': _yaml(qos_to_list(topic.offered_qos)).strip(),
+                'topic_type_hash': topic.type_hash,
+            }
+            self._channels[topic.name] = self._writer.register_channel(
+                topic.name, 'cdr', self._schemas[topic.type], metadata
+            )
+        return self._channels[topic.name]
 
     def _metadata(self) -> BagMetadata:
         # Where no ROS is sourced it is that of the wheels.
         distro = os.environ.get('ROS_DISTRO') or 'jazzy'
-        files = tuple(file.description for file in self._files)
-        return BagMetadata(files, self.topics, dict(self.message_counts), distro, self.custom_data)
+        duration_ns = max(0, self._end_ns - self._start_ns)
+        file = BagFile(self._path.name, self._start_ns, duration_ns, self.message_count)
+        counts = dict(self.message_counts)
+        return BagMetadata((file,), self.topics, counts, distro, self.custom_data)
 
     @contextmanager
     def _disk(self) -> Iterator[None]:
@@ -334,71 +362,6 @@ class BagSpool:
                 return
             with self._lock:
                 self._waiting_size -= sum(len(message.data) for message in batch)
-
-
-class _File:
-    """One new file in profile ``ros2``, uncompressed, with checksums and an index."""
-
-    def __init__(self, path: Path) -> None:
-        self.stream = _Stream(path)
-        # Without a limit of its own it ends a chunk where it is told to.
-        self._writer = Writer(
-            self.stream,  # type: ignore[arg-type]
-            chunk_size=1 << 62,
-            compression=CompressionType.NONE,
-        )
-        self._name = path.name
-        self._schemas: dict[str, int] = {}
-        self._channels: dict[str, int] = {}
-        self._start_ns, self._end_ns, self._count = NO_TIME_NS, 0, 0
-        self._writer.start('ros2', f'ftp_dent_ros {__version__}')
-        self._writer.flush()
-
-    @property
-    def description(self) -> BagFile:
-        """The file as it is now."""
-        duration_ns = self._end_ns - self._start_ns if self._count else 0
-        return BagFile(self._name, self._start_ns, duration_ns, self._count)
-
-    def write(self, messages: Sequence[Message], topics: Mapping[str, RecordedTopic]) -> None:
-        """Write messages as one chunk."""
-        for message in messages:
-            self._writer.add_message(
-                self._channel(topics[message.topic]),
-                log_time=message.log_time_ns,
-                data=message.data,
-                publish_time=message.publish_time_ns,
-                sequence=message.sequence,
-            )
-        self._writer.flush()
-        times = [message.log_time_ns for message in messages]
-        self._start_ns, self._end_ns = min(self._start_ns, *times), max(self._end_ns, *times)
-        self._count += len(messages)
-
-    def close(self, topics: Iterable[RecordedTopic], metadata: str) -> None:
-        """Add metadata and summary, and close; afterwards the file is whole."""
-        for topic in topics:
-            self._channel(topic)
-        self._writer.add_metadata('rosbag2', {'serialized_metadata': metadata})
-        self._writer.finish()
-        self.stream.flush()
-        self.stream.sync()
-        self.stream.close()
-
-    def _channel(self, topic: RecordedTopic) -> int:
-        if topic.type not in self._schemas:
-            self._schemas[topic.type] = self._writer.register_schema(
-                topic.type, 'ros2msg' if topic.definition else '', topic.definition.encode()
-            )
-        if topic.name not in self._channels:
-            metadata = {
-                'offered_qos_profiles': _yaml(qos_to_list(topic.offered_qos)).strip(),
-                'topic_type_hash': topic.type_hash,
-            }
-            self._channels[topic.name] = self._writer.register_channel(
-                topic.name, 'cdr', self._schemas[topic.type], metadata
-            )
-        return self._channels[topic.name]
 
 
 class _Stream:

@@ -108,7 +108,7 @@ def test_each_wrong_input_is_one_sentence(tmp_path, capsys, cloud):
     assert 'limits is no list' in refusal(capsys, tmp_path / 'cloud.ply', *out, *rules)
     depth = ('--smallest-depth', '-1')
     said = refusal(capsys, tmp_path / 'cloud.ply', *out, *depth)
-    assert said.endswith('--smallest-depth is -1: give millimetres, 0.001 to 100\n')
+    assert said.endswith('--smallest-depth is -1: give 0.001 to 100\n')
     stride = ('--stride', '0')
     assert 'stride is 0' in refusal(capsys, tmp_path / 'cloud.ply', *out, *stride)
     taken = ('--output', tmp_path / 'x.txt')

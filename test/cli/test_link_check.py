@@ -81,7 +81,7 @@ def test_nobody_on_the_link_is_no_go(port, capsys) -> None:
     [
         (['udp:14550'], 'is no address of an autopilot'),
         (['udpin:14550', '--signing-key', '/nowhere/key'], 'the signing key cannot be read'),
-        (['udpin:14550', '--seconds', 'inf'], '--seconds is inf: give more than 0'),
+        (['udpin:14550', '--seconds', 'inf'], '--seconds is inf: give 0 to 86400'),
     ],
 )
 def test_bad_usage_is_one_line(words, sentence, capsys) -> None:

@@ -61,11 +61,9 @@ def sample_messages(count: int) -> list[Message]:
     return messages
 
 
-def write_sample(
-    folder: Path, messages: Sequence[Message], each: int = 3, max_file_size: int = 0
-) -> None:
+def write_sample(folder: Path, messages: Sequence[Message], each: int = 3) -> None:
     """A whole bag; `each` messages are handed to the writer at once, and are a chunk."""
-    with BagWriter(folder, max_file_size=max_file_size) as writer:
+    with BagWriter(folder) as writer:
         for known in (WORDS, POSES, SILENT):
             writer.add_topic(known)
         for index in range(0, len(messages), each):

@@ -84,12 +84,14 @@ def test_a_chunk_with_a_wrong_checksum_is_left_out_and_counted(tmp_path, bag):
     assert list(read_messages(tmp_path / 'new')) == [*MESSAGES[:6], *MESSAGES[9:]]
 
 
-def test_a_bag_of_several_files_keeps_them(tmp_path):
+def test_a_bag_of_several_files_becomes_one(tmp_path):
     messages = sample_messages(300)
-    write_sample(tmp_path / 'bag', messages, max_file_size=5_000)
-    (tmp_path / 'bag' / 'metadata.yaml').unlink()
-    count = len(list((tmp_path / 'bag').glob('*.mcap')))
-    assert count > 10  # so that their order is not the alphabet's
+    (tmp_path / 'bag').mkdir()
+    count = 12  # so that their order is not the alphabet's
+    for number in range(count):
+        write_sample(tmp_path / str(number), messages[25 * number : 25 * number + 25])
+        part = tmp_path / str(number) / f'{number}_0.mcap'
+        part.rename(tmp_path / 'bag' / f'bag_{number}.mcap')
     # The recorder was killed as it began the next one.
     (tmp_path / 'bag' / f'bag_{count}.mcap').write_bytes(b'')
     recover(tmp_path / 'bag', tmp_path / 'new')

@@ -8,7 +8,6 @@ import subprocess
 import sys
 import tempfile
 import time
-from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -239,7 +238,7 @@ def test_a_publisher_that_offers_less_is_heard_too(ros, command, tmp_path):
 
 def test_everything_means_everything(ros, command, tmp_path):
     bag = tmp_path / 'bag'
-    recorder = command('record', '--all', '--max-bag-size', '10K', '-o', bag)
+    recorder = command('record', '--all', '-o', bag)
     publisher = ros.publisher(String, f'{ros.namespace}/words', KEPT)
     for number in range(10):
         publisher.publish(String(data=f'{number}' * 3000))
@@ -247,7 +246,6 @@ def test_everything_means_everything(ros, command, tmp_path):
     ros.until(lambda: len([each for each in on_disk(bag) if each.topic == words]) == 10)
     assert recorder.stop(signal.SIGHUP) == 0
     opened = open_bag(bag)
-    assert len(opened.files) >= 3
     names = {topic.name for topic in opened.metadata.topics}
     assert {words, '/parameter_events'} <= names
     assert [text_of(message)[0] for message in opened.messages([words])] == list('0123456789')
@@ -333,7 +331,6 @@ def test_a_full_disk_ends_the_recording_with_one_sentence(ros, command, tmp_path
         ([], 'nothing to record: name topics, or give --all or --regex'),
         (['--regex', '('], 'is no regular expression'),
         (['/x', '--output', '.'], '.: exists already and is not overwritten'),
-        (['/x', '--max-bag-size', '5T'], "'5T' is no size"),
     ],
 )
 def test_wrong_arguments_of_record(domain, capsys, words, sentence):
@@ -371,34 +368,14 @@ def test_latched_messages_reach_those_who_come_later(ros, command, tmp_path):
             data = serialize_message(String(data=text))
             writer.write([Message(topic, STRING, time_ns, time_ns, data)])
     heard = Listener(ros, String, words, LONG_BEST_EFFORT)
-    player = command('replay', bag, '--start-offset', '2.5', '--loop', '--rate', '5')
+    player = command('replay', bag, '--start-offset', '2.5', '--rate', '0.5')
     ros.until(lambda: heard.data)
     late = Listener(ros, String, pattern, LATCHED)
     ros.until(lambda: late.data)
-    ros.until(lambda: len(heard.data) >= 3)
-    assert player.stop() == 0
+    ros.until(lambda: len(heard.data) >= 2)
+    assert player.wait() == 0
     assert set(late.texts) == {'new'}
-    assert set(heard.texts) == {'a', 'b'}
-    assert all(one != other for one, other in pairwise(heard.texts))
-
-
-def test_stamps_go_on_when_a_bag_is_replayed_again(ros, command, tmp_path):
-    bag, topic, kind = tmp_path / 'bag', f'{ros.namespace}/image', 'sensor_msgs/msg/Image'
-    with BagWriter(bag) as writer:
-        writer.add_topic(RecordedTopic(topic, kind, type_hash(kind), (Qos(),)))
-        for number in range(4):
-            image = Image(height=number)
-            image.header.stamp.sec = 100 + number
-            data = serialize_message(image)
-            writer.write([Message(topic, kind, (100 + number) * 10**9, 0, data)])
-    listener = Listener(ros, Image, topic, 100)
-    player = command('replay', bag, '--loop', '--rate', '30', '--wait-for-subscribers')
-    ros.until(lambda: len(listener.data) >= 10)
-    assert player.stop() == 0
-    images = [deserialize_message(data, Image) for data in listener.data]
-    stamps = [image.header.stamp.sec + image.header.stamp.nanosec / 1e9 for image in images]
-    assert [image.height for image in images[:10]] == [0, 1, 2, 3, 0, 1, 2, 3, 0, 1]
-    assert all(0 < later - former <= 1.1 for former, later in pairwise(stamps))
+    assert heard.texts == ['a', 'b']
 
 
 def test_some_topics_under_other_names(ros, command, tmp_path):
@@ -449,8 +426,8 @@ def test_types_that_are_not_here_as_recorded_are_left_out(domain, capsys, tmp_pa
     [
         (['nothing'], 'nothing: no such bag: check the path'),
         (['bag', '--topics', '/missing'], 'has no topic /missing'),
-        (['bag', '--rate', '0'], '0 is no speed'),
-        (['bag', '--start-offset', '-1'], '-1 is no time'),
+        (['bag', '--rate', '0'], '--rate is 0: give at least 0.001'),
+        (['bag', '--start-offset', '-1'], '--start-offset is -1: give 0 to'),
         (['bag', '--remap', 'a=b'], 'a=b: not understood by ROS'),
         (['empty.mcap'], 'an empty file'),
     ],

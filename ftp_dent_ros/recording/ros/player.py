@@ -6,7 +6,6 @@ import sys
 import threading
 import time
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 from rclpy.duration import Duration
 from rclpy.node import Node
@@ -17,7 +16,7 @@ from tqdm import tqdm
 from ftp_dent_ros.coding.messages import message_class
 from ftp_dent_ros.errors import BagError, ConfigurationError, printable
 from ftp_dent_ros.recording.reader import Bag
-from ftp_dent_ros.recording.topic import Message, Qos, RecordedTopic, typestore
+from ftp_dent_ros.recording.topic import Message, Qos, RecordedTopic
 
 # Of each topic: long enough not to wait for each message, short enough for large ones.
 _DEPTH = 10
@@ -94,11 +93,11 @@ class Player:
                 _say(f'waiting for subscribers of {", ".join(missing)}')
                 said = now
 
-    def play(self, rate: float, offset_ns: int, later_ns: int = 0) -> None:
-        """Play once from `offset_ns` into the bag, with stamps that are `later_ns` later."""
+    def play(self, rate: float, offset_ns: int) -> None:
+        """Play from `offset_ns` into the bag."""
         start_ns = self._bag.metadata.start_ns + offset_ns
         for message in self._latched_before(start_ns) if offset_ns else ():
-            self._publish(message, later_ns)
+            self._publish(message)
         counts = self._bag.metadata.message_counts
         total = None if offset_ns else sum(counts[name] for name in self._publishers)
         start = time.monotonic()
@@ -110,7 +109,7 @@ class Player:
                 if self._stop.wait(min(max(0.0, ahead), threading.TIMEOUT_MAX)):
                     return
                 if message.type == self._types[message.topic]:
-                    self._publish(message, later_ns, hurried=ahead < 0)
+                    self._publish(message, hurried=ahead < 0)
                 bar.update()
 
     def wait_for_acknowledgements(self) -> None:
@@ -118,14 +117,9 @@ class Player:
         for name in self._publishers:
             self._wait_for_acknowledgement(name)
 
-    def _publish(self, message: Message, later_ns: int, hurried: bool = False) -> None:
+    def _publish(self, message: Message, hurried: bool = False) -> None:
         name = message.topic
-        data = message.data
-        if later_ns:
-            content = self._bag.deserialise(message)
-            _delay(content, later_ns)
-            data = bytes(typestore().serialize_cdr(content, message.type))
-        self._publishers[name].publish(data)
+        self._publishers[name].publish(message.data)
         self.published += 1
         self._unacknowledged[name] = self._unacknowledged.get(name, 0) + 1
         # At the original times the subscribers keep up, as they did then.
@@ -181,20 +175,6 @@ def _make_publisher(node: Node, topic: RecordedTopic) -> Publisher | None:
         why = str(reason).splitlines()[0]
         _say(f'{topic.name}: not replayed: ROS refuses it ({why}): rename it with --remap')
     return None
-
-
-def _delay(content: Any, by_ns: int) -> None:
-    """Add to the stamps of all headers in a message, but for zeros, which stand for no time."""
-    if isinstance(content, list):
-        for each in content:
-            _delay(each, by_ns)
-    elif getattr(content, '__msgtype__', '') == 'std_msgs/msg/Header':
-        stamp_ns = content.stamp.sec * 10**9 + content.stamp.nanosec
-        if stamp_ns:
-            content.stamp.sec, content.stamp.nanosec = divmod(stamp_ns + by_ns, 10**9)
-    elif hasattr(content, '__msgtype__'):
-        for name in content.__dataclass_fields__:
-            _delay(getattr(content, name), by_ns)
 
 
 def _say(text: str) -> None:

@@ -1,0 +1,82 @@
+"""What arguments of many commands are read with: numbers in their range, folders, rules, dents."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+from tqdm import tqdm
+
+from ftp_dent_ros.dents.dent import RANGES, SmallestDent
+from ftp_dent_ros.dents.rules import Rules, read_rules
+from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.files import find, why_not_writable
+
+_MM = 1e3
+
+
+def number(
+    option: str, least: float, most: float = math.inf, kind: Callable[[str], float] = float
+) -> Callable[[str], float]:
+    """Type of an argument that is a number in a range; else `ConfigurationError`."""
+    bounds = f'at least {least:g}' if math.isinf(most) else f'{least:g} to {most:g}'
+
+    def read(text: str) -> float:
+        value = kind(text)
+        if not least <= value <= most:
+            raise ConfigurationError(f'{option} is {text}: give {bounds}')
+        return value
+
+    return read
+
+
+def output_folder(name: str) -> Path:
+    """Type of an argument that is a folder for results, which need not be there yet.
+
+    Raises
+    ------
+    ConfigurationError
+        It is a file, or cannot be written.
+    """
+    output = Path(name)
+    if output.exists() and not output.is_dir():
+        raise ConfigurationError(f'--output {output} is a file: name a folder')
+    if why := why_not_writable(output / 'report'):
+        raise ConfigurationError(
+            f'--output {output} cannot be written ({why}): name another folder'
+        )
+    return output
+
+
+def rules(name: str) -> Rules:
+    """Type of an argument that names a file of rules."""
+    return read_rules(find(name))
+
+
+def add_settings_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the smallest dents; lengths are in millimetres."""
+    default = SmallestDent()
+    for name, what in (
+        ('smallest_depth', 'shallower dents are not reported'),
+        ('smallest_width', 'narrower ones are rivets, scratches and gaps'),
+    ):
+        option, (least, most) = f'--{name.replace("_", "-")}', RANGES[name]
+        parser.add_argument(
+            option,
+            type=number(option, _MM * least, _MM * most),
+            default=_MM * getattr(default, name),
+            metavar='MM',
+            help=f'{what}; default: %(default)g',
+        )
+
+
+def settings_of(arguments: argparse.Namespace) -> SmallestDent:
+    """The smallest dents that the arguments ask for."""
+    return SmallestDent(arguments.smallest_depth / _MM, arguments.smallest_width / _MM)
+
+
+def progress_bar(what: str, total: int | None, unit: str) -> tqdm:
+    """Bar on a terminal; elsewhere nothing."""
+    return tqdm(desc=what, total=total, unit=unit, dynamic_ncols=True, disable=None)
