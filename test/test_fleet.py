@@ -8,11 +8,7 @@ import pytest
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.fleet import (
     LostWorkerError,
-    begin,
-    finish,
     in_order,
-    is_made_of,
-    made_of,
     side_by_side,
 )
 
@@ -63,22 +59,6 @@ def killed_beside(task):
 def test_what_a_killed_process_left_is_done_by_this_one():
     tasks = [(number, os.getpid()) for number in range(12)]
     assert list(in_order(killed_beside, tasks, jobs=2)) == list(range(12))
-
-
-def test_a_result_is_whole_only_if_it_was_finished_of_the_same_input_and_settings(tmp_path):
-    bag = tmp_path / 'bag'
-    bag.mkdir()
-    (bag / 'bag_0.mcap').write_bytes(b'one')
-    folder = tmp_path / 'out'
-    origin = made_of(bag, {'depth': 1e-4})
-    assert not is_made_of(folder, origin)
-    finish(folder, origin)
-    assert is_made_of(folder, origin)
-    assert not is_made_of(folder, made_of(bag, {'depth': 2e-4}))
-    (bag / 'bag_0.mcap').write_bytes(b'more')
-    assert not is_made_of(folder, made_of(bag, {'depth': 1e-4}))
-    begin(folder)
-    assert not is_made_of(folder, origin)
 
 
 def ends_at_once(_):

@@ -7,11 +7,10 @@ import os
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from ftp_dent_ros import profilometry
 from ftp_dent_ros.cli.arguments import (
@@ -26,8 +25,8 @@ from ftp_dent_ros.dents.dent import SmallestDent
 from ftp_dent_ros.dents.rules import Rules, read_rules, verdict
 from ftp_dent_ros.dents.sightings import ListedDent
 from ftp_dent_ros.errors import CloudError, ConfigurationError, FtpDentError
-from ftp_dent_ros.files import content_id, find
-from ftp_dent_ros.fleet import begin, finish, is_made_of, made_of
+from ftp_dent_ros.files import find
+from ftp_dent_ros.fleet import LostWorkerError, in_order, on_cluster, side_by_side
 from ftp_dent_ros.inspection.inspecting import CloudInspector, SeenCloud, viewpoint_of
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.page import write_report
@@ -204,7 +203,6 @@ def _of_bag(
     request: Request, rules: Rules | None, progress: Callable[[int], object], jobs: int
 ) -> InspectionReport:
     # Only this needs the libraries of bags.
-    from ftp_dent_ros.fleet import in_order
     from ftp_dent_ros.inspection.bag import survey_bag
     from ftp_dent_ros.recording import clouds
     from ftp_dent_ros.recording.clouds import count_clouds
@@ -234,8 +232,6 @@ def _of_cloud(request: Request, rules: Rules | None) -> InspectionReport:
 
 
 def _of_photograph(request: Request, rules: Rules | None) -> InspectionReport:
-    from ftp_dent_ros import profilometry
-
     if not request.rig or not request.pattern:
         raise ConfigurationError(
             f'{request.path}: a photograph needs its rig and its pattern: '
@@ -286,108 +282,57 @@ def _rig(request: Request, measured_by: str) -> tuple[tuple[str, str], Lens | No
     return (file.name, rig.id), rig.camera
 
 
-@dataclass(frozen=True)
-class _Task:
-    """One input, and the folder for its report."""
-
-    request: Request
-    folder: Path
-    origin: dict[str, Any]
-
-
-@dataclass(frozen=True)
-class _Outcome:
-    """What a process tells of a task: its words, and whether it failed."""
-
-    text: str
-    seconds: float = 0.0
-    failed: bool = False
-
-
 def inspect_several(
     requests: Sequence[Request], output: Path, jobs: int | None, scheduler: str | None
 ) -> int:
-    """Inspect all that is not done yet; 2 if any of them failed.
+    """Inspect all; 2 if any of them failed.
 
     Raises
     ------
     ConfigurationError
-        A file of settings is not there, two inputs are one, or there is no scheduler.
+        Two inputs are one, or there is no scheduler.
     """
-    settings = _settings(requests[0])
-    tasks = []
-    for request, folder in zip(requests, _folders(requests, output), strict=True):
-        try:
-            origin = made_of(request.path, settings)
-        except OSError:
-            origin = {}  # Not there: the inspection says so.
-        tasks.append(_Task(request, folder, origin))
-    done = [task for task in tasks if task.origin and is_made_of(task.folder, task.origin)]
-    waiting = [task for task in tasks if task not in done]
-    for task in done:
-        print(f'{task.request.path}: done before, and nothing has changed since: {task.folder}')
-    counts: Counter[bool] = Counter()
-    with progress_bar('inspecting', len(waiting), 'input') as bar:
-        for task, outcome in _results(waiting, jobs, scheduler):
+    tasks = list(zip(requests, _folders(requests, output), strict=True))
+    results = (
+        on_cluster(_inspect_into, tasks, scheduler)
+        if scheduler
+        else side_by_side(_inspect_into, tasks, jobs or len(os.sched_getaffinity(0)))
+    )
+    failed = 0
+    with progress_bar('inspecting', len(tasks), 'input') as bar:
+        for (request, folder), outcome in results:
             if isinstance(outcome, Exception):
-                outcome = _Outcome(f'not inspected ({outcome}): try it alone', failed=True)
-            counts[outcome.failed] += 1
-            line = outcome.text
-            if not line.startswith(str(task.request.path)):
-                line = f'{task.request.path}: {line}'
-            if not outcome.failed:
-                line += f' in {outcome.seconds:.1f} s: {task.folder}'
-            bar.write(line, file=sys.stderr if outcome.failed else sys.stdout)
+                failed += 1
+                bar.write(_failure(str(request.path), outcome), file=sys.stderr)
+            else:
+                bar.write(f'{request.path}: {outcome}: {folder}')
             bar.update()
-    print(f'{counts[False]} inspected, {len(done)} done before, {counts[True]} failed')
-    return 2 if counts[True] else 0
+    print(f'{len(tasks) - failed} inspected, {failed} failed')
+    return 2 if failed else 0
 
 
-def _results(
-    tasks: Sequence[_Task], jobs: int | None, scheduler: str | None
-) -> Iterator[tuple[_Task, _Outcome | Exception]]:
-    if not tasks:
-        return iter(())
-    if scheduler:
-        # Only this needs Dask.
-        from ftp_dent_ros.fleet import on_cluster
-
-        return on_cluster(_work, tasks, scheduler)
-    from ftp_dent_ros.fleet import side_by_side
-
-    return side_by_side(_work, tasks, jobs or len(os.sched_getaffinity(0)))
+def _failure(path: str, error: Exception) -> str:
+    """Why an input was not inspected: one must not cost all the others."""
+    if isinstance(error, LostWorkerError):
+        text = f'not inspected ({error}): try it alone'
+    elif isinstance(error, FtpDentError):
+        text = str(error)
+    else:
+        text = f'a defect of the software ({type(error).__name__}: {error}): report it'
+    return text if text.startswith(path) else f'{path}: {text}'
 
 
-def _work(task: _Task) -> _Outcome:
+def _inspect_into(task: tuple[Request, Path]) -> str:
     """Inspect one input and write its report, in whatever process this is."""
+    request, folder = task
     started = time.perf_counter()
-    try:
-        begin(task.folder)
-        report = report_of(task.request)
-        write_report(task.folder, report)
-        finish(task.folder, task.origin)
-    except FtpDentError as error:
-        return _Outcome(str(error), failed=True)
-    except Exception as error:
-        # One input must not cost all the others.
-        said = f'{type(error).__name__}: {error}'
-        return _Outcome(f'a defect of the software ({said}): report it', failed=True)
-    skipped = len(report.refused) + len(report.skipped)
+    report = report_of(request)
+    write_report(folder, report)
+    left_out = len(report.refused) + len(report.skipped)
     text = f'{len(report.dents)} dents, {len(report.others)} others'
     text += f', {len(report.frames)} clouds' if len(report.frames) > 1 else ''
-    text += f', {skipped} left out' if skipped else ''
-    return _Outcome(text, time.perf_counter() - started)
-
-
-def _settings(request: Request) -> dict[str, Any]:
-    """What decides beside the input: files of settings by what is in them."""
-    files = {name: getattr(request, name) for name in ('rig', 'pattern', 'rules')}
-    return {
-        **{name: content_id(find(file)) if file else None for name, file in files.items()},
-        **asdict(request.settings),
-        'stride': request.stride,
-        'joined': request.joined,
-    }
+    text += f', {left_out} left out' if left_out else ''
+    return f'{text} in {time.perf_counter() - started:.1f} s'
 
 
 def _folders(requests: Sequence[Request], output: Path) -> list[Path]:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import argparse
 import shutil
-import sys
-import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import fields
 from pathlib import Path
@@ -46,9 +44,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument('configuration', metavar='CONFIG.yaml', help='of the running payload')
     parser.add_argument(
-        '--watch', action='store_true', help='repeat the focus as a bar until Ctrl-C'
-    )
-    parser.add_argument(
         '--bags', type=Path, default=Path(), metavar='DIR', help='where bags will go; default: .'
     )
 
@@ -67,8 +62,6 @@ def run(arguments: argparse.Namespace) -> int:
         try:
             photographer.waited_for(lambda: all(_heard(states, entries)), _HEARD)
             size = photographer.projector_size()
-            if arguments.watch:
-                return _watch(photographer, size, stop.is_set)
             findings = _photographs(photographer, size, entries)
             # What a node said before it saw the pattern tells nothing of it now.
             end = photographer.now_ns()
@@ -139,40 +132,6 @@ def _retaken(
         if right(image):
             break
     return image
-
-
-def _watch(photographer: Photographer, size: tuple[int, int], stopped: Any) -> int:
-    """A bar that grows with the focus, and a mark at the best so far."""
-    pattern = photographer.projected()
-    white, _ = photographer.photograph(
-        photographer.show(_even(size, 254)) + _SETTLED_NS, colour=True
-    )
-    black, _ = photographer.photograph(
-        photographer.show(_even(size, 0)) + _SETTLED_NS, colour=True
-    )
-    shown, best = photographer.show(pattern) + _SETTLED_NS, 0.0
-    last = time.monotonic()
-    while not stopped():
-        if time.monotonic() - last > 10:
-            # Half a minute without an image brings the payload's own pattern back anyway.
-            shown, last = photographer.show(pattern) + _SETTLED_NS, time.monotonic()
-        image, _ = photographer.photograph(shown, colour=True)
-        left = sharpness(white, black, image, pattern)
-        best = max(best, left)
-        sys.stdout.write(bar(left, best, shutil.get_terminal_size().columns))
-        sys.stdout.flush()
-    return 0
-
-
-def bar(value: float, best: float, columns: int) -> str:
-    """Five lines that fill the terminal's width and are drawn over each other."""
-    width = max(10, columns - 2)
-    filled, mark = round(value * width), min(width - 1, round(best * width))
-    line = list('\u2588' * filled + ' ' * (width - filled))
-    line[mark] = '|'
-    rows = [f'\x1b[2K{"".join(line)}'] * 4
-    words = f'\x1b[2KFOCUS {100 * value:.0f} %   best {100 * best:.0f} %'
-    return '\n'.join([*rows, words]) + '\x1b[4A\r'
 
 
 def _listen(node: Node) -> States:
