@@ -7,6 +7,7 @@ measures the phase's noise (eq. 8), and energy beyond it is the skin's shape.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,7 +57,7 @@ class Denoised:
 def denoise(
     grid: BinGrid,
     phase: NDArray[np.float32],
-    contrast: NDArray[np.float32],
+    changes: Sequence[NDArray[np.float32]],
     mask: NDArray[np.float32],
 ) -> Denoised:
     """Denoise a surface's phase.
@@ -66,19 +67,21 @@ def denoise(
     grid : BinGrid
     phase : ndarray, shape (rows, nodes)
         About a quadric, radians.
-    contrast : ndarray, shape (rows, nodes)
-        Logarithm of the amplitude over the level, about a quadric.
+    changes : sequence of ndarray, shape (rows, nodes)
+        Logarithms of the amplitude over the level, and of the amplitude, about quadrics. Paint
+        changes the latter only, ambient light the former; noise changes both.
     mask : ndarray, shape (rows, nodes), float32
         1 on the surface, else 0.
     """
-    low, low_contrast = phase * mask, contrast * mask
+    low, lows = phase * mask, [each * mask for each in changes]
     kept, variance, noise = (np.zeros_like(phase) for _ in range(3))
     finest, lost, octaves_lost = (np.ones_like(phase) for _ in range(3))
     for octave in range(_OCTAVES):
         width = WIDTH * 2**octave
-        smooth, smooth_contrast = (_flat_top(grid, x, mask, width) for x in (low, low_contrast))
+        smooth, *smooths = (_flat_top(grid, x, mask, width) for x in (low, *lows))
         detail = (low - smooth) * mask
-        before, noise = noise, _noise(grid, (low_contrast - smooth_contrast) * mask, mask, width)
+        details = [(x - s) * mask for x, s in zip(lows, smooths, strict=True)]
+        before, noise = noise, np.minimum(*(_noise(grid, x, mask, width) for x in details))
         if octave > 1:  # the first two pass the windows of the fit
             noise = np.minimum(noise, np.float32(_FALLS) * before)
         energy = _mean(grid, detail * detail, mask, _OF_ENERGY * width)
@@ -90,18 +93,18 @@ def denoise(
         finest = finest if octave else gain
         lost = lost * (1 - gain)
         octaves_lost = octaves_lost * np.exp2(lost)
-        low, low_contrast = smooth, smooth_contrast
+        low, lows = smooth, smooths
     return Denoised(
         *((kept + low) * mask, variance + _BEYOND * noise, finest, _FINEST * octaves_lost)
     )
 
 
-def _noise(grid, contrast, mask, width):
-    """Variance of the phase by an octave of the contrast; edges of paint count little."""
+def _noise(grid, change, mask, width):
+    """Variance of the phase by an octave of a change; edges count little."""
     fringes = _OF_NOISE * width
-    square = contrast * contrast
+    square = change * change
     # Of a Gaussian, by the mean of its absolute values.
-    scale = np.float32(np.pi / 2) * np.square(_mean(grid, np.abs(contrast), mask, fringes))
+    scale = np.float32(np.pi / 2) * np.square(_mean(grid, np.abs(change), mask, fringes))
     weight = mask / np.square(1 + square / (4 * scale + np.float32(1e-12)))
     return np.float32(_OF_DIRT / _LEFT) * _mean(grid, square, weight, fringes)
 

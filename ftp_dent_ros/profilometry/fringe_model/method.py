@@ -20,7 +20,7 @@ from ftp_dent_ros.profilometry.fringe_model.orders import OrderLikelihood
 from ftp_dent_ros.profilometry.fringe_model.points import Points
 from ftp_dent_ros.profilometry.fringe_model.solver import FringeFit, Solver
 from ftp_dent_ros.profilometry.fringe_model.start import Start, fit_planes, plane_phases
-from ftp_dent_ros.profilometry.fringe_model.waveform import USUAL, Waveform
+from ftp_dent_ros.profilometry.fringe_model.waveform import Waveform
 from ftp_dent_ros.profilometry.least_squares.phase_geometry import PhaseGeometry
 from ftp_dent_ros.profilometry.measurement import Measurement
 from ftp_dent_ros.rig.rig import Rig
@@ -79,7 +79,7 @@ class FringeModel:
         orders = self._orders(light, start)
         phase, surface = self._absolute(start, orders)
         plain = self._filled(light, phase)
-        first = self._first(plain, light.usable, phase)
+        first = self._first(plain, light.usable, phase, start.surface >= 0)
         fit = self._solver.solve(plain, light.usable, start.reference, first)
         geometry = self.rig, self.pattern, self.grid, self._bins, self._nodes
         points = Points(*geometry, self.stride, fit, light.usable)
@@ -151,10 +151,13 @@ class FringeModel:
         filled = self.grid.at_bins(offset) + self.grid.at_bins(ratio) * light.red
         return np.where(stripe, filled, light.grey)
 
-    def _first(self, light, usable, phase) -> FringeFit:
+    def _first(self, light, usable, phase, inside) -> FringeFit:
         """What the solver starts from."""
-        wave, slope, _ = self._waveform.at(phase)
-        fit = fit_windows(self.grid, light, wave, slope, usable)
-        level, amplitude = self.grid.at_bins(fit.level), self.grid.at_bins(fit.amplitude)
-        blur = np.array([USUAL, 0.0, 0.0])
+        fits = []
+        for variance in self._waveform.variances:
+            wave, slope, _ = self._waveform.at(phase, variance)
+            fits.append(fit_windows(self.grid, light, wave, slope, usable))
+        best = int(np.argmin([np.median(each.rest[inside]) for each in fits]))
+        level, amplitude = map(self.grid.at_bins, (fits[best].level, fits[best].amplitude))
+        blur = np.array([self._waveform.variances[best], 0.0, 0.0])
         return FringeFit(phase, level, amplitude, light, light, usable, self._waveform, blur)

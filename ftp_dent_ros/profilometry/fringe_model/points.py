@@ -25,6 +25,8 @@ _UNEXPLAINED, _UNUSUAL = 30.0, 3.0
 _CHANCE = 2.0
 # Amplitude over the residuals' scale that shows fringes: two standard deviations.
 _VISIBLE = 2.0
+# Share of the bins about that must not be clipped: crests may be.
+_SEEN = 0.4
 # Mean square of rounding to whole levels in a bin, levels^2.
 _ROUNDING = 0.05
 # Share of a node's bins that must be on the surface, for its phase, and for the quadric.
@@ -64,22 +66,24 @@ class Points:
     ) -> None:
         self._rig, self._pattern, self._grid = rig, pattern, grid
         self._bins, self._nodes, self._stride, self._fit = bins, nodes, stride, fit
-        rest = grid.around(grid.around(fit.residual * fit.residual))
+        seen = grid.around(grid.around(usable))
+        square = usable * fit.residual * fit.residual
+        rest = grid.around(grid.around(square)) / np.maximum(seen, 1e-3)
         explained = rest < _UNEXPLAINED * np.maximum(fit.scale, _ROUNDING)
         visible = fit.amplitude > _VISIBLE * np.sqrt(np.maximum(fit.scale, 0))
-        self._good = explained & visible & (usable > 0)
+        self._good = explained & visible & (seen > _SEEN)
         amplitude = np.maximum(fit.amplitude, 1)
         self._unexplained = 2 * np.maximum(rest - _UNUSUAL * fit.scale, 0) / np.square(amplitude)
         # Detail that the windows do not resolve leaves more on the flanks than on the crests.
         wave, slope, _ = fit.waveform.at(fit.phase)
-        uneven = fit.residual * fit.residual * (slope * slope - wave * wave)
+        uneven = square * (slope * slope - wave * wave)
         chance = _CHANCE * math.sqrt(1.5 / grid.bins_in_window) * fit.scale
         detail = np.maximum(grid.smooth_bins(uneven, WIDTH) - chance, 0)
         self._unexplained += 4 * detail / np.square(amplitude)
         _, v_p = bins.meet(fit.phase)
         by_rows = pattern.row_contrast(np.nan_to_num(v_p)).astype(np.float32)
         level, amplitude = (np.maximum(each, 0.5) for each in (fit.level, fit.amplitude / by_rows))
-        self._contrast = np.log(amplitude / level)
+        self._changes = np.log(amplitude / level), np.log(amplitude)
         columns, rows = (np.arange(0, n, stride) for n in (grid.width, grid.height))
         self._pixels, self._rays = (columns, rows), rays_at(rig.camera, columns, rows)
         shape = self._rays.shape[:2]
@@ -113,11 +117,13 @@ class Points:
         at = whole if np.count_nonzero(whole) > _LEAST_NODES else nodes
         quadric = Quadric.through(grid.width, *places, inverse, at)
         smooth = self._bins.phase(quadric.at(*grid.bin_positions()))
-        contrast = mean(self._contrast)
-        contrast = contrast - Quadric.through(grid.width, *places, contrast, nodes).at(*places)
+        changes = [
+            each - Quadric.through(grid.width, *places, each, nodes).at(*places)
+            for each in map(mean, self._changes)
+        ]
         away = fit.phase - smooth
         coarse = mean(away)
-        denoised = denoise(grid, coarse, contrast, nodes.astype(np.float32))
+        denoised = denoise(grid, coarse, changes, nodes.astype(np.float32))
 
         def at_bins(values: NDArray[np.float32]) -> NDArray[np.float32]:
             return grid.at_bins(nearest(values, nodes))

@@ -11,7 +11,7 @@ from scipy import stats
 
 from ftp_dent_ros.profilometry.fringe_model.bins import BinGrid
 from ftp_dent_ros.profilometry.fringe_model.local_fit import fit_windows
-from ftp_dent_ros.profilometry.fringe_model.waveform import Waveform
+from ftp_dent_ros.profilometry.fringe_model.waveform import USUAL, Waveform
 
 # Gauss-Newton rounds: they leave half the depth of details 1.6 fringes long.
 _ROUNDS = 4
@@ -19,8 +19,8 @@ _ROUNDS = 4
 _ASIDE = 1.0
 # Significance at which a window at the side explains a bin's light better (F test).
 _SIGNIFICANCE = 1e-2
-# Steps of the waveform's unknowns a round.
-_LEARNED = 2
+# Steps of the waveform's unknowns a round, and every how many bins show them.
+_LEARNED, _EVERY = 2, 3
 # Fringes over which the misfit's scale is the mean.
 _SCALE = 4.0
 # Residuals beyond which a bin counts less, in scales (Geman and McClure's function).
@@ -107,15 +107,8 @@ class Solver:
 
     def _weighted(self, light, usable, fit, weight, learn):
         """The fit with its global unknowns, residuals and weights (eq. 4 and 5)."""
-        for _ in range(_LEARNED if learn else 0):
-            wave, _, by_blur = self._wave(fit)
-            amplitude = np.maximum(fit.amplitude, 1)
-            by_power = np.where(fit.amplitude > 1, usable * amplitude * amplitude, 0)
-            misfit = (light - fit.level - fit.amplitude * wave) / amplitude
-            blur = fit.blur + self._more_blur(misfit, by_blur, by_power)
-            fit = replace(
-                fit, waveform=fit.waveform.corrected(fit.phase, misfit, by_power), blur=blur
-            )
+        if learn:
+            fit = self._learned(light, usable, fit)
         wave, *_ = self._wave(fit)
         residual = light - fit.level - fit.amplitude * wave
         square = residual * residual
@@ -124,19 +117,27 @@ class Solver:
         weight = usable / np.square(1 + square / limit)
         return replace(fit, residual=residual, scale=scale, weight=weight), weight
 
-    def _wave(self, fit):
-        return fit.waveform.at(fit.phase, np.tensordot(fit.blur, self._plane, axes=1))
+    def _learned(self, light, usable, fit):
+        """The fit with the waveform's unknowns as every few bins together show them."""
+        phase, level, amplitude, light, usable, *plane = (
+            np.ascontiguousarray(each[::_EVERY, ::_EVERY])
+            for each in (fit.phase, fit.level, fit.amplitude, light, usable, *self._plane)
+        )
+        waveform, blur = fit.waveform, fit.blur
+        size = np.maximum(amplitude, 1)
+        weight = np.where(amplitude > 1, usable * size * size, 0)
+        for _ in range(_LEARNED):
+            wave, _, by_blur = waveform.at(phase, np.tensordot(blur, plane, axes=1))
+            misfit = (light - level - amplitude * wave) / size
+            if waveform.has_code:
+                blur = blur + _more_blur(misfit, by_blur * np.stack(plane), weight)
+            waveform = waveform.corrected(phase, misfit, weight)
+        return replace(fit, waveform=waveform, blur=blur)
 
-    def _more_blur(self, misfit, by_blur, weight):
-        """What the misfit says of the blur's plane (least squares)."""
-        terms = (self._plane * by_blur).reshape(3, -1)
-        weighted = terms * weight.ravel()
-        normal = weighted @ terms.T
-        size = float(np.trace(normal))
-        if size <= 1e-6 * float(weight.sum()):  # a plain cosine keeps its form
-            return np.zeros(3)
-        more = np.linalg.solve(normal + 1e-6 * size * np.eye(3), weighted @ misfit.ravel())
-        return np.clip(more, -1, 1)
+    def _wave(self, fit):
+        has_code = fit.waveform.has_code
+        variance = np.tensordot(fit.blur, self._plane, axes=1) if has_code else USUAL
+        return fit.waveform.at(fit.phase, variance)
 
     def _clearest(self, light, usable, fit, fitted, count, reference):
         """For each bin the fit of the window that explains its light best (eq. 6).
@@ -167,6 +168,15 @@ class Solver:
     def _about(self, bins):
         width, height = (round(_SCALE * each) for each in self.grid.fringe)
         return cv2.blur(bins, (width, height))
+
+
+def _more_blur(misfit, terms, weight):
+    """What the misfit says of the blur's plane (least squares), a radian^2 at most."""
+    terms = terms.reshape(3, -1)
+    weighted = terms * weight.ravel()
+    normal = weighted @ terms.T
+    ridge = 1e-6 * float(np.trace(normal)) * np.eye(3)
+    return np.clip(np.linalg.solve(normal + ridge, weighted @ misfit.ravel()), -1, 1)
 
 
 def _moved(bins, columns, rows):

@@ -23,6 +23,8 @@ _BEYOND = 4
 # Variances of the blur with a table, radians^2; the largest leaves a tenth of the fringes.
 _VARIANCES = np.arange(0.06, 4.6, 0.15)
 _HARMONICS = range(2, 6)
+# Variances to choose from at first, so near that the fit finds the way.
+_FIRST = 0.3, 1.0, 2.0, 3.0, 4.0
 #: Variance of the blur to begin with, radians^2: a pixel and half a pixel of fringes 10 wide.
 USUAL = 0.3
 
@@ -66,6 +68,16 @@ class Waveform:
             ):
                 table[:] = np.fft.irfft(spectrum, count)
         return cls(start, tables, np.zeros(2 * len(_HARMONICS)))
+
+    @property
+    def variances(self) -> tuple[float, ...]:
+        """Variances of the blur to begin with, radians^2."""
+        return _FIRST if self.has_code else (USUAL,)
+
+    @property
+    def has_code(self) -> bool:
+        """Whether fringes differ, so that the blur changes more than their amplitude."""
+        return self.tables.shape[1] > 1
 
     def at(
         self, phase: NDArray[np.float32], variance: NDArray[np.float32] | float = USUAL
