@@ -53,7 +53,15 @@ class FtpDentError(Exception):
 
 
 class InputError(FtpDentError):
-    """Something that the user gave cannot be used."""
+    """Something that the user gave cannot be used.
+
+    Attributes
+    ----------
+    reason : str
+        A few fixed words, for counting refusals by their reason.
+    """
+
+    reason = 'wrong input'
 
 
 class RigError(InputError):
@@ -63,13 +71,19 @@ class RigError(InputError):
 class PatternError(InputError):
     """The fringe pattern is malformed or does not fit the projector."""
 
+    reason = 'wrong pattern'
+
 
 class ImageError(InputError):
     """The image cannot be read, or has the wrong type or size."""
 
+    reason = 'wrong image'
+
 
 class CloudError(InputError):
     """The point cloud cannot be read or used."""
+
+    reason = 'wrong cloud'
 
 
 class CodecError(InputError):

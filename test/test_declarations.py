@@ -7,8 +7,8 @@ import pytest
 
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.files import config_folder
-from ftp_dent_ros.nodes import camera_parameters
 from ftp_dent_ros.nodes.declarations import fitted, names_of
+from ftp_dent_ros.nodes.settings import CameraCaptureSettings, read
 from ftp_dent_ros.parameters import FileParameters
 from ftp_dent_ros.supervision.configuration import read_configuration
 from ftp_dent_ros.supervision.executables import NODES
@@ -84,7 +84,7 @@ def test_every_node_says_its_parameters():
 
 
 def test_a_camera_without_a_rig_is_asked_for_the_size_that_the_page_promises():
-    given = camera_parameters.declare(FileParameters({}, Path(), 'camera_capture'))
-    assert (given.device.width, given.device.height) == (1280, 720)
+    given = read(CameraCaptureSettings, FileParameters({}, Path(), 'camera_capture'))
+    assert (given.width, given.height) == (1280, 720)
     genicam = FileParameters({'source': 'genicam'}, Path(), 'camera_capture')
-    assert camera_parameters.declare(genicam).genicam.width == 0, 'its own'
+    assert read(CameraCaptureSettings, genicam).genicam().width == 0, 'its own'

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.distance import cdist
 
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.pose import Pose
@@ -263,6 +262,8 @@ def dent_from_plain(record: dict[str, Any]) -> MeasuredDent:
 
 def with_clearances(dents: Sequence[MeasuredDent]) -> tuple[MeasuredDent, ...]:
     """The dents, each with its clearance to the nearest of kind ``'dent'``."""
+    from scipy.spatial.distance import cdist  # what only names dents does without
+
     outlines = [d.outline if len(d.outline) else d.position[None] for d in dents]
     centres = np.array([outline.mean(axis=0) for outline in outlines]).reshape(-1, 3)
     reach = np.array(

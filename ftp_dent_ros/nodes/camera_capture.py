@@ -20,7 +20,6 @@ from typing import Any
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.duration import Duration
-from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image
 from std_srvs.srv import Trigger
 
@@ -35,9 +34,9 @@ from ftp_dent_ros.capture.source import (
     stamps_exposure_start,
 )
 from ftp_dent_ros.errors import CameraError, ConfigurationError, ImageError
-from ftp_dent_ros.nodes.camera_parameters import CameraParameters, declare
-from ftp_dent_ros.nodes.declarations import names_of_all
-from ftp_dent_ros.ros.diagnostics import OK, WARN, Diagnostics
+from ftp_dent_ros.nodes.payload_node import PayloadNode
+from ftp_dent_ros.nodes.settings import CameraCaptureSettings
+from ftp_dent_ros.ros.diagnostics import OK, WARN
 from ftp_dent_ros.ros.messages import (
     camera_info_message,
     image_from_message,
@@ -45,7 +44,6 @@ from ftp_dent_ros.ros.messages import (
     stamp_to_ns,
 )
 from ftp_dent_ros.ros.node import run
-from ftp_dent_ros.ros.parameters import Parameters
 from ftp_dent_ros.ros.qos import IMAGES, OVERRIDABLE, PATTERNS
 
 # Seconds: until a photograph on demand, between two looks at whether to stop, and after a reader
@@ -69,26 +67,22 @@ class _Demand:
         self.done.set()
 
 
-class CameraCapture(Node):
+class CameraCapture(PayloadNode[CameraCaptureSettings]):
     """Node that takes photographs in a thread of its own and publishes them."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__('camera_capture', **options)
-        parameters = Parameters(self)
-        given = declare(parameters)
-        parameters.close(names_of_all)
-        parameters.on_change(self._change)
-        self._rig, self._rate, self._frame_id = given.rig, given.rate, given.frame_id
+        given = self.given
+        self.settings.on_change(self._change)
         self._continuous = given.continuous
-        self._source: Source = make_source(given, self._now_ns)
+        self._source: Source = make_source(given, self.now_ns)
         self._image = self.create_publisher(
             Image, 'camera/image_raw', IMAGES, qos_overriding_options=OVERRIDABLE
         )
         self._info = self.create_publisher(
             CameraInfo, 'camera/camera_info', IMAGES, qos_overriding_options=OVERRIDABLE
         )
-        device = given.device.path if given.source == 'device' else given.source
-        self._diagnostics = Diagnostics(self, self._judge, hardware_id=device)
+        self.diagnostics.hardware_id = given.path if given.source == 'device' else given.source
         self._demands: deque[_Demand] = deque()
         self._missed_before = 0
         self._was_wanted = False
@@ -117,10 +111,8 @@ class CameraCapture(Node):
         self._continuous = values.get('continuous', self._continuous)
 
     def _on_projected(self, source: SimulatedSource, message: Image) -> None:
-        try:
+        with self.diagnostics.guarded('no pattern could be projected', 'wrong pattern'):
             source.project(image_from_message(message), stamp_to_ns(message.header.stamp))
-        except ImageError as error:
-            self._diagnostics.refuse('wrong pattern', str(error))
 
     def _on_capture(
         self, request: Trigger.Request, response: Trigger.Response
@@ -141,15 +133,15 @@ class CameraCapture(Node):
                 if frame is not None:
                     self._publish(frame)
             except ImageError as error:
-                self._diagnostics.refuse('wrong image', str(error))
+                self.diagnostics.refuse('wrong image', str(error))
                 outcome = False, str(error)
             except CameraError as error:
-                self._diagnostics.fail(str(error))
+                self.diagnostics.fail(str(error))
                 outcome = False, str(error)
                 self._stop.wait(_PAUSE)
             except Exception as error:
                 outcome = False, f'{type(error).__name__}: {error}'
-                self._diagnostics.fail_by_defect('no photograph', error)
+                self.diagnostics.fail_by_defect('no photograph', error)
                 self._stop.wait(_PAUSE)
             else:
                 outcome = _describe(frame)
@@ -160,7 +152,7 @@ class CameraCapture(Node):
         """Photograph that is demanded or due; None if there is none for the moment."""
         if demanded:
             return self._source.shoot()
-        running = self._continuous and self._rate > 0 and not self._source.finished
+        running = self._continuous and self.given.rate > 0 and not self._source.finished
         wanted = running and (self._source.runs_by_itself or self._is_heard())
         if wanted and self._was_wanted:
             return self._source.next_frame(_PAUSE)
@@ -177,33 +169,30 @@ class CameraCapture(Node):
         photograph = frame.photograph
         width, height = photograph.width, photograph.height
         if self._image.get_subscription_count():
-            self._image.publish(image_to_message(photograph, frame.stamp_ns, self._frame_id))
-        lens = self._rig.camera if self._rig else None
+            self._image.publish(image_to_message(photograph, frame.stamp_ns, self.given.frame_id))
+        lens = self.given.rig.camera if self.given.rig else None
         self._info.publish(
-            camera_info_message(lens, (width, height), frame.stamp_ns, self._frame_id)
+            camera_info_message(lens, (width, height), frame.stamp_ns, self.given.frame_id)
         )
-        self._diagnostics.count('images')
-        self._diagnostics.note('size', f'{width}x{height}')
-        self._diagnostics.note('pixels', photograph.encoding)
-        self._diagnostics.measure('latency', (self._now_ns() - frame.stamp_ns) / 1e9)
+        self.diagnostics.count('images')
+        self.diagnostics.note('size', f'{width}x{height}')
+        self.diagnostics.note('pixels', photograph.encoding)
+        self.diagnostics.measure('latency', (self.now_ns() - frame.stamp_ns) / 1e9)
 
     def _judge(self) -> tuple[bytes, str]:
         missed = self._source.missed - self._missed_before
         self._missed_before = self._source.missed
         for name, value in self._source.notes().items():
-            self._diagnostics.note(name, value)
+            self.diagnostics.note(name, value)
         if self._source.finished:
             return OK, 'all images have been published'
-        if not self._continuous or self._rate == 0:
+        if not self._continuous or self.given.rate == 0:
             return OK, 'waiting for a call of ~/capture'
         if missed:
-            return WARN, f'cannot keep up with {self._rate:g} images a second: lower the rate'
+            return WARN, f'cannot keep up with {self.given.rate:g} images a second: lower the rate'
         if not self._source.runs_by_itself and not self._is_heard():
             return OK, 'idle: nobody subscribes to the images'
         return OK, 'working'
-
-    def _now_ns(self) -> int:
-        return self.get_clock().now().nanoseconds
 
 
 def _describe(frame: Frame | None) -> tuple[bool, str]:
@@ -214,7 +203,7 @@ def _describe(frame: Frame | None) -> tuple[bool, str]:
     return True, f'photograph taken at {seconds}.{nanoseconds:09d}'
 
 
-def make_source(given: CameraParameters, now_ns: Callable[[], int]) -> Source:
+def make_source(given: CameraCaptureSettings, now_ns: Callable[[], int]) -> Source:
     """Make the source, on ROS time in nanoseconds."""
     if given.source == 'device':
         return _device(given, now_ns)
@@ -222,8 +211,8 @@ def make_source(given: CameraParameters, now_ns: Callable[[], int]) -> Source:
         # Imported only here: others need no Aravis.
         from ftp_dent_ros.capture.aravis import GenicamSource
 
-        clock = ExposureClock(given.device.exposure, given.stamps != 'end', given.stamp_offset)
-        return GenicamSource(given.genicam, given.rate, clock, now_ns)
+        clock = ExposureClock(given.exposure, given.stamps != 'end', given.stamp_offset)
+        return GenicamSource(given.genicam(), given.rate, clock, now_ns)
     rig = given.rig
     if given.source == 'files':
         size = (rig.camera.width, rig.camera.height) if rig else None
@@ -242,8 +231,8 @@ def make_source(given: CameraParameters, now_ns: Callable[[], int]) -> Source:
     return SimulatedSource(functools.partial(world.photograph, rig), given.rate, now_ns)
 
 
-def _device(given: CameraParameters, now_ns: Callable[[], int]) -> Source:
-    device, stamps = given.device, given.stamps
+def _device(given: CameraCaptureSettings, now_ns: Callable[[], int]) -> Source:
+    device, stamps = given.device(), given.stamps
     if not device.width or not device.height:
         raise ConfigurationError(
             'the size of the images is not known: set rig, or device.width and device.height'

@@ -1,35 +1,27 @@
-"""Which parameters the nodes declare, and whether a configuration fits them; without rclpy."""
+"""Whether a configuration fits the nodes' parameters; without rclpy."""
 
 from __future__ import annotations
 
-import importlib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from ftp_dent_ros import files
-from ftp_dent_ros.parameters import Declarations, FileParameters, flat
+from ftp_dent_ros.nodes.settings import OF_NODES, read
+from ftp_dent_ros.parameters import FileParameters, flat
 from ftp_dent_ros.supervision.configuration import NodeEntry
-from ftp_dent_ros.supervision.executables import DECLARATIONS, NODES, SIMULATED_AUTOPILOT
-
-
-def declarations(node: str) -> Callable[[Declarations], Any]:
-    """Function that declares a node's parameters."""
-    # Imported only when they are asked for: a node needs its own alone.
-    module, _, function = DECLARATIONS[node].partition(':')
-    return getattr(importlib.import_module(module), function)
+from ftp_dent_ros.supervision.executables import SIMULATED_AUTOPILOT
 
 
 def names_of_all() -> tuple[str, ...]:
     """Names of the parameters of all nodes."""
-    return tuple(name for node in NODES for name in names_of(node))
+    return tuple(name for node in OF_NODES for name in names_of(node))
 
 
 def names_of(node: str) -> tuple[str, ...]:
     """Names of a node's parameters."""
     given = FileParameters({}, Path(), node)
-    declarations(node)(given)
+    read(OF_NODES[node], given)
     return tuple(given.names)
 
 
@@ -58,6 +50,6 @@ def _fitted(entry: NodeEntry) -> NodeEntry:
     else:
         own, shared = dict(flat(entry.parameters)), dict(flat(entry.shared))
         given = FileParameters({**shared, **own}, folder, where)
-        declarations(entry.executable)(given)
+        read(OF_NODES[entry.executable], given)
         given.refuse_others([name for name in shared if name not in own], names_of_all())
     return replace(entry, absolute=given.absolute, files=given.files)

@@ -31,17 +31,16 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 from ftp_dent_ros.cloud.cloud import check_resolution
-from ftp_dent_ros.dents.dent import Inspection, MeasuredDent
+from ftp_dent_ros.dents.dent import Inspection, MeasuredDent, SmallestDent
 from ftp_dent_ros.dents.dent_list import EXACT, DentList
 from ftp_dent_ros.dents.glass import sentence
 from ftp_dent_ros.dents.kept_list import KeptList
-from ftp_dent_ros.errors import CloudError, ImageError, PoseError
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.records import list_record
-from ftp_dent_ros.nodes.declarations import names_of_all
 from ftp_dent_ros.nodes.drawing import Drawing
-from ftp_dent_ros.nodes.inspector_parameters import declare
 from ftp_dent_ros.nodes.matching import Matched, MessageMatcher, located
+from ftp_dent_ros.nodes.payload_node import PayloadNode
+from ftp_dent_ros.nodes.settings import TAGGED, DentInspectorSettings
 from ftp_dent_ros.pages.words import finite
 from ftp_dent_ros.pose import IDENTITY, Pose
 from ftp_dent_ros.ros.dent_messages import dents_to_markers, dents_to_message
@@ -53,7 +52,6 @@ from ftp_dent_ros.ros.messages import (
     stamp_to_ns,
 )
 from ftp_dent_ros.ros.node import NewestWorker, run
-from ftp_dent_ros.ros.parameters import Parameters
 from ftp_dent_ros.ros.qos import CLOUDS, DENTS, LATCHED, OVERRIDABLE, POSES
 
 # Clouds that may wait to be inspected, each of some megabytes: one whose surveyed pose was lost
@@ -63,25 +61,20 @@ _WAITING, _LISTED_LATER = 2, 100
 _PATIENCE = 60.0
 
 
-class DentInspector(Node):
+class DentInspector(PayloadNode[DentInspectorSettings]):
     """Node that turns clouds into dents, and keeps the list of a flight's."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__('dent_inspector', **options)
-        parameters = Parameters(self)
-        given = declare(parameters)
-        parameters.close(names_of_all)
-        self._map = given.map_frame
-        self._tagged, self._always = given.is_tagged, given.always
-        self._settings = given.settings
-        self._rules = given.rules
+        given = self.given
+        self._tagged = given.source == TAGGED
+        self._smallest = SmallestDent(given.smallest_depth, given.smallest_width)
         kept = KeptList(given.list_file if self._tagged else None)
         self._dents = self.create_publisher(PointCloud2, 'dents', DENTS)
-        self._diagnostics = Diagnostics(self, self._judge)
-        self._listing = DentListing(self, self._diagnostics, kept, self._tagged)
+        self._listing = DentListing(self, self.diagnostics, kept, self._tagged)
         self._matching = MessageMatcher(
             self._hand_over,
-            self._diagnostics.refuse,
+            self.diagnostics.refuse,
             self._expected,
             posed=self._tagged,
         )
@@ -101,15 +94,13 @@ class DentInspector(Node):
             PointCloud2, 'points', self._on_cloud, CLOUDS, qos_overriding_options=OVERRIDABLE
         )
         self.create_subscription(
-            Image, 'skin', self._on_skin, CLOUDS, qos_overriding_options=OVERRIDABLE
+            Image, 'skin', self._matched('skin'), CLOUDS, qos_overriding_options=OVERRIDABLE
         )
         if self._tagged:
-            self.create_subscription(
-                PoseWithCovarianceStamped, 'tagged/camera_pose', self._on_pose, POSES
-            )
-            self.create_subscription(
-                PoseWithCovarianceStamped, 'survey/pose', self._on_surveyed, POSES
-            )
+            for topic, part in (('tagged/camera_pose', 'pose'), ('survey/pose', 'surveyed')):
+                self.create_subscription(
+                    PoseWithCovarianceStamped, topic, self._matched(part), POSES
+                )
             self.create_subscription(Path, 'survey/path', self._listing.correct, LATCHED)
 
     def destroy_node(self) -> None:
@@ -121,24 +112,20 @@ class DentInspector(Node):
     @property
     def _wanted(self) -> bool:
         listens = self._dents.get_subscription_count() or self._listing.subscribers
-        return self._always or bool(listens)
+        return self.given.always or bool(listens)
 
     def _on_cloud(self, message: PointCloud2) -> None:
-        self._diagnostics.count('clouds')
-        if self._wanted:
-            self._matching.add(cloud=message)
+        self.diagnostics.count('clouds')
+        self._matched('cloud')(message)
 
-    def _on_skin(self, message: Image) -> None:
-        if self._wanted:
-            self._matching.add(skin=message)
+    def _matched(self, part: str) -> Callable[[Any], None]:
+        """Callback of a message that belongs to a cloud."""
 
-    def _on_pose(self, message: PoseWithCovarianceStamped) -> None:
-        if self._wanted:
-            self._matching.add(pose=message)
+        def take(message: Any) -> None:
+            if self._wanted:
+                self._matching.add(**{part: message})
 
-    def _on_surveyed(self, message: PoseWithCovarianceStamped) -> None:
-        if self._wanted:
-            self._matching.add(surveyed=message)
+        return take
 
     def _expected(self) -> list[str]:
         topics = {'skin': 'skin', 'surveyed': 'survey/pose' if self._tagged else ''}
@@ -150,7 +137,7 @@ class DentInspector(Node):
             self._under_way.add(self._last)
         dropped = self._worker.put((self._last, cloud))
         if dropped is not None:
-            self._diagnostics.drop()
+            self.diagnostics.drop()
             self._end(dropped[0])
 
     def _end(self, number: int) -> None:
@@ -158,37 +145,29 @@ class DentInspector(Node):
         with self._ended:
             self._under_way.discard(number)
             self._ended.notify_all()
-        self._diagnostics.note('clouds waiting', len(self._under_way))
+        self.diagnostics.note('clouds waiting', len(self._under_way))
 
     def _work(self, item: tuple[int, Matched]) -> None:
         """Inspect one cloud, in the worker's thread; nothing that it holds ends the node."""
-        number, cloud = item
-        listed = False
-        try:
-            listed = self._inspect(number, cloud)
-        except CloudError as error:
-            self._diagnostics.refuse('wrong cloud', str(error))
-        except PoseError as error:
-            self._diagnostics.refuse(error.reason, str(error))
-        except Exception as error:
-            self._diagnostics.fail_by_defect('a cloud could not be inspected', error)
-        if not listed:
-            self._end(number)
+        with self.diagnostics.guarded('a cloud could not be inspected'):
+            self._inspect(*item)
+            return
+        self._end(item[0])
 
-    def _inspect(self, number: int, item: Matched) -> bool:
+    def _inspect(self, number: int, item: Matched) -> None:
         """Hand a cloud's dents over to the list."""
-        started_ns = self._now_ns()
+        started_ns = self.now_ns()
         header = item.cloud.header
         stamp_ns = stamp_to_ns(header.stamp)
         pose, covariance, frame_id = IDENTITY, EXACT, header.frame_id
         stated = item.best_pose
         if stated is not None:
-            pose, covariance = located(stated, header.frame_id, self._map)
+            pose, covariance = located(stated, header.frame_id, self.given.map_frame)
             frame_id = stated.header.frame_id
         if item.surveyed is not None:
-            self._diagnostics.count('placed by the survey')
+            self.diagnostics.count('placed by the survey')
         cloud = check_resolution(cloud_from_message(item.cloud).with_skin(self._skin_of(item)))
-        found = inspect(cloud, settings=self._settings)
+        found = inspect(cloud, settings=self._smallest)
         dents = [dent.transformed(pose) for dent in (*found.dents, *found.others)]
         alone = DentList()
         alone.add(1, dents, pose, covariance)
@@ -197,27 +176,24 @@ class DentInspector(Node):
         # What waits for the list holds no cloud.
         tell = partial(self._tell, message, *_figures(found))
         self._listing.add(shown, tell, partial(self._end, number))
-        self._diagnostics.measure('computation', (self._now_ns() - started_ns) / 1e9)
-        return True
+        self.diagnostics.measure('computation', (self.now_ns() - started_ns) / 1e9)
 
     def _skin_of(self, item: Matched) -> NDArray[np.uint8] | None:
         if item.skin is None:
             return None
-        try:
+        with self.diagnostics.guarded('a skin could not be read', 'wrong skin'):
             return image_from_message(item.skin)[..., 0]
-        except ImageError as error:
-            self._diagnostics.refuse('wrong skin', str(error))
-            return None
+        return None
 
     def _tell(self, message: PointCloud2, dents: int, others: int, findable: float) -> None:
         """Publish and tell what a cloud shows, whose dents are in the list."""
         self._dents.publish(message)
-        self._diagnostics.count('inspected')
-        self._diagnostics.note('dents', dents)
-        self._diagnostics.note('others', others)
+        self.diagnostics.count('inspected')
+        self.diagnostics.note('dents', dents)
+        self.diagnostics.note('others', others)
         if np.isfinite(findable):
-            self._diagnostics.note('findable on 95 % of the area from (mm)', f'{findable:.2f}')
-        self._diagnostics.measure_latency(stamp_to_ns(message.header.stamp))
+            self.diagnostics.note('findable on 95 % of the area from (mm)', f'{findable:.2f}')
+        self.diagnostics.measure_latency(stamp_to_ns(message.header.stamp))
 
     def _take_list(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         with self._ended:
@@ -226,7 +202,7 @@ class DentInspector(Node):
                 lambda: not before & self._under_way, _PATIENCE
             )
         if response.success:
-            record = self._listing.take(lambda entries: list_record(entries, self._rules))
+            record = self._listing.take(lambda entries: list_record(entries, self.given.rules))
             response.message = json.dumps(finite(record), allow_nan=False)
         else:
             response.message = (
@@ -238,13 +214,10 @@ class DentInspector(Node):
     def _judge(self) -> tuple[bytes, str]:
         if not self._wanted:
             return OK, 'idle: nobody subscribes to dents'
-        if not self._diagnostics.recent('clouds'):
+        if not self.diagnostics.recent('clouds'):
             return OK, 'waiting for clouds'
         on_glass = self._listing.on_glass
         return (WARN, on_glass) if on_glass else (OK, 'working')
-
-    def _now_ns(self) -> int:
-        return self.get_clock().now().nanoseconds
 
 
 def _figures(found: Inspection) -> tuple[int, int, float]:
@@ -284,7 +257,7 @@ class DentListing:
     def __init__(
         self, node: Node, diagnostics: Diagnostics, kept: KeptList, lasting: bool
     ) -> None:
-        self._diagnostics = diagnostics
+        self.diagnostics = diagnostics
         self._kept, self._lasting = kept, lasting
         self._lock = threading.Lock()
         self._path = Path()
@@ -335,20 +308,14 @@ class DentListing:
     def _put(self, task: Callable[[], None], end: Callable[[], None]) -> None:
         dropped = self._worker.put((task, end))
         if dropped is not None:
-            self._diagnostics.drop()
+            self.diagnostics.drop()
             dropped[1]()
 
     def _work(self, item: tuple[Callable[[], None], Callable[[], None]]) -> None:
         """Do one thing, in the worker's thread; nothing that messages hold ends it."""
         task, end = item
-        try:
+        with self.diagnostics.guarded('the list could not be changed'):
             task()
-        except CloudError as error:
-            self._diagnostics.refuse('wrong cloud', str(error))
-        except PoseError as error:
-            self._diagnostics.refuse(error.reason, str(error))
-        except Exception as error:
-            self._diagnostics.fail_by_defect('the list could not be changed', error)
         end()
 
     def _add(self, shown: Shown, tell: Callable[[], None]) -> None:
@@ -376,7 +343,7 @@ class DentListing:
         }
         with self._lock:
             if self._keep(lambda: self._kept.correct(path.header.frame_id, self._poses)):
-                self._diagnostics.count('corrections of the list')
+                self.diagnostics.count('corrections of the list')
                 self._show()
 
     def _keep(self, change: Callable[[], bool | None]) -> bool:
@@ -384,7 +351,7 @@ class DentListing:
         try:
             return bool(change())
         except OSError as error:
-            self._diagnostics.fail(
+            self.diagnostics.fail(
                 f'the list is not kept on disk ({error.strerror}): make room there'
             )
             return True
@@ -399,9 +366,9 @@ class DentListing:
         self._list.publish(dents_to_message(entries, stamp_ns, frame_id))
         self._markers.publish(dents_to_markers(entries, stamp_ns, frame_id))
         count = sum(entry.dent.kind == 'dent' for entry in entries)
-        self._diagnostics.note('dents in the list', count)
+        self.diagnostics.note('dents in the list', count)
         self.on_glass = sentence(dents.glass)
-        self._diagnostics.note('marks on a glass', len(dents.glass))
+        self.diagnostics.note('marks on a glass', len(dents.glass))
 
 
 def main() -> int:

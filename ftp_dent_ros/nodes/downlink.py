@@ -14,12 +14,12 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import cv2
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
@@ -28,14 +28,14 @@ from std_srvs.srv import Trigger
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.coding.cloud_codec import RayGrid, encode, thinned
 from ftp_dent_ros.coding.messages import message_class
-from ftp_dent_ros.errors import FtpDentError, InputError
+from ftp_dent_ros.errors import ImageError
 from ftp_dent_ros.ground import topics
 from ftp_dent_ros.ground.commands import Answer, Executive, Recordings
 from ftp_dent_ros.ground.drone import Drone
 from ftp_dent_ros.ground.link import GroundLink
 from ftp_dent_ros.ground.protocol import Importance, Item, deflate
-from ftp_dent_ros.nodes.declarations import names_of_all
-from ftp_dent_ros.nodes.link_parameters import DownlinkParameters, declare_downlink
+from ftp_dent_ros.nodes.payload_node import PayloadNode
+from ftp_dent_ros.nodes.settings import DownlinkSettings
 from ftp_dent_ros.rig.rig import Lens
 from ftp_dent_ros.ros.diagnostics import OK, WARN, Diagnostics
 from ftp_dent_ros.ros.messages import (
@@ -45,7 +45,6 @@ from ftp_dent_ros.ros.messages import (
     stamp_to_ns,
 )
 from ftp_dent_ros.ros.node import run
-from ftp_dent_ros.ros.parameters import Parameters
 from ftp_dent_ros.ros.qos import CLOUDS, DIAGNOSTICS, IMAGES, LATCHED, OVERRIDABLE, POSES
 
 
@@ -54,7 +53,7 @@ class Coder:
 
     Parameters
     ----------
-    given : DownlinkParameters
+    given : DownlinkSettings
     put : callable
         Takes each item.
     rate : callable
@@ -64,7 +63,7 @@ class Coder:
 
     def __init__(
         self,
-        given: DownlinkParameters,
+        given: DownlinkSettings,
         put: Callable[[Item], None],
         rate: Callable[[], float],
         diagnostics: Diagnostics,
@@ -76,10 +75,8 @@ class Coder:
 
     def learn(self, message: CameraInfo) -> None:
         """The lens that clouds and pictures are of."""
-        try:
+        with self._diagnostics.guarded('camera_info could not be read', 'wrong camera_info'):
             self._lens = lens_from_message(message)
-        except InputError as error:
-            self._diagnostics.refuse('wrong camera_info', str(error))
 
     def send_cloud(self, message: PointCloud2) -> None:
         """A cloud, and a small one before it if it is time for one."""
@@ -170,23 +167,21 @@ def pause_after(size: int, rate: float, share: float, least: float) -> float:
 def _jpeg(bgr: Any, quality: int) -> bytes:
     done, data = cv2.imencode('.jpg', bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
     if not done:
-        raise FtpDentError('a picture could not be compressed: look at its size')
+        raise ImageError('a picture could not be compressed: look at its size')
     return data.tobytes()
 
 
-class Downlink(Node):
+class Downlink(PayloadNode[DownlinkSettings]):
     """Node that sends what the payload publishes to the ground."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__('downlink', **options)
-        parameters = Parameters(self)
-        self._given = declare_downlink(parameters)
-        parameters.close(names_of_all)
         self._statuses: dict[str, DiagnosticStatus] = {}
         self._next_state = 0.0
         self._last_state = b''
-        self._diagnostics = Diagnostics(self, self._judge, hardware_id=self._given.link.address)
-        self._recordings = Recordings(self._given.recordings, self.get_logger().info)
+        self._recordings = Recordings(
+            Path(self.given.recordings).expanduser(), self.get_logger().info
+        )
         self._capture = self.create_client(Trigger, 'camera_capture/capture')
         self._take_list = self.create_client(Trigger, 'dent_inspector/take_list')
         executive = Executive(
@@ -197,17 +192,18 @@ class Downlink(Node):
                 'stop_recording': self._recordings.stop,
             }
         )
-        link = self._given.link
+        given = self.given
+        self.diagnostics.hardware_id = given.address
         self._drone = Drone(
-            GroundLink('drone', link.address, link.security, link.name),
-            self._given.folder,
-            self._given.room,
-            self._given.limit,
+            GroundLink('drone', given.address, given.security, given.name),
+            Path(given.spool).expanduser() if given.spool else None,
+            given.room * 10**6,
+            given.limit * 125,  # byte/s
             executive,
         )
-        if link.security.keys is None:
-            self.get_logger().warning(f'{link.address}: no keys: whoever reaches it may command')
-        self._coder = Coder(self._given, self._put, self._drone.rate, self._diagnostics)
+        if not given.keys:
+            self.get_logger().warning(f'{given.address}: no keys: whoever reaches it may command')
+        self._coder = Coder(self.given, self._put, self._drone.rate, self.diagnostics)
         self._queue: queue.Queue[tuple[Callable[[Any], None], Any] | None]
         self._queue = queue.Queue(8)  # some seconds of a busy machine
         self._worker = threading.Thread(target=self._run, name='coding', daemon=True)
@@ -227,7 +223,7 @@ class Downlink(Node):
             CLOUDS,
             qos_overriding_options=OVERRIDABLE,
         )
-        if self._given.pictures:
+        if given.pictures:
             self.create_subscription(
                 Image,
                 topics.IMAGE,
@@ -248,7 +244,7 @@ class Downlink(Node):
         kind = f'cdr:{topic.type}'
 
         def forward(data: bytes) -> None:
-            stamp = _stamp_of(data) if topic.stamped else self._now_ns()
+            stamp = _stamp_of(data) if topic.stamped else self.now_ns()
             item = Item(topic.importance, topic.name, kind, stamp, data, topic.latest)
             if topic.share:
                 self._thrift.put(item, topic.share)
@@ -288,27 +284,23 @@ class Downlink(Node):
         pause = pause_after(size, self._drone.rate(), 0.25, 1.0)
         self._next_state, self._last_state = now + pause, data
         kind = 'cdr:diagnostic_msgs/msg/DiagnosticArray'
-        self._put(Item(Importance.STATE, topics.DIAGNOSTICS, kind, self._now_ns(), data))
+        self._put(Item(Importance.STATE, topics.DIAGNOSTICS, kind, self.now_ns(), data))
 
     def _hand_over(self, work: Callable[[Any], None], message: Any) -> None:
         try:
             self._queue.put_nowait((work, message))
         except queue.Full:
-            self._diagnostics.count('dropped before they were coded')
+            self.diagnostics.count('dropped before they were coded')
 
     def _run(self) -> None:
         """Code clouds and pictures, in a thread of its own; nothing that they hold ends it."""
         while (task := self._queue.get()) is not None:
             work, message = task
-            try:
+            with self.diagnostics.guarded('a message could not be coded', 'wrong message'):
                 work(message)
-            except InputError as error:
-                self._diagnostics.refuse('wrong message', str(error))
-            except Exception as error:
-                self._diagnostics.fail_by_defect('a message could not be coded', error)
 
     def _put(self, item: Item) -> None:
-        self._diagnostics.count('items')
+        self.diagnostics.count('items')
         self._drone.put(item)
 
     def _call(self, client: Any) -> Answer:
@@ -327,16 +319,13 @@ class Downlink(Node):
     def _judge(self) -> tuple[bytes, str]:
         state = self._drone.state()
         for name, value in state.items():
-            self._diagnostics.note(name, value)
-        self._diagnostics.note('recording', self._recordings.state)
+            self.diagnostics.note(name, value)
+        self.diagnostics.note('recording', self._recordings.state)
         if trouble := self._drone.trouble():
             return WARN, trouble
         if state['grounds'] == '0':
             return WARN, f'no ground is heard: {state["waiting (MB)"]} MB are kept'
         return OK, f'{state["rate (kbit/s)"]} kbit/s'
-
-    def _now_ns(self) -> int:
-        return self.get_clock().now().nanoseconds
 
 
 def _stamp_of(data: bytes) -> int:

@@ -47,8 +47,6 @@ class Drawing(Generic[State]):
 
     def _draw(self, state: State) -> None:
         started = time.monotonic()
-        try:
+        with self._diagnostics.guarded(f'{self._what} could not be drawn'):
             self._draw_state(state)
-        except Exception as error:
-            self._diagnostics.fail_by_defect(f'{self._what} could not be drawn', error)
         self._ending.wait(max(1.0, 20 * (time.monotonic() - started)))

@@ -24,14 +24,14 @@ from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.coding.cloud_codec import RayGrid, decode
 from ftp_dent_ros.coding.compressed_depth import FORMAT, depth_image
 from ftp_dent_ros.coding.messages import message_class
-from ftp_dent_ros.errors import CodecError, ConfigurationError, InputError, PoseError
+from ftp_dent_ros.errors import CodecError, ConfigurationError
 from ftp_dent_ros.ground import topics
 from ftp_dent_ros.ground.link import GroundLink
 from ftp_dent_ros.ground.page import serve_page
 from ftp_dent_ros.ground.protocol import Item
 from ftp_dent_ros.ground.station import Station
-from ftp_dent_ros.nodes.declarations import names_of_all
-from ftp_dent_ros.nodes.link_parameters import declare_ground
+from ftp_dent_ros.nodes.payload_node import PayloadNode
+from ftp_dent_ros.nodes.settings import GroundStationSettings
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.ros.diagnostics import ERROR, OK, WARN, Diagnostics
 from ftp_dent_ros.ros.messages import (
@@ -44,7 +44,6 @@ from ftp_dent_ros.ros.messages import (
     to_data,
 )
 from ftp_dent_ros.ros.node import run
-from ftp_dent_ros.ros.parameters import Parameters
 from ftp_dent_ros.ros.qos import CLOUDS, DIAGNOSTICS, IMAGES, LATCHED, POSES
 
 # The command of each service.
@@ -192,22 +191,19 @@ def _deserialised(data: bytes, kind: Any) -> Any:
         raise CodecError(f'an item holds no {_type_name(kind)}: it is refused') from None
 
 
-class GroundStation(Node):
+class GroundStation(PayloadNode[GroundStationSettings]):
     """Node that publishes what a drone's downlink sends, and passes commands up."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__('ground_station', **options)
-        parameters = Parameters(self)
-        given = declare_ground(parameters)
-        parameters.close(names_of_all)
+        given = self.given
         self._drone_is_here = False
         self._ending = threading.Event()
-        self._diagnostics = Diagnostics(self, self._judge, hardware_id=given.link.address)
-        self._topics = GroundTopics(self, self._diagnostics)
+        self._topics = GroundTopics(self, self.diagnostics)
         self._queue: queue.Queue[Item | None] = queue.Queue(64)
-        link = given.link
+        self.diagnostics.hardware_id = given.address
         self._station = Station(
-            GroundLink('ground', link.address, link.security, link.name),
+            GroundLink('ground', given.address, given.security, given.name),
             self._queue.put,
             given.station,
         )
@@ -244,7 +240,7 @@ class GroundStation(Node):
         def do(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
             answer = self._station.command(command)
             if not answer.success:
-                self._diagnostics.refuse(f'{command} failed', answer.message)
+                self.diagnostics.refuse(f'{command} failed', answer.message)
             response.success, response.message = answer.success, answer.message
             return response
 
@@ -255,31 +251,23 @@ class GroundStation(Node):
         # What is published before subscribers have found the publishers nobody hears.
         self._ending.wait(1.5)
         while (item := self._queue.get()) is not None:
-            self._publish_or_refuse(item)
-
-    def _publish_or_refuse(self, item: Item) -> None:
-        try:
-            if self._page is not None:
-                self._page.take(item)
-            self._publish(item)
-        except (InputError, PoseError) as error:
-            self._diagnostics.refuse('wrong item', str(error))
-        except Exception as error:
-            self._diagnostics.fail_by_defect('an item could not be published', error)
+            with self.diagnostics.guarded('an item could not be published', 'wrong item'):
+                if self._page is not None:
+                    self._page.take(item)
+                self._publish(item)
 
     def _publish(self, item: Item) -> None:
-        self._diagnostics.count('items')
-        age = (self._now_ns() - item.stamp_ns) / 1e9
+        self.diagnostics.count('items')
+        age = (self.now_ns() - item.stamp_ns) / 1e9
         if 0 <= age < 60.0 * 60.0:
-            self._diagnostics.measure(f'delay of {item.importance.name.lower()}', age)
-        if self._drone_is_here:
-            return
-        self._topics.publish(item)
+            self.diagnostics.measure(f'delay of {item.importance.name.lower()}', age)
+        if not self._drone_is_here:
+            self._topics.publish(item)
 
     def _judge(self) -> tuple[bytes, str]:
         for name, value in self._station.state().items():
-            self._diagnostics.note(name, value)
-        self._diagnostics.note('clouds waiting for their pose', self._topics.untagged)
+            self.diagnostics.note(name, value)
+        self.diagnostics.note('clouds waiting for their pose', self._topics.untagged)
         self._drone_is_here = 'downlink' in self.get_node_names()
         if self._drone_is_here:
             return ERROR, (
@@ -290,9 +278,6 @@ class GroundStation(Node):
             self.get_logger().info(change)
         level, text = self._station.summary()
         return (WARN if level else OK), text
-
-    def _now_ns(self) -> int:
-        return self.get_clock().now().nanoseconds
 
 
 def main() -> int:

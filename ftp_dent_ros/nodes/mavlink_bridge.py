@@ -36,10 +36,10 @@ from ftp_dent_ros.navigation.camera import COMPONENT, Camera
 from ftp_dent_ros.navigation.link import Link
 from ftp_dent_ros.navigation.origin import Origin
 from ftp_dent_ros.navigation.pose_covariance import Covariance, Tag
-from ftp_dent_ros.nodes.bridge_parameters import declare
-from ftp_dent_ros.nodes.declarations import names_of_all
+from ftp_dent_ros.nodes.payload_node import PayloadNode
+from ftp_dent_ros.nodes.settings import MavlinkBridgeSettings
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.ros.diagnostics import ERROR, OK, WARN, Diagnostics
+from ftp_dent_ros.ros.diagnostics import ERROR, OK, WARN
 from ftp_dent_ros.ros.messages import (
     cloud_from_message,
     cloud_to_message,
@@ -49,7 +49,6 @@ from ftp_dent_ros.ros.messages import (
     stamp_to_ns,
 )
 from ftp_dent_ros.ros.node import run
-from ftp_dent_ros.ros.parameters import Parameters
 from ftp_dent_ros.ros.qos import CLOUDS, IMAGES, LATCHED, OVERRIDABLE, POSES, PREVIEWS
 
 _LEVELS = {'ok': OK, 'warning': WARN, 'error': ERROR}
@@ -102,15 +101,13 @@ class BridgeCamera:
 
     def __init__(
         self,
-        node: Node,
-        ground_station: int,
+        node: MavlinkBridge,
         mount: Pose,
-        size: tuple[int, int],
-        diagnostics: Diagnostics,
     ) -> None:
-        self._node, self._mount, self._diagnostics = node, mount, diagnostics
-        self._camera = Camera(ground_station, self._shoot)
-        self._size = self._sent_size = size
+        self._mount, self._diagnostics = mount, node.diagnostics
+        self._camera = Camera(node.given.ground_station, self._shoot)
+        rig = node.given.rig
+        self._size = self._sent_size = (rig.camera.width, rig.camera.height) if rig else (0, 0)
         self._commands: deque[Any] = deque(maxlen=20)
         self._images: deque[tuple[int, float]] = deque(maxlen=20)
         self._failures = 0
@@ -194,32 +191,23 @@ class BridgeTags:
 
     Parameters
     ----------
-    node : Node
-    frame : str
-        Name of the map.
+    node : MavlinkBridge
     mount : Pose
         Of the camera's optical frame on the vehicle.
-    mount_covariance : ndarray, shape (6, 6)
-        In the vehicle's axes.
-    most_at_once : int
-        How many clouds may get their poses at one moment.
-    preview_columns : int
-        Largest width of ``tagged/preview``, points.
-    diagnostics : Diagnostics
     """
 
     def __init__(
         self,
-        node: Node,
-        frame: str,
+        node: MavlinkBridge,
         mount: Pose,
-        mount_covariance: Covariance,
-        most_at_once: int,
-        preview_columns: int,
-        diagnostics: Diagnostics,
     ) -> None:
-        self._frame, self._mount, self._mount_covariance = frame, mount, mount_covariance
-        self._diagnostics, self._preview_columns = diagnostics, preview_columns
+        given = node.given
+        self._frame, self._mount = given.map_frame, mount
+        self._mount_covariance = pose_covariance.of_mount(
+            given.translation_uncertainty, given.rotation_uncertainty
+        )
+        self._diagnostics, self._preview_columns = node.diagnostics, given.preview_columns
+        most_at_once = given.queue_size
         # Clouds that waited for one report are published in one breath: a shorter history would
         # throw those away that nobody has fetched yet.
         history = QoSProfile(depth=max(10, most_at_once), reliability=ReliabilityPolicy.RELIABLE)
@@ -284,45 +272,28 @@ class _Waiting:
     arrival: float
 
 
-class MavlinkBridge(Node):
+class MavlinkBridge(PayloadNode[MavlinkBridgeSettings]):
     """Node that tags clouds with the autopilot's pose."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__('mavlink_bridge', **options)
-        parameters = Parameters(self)
-        given = declare(parameters)
-        parameters.close(names_of_all)
-        address, settings = given.address, given.settings
+        given = self.given
         self._earth = None
-        if settings.earth:
+        if given.earth:
             self._earth = self.create_publisher(NavSatFix, 'earth', LATCHED)
         self._origin: Origin | None = None
-        self._timeout, self._most_waiting = given.timeout, given.most_waiting
-        self._map, self._base, self._camera = (
-            given.map_frame,
-            given.base_frame,
-            given.camera_frame,
-        )
-        self._mount, self._mount_covariance = given.mount, given.mount_covariance
-        parameters.on_change(self._change)
-        self._address = address
+        self._timeout = given.pose_timeout
+        mount = Pose.from_rpy(given.rpy, given.translation)
+        self.settings.on_change(self._change)
+        self.diagnostics.hardware_id = given.address
         self._waiting: deque[_Waiting] = deque()
         self._said: tuple[str, str] | None = None
         self._poses = self.create_publisher(PoseStamped, 'mavlink/pose', POSES)
-        self._transforms = TransformPublisher(self) if given.publishes_tf else None
+        self._transforms = TransformPublisher(self) if given.publish_tf else None
         if self._transforms is not None:
-            now_ns = self._now_ns()
-            self._transforms.publish(self._mount, self._base, self._camera, now_ns, static=True)
-        self._diagnostics = Diagnostics(self, self._judge, hardware_id=address)
-        self._tags = BridgeTags(
-            self,
-            self._map,
-            self._mount,
-            self._mount_covariance,
-            self._most_waiting,
-            given.preview_columns,
-            self._diagnostics,
-        )
+            frames = given.base_frame, given.camera_frame
+            self._transforms.publish(mount, *frames, self.now_ns(), static=True)
+        self._tags = BridgeTags(self, mount)
         self.create_subscription(
             PointCloud2, 'points', self._on_points, CLOUDS, qos_overriding_options=OVERRIDABLE
         )
@@ -330,20 +301,17 @@ class MavlinkBridge(Node):
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(0.1, self._settle, clock=steady)
         self.create_timer(1.0, self._send_heartbeat, clock=steady)
-        station, size = given.ground_station, given.image_size
-        self._mavlink_camera = (
-            BridgeCamera(self, station, self._mount, size, self._diagnostics) if station else None
-        )
+        self._mavlink_camera = BridgeCamera(self, mount) if given.is_camera else None
         # Of each photograph it is told where on the earth it was taken.
-        settings = replace(settings, earth=settings.earth or bool(station))
+        settings = replace(given.vehicle(), earth=given.earth or given.is_camera)
         # Last, for its thread must not be left behind if something above fails.
         self._link = Link(
-            address,
+            given.address,
             given.baud,
             settings,
-            self._now_ns,
+            self.now_ns,
             self._on_link_poses,
-            given.signing_key,
+            given.signing_key or b'',
             self._on_link_command,
         )
 
@@ -363,10 +331,10 @@ class MavlinkBridge(Node):
     def _on_link_poses(self, poses: list[tuple[int, Pose]]) -> None:
         """Publish, in the link's thread: fifty wake-ups a second of an executor are dear."""
         for stamp, pose in poses:
-            self._diagnostics.count('poses')
-            self._poses.publish(pose_stamped_message(pose, stamp, self._map))
+            self.diagnostics.count('poses')
+            self._poses.publish(pose_stamped_message(pose, stamp, self.given.map_frame))
             if self._transforms is not None:
-                self._transforms.publish(pose, self._map, self._base, stamp)
+                self._transforms.publish(pose, self.given.map_frame, self.given.base_frame, stamp)
         if self._waiting:
             self._news.trigger()
 
@@ -376,25 +344,25 @@ class MavlinkBridge(Node):
             self._news.trigger()
 
     def _on_points(self, message: PointCloud2) -> None:
-        self._diagnostics.count('clouds')
+        self.diagnostics.count('clouds')
         frame = message.header.frame_id
-        if frame != self._camera:
-            self._diagnostics.refuse(
+        if frame != self.given.camera_frame:
+            self.diagnostics.refuse(
                 'wrong frame',
-                f'the cloud is in the frame {frame!r}, but the mount is that of {self._camera!r}: '
-                'set camera_frame',
+                f'the cloud is in the frame {frame!r}, but the mount is that of '
+                f'{self.given.camera_frame!r}: set camera_frame',
             )
             return
         stamp = stamp_to_ns(message.header.stamp)
         self._waiting.append(_Waiting(message, stamp, time.monotonic()))
         self._settle()
-        while len(self._waiting) > self._most_waiting:
+        while len(self._waiting) > self.given.queue_size:
             self._refuse_crowded(self._waiting.popleft())
 
     def _settle(self) -> None:
         """Tag or refuse each waiting cloud for which that can be said by now."""
         if self._mavlink_camera is not None:
-            self._mavlink_camera.settle(self._link, self._now_ns(), self._timeout)
+            self._mavlink_camera.settle(self._link, self.now_ns(), self._timeout)
         for _ in range(len(self._waiting)):
             cloud = self._waiting.popleft()
             try:
@@ -414,9 +382,9 @@ class MavlinkBridge(Node):
         try:
             self._tags.publish(cloud.message, cloud.stamp, tag)
         except CloudError as error:
-            self._diagnostics.refuse('wrong cloud', str(error))
+            self.diagnostics.refuse('wrong cloud', str(error))
             return
-        self._diagnostics.measure('waited', time.monotonic() - cloud.arrival)
+        self.diagnostics.measure('waited', time.monotonic() - cloud.arrival)
 
     def _refuse_crowded(self, cloud: _Waiting) -> None:
         """Refuse one for which there is no room any more, with what it has waited for."""
@@ -424,12 +392,12 @@ class MavlinkBridge(Node):
             self._tag(cloud, self._link.tag_at(cloud.stamp))
         except PoseError as error:
             waited = time.monotonic() - cloud.arrival
-            crowd = f'after {waited:.1f} s, and {self._most_waiting} clouds wait behind it'
+            crowd = f'after {waited:.1f} s, and {self.given.queue_size} clouds wait behind it'
             self._refuse(cloud, error.reason, f'{crowd} (queue_size): {error}')
 
     def _refuse(self, cloud: _Waiting, reason: str, sentence: str) -> None:
-        age = (self._now_ns() - cloud.stamp) / 1e9
-        self._diagnostics.refuse(
+        age = (self.now_ns() - cloud.stamp) / 1e9
+        self.diagnostics.refuse(
             reason,
             f'no pose for the cloud of {cloud.stamp / 1e9:.3f} ({age:.1f} s ago): {sentence}',
         )
@@ -437,8 +405,8 @@ class MavlinkBridge(Node):
     def _judge(self) -> tuple[bytes, str]:
         state = self._link.state()
         for name, value in state.figures.items():
-            self._diagnostics.note(name, value)
-        self._diagnostics.note('clouds waiting', len(self._waiting))
+            self.diagnostics.note(name, value)
+        self.diagnostics.note('clouds waiting', len(self._waiting))
         self._follow_origin(state.origin)
         verdict = state.verdict
         said = (verdict.severity, verdict.reason or verdict.text)
@@ -458,17 +426,14 @@ class MavlinkBridge(Node):
         if origin is None or repr(origin) == repr(self._origin):
             return
         if self._origin is not None:
-            self._diagnostics.refuse(
+            self.diagnostics.refuse(
                 'moved map',
                 f"the map's origin has moved by {origin.distance(self._origin):.2f} m: clouds of "
                 'before and after do not lie together, take the list of dents and begin anew',
             )
         self._origin = origin
         if self._earth is not None:
-            self._earth.publish(fix_message(origin, self._now_ns(), self._map))
-
-    def _now_ns(self) -> int:
-        return self.get_clock().now().nanoseconds
+            self._earth.publish(fix_message(origin, self.now_ns(), self.given.map_frame))
 
 
 def fix_message(origin: Origin, stamp_ns: int, frame_id: str) -> NavSatFix:

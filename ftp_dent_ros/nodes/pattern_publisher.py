@@ -20,17 +20,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image
 
 from ftp_dent_ros.errors import ConfigurationError, ImageError
-from ftp_dent_ros.nodes.declarations import names_of_all
-from ftp_dent_ros.nodes.pattern_parameters import declare
+from ftp_dent_ros.nodes.payload_node import PayloadNode
+from ftp_dent_ros.nodes.settings import PatternPublisherSettings
 from ftp_dent_ros.pattern.pattern import Pattern
-from ftp_dent_ros.ros.diagnostics import ERROR, OK, WARN, Diagnostics
+from ftp_dent_ros.ros.diagnostics import ERROR, OK, WARN
 from ftp_dent_ros.ros.messages import camera_info_message, image_from_message, image_to_message
 from ftp_dent_ros.ros.node import run
-from ftp_dent_ros.ros.parameters import Parameters
 from ftp_dent_ros.ros.qos import LATCHED, LATCHED_INPUT, PATTERNS
 from ftp_dent_ros.window import Window
 
@@ -39,32 +37,26 @@ _TICK = 0.01
 _CHANGEABLE = 'period_px', 'stripe_center_px', 'code'
 
 
-class PatternPublisher(Node):
+class PatternPublisher(PayloadNode[PatternPublisherSettings]):
     """Node that draws and publishes the pattern; its period and stripe can be changed."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__('pattern_publisher', **options)
-        parameters = Parameters(self)
-        given = declare(parameters)
-        parameters.close(names_of_all)
-        self._frame_id = given.frame_id
-        self._rig, self._base = given.rig, given.pattern
-        self._pattern = self._make(*(parameters[name] for name in _CHANGEABLE))
+        given = self.given
+        self._pattern = self._make(*(getattr(given, name) for name in _CHANGEABLE))
         self._image = self.create_publisher(Image, 'projector/image_raw', PATTERNS)
         self._info = self.create_publisher(CameraInfo, 'projector/camera_info', LATCHED)
-        self._diagnostics = Diagnostics(self, self._judge)
         self._display: Window | None = None
         self._waiting: deque[tuple[int, NDArray[np.uint8]]] = deque()
         if given.shows:
             size = self._pattern.width, self._pattern.height
-            self._display = Window(*given.corner, size)
+            self._display = Window(given.x, given.y, size)
             self.create_timer(0.1, self._display.refresh)
             self.create_timer(_TICK, self._show)
-        self._settings = parameters
         self._shown_until: float | None = None
         self.create_subscription(Image, 'projector/show', self._on_show, LATCHED_INPUT)
         self.create_timer(0.5, self._return)
-        parameters.on_change(self._change)
+        self.settings.on_change(self._change)
         self._publish()
 
     def destroy_node(self) -> None:
@@ -75,9 +67,9 @@ class PatternPublisher(Node):
 
     def _make(self, period_px: float, stripe_center_px: float, code: str) -> Pattern:
         """Pattern of the file or the rig's projector, with these values where they are given."""
-        base = self._base
+        base = self.given.pattern
         if base is None:
-            if self._rig is None:
+            if self.given.rig is None:
                 raise ConfigurationError(
                     'the size of the pattern is not known: set the parameter pattern or rig'
                 )
@@ -86,7 +78,7 @@ class PatternPublisher(Node):
                     'the period of the pattern is not known: set the parameter pattern or '
                     'period_px'
                 )
-            size = self._rig.projector
+            size = self.given.rig.projector
             base = Pattern(size.width, size.height, period_px, (size.width - 1) / 2)
         pattern = dataclasses.replace(
             base,
@@ -94,12 +86,12 @@ class PatternPublisher(Node):
             stripe_center_px=stripe_center_px or base.stripe_center_px,
             code=base.code if code == 'file' else code,
         )
-        if self._rig:
-            pattern.check_fits(self._rig.projector)
+        if self.given.rig:
+            pattern.check_fits(self.given.rig.projector)
         return pattern
 
     def _change(self, values: dict[str, Any]) -> None:
-        pattern = self._make(*(values.get(name, self._settings[name]) for name in _CHANGEABLE))
+        pattern = self._make(*(values.get(name, self.settings[name]) for name in _CHANGEABLE))
         # What is shown already keeps its stamp.
         if pattern != self._pattern:
             self._pattern = pattern
@@ -110,19 +102,16 @@ class PatternPublisher(Node):
     def _publish(self, ahead_ns: int = 0) -> None:
         """Publish the pattern, and show it so many nanoseconds later."""
         pattern, image = self._pattern, self._pattern.draw()
-        stamp_ns = self.get_clock().now().nanoseconds + ahead_ns
-        self._image.publish(image_to_message(image, stamp_ns, self._frame_id))
-        lens = self._rig.projector if self._rig else None
+        stamp_ns = self.now_ns() + ahead_ns
+        lens = self.given.rig.projector if self.given.rig else None
         size = (pattern.width, pattern.height)
-        self._info.publish(camera_info_message(lens, size, stamp_ns, self._frame_id))
-        if self._display:
-            self._waiting.append((stamp_ns, image))
-            self._show()
-        self._diagnostics.count('patterns')
-        self._diagnostics.note('period (px)', f'{pattern.period_px:g}')
-        self._diagnostics.note('stripe centre (px)', f'{pattern.stripe_center_px:g}')
-        self._diagnostics.note('code', pattern.code)
-        self._diagnostics.note('size', f'{pattern.width}x{pattern.height}')
+        self._info.publish(camera_info_message(lens, size, stamp_ns, self.given.frame_id))
+        self._put(image, stamp_ns)
+        self.diagnostics.count('patterns')
+        self.diagnostics.note('period (px)', f'{pattern.period_px:g}')
+        self.diagnostics.note('stripe centre (px)', f'{pattern.stripe_center_px:g}')
+        self.diagnostics.note('code', pattern.code)
+        self.diagnostics.note('size', f'{pattern.width}x{pattern.height}')
         self.get_logger().info(
             f'pattern of {pattern.width}x{pattern.height} pixels, period {pattern.period_px:g}, '
             f'{pattern.code} code, centre at {pattern.stripe_center_px:g}'
@@ -134,28 +123,29 @@ class PatternPublisher(Node):
             self._shown_until = time.monotonic()
             self._return()
             return
-        try:
+        with self.diagnostics.guarded('an image could not be shown'):
             image = image_from_message(message)
-        except ImageError as error:
-            self._diagnostics.refuse('wrong image', str(error))
-            return
-        size = self._pattern.width, self._pattern.height
-        if image.shape[1::-1] != size:
-            self._diagnostics.refuse(
-                'wrong image',
-                f'an image of {image.shape[1]}x{image.shape[0]} pixels was to be shown by a '
-                f'projector of {size[0]}x{size[1]}',
-            )
-            return
+            size = self._pattern.width, self._pattern.height
+            if image.shape[1::-1] != size:
+                raise ImageError(
+                    f'an image of {image.shape[1]}x{image.shape[0]} pixels was to be shown by a '
+                    f'projector of {size[0]}x{size[1]}'
+                )
+            self._show_instead(image)
+
+    def _show_instead(self, image: NDArray[np.uint8]) -> None:
         # Seconds after which an image of projector/show that nothing follows gives way to the
         # pattern.
         self._shown_until = time.monotonic() + 30.0
-        stamp_ns = self.get_clock().now().nanoseconds
+        self._put(image, self.now_ns())
+        self.diagnostics.count('images shown')
+
+    def _put(self, image: NDArray[np.uint8], stamp_ns: int) -> None:
+        """Tell of what is shown from a time on, and show it then."""
+        self._image.publish(image_to_message(image, stamp_ns, self.given.frame_id))
         if self._display:
             self._waiting.append((stamp_ns, image))
             self._show()
-        self._image.publish(image_to_message(image, stamp_ns, self._frame_id))
-        self._diagnostics.count('images shown')
 
     def _return(self) -> None:
         """Go back to the pattern once nobody shows anything else."""
@@ -165,7 +155,7 @@ class PatternPublisher(Node):
 
     def _show(self) -> None:
         """Show what is due."""
-        now_ns = self.get_clock().now().nanoseconds
+        now_ns = self.now_ns()
         while self._display and self._waiting and self._waiting[0][0] <= now_ns:
             self._display.show(self._waiting.popleft()[1])
 

@@ -15,13 +15,12 @@ from collections import deque
 from dataclasses import replace
 from typing import Any
 
-from rclpy.node import Node
+import numpy as np
+from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 from ftp_dent_ros.cloud.coverage import NOTED_STAMP, Coverage
 from ftp_dent_ros.errors import (
-    ImageError,
-    InputError,
     NoCalibrationError,
     NoFringesError,
     PatternChangeError,
@@ -30,14 +29,14 @@ from ftp_dent_ros.errors import (
     StampError,
     WrongCalibrationError,
 )
-from ftp_dent_ros.nodes.declarations import names_of_all
-from ftp_dent_ros.nodes.reconstruction_parameters import declare
+from ftp_dent_ros.nodes.payload_node import PayloadNode
 from ftp_dent_ros.nodes.rig_watch import RigWatch
+from ftp_dent_ros.nodes.settings import ReconstructionSettings
 from ftp_dent_ros.pattern.drawn import pattern_from_image
 from ftp_dent_ros.pattern.history import PatternHistory
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.profilometry import Reconstructor, Settings
-from ftp_dent_ros.ros.diagnostics import OK, WARN, Diagnostics
+from ftp_dent_ros.ros.diagnostics import OK, WARN
 from ftp_dent_ros.ros.messages import (
     cloud_to_message,
     image_from_message,
@@ -46,21 +45,18 @@ from ftp_dent_ros.ros.messages import (
     stamp_to_ns,
 )
 from ftp_dent_ros.ros.node import NewestWorker, run
-from ftp_dent_ros.ros.parameters import Parameters
 from ftp_dent_ros.ros.qos import CLOUDS, IMAGES, OVERRIDABLE, PATTERNS, AnySubscription
 
 
-class Reconstruction(Node):
+class Reconstruction(PayloadNode[ReconstructionSettings]):
     """Node that turns each photograph into an organised cloud of the same stamp and frame."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__('reconstruction', **options)
-        parameters = Parameters(self)
-        given = declare(parameters)
-        parameters.close(names_of_all)
-        parameters.on_change(self._change)
-        self._choices, self._bits = given.choices, given.bits
-        self._rig, self._patterns = given.rig, PatternHistory(given.settling_ns)
+        given = self.given
+        self.settings.on_change(self._change)
+        self._choices = {name: getattr(given, name) for name in given.choices}
+        self._patterns = PatternHistory(round(1e9 * given.pattern_settling))
         self._prepared: dict[tuple[Pattern, Settings], Reconstructor] = {}
         self._points = self.create_publisher(
             PointCloud2, 'points', CLOUDS, qos_overriding_options=OVERRIDABLE
@@ -68,9 +64,10 @@ class Reconstruction(Node):
         self._skin = self.create_publisher(
             Image, 'skin', CLOUDS, qos_overriding_options=OVERRIDABLE
         )
-        self._diagnostics = Diagnostics(self, self._judge)
-        self._diagnostics.expect_one('camera/image_raw')
-        self._watch = RigWatch(self._rig, given.tolerance_px, self._diagnostics, self.get_logger())
+        self.diagnostics.expect_one('camera/image_raw')
+        self._watch = RigWatch(
+            given.rig, given.camera_info_tolerance, self.diagnostics, self.get_logger()
+        )
         self._covered: deque[tuple[int, Coverage]] = deque(maxlen=100)  # of a second
         self._worker = NewestWorker(self._work, 'reconstruction')
         self.create_subscription(Image, 'projector/image_raw', self._on_pattern, PATTERNS)
@@ -93,13 +90,12 @@ class Reconstruction(Node):
         self._choices = {**self._choices, **values}
 
     def _on_pattern(self, message: Image) -> None:
-        stamp_ns = stamp_to_ns(message.header.stamp)
-        try:
-            image = image_from_message(message)
-        except ImageError as error:
-            # No image at all: it tells nothing of what is projected.
-            self._diagnostics.refuse('wrong pattern', str(error))
-            return
+        # No image at all tells nothing of what is projected.
+        with self.diagnostics.guarded('a pattern could not be read', 'wrong pattern'):
+            self._learn(image_from_message(message), stamp_to_ns(message.header.stamp))
+
+    def _learn(self, image: NDArray[np.uint8], stamp_ns: int) -> None:
+        """Learn what is projected from a time on."""
         try:
             pattern = pattern_from_image(image)
             if stamp_ns == 0:
@@ -115,9 +111,9 @@ class Reconstruction(Node):
         self._patterns.add(stamp_ns, pattern)
         self._watch.pattern_changed()
         period, stripe = pattern.period_px, pattern.stripe_center_px
-        self._diagnostics.note('period (px)', f'{period:g}')
-        self._diagnostics.note('stripe centre (px)', f'{stripe:g}')
-        self._diagnostics.note('code', pattern.code)
+        self.diagnostics.note('period (px)', f'{period:g}')
+        self.diagnostics.note('stripe centre (px)', f'{stripe:g}')
+        self.diagnostics.note('code', pattern.code)
         self.get_logger().info(
             f'pattern with period {period:g} px, {pattern.code} code, centre at {stripe:g} px'
         )
@@ -126,34 +122,24 @@ class Reconstruction(Node):
             self._reconstructor(pattern)
 
     def _on_image(self, message: Image) -> None:
-        self._diagnostics.count('images')
+        self.diagnostics.count('images')
         if self._points.get_subscription_count() == 0:
             return
         if self._worker.put(message):
-            self._diagnostics.drop()
+            self.diagnostics.drop()
 
     def _work(self, message: Image) -> None:
         """Reconstruct one image, in the worker's thread; nothing that it holds ends the node."""
-        try:
+        with self.diagnostics.guarded('an image could not be reconstructed'):
             self._reconstruct(message)
-        except RefusedFrameError as refusal:
-            self._diagnostics.refuse(refusal.reason, str(refusal))
-        except ImageError as error:
-            self._diagnostics.refuse('wrong image', str(error))
-        except PatternError as error:
-            self._diagnostics.refuse('wrong pattern', str(error))
-        except InputError as error:
-            self._diagnostics.refuse('wrong input', str(error))
-        except Exception as error:
-            self._diagnostics.fail_by_defect('an image could not be reconstructed', error)
 
     def _reconstruct(self, message: Image) -> None:
         stamp_ns = stamp_to_ns(message.header.stamp)
         self._check_stamp(stamp_ns)
         pattern = self._pattern_at(stamp_ns)
         reconstructor = self._reconstructor(pattern)
-        started_ns = self._now_ns()
-        photograph = photograph_from_message(message, self._bits)
+        started_ns = self.now_ns()
+        photograph = photograph_from_message(message, self.given.bits)
         measurement = reconstructor.measure(photograph, self._skin.get_subscription_count() > 0)
         cloud = measurement.cloud
         if not cloud.valid.any():
@@ -170,16 +156,16 @@ class Reconstruction(Node):
             self._skin.publish(image_to_message(cloud.skin, stamp_ns, message.header.frame_id))
         self._points.publish(cloud_to_message(cloud, stamp_ns, message.header.frame_id))
         self._last_stamp_ns = stamp_ns
-        self._diagnostics.count('clouds')
-        self._diagnostics.measure('computation', (self._now_ns() - started_ns) / 1e9)
-        self._diagnostics.measure_latency(stamp_ns)
-        self._diagnostics.note('valid points', f'{100 * cloud.valid.mean():.1f} %')
+        self.diagnostics.count('clouds')
+        self.diagnostics.measure('computation', (self.now_ns() - started_ns) / 1e9)
+        self.diagnostics.measure_latency(stamp_ns)
+        self.diagnostics.note('valid points', f'{100 * cloud.valid.mean():.1f} %')
         self._watch.look(pattern, photograph, measurement)
         self._covered.append((stamp_ns, measurement.coverage))
 
     def _check_stamp(self, stamp_ns: int) -> None:
         """Refuse what belongs to no pose and no pattern that could be known."""
-        ahead = (stamp_ns - self._now_ns()) / 1e9
+        ahead = (stamp_ns - self.now_ns()) / 1e9
         # Clocks of two computers that are kept alike differ by less.
         if ahead > 1.0:
             raise StampError(
@@ -194,7 +180,7 @@ class Reconstruction(Node):
 
     def _pattern_at(self, stamp_ns: int) -> Pattern:
         """Pattern that a photograph of the time shows; raises the refusal if it is not known."""
-        if self._rig is None:
+        if self.given.rig is None:
             raise NoCalibrationError('no rig is set: set the parameter rig to its rig.yaml')
         if self._watch.wrong_calibration:
             raise WrongCalibrationError(self._watch.wrong_calibration)
@@ -202,13 +188,13 @@ class Reconstruction(Node):
 
     def _reconstructor(self, pattern: Pattern) -> Reconstructor:
         """Reconstructor for a pattern and the settings of the moment; made when they change."""
-        if self._rig is None:
+        if self.given.rig is None:
             raise NoCalibrationError('no rig is set: set the parameter rig to its rig.yaml')
         key, prepared = (pattern, Settings.chosen(**self._choices)), self._prepared
         if key not in prepared:
             # Two are kept with their tables: of the patterns before and after a change.
             kept = list(prepared.items())[-1:]
-            prepared = self._prepared = dict([*kept, (key, Reconstructor(self._rig, *key))])
+            prepared = self._prepared = dict([*kept, (key, Reconstructor(self.given.rig, *key))])
         return prepared[key]
 
     def _note_coverage(self) -> None:
@@ -219,11 +205,11 @@ class Reconstruction(Node):
             # That the pattern could not be checked is told of each of them.
             shown = replace(worst, confirmed=all(coverage.confirmed for _, coverage in clouds))
             for name, value in {**shown.notes, NOTED_STAMP: str(stamp_ns)}.items():
-                self._diagnostics.note(name, value)
+                self.diagnostics.note(name, value)
 
     def _judge(self) -> tuple[bytes, str]:
         self._note_coverage()
-        if self._rig is None:
+        if self.given.rig is None:
             return WARN, 'no calibration: set the parameter rig to its rig.yaml'
         if self._patterns.latest is None:
             return WARN, f'no pattern: {self._patterns.trouble}'
@@ -231,7 +217,7 @@ class Reconstruction(Node):
             return WARN, f'wrong calibration: {self._watch.wrong_calibration}'
         if self._watch.trouble:
             return WARN, self._watch.trouble
-        self._diagnostics.note('images lost on the way', self._images.lost)
+        self.diagnostics.note('images lost on the way', self._images.lost)
         if self._images.is_best_effort:
             return WARN, (
                 f'camera/image_raw is published with best effort, {self._images.lost} images were '
@@ -239,12 +225,9 @@ class Reconstruction(Node):
             )
         if self._points.get_subscription_count() == 0:
             return OK, 'idle: nobody subscribes to points'
-        if not self._diagnostics.recent('images'):
+        if not self.diagnostics.recent('images'):
             return OK, 'waiting for images'
         return OK, 'working'
-
-    def _now_ns(self) -> int:
-        return self.get_clock().now().nanoseconds
 
 
 def main() -> int:

@@ -12,21 +12,21 @@ from __future__ import annotations
 import sys
 from typing import Any
 
+import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Path
 from numpy.typing import NDArray
-from rclpy.node import Node
 from sensor_msgs.msg import Image, PointCloud2
 from visualization_msgs.msg import MarkerArray
 
-from ftp_dent_ros.errors import CloudError, ImageError, PoseError
-from ftp_dent_ros.nodes.declarations import names_of_all
+from ftp_dent_ros.errors import FtpDentError, ImageError, PoseError
 from ftp_dent_ros.nodes.drawing import Drawing
 from ftp_dent_ros.nodes.matching import Matched, MessageMatcher, located
-from ftp_dent_ros.nodes.survey_parameters import declare
+from ftp_dent_ros.nodes.payload_node import PayloadNode
+from ftp_dent_ros.nodes.settings import SurveySettings
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.ros.dent_messages import coverage_to_markers
-from ftp_dent_ros.ros.diagnostics import OK, WARN, Diagnostics
+from ftp_dent_ros.ros.diagnostics import OK, WARN
 from ftp_dent_ros.ros.messages import (
     cloud_from_message,
     image_from_message,
@@ -36,7 +36,6 @@ from ftp_dent_ros.ros.messages import (
     stamp_to_ns,
 )
 from ftp_dent_ros.ros.node import NewestWorker, run
-from ftp_dent_ros.ros.parameters import Parameters
 from ftp_dent_ros.ros.qos import CLOUDS, LATCHED, OVERRIDABLE, POSES
 from ftp_dent_ros.survey.footprint import Footprint, seen_skin
 from ftp_dent_ros.survey.joining import Joining
@@ -45,35 +44,40 @@ from ftp_dent_ros.survey.joining import Joining
 State = tuple[tuple[int, ...], tuple[Pose, ...], tuple[Footprint, ...]]
 
 
-class Survey(Node):
+class Survey(PayloadNode[SurveySettings]):
     """Node that joins a flight's clouds to one skin."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__('survey', **options)
-        parameters = Parameters(self)
-        given = declare(parameters)
-        parameters.close(names_of_all)
-        self._map, self._unstated = given.map_frame, given.unstated
-        self._diagnostics = Diagnostics(self, self._judge)
+        given = self.given
+        deviations = given.translation_uncertainty, given.rotation_uncertainty
+        self._unstated = np.diag(np.square(np.repeat(deviations, 3)))
         self._begin()
         self._pose = self.create_publisher(PoseWithCovarianceStamped, 'survey/pose', POSES)
         self._path = self.create_publisher(Path, 'survey/path', LATCHED)
         self._coverage = self.create_publisher(MarkerArray, 'survey/coverage', LATCHED)
-        self._drawing = Drawing(self._draw, self._diagnostics, 'the skin')
+        self._drawing = Drawing(self._draw, self.diagnostics, 'the skin')
         self._worker = NewestWorker(self._work, 'survey', given.queue_size)
         self._matching = MessageMatcher(
             self._hand_over,
-            self._diagnostics.refuse,
+            self.diagnostics.refuse,
             lambda: ('skin',) if self._has_skin else (),
         )
         self.create_subscription(
-            Image, 'skin', self._on_skin, CLOUDS, qos_overriding_options=OVERRIDABLE
+            Image,
+            'skin',
+            lambda message: self._matching.add(skin=message),
+            CLOUDS,
+            qos_overriding_options=OVERRIDABLE,
         )
         self.create_subscription(
             PointCloud2, 'points', self._on_cloud, CLOUDS, qos_overriding_options=OVERRIDABLE
         )
         self.create_subscription(
-            PoseWithCovarianceStamped, 'tagged/camera_pose', self._on_pose, POSES
+            PoseWithCovarianceStamped,
+            'tagged/camera_pose',
+            lambda message: self._matching.add(pose=message),
+            POSES,
         )
 
     def destroy_node(self) -> None:
@@ -95,42 +99,33 @@ class Survey(Node):
         return self.count_publishers('skin') > 0
 
     def _on_cloud(self, message: PointCloud2) -> None:
-        self._diagnostics.count('clouds')
+        self.diagnostics.count('clouds')
         self._matching.add(cloud=message)
-
-    def _on_pose(self, message: PoseWithCovarianceStamped) -> None:
-        self._matching.add(pose=message)
-
-    def _on_skin(self, message: Image) -> None:
-        self._matching.add(skin=message)
 
     def _hand_over(self, item: Matched) -> None:
         if self._worker.put(item):
-            self._diagnostics.drop()
+            self.diagnostics.drop()
 
     def _work(self, item: Matched) -> None:
         """Join one cloud, in the worker's thread; nothing that it holds ends the node."""
-        try:
-            self._join(item)
-        except CloudError as error:
-            self._diagnostics.refuse('wrong cloud', str(error))
-        except PoseError as error:
-            self._diagnostics.refuse(error.reason, str(error))
-        except Exception as error:
-            self._begin()
-            self._diagnostics.fail_by_defect(
-                'a cloud could not be joined and the survey begins anew', error
-            )
+        with self.diagnostics.guarded('a cloud could not be joined and the survey begins anew'):
+            try:
+                self._join(item)
+            except FtpDentError:
+                raise
+            except Exception:
+                self._begin()
+                raise
 
     def _join(self, item: Matched) -> None:
-        started_ns = self._now_ns()
+        started_ns = self.now_ns()
         header = item.cloud.header
         stamp_ns = stamp_to_ns(header.stamp)
         if stamp_ns in self._known:
             raise PoseError(
                 f'the cloud at {stamp_ns / 1e9:.3f} s is joined already', 'already seen'
             )
-        stated, covariance = located(item.best_pose, header.frame_id, self._map)
+        stated, covariance = located(item.best_pose, header.frame_id, self.given.map_frame)
         if not covariance.any():
             covariance = self._unstated
         cloud = cloud_from_message(item.cloud)
@@ -139,7 +134,7 @@ class Survey(Node):
         links = len(joining.graph.links)
         pose = joining.add(stamp_ns, cloud, skin, stated, covariance)
         self._known.add(stamp_ns)
-        message = PoseWithCovarianceStamped(header=make_header(stamp_ns, self._map))
+        message = PoseWithCovarianceStamped(header=make_header(stamp_ns, self.given.map_frame))
         message.pose.pose = pose_to_message(pose)
         message.pose.covariance = joining.newest_covariance().ravel()
         self._pose.publish(message)
@@ -147,9 +142,9 @@ class Survey(Node):
         stamps, poses = tuple(joining.stamps_ns), tuple(joining.graph.poses)
         self._drawing.show((stamps, poses, tuple(self._footprints)))
         self._tell_pairs(links)
-        self._diagnostics.count('joined')
-        self._diagnostics.measure('computation', (self._now_ns() - started_ns) / 1e9)
-        self._diagnostics.measure_latency(stamp_ns)
+        self.diagnostics.count('joined')
+        self.diagnostics.measure('computation', (self.now_ns() - started_ns) / 1e9)
+        self.diagnostics.measure_latency(stamp_ns)
 
     def _draw(self, state: State) -> None:
         """Publish the path and the coverage of a state, in the drawing's thread."""
@@ -157,9 +152,9 @@ class Survey(Node):
         if self._path.get_subscription_count():
             self._path.publish(
                 Path(
-                    header=make_header(stamps[-1], self._map),
+                    header=make_header(stamps[-1], self.given.map_frame),
                     poses=[
-                        pose_stamped_message(pose, stamp_ns, self._map)
+                        pose_stamped_message(pose, stamp_ns, self.given.map_frame)
                         for stamp_ns, pose in zip(stamps, poses, strict=True)
                     ],
                 )
@@ -168,31 +163,27 @@ class Survey(Node):
             return
         seen = seen_skin(footprints, poses)
         if seen is None:
-            self._diagnostics.refuse('no coverage', 'the poses are too far apart to draw the skin')
+            self.diagnostics.refuse('no coverage', 'the poses are too far apart to draw the skin')
             return
-        self._diagnostics.note('measured (m2)', f'{seen.area:.3f}')
-        self._diagnostics.note('gaps', len(seen.gaps))
-        self._coverage.publish(coverage_to_markers(seen, stamps[-1], self._map))
+        self.diagnostics.note('measured (m2)', f'{seen.area:.3f}')
+        self.diagnostics.note('gaps', len(seen.gaps))
+        self._coverage.publish(coverage_to_markers(seen, stamps[-1], self.given.map_frame))
 
     def _skin_of(self, item: Matched, shape: tuple[int, ...]) -> NDArray[Any] | None:
         """Image of a cloud's skin, if there is one that fits the cloud."""
         if item.skin is None:
             if self._has_skin:
-                self._diagnostics.refuse('no skin', 'a cloud came without the image of its skin')
+                self.diagnostics.refuse('no skin', 'a cloud came without the image of its skin')
             return None
-        try:
+        with self.diagnostics.guarded('a skin could not be read', 'wrong skin'):
             skin = image_from_message(item.skin)[..., 0]
-        except ImageError as error:
-            self._diagnostics.refuse('wrong skin', str(error))
-            return None
-        if skin.shape != shape:
-            self._diagnostics.refuse(
-                'wrong skin',
-                f'the image of the skin has {skin.shape} pixels where its cloud has {shape} '
-                'points: take both from one reconstruction',
-            )
-            return None
-        return skin
+            if skin.shape != shape:
+                raise ImageError(
+                    f'the image of the skin has {skin.shape} pixels where its cloud has {shape} '
+                    'points: take both from one reconstruction'
+                )
+            return skin
+        return None
 
     def _tell_pairs(self, links: int) -> None:
         """Tell what became of the pairs: those that were there already, and those from `links`."""
@@ -200,27 +191,24 @@ class Survey(Node):
         self._without_ties += sum(link.relative.rank == 0 for link in graph.links[links:])
         contradicting = self._joining.contradicting()
         for index in contradicting.keys() - self._left_out:
-            self._diagnostics.refuse('contradicting pair', contradicting[index])
+            self.diagnostics.refuse('contradicting pair', contradicting[index])
         self._left_out = set(contradicting)
-        self._diagnostics.note('clouds in the survey', len(graph.poses))
-        self._diagnostics.note('clouds without skin', self._joining.without_skin)
-        self._diagnostics.note('pairs', len(graph.links))
-        self._diagnostics.note('pairs left out', len(contradicting))
-        self._diagnostics.note('pairs without ties', self._without_ties)
+        self.diagnostics.note('clouds in the survey', len(graph.poses))
+        self.diagnostics.note('clouds without skin', self._joining.without_skin)
+        self.diagnostics.note('pairs', len(graph.links))
+        self.diagnostics.note('pairs left out', len(contradicting))
+        self.diagnostics.note('pairs without ties', self._without_ties)
 
     def _on_remark(self, text: str) -> None:
-        self._diagnostics.refuse('pair not used in full', text)
+        self.diagnostics.refuse('pair not used in full', text)
 
     def _judge(self) -> tuple[bytes, str]:
         has_skin = self._has_skin
-        if not self._diagnostics.recent('clouds'):
+        if not self.diagnostics.recent('clouds'):
             return OK, 'waiting for clouds' if has_skin else 'waiting for clouds and their skin'
         if not has_skin:
             return WARN, 'nobody publishes skin: along it the clouds lie as the autopilot says'
         return OK, 'working'
-
-    def _now_ns(self) -> int:
-        return self.get_clock().now().nanoseconds
 
 
 def main() -> int:

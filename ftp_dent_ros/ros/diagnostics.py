@@ -7,12 +7,14 @@ import threading
 import time
 import traceback
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
+from ftp_dent_ros.errors import InputError, PoseError, RefusedFrameError
 from ftp_dent_ros.ros.qos import DIAGNOSTICS
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
@@ -83,7 +85,7 @@ class Diagnostics:
     ) -> None:
         self._node = node
         self._judge = judge
-        self._hardware_id = hardware_id
+        self.hardware_id = hardware_id
         self._statistics = Statistics()
         self._counted: dict[str, None] = {}
         self._measured: dict[str, None] = {}
@@ -139,6 +141,24 @@ class Diagnostics:
         self._last['failed'] = sentence
         if self._is_due(sentence):
             self._node.get_logger().error(sentence)
+
+    @contextmanager
+    def guarded(self, what: str, reason: str = '') -> Iterator[None]:
+        """Tell of what the block raises, and go on behind it: no message may end a node.
+
+        Parameters
+        ----------
+        what : str
+            Could not be done, in a sentence on a defect of the software.
+        reason : str
+            Of a refusal of what was given; the error's own by default.
+        """
+        try:
+            yield
+        except (InputError, PoseError, RefusedFrameError) as error:
+            self.refuse(reason or error.reason, str(error))
+        except Exception as error:
+            self.fail_by_defect(what, error)
 
     def fail_by_defect(self, what: str, error: Exception) -> None:
         """Something could not be done, though nothing that was given is wrong with it.
@@ -197,7 +217,7 @@ class Diagnostics:
             level=level,
             name=self._node.get_fully_qualified_name().lstrip('/'),
             message=message,
-            hardware_id=self._hardware_id,
+            hardware_id=self.hardware_id,
             values=[KeyValue(key=key, value=value) for key, value in values.items()],
         )
 

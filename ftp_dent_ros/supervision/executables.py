@@ -3,19 +3,17 @@
 ``setup.py`` reads it too, so it imports nothing.
 """
 
-# Name of a node, and the module beside it, with its function, that declares its parameters.
-_NODES = {
-    'pattern_publisher': 'pattern_parameters:declare',
-    'camera_capture': 'camera_parameters:declare',
-    'reconstruction': 'reconstruction_parameters:declare',
-    'mavlink_bridge': 'bridge_parameters:declare',
-    'dent_inspector': 'inspector_parameters:declare',
-    'survey': 'survey_parameters:declare',
-    'downlink': 'link_parameters:declare_downlink',
-    'ground_station': 'link_parameters:declare_ground',
-}
+_NODES = (
+    'pattern_publisher',
+    'camera_capture',
+    'reconstruction',
+    'mavlink_bridge',
+    'dent_inspector',
+    'survey',
+    'downlink',
+    'ground_station',
+)
 NODES = {name: f'ftp_dent_ros.nodes.{name}' for name in _NODES}
-DECLARATIONS = {name: f'ftp_dent_ros.nodes.{place}' for name, place in _NODES.items()}
 #: Not a ROS node: its parameters become its options.
 SIMULATED_AUTOPILOT = 'simulated_autopilot'
 EXECUTABLES = {**NODES, SIMULATED_AUTOPILOT: 'ftp_dent_ros.simulation.autopilot'}

@@ -1,0 +1,48 @@
+"""What all nodes of the payload have: settings, diagnostics, and the time."""
+
+from __future__ import annotations
+
+from typing import Any, Generic, TypeVar
+
+from rclpy.node import Node
+
+from ftp_dent_ros.nodes.declarations import names_of_all
+from ftp_dent_ros.nodes.settings import OF_NODES, read
+from ftp_dent_ros.ros.diagnostics import Diagnostics
+from ftp_dent_ros.ros.parameters import Parameters
+
+Settings = TypeVar('Settings')
+
+
+class PayloadNode(Node, Generic[Settings]):
+    """A node of the package, with its parameters read and its state on ``/diagnostics``.
+
+    Parameters
+    ----------
+    name : str
+        In `OF_NODES`.
+    **options
+        Of `rclpy.node.Node`.
+
+    Raises
+    ------
+    ConfigurationError
+        A parameter is wrong.
+    """
+
+    given: Settings
+
+    def __init__(self, name: str, **options: Any) -> None:
+        super().__init__(name, **options)
+        self.settings = Parameters(self)
+        self.given = read(OF_NODES[name], self.settings)
+        self.settings.close(names_of_all)
+        self.diagnostics = Diagnostics(self, self._judge)
+
+    def now_ns(self) -> int:
+        """ROS time, nanoseconds."""
+        return self.get_clock().now().nanoseconds
+
+    def _judge(self) -> tuple[bytes, str]:
+        """Level and message of the moment, for the diagnostics."""
+        raise NotImplementedError
