@@ -73,8 +73,6 @@ class CameraCapture(PayloadNode[CameraCaptureSettings]):
     def __init__(self, **options: Any) -> None:
         super().__init__('camera_capture', **options)
         given = self.given
-        self.settings.on_change(self._change)
-        self._continuous = given.continuous
         self._source: Source = make_source(given, self.now_ns)
         self._image = self.create_publisher(
             Image, 'camera/image_raw', IMAGES, qos_overriding_options=OVERRIDABLE
@@ -106,9 +104,6 @@ class CameraCapture(PayloadNode[CameraCaptureSettings]):
         for publisher in (self._image, self._info):
             publisher.wait_for_all_acked(_ACKNOWLEDGED)
         super().destroy_node()
-
-    def _change(self, values: dict[str, Any]) -> None:
-        self._continuous = values.get('continuous', self._continuous)
 
     def _on_projected(self, source: SimulatedSource, message: Image) -> None:
         with self.diagnostics.guarded('no pattern could be projected', 'wrong pattern'):
@@ -152,7 +147,7 @@ class CameraCapture(PayloadNode[CameraCaptureSettings]):
         """Photograph that is demanded or due; None if there is none for the moment."""
         if demanded:
             return self._source.shoot()
-        running = self._continuous and self.given.rate > 0 and not self._source.finished
+        running = self.settings['continuous'] and self.given.rate > 0 and not self._source.finished
         wanted = running and (self._source.runs_by_itself or self._is_heard())
         if wanted and self._was_wanted:
             return self._source.next_frame(_PAUSE)
@@ -175,18 +170,16 @@ class CameraCapture(PayloadNode[CameraCaptureSettings]):
             camera_info_message(lens, (width, height), frame.stamp_ns, self.given.frame_id)
         )
         self.diagnostics.count('images')
-        self.diagnostics.note('size', f'{width}x{height}')
-        self.diagnostics.note('pixels', photograph.encoding)
+        self.diagnostics.notes({'size': f'{width}x{height}', 'pixels': photograph.encoding})
         self.diagnostics.measure('latency', (self.now_ns() - frame.stamp_ns) / 1e9)
 
     def _judge(self) -> tuple[bytes, str]:
         missed = self._source.missed - self._missed_before
         self._missed_before = self._source.missed
-        for name, value in self._source.notes().items():
-            self.diagnostics.note(name, value)
+        self.diagnostics.notes(self._source.notes())
         if self._source.finished:
             return OK, 'all images have been published'
-        if not self._continuous or self.given.rate == 0:
+        if not self.settings['continuous'] or self.given.rate == 0:
             return OK, 'waiting for a call of ~/capture'
         if missed:
             return WARN, f'cannot keep up with {self.given.rate:g} images a second: lower the rate'

@@ -318,9 +318,7 @@ class Downlink(PayloadNode[DownlinkSettings]):
 
     def _judge(self) -> tuple[bytes, str]:
         state = self._drone.state()
-        for name, value in state.items():
-            self.diagnostics.note(name, value)
-        self.diagnostics.note('recording', self._recordings.state)
+        self.diagnostics.notes({**state, 'recording': self._recordings.state})
         if trouble := self._drone.trouble():
             return WARN, trouble
         if state['grounds'] == '0':

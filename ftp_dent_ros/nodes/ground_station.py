@@ -265,9 +265,8 @@ class GroundStation(PayloadNode[GroundStationSettings]):
             self._topics.publish(item)
 
     def _judge(self) -> tuple[bytes, str]:
-        for name, value in self._station.state().items():
-            self.diagnostics.note(name, value)
-        self.diagnostics.note('clouds waiting for their pose', self._topics.untagged)
+        waiting = {'clouds waiting for their pose': self._topics.untagged}
+        self.diagnostics.notes({**self._station.state(), **waiting})
         self._drone_is_here = 'downlink' in self.get_node_names()
         if self._drone_is_here:
             return ERROR, (

@@ -13,7 +13,7 @@ from __future__ import annotations
 import sys
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -30,12 +30,12 @@ from std_srvs.srv import Trigger
 
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.coding.cloud_codec import thinned
-from ftp_dent_ros.errors import CloudError, PoseAwaitedError, PoseError
+from ftp_dent_ros.errors import PoseAwaitedError, PoseError
 from ftp_dent_ros.navigation import pose_covariance
 from ftp_dent_ros.navigation.camera import COMPONENT, Camera
 from ftp_dent_ros.navigation.link import Link
 from ftp_dent_ros.navigation.origin import Origin
-from ftp_dent_ros.navigation.pose_covariance import Covariance, Tag
+from ftp_dent_ros.navigation.pose_covariance import Tag
 from ftp_dent_ros.nodes.payload_node import PayloadNode
 from ftp_dent_ros.nodes.settings import MavlinkBridgeSettings
 from ftp_dent_ros.pose import Pose
@@ -43,6 +43,7 @@ from ftp_dent_ros.ros.diagnostics import ERROR, OK, WARN
 from ftp_dent_ros.ros.messages import (
     cloud_from_message,
     cloud_to_message,
+    covariant_pose_message,
     make_header,
     pose_stamped_message,
     pose_to_message,
@@ -93,6 +94,46 @@ class TransformPublisher:
             self._publishers[static].publish(TFMessage(transforms=[message]))
 
 
+@dataclass(frozen=True, eq=False)
+class Waiting:
+    """A cloud or the telling of an image that waits for its pose.
+
+    Attributes
+    ----------
+    message : sensor_msgs/PointCloud2 or sensor_msgs/CameraInfo
+    stamp : int
+        Nanoseconds.
+    arrival : float
+        Seconds of steady time.
+    """
+
+    message: Any
+    stamp: int
+    arrival: float
+
+    @staticmethod
+    def of(message: Any) -> Waiting:
+        """A message that has just come."""
+        return Waiting(message, stamp_to_ns(message.header.stamp), time.monotonic())
+
+
+def settled(
+    waiting: deque[Waiting], link: Link, timeout: float
+) -> Iterator[tuple[Waiting, Tag | PoseError]]:
+    """Take out what has its pose by now, or why there will be none, at the latest after a time."""
+    for _ in range(len(waiting)):
+        each = waiting.popleft()
+        try:
+            found: Tag | PoseError = link.tag_at(each.stamp)
+        except PoseError as error:
+            is_young = time.monotonic() - each.arrival < timeout
+            if is_young and isinstance(error, PoseAwaitedError):
+                waiting.append(each)
+                continue
+            found = error
+        yield each, found
+
+
 class BridgeCamera:
     """Commands from the link become calls of ``camera_capture/capture``, images become messages.
 
@@ -109,7 +150,7 @@ class BridgeCamera:
         rig = node.given.rig
         self._size = self._sent_size = (rig.camera.width, rig.camera.height) if rig else (0, 0)
         self._commands: deque[Any] = deque(maxlen=20)
-        self._images: deque[tuple[int, float]] = deque(maxlen=20)
+        self._images: deque[Waiting] = deque(maxlen=20)
         self._failures = 0
         self._client = node.create_client(Trigger, 'camera_capture/capture')
         node.create_subscription(
@@ -145,18 +186,9 @@ class BridgeCamera:
             command = self._commands.popleft()
             for message in self._camera.answers(command, state.identity, self._size, boot_ms):
                 send(message)
-        for _ in range(len(self._images)):
-            stamp, arrival = self._images.popleft()
-            try:
-                tag = link.tag_at(stamp)
-            except PoseAwaitedError:
-                if time.monotonic() - arrival < timeout:
-                    self._images.append((stamp, arrival))
-                    continue
-                tag = None
-            except PoseError:
-                tag = None
-            send(self._camera.captured(stamp, tag, self._mount, state.origin))
+        for image, found in settled(self._images, link, timeout):
+            tag = None if isinstance(found, PoseError) else found
+            send(self._camera.captured(image.stamp, tag, self._mount, state.origin))
             self._diagnostics.count('images told')
         while self._failures:
             self._failures -= 1
@@ -164,7 +196,7 @@ class BridgeCamera:
 
     def _on_camera_info(self, message: CameraInfo) -> None:
         self._size = (message.width, message.height)
-        self._images.append((stamp_to_ns(message.header.stamp), time.monotonic()))
+        self._images.append(Waiting.of(message))
 
     def _shoot(self) -> bool:
         if not self._client.service_is_ready():
@@ -241,35 +273,23 @@ class BridgeTags:
         if self._preview.get_subscription_count():
             few, _ = thinned(cloud, None, self._preview_columns)
             self._publish_cloud(self._preview, few, camera, stamp)
-        self._camera_pose.publish(self._message(camera, covariance, stamp))
-        self._pose.publish(self._message(tag.pose, tag.covariance, stamp))
+        frame = self._frame
+        self._camera_pose.publish(covariant_pose_message(camera, covariance, stamp, frame))
+        self._pose.publish(covariant_pose_message(tag.pose, tag.covariance, stamp, frame))
         self._diagnostics.count('tagged')
         deviations = np.sqrt(np.diag(covariance))
-        self._diagnostics.note('camera within, across (mm)', f'{1e3 * deviations[:2].max():.0f}')
-        self._diagnostics.note('camera within, up (mm)', f'{1e3 * deviations[2]:.0f}')
-        self._diagnostics.note('camera within (deg)', f'{np.degrees(deviations[3:].max()):.2f}')
+        self._diagnostics.notes(
+            {
+                'camera within, across (mm)': f'{1e3 * deviations[:2].max():.0f}',
+                'camera within, up (mm)': f'{1e3 * deviations[2]:.0f}',
+                'camera within (deg)': f'{np.degrees(deviations[3:].max()):.2f}',
+            }
+        )
 
     def _publish_cloud(self, publisher: Publisher, cloud: Cloud, camera: Pose, stamp: int) -> None:
         if publisher.get_subscription_count():
             in_map = cloud.transformed(camera)
             publisher.publish(cloud_to_message(in_map, stamp, self._frame))
-
-    def _message(
-        self, pose: Pose, covariance: Covariance, stamp: int
-    ) -> PoseWithCovarianceStamped:
-        message = PoseWithCovarianceStamped(header=make_header(stamp, self._frame))
-        message.pose.pose = pose_to_message(pose)
-        message.pose.covariance = covariance.ravel()
-        return message
-
-
-@dataclass(frozen=True)
-class _Waiting:
-    """A cloud that waits for its pose; arrival in seconds of steady time."""
-
-    message: PointCloud2
-    stamp: int
-    arrival: float
 
 
 class MavlinkBridge(PayloadNode[MavlinkBridgeSettings]):
@@ -282,11 +302,9 @@ class MavlinkBridge(PayloadNode[MavlinkBridgeSettings]):
         if given.earth:
             self._earth = self.create_publisher(NavSatFix, 'earth', LATCHED)
         self._origin: Origin | None = None
-        self._timeout = given.pose_timeout
         mount = Pose.from_rpy(given.rpy, given.translation)
-        self.settings.on_change(self._change)
         self.diagnostics.hardware_id = given.address
-        self._waiting: deque[_Waiting] = deque()
+        self._waiting: deque[Waiting] = deque()
         self._said: tuple[str, str] | None = None
         self._poses = self.create_publisher(PoseStamped, 'mavlink/pose', POSES)
         self._transforms = TransformPublisher(self) if given.publish_tf else None
@@ -320,9 +338,6 @@ class MavlinkBridge(PayloadNode[MavlinkBridgeSettings]):
         self._link.close()
         super().destroy_node()
 
-    def _change(self, values: dict[str, Any]) -> None:
-        self._timeout = values.get('pose_timeout', self._timeout)
-
     def _send_heartbeat(self) -> None:
         self._link.send_heartbeat()
         if self._mavlink_camera is not None:
@@ -353,59 +368,36 @@ class MavlinkBridge(PayloadNode[MavlinkBridgeSettings]):
                 f'{self.given.camera_frame!r}: set camera_frame',
             )
             return
-        stamp = stamp_to_ns(message.header.stamp)
-        self._waiting.append(_Waiting(message, stamp, time.monotonic()))
+        self._waiting.append(Waiting.of(message))
         self._settle()
         while len(self._waiting) > self.given.queue_size:
-            self._refuse_crowded(self._waiting.popleft())
+            # There is no room for it any more: it is refused for what it has waited for.
+            self._tag_settled(deque([self._waiting.popleft()]), 0.0)
 
     def _settle(self) -> None:
         """Tag or refuse each waiting cloud for which that can be said by now."""
+        timeout = self.settings['pose_timeout']
         if self._mavlink_camera is not None:
-            self._mavlink_camera.settle(self._link, self.now_ns(), self._timeout)
-        for _ in range(len(self._waiting)):
-            cloud = self._waiting.popleft()
-            try:
-                tag = self._link.tag_at(cloud.stamp)
-            except PoseAwaitedError as error:
-                if time.monotonic() - cloud.arrival < self._timeout:
-                    self._waiting.append(cloud)
-                else:
-                    waited = f'after {self._timeout:g} s: {error}'
-                    self._refuse(cloud, error.reason, waited)
-            except PoseError as error:
-                self._refuse(cloud, error.reason, str(error))
-            else:
-                self._tag(cloud, tag)
+            self._mavlink_camera.settle(self._link, self.now_ns(), timeout)
+        self._tag_settled(self._waiting, timeout)
 
-    def _tag(self, cloud: _Waiting, tag: Tag) -> None:
-        try:
-            self._tags.publish(cloud.message, cloud.stamp, tag)
-        except CloudError as error:
-            self.diagnostics.refuse('wrong cloud', str(error))
-            return
-        self.diagnostics.measure('waited', time.monotonic() - cloud.arrival)
-
-    def _refuse_crowded(self, cloud: _Waiting) -> None:
-        """Refuse one for which there is no room any more, with what it has waited for."""
-        try:
-            self._tag(cloud, self._link.tag_at(cloud.stamp))
-        except PoseError as error:
-            waited = time.monotonic() - cloud.arrival
-            crowd = f'after {waited:.1f} s, and {self.given.queue_size} clouds wait behind it'
-            self._refuse(cloud, error.reason, f'{crowd} (queue_size): {error}')
-
-    def _refuse(self, cloud: _Waiting, reason: str, sentence: str) -> None:
-        age = (self.now_ns() - cloud.stamp) / 1e9
-        self.diagnostics.refuse(
-            reason,
-            f'no pose for the cloud of {cloud.stamp / 1e9:.3f} ({age:.1f} s ago): {sentence}',
-        )
+    def _tag_settled(self, waiting: deque[Waiting], timeout: float) -> None:
+        for cloud, found in settled(waiting, self._link, timeout):
+            if isinstance(found, PoseError):
+                age, waited = self.now_ns() - cloud.stamp, time.monotonic() - cloud.arrival
+                self.diagnostics.refuse(
+                    found.reason,
+                    f'no pose for the cloud of {cloud.stamp / 1e9:.3f} ({age / 1e9:.1f} s ago) '
+                    f'after {waited:.1f} s: {found}',
+                )
+                continue
+            with self.diagnostics.guarded('a cloud could not be tagged'):
+                self._tags.publish(cloud.message, cloud.stamp, found)
+                self.diagnostics.measure('waited', time.monotonic() - cloud.arrival)
 
     def _judge(self) -> tuple[bytes, str]:
         state = self._link.state()
-        for name, value in state.figures.items():
-            self.diagnostics.note(name, value)
+        self.diagnostics.notes(state.figures)
         self.diagnostics.note('clouds waiting', len(self._waiting))
         self._follow_origin(state.origin)
         verdict = state.verdict

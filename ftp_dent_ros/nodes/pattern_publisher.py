@@ -108,10 +108,14 @@ class PatternPublisher(PayloadNode[PatternPublisherSettings]):
         self._info.publish(camera_info_message(lens, size, stamp_ns, self.given.frame_id))
         self._put(image, stamp_ns)
         self.diagnostics.count('patterns')
-        self.diagnostics.note('period (px)', f'{pattern.period_px:g}')
-        self.diagnostics.note('stripe centre (px)', f'{pattern.stripe_center_px:g}')
-        self.diagnostics.note('code', pattern.code)
-        self.diagnostics.note('size', f'{pattern.width}x{pattern.height}')
+        self.diagnostics.notes(
+            {
+                'period (px)': f'{pattern.period_px:g}',
+                'stripe centre (px)': f'{pattern.stripe_center_px:g}',
+                'code': pattern.code,
+                'size': f'{pattern.width}x{pattern.height}',
+            }
+        )
         self.get_logger().info(
             f'pattern of {pattern.width}x{pattern.height} pixels, period {pattern.period_px:g}, '
             f'{pattern.code} code, centre at {pattern.stripe_center_px:g}'

@@ -110,12 +110,12 @@ class Reconstruction(PayloadNode[ReconstructionSettings]):
             return
         self._patterns.add(stamp_ns, pattern)
         self._watch.pattern_changed()
-        period, stripe = pattern.period_px, pattern.stripe_center_px
-        self.diagnostics.note('period (px)', f'{period:g}')
-        self.diagnostics.note('stripe centre (px)', f'{stripe:g}')
-        self.diagnostics.note('code', pattern.code)
+        period, stripe = f'{pattern.period_px:g}', f'{pattern.stripe_center_px:g}'
+        self.diagnostics.notes(
+            {'period (px)': period, 'stripe centre (px)': stripe, 'code': pattern.code}
+        )
         self.get_logger().info(
-            f'pattern with period {period:g} px, {pattern.code} code, centre at {stripe:g} px'
+            f'pattern with period {period} px, {pattern.code} code, centre at {stripe} px'
         )
         # The tables are made now, so that the first image does not wait for them.
         with contextlib.suppress(RefusedFrameError, PatternError):
@@ -204,8 +204,7 @@ class Reconstruction(PayloadNode[ReconstructionSettings]):
             stamp_ns, worst = min(clouds, key=lambda each: each[1].share)
             # That the pattern could not be checked is told of each of them.
             shown = replace(worst, confirmed=all(coverage.confirmed for _, coverage in clouds))
-            for name, value in {**shown.notes, NOTED_STAMP: str(stamp_ns)}.items():
-                self.diagnostics.note(name, value)
+            self.diagnostics.notes({**shown.notes, NOTED_STAMP: stamp_ns})
 
     def _judge(self) -> tuple[bytes, str]:
         self._note_coverage()

@@ -131,9 +131,13 @@ class RigWatch:
         if check is None or not check.seen:
             return
         self._epipolar.append(check)
-        self._diagnostics.note('beside epipolar lines (px)', f'{check.shift:+.3f}')
-        self._diagnostics.note('its uncertainty (px)', f'{check.shift_deviation:.3f}')
-        self._diagnostics.note('epipolar lines', check.sentence)
+        self._diagnostics.notes(
+            {
+                'beside epipolar lines (px)': f'{check.shift:+.3f}',
+                'its uncertainty (px)': f'{check.shift_deviation:.3f}',
+                'epipolar lines': check.sentence,
+            }
+        )
         self._epipolar_trouble = rig_alarm(self._epipolar)
         if self._epipolar_trouble:
             self._logger.error(self._epipolar_trouble, throttle_duration_sec=_CHECK_PERIOD)

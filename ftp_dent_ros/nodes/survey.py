@@ -29,10 +29,10 @@ from ftp_dent_ros.ros.dent_messages import coverage_to_markers
 from ftp_dent_ros.ros.diagnostics import OK, WARN
 from ftp_dent_ros.ros.messages import (
     cloud_from_message,
+    covariant_pose_message,
     image_from_message,
     make_header,
     pose_stamped_message,
-    pose_to_message,
     stamp_to_ns,
 )
 from ftp_dent_ros.ros.node import NewestWorker, run
@@ -134,10 +134,8 @@ class Survey(PayloadNode[SurveySettings]):
         links = len(joining.graph.links)
         pose = joining.add(stamp_ns, cloud, skin, stated, covariance)
         self._known.add(stamp_ns)
-        message = PoseWithCovarianceStamped(header=make_header(stamp_ns, self.given.map_frame))
-        message.pose.pose = pose_to_message(pose)
-        message.pose.covariance = joining.newest_covariance().ravel()
-        self._pose.publish(message)
+        now_known = joining.newest_covariance()
+        self._pose.publish(covariant_pose_message(pose, now_known, stamp_ns, self.given.map_frame))
         self._footprints.append(Footprint.of(cloud))
         stamps, poses = tuple(joining.stamps_ns), tuple(joining.graph.poses)
         self._drawing.show((stamps, poses, tuple(self._footprints)))
@@ -165,8 +163,7 @@ class Survey(PayloadNode[SurveySettings]):
         if seen is None:
             self.diagnostics.refuse('no coverage', 'the poses are too far apart to draw the skin')
             return
-        self.diagnostics.note('measured (m2)', f'{seen.area:.3f}')
-        self.diagnostics.note('gaps', len(seen.gaps))
+        self.diagnostics.notes({'measured (m2)': f'{seen.area:.3f}', 'gaps': len(seen.gaps)})
         self._coverage.publish(coverage_to_markers(seen, stamps[-1], self.given.map_frame))
 
     def _skin_of(self, item: Matched, shape: tuple[int, ...]) -> NDArray[Any] | None:
@@ -193,11 +190,15 @@ class Survey(PayloadNode[SurveySettings]):
         for index in contradicting.keys() - self._left_out:
             self.diagnostics.refuse('contradicting pair', contradicting[index])
         self._left_out = set(contradicting)
-        self.diagnostics.note('clouds in the survey', len(graph.poses))
-        self.diagnostics.note('clouds without skin', self._joining.without_skin)
-        self.diagnostics.note('pairs', len(graph.links))
-        self.diagnostics.note('pairs left out', len(contradicting))
-        self.diagnostics.note('pairs without ties', self._without_ties)
+        self.diagnostics.notes(
+            {
+                'clouds in the survey': len(graph.poses),
+                'clouds without skin': self._joining.without_skin,
+                'pairs': len(graph.links),
+                'pairs left out': len(contradicting),
+                'pairs without ties': self._without_ties,
+            }
+        )
 
     def _on_remark(self, text: str) -> None:
         self.diagnostics.refuse('pair not used in full', text)

@@ -7,7 +7,7 @@ import threading
 import time
 import traceback
 from collections import Counter, deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -121,6 +121,10 @@ class Diagnostics:
     def note(self, name: str, value: object) -> None:
         """Show a value from now on."""
         self._notes[name] = str(value)
+
+    def notes(self, values: Mapping[str, object]) -> None:
+        """Show some values from now on, by name."""
+        self._notes.update((name, str(value)) for name, value in values.items())
 
     def refuse(self, reason: str, sentence: str) -> None:
         """Something that was given gave no result, for a reason of a few fixed words."""

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Pose as PoseMessage
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2, PointField
 from std_msgs.msg import Header
@@ -37,6 +37,7 @@ __all__ = [
     'cloud_from_message',
     'cloud_to_message',
     'covariance_from_message',
+    'covariant_pose_message',
     'image_from_message',
     'image_to_message',
     'lens_from_message',
@@ -157,6 +158,16 @@ def pose_to_message(pose: Pose) -> PoseMessage:
     orientation.x, orientation.y, orientation.z, orientation.w = (
         float(value) for value in pose.quaternion
     )
+    return message
+
+
+def covariant_pose_message(
+    pose: Pose, covariance: NDArray[Any], stamp_ns: int, frame_id: str
+) -> PoseWithCovarianceStamped:
+    """geometry_msgs/PoseWithCovarianceStamped of a pose in `frame_id`; covariance (6, 6)."""
+    message = PoseWithCovarianceStamped(header=make_header(stamp_ns, frame_id))
+    message.pose.pose = pose_to_message(pose)
+    message.pose.covariance = covariance.ravel()
     return message
 
 
