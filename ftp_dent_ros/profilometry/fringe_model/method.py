@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud.coverage import Coverage
-from ftp_dent_ros.errors import NoStripeError, TooDarkError
+from ftp_dent_ros.errors import NoStripeError, SaturatedError, TooDarkError
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.profilometry.carrier import ReferencePlane, carrier_on
 from ftp_dent_ros.profilometry.fringe_model.bins import BinGrid, nearest
+from ftp_dent_ros.profilometry.fringe_model.checks import check_surfaces
 from ftp_dent_ros.profilometry.fringe_model.light import Light
 from ftp_dent_ros.profilometry.fringe_model.local_fit import fit_windows
 from ftp_dent_ros.profilometry.fringe_model.orders import OrderLikelihood
@@ -37,6 +39,12 @@ _WEIGHT, _AMPLITUDE = 0.1, 1.0
 # Nodes that a surface has at least: two rows of windows over some fringes.
 _LEAST_NODES = 30
 
+# Share of a node's bins that is clipped where no phase is left, and of what is lit, at most.
+_CLIPPED, _MOST = 0.4, 0.5
+
+_CLIPPED_SENTENCE = (
+    'the fringes are clipped over {:.0%} of the lit area: expose for a shorter time'
+)
 _DARK = 'no fringes are seen: light the surface, point the camera at it, expose longer'
 _UNNUMBERED = (
     'no surface shows which fringe is which: bring the red stripe, or more whole fringes side by '
@@ -72,7 +80,7 @@ class FringeModel:
 
         Raises
         ------
-        TooDarkError, NoStripeError
+        SaturatedError, TooDarkError, NoStripeError, OtherPatternError
         """
         light = Light.of(photograph, self.grid)
         start = fit_planes(self.grid, light.red, light.usable, self._planes)
@@ -90,11 +98,20 @@ class FringeModel:
         coverage = Coverage.of(
             fringes, points.measured, clipped=light.usable == 0, **{reason: surface < 0}
         )
-        return Measurement(points.cloud, points.stripe_depth, coverage)
+        confirmed, epipolar = check_surfaces(
+            *(self.rig, self.pattern, self.grid, self._bins, fit, points.surfaces)
+        )
+        coverage = replace(coverage, confirmed=confirmed)
+        return Measurement(points.cloud, points.stripe_depth, coverage, epipolar)
 
     def _orders(self, light: Light, start: Start) -> dict[int, int]:
         """Fringe order of each surface whose odds are accepted."""
-        if not (start.surface >= 0).any():
+        fringes = start.surface >= 0
+        clipped = self.grid.at_nodes(light.usable) < _CLIPPED
+        share = np.count_nonzero(clipped) / max(np.count_nonzero(clipped | fringes), 1)
+        if share > _MOST and np.count_nonzero(clipped) > _LEAST_NODES:
+            raise SaturatedError(_CLIPPED_SENTENCE.format(share))
+        if not fringes.any():
             raise TooDarkError(_DARK)
         ratio, weight = self._code(light, start)
         sizes = np.bincount(start.surface[start.surface >= 0])

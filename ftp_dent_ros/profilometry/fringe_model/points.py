@@ -91,6 +91,8 @@ class Points:
         points = np.full((*shape, 3), np.nan, np.float32)
         self.cloud = Cloud(points, np.zeros(shape, np.float32), *unknown)
         self.measured = np.zeros(grid.shape, bool)
+        #: Phase of each surface at the bins, and where it is measured.
+        self.surfaces: list[tuple[NDArray[np.float32], NDArray[np.bool_]]] = []
         self._at_stripe: list[NDArray[np.float32]] = []
 
     @property
@@ -145,6 +147,7 @@ class Points:
         if not good.any():
             return
         self.measured |= good
+        self.surfaces.append((phase, good))
         stripe = good & (np.abs(phase) < math.pi)
         self._at_stripe.append(1 / inverse[stripe if stripe.any() else good])
         away = np.where(good, inverse - quadric.at(*self._grid.bin_positions()), 0)
