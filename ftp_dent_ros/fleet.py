@@ -134,6 +134,11 @@ def _begin() -> None:
     one_thread()
 
 
+def cores() -> int:
+    """How many cores this process may use."""
+    return len(os.sched_getaffinity(0))
+
+
 def one_thread() -> None:
     """Have OpenCV compute with one thread in this process, as what runs beside it does.
 

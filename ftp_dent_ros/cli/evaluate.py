@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--pod',
         action='store_true',
-        help='the probability of detection instead; a run that was ended is gone on with',
+        help='the probability of detection instead, of many more photographs',
     )
     parser.add_argument(
         '--dents',
@@ -75,7 +75,7 @@ def _detect(arguments: argparse.Namespace, folder: Path) -> int:
     depth = arguments.smallest_depth / 1e3
     total = math.ceil(arguments.dents / TOGETHER) + arguments.blanks
     with progress_bar('evaluating', total, 'photograph') as bar:
-        taken = run_trials(folder, arguments.dents, arguments.blanks, depth, bar.update)
+        taken = run_trials(arguments.dents, arguments.blanks, depth, bar.update)
     rows, blanks = rows_of(taken), blanks_of(taken)
     page = write_detection(folder, taken, rows, blanks, depth)
     print(sentence(rows, blanks, depth))

@@ -26,7 +26,7 @@ from ftp_dent_ros.dents.rules import Rules, read_rules, verdict
 from ftp_dent_ros.dents.sightings import ListedDent
 from ftp_dent_ros.errors import CloudError, ConfigurationError, FtpDentError
 from ftp_dent_ros.files import find
-from ftp_dent_ros.fleet import LostWorkerError, in_order, on_cluster, side_by_side
+from ftp_dent_ros.fleet import LostWorkerError, cores, in_order, on_cluster, side_by_side
 from ftp_dent_ros.inspection.inspecting import CloudInspector, SeenCloud, viewpoint_of
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.page import write_report
@@ -102,7 +102,7 @@ def run(arguments: argparse.Namespace) -> int:
             bar.total = count
             bar.update()
 
-        jobs = arguments.jobs or len(os.sched_getaffinity(0))
+        jobs = arguments.jobs or cores()
         report = report_of(requests[0], progress, jobs)
     page = write_report(output, report)
     print(summary(report))
@@ -296,7 +296,7 @@ def inspect_several(
     results = (
         on_cluster(_inspect_into, tasks, scheduler)
         if scheduler
-        else side_by_side(_inspect_into, tasks, jobs or len(os.sched_getaffinity(0)))
+        else side_by_side(_inspect_into, tasks, jobs or cores())
     )
     failed = 0
     with progress_bar('inspecting', len(tasks), 'input') as bar:

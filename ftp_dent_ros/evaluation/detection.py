@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +18,10 @@ from scipy.stats import chi2
 
 from ftp_dent_ros import __version__
 from ftp_dent_ros.dents.dent import Inspection, SmallestDent
-from ftp_dent_ros.errors import ConfigurationError, FtpDentError
+from ftp_dent_ros.errors import FtpDentError
 from ftp_dent_ros.evaluation.scenes import PATTERN, Scene, make_rig
 from ftp_dent_ros.files import written_aside
+from ftp_dent_ros.fleet import cores, in_order
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.records import finite
 from ftp_dent_ros.pages.drawing import data_uri, figure_png
@@ -102,52 +103,16 @@ class Trial:
 
 
 def run_trials(
-    folder: Path, dents: int, blanks: int, smallest_depth: float, progress: Callable[[], Any]
+    dents: int, blanks: int, smallest_depth: float, progress: Callable[[], Any]
 ) -> list[Trial]:
-    """All trials; those that a run before has left in the folder are not taken again.
-
-    Raises
-    ------
-    ConfigurationError
-        The folder holds trials of something else, or cannot be written.
-    """
-    path = folder / 'trials.jsonl'
-    done = _taken_before(path, json.dumps({'smallest_depth': smallest_depth}))
-    # Blank ones are numbered below 0, so that both can be added to later.
+    """All trials, on all cores; `progress` is called after each."""
+    # Blank ones are numbered below 0.
     wanted = [*range(math.ceil(dents / TOGETHER)), *range(-1, -blanks - 1, -1)]
-    for index in wanted:
-        if index not in done:
-            done[index] = _taken(index, smallest_depth)
-            try:
-                with path.open('a') as file:
-                    file.write(json.dumps(asdict(done[index])) + '\n')
-            except OSError as reason:
-                raise ConfigurationError(
-                    f'{path} cannot be written ({reason.strerror}): make room there'
-                ) from None
+    trials = []
+    for trial in in_order(partial(_taken, smallest_depth=smallest_depth), wanted, cores()):
+        trials.append(trial)
         progress()
-    return [done[index] for index in wanted]
-
-
-def _taken_before(path: Path, head: str) -> dict[int, Trial]:
-    """The trials of a file by their numbers; one that is cut short is taken off it."""
-    try:
-        whole = path.read_text() if path.exists() else ''
-        lines = whole.split('\n')[:-1] or [head]
-        kept = '\n'.join(lines) + '\n'
-        if lines[0] != head:
-            raise ConfigurationError(
-                f'{path}: is of other settings ({lines[0]}): remove it, or name another folder'
-            )
-        found = [Trial(**json.loads(line)) for line in lines[1:]]
-        if kept != whole:
-            with written_aside(path) as aside:
-                aside.write_text(kept)
-    except (OSError, ValueError, TypeError) as reason:
-        raise ConfigurationError(
-            f'{path}: holds no trials ({reason}): remove it, or name another folder'
-        ) from None
-    return {trial.index: trial for trial in found}
+    return trials
 
 
 def _taken(index: int, smallest_depth: float) -> Trial:

@@ -74,11 +74,17 @@ class Motion:
         About the map's axes, rad/s.
     gap : float
         Time between the samples around the moment, seconds; 0 at a sample.
+    is_of_sample : bool
+        Whether stamps are those of the samples, as ODOMETRY's are.
+    covariance : ndarray, shape (6, 6), or None
+        The pose's own, where ODOMETRY brings it.
     """
 
     velocity: NDArray[np.float64]
     turn_rate: NDArray[np.float64]
     gap: float
+    is_of_sample: bool = False
+    covariance: Covariance | None = None
 
 
 def diagonal(position: tuple[float, float, float], rotation: tuple[float, float, float]) -> Any:
@@ -122,24 +128,21 @@ def of_odometry(upper_triangle: Any) -> Covariance | None:
     return covariance
 
 
-def of_tag(
-    estimate: Covariance, motion: Motion, clock_uncertainty: float, is_of_sample: bool
-) -> Covariance:
+def of_tag(reported: Covariance, motion: Motion, clock_uncertainty: float) -> Covariance:
     """Covariance of a pose.
 
     Parameters
     ----------
-    estimate : ndarray, shape (6, 6)
-        The estimator's own.
+    reported : ndarray, shape (6, 6)
+        By the state of the estimator, where ODOMETRY brings none of its own.
     motion : Motion
     clock_uncertainty : float
         Half the width of the clock's bounds, seconds.
-    is_of_sample : bool
-        Whether stamps are those of the samples, as ODOMETRY's are.
     """
+    estimate = reported if motion.covariance is None else motion.covariance
     along = np.concatenate([motion.velocity, motion.turn_rate])
     covariance = estimate + np.outer(along, along) * clock_uncertainty**2 / 3
-    if not is_of_sample:
+    if not motion.is_of_sample:
         for part, age in ((slice(0, 3), _AGE_OF_POSITION), (slice(3, 6), _AGE_OF_ATTITUDE)):
             covariance[part, part] += np.outer(along[part], along[part]) * age**2
     bow = motion.gap**2 / 8

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.errors import PoseAwaitedError, PoseError
 from ftp_dent_ros.navigation import frames, pose_covariance
-from ftp_dent_ros.navigation.pose_covariance import Motion
+from ftp_dent_ros.navigation.pose_covariance import Covariance, Motion
 from ftp_dent_ros.pose import Pose
 
 _SECOND = 1e9
@@ -27,8 +27,10 @@ _POSITION_JUMP = 0.05
 
 _Vector = NDArray[np.float64]
 
-# A sample of one quantity: its value and its rate of change.
-Sample = tuple[NDArray[np.float64], NDArray[np.float64]]
+# A sample of one quantity: its value and its rate of change; a kept one also has whether its stamp
+# is that of the sample, and the covariance that came with it.
+Sample = tuple[_Vector, _Vector]
+_Kept = tuple[_Vector, _Vector, bool, Covariance | None]
 
 _BODY = mavlink.MAV_FRAME_BODY_FRD
 
@@ -47,26 +49,26 @@ class _Track:
     jump: float
     acceleration: float
     stamps: list[int] = field(default_factory=list)
-    samples: list[tuple[_Vector, _Vector]] = field(default_factory=list)
+    samples: list[_Kept] = field(default_factory=list)
     is_reset: list[bool] = field(default_factory=list)
 
     def clear(self) -> None:
         self.stamps, self.samples, self.is_reset = [], [], []
 
-    def add(self, stamp: int, value: _Vector, rate: _Vector, jumped: bool) -> None:
+    def add(self, stamp: int, sample: _Kept, jumped: bool) -> None:
         if self.stamps and not jumped:
             seconds = (stamp - self.stamps[-1]) / _SECOND
-            last, last_rate = self.samples[-1]
+            (last, last_rate, *_), (value, rate, *_) = self.samples[-1], sample
             off = self.step(last, value) - (last_rate + rate) / 2 * seconds
             jumped = bool(np.linalg.norm(off) > self.jump + self.acceleration * seconds**2 / 4)
         self.stamps.append(stamp)
-        self.samples.append((value, rate))
+        self.samples.append(sample)
         self.is_reset.append(jumped)
         expired = bisect.bisect_left(self.stamps, stamp - self.duration)
         if expired > len(self.stamps) // 2:
             del self.stamps[:expired], self.samples[:expired], self.is_reset[:expired]
 
-    def around(self, stamp: int, maximum_gap: int) -> tuple[Sample, Sample, float, float]:
+    def around(self, stamp: int, maximum_gap: int) -> tuple[_Kept, _Kept, float, float]:
         """The samples around a stamp, their gap in seconds, and where in it it lies, 0 to 1."""
         if not self.stamps:
             raise PoseAwaitedError(f'no {self.name} has come from the autopilot', 'no pose yet')
@@ -130,13 +132,24 @@ class PoseHistory:
         bool
             Whether it was taken; one that is not newer than the last is not.
         """
-        return self._add(self._attitudes, stamp, quaternion, body_rate, is_reset)
+        sample = np.asarray(quaternion, float), np.asarray(body_rate, float)
+        return self._add(self._attitudes, stamp, (*sample, False, None), is_reset)
 
     def add_position(
-        self, stamp: int, position: ArrayLike, velocity: ArrayLike, is_reset: bool = False
+        self,
+        stamp: int,
+        position: ArrayLike,
+        velocity: ArrayLike,
+        is_reset: bool = False,
+        is_of_sample: bool = False,
+        covariance: Covariance | None = None,
     ) -> bool:
-        """Take a position (metres) and velocity (m/s) in `map`; as `add_attitude`."""
-        return self._add(self._positions, stamp, position, velocity, is_reset)
+        """Take a position (metres) and velocity (m/s) in `map`; as `add_attitude`.
+
+        `is_of_sample` and `covariance` are those of `Motion`.
+        """
+        sample = np.asarray(position, float), np.asarray(velocity, float)
+        return self._add(self._positions, stamp, (*sample, is_of_sample, covariance), is_reset)
 
     def clear(self) -> None:
         """Forget everything: the stamps start anew."""
@@ -160,7 +173,8 @@ class PoseHistory:
             rotation = rotation * Rotation.from_rotvec(weight * _turn(before[0], after[0]))
         body_rate = (before if weight <= 0.5 else after)[1]
         velocity = (start if along <= 0.5 else end)[1]
-        motion = Motion(velocity, rotation.apply(body_rate), max(turning_gap, moving_gap))
+        gap = max(turning_gap, moving_gap)
+        motion = Motion(velocity, rotation.apply(body_rate), gap, *end[2:])
         return Pose(rotation, start[0] + along * (end[0] - start[0])), motion
 
     @property
@@ -176,12 +190,10 @@ class PoseHistory:
         begin = max(bisect.bisect_right(stamps, stamp), bisect.bisect_left(stamps, positions[0]))
         return stamps[begin : bisect.bisect_right(stamps, positions[-1])]
 
-    def _add(
-        self, track: _Track, stamp: int, value: ArrayLike, rate: ArrayLike, is_reset: bool
-    ) -> bool:
+    def _add(self, track: _Track, stamp: int, sample: _Kept, is_reset: bool) -> bool:
         if track.stamps and stamp <= track.stamps[-1]:
             return False
-        track.add(stamp, np.asarray(value, float), np.asarray(rate, float), is_reset)
+        track.add(stamp, sample, is_reset)
         self.resets += track.is_reset[-1]
         return True
 

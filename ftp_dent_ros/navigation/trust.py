@@ -37,6 +37,11 @@ _FATAL = {
         | mavlink.ESTIMATOR_ACCEL_ERROR
     ),
 }
+# Test ratios of position and of height.
+_RATIOS = {
+    'EKF_STATUS_REPORT': (('velocity_variance', 'pos_horiz_variance'), ('pos_vert_variance',)),
+    'ESTIMATOR_STATUS': (('vel_ratio', 'pos_horiz_ratio'), ('pos_vert_ratio',)),
+}
 _FROZEN = 'estimator frozen'
 # Both autopilots' GPS gives five fixes a second or more, and a link whose rates are not ours to
 # set gives one: further apart, seconds, nothing is vouched for.
@@ -49,18 +54,11 @@ _SIGMAS = 3.0
 _WITHOUT_GPS = 'set position_source to other if this vehicle navigates without GPS'
 
 
-class Fault(NamedTuple):
-    """Why a report vouches for nothing: a sentence, and the few fixed words it is counted by."""
-
-    sentence: str
-    reason: str
-
-
-class EstimatorReport(NamedTuple):
+class Report(NamedTuple):
     """A report, its ROS time of arrival, and what is wrong with it; without a fault it is good."""
 
     now: int
-    fault: Fault | None
+    fault: PoseError | None
     value: Any
 
 
@@ -80,7 +78,7 @@ class ReportHistory:
     def __init__(self, what: str, name: str, longest: float) -> None:
         self._what, self._name = what, name
         self._longest = round(longest * 1e9)
-        self._reports: deque[EstimatorReport] = deque(maxlen=256)
+        self._reports: deque[Report] = deque(maxlen=256)
         self._since: int | None = None
 
     def restart(self, now: int) -> None:
@@ -88,12 +86,12 @@ class ReportHistory:
         self._reports.clear()
         self._since = now
 
-    def add(self, fault: Fault | None, value: Any, now: int) -> None:
+    def add(self, fault: PoseError | None, value: Any, now: int) -> None:
         """Take a report that arrived now."""
-        self._reports.append(EstimatorReport(now, fault, value))
+        self._reports.append(Report(now, fault, value))
 
     @property
-    def last(self) -> EstimatorReport | None:
+    def last(self) -> Report | None:
         """The latest report."""
         return self._reports[-1] if self._reports else None
 
@@ -104,7 +102,7 @@ class ReportHistory:
         fault = self.last.fault
         return fault.reason.removeprefix(f'{self._name} ') if fault else 'ready'
 
-    def around(self, stamp: int, heard: int) -> tuple[EstimatorReport, EstimatorReport]:
+    def around(self, stamp: int, heard: int) -> tuple[Report, Report]:
         """The good reports before and after a stamp.
 
         `heard` is when the autopilot was last heard at all: silence of the whole link is not
@@ -130,7 +128,7 @@ class ReportHistory:
             after = report
         for report in (before, after):
             if report is not None and report.fault is not None:
-                raise PoseError(*report.fault)
+                raise report.fault.with_traceback(None)
         if before is None or (after.now if after else heard) - before.now > self._longest:
             raise PoseError(f'the autopilot did not report {self._what} around that time', missing)
         if after is None:
@@ -258,28 +256,25 @@ class Trust:
     def _on_report(self, message: Any, at: Instant) -> None:
         name = message.get_type()
         covariance = pose_covariance.reported(message)
-        if name == 'EKF_STATUS_REPORT':
-            position = (message.velocity_variance, message.pos_horiz_variance)
-            height = (message.pos_vert_variance,)
-        else:
-            position = (message.vel_ratio, message.pos_horiz_ratio)
-            height = (message.pos_vert_ratio,)
+        across, up = (
+            [float(getattr(message, field)) for field in fields] for fields in _RATIOS[name]
+        )
         # Where the position is only relative (optical flow), its ratios are not in use.
         is_absolute = bool(message.flags & _ABSOLUTE)
-        fault = self._find_frozen('position', position, at.ros) if is_absolute else None
-        fault = fault or self._find_frozen('height', height, at.ros)
+        fault = self._find_frozen('position', across, at.ros) if is_absolute else None
+        fault = fault or self._find_frozen('height', up, at.ros)
         if not is_ready(name, message.flags):
-            fault = Fault(
+            fault = PoseError(
                 "the autopilot's estimator was not ready at that time", 'estimator not ready'
             )
         elif covariance is None:
-            fault = Fault(
+            fault = PoseError(
                 "the autopilot's estimator reported an accuracy that cannot be",
                 'estimator not ready',
             )
         self._estimator.add(fault, covariance, at.ros)
 
-    def _find_frozen(self, sensor: str, ratios: tuple[float, ...], now: int) -> Fault | None:
+    def _find_frozen(self, sensor: str, ratios: list[float], now: int) -> PoseError | None:
         """What test ratios say that stand still. Compared as text: a NaN differs from itself."""
         if self._ratios.get(sensor, ('', 0))[0] != repr(ratios):
             self._ratios[sensor] = repr(ratios), now
@@ -288,7 +283,7 @@ class Trust:
         # stand still for longer have missed three fixes. Barometers are ten times as fast.
         if seconds < 0.7:
             return None
-        return Fault(
+        return PoseError(
             f"the test ratios of the autopilot's estimator have stood still for {seconds:.1f} s: "
             f'it uses no measurement of {sensor}',
             _FROZEN,
@@ -338,19 +333,19 @@ class Trust:
             self._ground = 0.01 * distance if is_within else None
 
 
-def _find_fault(message: Any) -> Fault | None:
+def _find_fault(message: Any) -> PoseError | None:
     """What is wrong with a fix."""
     satellites, accuracy = _satellites(message), _metres(message.h_acc)
     counted = '' if satellites is None else f', {satellites} satellites'
     if message.fix_type < mavlink.GPS_FIX_TYPE_3D_FIX:
         name = enum_name('GPS_FIX_TYPE', message.fix_type)
-        return Fault(f'GPS has no fix ({name}{counted})', 'GPS lost')
+        return PoseError(f'GPS has no fix ({name}{counted})', 'GPS lost')
     if satellites is not None and satellites < _SATELLITES:
-        return Fault(
+        return PoseError(
             f'GPS has only {satellites} satellites: {_SATELLITES} are wanted', 'GPS too poor'
         )
     if accuracy is not None and accuracy > _ACCURACY:
-        return Fault(
+        return PoseError(
             f'GPS is accurate to {accuracy:.1f} m only: {_ACCURACY:.0f} m are wanted',
             'GPS too poor',
         )

@@ -6,7 +6,6 @@ faster than it was flown.
 
 from __future__ import annotations
 
-import bisect
 import contextlib
 import math
 from collections import deque
@@ -20,7 +19,7 @@ from ftp_dent_ros.errors import PoseAwaitedError, PoseError
 from ftp_dent_ros.navigation import pose_covariance, pose_history
 from ftp_dent_ros.navigation.clock import SECOND, ClockOffset
 from ftp_dent_ros.navigation.origin import Earth
-from ftp_dent_ros.navigation.pose_covariance import Covariance, Motion, Tag
+from ftp_dent_ros.navigation.pose_covariance import Motion, Tag
 from ftp_dent_ros.navigation.pose_history import PoseHistory, Sample
 from ftp_dent_ros.navigation.report import Verdict, number
 from ftp_dent_ros.navigation.settings import Instant, VehicleSettings
@@ -134,12 +133,10 @@ class Vehicle:
         self._sequence: int | None = None
         self._streamed = self._streamed_ros = 0
         self._messages = self._foreign = self._lost = self._malformed = 0
-        # Of ODOMETRY, by its stamps; and spans of the time since boot that came twice.
-        self._covariances = deque[tuple[int, Covariance | None]](maxlen=2048)
+        # Spans of the time since boot that came twice.
         self._repeated = deque[tuple[int, int]](maxlen=8)
         handlers: dict[str, Callable[[Message, Instant], None]] = {
             'TIMESYNC': self._on_timesync,
-            'SYSTEM_TIME': self._on_system_time,
             'ATTITUDE_QUATERNION': self._on_attitude_quaternion,
             'LOCAL_POSITION_NED': self._on_local_position_ned,
             'ODOMETRY': self._on_odometry,
@@ -216,7 +213,7 @@ class Vehicle:
         if self.identity is None or self._heard is None:
             raise PoseAwaitedError('no autopilot has been heard on the link', 'no autopilot')
         try:
-            estimate, doubt = self._trust.check(stamp, self._heard.ros)
+            reported, doubt = self._trust.check(stamp, self._heard.ros)
             boot, clock_doubt = self.clock.boot_time(stamp)
             pose, motion = self._pose(boot)
         except PoseAwaitedError as error:
@@ -226,7 +223,7 @@ class Vehicle:
             raise PoseAwaitedError(
                 f'the autopilot has been silent for {silence:.1f} s ({error})', 'link lost'
             ) from None
-        covariance = doubt + self._covariance(boot, estimate, motion, clock_doubt / 1e9)
+        covariance = doubt + pose_covariance.of_tag(reported, motion, clock_doubt / 1e9)
         height = float(pose.translation[2])
         covariance += pose_covariance.of_height(height, self._settings.height_scale_uncertainty)
         return Tag(pose, covariance, boot)
@@ -278,16 +275,12 @@ class Vehicle:
         silence = None if self._heard is None else at.steady - self._heard.steady
         streams = self._streams.values()
         newest = self.clock.ros_time(self._history.newest) if self._history.newest else None
-        ahead = None
-        if self.clock.offset is not None and self._utc_offset is not None:
-            ahead = self.clock.offset - self._utc_offset
         return {
             'autopilot': mavlink.enums['MAV_AUTOPILOT'][self._autopilot].name,
             'system/component': '{}/{}'.format(*self.identity) if self.identity else 'none',
             'silence (s)': number(silence, 2),
             'pose age (ms)': number(None if newest is None else at.ros - newest, 1, 1e-6),
             'estimator resets': str(self._history.resets),
-            'ahead of UTC of GPS (s)': number(ahead, 3),
             'messages': str(self._messages),
             'messages of others': str(self._foreign),
             'messages lost': str(self._lost),
@@ -304,21 +297,6 @@ class Vehicle:
             raise PoseError('a clock stepped back around that time', 'clock stepped')
         return self._history.at(boot)
 
-    def _covariance(
-        self, boot: int, reported: Covariance, motion: Motion, clock_doubt: float
-    ) -> Covariance:
-        """Covariance of the pose at a time since boot; the clock's doubt is in seconds.
-
-        `reported` is the estimator's, where ODOMETRY does not bring its own.
-        """
-        after = bisect.bisect_left(self._covariances, boot, key=lambda item: item[0])
-        is_odometry, own = False, None
-        if after < len(self._covariances):
-            stamp, own = self._covariances[after]
-            is_odometry = stamp - boot <= self._settings.maximum_gap * SECOND
-        estimate = own if is_odometry and own is not None else reported
-        return pose_covariance.of_tag(estimate, motion, clock_doubt, is_odometry)
-
     def _is_wanted(self, message: Message, source: tuple[int, int], name: str) -> bool:
         return (
             name == 'HEARTBEAT'
@@ -334,7 +312,6 @@ class Vehicle:
             Stream('ATTITUDE_QUATERNION', rate, _LONGEST_PAUSE),
             Stream('LOCAL_POSITION_NED', rate, _LONGEST_PAUSE),
             Stream('ODOMETRY', rate),
-            Stream('SYSTEM_TIME', 1.0),
             *(Stream(*each) for each in self._trust.rates(self._autopilot).items()),
         ]
         self._streams = {stream.name: stream for stream in streams}
@@ -343,14 +320,12 @@ class Vehicle:
         self._clear()
 
     def _clear(self) -> None:
-        self._utc_offset: float | None = None
         self._streamed = 0
         self._clear_poses()
 
     def _clear_poses(self) -> None:
         """Forget all poses: their stamps start anew."""
         self._history.clear()
-        self._covariances.clear()
         self._repeated.clear()
         self._odometry_heard = -math.inf
         self._reset_counter: int | None = None
@@ -368,12 +343,6 @@ class Vehicle:
         elif self.clock.repeated_from is not None:
             gap = round(self._settings.maximum_gap * SECOND)
             self._repeated.append((self.clock.repeated_from, self._history.newest + gap))
-
-    def _on_system_time(self, message: Message, at: Instant) -> None:
-        boot = self.clock.unwrap(message.time_boot_ms, at.ros)
-        # Without GPS time the autopilot says 1970.
-        if boot is not None and message.time_unix_usec > 0:
-            self._utc_offset = (message.time_unix_usec * 1000 - boot) / 1e9
 
     def _on_attitude_quaternion(self, message: Message, at: Instant) -> None:
         sample = pose_history.attitude(message)
@@ -406,5 +375,4 @@ class Vehicle:
             counter, self._reset_counter = self._reset_counter, message.reset_counter
             is_reset = counter is not None and counter != message.reset_counter
             self._history.add_attitude(stamp, *attitude, is_reset)
-            if self._history.add_position(stamp, *position, is_reset):
-                self._covariances.append((stamp, covariance))
+            self._history.add_position(stamp, *position, is_reset, True, covariance)

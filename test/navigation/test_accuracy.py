@@ -12,7 +12,7 @@ from ftp_dent_ros.navigation import pose_covariance
 from ftp_dent_ros.navigation.pose_covariance import Motion
 from ftp_dent_ros.pose import Pose
 
-STILL = Motion(np.zeros(3), np.zeros(3), 0.0)
+STILL = Motion(np.zeros(3), np.zeros(3), 0.0, True)
 GOOD = pose_covariance.diagonal((0.03, 0.03, 0.03), (0.01, 0.01, 0.02))
 
 
@@ -76,22 +76,22 @@ def _moved(pose: Pose, off: np.ndarray) -> Pose:
 
 
 def test_a_doubtful_clock_is_doubt_along_the_way() -> None:
-    east = Motion(np.array([2.0, 0, 0]), np.array([0, 0, 1.0]), 0.0)
-    covariance = pose_covariance.of_tag(GOOD, east, 0.03, True) - GOOD
+    east = Motion(np.array([2.0, 0, 0]), np.array([0, 0, 1.0]), 0.0, True)
+    covariance = pose_covariance.of_tag(GOOD, east, 0.03) - GOOD
     sigma = 0.03 / np.sqrt(3)
     expected = np.zeros((6, 6))
     expected[0, 0], expected[5, 5], expected[0, 5] = (2 * sigma) ** 2, sigma**2, 2 * sigma**2
     expected[5, 0] = expected[0, 5]
     assert_allclose(covariance, expected, atol=1e-15)
-    assert_allclose(pose_covariance.of_tag(GOOD, STILL, 0.03, True), GOOD)
+    assert_allclose(pose_covariance.of_tag(GOOD, STILL, 0.03), GOOD)
 
 
 def test_a_gap_is_doubt_in_every_direction() -> None:
-    gap = Motion(np.zeros(3), np.zeros(3), 0.1)
-    added = deviations(pose_covariance.of_tag(GOOD, gap, 0.0, True) - GOOD)
+    gap = Motion(np.zeros(3), np.zeros(3), 0.1, True)
+    added = deviations(pose_covariance.of_tag(GOOD, gap, 0.0) - GOOD)
     assert_allclose(added, 3 * 0.1**2 / 8)
-    usual = Motion(np.zeros(3), np.zeros(3), 0.02)
-    assert deviations(pose_covariance.of_tag(GOOD, usual, 0.0, True) - GOOD).max() < 2e-4
+    usual = Motion(np.zeros(3), np.zeros(3), 0.02, True)
+    assert deviations(pose_covariance.of_tag(GOOD, usual, 0.0) - GOOD).max() < 2e-4
 
 
 def test_an_odometrys_covariance_is_turned_into_the_map() -> None:

@@ -22,7 +22,6 @@ GRANTED = {
     mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
     mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
     mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS,
-    mavlink.MAVLINK_MSG_ID_SYSTEM_TIME,
     mavlink.MAVLINK_MSG_ID_GPS_RAW_INT,
 }
 NOSE_EAST = (np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5))
@@ -108,9 +107,6 @@ class World:
             if self.now - START < self.late:
                 return
             self.say(position(self.boot_ms(), north))
-        elif message_id == mavlink.MAVLINK_MSG_ID_SYSTEM_TIME:
-            utc_us = (self.now + 250 * MS) // 1000
-            self.say(mavlink.MAVLink_system_time_message(utc_us, self.boot_ms()))
         elif message_id == mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT and self.reports:
             if not self.freezes:
                 self._ratio = 1e-13 * (self.now % S)
