@@ -108,8 +108,9 @@ class FringeModel:
         """Fringe order of each surface whose odds are accepted."""
         fringes = start.surface >= 0
         clipped = self.grid.at_nodes(light.usable) < _CLIPPED
-        share = np.count_nonzero(clipped) / max(np.count_nonzero(clipped | fringes), 1)
-        if share > _MOST and np.count_nonzero(clipped) > _LEAST_NODES:
+        count = np.count_nonzero(clipped)
+        share = count / np.count_nonzero(clipped | fringes) if count > _LEAST_NODES else 0.0
+        if share > _MOST:
             raise SaturatedError(_CLIPPED_SENTENCE.format(share))
         if not fringes.any():
             raise TooDarkError(_DARK)
