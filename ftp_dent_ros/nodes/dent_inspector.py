@@ -15,9 +15,8 @@ from __future__ import annotations
 import json
 import sys
 import threading
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -31,7 +30,7 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 from ftp_dent_ros.cloud.cloud import check_resolution
-from ftp_dent_ros.dents.dent import Inspection, MeasuredDent, SmallestDent
+from ftp_dent_ros.dents.dent import MeasuredDent, SmallestDent
 from ftp_dent_ros.dents.dent_list import EXACT, DentList
 from ftp_dent_ros.dents.glass import sentence
 from ftp_dent_ros.dents.kept_list import KeptList
@@ -55,8 +54,8 @@ from ftp_dent_ros.ros.node import NewestWorker, run
 from ftp_dent_ros.ros.qos import CLOUDS, DENTS, LATCHED, OVERRIDABLE, POSES
 
 # Clouds that may wait to be inspected, each of some megabytes: one whose surveyed pose was lost
-# comes together with the next. And those whose dents wait while a long list is corrected.
-_WAITING, _LISTED_LATER = 2, 100
+# comes together with the next.
+_WAITING = 2
 # Seconds that a request for the list waits for the clouds before it.
 _PATIENCE = 60.0
 
@@ -149,13 +148,13 @@ class DentInspector(PayloadNode[DentInspectorSettings]):
 
     def _work(self, item: tuple[int, Matched]) -> None:
         """Inspect one cloud, in the worker's thread; nothing that it holds ends the node."""
+        number, cloud = item
         with self.diagnostics.guarded('a cloud could not be inspected'):
-            self._inspect(*item)
-            return
-        self._end(item[0])
+            self._inspect(cloud)
+        self._end(number)
 
-    def _inspect(self, number: int, item: Matched) -> None:
-        """Hand a cloud's dents over to the list."""
+    def _inspect(self, item: Matched) -> None:
+        """Publish a cloud's dents, once they are in the list."""
         started_ns = self.now_ns()
         header = item.cloud.header
         stamp_ns = stamp_to_ns(header.stamp)
@@ -171,12 +170,16 @@ class DentInspector(PayloadNode[DentInspectorSettings]):
         dents = [dent.transformed(pose) for dent in (*found.dents, *found.others)]
         alone = DentList()
         alone.add(1, dents, pose, covariance)
-        message = dents_to_message(alone.entries, stamp_ns, frame_id)
-        shown = Shown(frame_id, stamp_ns, dents, pose, covariance)
-        # What waits for the list holds no cloud.
-        tell = partial(self._tell, message, *_figures(found))
-        self._listing.add(shown, tell, partial(self._end, number))
+        self._listing.add(frame_id, stamp_ns, dents, pose, covariance)
+        self._dents.publish(dents_to_message(alone.entries, stamp_ns, frame_id))
+        self.diagnostics.count('inspected')
+        self.diagnostics.notes({'dents': len(found.dents), 'others': len(found.others)})
+        known = found.findable[np.isfinite(found.findable)]
+        if len(known):
+            findable = f'{1e3 * np.percentile(known, 95):.2f}'
+            self.diagnostics.note('findable on 95 % of the area from (mm)', findable)
         self.diagnostics.measure('computation', (self.now_ns() - started_ns) / 1e9)
+        self.diagnostics.measure_latency(stamp_ns)
 
     def _skin_of(self, item: Matched) -> NDArray[np.uint8] | None:
         if item.skin is None:
@@ -184,16 +187,6 @@ class DentInspector(PayloadNode[DentInspectorSettings]):
         with self.diagnostics.guarded('a skin could not be read', 'wrong skin'):
             return image_from_message(item.skin)[..., 0]
         return None
-
-    def _tell(self, message: PointCloud2, dents: int, others: int, findable: float) -> None:
-        """Publish and tell what a cloud shows, whose dents are in the list."""
-        self._dents.publish(message)
-        self.diagnostics.count('inspected')
-        self.diagnostics.note('dents', dents)
-        self.diagnostics.note('others', others)
-        if np.isfinite(findable):
-            self.diagnostics.note('findable on 95 % of the area from (mm)', f'{findable:.2f}')
-        self.diagnostics.measure_latency(stamp_to_ns(message.header.stamp))
 
     def _take_list(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         with self._ended:
@@ -220,29 +213,10 @@ class DentInspector(PayloadNode[DentInspectorSettings]):
         return (WARN, on_glass) if on_glass else (OK, 'working')
 
 
-def _figures(found: Inspection) -> tuple[int, int, float]:
-    """Dents and others of a cloud, and the depth findable on 95 % of its area, millimetres."""
-    known = found.findable[np.isfinite(found.findable)]
-    findable = 1e3 * float(np.percentile(known, 95)) if len(known) else float('nan')
-    return len(found.dents), len(found.others), findable
-
-
-@dataclass(frozen=True, eq=False)
-class Shown:
-    """What one cloud shows, and where its camera was."""
-
-    frame_id: str
-    stamp_ns: int
-    dents: Sequence[MeasuredDent]
-    pose: Pose
-    covariance: NDArray[Any]
-
-
 class DentListing:
     """A node's list, on ``dents/list`` and ``dents/markers``.
 
-    It is added to and corrected in a thread of its own, so that no inspection waits for that, and
-    drawn in another one.
+    It is corrected and drawn in a thread of its own that mostly rests, however long the list.
 
     Parameters
     ----------
@@ -257,21 +231,18 @@ class DentListing:
     def __init__(
         self, node: Node, diagnostics: Diagnostics, kept: KeptList, lasting: bool
     ) -> None:
-        self.diagnostics = diagnostics
+        self._diagnostics = diagnostics
         self._kept, self._lasting = kept, lasting
         self._lock = threading.Lock()
-        self._path = Path()
+        self._path: Path | None = None
         self._poses: dict[int, Pose] = {}
         #: What is told of marks on a glass; empty if there is none.
         self.on_glass = ''
         self._list = node.create_publisher(PointCloud2, 'dents/list', LATCHED)
         self._markers = node.create_publisher(MarkerArray, 'dents/markers', LATCHED)
         self._drawing = Drawing(self._draw, diagnostics, 'the list')
-        self._worker = NewestWorker[tuple[Callable[[], None], Callable[[], None]]](
-            self._work, 'dent_list', _LISTED_LATER
-        )
         if kept.clouds:
-            self._show()
+            self._drawing.show(kept)
 
     @property
     def subscribers(self) -> int:
@@ -279,22 +250,40 @@ class DentListing:
         return self._list.get_subscription_count() + self._markers.get_subscription_count()
 
     def close(self) -> None:
-        """End the threads, when all that was handed over is in the list."""
-        self._worker.stop(finish=True)
+        """End the thread, when all that came is in the list."""
         self._drawing.close()
 
-    def add(self, shown: Shown, tell: Callable[[], None], end: Callable[[], None]) -> None:
-        """Add what a cloud shows, and `tell` of it then; `end` is called whatever comes of it."""
-        self._put(partial(self._add, shown, tell), end)
+    def add(
+        self,
+        frame_id: str,
+        stamp_ns: int,
+        dents: Sequence[MeasuredDent],
+        pose: Pose,
+        covariance: NDArray[Any],
+    ) -> None:
+        """Add what a cloud shows, as `KeptList.add`."""
+        with self._lock:
+            if not self._lasting:
+                # Places in another cloud's frame are not comparable.
+                self._kept.clear()
+            with self._kept_on_disk():
+                self._kept.add(frame_id, stamp_ns, dents, pose, covariance)
+            # Meanwhile it may have been found to lie elsewhere.
+            newer = self._poses.get(stamp_ns)
+            if newer is not None:
+                with self._kept_on_disk():
+                    self._kept.correct(frame_id, {stamp_ns: newer})
+        self._drawing.show(self._kept)
 
     def correct(self, path: Path) -> None:
         """Put the list where the newest path has the cameras."""
         self._path = path
-        self._put(partial(self._correct, path), lambda: None)
+        self._drawing.show(self._kept)
 
     def take(self, record_of: Callable[[Any], dict[str, Any]]) -> dict[str, Any]:
         """The list as JSON has it, which is empty then."""
         with self._lock:
+            self._follow()
             record = {
                 **record_of(self._kept.entries),
                 'frame_id': self._kept.frame_id,
@@ -302,73 +291,44 @@ class DentListing:
                 'stamp_ns': self._kept.stamp_ns,
             }
             self._kept.clear()
-            self._show()
+        self._drawing.show(self._kept)
         return record
 
-    def _put(self, task: Callable[[], None], end: Callable[[], None]) -> None:
-        dropped = self._worker.put((task, end))
-        if dropped is not None:
-            self.diagnostics.drop()
-            dropped[1]()
-
-    def _work(self, item: tuple[Callable[[], None], Callable[[], None]]) -> None:
-        """Do one thing, in the worker's thread; nothing that messages hold ends it."""
-        task, end = item
-        with self.diagnostics.guarded('the list could not be changed'):
-            task()
-        end()
-
-    def _add(self, shown: Shown, tell: Callable[[], None]) -> None:
-        with self._lock:
-            if not self._lasting:
-                # Places in another cloud's frame are not comparable.
-                self._kept.clear()
-            self._keep(
-                lambda: self._kept.add(
-                    shown.frame_id, shown.stamp_ns, shown.dents, shown.pose, shown.covariance
-                )
-            )
-            # Meanwhile it may have been found to lie elsewhere.
-            newer = self._poses.get(shown.stamp_ns)
-            if newer is not None:
-                self._keep(lambda: self._kept.correct(shown.frame_id, {shown.stamp_ns: newer}))
-            self._show()
-        tell()
-
-    def _correct(self, path: Path) -> None:
-        if path is not self._path:
+    def _follow(self) -> None:
+        """Correct the list with the newest path, if it has not been yet."""
+        path, self._path = self._path, None
+        if path is None:
             return
-        self._poses = {
-            stamp_to_ns(each.header.stamp): pose_from_message(each.pose) for each in path.poses
-        }
-        with self._lock:
-            if self._keep(lambda: self._kept.correct(path.header.frame_id, self._poses)):
-                self.diagnostics.count('corrections of the list')
-                self._show()
+        with self._diagnostics.guarded('the list could not be corrected'):
+            self._poses = {
+                stamp_to_ns(each.header.stamp): pose_from_message(each.pose) for each in path.poses
+            }
+            has_changed = True
+            with self._kept_on_disk():
+                has_changed = self._kept.correct(path.header.frame_id, self._poses)
+            if has_changed:
+                self._diagnostics.count('corrections of the list')
 
-    def _keep(self, change: Callable[[], bool | None]) -> bool:
-        """Change the list; whether it has changed, or at least could not be kept on disk."""
+    @contextmanager
+    def _kept_on_disk(self) -> Iterator[None]:
+        """Change the list, which goes on in memory if it cannot be kept on disk."""
         try:
-            return bool(change())
+            yield
         except OSError as error:
-            self.diagnostics.fail(
+            self._diagnostics.fail(
                 f'the list is not kept on disk ({error.strerror}): make room there'
             )
-            return True
 
-    def _show(self) -> None:
-        """Have the list drawn as it is now."""
-        self._drawing.show((self._kept.snapshot(), self._kept.stamp_ns, self._kept.frame_id))
-
-    def _draw(self, state: tuple[DentList, int, str]) -> None:
-        dents, stamp_ns, frame_id = state
+    def _draw(self, kept: KeptList) -> None:
+        with self._lock:
+            self._follow()
+            dents, stamp_ns, frame_id = kept.snapshot(), kept.stamp_ns, kept.frame_id
         entries = dents.entries
         self._list.publish(dents_to_message(entries, stamp_ns, frame_id))
         self._markers.publish(dents_to_markers(entries, stamp_ns, frame_id))
         count = sum(entry.dent.kind == 'dent' for entry in entries)
-        self.diagnostics.note('dents in the list', count)
         self.on_glass = sentence(dents.glass)
-        self.diagnostics.note('marks on a glass', len(dents.glass))
+        self._diagnostics.notes({'dents in the list': count, 'marks on a glass': len(dents.glass)})
 
 
 def main() -> int:
