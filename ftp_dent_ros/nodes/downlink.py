@@ -12,7 +12,6 @@ import struct
 import sys
 import threading
 import time
-from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,6 @@ from typing import Any
 import cv2
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.clock import Clock, ClockType
-from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_srvs.srv import Trigger
@@ -68,10 +66,10 @@ class Coder:
         rate: Callable[[], float],
         diagnostics: Diagnostics,
     ) -> None:
-        self._given, self._put, self._rate, self._diagnostics = given, put, rate, diagnostics
+        self._given, self._put, self._diagnostics = given, put, diagnostics
         self._lens: Lens | None = None
-        # When the last small ones were sent, and their bytes.
-        self._preview = self._picture_preview = (float('-inf'), 0)
+        # Two a second at most.
+        self._previews, self._picture_previews = Share(rate, 0.4, 0.45), Share(rate, 0.4, 0.45)
 
     def learn(self, message: CameraInfo) -> None:
         """The lens that clouds and pictures are of."""
@@ -85,10 +83,10 @@ class Coder:
         extra = {'frame': message.header.frame_id}
         rows, columns = cloud.intensity.shape
         view = RayGrid.of(self._lens, rows, columns) if self._lens is not None else None
-        if self._is_due(*self._preview):
+        if self._previews.is_due:
             few, few_view = thinned(cloud, view, self._given.preview_columns)
             data = encode(Cloud(few.points, few.intensity), few_view, 4.0)  # 1.3 um at 0.8 m
-            self._preview = time.monotonic(), len(data)
+            self._previews.sent(len(data))
             self._put(
                 Item(Importance.PREVIEWS, topics.PREVIEW_POINTS, 'cloud', stamp, data, extra=extra)
             )
@@ -105,11 +103,11 @@ class Coder:
         stamp = stamp_to_ns(message.header.stamp)
         extra = {'frame': message.header.frame_id}
         bgr = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
-        if self._is_due(*self._picture_preview):
+        if self._picture_previews.is_due:
             height = round(bgr.shape[0] * 240 / bgr.shape[1])
             small = cv2.resize(bgr, (240, height), interpolation=cv2.INTER_AREA)
             data = _jpeg(small, 50)
-            self._picture_preview = time.monotonic(), len(data)
+            self._picture_previews.sent(len(data))
             self._put(
                 Item(Importance.PREVIEWS, topics.PREVIEW_IMAGE, 'jpeg', stamp, data, extra=extra)
             )
@@ -120,15 +118,38 @@ class Coder:
             extra = {**extra, 'lens': RayGrid(self._lens, 1).numbers()}
         self._put(Item(Importance.PICTURES, topics.IMAGE, 'jpeg', stamp, data, extra=extra))
 
-    def _is_due(self, sent_at: float, size: int) -> bool:
-        # By the rate as it is known now: in the beginning it is known to be far too low.
-        # Small ones take up 0.4 of the link's rate at most, and are two a second at most.
-        pause = pause_after(size, self._rate(), 0.4, 0.45)
-        return time.monotonic() >= sent_at + pause
+
+class Share:
+    """When the next of a kind may be sent, so that they take up a share of the link at most.
+
+    Parameters
+    ----------
+    rate : callable
+        byte/s that the link carries; 0 if that is not known.
+    share : float
+    least : float
+        Seconds between two, however fast the link is.
+    """
+
+    def __init__(self, rate: Callable[[], float], share: float, least: float = 0.0) -> None:
+        self._rate, self._share, self._least = rate, share, least
+        self._sent_at, self._size = float('-inf'), 0
+
+    @property
+    def is_due(self) -> bool:
+        """Whether the next may be sent, by the rate as it is known now."""
+        # In the beginning it is known to be far too low.
+        rate = self._rate()
+        pause = self._size / (self._share * rate) if rate else 0.0
+        return time.monotonic() >= self._sent_at + max(self._least, pause)
+
+    def sent(self, size: int) -> None:
+        """Note that one of so many bytes was sent."""
+        self._sent_at, self._size = time.monotonic(), size
 
 
 class Thrift:
-    """Items that each take the place of the one before, as often as a share of the link allows.
+    """Items that each take the place of the one before, as often as share and period allow.
 
     Parameters
     ----------
@@ -139,29 +160,24 @@ class Thrift:
     """
 
     def __init__(self, put: Callable[[Item], None], rate: Callable[[], float]) -> None:
-        self._put, self._rate = put, rate
-        self._due: dict[str, float] = {}
-        self._waiting: dict[str, tuple[Item, float]] = {}
+        self._put = put
+        self._shares = {
+            topic.name: Share(rate, topic.share or 1.0, topic.period)
+            for topic in topics.AS_THEY_ARE.values()
+        }
+        self._waiting: dict[str, Item] = {}
 
-    def put(self, item: Item, share: float) -> None:
+    def put(self, item: Item) -> None:
         """Send an item, or keep it until its topic's next is due."""
-        self._waiting[item.topic] = item, share
+        self._waiting[item.topic] = item
         self.flush()
 
     def flush(self) -> None:
         """Send what is due."""
-        now = time.monotonic()
-        for topic, (item, share) in list(self._waiting.items()):
-            if now >= self._due.get(topic, 0.0):
-                del self._waiting[topic]
-                size = len(deflate(item.data))
-                self._due[topic] = now + pause_after(size, self._rate(), share, 0.0)
-                self._put(item)
-
-
-def pause_after(size: int, rate: float, share: float, least: float) -> float:
-    """Seconds until the next one of such a size, so that they take that share of the link."""
-    return max(least, size / (share * rate)) if rate else least
+        for topic in [topic for topic in self._waiting if self._shares[topic].is_due]:
+            item = self._waiting.pop(topic)
+            self._shares[topic].sent(len(deflate(item.data)))
+            self._put(item)
 
 
 def _jpeg(bgr: Any, quality: int) -> bytes:
@@ -177,7 +193,6 @@ class Downlink(PayloadNode[DownlinkSettings]):
     def __init__(self, **options: Any) -> None:
         super().__init__('downlink', **options)
         self._statuses: dict[str, DiagnosticStatus] = {}
-        self._next_state = 0.0
         self._last_state = b''
         self._recordings = Recordings(
             Path(self.given.recordings).expanduser(), self.get_logger().info
@@ -209,6 +224,7 @@ class Downlink(PayloadNode[DownlinkSettings]):
         self._worker = threading.Thread(target=self._run, name='coding', daemon=True)
         self._worker.start()
         self._thrift = Thrift(self._put, self._drone.rate)
+        self._state_share = Share(self._drone.rate, 0.25, 1.0)
         for topic in topics.AS_THEY_ARE.values():
             self._forward(topic)
         self.create_timer(1.0, self._thrift.flush, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -246,43 +262,23 @@ class Downlink(PayloadNode[DownlinkSettings]):
         def forward(data: bytes) -> None:
             stamp = _stamp_of(data) if topic.stamped else self.now_ns()
             item = Item(topic.importance, topic.name, kind, stamp, data, topic.latest)
-            if topic.share:
-                self._thrift.put(item, topic.share)
-            else:
-                self._put(item)
+            put = self._thrift.put if topic.share or topic.period else self._put
+            put(item)
 
-        if not topic.period:
-            qos = LATCHED if topic.latest else POSES
-            self.create_subscription(message_class(topic.type), topic.name, forward, qos, raw=True)
-            return
-        newest: deque[bytes] = deque(maxlen=1)
-        qos = QoSProfile(depth=1)
-        message_type = message_class(topic.type)
-
-        def keep(data: bytes) -> None:
-            newest.append(data)
-
-        self.create_subscription(message_type, topic.name, keep, qos, raw=True)
-
-        def take() -> None:
-            if newest:
-                forward(newest.pop())
-
-        self.create_timer(topic.period, take, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        qos = LATCHED if topic.latest else POSES
+        self.create_subscription(message_class(topic.type), topic.name, forward, qos, raw=True)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if len(self._statuses) < 100:
                 self._statuses[status.name] = status
-        now = time.monotonic()
-        if now < self._next_state:
+        if not self._state_share.is_due:
             return
         array = DiagnosticArray(status=list(self._statuses.values()))
         array.header.stamp = self.get_clock().now().to_msg()
         data = serialize_message(array)
-        size = len(deflate(data, 1, self._last_state))
-        pause = pause_after(size, self._drone.rate(), 0.25, 1.0)
-        self._next_state, self._last_state = now + pause, data
+        self._state_share.sent(len(deflate(data, 1, self._last_state)))
+        self._last_state = data
         kind = 'cdr:diagnostic_msgs/msg/DiagnosticArray'
         self._put(Item(Importance.STATE, topics.DIAGNOSTICS, kind, self.now_ns(), data))
 

@@ -9,13 +9,16 @@ import queue
 import sys
 import threading
 from collections import OrderedDict
+from collections.abc import Callable
 from typing import Any
 
 import cv2
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 from std_srvs.srv import Trigger
@@ -68,22 +71,32 @@ class GroundTopics:
         self._diagnostics = diagnostics
         self._poses: OrderedDict[int, tuple[Pose, str]] = OrderedDict()
         self._untagged: OrderedDict[int, bytes] = OrderedDict()
-        self._as_they_are = {
-            topic.name: node.create_publisher(
-                message_class(topic.type), topic.name, LATCHED if topic.latest else POSES
-            )
+        kinds: list[tuple[str, Any, QoSProfile]] = [
+            (topic.name, message_class(topic.type), LATCHED if topic.latest else POSES)
             for topic in topics.AS_THEY_ARE.values()
+        ]
+        kinds += [
+            (topics.DIAGNOSTICS, DiagnosticArray, DIAGNOSTICS),
+            (topics.POINTS, PointCloud2, CLOUDS),
+            (topics.TAGGED_POINTS, PointCloud2, CLOUDS),
+            (topics.PREVIEW_POINTS, PointCloud2, CLOUDS),
+            (topics.PREVIEW_IMAGE, CompressedImage, IMAGES),
+            (topics.DEPTH, CompressedImage, IMAGES),
+            (topics.IMAGE, Image, IMAGES),
+            (topics.CAMERA_INFO, CameraInfo, IMAGES),
+        ]
+        self._publishers = {
+            name: node.create_publisher(kind, name, qos) for name, kind, qos in kinds
         }
-        self._as_they_are[topics.DIAGNOSTICS] = node.create_publisher(
-            message_class('diagnostic_msgs/msg/DiagnosticArray'), topics.DIAGNOSTICS, DIAGNOSTICS
-        )
-        self._points = node.create_publisher(PointCloud2, topics.POINTS, CLOUDS)
-        self._tagged = node.create_publisher(PointCloud2, topics.TAGGED_POINTS, CLOUDS)
-        self._preview = node.create_publisher(PointCloud2, topics.PREVIEW_POINTS, CLOUDS)
-        self._preview_image = node.create_publisher(CompressedImage, topics.PREVIEW_IMAGE, IMAGES)
-        self._depth = node.create_publisher(CompressedImage, topics.DEPTH, IMAGES)
-        self._image = node.create_publisher(Image, topics.IMAGE, IMAGES)
-        self._info = node.create_publisher(CameraInfo, topics.CAMERA_INFO, IMAGES)
+        self._publish_as: dict[str, tuple[str, Callable[[Item, str], None]]] = {
+            topics.POINTS: ('cloud', self._publish_cloud),
+            topics.PREVIEW_POINTS: ('cloud', self._publish_preview),
+            topics.IMAGE: ('jpeg', self._publish_picture),
+            topics.PREVIEW_IMAGE: ('jpeg', self._publish_small_picture),
+        }
+        for name in (*topics.AS_THEY_ARE, topics.DIAGNOSTICS):
+            kind = f'cdr:{_type_name(self._publishers[name].msg_type)}'
+            self._publish_as[name] = kind, self._publish_as_it_is
 
     @property
     def untagged(self) -> int:
@@ -98,17 +111,13 @@ class GroundTopics:
         CodecError, PoseError
             It is not what it says.
         """
-        if item.kind == 'cloud':
-            self._publish_cloud(item)
-        elif item.kind == 'jpeg':
-            self._publish_picture(item)
-        else:
-            self._publish_as_it_is(item)
-
-    def _publish_as_it_is(self, item: Item) -> None:
-        publisher = self._as_they_are.get(item.topic)
-        if publisher is None or item.kind != f'cdr:{_type_name(publisher.msg_type)}':
+        kind, publish = self._publish_as.get(item.topic, ('', self._publish_as_it_is))
+        if item.kind != kind:
             raise CodecError(f'{item.topic} of the kind {item.kind} is no topic of a payload')
+        publish(item, str(item.extra.get('frame', '')))
+
+    def _publish_as_it_is(self, item: Item, _: str) -> None:
+        publisher = self._publishers[item.topic]
         message = _deserialised(item.data, publisher.msg_type)
         publisher.publish(message)
         if item.topic == topics.CAMERA_POSE:
@@ -123,60 +132,56 @@ class GroundTopics:
         if waiting is not None:
             self._publish_tagged(decode(waiting), stamp)
 
-    def _publish_cloud(self, item: Item) -> None:
+    def _publish_preview(self, item: Item, frame: str) -> None:
+        message = cloud_to_message(decode(item.data), item.stamp_ns, frame)
+        self._publishers[item.topic].publish(message)
+
+    def _publish_cloud(self, item: Item, frame: str) -> None:
         cloud = decode(item.data)
-        frame = str(item.extra.get('frame', ''))
-        if item.topic == topics.PREVIEW_POINTS:
-            self._preview.publish(cloud_to_message(cloud, item.stamp_ns, frame))
-            return
-        if item.topic != topics.POINTS:
-            raise CodecError(f'{item.topic} is no topic of clouds')
         self._diagnostics.count('clouds')
-        self._points.publish(cloud_to_message(cloud, item.stamp_ns, frame))
-        if self._depth.get_subscription_count():
-            header = make_header(item.stamp_ns, frame)
-            data = to_data(np.frombuffer(depth_image(cloud), np.uint8))
-            self._depth.publish(CompressedImage(header=header, format=FORMAT, data=data))
+        self._publishers[item.topic].publish(cloud_to_message(cloud, item.stamp_ns, frame))
+        if self._publishers[topics.DEPTH].get_subscription_count():
+            self._publish_compressed(
+                topics.DEPTH, item.stamp_ns, frame, FORMAT, depth_image(cloud)
+            )
         if item.stamp_ns in self._poses:
             self._publish_tagged(cloud, item.stamp_ns)
-        else:
-            self._untagged[item.stamp_ns] = item.data
-            while len(self._untagged) > 200:
-                self._untagged.popitem(last=False)
+            return
+        self._untagged[item.stamp_ns] = item.data
+        while len(self._untagged) > 200:
+            self._untagged.popitem(last=False)
 
     def _publish_tagged(self, cloud: Cloud, stamp_ns: int) -> None:
         pose, frame = self._poses.pop(stamp_ns)
-        self._tagged.publish(cloud_to_message(cloud.transformed(pose), stamp_ns, frame))
+        message = cloud_to_message(cloud.transformed(pose), stamp_ns, frame)
+        self._publishers[topics.TAGGED_POINTS].publish(message)
         self._diagnostics.count('tagged clouds')
 
-    def _publish_picture(self, item: Item) -> None:
-        frame = str(item.extra.get('frame', ''))
-        header = make_header(item.stamp_ns, frame)
-        if item.topic == topics.PREVIEW_IMAGE:
-            self._preview_image.publish(
-                CompressedImage(
-                    header=header,
-                    format='jpeg',
-                    data=to_data(np.frombuffer(item.data, np.uint8)),
-                )
-            )
-            return
-        if item.topic != topics.IMAGE:
-            raise CodecError(f'{item.topic} is no topic of pictures')
+    def _publish_compressed(
+        self, topic: str, stamp_ns: int, frame: str, kind: str, data: bytes
+    ) -> None:
+        values = to_data(np.frombuffer(data, np.uint8))
+        header = make_header(stamp_ns, frame)
+        self._publishers[topic].publish(CompressedImage(header=header, format=kind, data=values))
+
+    def _publish_small_picture(self, item: Item, frame: str) -> None:
+        self._publish_compressed(item.topic, item.stamp_ns, frame, 'jpeg', item.data)
+
+    def _publish_picture(self, item: Item, frame: str) -> None:
         bgr = cv2.imdecode(np.frombuffer(item.data, np.uint8), cv2.IMREAD_COLOR)
         if bgr is None:
             raise CodecError('a picture is no JPEG')
         self._diagnostics.count('pictures')
         rgb = np.ascontiguousarray(bgr[..., ::-1], np.uint8)
-        self._image.publish(image_to_message(rgb, item.stamp_ns, frame))
+        self._publishers[item.topic].publish(image_to_message(rgb, item.stamp_ns, frame))
         lens = None
         if 'lens' in item.extra:
             try:
                 lens = RayGrid.from_numbers(item.extra['lens']).lens
             except (ValueError, TypeError):
                 raise CodecError('a picture has a malformed lens') from None
-        size = rgb.shape[1], rgb.shape[0]
-        self._info.publish(camera_info_message(lens, size, item.stamp_ns, frame))
+        info = camera_info_message(lens, (rgb.shape[1], rgb.shape[0]), item.stamp_ns, frame)
+        self._publishers[topics.CAMERA_INFO].publish(info)
 
 
 def _type_name(kind: Any) -> str:

@@ -26,42 +26,51 @@ _LONGEST_LATENCY = 60.0
 
 
 class Statistics:
-    """Counts, rates and durations over the last seconds; any thread may add to it.
+    """Counts, rates and durations over the last ten seconds; any thread may add to it.
 
     Parameters
     ----------
-    window : float
-        How far rates and durations look back, seconds.
     now : callable
         Monotonic time in seconds.
+
+    Attributes
+    ----------
+    totals : Counter
+        Of all events since the start, by name.
     """
 
-    def __init__(self, window: float = _WINDOW, now: Callable[[], float] = time.monotonic) -> None:
-        self._window = window
-        self._now = now
-        self._start = now()
+    def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
+        self._now, self._start = now, now()
         self._lock = threading.Lock()
-        self._events: dict[str, deque[tuple[float, float]]] = {}
+        self._events: dict[str, deque[tuple[float, float | None]]] = {}
         self.totals: Counter[str] = Counter()
 
-    def add(self, name: str, value: float = 0.0) -> None:
-        """Count one event called `name`, with a value (a duration in seconds, say)."""
+    def add(self, name: str, seconds: float | None = None) -> None:
+        """Count one event called `name`, or one that has a duration."""
         with self._lock:
             self.totals[name] += 1
-            self._events.setdefault(name, deque(maxlen=10_000)).append((self._now(), value))
+            self._events.setdefault(name, deque(maxlen=10_000)).append((self._now(), seconds))
 
-    def values(self, name: str) -> list[float]:
-        """Values of the events in the window, oldest first."""
+    def recent(self, name: str) -> list[float | None]:
+        """Durations of the events in the window, oldest first; None of those that have none."""
+        since = self._now() - _WINDOW
         with self._lock:
-            events = self._events.get(name, deque())
-            while events and events[0][0] < self._now() - self._window:
-                events.popleft()
-            return [value for _, value in events]
+            return [value for at, value in self._events.get(name, ()) if at >= since]
 
-    def rate(self, name: str) -> float:
-        """Events a second over the window, or since the start if that is less."""
-        lived = self._now() - self._start
-        return len(self.values(name)) / min(max(lived, 1.0), self._window)
+    def shown(self) -> dict[str, str]:
+        """Total and rate of what is counted, median and maximum of what lasts."""
+        lived = min(max(self._now() - self._start, 1.0), _WINDOW)
+        values = {}
+        for name in list(self._events):
+            recent = self.recent(name)
+            durations = [1e3 * each for each in recent if each is not None]
+            if durations:
+                values[f'{name} median (ms)'] = f'{statistics.median(durations):.1f}'
+                values[f'{name} maximum (ms)'] = f'{max(durations):.1f}'
+            elif self._events[name][-1][1] is None:
+                values[name] = str(self.totals[name])
+                values[f'{name} per second'] = f'{len(recent) / lived:.2f}'
+        return values
 
 
 class Diagnostics:
@@ -86,10 +95,8 @@ class Diagnostics:
         self._node = node
         self._judge = judge
         self.hardware_id = hardware_id
-        self._statistics = Statistics()
-        self._counted: dict[str, None] = {}
-        self._measured: dict[str, None] = {}
-        self._refused: Counter[str] = Counter()
+        self._statistics, self._troubles = Statistics(), Statistics()
+        self._troubles.totals.update(refused=0, failed=0)
         self._notes: dict[str, str] = {}
         self._sources: list[str] = []
         self._last = {'refused': '', 'failed': ''}
@@ -104,12 +111,10 @@ class Diagnostics:
 
     def count(self, name: str) -> None:
         """Count one `name` ('images', say): its total and rate are shown."""
-        self._counted.setdefault(name)
         self._statistics.add(name)
 
     def measure(self, name: str, seconds: float) -> None:
         """Add a duration ('latency', say): its median and maximum are shown."""
-        self._measured.setdefault(name)
         self._statistics.add(name, seconds)
 
     def measure_latency(self, stamp_ns: int) -> None:
@@ -128,9 +133,8 @@ class Diagnostics:
 
     def refuse(self, reason: str, sentence: str) -> None:
         """Something that was given gave no result, for a reason of a few fixed words."""
-        self._statistics.add('refused')
-        self._statistics.add(f'refused: {reason}')
-        self._refused[reason] += 1
+        self._troubles.add('refused')
+        self._troubles.add(f'refused: {reason}')
         self._last['refused'] = f'{reason}: {sentence}'
         if self._is_due(reason):
             self._node.get_logger().warning(f'refused, {reason}: {sentence}')
@@ -141,7 +145,7 @@ class Diagnostics:
 
     def fail(self, sentence: str) -> None:
         """Something does not work; the level is ERROR for ten seconds."""
-        self._statistics.add('failed')
+        self._troubles.add('failed')
         self._last['failed'] = sentence
         if self._is_due(sentence):
             self._node.get_logger().error(sentence)
@@ -177,15 +181,14 @@ class Diagnostics:
 
     def recent(self, name: str) -> int:
         """How many `name` there were in the last ten seconds."""
-        return len(self._statistics.values(name))
+        return len(self._statistics.recent(name))
 
     def status(self) -> DiagnosticStatus:
         """State of the moment."""
         level, message = self._judge()
-        failures = len(self._statistics.values('failed'))
-        refusals = len(self._statistics.values('refused'))
-        drops = len(self._statistics.values('dropped'))
-        if failures:
+        refusals = len(self._troubles.recent('refused'))
+        drops = len(self._statistics.recent('dropped'))
+        if self._troubles.recent('failed'):
             level, message = ERROR, self._last['failed']
         elif level == OK and (refusals or drops):
             level, troubles = WARN, []
@@ -204,19 +207,8 @@ class Diagnostics:
                     f'{topic} has {publishers} publishers, whose messages mix: end all but one '
                     '(one that was killed counts for 5 s)'
                 )
-        values = dict(self._notes)
-        for name in list(self._counted):
-            values[name] = str(self._statistics.totals[name])
-            values[f'{name} per second'] = f'{self._statistics.rate(name):.2f}'
-        for name in list(self._measured):
-            durations = self._statistics.values(name)
-            if durations:
-                values[f'{name} median (ms)'] = f'{1e3 * statistics.median(durations):.1f}'
-                values[f'{name} maximum (ms)'] = f'{1e3 * max(durations):.1f}'
-        values['refused'] = str(self._statistics.totals['refused'])
-        for reason, times in list(self._refused.items()):
-            values[f'refused: {reason}'] = str(times)
-        values['failed'] = str(self._statistics.totals['failed'])
+        troubles_ever = {name: str(total) for name, total in list(self._troubles.totals.items())}
+        values = {**self._notes, **self._statistics.shown(), **troubles_ever}
         return DiagnosticStatus(
             level=level,
             name=self._node.get_fully_qualified_name().lstrip('/'),
