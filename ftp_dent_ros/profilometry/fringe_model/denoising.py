@@ -27,9 +27,9 @@ _LEFT = 0.58
 _FALLS = 0.5
 # Noise beyond the widest window, over the last octave's: a quarter as many windows.
 _BEYOND = 0.25
-# Wavelength of which half the depth is left after four rounds with windows of half a fringe,
+# Wavelength of which half the depth is left after seven rounds with windows of half a fringe,
 # fringes; each octave that is left out doubles it.
-_FINEST = 1.6
+_FINEST = 1.4
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,8 +13,8 @@ from ftp_dent_ros.profilometry.fringe_model.bins import BinGrid
 from ftp_dent_ros.profilometry.fringe_model.local_fit import fit_windows
 from ftp_dent_ros.profilometry.fringe_model.waveform import USUAL, Waveform
 
-# Gauss-Newton rounds: they leave half the depth of details 1.6 fringes long.
-_ROUNDS = 4
+# Gauss-Newton rounds: they leave half the depth of details 1.4 fringes long.
+_ROUNDS = 7
 # Fringes from the centred window to those at its sides: an edge between is two deviations off.
 _ASIDE = 1.0
 # Significance at which a window at the side explains a bin's light better (F test).
@@ -25,8 +25,6 @@ _LEARNED, _EVERY = 2, 3
 _SCALE = 4.0
 # Residuals beyond which a bin counts less, in scales (Geman and McClure's function).
 _REDESCENDS = 2.0
-# Share of Gaussian noise's mean square that is left under these weights.
-_LEFT = 0.58
 # Mean square of rounding to whole levels in a bin, levels^2, and the least amplitude, levels.
 _ROUNDING, _LEAST_AMPLITUDE = 0.05, 1e-3
 # Least mean weight of a window that may be taken.
@@ -108,24 +106,25 @@ class Solver:
     def _weighted(self, light, usable, fit, weight, learn):
         """The fit with its global unknowns, residuals and weights (eq. 4 and 5)."""
         if learn:
-            fit = self._learned(light, usable, fit)
+            fit = self._learned(light, weight, fit)
         wave, *_ = self._wave(fit)
         residual = light - fit.level - fit.amplitude * wave
         square = residual * residual
-        scale = self._about(weight * square) / np.maximum(_LEFT * self._about(weight), 1e-3)
+        size = self._about(usable * np.abs(residual)) / np.maximum(self._about(usable), 1e-3)
+        scale = np.float32(np.pi / 2) * size * size  # of a Gaussian, by its mean absolute value
         limit = _REDESCENDS**2 * np.maximum(scale, _ROUNDING)
         weight = usable / np.square(1 + square / limit)
         return replace(fit, residual=residual, scale=scale, weight=weight), weight
 
-    def _learned(self, light, usable, fit):
+    def _learned(self, light, weight, fit):
         """The fit with the waveform's unknowns as every few bins together show them."""
-        phase, level, amplitude, light, usable, *plane = (
+        phase, level, amplitude, light, weight, *plane = (
             np.ascontiguousarray(each[::_EVERY, ::_EVERY])
-            for each in (fit.phase, fit.level, fit.amplitude, light, usable, *self._plane)
+            for each in (fit.phase, fit.level, fit.amplitude, light, weight, *self._plane)
         )
         waveform, blur = fit.waveform, fit.blur
         size = np.maximum(amplitude, 1)
-        weight = np.where(amplitude > 1, usable * size * size, 0)
+        weight = np.where(amplitude > 1, weight * size * size, 0)
         for _ in range(_LEARNED):
             wave, _, by_blur = waveform.at(phase, np.tensordot(blur, plane, axes=1))
             misfit = (light - level - amplitude * wave) / size
