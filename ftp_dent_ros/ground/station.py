@@ -10,7 +10,6 @@ import threading
 import time
 from collections import OrderedDict, deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
 
 from ftp_dent_ros.errors import CodecError
 from ftp_dent_ros.ground.commands import Answer, give_command
@@ -31,10 +30,20 @@ from ftp_dent_ros.ground.protocol import (
 _WINDOW = 10.0
 
 
-@dataclass
 class _Part:
-    data: bytearray
-    have: dict[int, int] = field(default_factory=dict)
+    """What has come of an item, and where bytes are missing: pieces may overlap."""
+
+    def __init__(self, size: int) -> None:
+        self.data, self.missing, self.left = bytearray(size), bytearray(b'\1' * size), size
+
+    def take(self, piece: Piece) -> bool:
+        """Take a piece; whether it has anything new."""
+        end = piece.offset + len(piece.data)
+        new = self.missing.count(1, piece.offset, end)
+        self.data[piece.offset : end] = piece.data
+        self.missing[piece.offset : end] = bytes(len(piece.data))
+        self.left -= new
+        return new > 0
 
 
 class Assembly:
@@ -75,12 +84,9 @@ class Assembly:
             self.repeated += 1
             return None
         part = self._part(piece)
-        if part.have.get(piece.offset) == len(piece.data):
+        if not part.take(piece):
             self.repeated += 1
-            return None
-        part.data[piece.offset : piece.offset + len(piece.data)] = piece.data
-        part.have[piece.offset] = len(piece.data)
-        if not _is_whole(part):
+        if part.left:
             return None
         self._drop(piece.name)
         self._done[piece.name] = None
@@ -140,24 +146,12 @@ class Assembly:
         if part is None:
             while self._parts and (self._held + piece.total > 64 << 20 or len(self._parts) >= 64):
                 self._drop(next(iter(self._parts)))
-            part = self._parts[piece.name] = _Part(bytearray(piece.total))
+            part = self._parts[piece.name] = _Part(piece.total)
             self._held += piece.total
         return part
 
     def _drop(self, name: Name) -> None:
         self._held -= len(self._parts.pop(name).data)
-
-
-def _is_whole(part: _Part) -> bool:
-    """Whether the pieces cover the item; they may overlap when sent again in other sizes."""
-    if sum(part.have.values()) < len(part.data):
-        return False
-    end = 0
-    for offset in sorted(part.have):
-        if offset > end:
-            return False
-        end = max(end, offset + part.have[offset])
-    return end >= len(part.data)
 
 
 class Station:

@@ -15,6 +15,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -235,9 +236,8 @@ def _device(given: CameraCaptureSettings, now_ns: Callable[[], int]) -> Source:
     return DeviceSource(functools.partial(open_device, device), given.rate, clock, now_ns)
 
 
-def main() -> int:
-    """Run the node as a process."""
-    return run(CameraCapture, 'camera_capture', threads=2)
+#: Run the node as a process.
+main = partial(run, CameraCapture, 'camera_capture', threads=2)
 
 
 if __name__ == '__main__':

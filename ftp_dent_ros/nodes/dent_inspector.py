@@ -17,6 +17,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -331,9 +332,8 @@ class DentListing:
         self._diagnostics.notes({'dents in the list': count, 'marks on a glass': len(dents.glass)})
 
 
-def main() -> int:
-    """Run the node as a process."""
-    return run(DentInspector, 'dent_inspector', threads=2)
+#: Run the node as a process.
+main = partial(run, DentInspector, 'dent_inspector', threads=2)
 
 
 if __name__ == '__main__':

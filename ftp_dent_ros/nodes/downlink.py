@@ -13,6 +13,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -328,9 +329,8 @@ def _stamp_of(data: bytes) -> int:
     return seconds * 1_000_000_000 + nanoseconds
 
 
-def main() -> int:
-    """Run the node as a process."""
-    return run(Downlink, 'downlink')
+#: Run the node as a process.
+main = partial(run, Downlink, 'downlink')
 
 
 if __name__ == '__main__':

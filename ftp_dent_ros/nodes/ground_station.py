@@ -10,6 +10,7 @@ import sys
 import threading
 from collections import OrderedDict
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import cv2
@@ -284,9 +285,8 @@ class GroundStation(PayloadNode[GroundStationSettings]):
         return (WARN if level else OK), text
 
 
-def main() -> int:
-    """Run the node as a process."""
-    return run(GroundStation, 'ground_station', threads=4)
+#: Run the node as a process.
+main = partial(run, GroundStation, 'ground_station', threads=4)
 
 
 if __name__ == '__main__':

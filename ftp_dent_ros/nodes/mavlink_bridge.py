@@ -15,6 +15,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -440,9 +441,8 @@ def fix_message(origin: Origin, stamp_ns: int, frame_id: str) -> NavSatFix:
     )
 
 
-def main() -> int:
-    """Run the node as a process."""
-    return run(MavlinkBridge, 'mavlink_bridge')
+#: Run the node as a process.
+main = partial(run, MavlinkBridge, 'mavlink_bridge')
 
 
 if __name__ == '__main__':

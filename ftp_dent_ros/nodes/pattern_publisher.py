@@ -16,6 +16,7 @@ import dataclasses
 import sys
 import time
 from collections import deque
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -172,9 +173,8 @@ class PatternPublisher(PayloadNode[PatternPublisherSettings]):
         return OK, f'{shown}, {self._image.get_subscription_count()} subscribers'
 
 
-def main() -> int:
-    """Run the node as a process."""
-    return run(PatternPublisher, 'pattern_publisher')
+#: Run the node as a process.
+main = partial(run, PatternPublisher, 'pattern_publisher')
 
 
 if __name__ == '__main__':

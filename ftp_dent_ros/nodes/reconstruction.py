@@ -13,6 +13,7 @@ import contextlib
 import sys
 from collections import deque
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -229,9 +230,8 @@ class Reconstruction(PayloadNode[ReconstructionSettings]):
         return OK, 'working'
 
 
-def main() -> int:
-    """Run the node as a process."""
-    return run(Reconstruction, 'reconstruction')
+#: Run the node as a process.
+main = partial(run, Reconstruction, 'reconstruction')
 
 
 if __name__ == '__main__':

@@ -10,6 +10,7 @@ of a configuration. One file serves for each camera, so that those of all its so
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
@@ -33,36 +34,42 @@ SIMULATION = 'simulation'
 TAGGED = 'tagged'
 
 
-def setting(default: Any, description: str, name: str = '', **limits: Any) -> Any:
-    """A parameter, with the limits of a `Declaration`; its field's name is its own by default.
+def setting(
+    default: Any,
+    description: str,
+    name: str = '',
+    *,
+    declare: str | Callable[[dict[str, Any]], str] = 'declare',
+    load: Callable[[Any], Any] | None = None,
+    **limits: Any,
+) -> Any:
+    """A parameter of a node, as a field.
 
-    The default may be a function of the fields that were read before, by name.
+    Parameters
+    ----------
+    default : bool, int, float, str or list of float
+        Or a function of the fields that were read before, by name.
+    description : str
+    name : str
+        Of the parameter; the field's own by default.
+    declare : str
+        The method of `Declarations` that takes it, or a function as of `default`.
+    load : callable, optional
+        What a value that is not empty becomes.
+    **limits
+        Of the method.
     """
-
-    def take(parameters: Declarations, name: str, before: dict[str, Any]) -> Any:
-        value = default(before) if callable(default) else default
-        return parameters.declare(name, value, description, **limits)
-
-    return field(metadata={'name': name, 'take': take})
+    return field(metadata={'of': (default, description, name, declare, load, limits)})
 
 
-def place(default: str, description: str, name: str = '') -> Any:
+def place(description: str, name: str = '', default: str = '') -> Any:
     """A parameter that says where something lies, whether it is there or not."""
-
-    def take(parameters: Declarations, name: str, _: dict[str, Any]) -> str:
-        return parameters.path(name, default, description)
-
-    return field(metadata={'name': name, 'take': take})
+    return setting(default, description, name, declare='path')
 
 
-def file(load: Any, description: str, *, secret: bool = False) -> Any:
+def file(load: Callable[[Path], Any], description: str, **limits: Any) -> Any:
     """A parameter that names a file, as what `load` makes of it; None if none is named."""
-
-    def take(parameters: Declarations, name: str, _: dict[str, Any]) -> Any:
-        path = parameters.file(name, '', description, secret=secret)
-        return load(path) if path else None
-
-    return field(metadata={'name': '', 'take': take})
+    return setting('', description, declare='file', load=load, **limits)
 
 
 def read(node: type[Node], parameters: Declarations) -> Node:
@@ -75,8 +82,11 @@ def read(node: type[Node], parameters: Declarations) -> Node:
     """
     given: dict[str, Any] = {}
     for each in fields(node):  # type: ignore[arg-type]
-        name = each.metadata['name'] or each.name
-        given[each.name] = each.metadata['take'](parameters, name, given)
+        default, description, name, declare, load, limits = each.metadata['of']
+        default = default(given) if callable(default) else default
+        take = getattr(parameters, declare(given) if callable(declare) else declare)
+        value = take(name or each.name, default, description, **limits)
+        given[each.name] = load(value) if load and value else value
     return node(**given)
 
 
@@ -152,17 +162,6 @@ def _image_size(given: dict[str, Any]) -> tuple[int, int]:
     return (1280, 720) if given['source'] == 'device' else (0, 0)
 
 
-def _scene() -> Any:
-    """The scene, a file that has to be there only if it is what is photographed."""
-
-    def take(parameters: Declarations, name: str, before: dict[str, Any]) -> Any:
-        is_used = before['source'] == SIMULATION
-        declare = parameters.file if is_used else parameters.path
-        return declare(name, 'shipped:scene.yaml', 'Scene file.')
-
-    return field(metadata={'name': 'simulation.scene', 'take': take})
-
-
 @dataclass(frozen=True)
 class CameraCaptureSettings:
     """Of camera_capture and of all its sources; `continuous` changes while it runs."""
@@ -180,7 +179,13 @@ class CameraCaptureSettings:
         'Where the images come from.',
         choices=('device', 'genicam', 'files', SIMULATION),
     )
-    scene: Path | str | None = _scene()
+    # A file that has to be there only if it is what is photographed.
+    scene: Path | str | None = setting(
+        'shipped:scene.yaml',
+        'Scene file.',
+        'simulation.scene',
+        declare=lambda given: 'file' if given['source'] == SIMULATION else 'path',
+    )
     path: str = setting('/dev/video0', 'Device file of a V4L2 camera.', 'device.path')
     width: int = setting(
         lambda given: _image_size(given)[0],
@@ -258,7 +263,7 @@ class CameraCaptureSettings:
         'genicam.trigger',
     )
     files: str = place(
-        '', 'A folder of images, a pattern of names (with * or ?), or a video.', 'files.path'
+        'A folder of images, a pattern of names (with * or ?), or a video.', 'files.path'
     )
     encoding: str = setting(
         '',
@@ -270,7 +275,6 @@ class CameraCaptureSettings:
         0, 'ROS time at which the simulated flight starts, nanoseconds.', 'simulation.start_ns'
     )
     ahead: str = place(
-        '',
         'A folder of photographs that the demonstration rendered ahead; empty renders each as '
         'it is due.',
         'simulation.ahead',
@@ -512,7 +516,7 @@ class DentInspectorSettings:
     )
     rules: Rules | None = file(_read_rules, 'File of limits to judge the list by.')
     list_file: str = place(
-        '', 'File that keeps the list over a restart; if empty it is forgotten then.'
+        'File that keeps the list over a restart; if empty it is forgotten then.'
     )
     map_frame: str = setting('map', 'The frame that poses come in; others are refused.')
 
@@ -550,7 +554,7 @@ class LinkSettings:
 
     role: ClassVar[str]
     address: str
-    keys: str = place('', 'Folder of the keys that `ftp-dent ground --make-keys` has made.')
+    keys: str = place('Folder of the keys that `ftp-dent ground --make-keys` has made.')
     open: bool = setting(False, 'Whether, without keys, anybody in the network may use the link.')
     name: str = setting('payload', 'Name of the payload: the same at both ends.')
 
@@ -575,11 +579,10 @@ class DownlinkSettings(LinkSettings):
         'all of them.',
     )
     spool: str = place(
-        '',
         'Where is kept what could not be sent yet; empty for in memory, until the node ends.',
         'spool.folder',
     )
-    recordings: str = place('~/recordings', 'Folder of the bags that the ground starts.')
+    recordings: str = place('Folder of the bags that the ground starts.', default='~/recordings')
     limit: float = setting(
         0.0,
         'kbit/s to a ground that are never exceeded; 0 for as much as the link carries.',

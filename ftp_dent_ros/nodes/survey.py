@@ -10,6 +10,7 @@ subscribes, once a second at most. Clouds have to come in the camera's frame.
 from __future__ import annotations
 
 import sys
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -212,9 +213,8 @@ class Survey(PayloadNode[SurveySettings]):
         return OK, 'working'
 
 
-def main() -> int:
-    """Run the node as a process."""
-    return run(Survey, 'survey')
+#: Run the node as a process.
+main = partial(run, Survey, 'survey')
 
 
 if __name__ == '__main__':
