@@ -131,16 +131,16 @@ def require_pair(folder: Path, role: str) -> None:
 
     With others the connection would never come about, and nobody would say why.
     """
-    certificate, key = f'{role}.pem', f'{role}.key'
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     try:
         context.load_verify_locations(folder / AUTHORITY)
         # A password that is not asked for at the terminal.
-        context.load_cert_chain(folder / certificate, folder / key, password='')
-    except (ssl.SSLError, OSError):
+        context.load_cert_chain(folder / f'{role}.pem', folder / f'{role}.key', password='')
+    except OSError as reason:  # ssl.SSLError too
+        what = 'not there' if isinstance(reason, FileNotFoundError) else 'no keys of one end'
         raise ConfigurationError(
-            f'{folder}: {AUTHORITY}, {certificate} and {key} are no keys of one end: copy them '
-            'anew from where `ftp-dent ground --make-keys DIR` made them'
+            f'{folder}: {AUTHORITY}, {role}.pem and {role}.key are {what}: make keys with '
+            '`ftp-dent ground --make-keys DIR` and copy them to both ends'
         ) from None
 
 
@@ -177,12 +177,6 @@ def endpoints(address: str, security: Security, role: str) -> list[str]:
     if match is None or not 0 < port < 65536 or (match['stream'] and role == 'drone'):
         raise ConfigurationError(f'{address}: no address of a link: give HOST or HOST:PORT')
     if security.keys is not None:
-        for name in (AUTHORITY, f'{role}.pem', f'{role}.key'):
-            if not (security.keys / name).is_file():
-                raise ConfigurationError(
-                    f'{security.keys}: {name} is not there: make keys with '
-                    '`ftp-dent ground --make-keys DIR` and copy them to both ends'
-                )
         require_pair(security.keys, role)
     elif not security.open and not is_here(match['host']):
         raise ConfigurationError(

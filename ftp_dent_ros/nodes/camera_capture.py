@@ -11,10 +11,9 @@ from __future__ import annotations
 import functools
 import sys
 import threading
-import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from concurrent.futures import Future
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -34,7 +33,7 @@ from ftp_dent_ros.capture.source import (
     Source,
     stamps_exposure_start,
 )
-from ftp_dent_ros.errors import CameraError, ConfigurationError, ImageError
+from ftp_dent_ros.errors import ConfigurationError, ImageError
 from ftp_dent_ros.nodes.payload_node import PayloadNode
 from ftp_dent_ros.nodes.settings import CameraCaptureSettings
 from ftp_dent_ros.ros.diagnostics import OK, WARN
@@ -55,19 +54,6 @@ _PAUSE = 0.1
 _ACKNOWLEDGED = Duration(seconds=1.5)
 
 
-@dataclass
-class _Demand:
-    """A call of ``~/capture`` that waits for its photograph."""
-
-    done: threading.Event = field(default_factory=threading.Event)
-    success: bool = False
-    message: str = f'no photograph within {_DEMAND_TIMEOUT:g} s'
-
-    def answer(self, success: bool, message: str) -> None:
-        self.success, self.message = success, message
-        self.done.set()
-
-
 class CameraCapture(PayloadNode[CameraCaptureSettings]):
     """Node that takes photographs in a thread of its own and publishes them."""
 
@@ -82,7 +68,7 @@ class CameraCapture(PayloadNode[CameraCaptureSettings]):
             CameraInfo, 'camera/camera_info', IMAGES, qos_overriding_options=OVERRIDABLE
         )
         self.diagnostics.hardware_id = given.path if given.source == 'device' else given.source
-        self._demands: deque[_Demand] = deque()
+        self._demands: deque[Future[Frame | None]] = deque()
         self._missed_before = 0
         self._was_wanted = False
         if isinstance(self._source, SimulatedSource):
@@ -101,6 +87,8 @@ class CameraCapture(PayloadNode[CameraCaptureSettings]):
         self._stop.set()
         self._source.close()
         self._thread.join()
+        for demand in self._demands:
+            demand.cancel()
         # What a reader has not got of the last photograph ends with its publisher.
         for publisher in (self._image, self._info):
             publisher.wait_for_all_acked(_ACKNOWLEDGED)
@@ -113,36 +101,36 @@ class CameraCapture(PayloadNode[CameraCaptureSettings]):
     def _on_capture(
         self, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
-        demand = _Demand()
+        demand: Future[Frame | None] = Future()
         self._demands.append(demand)
-        end = time.monotonic() + _DEMAND_TIMEOUT
-        while not demand.done.wait(_PAUSE) and self.context.ok() and time.monotonic() < end:
-            pass
-        response.success, response.message = demand.success, demand.message
+        try:
+            frame = demand.result(_DEMAND_TIMEOUT)
+        except Exception as error:  # of the photograph, or that there was none in time
+            response.message = str(error) or f'no photograph within {_DEMAND_TIMEOUT:g} s'
+            return response
+        response.success = frame is not None
+        response.message = 'there are no more images: set files.loop, or start again'
+        if frame is not None:
+            seconds, nanoseconds = divmod(frame.stamp_ns, 1_000_000_000)
+            response.message = f'photograph taken at {seconds}.{nanoseconds:09d}'
         return response
 
     def _run(self) -> None:
         while not self._stop.is_set():
             demand = self._demands.popleft() if self._demands else None
-            try:
-                frame = self._take(demand is not None)
-                if frame is not None:
-                    self._publish(frame)
-            except ImageError as error:
-                self.diagnostics.refuse('wrong image', str(error))
-                outcome = False, str(error)
-            except CameraError as error:
-                self.diagnostics.fail(str(error))
-                outcome = False, str(error)
-                self._stop.wait(_PAUSE)
-            except Exception as error:
-                outcome = False, f'{type(error).__name__}: {error}'
-                self.diagnostics.fail_by_defect('no photograph', error)
-                self._stop.wait(_PAUSE)
-            else:
-                outcome = _describe(frame)
-            if demand:
-                demand.answer(*outcome)
+            with self.diagnostics.guarded('no photograph'):
+                try:
+                    frame = self._take(demand is not None)
+                    if frame is not None:
+                        self._publish(frame)
+                except Exception as error:
+                    if demand:
+                        demand.set_exception(error)
+                    if not isinstance(error, ImageError):
+                        self._stop.wait(_PAUSE)
+                    raise
+                if demand:
+                    demand.set_result(frame)
 
     def _take(self, demanded: bool) -> Frame | None:
         """Photograph that is demanded or due; None if there is none for the moment."""
@@ -187,14 +175,6 @@ class CameraCapture(PayloadNode[CameraCaptureSettings]):
         if not self._source.runs_by_itself and not self._is_heard():
             return OK, 'idle: nobody subscribes to the images'
         return OK, 'working'
-
-
-def _describe(frame: Frame | None) -> tuple[bool, str]:
-    """Answer to a demand that `frame` came of."""
-    if frame is None:
-        return False, 'there are no more images: set files.loop, or start again'
-    seconds, nanoseconds = divmod(frame.stamp_ns, 1_000_000_000)
-    return True, f'photograph taken at {seconds}.{nanoseconds:09d}'
 
 
 def make_source(given: CameraCaptureSettings, now_ns: Callable[[], int]) -> Source:

@@ -14,7 +14,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from ftp_dent_ros.errors import InputError, PoseError, RefusedFrameError
+from ftp_dent_ros.errors import CameraError, InputError, PoseError, RefusedFrameError
 from ftp_dent_ros.ros.qos import DIAGNOSTICS
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
@@ -165,6 +165,8 @@ class Diagnostics:
             yield
         except (InputError, PoseError, RefusedFrameError) as error:
             self.refuse(reason or error.reason, str(error))
+        except CameraError as error:
+            self.fail(str(error))
         except Exception as error:
             self.fail_by_defect(what, error)
 

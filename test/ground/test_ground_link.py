@@ -248,13 +248,13 @@ def test_addresses_and_refusals(keys, tmp_path):
             endpoints(wrong, Security(open=True), 'drone')
     with pytest.raises(ConfigurationError, match='without keys anybody'):
         endpoints('0.0.0.0', Security(), 'drone')
-    with pytest.raises(ConfigurationError, match=r'authority\.pem is not there'):
+    with pytest.raises(ConfigurationError, match=r'ground\.key are not there: make keys'):
         endpoints('10.0.0.1', Security(keys / 'nowhere'), 'ground')
     others = (keys / 'drone.pem').read_bytes()
     for spoilt, text in (('ground.key', b'rubbish'), ('ground.pem', others)):
         folder = tmp_path / spoilt
         shutil.copytree(keys, folder)
         (folder / spoilt).write_bytes(text)
-        with pytest.raises(ConfigurationError, match='are no keys of one end: copy them anew'):
+        with pytest.raises(ConfigurationError, match='are no keys of one end: make keys'):
             endpoints('10.0.0.1', Security(folder), 'ground')
         assert endpoints('10.0.0.1', Security(folder), 'drone')

@@ -35,7 +35,7 @@ def test_files_are_published_with_their_camera_info(ros, rig, rig_file, photogra
     images = ros.collect(Image, 'camera/image_raw')
     infos = ros.collect(CameraInfo, 'camera/camera_info')
     process = ros.start(
-        'camera_capture', source='files', files__path=photographs, rig=rig_file, rate=20
+        'camera_capture', source='files', files__path=photographs, rig=rig_file, rate=10
     )
 
     def both():

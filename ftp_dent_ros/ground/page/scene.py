@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import threading
 from collections import deque
@@ -14,8 +13,9 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.coding.cloud_codec import RayGrid, decode
+from ftp_dent_ros.coding.messages import pose_from_message, stamp_to_ns
 from ftp_dent_ros.dents.dent import COVERAGE, KINDS
-from ftp_dent_ros.errors import CodecError
+from ftp_dent_ros.errors import CodecError, PoseError
 from ftp_dent_ros.ground import topics
 from ftp_dent_ros.ground.protocol import Item
 from ftp_dent_ros.pose import Pose
@@ -78,16 +78,10 @@ def message_of(item: Item) -> Any:
         raise CodecError(f'an item of {item.topic} holds no message: it is refused') from None
 
 
-def pose_of(message: Any) -> Pose:
-    """Pose of a PoseWithCovarianceStamped."""
-    at, turn = message.pose.pose.position, message.pose.pose.orientation
-    return Pose.from_quaternion([turn.x, turn.y, turn.z, turn.w], _checked(at))
-
-
 def path_of(message: Any) -> tuple[int, list[list[float]]]:
     """Stamp of a Path (ns), and its places, metres."""
     places = [_checked(each.pose.position) for each in message.poses]
-    return _stamp(message.header), np.round(places, 3).tolist()
+    return stamp_to_ns(message.header.stamp), np.round(places, 3).tolist()
 
 
 def coverage_of(message: Any) -> tuple[int, dict[str, list[list[list[float]]]]]:
@@ -100,11 +94,7 @@ def coverage_of(message: Any) -> tuple[int, dict[str, list[list[list[float]]]]]:
             strips[marker.ns] = [
                 [*corners[i : i + 3], corners[i + 5]] for i in range(0, len(corners) - 5, 6)
             ]
-    return _stamp(message.markers[0].header), strips
-
-
-def _stamp(header: Any) -> int:
-    return int(header.stamp.sec) * 10**9 + int(header.stamp.nanosec)
+    return stamp_to_ns(message.markers[0].header.stamp), strips
 
 
 def _checked(at: Any) -> list[float]:
@@ -154,6 +144,10 @@ def _dent(value: Any) -> dict[str, Any]:
     }
 
 
+# What reading a message of anything else may raise.
+_MALFORMED = (ValueError, LookupError, TypeError, AttributeError, PoseError, cv2.error)
+
+
 class PageScene:
     """Takes items as they come and says what there is to see; for several threads.
 
@@ -188,7 +182,7 @@ class PageScene:
         with self._lock:
             try:
                 self._take(item)
-            except (ValueError, TypeError, KeyError, IndexError, AttributeError, cv2.error):
+            except _MALFORMED:
                 raise CodecError(f'an item of {item.topic} is malformed: it is refused') from None
             self.version += 1
 
@@ -243,7 +237,7 @@ class PageScene:
         elif item.topic == topics.SURVEY_COVERAGE:
             self._coverage = coverage_of(message_of(item))
         elif item.topic == topics.CAMERA_POSE:
-            self._poses[item.stamp_ns] = pose_of(message_of(item))
+            self._poses[item.stamp_ns] = pose_from_message(message_of(item).pose.pose)
             if len(self._poses) > _KEPT:
                 del self._poses[min(self._poses)]
 
@@ -290,8 +284,3 @@ class PageScene:
                         {'number': dent['number'], 'kind': dent['kind'], 'points': points}
                     )
         return {'stamp': str(stamp), 'width': width, 'height': height, 'outlines': outlines}
-
-
-def as_json(state: dict[str, Any]) -> bytes:
-    """A state as JSON on one line."""
-    return json.dumps(state, separators=(',', ':'), allow_nan=False).encode()

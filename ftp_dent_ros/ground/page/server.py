@@ -25,7 +25,7 @@ from aiohttp import WSMsgType, web
 from ftp_dent_ros.errors import CodecError, ConfigurationError
 from ftp_dent_ros.ground import topics
 from ftp_dent_ros.ground.commands import COMMANDS, Answer
-from ftp_dent_ros.ground.page.scene import PageScene, as_json, message_of
+from ftp_dent_ros.ground.page.scene import PageScene, message_of
 from ftp_dent_ros.ground.protocol import Item
 
 PROTOCOLS = ('foxglove.sdk.v1', 'foxglove.websocket.v1')
@@ -303,7 +303,8 @@ class PageServer:
             if self.scene.version != shown:
                 news.update(self.scene.state())
                 shown = int(news['version'])
-            await response.write(b'data: ' + as_json(news) + b'\n\n')
+            text = json.dumps(news, separators=(',', ':'), allow_nan=False)
+            await response.write(f'data: {text}\n\n'.encode())
             for _ in range(_PAUSES):
                 await asyncio.sleep(_PAUSE)
                 if self.scene.version != shown:
