@@ -90,7 +90,8 @@ def test_the_changelog_knows_this_version():
 
 def test_every_executable_has_a_main():
     for module in EXECUTABLES.values():
-        assert '\ndef main(' in (ROOT / f'{module.replace(".", "/")}.py').read_text()
+        text = (ROOT / f'{module.replace(".", "/")}.py').read_text()
+        assert re.search(r'^(def main\(|main = )', text, re.M), module
 
 
 def strings(data):

@@ -72,17 +72,15 @@ class DentInspector(PayloadNode[DentInspectorSettings]):
         kept = KeptList(given.list_file if self._tagged else None)
         self._dents = self.create_publisher(PointCloud2, 'dents', DENTS)
         self._listing = DentListing(self, self.diagnostics, kept, self._tagged)
+        self._worker = NewestWorker(
+            self.diagnostics, self._inspect, 'a cloud could not be inspected', _WAITING
+        )
         self._matching = MessageMatcher(
-            self._hand_over,
+            self._worker.put,
             self.diagnostics.refuse,
             self._expected,
             posed=self._tagged,
         )
-        # Numbers of the clouds that are neither in the list nor refused yet.
-        self._under_way: set[int] = set()
-        self._last = 0
-        self._ended = threading.Condition()
-        self._worker = NewestWorker(self._work, 'dent_inspector', _WAITING)
         self.create_service(
             Trigger,
             '~/take_list',
@@ -131,29 +129,6 @@ class DentInspector(PayloadNode[DentInspectorSettings]):
         topics = {'skin': 'skin', 'surveyed': 'survey/pose' if self._tagged else ''}
         return [part for part, topic in topics.items() if topic and self.count_publishers(topic)]
 
-    def _hand_over(self, cloud: Matched) -> None:
-        with self._ended:
-            self._last += 1
-            self._under_way.add(self._last)
-        dropped = self._worker.put((self._last, cloud))
-        if dropped is not None:
-            self.diagnostics.drop()
-            self._end(dropped[0])
-
-    def _end(self, number: int) -> None:
-        """A cloud is in the list, or will never be."""
-        with self._ended:
-            self._under_way.discard(number)
-            self._ended.notify_all()
-        self.diagnostics.note('clouds waiting', len(self._under_way))
-
-    def _work(self, item: tuple[int, Matched]) -> None:
-        """Inspect one cloud, in the worker's thread; nothing that it holds ends the node."""
-        number, cloud = item
-        with self.diagnostics.guarded('a cloud could not be inspected'):
-            self._inspect(cloud)
-        self._end(number)
-
     def _inspect(self, item: Matched) -> None:
         """Publish a cloud's dents, once they are in the list."""
         started_ns = self.now_ns()
@@ -190,22 +165,19 @@ class DentInspector(PayloadNode[DentInspectorSettings]):
         return None
 
     def _take_list(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        with self._ended:
-            before = set(self._under_way)
-            response.success = self._ended.wait_for(
-                lambda: not before & self._under_way, _PATIENCE
-            )
+        response.success = self._worker.settle(_PATIENCE)
         if response.success:
             record = self._listing.take(lambda entries: list_record(entries, self.given.rules))
             response.message = json.dumps(finite(record), allow_nan=False)
         else:
             response.message = (
-                f'{len(before)} clouds before this request are not in the list after '
-                f'{_PATIENCE:.0f} s: nothing was taken; ask again'
+                f'not all clouds before this request are in the list after {_PATIENCE:.0f} s: '
+                'nothing was taken; ask again'
             )
         return response
 
     def _judge(self) -> tuple[bytes, str]:
+        self.diagnostics.note('clouds waiting', len(self._worker))
         if not self._wanted:
             return OK, 'idle: nobody subscribes to dents'
         if not self.diagnostics.recent('clouds'):

@@ -7,7 +7,6 @@ once each. The payload never waits for any of this.
 
 from __future__ import annotations
 
-import queue
 import struct
 import sys
 import threading
@@ -43,7 +42,7 @@ from ftp_dent_ros.ros.messages import (
     lens_from_message,
     stamp_to_ns,
 )
-from ftp_dent_ros.ros.node import run
+from ftp_dent_ros.ros.node import NewestWorker, run
 from ftp_dent_ros.ros.qos import CLOUDS, DIAGNOSTICS, IMAGES, LATCHED, OVERRIDABLE, POSES
 
 
@@ -220,10 +219,10 @@ class Downlink(PayloadNode[DownlinkSettings]):
         if not given.keys:
             self.get_logger().warning(f'{given.address}: no keys: whoever reaches it may command')
         self._coder = Coder(self.given, self._put, self._drone.rate, self.diagnostics)
-        self._queue: queue.Queue[tuple[Callable[[Any], None], Any] | None]
-        self._queue = queue.Queue(8)  # some seconds of a busy machine
-        self._worker = threading.Thread(target=self._run, name='coding', daemon=True)
-        self._worker.start()
+        # Some seconds of a busy machine.
+        self._worker = NewestWorker[tuple[Callable[[Any], None], Any]](
+            self.diagnostics, self._code, 'a message could not be coded', 8
+        )
         self._thrift = Thrift(self._put, self._drone.rate)
         self._state_share = Share(self._drone.rate, 0.25, 1.0)
         for topic in topics.AS_THEY_ARE.values():
@@ -236,7 +235,7 @@ class Downlink(PayloadNode[DownlinkSettings]):
         self.create_subscription(
             PointCloud2,
             topics.POINTS,
-            lambda message: self._hand_over(self._coder.send_cloud, message),
+            lambda message: self._worker.put((self._coder.send_cloud, message)),
             CLOUDS,
             qos_overriding_options=OVERRIDABLE,
         )
@@ -244,15 +243,14 @@ class Downlink(PayloadNode[DownlinkSettings]):
             self.create_subscription(
                 Image,
                 topics.IMAGE,
-                lambda message: self._hand_over(self._coder.send_picture, message),
+                lambda message: self._worker.put((self._coder.send_picture, message)),
                 IMAGES,
                 qos_overriding_options=OVERRIDABLE,
             )
 
     def destroy_node(self) -> None:
         """End the threads first; what was not sent stays on disk."""
-        self._queue.put(None)
-        self._worker.join(5.0)
+        self._worker.stop(finish=True)
         self._drone.close()
         self._recordings.close()
         super().destroy_node()
@@ -283,18 +281,10 @@ class Downlink(PayloadNode[DownlinkSettings]):
         kind = 'cdr:diagnostic_msgs/msg/DiagnosticArray'
         self._put(Item(Importance.STATE, topics.DIAGNOSTICS, kind, self.now_ns(), data))
 
-    def _hand_over(self, work: Callable[[Any], None], message: Any) -> None:
-        try:
-            self._queue.put_nowait((work, message))
-        except queue.Full:
-            self.diagnostics.count('dropped before they were coded')
-
-    def _run(self) -> None:
-        """Code clouds and pictures, in a thread of its own; nothing that they hold ends it."""
-        while (task := self._queue.get()) is not None:
-            work, message = task
-            with self.diagnostics.guarded('a message could not be coded', 'wrong message'):
-                work(message)
+    def _code(self, task: tuple[Callable[[Any], None], Any]) -> None:
+        """Code a cloud or picture, in the worker's thread."""
+        code, message = task
+        code(message)
 
     def _put(self, item: Item) -> None:
         self.diagnostics.count('items')

@@ -32,9 +32,11 @@ class Drawing(Generic[State]):
     """
 
     def __init__(self, draw: Callable[[State], None], diagnostics: Diagnostics, what: str) -> None:
-        self._draw_state, self._diagnostics, self._what = draw, diagnostics, what
+        self._draw_state = draw
         self._ending = threading.Event()
-        self._worker = NewestWorker(self._draw, 'drawing', room=1)
+        self._worker = NewestWorker(
+            diagnostics, self._draw, f'{what} could not be drawn', room=1, counts=False
+        )
 
     def show(self, state: State) -> None:
         """Show a state when it is time, unless a newer one comes before."""
@@ -47,6 +49,7 @@ class Drawing(Generic[State]):
 
     def _draw(self, state: State) -> None:
         started = time.monotonic()
-        with self._diagnostics.guarded(f'{self._what} could not be drawn'):
+        try:
             self._draw_state(state)
-        self._ending.wait(max(1.0, 20 * (time.monotonic() - started)))
+        finally:
+            self._ending.wait(max(1.0, 20 * (time.monotonic() - started)))

@@ -70,7 +70,9 @@ class Reconstruction(PayloadNode[ReconstructionSettings]):
             given.rig, given.camera_info_tolerance, self.diagnostics, self.get_logger()
         )
         self._covered: deque[tuple[int, Coverage]] = deque(maxlen=100)  # of a second
-        self._worker = NewestWorker(self._work, 'reconstruction')
+        self._worker = NewestWorker(
+            self.diagnostics, self._reconstruct, 'an image could not be reconstructed'
+        )
         self.create_subscription(Image, 'projector/image_raw', self._on_pattern, PATTERNS)
         AnySubscription(
             self, CameraInfo, 'camera/camera_info', self._watch.on_info, IMAGES, OVERRIDABLE
@@ -124,17 +126,11 @@ class Reconstruction(PayloadNode[ReconstructionSettings]):
 
     def _on_image(self, message: Image) -> None:
         self.diagnostics.count('images')
-        if self._points.get_subscription_count() == 0:
-            return
-        if self._worker.put(message):
-            self.diagnostics.drop()
-
-    def _work(self, message: Image) -> None:
-        """Reconstruct one image, in the worker's thread; nothing that it holds ends the node."""
-        with self.diagnostics.guarded('an image could not be reconstructed'):
-            self._reconstruct(message)
+        if self._points.get_subscription_count():
+            self._worker.put(message)
 
     def _reconstruct(self, message: Image) -> None:
+        """Reconstruct one image, in the worker's thread."""
         stamp_ns = stamp_to_ns(message.header.stamp)
         self._check_stamp(stamp_ns)
         pattern = self._pattern_at(stamp_ns)

@@ -59,7 +59,9 @@ class RigWatch:
         self._epipolar_trouble, self._turned = '', ''
         self._check_due = 0.0
         self._aside = CheckAside()
-        self._worker = NewestWorker(self._check_turn, 'rig check', room=1)
+        self._worker = NewestWorker(
+            diagnostics, self._check_turn, 'the rig could not be checked', room=1, counts=False
+        )
         diagnostics.note('rig', rig.id if rig else 'none')
 
     @property
@@ -148,9 +150,6 @@ class RigWatch:
             found = self._aside.check(*given)
         except CalibrationError as reason:
             self._diagnostics.note('rig check', f'not possible: {reason}')
-            return
-        except Exception as error:
-            self._diagnostics.fail_by_defect('the rig could not be checked', error)
             return
         self._diagnostics.note('rig check', found.sentence)
         self._turned = '' if found.holds else found.sentence

@@ -58,9 +58,14 @@ class Survey(PayloadNode[SurveySettings]):
         self._path = self.create_publisher(Path, 'survey/path', LATCHED)
         self._coverage = self.create_publisher(MarkerArray, 'survey/coverage', LATCHED)
         self._drawing = Drawing(self._draw, self.diagnostics, 'the skin')
-        self._worker = NewestWorker(self._work, 'survey', given.queue_size)
+        self._worker = NewestWorker(
+            self.diagnostics,
+            self._work,
+            'a cloud could not be joined and the survey begins anew',
+            given.queue_size,
+        )
         self._matching = MessageMatcher(
-            self._hand_over,
+            self._worker.put,
             self.diagnostics.refuse,
             lambda: ('skin',) if self._has_skin else (),
         )
@@ -103,20 +108,15 @@ class Survey(PayloadNode[SurveySettings]):
         self.diagnostics.count('clouds')
         self._matching.add(cloud=message)
 
-    def _hand_over(self, item: Matched) -> None:
-        if self._worker.put(item):
-            self.diagnostics.drop()
-
     def _work(self, item: Matched) -> None:
-        """Join one cloud, in the worker's thread; nothing that it holds ends the node."""
-        with self.diagnostics.guarded('a cloud could not be joined and the survey begins anew'):
-            try:
-                self._join(item)
-            except FtpDentError:
-                raise
-            except Exception:
-                self._begin()
-                raise
+        """Join one cloud, in the worker's thread."""
+        try:
+            self._join(item)
+        except FtpDentError:
+            raise
+        except Exception:
+            self._begin()
+            raise
 
     def _join(self, item: Matched) -> None:
         started_ns = self.now_ns()

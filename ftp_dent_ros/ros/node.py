@@ -15,6 +15,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from ftp_dent_ros.errors import FtpDentError
+from ftp_dent_ros.ros.diagnostics import Diagnostics
 from ftp_dent_ros.supervision.processes import stop_event
 
 Item = TypeVar('Item')
@@ -109,43 +110,76 @@ class NewestWorker(Generic[Item]):
 
     Parameters
     ----------
+    diagnostics : Diagnostics
+        Told what the function raises.
     work : callable
-        It has to catch its own errors.
-    name : str
-        Name of the thread.
+    what : str
+        Could not be done, in a sentence on a defect of the software.
     room : int
         How many may wait.
+    counts : bool
+        Whether what is dropped is told, too.
     """
 
-    def __init__(self, work: Callable[[Item], None], name: str, room: int = WAITING) -> None:
-        self._work = work
+    def __init__(
+        self,
+        diagnostics: Diagnostics,
+        work: Callable[[Item], None],
+        what: str,
+        room: int = WAITING,
+        *,
+        counts: bool = True,
+    ) -> None:
+        self._diagnostics, self._work, self._what = diagnostics, work, what
+        self._counts = counts
         self._changed = threading.Condition()
-        self._waiting: deque[Item] = deque(maxlen=room)
+        self._waiting: deque[tuple[int, Item]] = deque(maxlen=room)
+        self._last = 0
+        self._working: int | None = None
         self._stopped = self._finishing = False
-        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread = threading.Thread(target=self._run, name=work.__name__, daemon=True)
         self._thread.start()
 
-    def put(self, item: Item) -> Item | None:
-        """Hand over an item; the oldest that nobody had taken if it was dropped for it."""
+    def __len__(self) -> int:
+        """How many wait or are worked on."""
+        return len(self._waiting) + (self._working is not None)
+
+    def put(self, item: Item) -> None:
+        """Hand over an item; the oldest that nobody had taken may be dropped for it."""
         with self._changed:
-            full = len(self._waiting) == self._waiting.maxlen
-            dropped = self._waiting.popleft() if full else None
-            self._waiting.append(item)
-            self._changed.notify()
-            return dropped
+            if self._counts and len(self._waiting) == self._waiting.maxlen:
+                self._diagnostics.drop()
+            self._last += 1
+            self._waiting.append((self._last, item))
+            self._changed.notify_all()
+
+    def settle(self, seconds: float) -> bool:
+        """Wait until all that was put before is done or dropped; whether it is in that time."""
+        with self._changed:
+            last = self._last
+            return self._changed.wait_for(lambda: self._oldest() > last, seconds)
 
     def stop(self, finish: bool = False) -> None:
         """Finish the item in work, and those that wait if asked to, and end the thread."""
         with self._changed:
             self._stopped, self._finishing = True, finish
-            self._changed.notify()
+            self._changed.notify_all()
         self._thread.join()
+
+    def _oldest(self) -> int:
+        """Number of the item that is next to be done."""
+        if self._working is not None:
+            return self._working
+        return self._waiting[0][0] if self._waiting else self._last + 1
 
     def _run(self) -> None:
         while True:
             with self._changed:
+                self._working = None
+                self._changed.notify_all()
                 self._changed.wait_for(lambda: self._waiting or self._stopped)
                 if self._stopped and not (self._finishing and self._waiting):
                     return
-                item = self._waiting.popleft()
-            self._work(item)
+                self._working, item = self._waiting.popleft()
+            with self._diagnostics.guarded(self._what):
+                self._work(item)
