@@ -8,7 +8,6 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -18,11 +17,11 @@ from ftp_dent_ros.cli.arguments import (
     number,
     output_folder,
     progress_bar,
+    rules,
     settings_of,
 )
 from ftp_dent_ros.cloud.ply import read_ply, rig_id_of
-from ftp_dent_ros.dents.dent import SmallestDent
-from ftp_dent_ros.dents.rules import Rules, read_rules, verdict
+from ftp_dent_ros.dents.rules import verdict
 from ftp_dent_ros.dents.sightings import ListedDent
 from ftp_dent_ros.errors import CloudError, ConfigurationError, FtpDentError
 from ftp_dent_ros.files import find
@@ -42,6 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument(
         'inputs',
+        type=Path,
         nargs='+',
         metavar='CLOUD.ply|IMAGE|BAG',
         help='a cloud of `ftp-dent reconstruct`, a photograph, or a bag with clouds',
@@ -54,12 +54,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='takes dents.json, dents.csv, report.html; of several inputs, a folder for each',
     )
     parser.add_argument(
-        '--rig', metavar='RIG.yaml', help='calibrated rig; needed for a photograph'
+        '--rig', type=find, metavar='RIG.yaml', help='calibrated rig; needed for a photograph'
     )
     parser.add_argument(
-        '--pattern', metavar='PATTERN.yaml', help='projected pattern; needed for a photograph'
+        '--pattern',
+        type=find,
+        metavar='PATTERN.yaml',
+        help='projected pattern; needed for a photograph',
     )
-    parser.add_argument('--rules', metavar='RULES.yaml', help='limits to judge the dents by')
+    parser.add_argument(
+        '--rules', type=rules, metavar='RULES.yaml', help='limits to judge the dents by'
+    )
     add_settings_arguments(parser)
     parser.add_argument(
         '--stride', type=int, default=2, metavar='N', help="a photograph's every N-th pixel only"
@@ -85,17 +90,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Inspect, print a line a dent, and write the report."""
-    output = arguments.output
-    settings = settings_of(arguments)
     # Before minutes of the other inputs.
     profilometry.Settings(stride=arguments.stride)
-    files = arguments.rig, arguments.pattern, arguments.rules
-    requests = [
-        Request(Path(name), *files, settings, arguments.stride, arguments.survey)
-        for name in arguments.inputs
-    ]
-    if len(requests) > 1 or arguments.scheduler:
-        return inspect_several(requests, output, arguments.jobs, arguments.scheduler)
+    if len(arguments.inputs) > 1 or arguments.scheduler:
+        return inspect_several(arguments)
     with progress_bar('inspecting', None, 'cloud') as bar:
 
         def progress(count: int) -> None:
@@ -103,8 +101,8 @@ def run(arguments: argparse.Namespace) -> int:
             bar.update()
 
         jobs = arguments.jobs or cores()
-        report = report_of(requests[0], progress, jobs)
-    page = write_report(output, report)
+        report = report_of(arguments, arguments.inputs[0], progress, jobs)
+    page = write_report(arguments.output, report)
     print(summary(report))
     print(f'{page}')
     return 0
@@ -136,42 +134,20 @@ def _other(entry: ListedDent) -> str:
     return f'      {dent.kind} {sizes}' + (f': {entry.reason}' if entry.reason else '')
 
 
-@dataclass(frozen=True)
-class Request:
-    """What is to be inspected, and how: plain data, that another process can be given.
-
-    Attributes
-    ----------
-    path : Path
-        A cloud, a photograph or a bag.
-    rig, pattern, rules : str, optional
-        Names of files.
-    settings : SmallestDent
-    stride : int
-        Of a photograph.
-    joined : bool
-        Whether a bag's clouds are laid on each other first.
-    """
-
-    path: Path
-    rig: str | None
-    pattern: str | None
-    rules: str | None
-    settings: SmallestDent
-    stride: int
-    joined: bool = False
-
-
 def report_of(
-    request: Request,
+    arguments: argparse.Namespace,
+    path: Path,
     progress: Callable[[int], object] = lambda count: None,
     jobs: int = 1,
 ) -> InspectionReport:
-    """Inspect what is asked for.
+    """Inspect one of the inputs.
 
     Parameters
     ----------
-    request : Request
+    arguments : Namespace
+        Of the command.
+    path : Path
+        A cloud, a photograph or a bag.
     progress : callable
         Called after each cloud of a bag with how many there are.
     jobs : int
@@ -182,109 +158,85 @@ def report_of(
     FtpDentError
         It cannot be inspected; the message says why.
     """
-    path = request.path
-    rules = read_rules(find(request.rules)) if request.rules else None
     if not path.exists():
         raise ConfigurationError(f'{path}: no such file: check the path')
     if path.is_dir() or path.suffix.lower() == '.mcap':
-        return _of_bag(request, rules, progress, jobs)
-    if request.joined:
+        return _of_bag(arguments, path, progress, jobs)
+    if arguments.survey:
         raise ConfigurationError(f'{path}: is no bag, whose clouds --survey joins: leave it out')
+    frame_id, measured_by = _CAMERA_FRAME, ''
     if path.suffix.lower() == '.ply':
-        return _of_cloud(request, rules)
-    if is_photograph(path):
-        return _of_photograph(request, rules)
-    raise ConfigurationError(
-        f'{path}: neither a cloud (.ply), nor a photograph, nor a bag: give one of them'
-    )
+        cloud, frame_id = read_ply(path)
+        measured_by = rig_id_of(path)
+        viewpoint = (0.0, 0.0, 0.0) if frame_id == _CAMERA_FRAME else viewpoint_of(cloud)
+        seen = SeenCloud(path.name, cloud, viewpoint=viewpoint)
+    elif is_photograph(path):
+        seen = _photographed(arguments, path)
+    else:
+        raise ConfigurationError(
+            f'{path}: neither a cloud (.ply), nor a photograph, nor a bag: give one of them'
+        )
+    named, camera = _rig(arguments, path, measured_by)
+    inspector = CloudInspector(inspect, settings=settings_of(arguments))
+    if inspector.add(seen) is None:
+        raise CloudError(inspector.refused[0])
+    camera = camera if frame_id == _CAMERA_FRAME else None
+    return inspector.report(str(path), frame_id, named, camera, arguments.rules)
 
 
 def _of_bag(
-    request: Request, rules: Rules | None, progress: Callable[[int], object], jobs: int
+    arguments: argparse.Namespace, path: Path, progress: Callable[[int], object], jobs: int
 ) -> InspectionReport:
     # Only this needs the libraries of bags.
     from ftp_dent_ros.inspection.bag import survey_bag
     from ftp_dent_ros.recording import clouds
-    from ftp_dent_ros.recording.clouds import count_clouds
     from ftp_dent_ros.recording.reader import open_bag
 
-    bag = open_bag(request.path)
-    named, camera = _rig(request, clouds.rig_id_of(bag))
-    count, _ = count_clouds(bag)
-    if request.joined:
+    bag = open_bag(path)
+    named, camera = _rig(arguments, path, clouds.rig_id_of(bag))
+    count, _ = clouds.count_clouds(bag)
+    how = arguments.rules, settings_of(arguments)
+    if arguments.survey:
         from ftp_dent_ros.survey.surveying import report_on_skin
 
         thrice = partial(progress, 3 * count)
-        return report_on_skin(bag, inspect, named, camera, rules, request.settings, thrice)[0]
+        return report_on_skin(bag, inspect, named, camera, *how, thrice)[0]
     # Clouds that take as long as another process does to begin.
     once, each = partial(progress, count), partial(in_order, jobs=min(jobs, count // 10))
-    return survey_bag(
-        bag, inspect, named, camera, rules, request.settings, progress=once, each=each
-    )
+    return survey_bag(bag, inspect, named, camera, *how, progress=once, each=each)
 
 
-def _of_cloud(request: Request, rules: Rules | None) -> InspectionReport:
-    cloud, frame_id = read_ply(request.path)
-    in_camera = frame_id == _CAMERA_FRAME
-    viewpoint = (0.0, 0.0, 0.0) if in_camera else viewpoint_of(cloud)
-    observation = SeenCloud(request.path.name, cloud, viewpoint=viewpoint)
-    return _of_one(request, observation, frame_id, rules, rig_id_of(request.path))
-
-
-def _of_photograph(request: Request, rules: Rules | None) -> InspectionReport:
-    if not request.rig or not request.pattern:
+def _photographed(arguments: argparse.Namespace, path: Path) -> SeenCloud:
+    if not arguments.rig or not arguments.pattern:
         raise ConfigurationError(
-            f'{request.path}: a photograph needs its rig and its pattern: '
+            f'{path}: a photograph needs its rig and its pattern: '
             'give --rig RIG.yaml and --pattern PATTERN.yaml'
         )
-    rig, pattern = read_rig(find(request.rig)), read_pattern(find(request.pattern))
-    reconstructor = profilometry.Reconstructor(
-        rig, pattern, profilometry.Settings(stride=request.stride)
+    rig, pattern = read_rig(arguments.rig), read_pattern(arguments.pattern)
+    settings = profilometry.Settings(stride=arguments.stride)
+    photograph = read_photograph(str(path))
+    measured = profilometry.Reconstructor(rig, pattern, settings).measure(photograph, True)
+    return SeenCloud(
+        path.name, measured.cloud, coverage=measured.coverage, photograph=photograph.shown()
     )
-    photograph = read_photograph(str(request.path))
-    measured = reconstructor.measure(photograph, True)
-    observation = SeenCloud(
-        request.path.name,
-        measured.cloud,
-        coverage=measured.coverage,
-        photograph=photograph.shown(),
-    )
-    return _of_one(request, observation, _CAMERA_FRAME, rules)
 
 
-def _of_one(
-    request: Request,
-    observation: SeenCloud,
-    frame_id: str,
-    rules: Rules | None,
-    measured_by: str = '',
-) -> InspectionReport:
-    named, camera = _rig(request, measured_by)
-    survey = CloudInspector(inspect, settings=request.settings)
-    if survey.add(observation) is None:
-        raise CloudError(survey.refused[0])
-    in_camera = frame_id == _CAMERA_FRAME
-    camera = camera if in_camera else None
-    return survey.report(str(request.path), frame_id, named, camera, rules)
-
-
-def _rig(request: Request, measured_by: str) -> tuple[tuple[str, str], Lens | None]:
+def _rig(
+    arguments: argparse.Namespace, path: Path, measured_by: str
+) -> tuple[tuple[str, str], Lens | None]:
     """Name and id of the calibration, and its camera; the input may say which id it is."""
-    if not request.rig:
+    if not arguments.rig:
         return ('', measured_by), None
-    file = find(request.rig)
-    rig = read_rig(file)
+    rig = read_rig(arguments.rig)
     if measured_by and measured_by != rig.id:
         raise ConfigurationError(
-            f'{file}: is the rig {rig.id}, and {request.path} was measured by the rig '
+            f'{arguments.rig}: is the rig {rig.id}, and {path} was measured by the rig '
             f'{measured_by}: give that one, or none'
         )
-    return (file.name, rig.id), rig.camera
+    return (arguments.rig.name, rig.id), rig.camera
 
 
-def inspect_several(
-    requests: Sequence[Request], output: Path, jobs: int | None, scheduler: str | None
-) -> int:
+def inspect_several(arguments: argparse.Namespace) -> int:
     """Inspect all; 2 if any of them failed.
 
     Raises
@@ -292,20 +244,21 @@ def inspect_several(
     ConfigurationError
         Two inputs are one, or there is no scheduler.
     """
-    tasks = list(zip(requests, _folders(requests, output), strict=True))
+    folders = _folders(arguments.inputs, arguments.output)
+    tasks = [(arguments, *each) for each in zip(arguments.inputs, folders, strict=True)]
     results = (
-        on_cluster(_inspect_into, tasks, scheduler)
-        if scheduler
-        else side_by_side(_inspect_into, tasks, jobs or cores())
+        on_cluster(_inspect_into, tasks, arguments.scheduler)
+        if arguments.scheduler
+        else side_by_side(_inspect_into, tasks, arguments.jobs or cores())
     )
     failed = 0
     with progress_bar('inspecting', len(tasks), 'input') as bar:
-        for (request, folder), outcome in results:
+        for (_, path, folder), outcome in results:
             if isinstance(outcome, Exception):
                 failed += 1
-                bar.write(_failure(str(request.path), outcome), file=sys.stderr)
+                bar.write(_failure(str(path), outcome), file=sys.stderr)
             else:
-                bar.write(f'{request.path}: {outcome}: {folder}')
+                bar.write(f'{path}: {outcome}: {folder}')
             bar.update()
     print(f'{len(tasks) - failed} inspected, {failed} failed')
     return 2 if failed else 0
@@ -322,11 +275,11 @@ def _failure(path: str, error: Exception) -> str:
     return text if text.startswith(path) else f'{path}: {text}'
 
 
-def _inspect_into(task: tuple[Request, Path]) -> str:
+def _inspect_into(task: tuple[argparse.Namespace, Path, Path]) -> str:
     """Inspect one input and write its report, in whatever process this is."""
-    request, folder = task
+    arguments, path, folder = task
     started = time.perf_counter()
-    report = report_of(request)
+    report = report_of(arguments, path)
     write_report(folder, report)
     left_out = len(report.refused) + len(report.skipped)
     text = f'{len(report.dents)} dents, {len(report.others)} others'
@@ -335,9 +288,9 @@ def _inspect_into(task: tuple[Request, Path]) -> str:
     return f'{text} in {time.perf_counter() - started:.1f} s'
 
 
-def _folders(requests: Sequence[Request], output: Path) -> list[Path]:
+def _folders(inputs: Sequence[Path], output: Path) -> list[Path]:
     """A folder for each input, by as much of its path as tells it from the others."""
-    paths = [Path(os.path.abspath(request.path)) for request in requests]
+    paths = [Path(os.path.abspath(path)) for path in inputs]
     for path, times in Counter(paths).items():
         if times > 1:
             raise ConfigurationError(f'{path} is given {times} times: give each input once')
