@@ -47,36 +47,30 @@ def side_by_side(
         the others are done.
     """
     waiting = list(items)
-    while waiting:
-        # What ran as a process died is tried once more: alone, until the item is found.
-        lost: list[Item] = []
-        yield from _tried(work, waiting, jobs, lost.append)
-        while lost:
-            failed: list[Item] = []
-            yield from _tried(work, [lost.pop(0)], 1, failed.append)
-            if failed:
-                yield failed[0], LostWorkerError('its process was killed')
-                break
-        waiting = lost
-
-
-def _tried(
-    work: Callable[[Item], Result],
-    items: list[Item],
-    jobs: int,
-    lose: Callable[[Item], object],
-) -> Iterator[tuple[Item, Result | Exception]]:
-    """Results; an item whose pool broke is handed to `lose`."""
-    with _pool(min(jobs, len(items))) as pool:
-        running = {pool.submit(work, item): item for item in items}
+    if not waiting:
+        return
+    lost = []
+    with _pool(min(jobs, len(waiting))) as pool:
+        running = {pool.submit(work, item): item for item in waiting}
         for future in futures.as_completed(running):
-            failure = future.exception()
-            if isinstance(failure, BrokenProcessPool):
-                lose(running[future])
-            elif failure is None or isinstance(failure, Exception):
-                yield running[future], future.result() if failure is None else failure
+            outcome = _outcome(future)
+            if isinstance(outcome, LostWorkerError):
+                lost.append(running[future])
             else:
-                raise failure
+                yield running[future], outcome
+    # What ran as a process died is tried once more, alone.
+    for item in lost:
+        with _pool(1) as pool:
+            yield item, _outcome(pool.submit(work, item))
+
+
+def _outcome(future: futures.Future[Result]) -> Result | Exception:
+    try:
+        return future.result()
+    except BrokenProcessPool:
+        return LostWorkerError('its process was killed')
+    except Exception as error:
+        return error
 
 
 def in_order(work: Callable[[Item], Result], items: Iterable[Item], jobs: int) -> Iterator[Result]:

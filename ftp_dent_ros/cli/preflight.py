@@ -19,6 +19,7 @@ from ftp_dent_ros.calibration.preflight import NO, OK, WARN, Finding, examine, s
 from ftp_dent_ros.dents.dent import SmallestDent as Smallest
 from ftp_dent_ros.errors import CameraError, ConfigurationError
 from ftp_dent_ros.files import find, nearest_folder
+from ftp_dent_ros.parameters import flat
 from ftp_dent_ros.pattern.drawn import pattern_from_image
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.rig.rig import read_rig
@@ -181,13 +182,9 @@ def _disk(folder: Path) -> Finding:
 def _parameter(entry: NodeEntry, name: str, default: Any) -> Any:
     """A parameter of an entry, written flat or nested."""
     for block in (entry.absolute, entry.parameters, entry.shared):
-        value: Any = block
-        if name in block:
-            return block[name]
-        for part in name.split('.'):
-            value = value.get(part) if isinstance(value, Mapping) else None
-        if value is not None:
-            return value
+        values = dict(flat(block))
+        if name in values:
+            return values[name]
     return default
 
 

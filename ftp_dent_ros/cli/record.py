@@ -8,7 +8,6 @@ gives it all back. A power cut costs the last two seconds.
 from __future__ import annotations
 
 import argparse
-import sys
 import threading
 import time
 from pathlib import Path
@@ -20,6 +19,7 @@ from rclpy.node import Node
 from ftp_dent_ros.coding.messages import message_class
 from ftp_dent_ros.errors import BagError, ConfigurationError
 from ftp_dent_ros.recording.clouds import RIG, rig_id_in
+from ftp_dent_ros.recording.ros import say
 from ftp_dent_ros.recording.ros.recorder import DISCOVERY_PERIOD_S, Recorder
 from ftp_dent_ros.recording.topic import Selection
 from ftp_dent_ros.recording.writer import BagSpool, BagWriter
@@ -77,9 +77,9 @@ def run(arguments: argparse.Namespace) -> int:
         f'in {time.monotonic() - start:.1f} s'
     )
     for name in recorder.missing():
-        _say(f'{name}: not recorded, for nobody published it')
+        say(f'{name}: not recorded, for nobody published it')
     if recorder.lost or spool.dropped:
-        _say(
+        say(
             f'{recorder.lost} messages were lost on the way here, and {spool.dropped} dropped '
             'because the disk was too slow or full: record fewer topics, or to a faster disk'
         )
@@ -126,7 +126,7 @@ def _receive(
             executor.spin_once(timeout_sec=DISCOVERY_PERIOD_S)
             if time.monotonic() - shown > 5.0:
                 shown = time.monotonic()
-                _say(f'{writer.message_count} messages, {writer.size / _MEGABYTE:.1f} MB')
+                say(f'{writer.message_count} messages, {writer.size / _MEGABYTE:.1f} MB')
         # What had arrived when the signal came is taken too.
         end = time.monotonic() + 1.0
         before = -1
@@ -136,7 +136,3 @@ def _receive(
                 executor.spin_once(timeout_sec=0.0)
     finally:
         executor.shutdown()
-
-
-def _say(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)

@@ -409,7 +409,7 @@ def test_what_ros_refuses_is_left_out_and_the_rest_replayed(ros, command, tmp_pa
     player = command('replay', bag, '--wait-for-subscribers')
     assert player.wait() == 0
     ros.until(lambda: listener.texts == [good])
-    assert '/2 bad\\x1b[2J//names/: not replayed: ROS refuses it' in player.output
+    assert '/2 bad\\x1b[2J//names/: not replayed: Invalid topic name' in player.output
     assert '\x1b' not in player.output
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import threading
 import time
 from collections.abc import Iterator, Sequence
@@ -14,8 +13,9 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from tqdm import tqdm
 
 from ftp_dent_ros.coding.messages import message_class
-from ftp_dent_ros.errors import BagError, ConfigurationError, printable
+from ftp_dent_ros.errors import BagError
 from ftp_dent_ros.recording.reader import Bag
+from ftp_dent_ros.recording.ros import say
 from ftp_dent_ros.recording.topic import Message, Qos, RecordedTopic
 
 # Of each topic: long enough not to wait for each message, short enough for large ones.
@@ -63,7 +63,7 @@ class Player:
         for topic in topics:
             if topic.name in self._publishers:
                 first = self._types[topic.name]
-                _say(f'{topic.name}: its {topic.type} are not replayed: only its {first}')
+                say(f'{topic.name}: its {topic.type} are not replayed: only its {first}')
                 continue
             publisher = _make_publisher(node, topic)
             if publisher is not None:
@@ -90,7 +90,7 @@ class Player:
             if now - quiet_since >= 0.5 and not (all_of_them and missing):
                 return
             if missing and all_of_them and now - said >= 2:
-                _say(f'waiting for subscribers of {", ".join(missing)}')
+                say(f'waiting for subscribers of {", ".join(missing)}')
                 said = now
 
     def play(self, rate: float, offset_ns: int) -> None:
@@ -169,13 +169,6 @@ def _make_publisher(node: Node, topic: RecordedTopic) -> Publisher | None:
     try:
         kind = message_class(topic.type)
         return node.create_publisher(kind, topic.name, offer_for(topic.offered_qos))
-    except ConfigurationError as error:
-        _say(f'{topic.name}: not replayed: {error}')
-    except Exception as reason:  # rclpy's own, of several kinds: a name that is not ROS's
-        why = str(reason).splitlines()[0]
-        _say(f'{topic.name}: not replayed: ROS refuses it ({why}): rename it with --remap')
+    except Exception as reason:  # an unknown type, or rclpy's own: a name that is not ROS's
+        say(f'{topic.name}: not replayed: {str(reason).splitlines()[0].rstrip(":")}')
     return None
-
-
-def _say(text: str) -> None:
-    print(printable(text), file=sys.stderr, flush=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable, Sequence
 
@@ -12,7 +11,7 @@ from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from ftp_dent_ros.coding.messages import message_class
-from ftp_dent_ros.errors import ConfigurationError, printable
+from ftp_dent_ros.recording.ros import say
 from ftp_dent_ros.recording.topic import (
     Message,
     Qos,
@@ -87,7 +86,7 @@ class Recorder:
                 request.reliability == ReliabilityPolicy.BEST_EFFORT != current.reliability
                 or request.durability == DurabilityPolicy.VOLATILE != current.durability
             ):
-                _say(f'{name}: a publisher offers less than the others: recording what all offer')
+                say(f'{name}: a publisher offers less than the others: recording what all offer')
                 del self._subscriptions[name]
                 self._node.destroy_subscription(subscription)
                 self._subscribe(RecordedTopic(name, self._types[name]), request)
@@ -106,7 +105,7 @@ class Recorder:
         own = self._types.setdefault(name, types[0])
         others = [each for each in types if each != own]
         if others and name not in self._disputed:
-            _say(f'{name}: {" and ".join(others)} are published too: only {own} is recorded')
+            say(f'{name}: {" and ".join(others)} are published too: only {own} is recorded')
             self._disputed.add(name)
         return [publisher for publisher in publishers if publisher.topic_type == own]
 
@@ -152,14 +151,12 @@ class Recorder:
                 request,
                 raw=True,
             )
-        except ConfigurationError as error:
-            self._refuse(topic.name, str(error))
-            return
-        except Exception as reason:  # rclpy's own, of several kinds: a name that is not ROS's
-            self._refuse(topic.name, f'ROS refuses it ({str(reason).splitlines()[0]})')
+        except Exception as reason:  # an unknown type, or rclpy's own: a name that is not ROS's
+            self._refused.add(topic.name)
+            say(f'{topic.name}: not recorded: {str(reason).splitlines()[0].rstrip(":")}')
             return
         self._add_topic(topic)
-        _say(f'recording {topic.name} [{topic.type}]')
+        say(f'recording {topic.name} [{topic.type}]')
 
     def _count(self, topic: str, sequence: int) -> None:
         self.received += 1
@@ -169,10 +166,6 @@ class Recorder:
             if 0 < last < sequence:
                 self.lost += sequence - last - 1
             self._last_sequence[topic] = sequence
-
-    def _refuse(self, name: str, why: str) -> None:
-        self._refused.add(name)
-        _say(f'{name}: not recorded: {why}')
 
 
 def _request_for(publishers: Sequence[TopicEndpointInfo], depth: int) -> QoSProfile:
@@ -185,7 +178,3 @@ def _request_for(publishers: Sequence[TopicEndpointInfo], depth: int) -> QoSProf
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
     )
-
-
-def _say(text: str) -> None:
-    print(printable(text), file=sys.stderr, flush=True)
