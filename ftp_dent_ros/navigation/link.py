@@ -108,24 +108,16 @@ class _Udp:
             raise
 
     def receive(self) -> tuple[bytes, Peer]:
-        while True:
-            try:
-                data, peer = self.channel.recvfrom(_LARGEST)
-            except BlockingIOError:
-                return b'', None
-            except ConnectionError:
-                continue  # A datagram of ours found nobody: the autopilot is not there just now.
-            except OSError as reason:
-                raise LinkError(f'the UDP socket failed ({reason.strerror})') from None
-            if data:
-                return data, peer
+        # What found nobody is told here as well: the autopilot is not there just now.
+        try:
+            return self.channel.recvfrom(_LARGEST)
+        except (BlockingIOError, ConnectionError):
+            return b'', None
 
     def send(self, data: bytes, peer: Peer) -> None:
         to = peer or self._to
         if to is not None:
-            # What cannot be sent is as good as a lost datagram.
-            with contextlib.suppress(OSError):
-                self.channel.sendto(data, to)
+            self.channel.sendto(data, to)
 
 
 class _Tcp:
@@ -141,18 +133,12 @@ class _Tcp:
             data = self.channel.recv(_LARGEST)
         except BlockingIOError:
             return b'', None
-        except OSError as reason:
-            raise LinkError(f'the connection broke ({reason.strerror})') from None
         if not data:
             raise LinkError('the autopilot closed the connection')
         return data, None
 
     def send(self, data: bytes, peer: Peer) -> None:
-        try:
-            # A full queue is seconds of messages that nobody has read: as good as broken.
-            self.channel.sendall(data)
-        except OSError as reason:
-            raise LinkError(f'the connection broke ({reason})') from None
+        self.channel.sendall(data)
 
 
 class _Serial:
@@ -171,14 +157,11 @@ class _Serial:
     def receive(self) -> tuple[bytes, Peer]:
         try:
             return self.channel.read(_LARGEST), None
-        except (OSError, TypeError) as reason:
-            raise LinkError(f'the serial line failed ({reason})') from None
+        except TypeError:  # of pyserial, where the line is gone
+            raise LinkError('the serial line was unplugged') from None
 
     def send(self, data: bytes, peer: Peer) -> None:
-        try:
-            self.channel.write(data)
-        except OSError as reason:
-            raise LinkError(f'the serial line failed ({reason})') from None
+        self.channel.write(data)
 
 
 Transport = _Udp | _Tcp | _Serial
@@ -397,6 +380,8 @@ class Link:
                     self._use(None)
         except LinkError as error:
             return str(error)
+        except OSError as reason:
+            return f'{self._address}: the connection broke ({reason}): check the cable'
         except Exception as error:
             # The thread outlives a defect, for without it no cloud is tagged any more.
             return f'a defect of the software ({type(error).__name__}: {error}): report it'
@@ -476,6 +461,7 @@ class Link:
         if self._transport is None:
             return
         data = self._codec.pack(message, self._vehicle.system_id, component, time.time_ns())
-        # A connection that broke is found out, and mended, where it is read.
-        with contextlib.suppress(LinkError):
+        # A connection that broke is found out, and mended, where it is read; what a full queue
+        # does not take is as good as lost.
+        with contextlib.suppress(OSError):
             self._transport.send(data, self._peer)

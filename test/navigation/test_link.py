@@ -149,7 +149,7 @@ def test_a_serial_line(connect) -> None:
     with HoveringAutopilot(Wire(ours)):
         subject.until(subject.has_pose)
     os.close(its)
-    subject.until(lambda: 'the serial line failed' in subject.text())
+    subject.until(lambda: 'the connection broke' in subject.text())
 
 
 def test_a_port_in_use_is_told_and_taken_when_it_is_free(connect) -> None:
