@@ -105,8 +105,8 @@ def write_png(path: str | os.PathLike[str], image: NDArray[Any]) -> None:
 
     done, data = cv2.imencode('.png', image)
     try:
-        with written_aside(path) as aside:
-            aside.write_bytes(data.tobytes() if done else b'')
+        with write_atomically(path) as temporary:
+            temporary.write_bytes(data.tobytes() if done else b'')
     except OSError as reason:
         raise InputError(
             f'{path}: cannot be written ({reason.strerror}): check the path'
@@ -139,7 +139,7 @@ def nearest_folder(path: str | os.PathLike[str]) -> Path:
 
 
 @contextmanager
-def written_aside(path: str | os.PathLike[str]) -> Iterator[Path]:
+def write_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield a temporary path beside `path` that takes its name only if all went well.
 
     Raises
@@ -149,21 +149,21 @@ def written_aside(path: str | os.PathLike[str]) -> Iterator[Path]:
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    aside = path.with_name(f'.{path.stem}.{os.getpid()}{path.suffix}')
+    temporary = path.with_name(f'.{path.stem}.{os.getpid()}{path.suffix}')
     try:
-        yield aside
-        os.replace(aside, path)
+        yield temporary
+        os.replace(temporary, path)
     except OSError as reason:
-        # A full disk names no file, and nobody knows the one aside.
-        if reason.filename in (None, str(aside), aside):
+        # A full disk names no file, and nobody knows the temporary one.
+        if reason.filename in (None, str(temporary), temporary):
             reason.filename, reason.filename2 = str(path), None
         raise
     finally:
-        aside.unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)
 
 
 @contextmanager
-def written_together(
+def write_all_atomically(
     folder: str | os.PathLike[str], names: Iterable[str], what: str
 ) -> Iterator[dict[str, Path]]:
     """Yield a temporary path for each name; the files are there only if all went well.
@@ -175,7 +175,9 @@ def written_together(
     """
     try:
         with ExitStack() as stack:
-            yield {name: stack.enter_context(written_aside(Path(folder) / name)) for name in names}
+            yield {
+                name: stack.enter_context(write_atomically(Path(folder) / name)) for name in names
+            }
     except OSError as reason:
         raise ConfigurationError(
             f'{folder}: {what} cannot be written ({reason.strerror}): make room there, or name '

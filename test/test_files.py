@@ -8,18 +8,18 @@ from ftp_dent_ros.files import (
     config_folder,
     find,
     nearest_folder,
-    written_aside,
+    write_atomically,
 )
 
 
 def test_a_file_is_whole_or_not_there(tmp_path):
     path = tmp_path / 'new' / 'result.txt'
-    with pytest.raises(RuntimeError), written_aside(path) as aside:
-        aside.write_text('half')
+    with pytest.raises(RuntimeError), write_atomically(path) as temporary:
+        temporary.write_text('half')
         raise RuntimeError
     assert list(path.parent.iterdir()) == []
-    with written_aside(path) as aside:
-        aside.write_text('whole')
+    with write_atomically(path) as temporary:
+        temporary.write_text('whole')
         assert not path.exists()
     assert path.read_text() == 'whole'
     assert list(path.parent.iterdir()) == [path]
@@ -27,7 +27,7 @@ def test_a_file_is_whole_or_not_there(tmp_path):
 
 def test_a_full_disk_is_told_with_the_name_that_was_given(tmp_path):
     full = OSError(errno.ENOSPC, 'No space left on device')
-    with pytest.raises(OSError, match='No space') as told, written_aside(tmp_path / 'a.txt'):
+    with pytest.raises(OSError, match='No space') as told, write_atomically(tmp_path / 'a.txt'):
         raise full
     assert told.value.filename == str(tmp_path / 'a.txt')
 

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.calibration.bundle import DISTORTIONS, depth_deviation, rig_vector, rms
 from ftp_dent_ros.calibration.solving import Solution
-from ftp_dent_ros.files import written_aside
+from ftp_dent_ros.files import write_atomically
 from ftp_dent_ros.pages.drawing import data_uri, figure_png
 from ftp_dent_ros.pages.page import render
 from ftp_dent_ros.rig.calibration_record import PARAMETERS
@@ -130,8 +130,8 @@ def write_page(path: Path, solution: Solution, left_out: list[str]) -> None:
             'expected': expected_depth(solution),
         },
     )
-    with written_aside(path) as aside:
-        aside.write_text(text, encoding='utf-8', errors='backslashreplace')
+    with write_atomically(path) as temporary:
+        temporary.write_text(text, encoding='utf-8', errors='backslashreplace')
 
 
 def depth_words(solution: Solution) -> str:

@@ -18,7 +18,7 @@ from ftp_dent_ros.calibration.board import Board
 from ftp_dent_ros.calibration.observing import BoardSight, observe
 from ftp_dent_ros.calibration.sequence import ProjectedFrame, Sequence
 from ftp_dent_ros.errors import CalibrationError, ConfigurationError
-from ftp_dent_ros.files import written_aside
+from ftp_dent_ros.files import write_atomically
 from ftp_dent_ros.yaml_file import read_yaml
 
 _GREY = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH
@@ -165,8 +165,8 @@ class Session:
 
 def write_session(folder: Path, session: Session) -> None:
     """Write ``calibration.yaml`` into a folder."""
-    with written_aside(folder / FILE) as aside:
-        aside.write_text(yaml.safe_dump(asdict(session), sort_keys=False), encoding='utf-8')
+    with write_atomically(folder / FILE) as temporary:
+        temporary.write_text(yaml.safe_dump(asdict(session), sort_keys=False), encoding='utf-8')
 
 
 def read_session(folder: Path) -> Session:

@@ -68,15 +68,15 @@ def run(arguments: argparse.Namespace) -> int:
     photograph = read_photograph(arguments.image)
     if board:
         found = check_by_board(rig, pattern, board, photograph, flatness)
-        seen = f"the board's corners {found.camera_px:.2f} pixels off the camera's lens model"
+        checked = f"the board's corners {found.camera_px:.2f} pixels off the camera's lens model"
     else:
         try:
             cloud = Reconstructor(rig, pattern, Settings(stride=_STRIDE)).measure(photograph).cloud
         except RefusedFrameError as reason:
             raise ConfigurationError(f'{arguments.image}: {reason}') from None
         found = check(rig, pattern, photograph, cloud.points, flatness)
-        seen = f'{found.rim_points} places on the rim of the frame'
-    print(f'rig {rig.id}, {seen}')
+        checked = f'{found.rim_points} places on the rim of the frame'
+    print(f'rig {rig.id}, {checked}')
     for name, turn, deviation, drift in zip(
         ('pitch', 'yaw', 'roll'),
         np.degrees(found.turn),

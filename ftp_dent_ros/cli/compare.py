@@ -7,7 +7,7 @@ from collections import Counter
 
 from ftp_dent_ros.cli.arguments import output_folder, rules
 from ftp_dent_ros.errors import ConfigurationError
-from ftp_dent_ros.files import find, written_together
+from ftp_dent_ros.files import find, write_all_atomically
 from ftp_dent_ros.survey.aircraft_frame import aircraft_frame, read_reference_points
 from ftp_dent_ros.survey.comparison import (
     STATUSES,
@@ -64,9 +64,9 @@ def run(arguments: argparse.Namespace) -> int:
         PAGE: comparison_page(comparison, rows, frame, arguments.rules),
         TABLE: chart_csv(rows, frame is not None),
     }
-    with written_together(arguments.output, texts, 'the comparison') as asides:
+    with write_all_atomically(arguments.output, texts, 'the comparison') as temporary:
         for name, text in texts.items():
-            asides[name].write_text(text, encoding='utf-8', errors='backslashreplace')
+            temporary[name].write_text(text, encoding='utf-8', errors='backslashreplace')
     print(summary(rows))
     print(arguments.output / PAGE)
     return 0

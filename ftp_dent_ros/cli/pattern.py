@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from ftp_dent_ros.errors import ImageError, PatternError
-from ftp_dent_ros.files import find, written_aside
+from ftp_dent_ros.files import find, write_atomically
 from ftp_dent_ros.pattern.drawn import pattern_from_image
 from ftp_dent_ros.pattern.file import read_pattern, write_pattern
 from ftp_dent_ros.pattern.pattern import Pattern
@@ -43,8 +43,8 @@ def run(arguments: argparse.Namespace) -> int:
         write_pattern(output, pattern)
     else:
         _, data = cv2.imencode('.png', pattern.draw()[..., ::-1])
-        with written_aside(output) as aside:
-            aside.write_bytes(data.tobytes())
+        with write_atomically(output) as temporary:
+            temporary.write_bytes(data.tobytes())
     print(f'{output}: {pattern.width}x{pattern.height} pixels, {_sentence(pattern)}')
     return 0
 
@@ -68,8 +68,8 @@ def _read(path: Path) -> Pattern:
 
 def _sentence(pattern: Pattern) -> str:
     """What it shows."""
-    way = 'upright' if pattern.axis == 'u' else 'level'
-    fringes = f'{way} fringes of {pattern.period_px:g} px'
+    direction = 'upright' if pattern.axis == 'u' else 'level'
+    fringes = f'{direction} fringes of {pattern.period_px:g} px'
     if pattern.code == 'stripe':
         return f'{fringes}, the red one at {pattern.stripe_center_px:g}'
     text = f'{fringes}, coded by a contrast of 1 or {pattern.low_contrast:g}'

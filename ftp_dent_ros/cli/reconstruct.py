@@ -72,8 +72,8 @@ def run(arguments: argparse.Namespace) -> int:
         reasons = '; '.join(measurement.coverage.remarks) or 'the fringes do not explain it'
         raise NoFringesError(f'{arguments.image}: gives no point: {reasons}')
     if photograph.encoding != 'rgb8':
-        told = 'as told' if arguments.encoding else 'tell by --encoding if it is not'
-        print(f'{arguments.image}: taken for {photograph.encoding} ({told})')
+        origin = 'as given' if arguments.encoding else 'tell by --encoding if it is not'
+        print(f'{arguments.image}: taken for {photograph.encoding} ({origin})')
     if arguments.skin:
         write_png(arguments.skin, cloud.skin)
     write_ply(output, cloud, _FRAME, rig.id)

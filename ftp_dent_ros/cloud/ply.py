@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.errors import CloudError, printable
-from ftp_dent_ros.files import written_aside
+from ftp_dent_ros.files import write_atomically
 
 _FIELDS = ('intensity', 'sigma', 'resolution')
 _VERTEX = np.dtype(
@@ -98,7 +98,7 @@ def write_ply(path: str | os.PathLike[str], cloud: Cloud, frame_id: str, rig_id:
         'end_header',
     ]
     try:
-        with written_aside(path) as aside, aside.open('wb') as file:
+        with write_atomically(path) as temporary, temporary.open('wb') as file:
             file.write('\n'.join(header).encode('ascii', 'backslashreplace') + b'\n')
             file.write(vertex.tobytes())
     except OSError as reason:

@@ -22,7 +22,7 @@ from ftp_dent_ros.demonstration.appraisal import (
     image_at,
     mean_absolute,
 )
-from ftp_dent_ros.files import written_aside
+from ftp_dent_ros.files import write_atomically
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.recording.clouds import rig_id_of
 from ftp_dent_ros.recording.reader import Bag
@@ -110,8 +110,8 @@ def view_3d(
 
 
 def _save(figure: Figure, path: Path) -> None:
-    with written_aside(path) as aside:
-        figure.savefig(aside, dpi=110)
+    with write_atomically(path) as temporary:
+        figure.savefig(temporary, dpi=110)
 
 
 def write_results(
@@ -153,8 +153,8 @@ def _pictures_of_one(
     message = image_at(bag, stamp_ns)
     if message is not None:
         image = cv2.cvtColor(image_from_message(message), cv2.COLOR_RGB2BGR)
-        with written_aside(folder / 'camera.png') as aside:
-            cv2.imwrite(str(aside), image)
+        with write_atomically(folder / 'camera.png') as temporary:
+            cv2.imwrite(str(temporary), image)
         progress()
     cloud = next(cloud for stamp, cloud in clouds_of(bag, '/points') if stamp == stamp_ns)
     error = camera_error(world, cloud, stamp_ns)

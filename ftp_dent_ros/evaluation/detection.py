@@ -20,7 +20,7 @@ from ftp_dent_ros import __version__
 from ftp_dent_ros.dents.dent import Inspection, SmallestDent
 from ftp_dent_ros.errors import FtpDentError
 from ftp_dent_ros.evaluation.scenes import PATTERN, Scene, make_rig
-from ftp_dent_ros.files import written_aside
+from ftp_dent_ros.files import write_atomically
 from ftp_dent_ros.fleet import cores, in_order
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.records import finite
@@ -261,15 +261,15 @@ def detection(depths: Values, widths: Values, hits: Values, width: float = _WIDT
     hits = np.asarray(hits, float)
     best = _maximum(lambda b: _likelihood(b, columns, hits), np.array([0.0, 2.0, 0.0]))
     top = _likelihood(best, columns, hits)
-    wanted, beside = math.log(9), math.log(width / _WIDTH)
+    wanted, of_width = math.log(9), math.log(width / _WIDTH)
     coefficients = float(best[0]), float(best[1]), float(best[2])
     if best[1] <= 0:
         return Detection(count, found, math.nan, math.nan, coefficients)
-    a90 = (wanted - best[0] - best[2] * beside) / best[1]
+    a90 = (wanted - best[0] - best[2] * of_width) / best[1]
 
     def excess(size: float) -> float:
         def bound(rest: Values) -> Values:
-            return np.array([wanted - rest[0] * size - rest[1] * beside, *rest])
+            return np.array([wanted - rest[0] * size - rest[1] * of_width, *rest])
 
         rest = _maximum(lambda r: _likelihood(bound(r), columns, hits), best[1:])
         return 2 * (top - _likelihood(bound(rest), columns, hits)) - float(chi2.ppf(0.90, 1))
@@ -435,11 +435,11 @@ def write_detection(
         'rows': [asdict(row) for row in rows],
         'blanks': [{**asdict(blank), 'at_most_per_m2': blank.most} for blank in blanks],
     }
-    with written_aside(folder / 'detection.json') as aside:
-        aside.write_text(json.dumps(finite(record), indent=1, allow_nan=False) + '\n')
+    with write_atomically(folder / 'detection.json') as temporary:
+        temporary.write_text(json.dumps(finite(record), indent=1, allow_nan=False) + '\n')
     page = folder / 'detection.html'
-    with written_aside(page) as aside:
-        aside.write_text(text, encoding='utf-8')
+    with write_atomically(page) as temporary:
+        temporary.write_text(text, encoding='utf-8')
     return page
 
 

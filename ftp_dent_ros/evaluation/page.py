@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from ftp_dent_ros import __version__
 from ftp_dent_ros.evaluation.study import ESTRADA, ITOH, LEAST_SQUARES, SMOOTHER, Entry
-from ftp_dent_ros.files import written_aside
+from ftp_dent_ros.files import write_atomically
 from ftp_dent_ros.pages.drawing import data_uri, figure_png
 from ftp_dent_ros.pages.page import render
 
@@ -87,8 +87,8 @@ def write_page(folder: Path, entries: Sequence[Entry], quick: bool) -> Path:
         machine=f'{platform.system()} {platform.machine()}',
     )
     page = folder / 'index.html'
-    with written_aside(page) as aside:
-        aside.write_text(text, encoding='utf-8')
+    with write_atomically(page) as temporary:
+        temporary.write_text(text, encoding='utf-8')
     return page
 
 

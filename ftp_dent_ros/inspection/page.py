@@ -27,7 +27,7 @@ from ftp_dent_ros.dents.rules import (
     width_to_depth,
 )
 from ftp_dent_ros.dents.sightings import ListedDent
-from ftp_dent_ros.files import written_together
+from ftp_dent_ros.files import write_all_atomically
 from ftp_dent_ros.inspection.measuring.places.kinds import AT_RIM
 from ftp_dent_ros.inspection.records import csv_text, report_record
 from ftp_dent_ros.inspection.report import DrawnCloud, InspectionReport, ReportedCloud
@@ -54,9 +54,9 @@ def write_report(folder: str | os.PathLike[str], report: InspectionReport) -> Pa
         'dents.csv': csv_text(record),
         'report.html': page(report),
     }
-    with written_together(folder, texts, 'the report') as asides:
+    with write_all_atomically(folder, texts, 'the report') as temporary:
         for name, text in texts.items():
-            asides[name].write_text(text, encoding='utf-8', errors='backslashreplace')
+            temporary[name].write_text(text, encoding='utf-8', errors='backslashreplace')
     return Path(folder) / 'report.html'
 
 

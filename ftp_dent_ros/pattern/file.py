@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 
 from ftp_dent_ros.errors import PatternError
-from ftp_dent_ros.files import written_aside
+from ftp_dent_ros.files import write_atomically
 from ftp_dent_ros.pattern.pattern import OF_CODE, Pattern
 from ftp_dent_ros.yaml_file import read_yaml
 
@@ -41,7 +41,7 @@ def pattern_from_fields(data: dict[str, Any], where: str) -> Pattern:
 
 def write_pattern(path: str | os.PathLike[str], pattern: Pattern) -> None:
     """Write ``pattern.yaml``; a file under that name is whole or not there."""
-    with written_aside(path) as aside:
+    with write_atomically(path) as temporary:
         left_out = OF_CODE if pattern.code != 'contrast' else ()
         fields = {name: value for name, value in asdict(pattern).items() if name not in left_out}
-        aside.write_text(yaml.safe_dump(fields, sort_keys=False), encoding='utf-8')
+        temporary.write_text(yaml.safe_dump(fields, sort_keys=False), encoding='utf-8')

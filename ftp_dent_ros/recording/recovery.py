@@ -67,19 +67,19 @@ def recover(
         raise BagError(
             f'{output}: exists already and is not overwritten: choose another output folder'
         )
-    aside = output.with_name(f'.{output.name}.{os.getpid()}')
+    temporary = output.with_name(f'.{output.name}.{os.getpid()}')
     recovery = Recovery()
     try:
-        with BagWriter(aside, Path(os.path.abspath(output)).name) as writer:
+        with BagWriter(temporary, Path(os.path.abspath(output)).name) as writer:
             for path in files:
                 writer.write(_messages(path, writer, recovery, progress))
             if all(recovery.cut.get(path.name, 0) == path.stat().st_size for path in files):
                 raise BagError(f'{bag}: holds no whole part of an MCAP file: nothing to recover')
-        os.rename(aside, output)
+        os.rename(temporary, output)
     except BagError as error:
-        raise BagError(str(error).replace(str(aside), str(output))) from None
+        raise BagError(str(error).replace(str(temporary), str(output))) from None
     finally:
-        shutil.rmtree(aside, ignore_errors=True)
+        shutil.rmtree(temporary, ignore_errors=True)
     recovery.message_counts = {
         topic.name: writer.message_counts[topic.name] for topic in writer.topics
     }

@@ -22,7 +22,7 @@ from mcap.writer import CompressionType, Writer
 
 from ftp_dent_ros import __version__
 from ftp_dent_ros.errors import BagError
-from ftp_dent_ros.files import written_aside
+from ftp_dent_ros.files import write_atomically
 from ftp_dent_ros.recording.topic import Message, RecordedTopic, qos_to_list
 
 MAGIC = b'\x89MCAP0\r\n'
@@ -214,7 +214,7 @@ class BagWriter:
             self._stream.flush()
             self._stream.sync()
             self._stream.close()
-            with written_aside(self.folder / METADATA_FILE) as path:
+            with write_atomically(self.folder / METADATA_FILE) as path:
                 path.write_text(_yaml(content), encoding='utf-8')
         return metadata
 

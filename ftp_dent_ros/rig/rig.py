@@ -18,7 +18,7 @@ import yaml
 from numpy.typing import ArrayLike, NDArray
 
 from ftp_dent_ros.errors import RigError
-from ftp_dent_ros.files import written_aside
+from ftp_dent_ros.files import write_atomically
 from ftp_dent_ros.rig.calibration_record import CalibrationRecord, record_from_fields
 from ftp_dent_ros.rig.geometry import check_geometry
 from ftp_dent_ros.rig.lens import Lens
@@ -153,9 +153,9 @@ def write_rig(path: str | os.PathLike[str], rig: Rig) -> None:
         data['camera']['response'] = rig.response.tolist()
     if rig.record is not None:
         data['calibration'] = rig.record.fields()
-    with written_aside(path) as aside:
+    with write_atomically(path) as temporary:
         text = yaml.safe_dump(data, sort_keys=False, default_flow_style=None)
-        aside.write_text(text, encoding='utf-8')
+        temporary.write_text(text, encoding='utf-8')
 
 
 def lens_fields(lens: Lens) -> dict[str, Any]:

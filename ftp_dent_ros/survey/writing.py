@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 
-from ftp_dent_ros.files import written_together
+from ftp_dent_ros.files import write_all_atomically
 from ftp_dent_ros.pages.page import render
 from ftp_dent_ros.pages.words import date_of, interval, position_interval
 
@@ -64,7 +64,7 @@ def write_survey(
         'page': 'survey.html',
     }
     worlds = [f'{name}.pgw' for name in ('skin', 'deviation', 'coverage')]
-    with written_together(folder, [*names.values(), *worlds], 'the survey') as asides:
+    with write_all_atomically(folder, [*names.values(), *worlds], 'the survey') as temporary:
         for name, picture in (
             ('skin', mosaic.image),
             ('deviation', _coloured(mosaic.deviation)),
@@ -72,13 +72,13 @@ def write_survey(
         ):
             # y grows upwards on the skin, rows grow downwards.
             _, data = cv2.imencode('.png', picture[::-1])
-            asides[f'{name}.png'].write_bytes(data.tobytes())
-            asides[f'{name}.pgw'].write_text(_world_file(mosaic), encoding='ascii')
-        write_ply(asides['mosaic.ply'], mosaic.cloud(), survey.result.frame_id)
+            temporary[f'{name}.png'].write_bytes(data.tobytes())
+            temporary[f'{name}.pgw'].write_text(_world_file(mosaic), encoding='ascii')
+        write_ply(temporary['mosaic.ply'], mosaic.cloud(), survey.result.frame_id)
         record = json.dumps(fields(survey, frame), indent=1)
-        asides['survey.json'].write_text(record, encoding='utf-8')
+        temporary['survey.json'].write_text(record, encoding='utf-8')
         page = survey_page(survey, frame)
-        asides['survey.html'].write_text(page, encoding='utf-8', errors='backslashreplace')
+        temporary['survey.html'].write_text(page, encoding='utf-8', errors='backslashreplace')
     return {kind: folder / name for kind, name in names.items()}
 
 

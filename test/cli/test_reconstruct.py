@@ -154,7 +154,7 @@ def raw(rgb):
     ('of', 'suffix', 'options', 'said'),
     [
         (lambda rgb: rgb.astype(np.uint16) * 257, '.png', [], 'rgb16 (tell by --encoding'),
-        (raw, '.tif', ['--encoding', 'bayer_rggb12'], 'bayer_rggb12 (as told)'),
+        (raw, '.tif', ['--encoding', 'bayer_rggb12'], 'bayer_rggb12 (as given)'),
         (lambda rgb: raw(rgb) << 4, '.png', ['--encoding', 'bayer_rggb16'], 'bayer_rggb16 (as'),
         (lambda rgb: raw(rgb) >> 4, '.png', ['--encoding', 'bayer_rggb8'], 'bayer_rggb8 (as'),
     ],
