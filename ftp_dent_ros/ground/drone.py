@@ -309,16 +309,6 @@ class Feed:
             heapq.heapify(self._waiting)
             self._crowded = 2 * len(self._waiting) + _CROWD
 
-    def restart(self, instance: int, link: int) -> None:
-        """The ground's program was started anew: what it had in part is lost."""
-        for progress in self._progress.values():
-            self.offer(progress.kept)
-        self.former.append(self.instance)
-        self.instance, self.link, self._sequence = instance, link, 0
-        self._in_flight.clear()
-        self._progress.clear()
-        self._references.clear()
-
     def next_piece(self) -> tuple[Piece, float] | None:
         """Piece to send now, or None; with the seconds that its sending has to wait yet.
 
@@ -540,47 +530,43 @@ class Drone:
             return
         with self._changed:
             feed = self._feeds.get(report.ground)
-            if feed is None:
-                feed = self._new_feed(report)
-                if feed is None:
-                    self.refused += 1
-                    return
-            elif feed.instance != report.instance:
-                if report.instance in feed.former and feed.silence < SILENCE:
+            if feed is None or feed.instance != report.instance:
+                if feed and report.instance in feed.former and feed.silence < SILENCE:
                     # Two that are taken for one would be started anew with every report.
                     self._same_name = time.monotonic()
                     return
-                feed.restart(report.instance, secrets.randbits(32))
-                self._offer_latest(feed)
+                feed = self._new_feed(report, feed)
+                if feed is None:
+                    self.refused += 1
+                    return
             for kept in feed.take(report):
                 # A list is kept for those who come later.
                 if not kept.owed and self._latest.get(kept.topic) is not kept:
                     self._store.remove(kept)
             self._changed.notify_all()
 
-    def _new_feed(self, report: Report) -> Feed | None:
+    def _new_feed(self, report: Report, before: Feed | None) -> Feed | None:
+        """Feed of a ground, or of one that was started anew: what it had in part is lost."""
         self._forget_grounds()
-        if len(self._feeds) >= 8:
+        if before is None and len(self._feeds) >= 8:
             return None
         feed = Feed(
             report.ground, report.instance, secrets.randbits(32), self._store, Pace(self._limit)
         )
+        if before is not None:
+            feed.former.extend((*before.former, before.instance))
+            before.is_forgotten = True
+        latest = self._latest.values()
         for kept in self._store:
-            if not kept.owed:
+            if not kept.owed or report.ground in kept.owed or kept in latest:
                 feed.offer(kept)
         self._feeds[report.ground] = feed
-        self._offer_latest(feed)
         thread = threading.Thread(
             target=self._send, args=(feed,), name=f'link {len(self._threads)}', daemon=True
         )
         self._threads.append(thread)
         thread.start()
         return feed
-
-    def _offer_latest(self, feed: Feed) -> None:
-        for kept in self._latest.values():
-            if feed.ground not in kept.owed and not kept.gone:
-                feed.offer(kept)
 
     def _forget_grounds(self) -> None:
         """What a ground is owed that has been silent for an hour goes to the next."""

@@ -47,6 +47,12 @@ class Line:
     def now(self):
         return self.time
 
+    def start_ground_anew(self):
+        self.ground = Assembly(GROUND, 2)
+        self.feed = Feed(GROUND, 2, 12, self.store, Pace(0.0, self.now), self.now)
+        for kept in self.store:
+            self.feed.offer(kept)
+
     def put(self, importance, stamp, size=1000, topic='t', latest=False):
         data = random.Random(stamp).randbytes(size)
         kept = self.store.put(Item(importance, topic, 'k', stamp, data, latest))
@@ -194,8 +200,7 @@ def test_what_is_like_the_one_before_it_crosses_as_the_difference():
     assert all(item.data[:-1] == whole for item in line.items)
     assert line.ground.bytes < 3 * len(whole)
     # A ground that starts anew has nothing to tell it from.
-    line.ground = Assembly(GROUND, 2)
-    line.feed.restart(2, 12)
+    line.start_ground_anew()
     line.feed.offer(line.store.put(Item(Importance.DENTS, 'list', 'k', 99, whole)))
     assert line.run(2.0)[-1].stamp_ns == 99
 
@@ -286,8 +291,7 @@ def test_a_ground_that_starts_anew_gets_what_it_had_in_part():
     line = Line(rate=20_000.0)
     line.put(Importance.CLOUDS, 1, 100_000)
     line.run(2)
-    line.ground = Assembly(GROUND, 2)
-    line.feed.restart(2, 12)
+    line.start_ground_anew()
     line.run(10)
     assert stamps(line.items, Importance.CLOUDS) == [1] and len(line.store) == 0
 
