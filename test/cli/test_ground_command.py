@@ -21,7 +21,7 @@ def test_keys_are_made_once(tmp_path, capsys):
         (['192.0.2.1'], 'without keys anybody'),
         (['a b'], 'no address of a link'),
         (['localhost', '--domain', '233'], '--domain is 233: give 0 to 232'),
-        (['192.0.2.1', '--keys', 'nowhere'], 'authority.pem is not there'),
+        (['192.0.2.1', '--keys', 'nowhere'], 'ground.key are not there'),
     ],
 )
 def test_what_cannot_be_used_is_told_in_one_line(words, what, capsys):

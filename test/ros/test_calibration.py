@@ -29,7 +29,14 @@ from ftp_dent_ros.simulation.boards import random_pose
 
 BOARD = Board(7, 6, 0.03)
 POSES = 4
-LIGHT = {'reference_distance': 0.75, 'exposure': 0.85, 'projector_gamma': 1.8, 'ambient': 0.03}
+LIGHT = {
+    'reference_distance': 0.75,
+    'exposure': 0.85,
+    'projector_gamma': 1.8,
+    'ambient': 0.03,
+    'read_noise': 0.0,
+    'full_well': 1e9,
+}
 
 
 def write_scene(path, pose, paint, extent):
