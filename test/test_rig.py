@@ -123,7 +123,7 @@ def test_each_field_missing_or_malformed_is_named(tmp_path, keys, value):
         (('camera', 'camera_matrix', 'rows'), 2, 'rows: 3'),
         (('camera', 'distortion_model'), 'equidistant', 'only plumb_bob'),
         (('camera', 'distortion_coefficients', 'data'), [-3.0, 0, 0, 0, 0], 'fold'),
-        (('projector', 'image_width'), True, 'number of pixels'),
+        (('projector', 'image_width'), True, 'whole number from 1 to 65536'),
     ],
 )
 def test_impossible_values_are_refused(tmp_path, keys, value, said):
@@ -146,9 +146,9 @@ def test_the_camera_s_response_is_read_and_kept(path, tmp_path):
 @pytest.mark.parametrize(
     ('curve', 'said'),
     [
-        (2.2, 'is not a list of 2 to 4096'),
-        ([0.0], 'is not a list of 2 to 4096'),
-        ([0.0, 'x', 1.0], "holds 'x'"),
+        (2.2, 'is 2.2: give a list of finite numbers'),
+        ([0.0], 'does not rise from 0 to 1'),
+        ([0.0, 'x', 1.0], r"is \[0.0, 'x', 1.0\]: give a list"),
         ([0.0, 0.6, 0.5, 1.0], 'does not rise from 0 to 1'),
         ([0.1, 1.0], 'does not rise from 0 to 1'),
         ([0.0, 255.0], 'does not rise from 0 to 1'),

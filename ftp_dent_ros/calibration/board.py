@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any
 
 import cv2
 import numpy as np
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import erf
 
 from ftp_dent_ros.errors import CalibrationError, ConfigurationError
+from ftp_dent_ros.fields import Checked, Limits
 
 # Fewer corners do not tell how a board lies.
 _FEWEST = 6
@@ -222,7 +222,7 @@ def _model(state: NDArray, x: NDArray, y: NDArray) -> tuple[NDArray, NDArray]:
 
 
 @dataclass(frozen=True)
-class Board:
+class Board(Checked):
     """A flat board of squares.
 
     Attributes
@@ -244,40 +244,26 @@ class Board:
         A value is out of its range.
     """
 
-    columns: int
-    rows: int
-    square: float
+    columns: Annotated[int, Limits(3, 100)]
+    rows: Annotated[int, Limits(3, 100)]
+    square: Annotated[float, Limits(0.001, 1.0)]
     dictionary: str = ''
     marker: float = 0.0
     legacy: bool = False
 
     def __post_init__(self) -> None:
-        for name in ('columns', 'rows'):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int) or not 3 <= value <= 100:
-                raise ConfigurationError(
-                    f'board: {name} is {value!r}: give the number of inner corners, 3 to 100'
-                )
-        if not (math.isfinite(self.square) and 0.001 <= self.square <= 1.0):
+        super().__post_init__()
+        if not self.dictionary:
+            return
+        if not hasattr(cv2, 'aruco'):
             raise ConfigurationError(
-                f'board: a square of {self.square!r} m: give 0.001 to 1 m, measured on the print'
+                f'OpenCV {cv2.__version__} here has no ArUco: use a chessboard, or '
+                'install python3-opencv (apt) or OpenCV 4.7 or later'
             )
-        if self.dictionary:
-            if not hasattr(cv2, 'aruco'):
-                raise ConfigurationError(
-                    f'board: OpenCV {cv2.__version__} here has no ArUco: use a chessboard, or '
-                    'install python3-opencv (apt) or OpenCV 4.7 or later'
-                )
-            if not hasattr(cv2.aruco, self.dictionary):
-                raise ConfigurationError(
-                    f'board: {self.dictionary!r} is no dictionary of OpenCV: give one like '
-                    'DICT_5X5_250'
-                )
-            if not 0 < self.marker < self.square:
-                raise ConfigurationError(
-                    f'board: a marker of {self.marker!r} m does not fit a square of '
-                    f'{self.square:g} m: measure both'
-                )
+        if not hasattr(cv2.aruco, self.dictionary):
+            self.refuse('dictionary', 'the name of one of OpenCV, like DICT_5X5_250')
+        if not 0 < self.marker < self.square:
+            self.refuse('marker', f'metres, less than a square of {self.square:g} m: measure both')
 
     @property
     def size(self) -> tuple[int, int]:
@@ -294,9 +280,7 @@ class Board:
 
     def turned(self) -> Board:
         """The board with rows and columns exchanged."""
-        return Board(
-            self.rows, self.columns, self.square, self.dictionary, self.marker, self.legacy
-        )
+        return replace(self, columns=self.rows, rows=self.columns)
 
     def find(self, photograph: NDArray[np.uint8]) -> NDArray[np.float64]:
         """Corners in a photograph.

@@ -10,11 +10,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.fields import Checked, Limits
 
 _LEVELS = 254  # as pattern.py
 
@@ -44,7 +45,7 @@ class ProjectedFrame:
 
 
 @dataclass(frozen=True)
-class Sequence:
+class Sequence(Checked):
     """The images of one pose, in the order in which they are shown.
 
     Attributes
@@ -57,23 +58,10 @@ class Sequence:
         Photographs a period.
     """
 
-    width: int
-    height: int
-    period: int = 16
-    steps: int = 6
-
-    def __post_init__(self) -> None:
-        for name in ('width', 'height'):
-            value = getattr(self, name)
-            if not isinstance(value, int) or not 16 <= value <= 16384:
-                raise ConfigurationError(
-                    f'the projector has a {name} of {value!r} pixels: correct it'
-                )
-        if self.period and (self.period not in (8, 16, 32, 64, 128) or not 3 <= self.steps <= 64):
-            raise ConfigurationError(
-                f'{self.steps} steps of a period of {self.period} pixels: give 3 to 64 steps of '
-                '8, 16, 32, 64 or 128 pixels'
-            )
+    width: Annotated[int, Limits(16, 16384)]
+    height: Annotated[int, Limits(16, 16384)]
+    period: Annotated[int, Limits(choices=(0, 8, 16, 32, 64, 128))] = 16
+    steps: Annotated[int, Limits(3, 64)] = 6
 
     def size(self, axis: str) -> int:
         """Projector pixels along an axis."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -18,6 +17,7 @@ from ftp_dent_ros.calibration.board import Board
 from ftp_dent_ros.calibration.observing import BoardSight, observe
 from ftp_dent_ros.calibration.sequence import ProjectedFrame, Sequence
 from ftp_dent_ros.errors import CalibrationError, ConfigurationError
+from ftp_dent_ros.fields import Checked, Fields, NotNegative
 from ftp_dent_ros.files import write_atomically
 from ftp_dent_ros.yaml_file import read_yaml
 
@@ -144,7 +144,7 @@ def _natural(path: Path) -> list[tuple[int, str]]:
 
 
 @dataclass(frozen=True)
-class Session:
+class Session(Checked):
     """What all poses of a calibration have in common.
 
     Attributes
@@ -159,8 +159,8 @@ class Session:
 
     board: Board
     sequence: Sequence
-    baseline: float = 0.0
-    delay: float = 0.0
+    baseline: NotNegative = 0.0
+    delay: NotNegative = 0.0
 
 
 def write_session(folder: Path, session: Session) -> None:
@@ -172,17 +172,7 @@ def write_session(folder: Path, session: Session) -> None:
 def read_session(folder: Path) -> Session:
     """Read a folder's ``calibration.yaml``; raises `ConfigurationError` with what is wrong."""
     path = folder / FILE
-    data = read_yaml(path, ConfigurationError)
-    board = _made(Board, data.get('board'), f'{path}: board')
-    sequence = _made(Sequence, data.get('sequence'), f'{path}: sequence')
-    numbers = []
-    for name in ('baseline', 'delay'):
-        value = data.get(name, 0.0)
-        number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        if not number or not 0 <= value < math.inf:
-            raise ConfigurationError(f'{path}: {name} is {value!r}: give a number, or 0')
-        numbers.append(float(value))
-    return Session(board, sequence, *numbers)
+    return Fields(read_yaml(path, ConfigurationError), f'{path}: ').record(Session)
 
 
 def see_poses(
@@ -232,12 +222,3 @@ def see_poses(
             f'{folder}: none of {len(left_out)} poses can be used; the first: {left_out[0]}'
         )
     return sights, left_out, next(iter(sizes))
-
-
-def _made(kind: Any, fields: Any, where: str) -> Any:
-    if not isinstance(fields, dict):
-        raise ConfigurationError(f'{where} is missing: add it')
-    try:
-        return kind(**fields)
-    except TypeError as reason:
-        raise ConfigurationError(f'{where}: {reason}: correct it') from None

@@ -19,13 +19,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ftp_dent_ros.errors import PatternError
+from ftp_dent_ros.fields import Checked, Limits, Pixels
 from ftp_dent_ros.rig.rig import Lens
 
 # An even number, so that the mean level is a whole grey level and the rounding of the two
@@ -39,7 +40,6 @@ CODES = 'stripe', 'contrast'
 AXES = 'u', 'v'
 # What the contrast's code needs, and the stripe does not.
 OF_CODE = 'low_contrast', 'row_depth', 'row_period_px'
-_NUMBERS = 'period_px', 'stripe_center_px', *OF_CODE
 # Zeros that are told apart within a fringe; and periods, by their logarithm over that of 8 px.
 _ZEROS, _PERIODS, _PERIOD_STEP, _FIRST_PERIOD = 4, 4, 0.02, 8.0
 
@@ -69,7 +69,7 @@ _LENGTH = 256
 
 
 @dataclass(frozen=True)
-class Pattern:
+class Pattern(Checked):
     """A fringe pattern and its code.
 
     Attributes
@@ -101,51 +101,28 @@ class Pattern:
         A value is out of its range.
     """
 
-    width: int
-    height: int
+    error = PatternError
+
+    width: Pixels
+    height: Pixels
     period_px: float
     stripe_center_px: float
-    axis: str = 'u'
-    levels: int = _LEVELS
-    code: str = 'stripe'
-    low_contrast: float = 0.75
-    row_depth: float = 0.05
-    row_period_px: float = 46.5
+    axis: Annotated[str, Limits(choices=AXES)] = 'u'
+    levels: Annotated[int, Limits(choices=(_LEVELS, 255))] = _LEVELS
+    code: Annotated[str, Limits(choices=CODES)] = 'stripe'
+    low_contrast: Annotated[float, Limits(0.3, 0.95)] = 0.75
+    row_depth: Annotated[float, Limits(0, 0.3)] = 0.05
+    row_period_px: Annotated[float, Limits(16)] = 46.5
 
     def __post_init__(self) -> None:
-        for name in ('width', 'height'):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int) or not 0 < value <= 65536:
-                raise PatternError(f'{name} is {value!r}, not a number of pixels: correct it')
-        if self.levels not in (254, 255):
-            raise PatternError(f'levels is {self.levels!r}, neither 254 nor 255: correct it')
-        for name in _NUMBERS:
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, (int, float)):
-                raise PatternError(f'{name} is {value!r}, not a number: correct it')
-        if self.code not in CODES:
-            raise PatternError(f'code is {self.code!r}: choose {" or ".join(CODES)}')
-        if not 0.3 <= self.low_contrast <= 0.95:
-            raise PatternError(f'low_contrast is {self.low_contrast:g}, outside 0.3 to 0.95')
-        if not 0 <= self.row_depth <= 0.3:
-            raise PatternError(f'row_depth is {self.row_depth:g}, outside 0 to 0.3: correct it')
-        if not self.row_period_px >= 16:
-            raise PatternError(f'row_period_px is {self.row_period_px:g}, below 16: correct it')
-        if self.axis not in AXES:
-            raise PatternError(
-                f'axis is {self.axis!r}: choose u (upright fringes) or v (level ones)'
-            )
+        super().__post_init__()
         length = self.width if self.axis == 'u' else self.height
         if not 3.0 <= self.period_px <= length / 4:
-            raise PatternError(
-                f'period_px is {self.period_px:g}, outside 3 to {length / 4:g} '
-                '(a quarter of the image): correct it'
-            )
+            self.refuse('period_px', f'3 to {length / 4:g}, a quarter of the image')
         low, high = self.period_px / 2, length - 1 - self.period_px / 2
         if not low <= self.stripe_center_px <= high:
-            raise PatternError(
-                f'stripe_center_px is {self.stripe_center_px:g}, so that the stripe leaves the '
-                f'image: set it between {low:g} and {high:g}'
+            self.refuse(
+                'stripe_center_px', f'{low:g} to {high:g}: else the stripe leaves the image'
             )
 
     @property

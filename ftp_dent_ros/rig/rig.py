@@ -7,7 +7,6 @@ it.
 from __future__ import annotations
 
 import hashlib
-import math
 import os
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,8 +17,9 @@ import yaml
 from numpy.typing import ArrayLike, NDArray
 
 from ftp_dent_ros.errors import RigError
+from ftp_dent_ros.fields import Fields, Pixels, Triple
 from ftp_dent_ros.files import write_atomically
-from ftp_dent_ros.rig.calibration_record import CalibrationRecord, record_from_fields
+from ftp_dent_ros.rig.calibration_record import CalibrationRecord, record_of
 from ftp_dent_ros.rig.geometry import check_geometry
 from ftp_dent_ros.rig.lens import Lens
 from ftp_dent_ros.yaml_file import read_yaml
@@ -27,6 +27,8 @@ from ftp_dent_ros.yaml_file import read_yaml
 # Far below what a calibration knows, and far above rounding in a hand-copied file.
 _ORTHONORMAL = 1e-6
 _BLOCKS = ('camera', 'projector', 'extrinsics')
+# Of a camera matrix all but focal lengths and principal point.
+_REST = [0, 0, 0, 0, 1]
 
 # A level of 12 bits each.
 _MOST_RESPONSE = 4096
@@ -98,52 +100,57 @@ def read_rig(path: str | os.PathLike[str]) -> Rig:
         The file cannot be read, or a field is missing, malformed or impossible; the message
         names the field.
     """
-    data = read_yaml(path, RigError)
-    if data.keys().isdisjoint(_BLOCKS):
+    data = Fields(read_yaml(path, RigError), f'{path}: ', RigError)
+    if not any(block in data for block in _BLOCKS):
         raise RigError(
             f"{path}: holds none of a rig's blocks ({', '.join(_BLOCKS)}): check the path"
         )
-    try:
-        rotation = matrix_of(data, 'extrinsics', 'rotation', (3, 3))
-        with np.errstate(over='ignore', invalid='ignore'):
-            deviation = np.abs(rotation @ rotation.T - np.eye(3)).max()
-            determinant = np.linalg.det(rotation)
-        if not deviation <= _ORTHONORMAL or determinant < 0:
-            raise RigError(
-                f'extrinsics.rotation is not a rotation (R R^T is off by {deviation:.2g}, '
-                f'det {determinant:.3g}): calibrate again'
-            )
-        translation = numbers_of(data, 'extrinsics', 'translation', 3)
-        if np.linalg.norm(translation) == 0:
-            raise RigError(
-                'extrinsics.translation is zero, and without a baseline there is no depth: '
-                'give it in metres'
-            )
-        record = record_from_fields(data['calibration']) if 'calibration' in data else None
-        rig = Rig(
-            lens_from(data, 'camera'),
-            lens_from(data, 'projector'),
-            rotation,
-            translation,
-            record,
-            response_from(data),
+    camera, extrinsics = data.block('camera'), data.block('extrinsics')
+    rig = Rig(
+        data.made(_lens, camera, 'camera'),
+        data.made(_lens, data.block('projector'), 'projector'),
+        extrinsics.block('rotation').as_matrix(3, 3),
+        np.array(extrinsics.take('translation', Triple)),
+        record_of(data.block('calibration')) if 'calibration' in data else None,
+        np.array(camera.take('response', tuple[float, ...])) if 'response' in camera else None,
+    )
+    data.made(_check, rig)
+    return rig
+
+
+def _check(rig: Rig) -> None:
+    """Raise `RigError` if the numbers are no rig's, or no longer those that were calibrated."""
+    with np.errstate(over='ignore', invalid='ignore'):
+        deviation = np.abs(rig.rotation @ rig.rotation.T - np.eye(3)).max()
+        determinant = np.linalg.det(rig.rotation)
+    if not deviation <= _ORTHONORMAL or determinant < 0:
+        raise RigError(
+            f'extrinsics.rotation is not a rotation (R R^T is off by {deviation:.2g}, '
+            f'det {determinant:.3g}): calibrate again'
         )
-        if record is not None and record.id != rig.id:
-            raise RigError(
-                f'calibration.id is {record.id}, but the numbers are those of {rig.id}: they were '
-                'changed after the calibration: restore them, or remove the block calibration'
-            )
-        check_geometry(rig)
-        return rig
-    except RigError as reason:
-        raise RigError(f'{path}: {reason}') from None
+    light = rig.response
+    if light is not None and (
+        not 2 <= len(light) <= _MOST_RESPONSE
+        or (light[0], light[-1]) != (0, 1)
+        or (np.diff(light) <= 0).any()
+    ):
+        raise RigError(
+            'camera.response does not rise from 0 to 1 all the way: give the light of 2 to '
+            f'{_MOST_RESPONSE} evenly spaced levels, or remove it'
+        )
+    if rig.record is not None and rig.record.id != rig.id:
+        raise RigError(
+            f'calibration.id is {rig.record.id}, but the numbers are those of {rig.id}: they were '
+            'changed after the calibration: restore them, or remove the block calibration'
+        )
+    check_geometry(rig)
 
 
 def write_rig(path: str | os.PathLike[str], rig: Rig) -> None:
     """Write ``rig.yaml``; a file under that name is whole or not there."""
     data: dict[str, Any] = {
-        'camera': lens_fields(rig.camera),
-        'projector': lens_fields(rig.projector),
+        'camera': _fields(rig.camera),
+        'projector': _fields(rig.projector),
         'extrinsics': {
             'rotation': {'rows': 3, 'cols': 3, 'data': rig.rotation.ravel().tolist()},
             'translation': rig.translation.tolist(),
@@ -158,7 +165,7 @@ def write_rig(path: str | os.PathLike[str], rig: Rig) -> None:
         temporary.write_text(text, encoding='utf-8')
 
 
-def lens_fields(lens: Lens) -> dict[str, Any]:
+def _fields(lens: Lens) -> dict[str, Any]:
     """A lens as fields of a block."""
     return {
         'image_width': lens.width,
@@ -169,46 +176,27 @@ def lens_fields(lens: Lens) -> dict[str, Any]:
     }
 
 
-def lens_from(data: dict[str, Any], block: str) -> Lens:
-    """The lens of a block; raises `RigError`, as all here, naming the field."""
-    model = _field(data, block, 'distortion_model')
+def _lens(fields: Fields, block: str) -> Lens:
+    """The lens of a block; raises `RigError` where no lens is so."""
+    model = fields.take('distortion_model', str)
     if model != 'plumb_bob':
         raise RigError(f'{block}.distortion_model is {model!r}: only plumb_bob is known')
-    matrix = matrix_of(data, block, 'camera_matrix', (3, 3))
-    if (matrix[[0, 1], [0, 1]] <= 0).any():
-        raise RigError(f'{block}.camera_matrix has no positive focal lengths: calibrate again')
-    if matrix[0, 1] != 0 or matrix[1, 0] != 0 or matrix[2].tolist() != [0, 0, 1]:
-        raise RigError(
-            f'{block}.camera_matrix is not [f_x, 0, c_x, 0, f_y, c_y, 0, 0, 1]: calibrate again'
-        )
     lens = Lens(
-        _size(data, block, 'image_width'),
-        _size(data, block, 'image_height'),
-        matrix,
-        matrix_of(data, block, 'distortion_coefficients', (1, 5))[0],
+        fields.take('image_width', Pixels),
+        fields.take('image_height', Pixels),
+        fields.block('camera_matrix').as_matrix(3, 3),
+        fields.block('distortion_coefficients').as_matrix(1, 5)[0],
     )
+    matrix = lens.camera_matrix
+    if (matrix[[0, 1], [0, 1]] <= 0).any() or (
+        matrix[[0, 1, 2, 2, 2], [1, 0, 0, 1, 2]] != _REST
+    ).any():
+        raise RigError(
+            f'{block}.camera_matrix is not [f_x, 0, c_x, 0, f_y, c_y, 0, 0, 1] with positive '
+            'focal lengths: calibrate again'
+        )
     _refuse_folding(lens, block)
     return lens
-
-
-def response_from(data: dict[str, Any]) -> NDArray[np.float64] | None:
-    """The camera's response, or None if none is given."""
-    values = data['camera'].get('response')
-    if values is None:
-        return None
-    count = len(values) if isinstance(values, list) else 0
-    if not 2 <= count <= _MOST_RESPONSE:
-        raise RigError(
-            f'camera.response is not a list of 2 to {_MOST_RESPONSE} numbers: give the light of '
-            'evenly spaced levels, from 0 to 1, or remove it'
-        )
-    light = numbers_of(data, 'camera', 'response', count)
-    if light[0] != 0 or light[-1] != 1 or (np.diff(light) <= 0).any():
-        raise RigError(
-            'camera.response does not rise from 0 to 1 all the way: give the light of evenly '
-            'spaced levels'
-        )
-    return light
 
 
 def _refuse_folding(lens: Lens, block: str) -> None:
@@ -226,46 +214,3 @@ def _refuse_folding(lens: Lens, block: str) -> None:
             f'{block}.distortion_coefficients fold the image over itself inside its '
             f'{lens.width}x{lens.height} pixels: calibrate again'
         )
-
-
-def _field(data: dict[str, Any], block: str, name: str) -> Any:
-    fields = data.get(block)
-    if not isinstance(fields, dict):
-        raise RigError(f'the block {block} is missing: add it')
-    if name not in fields:
-        raise RigError(f'{block}.{name} is missing: add it')
-    return fields[name]
-
-
-def _size(data: dict[str, Any], block: str, name: str) -> int:
-    value = _field(data, block, name)
-    if not isinstance(value, int) or isinstance(value, bool) or not 0 < value <= 65536:
-        raise RigError(f'{block}.{name} is {value!r}, not a number of pixels: correct it')
-    return value
-
-
-def numbers_of(
-    data: dict[str, Any], block: str, name: str, count: int, values: Any = None
-) -> NDArray[np.float64]:
-    """A list of so many finite numbers."""
-    values = _field(data, block, name) if values is None else values
-    if not isinstance(values, list) or len(values) != count:
-        raise RigError(f'{block}.{name} is not a list of {count} numbers: correct it')
-    for value in values:
-        number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        if not number or not math.isfinite(value):
-            raise RigError(f'{block}.{name} holds {value!r}, not a finite number: correct it')
-    return np.array(values, float)
-
-
-def matrix_of(
-    data: dict[str, Any], block: str, name: str, shape: tuple[int, int]
-) -> NDArray[np.float64]:
-    """A matrix of that shape."""
-    matrix = _field(data, block, name)
-    if not isinstance(matrix, dict) or (matrix.get('rows'), matrix.get('cols')) != shape:
-        raise RigError(
-            f'{block}.{name} is not a matrix with rows: {shape[0]}, cols: {shape[1]}: correct it'
-        )
-    values = numbers_of(data, block, f'{name}.data', shape[0] * shape[1], matrix.get('data', ()))
-    return values.reshape(shape)

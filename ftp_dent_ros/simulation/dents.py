@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Protocol
+from typing import Annotated, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.errors import ConfigurationError
-from ftp_dent_ros.simulation.fields import require_positive
+from ftp_dent_ros.fields import Checked, Limits, Positive, Share
 
 # exp(1 - 1/q) is below 1e-300 here, and its slope does not overflow.
 _RIM = 1.4e-3
@@ -129,16 +129,10 @@ class Plate(_Radial):
 
 
 @dataclass(frozen=True)
-class FlatBottomed(_Radial):
+class FlatBottomed(Checked, _Radial):
     """A flat bottom up to ``r = bottom``, then half a cosine up to the border."""
 
-    bottom: float = 0.5
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.bottom < 1:
-            raise ConfigurationError(
-                f'the bottom of a dent is {self.bottom!r}: give its part of the axes, 0 to below 1'
-            )
+    bottom: Annotated[float, Limits(0, 0.99)] = 0.5
 
     def profile(self, square: Field) -> tuple[Field, Field]:
         """Part of the depth at ``r^2``, and its derivative with respect to ``r^2``."""
@@ -149,7 +143,7 @@ class FlatBottomed(_Radial):
 
 
 @dataclass(frozen=True)
-class Crater(_Radial):
+class Crater(Checked, _Radial):
     """A hole with a raised rim: half a cosine down from the rim's crest, another one outside.
 
     Attributes
@@ -160,15 +154,8 @@ class Crater(_Radial):
         Where the rim is highest, as a part of the axes.
     """
 
-    rim: float = 0.2
-    crest: float = 0.7
-
-    def __post_init__(self) -> None:
-        if not (0 <= self.rim <= 1 and 0 < self.crest < 1):
-            raise ConfigurationError(
-                f'a crater has a rim of {self.rim!r} with its crest at {self.crest!r}: '
-                'give parts of the depth and of the axes'
-            )
+    rim: Share = 0.2
+    crest: Annotated[float, Limits(0.01, 0.99)] = 0.7
 
     def profile(self, square: Field) -> tuple[Field, Field]:
         """Part of the depth at ``r^2``, and its derivative with respect to ``r^2``."""
@@ -239,7 +226,7 @@ SMOOTH = Smooth()
 
 
 @dataclass(frozen=True)
-class Dent:
+class Dent(Checked):
     """A dent, crease, gouge or bulge.
 
     Attributes
@@ -261,15 +248,12 @@ class Dent:
 
     x: float
     y: float
-    length: float
-    width: float
+    length: Positive
+    width: Positive
     depth: float
     angle: float = 0.0
     shape: Shape = SMOOTH
     mark: float = 1.0
-
-    def __post_init__(self) -> None:
-        require_positive(self, 'length', 'width')
 
     @property
     def kind(self) -> str:

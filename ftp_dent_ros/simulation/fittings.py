@@ -10,13 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.simulation.fields import require_positive
+from ftp_dent_ros.fields import Checked, Positive, Share
 
 Field = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Fitting:
+class Fitting(Checked):
     """A round height field with a place and an end, that changes within a pixel.
 
     Attributes
@@ -29,7 +29,7 @@ class Fitting:
 
     x: float
     y: float
-    radius: float = 0.004
+    radius: Positive = 0.004
 
     @property
     def reach(self) -> float:
@@ -82,12 +82,9 @@ class Rivet(Fitting):
     """
 
     groove: float = 80e-6
-    sigma: float = 250e-6
+    sigma: Positive = 250e-6
     proud: float = 30e-6
-    dirt: float = 0.35
-
-    def __post_init__(self) -> None:
-        require_positive(self, 'radius', 'sigma')
+    dirt: Share = 0.35
 
     @property
     def reach(self) -> float:
@@ -135,10 +132,7 @@ class DomedRivet(Fitting):
         How far its middle stands out of the skin, metres.
     """
 
-    proud: float = 0.0012
-
-    def __post_init__(self) -> None:
-        require_positive(self, 'radius', 'proud')
+    proud: Positive = 0.0012
 
     @property
     def rise(self) -> float:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.fields import Checked, Limits, NotNegative, Positive, Triple
 from ftp_dent_ros.pose import Pose
 
 # Fourier series of a triangle, cut off: there and back at an almost constant speed.
@@ -40,7 +41,7 @@ _ESTIMATE_PHASES = np.array([[0.4, 2.1, 5.2], [3.7, 0.9, 1.6], [5.1, 4.4, 2.8], 
 
 
 @dataclass(frozen=True, eq=False)
-class Flight:
+class Flight(Checked):
     """There and back along a track, with sway and wobble.
 
     Attributes
@@ -51,9 +52,9 @@ class Flight:
         Of the track, metres; it runs along ``base_link``'s y axis (left), first to the left.
     speed : float
         Mean speed along the track, m/s.
-    sway : ndarray, shape (3,)
+    sway : tuple of 3 floats
         Largest deviation along ``base_link``'s x, y, z, metres.
-    wobble : ndarray, shape (3,)
+    wobble : tuple of 3 floats
         Largest roll, pitch and yaw about the undisturbed attitude, radians.
 
     Raises
@@ -63,22 +64,10 @@ class Flight:
     """
 
     middle: Pose
-    length: float
-    speed: float
-    sway: Vector
-    wobble: Vector
-
-    def __post_init__(self) -> None:
-        for name in ('length', 'speed'):
-            if not getattr(self, name) > 0:
-                raise ConfigurationError(
-                    f'flight: {name} is {getattr(self, name)!r}: give a positive number'
-                )
-        if (self.sway < 0).any() or (self.wobble < 0).any() or (self.wobble > 1).any():
-            raise ConfigurationError(
-                'flight: sway and wobble are largest deviations: give none below 0, '
-                'and no angle above 1 radian'
-            )
+    length: Positive
+    speed: Positive
+    sway: Annotated[Triple, Limits(0)] = (0.0, 0.0, 0.0)
+    wobble: Annotated[Triple, Limits(0, 1)] = (0.0, 0.0, 0.0)
 
     @property
     def period_ns(self) -> int:
@@ -125,7 +114,7 @@ class Flight:
 
 
 @dataclass(frozen=True)
-class EstimateErrors:
+class EstimateErrors(Checked):
     """How the autopilot's estimate is off; metres, seconds, radians.
 
     Attributes
@@ -144,19 +133,13 @@ class EstimateErrors:
         Share by which every height above the origin is too high.
     """
 
-    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    wander: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    wander_period: float = 60.0
+    offset: Triple = (0.0, 0.0, 0.0)
+    wander: Triple = (0.0, 0.0, 0.0)
+    wander_period: Positive = 60.0
     lag: float = 0.0
     yaw: float = 0.0
     yaw_wander: float = 0.0
     height_scale: float = 0.0
-
-    def __post_init__(self) -> None:
-        if not self.wander_period > 0:
-            raise ConfigurationError(
-                f'errors: wander_period is {self.wander_period!r}: give a positive number'
-            )
 
     def estimated(self, flight: Flight, seconds: float, elapsed: float | None = None) -> Pose:
         """The pose that is estimated so long into a flight.
@@ -180,7 +163,7 @@ class EstimateErrors:
 
 
 @dataclass(frozen=True)
-class Faults:
+class Faults(Checked):
     """What goes wrong, and when; seconds since the autopilot was started, 0 for never.
 
     Attributes
@@ -192,14 +175,10 @@ class Faults:
         The test ratios stand still, for no measurement is used.
     """
 
-    gps_lost_from: float = 0.0
-    gps_lost_for: float = 0.0
-    frozen_from: float = 0.0
-    frozen_for: float = 0.0
-
-    def __post_init__(self) -> None:
-        if min(self.__dict__.values()) < 0:
-            raise ConfigurationError('faults: their times are in seconds: give none below 0')
+    gps_lost_from: NotNegative = 0.0
+    gps_lost_for: NotNegative = 0.0
+    frozen_from: NotNegative = 0.0
+    frozen_for: NotNegative = 0.0
 
     def without_gps(self, uptime: float) -> float:
         """For how long there has been no GPS, seconds; 0 while there is."""

@@ -5,16 +5,28 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any, Protocol
+from typing import Annotated, Any, Protocol
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.calibration.board import Board
-from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.fields import (
+    Checked,
+    Colour,
+    Count,
+    Limits,
+    NotNegative,
+    Numbers,
+    Pair,
+    Positive,
+    Quadruple,
+    Reflectance,
+    Share,
+    Triple,
+)
 from ftp_dent_ros.simulation.dents import turned
-from ftp_dent_ros.simulation.fields import require_positive
 
 # Grains of a noise before it repeats (at 4 mm half a metre), and samples a grain: OpenCV 4 rounds
 # positions to 1/32 of a sample.
@@ -30,7 +42,6 @@ Image = NDArray[Any]
 
 # Standard deviations that 99 % of a normal distribution lie within.
 _WITHIN = 2.576
-Colour = tuple[float, float, float]
 Box = tuple[float, float, float]
 
 # Reflectance of clear varnish (refractive index 1.5) at normal incidence.
@@ -116,7 +127,7 @@ class Mark(Protocol):
 
 
 @dataclass(frozen=True)
-class Dirt:
+class Dirt(Checked):
     """Smooth random albedo of several scales, the same everywhere.
 
     Attributes
@@ -132,23 +143,15 @@ class Dirt:
         From the panel's x axis to their length, towards y, radians.
     """
 
-    contrast: float
-    scales: tuple[float, ...] = (0.064, 0.016, 0.004)
-    seed: int = 0
-    stretch: float = 1.0
+    contrast: Share
+    scales: Annotated[Numbers, Limits(above=0)] = (0.064, 0.016, 0.004)
+    seed: Count = 0
+    stretch: Positive = 1.0
     angle: float = 0.0
 
     smooth = True
     coloured = False
     box = None
-
-    def __post_init__(self) -> None:
-        require_positive(self, 'stretch')
-        if not 0 <= self.contrast <= 1 or not self.scales or min(self.scales) <= 0:
-            raise ConfigurationError(
-                f'dirt has a contrast of {self.contrast!r} in scales {self.scales!r}: '
-                'give 0 to 1, and positive lengths'
-            )
 
     def factor(self, x: Image, y: Image) -> Image:
         """At panel coordinates, metres."""
@@ -164,7 +167,7 @@ class Dirt:
 
 
 @dataclass(frozen=True)
-class PaintPatch:
+class PaintPatch(Checked):
     """A rectangle or ellipse of another paint; long and narrow, it is a stripe or a scratch.
 
     Attributes
@@ -183,16 +186,13 @@ class PaintPatch:
 
     x: float
     y: float
-    length: float
-    width: float
+    length: Positive
+    width: Positive
     tint: Colour
     angle: float = 0.0
     round: bool = False
 
     smooth = False
-
-    def __post_init__(self) -> None:
-        require_positive(self, 'length', 'width')
 
     @property
     def coloured(self) -> bool:
@@ -218,7 +218,7 @@ class PaintPatch:
 
 
 @dataclass(frozen=True)
-class Lettering:
+class Lettering(Checked):
     """A line of text.
 
     Attributes
@@ -237,14 +237,11 @@ class Lettering:
     x: float
     y: float
     text: str
-    height: float
+    height: Positive
     tint: Colour
     angle: float = 0.0
 
     smooth = False
-
-    def __post_init__(self) -> None:
-        require_positive(self, 'height')
 
     @property
     def coloured(self) -> bool:
@@ -267,9 +264,7 @@ class Lettering:
         return _tinted(sampled(letters, column, row), self.tint)
 
 
-def scratches(
-    count: int, extent: tuple[float, float, float, float], seed: int = 0
-) -> tuple[PaintPatch, ...]:
+def scratches(count: int, extent: Quadruple, seed: int = 0) -> tuple[PaintPatch, ...]:
     """Narrow light and dark marks, 0.2 to 0.8 mm wide and 10 to 80 mm long.
 
     Parameters
@@ -311,7 +306,7 @@ def _tinted(cover: Image, tint: Colour) -> Image:
 
 
 @dataclass(frozen=True)
-class Paint:
+class Paint(Checked):
     """A diffuse paint, marked or not, under an optional varnish.
 
     Attributes
@@ -329,10 +324,10 @@ class Paint:
         Dirt, scratches, letters, patches: each a factor on the albedo.
     """
 
-    albedo: tuple[float, float, float] = (0.8, 0.8, 0.8)
-    edge: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    albedo_beyond: tuple[float, float, float] = (0.8, 0.8, 0.8)
-    roughness: float = 0.0
+    albedo: Reflectance = (0.8, 0.8, 0.8)
+    edge: Triple = (0.0, 0.0, 1.0)
+    albedo_beyond: Reflectance = (0.8, 0.8, 0.8)
+    roughness: Share = 0.0
     marks: tuple[Mark, ...] = ()
 
     @property
@@ -384,7 +379,7 @@ def _smith(cosine: NDArray, alpha2: float) -> NDArray[np.float64]:
 
 
 @dataclass(frozen=True)
-class Sunlight:
+class Sunlight(Checked):
     """Light on one side of a line across a panel.
 
     Attributes
@@ -398,16 +393,14 @@ class Sunlight:
         Width of the half shadow, metres: 9 mm behind an edge one metre away, in the sun.
     """
 
-    level: float
-    edge: tuple[float, float, float]
-    softness: float = 0.0
+    level: NotNegative
+    edge: Triple
+    softness: NotNegative = 0.0
 
     def __post_init__(self) -> None:
-        if self.level < 0 or self.softness < 0 or not math.hypot(*self.edge[:2]) > 0:
-            raise ConfigurationError(
-                f'sunlight of level {self.level!r} and softness {self.softness!r} has the edge '
-                f'{list(self.edge)}: give none below 0, and a direction'
-            )
+        super().__post_init__()
+        if not any(self.edge[:2]):
+            self.refuse('edge', 'a direction n_x, n_y that is not 0, 0')
 
     def at(self, x: NDArray, y: NDArray) -> NDArray:
         """Light at panel coordinates of any shape."""
@@ -431,11 +424,11 @@ class Print(Paint):
         Panel coordinates of the image's upper left corner, metres.
     """
 
-    albedo: tuple[float, float, float] = (0.85, 0.85, 0.85)
-    albedo_beyond: tuple[float, float, float] = (0.05, 0.05, 0.05)
+    albedo: Reflectance = (0.85, 0.85, 0.85)
+    albedo_beyond: Reflectance = (0.05, 0.05, 0.05)
     ink: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((1, 1), bool))
     pixel: float = 0.001
-    origin: tuple[float, float] = (0.0, 0.0)
+    origin: Pair = (0.0, 0.0)
 
     def beyond_edge(self, x: NDArray, y: NDArray) -> NDArray[np.bool_]:
         """Mask of panel coordinates that are inked."""

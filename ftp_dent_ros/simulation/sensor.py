@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated, Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ive, ndtri
 
-from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.fields import Checked, Limits, NotNegative, Positive, Share
 from ftp_dent_ros.photograph.photograph import Encoding, Photograph
 
 # float32, for which OpenCV's annotations are too wide.
@@ -22,7 +22,7 @@ _NORMAL = ndtri((np.arange(65536) + 0.5) / 65536).astype(np.float32)
 
 
 @dataclass(frozen=True)
-class Photometry:
+class Photometry(Checked):
     """Projector's light, ambient light and the camera's sensor.
 
     Attributes
@@ -74,44 +74,31 @@ class Photometry:
         A value is out of its range.
     """
 
-    exposure: float = 250 / 255
-    reference_distance: float = 0.8
-    ambient: float = 0.02
+    exposure: Positive = 250 / 255
+    reference_distance: Positive = 0.8
+    ambient: NotNegative = 0.02
     shading: bool = True
-    defocus_px: float = 0.7
-    projector_black: float = 0.01
-    projector_gamma: float = 1.0
-    speckle_contrast: float = 0.0
-    speckle_size_px: float = 0.5
-    phase_noise_px: float = 0.0
-    psf_px: float = 0.4
-    full_well: float = 12000.0
-    read_noise: float = 0.8
-    camera_gamma: float = 1.0
+    defocus_px: NotNegative = 0.7
+    projector_black: Share = 0.01
+    projector_gamma: Positive = 1.0
+    speckle_contrast: Share = 0.0
+    speckle_size_px: NotNegative = 0.5
+    phase_noise_px: NotNegative = 0.0
+    psf_px: NotNegative = 0.4
+    full_well: Positive = 12000.0
+    read_noise: NotNegative = 0.8
+    camera_gamma: Positive = 1.0
     encoding: str = 'rgb8'
     bayer: bool = False
-    jpeg_quality: int = 0
-    samples: int = 8
+    jpeg_quality: Annotated[int, Limits(0, 100)] = 0
+    samples: Annotated[int, Limits(choices=tuple(2**power for power in range(9)))] = 8
 
     def __post_init__(self) -> None:
-        numbers = [field.name for field in fields(self) if field.type in ('float', 'int')]
-        positive = ('exposure', 'reference_distance', 'projector_gamma', 'full_well')
-        powers = [2**power for power in range(9)]
-        plain = self.encoding in ('rgb8', 'mono8')
-        for names, condition, expected in (
-            (numbers, lambda x: x >= 0 and math.isfinite(x), 'a number that is not negative'),
-            ([*positive, 'camera_gamma'], lambda x: x > 0, 'a positive number'),
-            (['projector_black', 'speckle_contrast'], lambda x: x <= 1, '0 to 1'),
-            (['encoding'], Encoding.is_name, 'such as rgb8, mono12 or bayer_rggb12'),
-            (['jpeg_quality'], lambda x: x <= 100, '0 to 100'),
-            (['jpeg_quality'], lambda x: plain or not x, '0 for what is neither rgb8 nor mono8'),
-            (['samples'], lambda x: x in powers, '1, 2, 4, ... 256'),
-        ):
-            for name in names:
-                if not condition(getattr(self, name)):
-                    raise ConfigurationError(
-                        f'photometry: {name} is {getattr(self, name)!r}: give {expected}'
-                    )
+        super().__post_init__()
+        if not Encoding.is_name(self.encoding):
+            self.refuse('encoding', 'such as rgb8, mono12 or bayer_rggb12')
+        if self.jpeg_quality and self.encoding not in ('rgb8', 'mono8'):
+            self.refuse('jpeg_quality', '0 for what is neither rgb8 nor mono8')
 
 
 def blur(image: Image, sigma: float) -> Image:

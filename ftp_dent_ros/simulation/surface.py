@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.fields import Checked, NotNegative, Positive, Quadruple
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.simulation.dents import Dent
-from ftp_dent_ros.simulation.fields import require_positive
 from ftp_dent_ros.simulation.fittings import Fitting
 from ftp_dent_ros.simulation.paint import Paint, Sunlight
 
@@ -34,7 +33,7 @@ Image = NDArray[Any]
 
 
 @dataclass(frozen=True)
-class Wave:
+class Wave(Checked):
     """A sinusoidal waviness that runs across the whole panel.
 
     Attributes
@@ -50,12 +49,9 @@ class Wave:
     """
 
     amplitude: float
-    wavelength: float
+    wavelength: Positive
     angle: float = 0.0
     phase: float = 0.0
-
-    def __post_init__(self) -> None:
-        require_positive(self, 'wavelength')
 
     def height(self, x: Field, y: Field) -> tuple[Field, Field, Field]:
         """Height and its derivatives along x and y, at panel coordinates of any shape."""
@@ -106,7 +102,7 @@ def height(radius: float, waves: Iterable[Wave], x: Field, y: Field) -> tuple[Fi
 
 
 @dataclass(frozen=True, eq=False)
-class Panel:
+class Panel(Checked):
     """A skin panel in some frame.
 
     Attributes
@@ -128,8 +124,8 @@ class Panel:
     """
 
     pose: Pose
-    extent: tuple[float, float, float, float]
-    cylinder_radius: float = 0.0
+    extent: Quadruple
+    cylinder_radius: NotNegative = 0.0
     paint: Paint = field(default_factory=Paint)
     dents: tuple[Dent, ...] = ()
     rivets: tuple[Fitting, ...] = ()
@@ -137,19 +133,12 @@ class Panel:
     sunlight: tuple[Sunlight, ...] = ()
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         x_min, x_max, y_min, y_max = self.extent
         if not (x_min < x_max and y_min < y_max):
-            raise ConfigurationError(
-                f'the extent of a panel is {list(self.extent)}: '
-                'give x_min < x_max and y_min < y_max'
-            )
-        radius = self.cylinder_radius
-        if radius < 0:
-            raise ConfigurationError(
-                f'the cylinder_radius of a panel is {radius!r}: give metres, or 0 for a flat one'
-            )
-        if radius:
-            reach = _WIDEST * radius
+            self.refuse('extent', 'x_min < x_max and y_min < y_max')
+        if self.cylinder_radius:
+            reach = _WIDEST * self.cylinder_radius
             narrowed = max(x_min, -reach), min(x_max, reach), y_min, y_max
             object.__setattr__(self, 'extent', narrowed)
 

@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.errors import CameraError, ConfigurationError
+from ftp_dent_ros.fields import Count, Fields, Share
 from ftp_dent_ros.files import find
 from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig.rig import Rig
-from ftp_dent_ros.simulation.fields import Fields
 from ftp_dent_ros.simulation.flight import EstimateErrors, Faults, Flight
 from ftp_dent_ros.simulation.renderer import Renderer
-from ftp_dent_ros.simulation.scene import flight_from, surface_from
+from ftp_dent_ros.simulation.scene import flight_from, pose_from, surface_from
 from ftp_dent_ros.simulation.sensor import Photometry
 from ftp_dent_ros.simulation.surface import Surface
 from ftp_dent_ros.simulation.view import CameraMotion
@@ -154,32 +154,22 @@ def read_world(path: str | os.PathLike[str], start_ns: int = 0) -> World:
         The file cannot be read, or a field is missing, unknown or malformed; it is named.
     """
     file = find(path)
-    scene = Fields(read_yaml(file, ConfigurationError), str(file))
+    scene = Fields(read_yaml(file, ConfigurationError), f'{file}: ')
     camera, autopilot = scene.block('camera'), scene.block('autopilot', {})
-    try:
-        world = World(
-            surface=surface_from(scene),
-            flight=flight_from(scene.block('flight')),
-            mount=camera.pose('mount', _FORWARD),
-            photometry=scene.block('photometry', {}).record(Photometry),
-            exposure_time=camera.take('exposure_time', 'float'),
-            seed=camera.take('seed', 'int', 0),
-            start_ns=start_ns,
-            errors=autopilot.block('errors', {}).record(EstimateErrors),
-            faults=autopilot.block('faults', {}).record(Faults),
-            board_poses=tuple(each.as_pose() for each in scene.blocks('board_poses', ())),
-        )
-    except ConfigurationError as reason:
-        # What a class refuses by itself does not know of the file.
-        message = str(reason)
-        raise (
-            reason if message.startswith(str(file)) else ConfigurationError(f'{file}: {message}')
-        ) from None
-    if not 0 <= world.exposure_time <= 1:
-        raise camera.error('exposure_time', world.exposure_time, '0 to 1 second')
-    camera.finish()
-    autopilot.finish()
-    scene.finish()
+    world = World(
+        surface=surface_from(scene),
+        flight=flight_from(scene.block('flight')),
+        mount=pose_from(camera.block('mount', _FORWARD)),
+        photometry=scene.block('photometry', {}).record(Photometry),
+        exposure_time=camera.take('exposure_time', Share),
+        seed=camera.take('seed', Count, 0),
+        start_ns=start_ns,
+        errors=autopilot.block('errors', {}).record(EstimateErrors),
+        faults=autopilot.block('faults', {}).record(Faults),
+        board_poses=tuple(map(pose_from, scene.blocks('board_poses', ()))),
+    )
+    for block in (camera, autopilot, scene):
+        block.finish()
     return world
 
 

@@ -205,11 +205,11 @@ def test_what_is_no_photograph_is_refused(folder, capfd, name, said):
     ('changes', 'said'),
     [
         ({'width': 640}, 'the pattern is 640x240, the projector 320x240'),
-        ({'period_px': 1.0}, 'period_px is 1, outside 3 to 80'),
+        ({'period_px': 1.0}, 'period_px is 1.0: give 3 to 80'),
         ({'stripe_center_px': 400.0}, 'the stripe leaves the image'),
         ({'axis': 'v'}, 'use a pattern with the axis u'),
         ({'height': None}, 'height is None'),
-        ({'colour': 'red'}, "unknown field 'colour'"),
+        ({'colour': 'red'}, 'colour is unknown: remove it'),
     ],
 )
 def test_a_pattern_that_does_not_fit_is_refused(folder, capfd, changes, said):
@@ -304,7 +304,7 @@ def test_other_formats_are_read(folder, photograph, capsys, suffix):
     [
         (('extrinsics', 'rotation', 'data'), [1, 0, 0, 0, 1, 0, 0, 0, 2], 'not a rotation'),
         (('extrinsics', 'rotation', 'data'), [1, 0, 0, 0, 1, 0, 0, 0, -1], 'not a rotation'),
-        (('extrinsics', 'translation'), [0, 0, 0], 'without a baseline'),
+        (('extrinsics', 'translation'), [0, 0, 0], 'a baseline of 0 m'),
         (('camera', 'camera_matrix', 'rows'), 2, 'rows: 3, cols: 3'),
     ],
 )

@@ -60,7 +60,7 @@ def test_the_pattern_of_a_rig_alone_changes_while_it_runs(ros, rig_file):
     assert pattern_from_image(image_from_message(images[1])) == Pattern(320, 200, 16.0, 159.5)
     refused = change(period_px=100.0)
     assert not refused.successful
-    assert 'period_px is 100, outside 3 to 80' in refused.reason
+    assert 'period_px is 100.0: give 3 to 80' in refused.reason
     assert change(stripe_center_px=100.0).successful
     ros.until(lambda: len(images) == 3)
     last = pattern_from_image(image_from_message(images[2]))

@@ -137,9 +137,9 @@ def test_a_domed_rivet_stands_out():
 
 
 def test_what_cannot_be_is_refused():
-    with pytest.raises(ConfigurationError, match='dirt has a contrast'):
+    with pytest.raises(ConfigurationError, match=r'contrast is 1.2: give'):
         Dirt(1.2)
-    with pytest.raises(ConfigurationError, match='the height of a lettering'):
+    with pytest.raises(ConfigurationError, match='height is 0: give'):
         Lettering(0, 0, 'A', 0, (0, 0, 0))
-    with pytest.raises(ConfigurationError, match='sunlight of level'):
+    with pytest.raises(ConfigurationError, match='level is -1: give'):
         Sunlight(-1, (1, 0, 0))

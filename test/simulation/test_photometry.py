@@ -28,5 +28,5 @@ def test_a_value_out_of_its_range_is_refused_by_name(name, value):
     with pytest.raises(ConfigurationError) as refusal:
         Photometry(**{name: value})
     message = str(refusal.value)
-    assert message.startswith(f'photometry: {name} is {value!r}: give ')
+    assert message.startswith(f'{name} is {value!r}: give ')
     assert '\n' not in message

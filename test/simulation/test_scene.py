@@ -150,7 +150,7 @@ def test_skins_marks_fittings_and_shapes_by_their_names(world_of):
     assert len(skin.rivets) == 4
     assert (len(skin.waves), len(skin.sunlight)) == (1, 1)
     fields['paint']['marks'][0]['contrast'] = 'much'
-    with pytest.raises(ConfigurationError, match=r"marks\[0\]: contrast is 'much': give a finite"):
+    with pytest.raises(ConfigurationError, match=r"marks\[0\].contrast is 'much': give a finite"):
         world_of([panel(**fields)])
     with pytest.raises(ConfigurationError, match=r"shape is 'star': give one of smooth, cosine"):
         world_of([panel(dents=[{'shape': 'star', 'depth': 0.001, **place, **size}])])
