@@ -15,8 +15,7 @@ from ftp_dent_ros.calibration.bundle import (
     adjust,
     covariance,
     depth_slopes,
-    information,
-    with_information,
+    with_pose,
 )
 from ftp_dent_ros.calibration.observing import Observation
 from ftp_dent_ros.calibration.start import FEWEST_POSES, first_rig
@@ -84,15 +83,15 @@ def next_pose(
     if len(lit) < max(FEWEST_POSES, len(_FIRST)):
         return Advice(f'hold the board {_FIRST[min(len(lit), len(_FIRST) - 1)]}')
     try:
-        start, poses = first_rig(lit, board.points, camera_size, projector_size)
+        start = first_rig(lit, board.points, camera_size, projector_size)
     except CalibrationError as reason:
         return Advice(f'hold the board {_FIRST[-1]} ({reason})')
-    estimate = adjust(lit, board.points, start, poses, _MODEL, tolerance=1e-5)
-    rig, distance = estimate.rig, float(np.median(poses[:, 5]))
+    estimate = adjust(lit, start, _MODEL, tolerance=1e-5)
+    rig, distance = estimate.rig, float(np.median(start.poses[:, 5]))
     pixels = rig.camera.pixel_grid()[:: camera_size[1] // 5, :: camera_size[0] // 6].reshape(-1, 2)
     depth = np.full(len(pixels), distance)
     best = Advice('', np.inf)
-    slopes, known = depth_slopes(rig, pixels, depth), covariance(estimate)
+    slopes, known = depth_slopes(rig, pixels, depth), covariance(lit, estimate, _MODEL)
 
     def uncertainty(of: NDArray) -> float:
         return float(np.median(np.sqrt(((slopes @ of) * slopes).sum(axis=1))))
@@ -104,8 +103,7 @@ def next_pose(
         seen = _seen(board, rig, pose)
         if seen is None:
             continue
-        added = information(seen, board.points, estimate, pose, _MODEL)
-        left = uncertainty(with_information(known, added))
+        left = uncertainty(with_pose(known, seen, estimate, pose, _MODEL))
         if left < best.depth_deviation:
             words = [place + ' of the image', far, side + (' by 30 degrees' if side else '')]
             best = Advice(f'hold the board {", ".join(filter(None, words))}', left)

@@ -18,11 +18,6 @@ from ftp_dent_ros.rig.calibration_record import PARAMETERS
 from ftp_dent_ros.rig.rig import Lens
 
 _COEFFICIENTS = ('k1', 'k2', 'p1', 'p2', 'k3')
-_SHAPES = {
-    'flat': 'the board is flat',
-    'bent': 'the board is bent (a quadratic)',
-    'free': "each of the board's corners has its own place",
-}
 
 
 def residual_maps(solution: Solution) -> str:
@@ -38,7 +33,7 @@ def residual_maps(solution: Solution) -> str:
         place = np.concatenate(
             [o.camera if name == 'camera' else o.projector for o in solution.observations]
         )
-        off = np.concatenate(solution.estimate.residuals)[:, part]
+        off = solution.estimate.residuals.reshape(-1, 4)[:, part]
         known = np.isfinite(off).all(axis=1)
         u, v = place[known].T
         usual = max(float(np.sqrt(np.mean(np.square(off[known])))), 1e-6)
@@ -179,11 +174,10 @@ def _terms(solution: Solution) -> str:
     ):
         names = ', '.join(_COEFFICIENTS[i] for i in DISTORTIONS[index]) or 'none'
         words.append(f'{name} {names}')
-    bend = 1e3 * float(np.abs(solution.estimate.shape[:, 2]).max())
-    shape = _SHAPES[solution.model.shape]
-    if solution.model.shape != 'flat':
-        shape += f', by up to {bend:.2f} mm'
-    return '; '.join([*words, shape])
+    bend = 1e3 * float(np.abs(solution.estimate.bend).max())
+    bent = f'bent (a quadratic, by up to {bend:.2f} mm)'
+    words.append(f'the board is {bent if solution.model.bent else "flat"}')
+    return '; '.join(words)
 
 
 def _poses(solution: Solution) -> list[list[str]]:
@@ -191,7 +185,7 @@ def _poses(solution: Solution) -> list[list[str]]:
     for observation, residuals in zip(
         solution.observations, solution.estimate.residuals, strict=True
     ):
-        camera, projector, both = rms([residuals])
+        camera, projector, both = rms(residuals)
         seen, lit = (
             int(np.isfinite(each).all(axis=1).sum())
             for each in (observation.camera, observation.projector)

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros import __version__
 from ftp_dent_ros.calibration.board import Board
 from ftp_dent_ros.calibration.bundle import (
     DISTORTIONS,
     LENS,
-    SHAPES,
     Adjustment,
     Model,
     adjust,
@@ -35,27 +33,27 @@ from ftp_dent_ros.rig.rig import Rig
 _FEWEST_TO_FIT = 3
 # Scores differ by more than this part.
 _TOLERANCE = 1e-5
+_TERMS = range(len(DISTORTIONS))
+#: Values that are tried of each field of a model, one field after the other.
+_TRIED: dict[str, Iterable[int]] = {
+    'bent': (False, True),
+    'projector': _TERMS,
+    'camera': _TERMS,
+}
+#: How often `solve` tells its progress at most: of what is tried, one is the best so far.
+STEPS = 5 + sum(len(tuple(values)) - 1 for values in _TRIED.values())
 
 
 def select(
-    observations: list[Observation],
-    board: NDArray[np.float64],
-    estimate: Adjustment,
-    model: Model,
-    shapes: tuple[str, ...],
-    progress: Callable[[str], None],
+    observations: list[Observation], estimate: Adjustment, progress: Callable[[str], None]
 ) -> tuple[Model, dict[Model, float]]:
-    """Choose distortion terms and the board's shape by cross-validation.
+    """Choose distortion terms, and whether the board is bent, by cross-validation.
 
     Parameters
     ----------
-    observations, board
+    observations : list of Observation
     estimate : Adjustment
         With all terms: where each candidate starts.
-    model : Model
-        Of `estimate`.
-    shapes : tuple of str
-        Candidates for the board's shape.
     progress : callable
         Told after each candidate.
 
@@ -69,86 +67,52 @@ def select(
 
     def score(candidate: Model) -> float:
         if candidate not in scores:
-            scores[candidate] = held_out_score(observations, board, estimate, candidate)
-            progress(f'{candidate.shape}, {candidate.camera}+{candidate.projector}')
+            scores[candidate] = held_out_score(observations, estimate, candidate)
+            progress(f'{candidate.camera}+{candidate.projector} terms')
         return scores[candidate]
 
-    best = model
-    for name, values in (
-        ('shape', shapes),
-        ('projector', range(len(DISTORTIONS))),
-        ('camera', range(len(DISTORTIONS))),
-    ):
+    best = Model()
+    for name, values in _TRIED.items():
         tried = [replace(best, **{name: value}) for value in values]  # type: ignore[arg-type]
         best = min(tried, key=score)
     return best, scores
 
 
-def candidates(shapes: tuple[str, ...]) -> int:
-    """How many candidates `select` judges."""
-    return len(shapes) + 2 * (len(DISTORTIONS) - 1)
-
-
-# Parts of the poses, each of which is held out in turn.
 def folds(count: int, wanted: int = 4) -> list[NDArray[np.intp]]:
     """Indices of the poses held out in turn; none if too few would be left."""
-    wanted = min(wanted, count)
-    while wanted < count and count - -(-count // wanted) < _FEWEST_TO_FIT:
-        wanted += 1
-    if count - -(-count // wanted) < _FEWEST_TO_FIT:
-        return []
-    return [np.arange(first, count, wanted) for first in range(wanted)]
+    for parts in range(min(wanted, count), count + 1):
+        if count - -(-count // parts) >= _FEWEST_TO_FIT:
+            return [np.arange(first, count, parts) for first in range(parts)]
+    return []
 
 
 def held_out_score(
-    observations: list[Observation], board: NDArray, estimate: Adjustment, candidate: Model
+    observations: list[Observation], estimate: Adjustment, candidate: Model
 ) -> float:
     """Mean squared residual of poses that a candidate was not fitted to."""
-    total, number = 0.0, 0
-    for out in folds(len(observations)):
-        for residuals in held_out(observations, board, estimate, candidate, out)[0]:
-            known = np.isfinite(residuals)
-            off = np.abs(residuals / np.repeat(estimate.deviations, 2))[known]
-            # Gross errors must not decide, standard deviations.
-            total += float(np.square(np.minimum(off, 3.0)).sum())
-            number += int(known.sum())
-    return total / max(number, 1)
+    parts = folds(len(observations))
+    if not parts:
+        return 0.0
+    off = np.concatenate(
+        [held_out(observations, estimate, candidate, out).residuals for out in parts]
+    ) / np.repeat(np.array(estimate.deviations), 2)
+    # Gross errors must not decide, standard deviations.
+    return float(np.nanmean(np.square(np.clip(off, -3, 3))))
 
 
 def held_out(
     observations: list[Observation],
-    board: NDArray,
     estimate: Adjustment,
     candidate: Model,
     out: NDArray[np.intp],
-) -> tuple[list[NDArray[np.float64]], Adjustment]:
-    """Residuals of the poses `out` with a rig of the others, and that rig's estimate.
-
-    Of the held-out poses only where the board was is estimated.
-    """
+) -> Adjustment:
+    """The poses `out` with a rig of the others: only where the board was is estimated of them."""
     kept = np.setdiff1d(np.arange(len(observations)), out)
     fitted = adjust(
-        [observations[i] for i in kept],
-        board,
-        estimate.rig,
-        estimate.poses[kept],
-        candidate,
-        shape=estimate.shape,
-        deviations=estimate.deviations,
-        tolerance=_TOLERANCE,
+        [observations[i] for i in kept], estimate.of_poses(kept), candidate, _TOLERANCE
     )
-    seen = adjust(
-        [observations[i] for i in out],
-        board,
-        fitted.rig,
-        estimate.poses[out],
-        replace(candidate, shape='flat'),
-        free='none',
-        shape=fitted.shape,
-        deviations=estimate.deviations,
-        tolerance=_TOLERANCE,
-    )
-    return seen.residuals, fitted
+    start = replace(fitted, poses=estimate.poses[out])
+    return adjust([observations[i] for i in out], start, None, _TOLERANCE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,68 +137,54 @@ class HeldOut:
     depths: NDArray[np.float64]
 
 
-def hold_out(
-    used: list[Observation], points: NDArray, estimate: Adjustment, model: Model
-) -> HeldOut | None:
+def hold_out(used: list[Observation], estimate: Adjustment, model: Model) -> HeldOut | None:
     """Fit to each half of the poses and look at the other; None if there are too few."""
-    parts = folds(len(used), 2)
-    if not parts:
-        return None
     residuals, stereo, errors, places = [], [], [], []
-    for out in parts:
-        found, fitted = held_out(used, points, estimate, model, out)
-        residuals += found
-        seen = camera_alone(used, points, replace(estimate, rig=fitted.rig), out)
-        for index, pose in zip(out, seen.poses, strict=True):
-            corners = Rotation.from_rotvec(pose[:3]).apply(estimate.shape) + pose[3:]
-            predicted = fitted.rig.projector.project(fitted.rig.to_projector(corners))
-            stereo.append(used[index].projector - predicted)
-            known = np.isfinite(used[index].projector[:, 0] + used[index].camera[:, 0])
-            measured = depths(
-                fitted.rig, used[index].camera[known], used[index].projector[known, 0]
-            )
+    for out in folds(len(used), 2):
+        seen = held_out(used, estimate, model, out)
+        residuals.append(seen.residuals)
+        rig = seen.rig
+        found = camera_alone([used[i] for i in out], replace(seen, bend=estimate.bend)).points()
+        for index, corners in zip(out, found, strict=True):
+            each = used[index]
+            stereo.append(each.projector - rig.projector.project(rig.to_projector(corners)))
+            known = np.isfinite(each.projector[:, 0] + each.camera[:, 0])
+            measured = depths(rig, each.camera[known], each.projector[known, 0])
             errors.append(measured - corners[known, 2])
             places.append(corners[known, 2])
-    off = np.concatenate(stereo)
-    square = np.square(off[np.isfinite(off).all(axis=1)]).sum(axis=1)
+    if not residuals:
+        return None
+    square = np.square(np.concatenate(stereo)).sum(axis=1)
     return HeldOut(
-        rms(residuals),
-        float(np.sqrt(square.mean())),
+        rms(np.concatenate(residuals)),
+        float(np.sqrt(np.nanmean(square))),
         np.concatenate(errors),
         np.concatenate(places),
     )
 
 
-def camera_alone(
-    used: list[Observation], points: NDArray, estimate: Adjustment, which: NDArray
-) -> Adjustment:
-    """Poses as the camera alone tells them, with an estimate's rig."""
+def camera_alone(seen: list[Observation], start: Adjustment) -> Adjustment:
+    """Poses as the camera alone tells them, with a rig that is known."""
     return adjust(
-        [replace(used[i], projector=np.full_like(used[i].projector, np.nan)) for i in which],
-        points,
-        estimate.rig,
-        estimate.poses[which],
-        Model(),
-        free='none',
-        shape=estimate.shape,
-        deviations=estimate.deviations,
+        [replace(each, projector=np.full_like(each.projector, np.nan)) for each in seen],
+        start,
+        None,
     )
 
 
 def without_bad_poses(
-    used: list[Observation], points: NDArray, estimate: Adjustment
+    used: list[Observation], estimate: Adjustment
 ) -> tuple[list[Observation], Adjustment, dict[str, str]]:
     """Leave out poses that fit far worse than the others, one by one, the worst first."""
     excluded: dict[str, str] = {}
     while len(used) > FEWEST_POSES + 1:
-        each = [rms([residuals]) for residuals in estimate.residuals]
-        joint = np.array([part[2] for part in each])
+        joint = np.array([rms(residuals)[2] for residuals in estimate.residuals])
         worst = int(np.argmax(joint))
         # A pose whose residuals are this many times those of the others was not seen as it was.
         limit = max(4.0 * float(np.median(joint)), 0.5)
         if joint[worst] <= limit:
             break
-        alone = camera_alone(used, points, estimate, np.array([worst])).rms()[0]
+        alone = camera_alone([used[worst]], estimate.of_poses(np.array([worst]))).rms()[0]
         blame = (
             'the projector coordinates: the board or the rig moved between its photographs, or '
             'they are out of order'
@@ -245,9 +195,10 @@ def without_bad_poses(
             f'left out: {joint[worst]:.1f} pixels off where the others are '
             f'{np.median(joint):.2f}; what does not fit are {blame}'
         )
-        kept = [index for index in range(len(used)) if index != worst]
+        kept = np.delete(np.arange(len(used)), worst)
         used = [used[index] for index in kept]
-        estimate = adjust(used, points, estimate.rig, estimate.poses[kept], Model())
+        start = replace(estimate.of_poses(kept), deviations=None)
+        estimate = adjust(used, start, Model())
     return used, estimate, excluded
 
 
@@ -306,7 +257,6 @@ class Solution:
     estimate: Adjustment
     model: Model
     scores: dict[Model, float]
-    board: Board
     observations: list[Observation]
     held_out: HeldOut | None
     excluded: dict[str, str] = field(default_factory=dict)
@@ -344,33 +294,28 @@ def solve(
     CalibrationError
         The observations give no rig; the message says what is wrong with them.
     """
-    used = list(observations)
-    points = board.points
-    start, poses = first_rig(used, points, camera_size, projector_size)
+    start = first_rig(observations, board.points, camera_size, projector_size)
     progress('start')
-    estimate = adjust(used, points, start, poses, Model())
-    used, estimate, excluded = without_bad_poses(used, points, estimate)
+    estimate = adjust(observations, start, Model())
+    used, estimate, excluded = without_bad_poses(observations, estimate)
     progress('all poses')
     refuse_hopeless(estimate)
     refuse_wrong_scale(estimate.rig, baseline)
-    # A board that looks the same upside down has no shape that could be told from its mirror.
-    shapes = SHAPES if board.dictionary or (board.columns + board.rows) % 2 else SHAPES[:2]
     scores: dict[Model, float] = {}
     if model is None:
-        model, scores = select(used, points, estimate, Model(), shapes, progress)
-    estimate = adjust(used, points, estimate.rig, estimate.poses, model)
+        model, scores = select(used, estimate, progress)
+    estimate = adjust(used, replace(estimate, deviations=None), model)
     progress('final')
-    _refuse_unknown(estimate)
-    checked = hold_out(used, points, estimate, model)
+    known = covariance(used, estimate, model)
+    _refuse_unknown(estimate, known)
+    checked = hold_out(used, estimate, model)
     progress('held out')
-    record = _record(estimate, board, checked)
-    rig = replace(estimate.rig, record=replace(record, id=estimate.rig.id))
+    record = _record(estimate, known, board, checked)
     return Solution(
-        rig,
+        replace(estimate.rig, record=replace(record, id=estimate.rig.id)),
         estimate,
         model,
         scores,
-        board,
         used,
         checked,
         excluded,
@@ -378,9 +323,9 @@ def solve(
     )
 
 
-def _refuse_unknown(estimate: Adjustment) -> None:
+def _refuse_unknown(estimate: Adjustment, known: NDArray) -> None:
     """Raise `CalibrationError` where the covariance leaves a focal length or the pose open."""
-    deviation = np.sqrt(np.diag(covariance(estimate)))
+    deviation = np.sqrt(np.diag(known))
     vector = rig_vector(estimate.rig)
     # Of focal lengths a twentieth; of the lenses' distance a tenth.
     words = [
@@ -399,18 +344,12 @@ def _refuse_unknown(estimate: Adjustment) -> None:
         )
 
 
-STEPS = 4 + candidates(SHAPES)
-
-
-def _record(estimate: Adjustment, board: Board, checked: HeldOut | None) -> CalibrationRecord:
+def _record(
+    estimate: Adjustment, known: NDArray, board: Board, checked: HeldOut | None
+) -> CalibrationRecord:
     names = ('camera', 'projector', 'joint')
     kind = f'ChArUco {board.dictionary}' if board.dictionary else 'chessboard'
-    places = np.concatenate(
-        [
-            Rotation.from_rotvec(pose[:3]).apply(estimate.shape) + pose[3:]
-            for pose in estimate.poses
-        ]
-    )
+    far = estimate.points()[..., 2]
     now = datetime.datetime.now(datetime.timezone.utc)
     return CalibrationRecord(
         id='',
@@ -420,8 +359,8 @@ def _record(estimate: Adjustment, board: Board, checked: HeldOut | None) -> Cali
         poses=len(estimate.poses),
         rms_px=dict(zip(names, estimate.rms(), strict=True)),
         held_out_rms_px=dict(zip(names, checked.rms, strict=True)) if checked else {},
-        depth_range=(float(places[:, 2].min()), float(places[:, 2].max())),
-        covariance=covariance(estimate),
+        depth_range=(float(far.min()), float(far.max())),
+        covariance=known,
     )
 
 

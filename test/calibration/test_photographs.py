@@ -235,7 +235,7 @@ def test_real_photographs(shared):
     sights, left_out, size = see_poses(shared / 'real' / 'calibration', Session(board, sequence))
     assert (len(sights), left_out, size) == (5, [], (1280, 1024))
     observations = [sight.observation for sight in sights]
-    found = solve(observations, board, size, (1024, 768), model=Model(3, 3, 'bent'))
+    found = solve(observations, board, size, (1024, 768), model=Model(3, 3, bent=True))
     camera, projector, joint = found.estimate.rms()
     assert camera < 0.35
     assert projector < 0.25

@@ -56,7 +56,7 @@ def solution(observations):
 
 
 def test_a_rig_is_found_again(rig, solution):
-    assert solution.model.shape == 'flat'
+    assert not solution.model.bent
     camera, projector, _ = solution.estimate.rms()
     # Six numbers a pose and the rig's own take a part of the noise.
     assert 0.8 < camera / (np.sqrt(2) * NOISE[0]) < 1.0
