@@ -346,12 +346,17 @@ def with_pose(
 
 
 def depths(rig: Rig, pixels: NDArray, columns: NDArray) -> NDArray[np.float64]:
-    """Depth at camera pixels (n, 2) that see projector columns (n,): the flight's triangulation.
+    """Depth at camera pixels (n, 2) that see projector columns (n,): the flight did it."""
+    return depths_along(rig, rig.camera.rays(pixels), columns)
+
+
+def depths_along(rig: Rig, rays: NDArray, columns: NDArray) -> NDArray[np.float64]:
+    """Depth along the camera's rays (n, 3) that see projector columns (n,).
 
     The projector's rays of one column form a sheet. Where it is taken as flat the search begins,
     by the inverse depth, in which a column is nearly linear.
     """
-    rays, shift = rig.camera.rays(pixels) @ rig.rotation.T, rig.translation
+    rays, shift = rays @ rig.rotation.T, rig.translation
     middle = np.full(len(rays), (rig.projector.height - 1) / 2)
     slope = rig.projector.rays(np.column_stack([columns, middle]))[:, 0]
     inverse = (rays[:, 0] - slope * rays[:, 2]) / (slope * shift[2] - shift[0])

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.calibration.wall_check import check
+from ftp_dent_ros.calibration.rig_check import check
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.dents.dent import SmallestDent as Smallest
 from ftp_dent_ros.errors import CalibrationError, CloudError, RefusedFrameError

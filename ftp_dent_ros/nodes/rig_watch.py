@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import deque
 from typing import Any
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo
 
-from ftp_dent_ros.calibration.check_aside import CheckAside
+from ftp_dent_ros.calibration.rig_check import CheckAside
 from ftp_dent_ros.errors import CalibrationError, RigError
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.photograph.photograph import Photograph
@@ -147,7 +148,7 @@ class RigWatch:
     def _check_turn(self, given: tuple[Rig, Pattern, Photograph, NDArray]) -> None:
         """Whether the projector has turned, as far as a curved skin tells."""
         try:
-            found = self._aside.check(*given)
+            found = self._aside.check(*given, math.inf)
         except CalibrationError as reason:
             self._diagnostics.note('rig check', f'not possible: {reason}')
             return

@@ -10,7 +10,7 @@ import pytest
 
 from ftp_dent_ros.calibration.board import Board
 from ftp_dent_ros.calibration.board_check import check_by_board
-from ftp_dent_ros.calibration.wall_check import turned
+from ftp_dent_ros.calibration.rig_check import turned
 from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.files import config_folder
@@ -135,15 +135,15 @@ def test_a_charuco_board_tells_a_turn_beyond_half_a_fringe(
     assert np.degrees(found.turn[axis]) == pytest.approx(degrees[axis], abs=0.02)
 
 
-def test_another_charuco_board_is_told(rig, pattern, charuco, marked, photograph):
-    with pytest.raises(CalibrationError, match='not the markers of DICT_4X4_50'):
-        check_by_board(rig, pattern, replace(charuco, dictionary='DICT_4X4_50'), marked)
+def test_another_charuco_board_is_refused_or_tells_less(rig, pattern, charuco, marked):
     with pytest.raises(CalibrationError, match='no ChArUco board of 9x6'):
         check_by_board(rig, pattern, replace(charuco, columns=9, rows=6), marked)
-    with pytest.raises(CalibrationError, match='not the markers'):
-        check_by_board(rig, pattern, charuco, photograph)
     with pytest.raises(CalibrationError, match='stripe is not seen'):
         check_by_board(rig, replace(pattern, code='stripe'), charuco, marked)
+    known = check_by_board(rig, pattern, charuco, marked)
+    found = check_by_board(rig, pattern, replace(charuco, dictionary='DICT_4X4_50'), marked)
+    assert not found.moved
+    assert (found.deviation > known.deviation).all()
 
 
 def test_the_command_checks_by_a_charuco_board(rig, marked, tmp_path, capsys):
@@ -153,5 +153,3 @@ def test_the_command_checks_by_a_charuco_board(rig, marked, tmp_path, capsys):
     command = ['calibrate', 'check', str(image), *OPTIONS, '--rig', str(good)]
     assert main([*command, '--charuco', 'DICT_5X5_100', '--marker', '18']) == 0
     assert "the board's corners 0." in capsys.readouterr().out
-    assert main([*command, '--charuco', 'DICT_6X6_100', '--marker', '18']) == 2
-    assert 'not the markers of DICT_6X6_100' in capsys.readouterr().err

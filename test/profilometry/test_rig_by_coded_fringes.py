@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from ftp_dent_ros.calibration.wall_check import turned
+from ftp_dent_ros.calibration.rig_check import turned
 from ftp_dent_ros.errors import OtherPatternError, RefusedFrameError
 from ftp_dent_ros.files import config_folder
 from ftp_dent_ros.pattern.pattern import Pattern

@@ -10,7 +10,7 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
-from ftp_dent_ros.calibration.wall_check import turned
+from ftp_dent_ros.calibration.rig_check import turned
 from ftp_dent_ros.files import config_folder
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.pose import Pose

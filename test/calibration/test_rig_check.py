@@ -6,8 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from ftp_dent_ros.calibration.check_aside import CheckAside
-from ftp_dent_ros.calibration.wall_check import adjusted, check, judged, scatter, turned
+from ftp_dent_ros.calibration.rig_check import CheckAside, adjusted, check, judged, scatter, turned
 from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.files import config_folder
@@ -42,7 +41,7 @@ def test_a_good_rig_holds(rig, pattern, wall):
 
 
 @pytest.mark.parametrize('degrees', TURNS)
-def test_aturned_projector_is_found_and_adjusted(rig, pattern, wall, degrees):
+def test_a_turned_projector_is_found_and_adjusted(rig, pattern, wall, degrees):
     wrong = turned(rig, -np.radians(degrees))
     found = seen(wrong, pattern, wall)
     assert not found.holds
@@ -161,11 +160,9 @@ def test_a_check_aside_says_what_the_check_says(rig, pattern, wall):
     measured = Reconstructor(wrong, pattern, Settings(stride=4)).measure(wall)
     here = check(wrong, pattern, wall, measured.cloud.points, np.inf)
     aside = CheckAside()
-    found = aside.check(wrong, pattern, Photograph.of(wall), measured.cloud.points)
+    found = aside.check(wrong, pattern, Photograph.of(wall), measured.cloud.points, np.inf)
     assert (found.holds, found.sentence) == (here.holds, here.sentence)
     nothing = np.full((4, 4, 3), np.nan)
     with pytest.raises(CalibrationError, match='fewer than 200'):
-        aside.check(rig, pattern, Photograph.of(wall), nothing)
+        aside.check(rig, pattern, Photograph.of(wall), nothing, np.inf)
     aside.end()
-    with pytest.raises(CalibrationError, match='ended'):
-        aside.check(rig, pattern, Photograph.of(wall), nothing)

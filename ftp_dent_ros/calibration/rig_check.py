@@ -10,18 +10,24 @@ shows that too, see `board_check`.
 
 from __future__ import annotations
 
+import os
+import pickle
+import resource
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates, spline_filter
+from scipy.ndimage import map_coordinates
 from scipy.optimize import least_squares
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm, t
 
-from ftp_dent_ros.calibration.bundle import depth_deviation
+from ftp_dent_ros.calibration.bundle import depth_deviation, depths_along
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.photograph.photograph import Photograph
@@ -30,6 +36,8 @@ from ftp_dent_ros.rig.rig import Rig
 # Worse known than this it is not known, projector pixels.
 _UNKNOWN_PX = 1.2
 AXES = ('pitch', 'yaw', 'roll')
+# x and y of frames, and what turns about them, in each other's place.
+_SWAPPED = [1, 0, 2]
 
 # Fewer places than this are no rim.
 _FEWEST = 12
@@ -37,6 +45,8 @@ _FEWEST = 12
 _REACH = 14
 # A place so many projector pixels inside the rim tells which way is inward.
 _INWARD = 8.0
+# A rim's places are known to this at first and at best, projector rows.
+_RIM_FIRST, _RIM_LEAST = 0.15, 0.01
 
 # Fringes are known to this at first and at best, projector pixels.
 PHASE_PX, PHASE_LEAST = 0.03, 0.003
@@ -46,8 +56,8 @@ _FAR = 4.0
 _ALIKE = np.sqrt(10)
 # No projector has turned by more, radians: what tells nothing leaves this open.
 ANY_TURN = 0.1
-# Rounds of the search for a ray's depth, and its relative step.
-_NEWTON, _STEP = 4, 1e-4
+# Seconds of processor time of a check aside, of which it takes some tenths.
+_LONGEST = 120
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +187,7 @@ def judged(
     if moved:
         off = np.where([axis in moved for axis in AXES], turn, 0)
         if pattern.axis == 'v':
-            rig, off, middle = rig.transposed, off[[1, 0, 2]], middle[[1, 0, 2]]
+            rig, off, middle = rig.transposed, off[_SWAPPED], middle[_SWAPPED]
         shift = np.zeros((24, 24))
         shift[18:21, 18:21] = np.diag(off**2)
         error = float(depth_deviation(rig, shift, rig.camera.project(middle)[None], middle[2:])[0])
@@ -196,12 +206,47 @@ def turned(rig: Rig, turn: NDArray) -> Rig:
     return replace(rig, rotation=by @ rig.rotation, translation=by @ rig.translation)
 
 
-def turn_covariance(jacobian: NDArray) -> NDArray[np.float64]:
-    """Covariance of the first three parameters of weighted residuals, shape (3, 3)."""
-    normal = jacobian.T @ jacobian
+#: Of residuals, their standard deviation; None for those that are in standard deviations.
+Scatter = Callable[[NDArray], NDArray | float] | None
+
+
+def fitted(
+    misfit: Callable[[NDArray], list[NDArray]],
+    start: NDArray,
+    deviations: list[NDArray | float],
+    scatters: list[Scatter],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Robust least squares of residuals of several kinds, each as good as it turns out to be.
+
+    Parameters
+    ----------
+    misfit : callable
+        Of the unknowns, of which the first three are the projector's turn: residuals by kind.
+    start : ndarray
+    deviations : list of float or ndarray
+        Standard deviations of each kind, to start from.
+    scatters : list of callable, optional
+
+    Returns
+    -------
+    unknowns : ndarray
+    covariance : ndarray, shape (3, 3)
+        Of the turn.
+    """
+
+    def weighted(unknowns: NDArray) -> NDArray[np.float64]:
+        kinds = zip(misfit(unknowns), deviations, strict=True)
+        return np.concatenate([kind / spread for kind, spread in kinds])
+
+    for _ in range(3):
+        found = least_squares(weighted, start, x_scale='jac', loss='soft_l1', f_scale=2.0)
+        start = found.x
+        kinds = zip(misfit(start), deviations, scatters, strict=True)
+        deviations = [tell(kind) if tell else spread for kind, spread, tell in kinds]
+    normal = found.jac.T @ found.jac
     scale = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
     inverse = np.linalg.pinv(normal * np.outer(scale, scale), hermitian=True)
-    return (inverse * np.outer(scale, scale))[:3, :3]
+    return start, (inverse * np.outer(scale, scale))[:3, :3]
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,7 +258,7 @@ class Rim:
     pixels : ndarray, shape (n, 2)
         Of the camera: where the light is half of what it is inside.
     rows : ndarray, shape (n,)
-        Projector rows of these rims; columns for fringes of the axis v.
+        Projector rows of these rims.
     blur : ndarray, shape (n,)
         Standard deviation of the edge's blur, projector rows, positive if the frame is below.
     """
@@ -221,16 +266,6 @@ class Rim:
     pixels: NDArray[np.float64]
     rows: NDArray[np.float64]
     blur: NDArray[np.float64]
-
-    def __len__(self) -> int:
-        return len(self.rows)
-
-    def sides(self) -> list[NDArray[np.bool_]]:
-        """Which places belong to each of the rims seen."""
-        return [self.rows == row for row in np.unique(self.rows)]
-
-
-NO_RIM = Rim(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
 
 
 def inverse_depth(rays: NDArray) -> NDArray[np.float64]:
@@ -240,7 +275,7 @@ def inverse_depth(rays: NDArray) -> NDArray[np.float64]:
 
 
 def find_rim(rig: Rig, pattern: Pattern, levels: NDArray, shape: NDArray) -> Rim:
-    """Places on the two rims of the frame at which the fringes end.
+    """Places on the two rims of the frame at which upright fringes end.
 
     Parameters
     ----------
@@ -256,64 +291,41 @@ def find_rim(rig: Rig, pattern: Pattern, levels: NDArray, shape: NDArray) -> Rim
     Rim
         Without a place where too few are seen.
     """
-    upright = pattern.axis == 'u'
-    across_fringes, along_fringes = rig.projector.width, rig.projector.height
-    if not upright:
-        across_fringes, along_fringes = along_fringes, across_fringes
-    bright = np.arange(
-        pattern.stripe_center_px % pattern.period_px, across_fringes, pattern.period_px
+    width, height = rig.projector.width, rig.projector.height
+    bright = np.arange(pattern.stripe_center_px % pattern.period_px, width, pattern.period_px)
+    columns, rows = np.tile(bright, 2), np.repeat([-0.5, height - 0.5], len(bright))
+    inward = np.sign(height / 2 - rows) * _INWARD
+    at, inside = (
+        _lit(rig, np.column_stack([columns, rows + step]), shape) for step in (0, inward)
     )
-    # Once for all profiles: SciPy would filter the whole photograph for each.
-    cubic = spline_filter(levels)
-    pixels, rows, blurs = [], [], []
-    for row, inward in ((-0.5, 1.0), (along_fringes - 0.5, -1.0)):
-        edge = np.column_stack([bright, np.full(len(bright), row)])
-        places = [edge + np.array([0, inward * step]) for step in (0.0, _INWARD)]
-        ends = [_lit(rig, each if upright else each[:, ::-1], shape) for each in places]
-        across = ends[1] - ends[0]
-        length = np.maximum(np.linalg.norm(across, axis=1), 1e-9)
-        across /= length[:, None]
-        offsets = np.arange(-_REACH, _REACH + 0.25, 0.25)
-        profile_at = ends[0][:, None] + offsets[:, None] * across[:, None]
-        limits = np.array([rig.camera.width - 1, rig.camera.height - 1])
-        inside = ((profile_at > 0) & (profile_at < limits)).all(axis=(1, 2))
-        for place, way, per_pixel, where in zip(
-            ends[0][inside],
-            across[inside],
-            inward * _INWARD / length[inside],
-            profile_at[inside],
-            strict=True,
-        ):
-            profile = map_coordinates(
-                cubic, where[:, ::-1].T, output=levels.dtype, prefilter=False
-            )
-            offset, blur = _step(profile, offsets)
-            if np.isfinite(offset):
-                pixels.append(place + offset * way)
-                rows.append(row)
-                blurs.append(blur * per_pixel)
-    if len(rows) < _FEWEST:
-        return NO_RIM
-    return Rim(np.array(pixels), np.array(rows), np.array(blurs))
+    length = np.maximum(np.linalg.norm(inside - at, axis=1), 1e-9)
+    way = (inside - at) / length[:, None]
+    offsets = np.arange(-_REACH, _REACH + 0.25, 0.25)
+    where = np.moveaxis(at[:, None] + offsets[:, None] * way[:, None], -1, 0)[::-1]
+    profiles = map_coordinates(levels, np.nan_to_num(where, nan=-1), cval=np.nan)
+    edges = np.array([_edge(profile, offsets) for profile in profiles])
+    seen = np.isfinite(edges[:, 0])
+    seen &= seen.sum() >= _FEWEST
+    places = (at + edges[:, :1] * way)[seen]
+    return Rim(places, rows[seen], (edges[:, 1] * inward / length)[seen])
 
 
-def _step(profile: NDArray, offsets: NDArray) -> tuple[float, float]:
+def _edge(profile: NDArray, offsets: NDArray) -> tuple[float, float]:
     """Where a profile is half dark, half light, and its blur's deviation; NaN without an edge."""
     dark, light = np.median(profile[:16]), np.median(profile[-24:])
-    # From the dark around the frame to the light in it, at least, grey levels.
-    if light - dark < 8.0 or light > 250:
-        return np.nan, np.nan
-    share = (profile - dark) / (light - dark)
+    share = (profile - dark) / np.maximum(light - dark, 1e-9)
     above = share > 0.5
     crossings = np.flatnonzero(~above[:-1] & above[1:])
-    if len(crossings) != 1:
+    # From the dark around the frame to the light in it, at least, grey levels.
+    if not light - dark >= 8.0 or light > 250 or len(crossings) != 1:
         return np.nan, np.nan
     index = crossings[0]
     first = index - int(np.argmax(share[index::-1] <= 0.25))
-    last = index + 1 + int(np.argmax(share[index + 1 :] >= 0.75))
-    before = np.interp(0.25, share[first : first + 2], offsets[first : first + 2])
-    behind = np.interp(0.75, share[last - 1 : last + 1], offsets[last - 1 : last + 1])
-    middle = np.interp(0.5, share[index : index + 2], offsets[index : index + 2])
+    last = index + int(np.argmax(share[index + 1 :] >= 0.75))
+    before, middle, behind = (
+        np.interp(level, share[at : at + 2], offsets[at : at + 2])
+        for level, at in ((0.25, first), (0.5, index), (0.75, last))
+    )
     # Quartiles of a normal distribution are so many standard deviations apart.
     return float(middle), float(behind - before) / 1.349
 
@@ -361,113 +373,78 @@ def check(
             f'{len(seen)} points were measured, fewer than 200: photograph a flat wall that fills '
             'the image'
         )
-    # Of the two projector coordinates the fringes tell one, and their ends the other.
-    told = 0 if pattern.axis == 'u' else 1
-    shape, *_ = np.linalg.lstsq(inverse_depth(seen / seen[:, 2:]), 1 / seen[:, 2], rcond=None)
-    rim = find_rim(rig, pattern, fringe_levels(image, rig), shape)
-    flat = np.isfinite(flatness)
-    surface = _wall(rig, told, seen, shape, rim, flatness) if flat else _skin(rig, told, seen, rim)
-    # A rim's places are known to this at best, projector rows, and at first.
-    rim_noise = np.full(len(rim), 0.15)
+    levels, middle = fringe_levels(image, rig), np.median(seen, axis=0)
+    if pattern.axis == 'u':
+        turn, covariance, places = _turn(rig, pattern, levels, seen, flatness)
+    else:
+        # The same with x for y, which turns a turn around.
+        swapped = rig.transposed, pattern.transposed, levels.T, seen[:, _SWAPPED], flatness
+        turn, covariance, places = _turn(*swapped)
+        turn, covariance = -turn[_SWAPPED], covariance[np.ix_(_SWAPPED, _SWAPPED)]
+    # Numbers that the places of the rims tell beside their own noise: three turns, the response.
+    freedom = max(1, places - 4) if places else None
+    return judged(rig, pattern, turn, covariance, middle, places, freedom)
 
-    def off_rim(state: NDArray) -> NDArray[np.float64]:
-        by = turned(rig, state[:3])
-        points = surface.at_rim(by, state[4:])
-        row = by.projector.project(by.to_projector(points))[:, 1 - told]
-        return row - rim.rows - state[3] * rim.blur
 
-    def residuals(state: NDArray) -> NDArray[np.float64]:
-        rest = surface.misfit(turned(rig, state[:3]), state[4:])
+def _turn(
+    rig: Rig, pattern: Pattern, levels: NDArray, seen: NDArray, flatness: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
+    """The projector's turn, its covariance, and the places on rims, of upright fringes.
+
+    The fringes tell the depth whatever the turn: a place on the rim has a row then, and a wall's
+    inverse depths are linear in the rays, up to its bend.
+    """
+    rays = seen / seen[:, 2:]
+    shape, *_ = np.linalg.lstsq(inverse_depth(rays), 1 / seen[:, 2], rcond=None)
+    rim = find_rim(rig, pattern, levels, shape)
+    columns = rig.projector.project(rig.to_projector(seen))[:, 0]
+    rim_rays = rig.camera.rays(rim.pixels)
+    rim_columns = _columns_near(rig.camera.project(seen), columns, rim.pixels)
+    sides = [rim.rows == row for row in np.unique(rim.rows)]
+    flat = bool(np.isfinite(flatness))
+    start = np.concatenate([np.zeros(4), shape * flat])
+    thin = slice(None, None, max(1, len(seen) // 1500))
+    rays, columns = rays[thin], columns[thin]
+    distance = float(np.median(seen[:, 2]))
+    per_depth = rig.projector.camera_matrix[0, 0] * np.linalg.norm(rig.translation)
+    # A fitted quadratic follows a wall to this, if it is not known to be flatter; metres.
+    noise = _ALIKE * np.hypot(PHASE_PX, min(5e-5, flatness) * per_depth / distance**2)
+    reach = float(np.percentile(np.hypot(rays[:, 0], rays[:, 1]), 95))
+
+    def misfit(unknowns: NDArray) -> list[NDArray]:
+        by = turned(rig, unknowns[:3])
+        points = rim_rays * depths_along(by, rim_rays, rim_columns)[:, None]
+        row = by.projector.project(by.to_projector(points))[:, 1]
+        off = row - rim.rows - unknowns[3] * rim.blur
         # Half of the levels is half of the light to this part of the blur: for a camera whose
         # exponent is known to 10 % (0.35 of it over the edge's slope, 0.4).
-        known = np.append(state[:3] / ANY_TURN, state[3] / 0.09)
-        return np.concatenate([rest, off_rim(state) / rim_noise, known])
+        prior = [*unknowns[:3] / ANY_TURN, unknowns[3] / 0.09]
+        kinds = [off[side] for side in sides]
+        if flat:
+            beside = 1 / depths_along(by, rays, columns) - inverse_depth(rays) @ unknowns[4:]
+            kinds.append(beside * per_depth / noise)
+            prior += [*unknowns[7:] * (distance * reach) ** 2 / flatness]
+        return [*kinds, np.array(prior)]
 
-    start = np.concatenate([np.zeros(4), surface.start])
-    for _ in range(3):
-        found = least_squares(residuals, start, x_scale='jac', loss='soft_l1', f_scale=2.0)
-        start, off = found.x, off_rim(found.x)
-        for side in rim.sides():
-            rim_noise[side] = scatter(off[side], 0.01)
-    middle = np.median(seen, axis=0)
-    # Numbers that the places of the rims tell beside their own noise: three turns, the response.
-    freedom = max(1, len(rim) - 4) if len(rim) else None
-    covariance = turn_covariance(found.jac)
-    return judged(rig, pattern, found.x[:3], covariance, middle, len(rim), freedom)
-
-
-@dataclass(frozen=True, eq=False)
-class _Surface:
-    """What lies before the rig, with numbers of its own that are estimated beside the turn.
-
-    Attributes
-    ----------
-    start : ndarray, shape (k,)
-        The numbers, to start from.
-    misfit : callable
-        Of a rig and the numbers: weighted residuals of the fringes and of what is known.
-    at_rim : callable
-        Of a rig and the numbers: points (n, 3) that the rim's pixels see, metres.
-    """
-
-    start: NDArray[np.float64]
-    misfit: Callable[[Rig, NDArray], NDArray[np.float64]]
-    at_rim: Callable[[Rig, NDArray], NDArray[np.float64]]
+    rest = 1 + flat
+    deviations: list[Any] = [_RIM_FIRST] * len(sides) + [1.0] * rest
+    scatters: list[Scatter] = [*[_rim_scatter] * len(sides), *[None] * rest]
+    found, covariance = fitted(misfit, start[: 10 if flat else 4], deviations, scatters)
+    return found[:3], covariance, len(rim.rows)
 
 
-def _wall(
-    rig: Rig, told: int, seen: NDArray, shape: NDArray, rim: Rim, flatness: float
-) -> _Surface:
-    """A plane that is bent by no more than it is known to be: its fringes tell the yaw."""
-    seen = seen[:: max(1, len(seen) // 1500)]
-    rays, rim_rays = seen / seen[:, 2:], _rays(rig, rim)
-    columns = rig.projector.project(rig.to_projector(seen))[:, told]
-    distance = float(np.median(seen[:, 2]))
-    scale = rig.projector.camera_matrix[told, told] * np.linalg.norm(rig.translation)
-    # A fitted quadratic follows a wall to this, if it is not known to be flatter; metres.
-    noise = _ALIKE * np.hypot(PHASE_PX, min(5e-5, flatness) * scale / distance**2)
-    reach = float(np.percentile(np.hypot(rays[:, 0], rays[:, 1]), 95))
-    bend = flatness / distance**2 / reach**2
-
-    def points(at: NDArray, numbers: NDArray) -> NDArray[np.float64]:
-        return at / (inverse_depth(at) @ numbers)[:, None]
-
-    def misfit(by: Rig, numbers: NDArray) -> NDArray[np.float64]:
-        column = by.projector.project(by.to_projector(points(rays, numbers)))[:, told]
-        return np.concatenate([(column - columns) / noise, numbers[3:] / bend])
-
-    return _Surface(shape, misfit, lambda by, numbers: points(rim_rays, numbers))
+def _columns_near(pixels: NDArray, columns: NDArray, places: NDArray) -> NDArray[np.float64]:
+    """Columns at places of the image by the nearest points, which lie in a plane about there."""
+    result = np.zeros(len(places))
+    _, nearest = cKDTree(pixels).query(places, k=40)
+    for index, near in enumerate(nearest):
+        terms = np.column_stack([np.ones(len(near)), pixels[near] - places[index]])
+        result[index] = np.linalg.lstsq(terms, columns[near], rcond=None)[0][0]
+    return result
 
 
-def _skin(rig: Rig, told: int, seen: NDArray, rim: Rim) -> _Surface:
-    """Of any form: the fringes tell where it is whatever the turn, and the rim alone the turn."""
-    rays = _rays(rig, rim)
-    near, columns = np.zeros(len(rim)), np.zeros(len(rim))
-    if len(rim):
-        pixels = rig.camera.project(seen)
-        fringes = rig.projector.project(rig.to_projector(seen))[:, told]
-        # Points of a skin that tell the column at a place of the rim near them.
-        _, index = cKDTree(pixels).query(rim.pixels, k=40)
-        for i, (at, which) in enumerate(zip(rim.pixels, index, strict=True)):
-            terms = np.column_stack([np.ones(len(which)), pixels[which] - at])
-            known = np.column_stack([fringes[which], seen[which, 2]])
-            (columns[i], near[i]), *_ = np.linalg.lstsq(terms, known, rcond=None)[0]
-
-    def at_rim(by: Rig, numbers: NDArray) -> NDArray[np.float64]:
-        depth = near
-        for _ in range(_NEWTON):
-            column, further = (
-                by.projector.project(by.to_projector((depth * each)[:, None] * rays))[:, told]
-                for each in (1, 1 + _STEP)
-            )
-            depth = depth * (1 + _STEP * (columns - column) / (further - column))
-        return depth[:, None] * rays
-
-    return _Surface(np.zeros(0), lambda by, numbers: np.zeros(0), at_rim)
-
-
-def _rays(rig: Rig, rim: Rim) -> NDArray[np.float64]:
-    return rig.camera.rays(rim.pixels) if len(rim) else np.zeros((0, 3))
+def _rim_scatter(off: NDArray) -> float:
+    return scatter(off, _RIM_LEAST)
 
 
 def scatter(off: NDArray, least: float) -> float:
@@ -490,3 +467,54 @@ def fringe_levels(image: Photograph | NDArray, rig: Rig) -> NDArray[np.float64]:
     """
     photograph = linear_photograph(image, rig)
     return photograph.rgb()[..., 0].astype(float) * photograph.unit
+
+
+class CheckAside:
+    """Checks of a rig, each in a process of its own, behind whatever else runs.
+
+    SciPy's optimisers take some tenths of a second, much of it in Python: in a thread they would
+    hold up the photographs that come meanwhile.
+    """
+
+    def __init__(self) -> None:
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def check(self, *given: Any) -> Check:
+        """Check a rig as `check` does, of whose arguments these are.
+
+        Raises
+        ------
+        CalibrationError
+            Too little was measured, or the process did not come to an end.
+        """
+        self._process = process = subprocess.Popen(
+            [sys.executable, '-c', f'from {__name__} import answer; answer()'],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+        )
+        told, _ = process.communicate(pickle.dumps(given))
+        if process.returncode:
+            raise CalibrationError(f'its process ended with the status {process.returncode}')
+        found = pickle.loads(told)
+        if isinstance(found, CalibrationError):
+            raise found
+        return found
+
+    def end(self) -> None:
+        """End the check under way."""
+        if self._process is not None:
+            self._process.kill()
+
+
+def answer() -> None:
+    """Check what comes in on the standard input; what is found, or why not, goes out."""
+    # The last priority there is: photographs go first.
+    os.nice(19)
+    resource.setrlimit(resource.RLIMIT_CPU, (_LONGEST, _LONGEST))
+    found: Check | CalibrationError
+    try:
+        found = check(*pickle.load(sys.stdin.buffer))
+    except CalibrationError as reason:
+        found = reason
+    pickle.dump(found, sys.stdout.buffer)
