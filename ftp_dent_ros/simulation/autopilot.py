@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import argparse
-import errno
 import math
 import os
-import random
 import re
-import select
 import signal
-import socket
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.spatial.transform import Rotation
 
@@ -26,9 +22,7 @@ from ftp_dent_ros.errors import ConfigurationError, FtpDentError, LinkError
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.simulation.world import World, read_world
 
-_ADDRESS = re.compile(r'(udpin|udpout|tcp|tcpin):([\w.-]+):(\d{1,5})')
-# Bytes that are read at once.
-_LARGEST = 65536
+_ADDRESS = re.compile(r'udp(in|out):[\w.-]+:(\d{1,5})')
 
 # The world's own way from ENU to NED and from FRD to FLU: a mistake in the conversions of
 # `navigation.frames` must not cancel against itself.
@@ -77,153 +71,32 @@ _DEFAULTS_US = {
 os.environ.setdefault('MAVLINK20', '1')
 
 
-class AutopilotLink:
-    """A connection by its address.
-
-    Parameters
-    ----------
-    address : str
-    system_id : int
-        It speaks as component 1 of this system.
+def open_link(address: str, system_id: int) -> Any:
+    """A connection of pymavlink that speaks as component 1 of a system.
 
     Raises
     ------
     ConfigurationError
-        The address is none of the four kinds.
+        The address is of neither kind.
     LinkError
         It is taken, or cannot be reached.
     """
-
-    def __init__(self, address: str, system_id: int) -> None:
-        match = _ADDRESS.fullmatch(address)
-        if not match or not 0 < int(match[3]) < 65536:
-            raise ConfigurationError(
-                f'{address!r} is no address: give udpout:HOST:PORT of the bridge, '
-                'udpin:HOST:PORT, tcp:HOST:PORT or tcpin:HOST:PORT'
-            )
-        self.system_id = system_id
-        self._speaker = mavlink.MAVLink(None, system_id, mavlink.MAV_COMP_ID_AUTOPILOT1)
-        try:
-            self._ends: _Datagrams | _Stream
-            place = socket.gethostbyname(match[2]), int(match[3])
-            kind = _Datagrams if match[1].startswith('udp') else _Stream
-            self._ends = kind(place, listens=match[1].endswith('in'))
-        except OSError as reason:
-            if reason.errno == errno.EADDRINUSE:
-                raise LinkError(
-                    f'{address}: another program listens there: stop it, or choose another port'
-                ) from None
-            what = reason.strerror or str(reason)
-            raise LinkError(f'{address}: cannot be opened ({what}): check the address') from None
-
-    def send(self, message: Any) -> None:
-        """Send a message to whoever is there."""
-        self._ends.write(message.pack(self._speaker))
-        self._speaker.seq = (self._speaker.seq + 1) % 256
-
-    def receive(self, timeout: float) -> Iterator[Any]:
-        """Whole messages that have come, waiting at most `timeout` seconds for the first."""
-        ready, _, _ = select.select(self._ends.sockets(), [], [], timeout)
-        for end in ready:
-            for message in self._ends.read(end) or ():
-                if message.get_type() != 'BAD_DATA':
-                    yield message
-
-
-class _Datagrams:
-    def __init__(self, place: tuple[str, int], listens: bool) -> None:
-        self._heard: dict[Any, float] = {} if listens else {place: float('inf')}
-        self._listens = listens
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.setblocking(False)
-        if listens:
-            self._socket.bind(place)
-
-    def sockets(self) -> list[socket.socket]:
-        return [self._socket]
-
-    def read(self, end: socket.socket) -> list[Any] | None:
-        try:
-            data, peer = end.recvfrom(_LARGEST)
-        except OSError:
-            return None  # A datagram of ours found nobody there.
-        if self._listens:
-            self._heard[peer] = time.monotonic()
-        # A datagram holds whole messages: what is cut off does not wait for the next one.
-        return _new_parser().parse_buffer(data)
-
-    def write(self, data: bytes) -> None:
-        # A UDP peer that has said nothing for so long gets nothing more; a connection that failed
-        # is tried again after so long, each try no longer than that.
-        oldest = time.monotonic() - 60.0
-        self._heard = {peer: last for peer, last in self._heard.items() if last > oldest}
-        for peer in self._heard:
-            with suppress(OSError):  # Lost, as on the air.
-                self._socket.sendto(data, peer)
-
-
-class _Stream:
-    def __init__(self, place: tuple[str, int], listens: bool) -> None:
-        self._place = place
-        self._peer: socket.socket | None = None
-        self._listener: socket.socket | None = None
-        self._retry = 0.0
-        if listens:
-            self._listener = socket.create_server(place)
-            self._listener.setblocking(False)
-        else:
-            self._adopt(socket.create_connection(place, 5.0))
-
-    def sockets(self) -> list[socket.socket]:
-        if self._peer is None and self._listener is None and time.monotonic() > self._retry:
-            self._retry = time.monotonic() + 0.5
-            with suppress(OSError):
-                self._adopt(socket.create_connection(self._place, 0.2))
-        return [end for end in (self._listener, self._peer) if end is not None]
-
-    def read(self, end: socket.socket) -> list[Any] | None:
-        try:
-            if end is self._listener:
-                self._adopt(end.accept()[0])
-                return None
-            if end is not self._peer:
-                return None
-            data = end.recv(_LARGEST)
-        except BlockingIOError:
-            return None
-        except OSError:
-            data = b''
-        if not data:
-            self._drop()
-            return None
-        return self._parser.parse_buffer(data)
-
-    def write(self, data: bytes) -> None:
-        if self._peer is None:
-            return
-        try:
-            # Half a message would spoil the stream of one who does not read.
-            if self._peer.send(data) < len(data):
-                self._drop()
-        except OSError:
-            self._drop()
-
-    def _adopt(self, peer: socket.socket) -> None:
-        self._drop()
-        peer.setblocking(False)
-        peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._peer, self._parser = peer, _new_parser()
-
-    def _drop(self) -> None:
-        if self._peer is not None:
-            self._peer.close()
-            self._peer = None
-
-
-def _new_parser() -> Any:
-    parser = mavlink.MAVLink(None)
-    parser.robust_parsing = True
-    return parser
+    match = _ADDRESS.fullmatch(address)
+    if not match or not 0 < int(match[2]) < 65536:
+        raise ConfigurationError(
+            f'{address!r} is no address: give udpout:HOST:PORT of the bridge, or udpin:HOST:PORT'
+        )
+    try:
+        return mavutil.mavlink_connection(
+            address,
+            source_system=system_id,
+            source_component=mavlink.MAV_COMP_ID_AUTOPILOT1,
+            dialect='ardupilotmega',
+        )
+    except OSError as reason:
+        raise LinkError(
+            f'{address}: cannot be opened ({reason}): stop who listens there, or choose another'
+        ) from None
 
 
 class Telemetry:
@@ -364,12 +237,13 @@ class Autopilot:
     ----------
     world : World
         Where the drone is at a ROS time.
-    link : AutopilotLink
+    link : mavutil.mavfile
+        From `open_link`.
     uptime : float
         Seconds since its boot when it is made.
     """
 
-    def __init__(self, world: World, link: AutopilotLink, uptime: float) -> None:
+    def __init__(self, world: World, link: Any, uptime: float) -> None:
         self._world, self._link = world, link
         self._boot_ns = time.time_ns() - round(uptime * 1e3) * 1_000_000
         self._intervals_us = dict(_DEFAULTS_US)
@@ -382,8 +256,8 @@ class Autopilot:
         """Fly and talk for ever."""
         self._send(mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN, self.time_since_boot_ns())
         while True:
-            wait_ns = self._send_due()
-            for message in self._link.receive(wait_ns / 1e9):
+            self._link.select(self._send_due() / 1e9)
+            while (message := self._link.recv_msg()) is not None:
                 self._answer(message)
 
     def time_since_boot_ns(self) -> int:
@@ -404,7 +278,6 @@ class Autopilot:
         now = self.time_since_boot_ns()
         for message_id, due in list(self._due_ns.items()):
             interval = self._intervals_us[message_id] * 1000
-            # What REQUEST_DATA_STREAM of another client changes on an ArduCopter, and to what.
             # Messages that are late keep their time and are sent after each other, unless that is
             # hopeless.
             if due < now - 500_000_000:
@@ -413,21 +286,20 @@ class Autopilot:
                 self._send(message_id, due)
                 due += interval
             self._due_ns[message_id] = due
-        # Also with nothing to send, a server that was lost is looked for.
         next_ns = min([now + 500_000_000, *self._due_ns.values()])
         return max(next_ns - self.time_since_boot_ns(), 0)
 
     def _send(self, message_id: int, boot_ns: int) -> None:
-        self._link.send(self._telemetry.messages[message_id](boot_ns))
+        self._link.mav.send(self._telemetry.messages[message_id](boot_ns))
 
     def _answer(self, message: Any) -> None:
         kind = message.get_type()
         if kind == 'TIMESYNC' and message.tc1 == 0:
             now = self.time_since_boot_ns()
-            self._link.send(mavlink.MAVLink_timesync_message(now, message.ts1))
-        elif kind == 'COMMAND_LONG' and message.target_system in (0, self._link.system_id):
+            self._link.mav.send(mavlink.MAVLink_timesync_message(now, message.ts1))
+        elif kind == 'COMMAND_LONG' and message.target_system in (0, self._link.source_system):
             result = self._obey(message)
-            self._link.send(mavlink.MAVLink_command_ack_message(message.command, result))
+            self._link.mav.send(mavlink.MAVLink_command_ack_message(message.command, result))
 
     def _obey(self, message: Any) -> int:
         """Result of a COMMAND_LONG, a MAV_RESULT."""
@@ -459,16 +331,14 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         '--address',
         default='udpout:127.0.0.1:14550',
-        help='udpout, udpin, tcp or tcpin:HOST:PORT; default: %(default)s',
+        help='udpout:HOST:PORT or udpin:HOST:PORT; default: %(default)s',
     )
     parser.add_argument(
         '--start-ns', type=int, default=0, help='ROS time at which the flight starts, ns'
     )
     parser.add_argument('--system-id', type=int, default=1, help='default: %(default)s')
     parser.add_argument(
-        '--uptime',
-        type=float,
-        help='seconds since boot at the start; default: 20 to 120 by chance',
+        '--uptime', type=float, default=60.0, help='seconds since boot at the start'
     )
     return parser
 
@@ -479,12 +349,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         world = read_world(parsed.scene, parsed.start_ns)
-        uptime = random.uniform(20, 120) if parsed.uptime is None else parsed.uptime
-        if not 0 <= uptime < 1e9:
-            raise ConfigurationError(f'--uptime is {uptime}: give seconds, 0 or more')
+        if not 0 <= parsed.uptime < 1e9:
+            raise ConfigurationError(f'--uptime is {parsed.uptime}: give seconds, 0 or more')
         if not 0 < parsed.system_id < 256:
             raise ConfigurationError(f'--system-id is {parsed.system_id}: give 1 to 255')
-        Autopilot(world, AutopilotLink(parsed.address, parsed.system_id), uptime).run()
+        Autopilot(world, open_link(parsed.address, parsed.system_id), parsed.uptime).run()
     except FtpDentError as error:
         print(f'simulated_autopilot: {error}', file=sys.stderr)
         return 2
