@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, Any
 
@@ -11,15 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erf
 
+from ftp_dent_ros.calibration.descent import descend
 from ftp_dent_ros.errors import CalibrationError, ConfigurationError
 from ftp_dent_ros.fields import Checked, Limits
 
 # Fewer corners do not tell how a board lies.
 _FEWEST = 6
 
-# Levenberg and Marquardt's damping: first, and its factor from step to step.
-_DAMPING, _FACTOR = 1e-2, 10.0
-_STEPS = 25
+# Edges of a photograph in focus are at least this soft: a pixel is a square, pixels.
+_SHARPEST = 0.25
+# Steps to a corner at most, and the relative change of what is left at which it is found.
+_STEPS, _TOLERANCE = 30, 1e-6
+# Most pixels that a square is drawn with.
+_LARGEST_SQUARE = 600
 
 # Windows reach this part of the way to the nearest corner, so that one crossing alone is in them,
 # and these pixels at most: lens distortion bends longer edges.
@@ -27,84 +31,6 @@ _WINDOW, _SMALLEST_WINDOW, _LARGEST_WINDOW = 0.6, 3, 15
 # A corner search on a large photograph begins on a smaller one; pixels of its longer side.
 _SEARCH_SIZE = 1300
 _CRITERIA = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 40, 1e-3)
-
-
-class Charuco:
-    """A chessboard with markers in its white squares.
-
-    Parameters
-    ----------
-    squares : (int, int)
-        Along x and y.
-    square, marker : float
-        Their sides, metres.
-    dictionary : str
-        Name of the markers' dictionary.
-    legacy : bool
-        Printed by OpenCV before 4.6 with an even number of rows.
-    """
-
-    def __init__(
-        self, squares: tuple[int, int], square: float, marker: float, dictionary: str, legacy: bool
-    ) -> None:
-        aruco: Any = cv2.aruco
-        words = aruco.getPredefinedDictionary(getattr(aruco, dictionary))
-        self._squares = squares
-        self._part, self.modules = marker / square, words.markerSize + 2
-        self._classes = hasattr(aruco, 'CharucoDetector')
-        if not self._classes:
-            self._board = aruco.CharucoBoard_create(*squares, square, marker, words)
-            return
-        self._board = aruco.CharucoBoard(squares, square, marker, words)
-        self._board.setLegacyPattern(legacy)
-
-    def draw(self, pixels: int) -> NDArray[np.uint8]:
-        """The print without a rim, `pixels` a square."""
-        size = (self._squares[0] * pixels, self._squares[1] * pixels)
-        image = self._board.generateImage(size) if self._classes else self._board.draw(size)
-        return np.asarray(image, np.uint8)
-
-    def exact_pixels(self, least: int) -> int:
-        """Pixels a square, not fewer than `least`, that OpenCV draws markers with as they are.
-
-        It rounds their modules and margins to whole pixels.
-        """
-
-        def off(pixels: int) -> float:
-            side = self._part * pixels
-            whole = round(side / self.modules) * self.modules
-            return round(abs(side - whole) / pixels, 4) + (pixels - whole) % 2 / pixels
-
-        # Most pixels that a square is drawn with.
-        return min(range(least, 600 + 1), key=off)
-
-    def find(self, photograph: NDArray[np.uint8]) -> NDArray[np.float64]:
-        """Inner corners row by row, shape (n, 2), pixels; NaN where one is not seen.
-
-        Raises
-        ------
-        CalibrationError
-            Too few are seen.
-        """
-        aruco: Any = cv2.aruco
-        found: Any = None
-        ids: Any = None
-        if self._classes:
-            found, ids, _, _ = aruco.CharucoDetector(self._board).detectBoard(photograph)
-        else:
-            markers, names, _ = aruco.detectMarkers(photograph, self._board.dictionary)
-            if names is not None and len(names):
-                _, found, ids = aruco.interpolateCornersCharuco(
-                    markers, names, photograph, self._board
-                )
-        corners = np.full(((self._squares[0] - 1) * (self._squares[1] - 1), 2), np.nan)
-        if ids is None or len(ids) < _FEWEST:
-            raise CalibrationError(
-                f'of the ChArUco board {0 if ids is None else len(ids)} corners are seen, fewer '
-                f'than {_FEWEST}: check its numbers and dictionary, and show more of it'
-            )
-        corners[np.asarray(ids).ravel()] = np.asarray(found, float).reshape(-1, 2)
-        return corners
 
 
 def refine_corners(
@@ -150,56 +76,25 @@ def refine_corners(
     state = np.zeros((len(corners), 9))
     state[:, :2] = corners - whole
     state[:, 2:4], state[:, 4] = angles, 1.0
-    state[:, 5:] = _light(state, x, y, values)
-    state = _fit(state, x, y, values)
-    moved = np.linalg.norm(state[:, :2] + whole - corners, axis=1)
+
+    def linearised(state: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+        light, jacobian = _model(state, x, y)
+        off, turned = light - values, jacobian.transpose(0, 2, 1)
+        return np.square(off).sum(axis=1), (turned @ off[..., None])[..., 0], turned @ jacobian
+
+    state = descend(linearised, state, _TOLERANCE, _STEPS)
+    found, blur = whole + state[:, :2], np.maximum(state[:, 4], _SHARPEST)
     # A fit that wanders this far has found something else, pixels.
-    lost = ~inside | (moved > 3.0) | (state[:, 4] > radius / 2)
-    found = whole + state[:, :2]
-    found[lost] = np.nan
-    return found, np.where(lost, np.nan, state[:, 4])
-
-
-def _fit(state: NDArray, x: NDArray, y: NDArray, values: NDArray) -> NDArray[np.float64]:
-    damping = np.full(len(state), _DAMPING)
-    model, jacobian = _model(state, x, y)
-    cost = np.square(values - model).sum(axis=1)
-    for _ in range(_STEPS):
-        turned = jacobian.transpose(0, 2, 1)
-        normal = turned @ jacobian
-        gradient = (turned @ (values - model)[..., None])[..., 0]
-        diagonal = np.einsum('nii->ni', normal)
-        damped = normal + (damping[:, None] * diagonal + 1e-9)[:, :, None] * np.eye(9)
-        step = np.linalg.solve(damped, gradient[..., None])[..., 0]
-        tried = state + step
-        # Edges of a photograph in focus are at least this soft: a pixel is a square, pixels.
-        tried[:, 4] = np.maximum(tried[:, 4], 0.25)
-        new_model, new_jacobian = _model(tried, x, y)
-        new_cost = np.square(values - new_model).sum(axis=1)
-        better = new_cost < cost
-        state = np.where(better[:, None], tried, state)
-        model = np.where(better[:, None], new_model, model)
-        jacobian = np.where(better[:, None, None], new_jacobian, jacobian)
-        cost = np.where(better, new_cost, cost)
-        damping = np.clip(np.where(better, damping / _FACTOR, damping * _FACTOR), 1e-9, 1e9)
-        if np.abs(step[:, :2]).max() < 1e-4:
-            break
-    return state
-
-
-def _light(state: NDArray, x: NDArray, y: NDArray, values: NDArray) -> NDArray[np.float64]:
-    """Offset, slopes and contrast to start from, by linear least squares."""
-    _, jacobian = _model(state, x, y)
-    linear = jacobian[..., 5:]
-    turned = linear.transpose(0, 2, 1)
-    normal = turned @ linear + 1e-9 * np.eye(4)
-    return np.linalg.solve(normal, turned @ values[..., None])[..., 0]
+    lost = ~inside | (np.linalg.norm(found - corners, axis=1) > 3.0) | (blur > radius / 2)
+    found[lost], blur[lost] = np.nan, np.nan
+    return found, blur
 
 
 def _model(state: NDArray, x: NDArray, y: NDArray) -> tuple[NDArray, NDArray]:
     """Light in the windows, shape (n, m), and its derivatives, shape (n, m, 9)."""
     cx, cy, first, second, blur, offset, slope_x, slope_y, contrast = state.T[..., None]
     dx, dy = x - cx, y - cy
+    blur = np.maximum(blur, _SHARPEST)
     width = np.sqrt(2) * blur
     edges, slopes, turns = [], [], []
     for angle in (first, second):
@@ -265,11 +160,6 @@ class Board(Checked):
         if not 0 < self.marker < self.square:
             self.refuse('marker', f'metres, less than a square of {self.square:g} m: measure both')
 
-    @property
-    def size(self) -> tuple[int, int]:
-        """Inner corners along x and y."""
-        return self.columns, self.rows
-
     @cached_property
     def points(self) -> NDArray[np.float64]:
         """Corners row by row, shape (n, 3), metres; x right, y down, z into the board."""
@@ -277,10 +167,6 @@ class Board(Checked):
         return (
             np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=-1).astype(float) * self.square
         )
-
-    def turned(self) -> Board:
-        """The board with rows and columns exchanged."""
-        return replace(self, columns=self.rows, rows=self.columns)
 
     def find(self, photograph: NDArray[np.uint8]) -> NDArray[np.float64]:
         """Corners in a photograph.
@@ -301,7 +187,7 @@ class Board(Checked):
             The board is not found, or not whole where it has no markers.
         """
         coded = bool(self.dictionary)
-        corners = self._charuco.find(photograph) if coded else self.find_rough(photograph)
+        corners = self._find_marked(photograph) if coded else self.find_rough(photograph)
         seen = np.isfinite(corners[:, 0])
         window = max(2, int(_WINDOW / 2 * self.spacing(corners)))
         rough = corners[seen].astype(np.float32).reshape(-1, 1, 2)
@@ -339,24 +225,63 @@ class Board(Checked):
         ]
         return np.stack([ends[1] - ends[0], ends[2] - ends[0]], axis=1)
 
-    @property
-    def module(self) -> float:
-        """ChArUco: side of a marker's cells, of which its black border is one wide, metres."""
-        return self.marker / self._charuco.modules
+    @cached_property
+    def _charuco(self) -> Any:
+        """OpenCV's board, which it has made by a class since 4.7."""
+        aruco: Any = cv2.aruco
+        words = aruco.getPredefinedDictionary(getattr(aruco, self.dictionary))
+        given = (self.columns + 1, self.rows + 1), self.square, self.marker, words
+        if not hasattr(aruco, 'CharucoDetector'):
+            return aruco.CharucoBoard_create(*given[0], *given[1:])
+        board = aruco.CharucoBoard(*given)
+        board.setLegacyPattern(self.legacy)
+        return board
+
+    def _find_marked(self, photograph: NDArray[np.uint8]) -> NDArray[np.float64]:
+        """Corners between markers; otherwise as `find`."""
+        aruco: Any = cv2.aruco
+        board, found, ids = self._charuco, None, None
+        if hasattr(aruco, 'CharucoDetector'):
+            found, ids, _, _ = aruco.CharucoDetector(board).detectBoard(photograph)
+        else:
+            markers, names, _ = aruco.detectMarkers(photograph, board.dictionary)
+            if names is not None and len(names):
+                _, found, ids = aruco.interpolateCornersCharuco(markers, names, photograph, board)
+        if ids is None or len(ids) < _FEWEST:
+            raise CalibrationError(
+                f'of the ChArUco board {0 if ids is None else len(ids)} corners are seen, fewer '
+                f'than {_FEWEST}: check its numbers and dictionary, and show more of it'
+            )
+        corners = np.full((self.columns * self.rows, 2), np.nan)
+        corners[np.ravel(ids)] = np.reshape(np.asarray(found, float), (-1, 2))
+        return corners
 
     def exact_pixels(self, least: int) -> int:
-        """Pixels a square, not fewer than `least`, with which `draw` rounds nothing."""
-        return self._charuco.exact_pixels(least) if self.dictionary else least
+        """Pixels a square, not fewer than `least`, with which `draw` rounds nothing.
+
+        OpenCV rounds the modules and margins of markers to whole pixels.
+        """
+        if not self.dictionary:
+            return least
+        words = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
+        modules = words.markerSize + 2
+
+        def off(pixels: int) -> float:
+            side = self.marker / self.square * pixels
+            whole = round(side / modules) * modules
+            return round(abs(side - whole) / pixels, 4) + (pixels - whole) % 2 / pixels
+
+        return min(range(least, _LARGEST_SQUARE + 1), key=off)
 
     def draw(self, pixels: int) -> NDArray[np.uint8]:
         """The board's print with a white rim of half a square, `pixels` a square."""
+        squares = np.indices((self.rows + 1, self.columns + 1)).sum(axis=0) % 2
+        large = np.kron(255 * squares, np.ones((pixels, pixels))).astype(np.uint8)
+        if self.dictionary:
+            board = self._charuco
+            draw = board.generateImage if hasattr(board, 'generateImage') else board.draw
+            large = np.asarray(draw(large.shape[::-1]), np.uint8)
         image = np.full(((self.rows + 2) * pixels, (self.columns + 2) * pixels), 255, np.uint8)
-        if not self.dictionary:
-            row, column = np.indices((self.rows + 1, self.columns + 1))
-            squares = np.where((row + column) % 2, 255, 0).astype(np.uint8)
-            large = np.kron(squares, np.ones((pixels, pixels), np.uint8))
-        else:
-            large = self._charuco.draw(pixels)
         half = pixels // 2
         image[half : half + large.shape[0], half : half + large.shape[1]] = large
         return image
@@ -379,10 +304,10 @@ class Board(Checked):
                 )
             )
         flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
-        found, corners = cv2.findChessboardCorners(small, self.size, flags=flags)
+        found, corners = cv2.findChessboardCorners(small, (self.columns, self.rows), flags=flags)
         if not found:
             # Slower, and finds what blur or uneven light hides from the other.
-            found, corners = cv2.findChessboardCornersSB(small, self.size)
+            found, corners = cv2.findChessboardCornersSB(small, (self.columns, self.rows))
         if not found:
             raise CalibrationError(
                 f'no chessboard of {self.columns}x{self.rows} inner corners is seen whole: check '
@@ -405,8 +330,3 @@ class Board(Checked):
             u, v = np.rint(grid[:2, column : column + 2].mean(axis=(0, 1))).astype(int)
             levels.append(np.median(photograph[v - 1 : v + 2, u - 1 : u + 2]))
         return bool(levels[0] < levels[1])
-
-    @cached_property
-    def _charuco(self) -> Charuco:
-        squares = (self.columns + 1, self.rows + 1)
-        return Charuco(squares, self.square, self.marker, self.dictionary, self.legacy)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 from ftp_dent_ros.calibration.board import Board
 from ftp_dent_ros.calibration.sequence import ProjectedFrame, Sequence
 from ftp_dent_ros.errors import CalibrationError
-from ftp_dent_ros.robust import NORMAL_SPREAD
+from ftp_dent_ros.robust import NORMAL_SPREAD, median
 
 # A lit pixel is brighter by this than an unlit one: three times what rounding and read noise do.
 _LEAST_CONTRAST = 6.0
 
 Photographs = Mapping[ProjectedFrame, NDArray[np.uint8]]
+Part = tuple[slice, slice]
 
 # A window reaches this part of the way to the nearest corner. Beyond it a quadratic no longer
 # follows the perspective of a tilted board.
@@ -27,8 +28,9 @@ _REACH = 0.9
 # Fewer pixels than this do not hold down the six coefficients.
 _FEWEST = 40
 
-# A pair of bit and inverse adds up to white and black, to this part of their contrast.
-_PAIR = 0.25
+# Mean levels of photographs in equal light differ by this factor at most.
+_EQUAL_LIGHT = 1.25
+_WORDS = {'u': 'columns', 'v': 'rows'}
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,24 +57,9 @@ class Observation:
         return bool(np.isfinite(self.projector).any())
 
 
-@dataclass(frozen=True, eq=False)
-class Codes:
-    """Projector pixels seen by camera pixels.
-
-    Attributes
-    ----------
-    u, v : ndarray, shape (height, width), float32
-        NaN where unknown.
-    troubles : tuple of str
-        What could not be decoded, and why.
-    """
-
-    u: NDArray[np.float32]
-    v: NDArray[np.float32]
-    troubles: tuple[str, ...] = ()
-
-
-def decode(photographs: Photographs, sequence: Sequence, part: tuple[slice, slice]) -> Codes:
+def decode(
+    photographs: Photographs, sequence: Sequence, part: Part
+) -> tuple[NDArray[np.float32], list[str]]:
     """Decode one pose.
 
     Parameters
@@ -81,24 +68,50 @@ def decode(photographs: Photographs, sequence: Sequence, part: tuple[slice, slic
         Grey photographs; some may be missing.
     sequence : Sequence
     part : (slice, slice)
-        Rows and columns to decode; the rest is NaN.
+        Rows and columns to decode.
 
     Returns
     -------
-    Codes
-        An axis that cannot be decoded is all NaN, with a trouble that says why.
+    codes : ndarray, shape (2, height, width)
+        Projector pixels (u, v) seen by camera pixels; NaN where unknown.
+    troubles : list of str
+        Why an axis is not decoded.
     """
     shape = next(iter(photographs.values())).shape
-    axes: list[NDArray[np.float32]] = []
+    codes = np.full((2, *shape), np.nan, np.float32)
     troubles: list[str] = []
-    for axis in 'uv':
-        whole = np.full(shape, np.nan, np.float32)
-        try:
-            whole[part] = _decode_axis(photographs, sequence, axis, part)
-        except CalibrationError as error:
-            troubles.append(str(error))
-        axes.append(whole)
-    return Codes(axes[0], axes[1], tuple(troubles))
+    for code, axis in zip(codes, _WORDS, strict=True):
+        found = _or_reason(_decoded, photographs, sequence, axis, part)
+        if isinstance(found, CalibrationError):
+            troubles.append(f'{_WORDS[axis]}: {found}')
+        else:
+            code[part] = found
+    return codes, troubles
+
+
+def _or_reason(work: Callable[..., NDArray], *given: Any) -> NDArray | CalibrationError:
+    try:
+        return work(*given)
+    except CalibrationError as reason:
+        return reason
+
+
+def _shifts(photographs: Photographs, axis: str, part: Part) -> dict[int, NDArray[np.float32]]:
+    return {
+        frame.index: image[part].astype(np.float32)
+        for frame, image in photographs.items()
+        if (frame.kind, frame.axis) == ('shift', axis)
+    }
+
+
+def _pairs(photographs: Photographs, axis: str, part: Part) -> list[NDArray[np.float32]]:
+    """Sums of Gray bits and their inverses, of which both are there."""
+    return [
+        np.add(image[part], photographs[inverse][part], dtype=np.float32)
+        for frame, image in photographs.items()
+        if (frame.kind, frame.axis) == ('gray', axis)
+        and (inverse := ProjectedFrame('inverse', axis, frame.index)) in photographs
+    ]
 
 
 def lit_evenly(photographs: Photographs, steps: int) -> dict[str, NDArray[np.uint8]]:
@@ -107,137 +120,96 @@ def lit_evenly(photographs: Photographs, steps: int) -> dict[str, NDArray[np.uin
     The sum of a bit and its inverse are such, and the mean of shifts, of `steps` a period, whose
     fringes and second harmonics cancel: that of a whole period or of every other step of it.
     """
-    found: dict[str, NDArray[np.uint8]] = {}
-    if ProjectedFrame('white') in photographs:
-        found['the white one'] = photographs[ProjectedFrame('white')]
-    for axis, word in (('u', 'columns'), ('v', 'rows')):
-        shifts = {
-            frame.index: image
-            for frame, image in photographs.items()
-            if frame.kind == 'shift' and frame.axis == axis
-        }
+    everywhere = slice(None), slice(None)
+
+    def composed(axis: str) -> NDArray[np.uint8] | None:
+        shifts = _shifts(photographs, axis, everywhere)
         turns = np.exp(2j * np.pi * np.array(list(shifts)) / steps)
-        cancel = max(abs(turns.sum()), abs((turns * turns).sum())) < 1e-6
-        pairs = [
-            (image, photographs[ProjectedFrame('inverse', axis, frame.index)])
-            for frame, image in photographs.items()
-            if frame.kind == 'gray'
-            and frame.axis == axis
-            and ProjectedFrame('inverse', axis, frame.index) in photographs
-        ]
-        if len(shifts) > 2 and cancel:
-            mean = np.mean(np.stack(list(shifts.values())), axis=0, dtype=np.float32)
-            found[f'those of the {word}'] = _stretched(mean)
-        elif pairs:
-            mean = np.mean(
-                np.concatenate([np.stack(pair) for pair in pairs]), axis=0, dtype=np.float32
-            )
-            found[f'those of the {word}'] = _stretched(mean)
-    if ProjectedFrame('white', '', 1) in photographs:
-        found['the last one'] = photographs[ProjectedFrame('white', '', 1)]
-    return found
+        even = list(shifts.values())
+        if len(shifts) < 3 or max(abs(turns.sum()), abs((turns * turns).sum())) > 1e-6:
+            even = _pairs(photographs, axis, everywhere)
+        if not even:
+            return None
+        mean = np.mean(np.stack(even), axis=0)
+        # Over the whole range of levels: rounding would cost sub-pixel accuracy.
+        return np.rint(mean * (254 / max(float(mean.max()), 1))).astype(np.uint8)
 
-
-def _stretched(mean: Any) -> NDArray[np.uint8]:
-    """Grey levels over their whole range: rounding would cost sub-pixel accuracy."""
-    return np.clip(np.rint(mean * (254 / max(float(mean.max()), 1))), 0, 255).astype(np.uint8)
-
-
-def _decode_axis(
-    photographs: Photographs, sequence: Sequence, axis: str, part: tuple[slice, slice]
-) -> NDArray[np.float32]:
-    shifts = {
-        frame.index: photographs[frame][part].astype(np.float32)
-        for frame in sequence.frames
-        if frame.kind == 'shift' and frame.axis == axis and frame in photographs
+    moments = {
+        'the white one': photographs.get(ProjectedFrame('white')),
+        'those of the columns': composed('u'),
+        'those of the rows': composed('v'),
+        'the last one': photographs.get(ProjectedFrame('white', '', 1)),
     }
-    word, lost, lit = _words(photographs, sequence, axis, part, shifts)
-    if not sequence.period:
-        coarse = 1 << lost
-        value = word.astype(np.float32) * coarse + (coarse - 1) / 2
-        return _on_projector(value, lit, sequence, axis)
-    if lost > 0:
-        raise CalibrationError(f'{_word(axis)}: the finest Gray bit is missing')
-    if len(shifts) < 3:
-        raise CalibrationError(
-            f'{_word(axis)}: {len(shifts)} of {sequence.steps} shifted photographs are there, '
-            'fewer than 3'
-        )
-    phase, noise, _ = _phase(shifts, sequence.steps)
-    turn = np.mod(phase / (2 * np.pi), 1)
-    order = np.where(
-        turn < 0.25, (word + 1) // 2, np.where(turn < 0.75, word // 2, (word - 1) // 2)
-    )
-    value = ((order + turn) * sequence.period).astype(np.float32)
-    # Phases noisier than this could be of the next code word; radians.
-    return _on_projector(value, lit & (noise <= 0.4), sequence, axis)
+    return {moment: image for moment, image in moments.items() if image is not None}
 
 
-def _on_projector(
-    value: NDArray[np.float32], known: NDArray[np.bool_], sequence: Sequence, axis: str
+def _decoded(
+    photographs: Photographs, sequence: Sequence, axis: str, part: Part
 ) -> NDArray[np.float32]:
-    """Values without those that are not known or off the projector, of which there are few."""
+    """Projector pixels along an axis; NaN where unknown."""
+    shifts = _shifts(photographs, axis, part)
+    middle: NDArray | None = None
+    known: NDArray[np.bool_] | bool = True
+    if len(shifts) > 2:
+        phase, noise, middle = _phase(shifts, sequence.steps)
+        turn = np.mod(phase / (2 * np.pi), 1)
+        # Phases noisier than this could be of the next code word; radians.
+        known = noise <= 0.4
+    elif sequence.period:
+        raise CalibrationError(
+            f'{len(shifts)} of {sequence.steps} shifted photographs are there, fewer than 3'
+        )
+    word, lit = _words(photographs, sequence, axis, part, middle)
+    value = word.astype(np.float32)
+    if sequence.period:
+        order = np.where(
+            turn < 0.25, (word + 1) // 2, np.where(turn < 0.75, word // 2, (word - 1) // 2)
+        )
+        value = ((order + turn) * sequence.period).astype(np.float32)
+    known = known & lit
     size = sequence.size(axis)
     beyond = value > size - 0.5
     # Wrong bits in dark squares put fewer codes than this off the projector.
-    if np.any(known) and float(np.mean(beyond[known])) > 0.05:
+    if known.any() and float(np.mean(beyond[known])) > 0.05:
         raise CalibrationError(
-            f'{_word(axis)}: codes reach {np.percentile(value[known], 98):.0f}, and the projector '
-            f'has {size} of them: give its width and height in this order, and the photographs '
-            'in that of their projection'
+            f'codes reach {np.percentile(value[known], 98):.0f}, and the projector has {size} of '
+            'them: give its width and height in this order, and the photographs in that of their '
+            'projection'
         )
     value[~known | beyond | (value < -0.5)] = np.nan
     return value
 
 
 def _words(
-    photographs: Photographs,
-    sequence: Sequence,
-    axis: str,
-    part: tuple[slice, slice],
-    shifts: Mapping[int, NDArray[np.float32]],
-) -> tuple[NDArray[np.int32], int, NDArray[np.bool_]]:
-    """Gray code words, how many of their finest bits are missing, and where they can be read."""
-    white, black = (photographs.get(ProjectedFrame(kind)) for kind in ('white', 'black'))
-    middle: NDArray | None = None
+    photographs: Photographs, sequence: Sequence, axis: str, part: Part, middle: NDArray | None
+) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
+    """Gray code words, and where they can be read; `middle` is between light and dark."""
+    white, black = (
+        photographs[frame][part].astype(np.float32) if frame in photographs else None
+        for frame in (ProjectedFrame('white'), ProjectedFrame('black'))
+    )
     if white is not None and black is not None:
-        middle = (white[part].astype(np.float32) + black[part]) / 2
-    elif len(shifts) > 2:
-        _, _, middle = _phase(shifts, sequence.steps)
-    bits: list[NDArray[np.bool_] | None] = []
-    contrast: list[NDArray[np.float32]] = []
+        middle = (white + black) / 2
+    differences: list[NDArray] = []
     for index in range(sequence.bits(axis)):
-        bit = photographs.get(ProjectedFrame('gray', axis, index))
-        inverse = photographs.get(ProjectedFrame('inverse', axis, index))
-        if bit is not None and inverse is not None:
-            difference = bit[part].astype(np.float32) - inverse[part]
-            contrast.append(np.abs(difference))
-        elif middle is not None and (bit is not None or inverse is not None):
-            there, sign = (bit, 2) if bit is not None else (inverse, -2)
-            difference = sign * (np.asarray(there)[part] - middle)
-            contrast.append(np.abs(difference))
-        else:
-            bits.append(None)
-            continue
-        bits.append(difference > 0)
-    known = [bit is not None for bit in bits]
-    lost = known[::-1].index(True) if any(known) else len(known)
-    if not all(known[: len(known) - lost]) or lost > 3:
-        missing = [index for index, there in enumerate(known) if not there]
-        raise CalibrationError(
-            f'{_word(axis)}: the photographs of {len(missing)} of {len(known)} Gray bits are '
-            f'missing (bit {", ".join(map(str, missing))})'
+        bit, inverse = (
+            photographs.get(ProjectedFrame(kind, axis, index)) for kind in ('gray', 'inverse')
         )
+        if bit is not None and inverse is not None:
+            differences.append(bit[part].astype(np.float32) - inverse[part])
+        elif bit is not None and middle is not None:
+            differences.append(2 * (bit[part] - middle))
+        else:
+            raise CalibrationError(f'the photographs of Gray bit {index} are missing')
+    lit = np.max(np.abs(differences), axis=0) > _LEAST_CONTRAST
     if white is not None and black is not None:
-        lit = white[part].astype(np.float32) - black[part] > _LEAST_CONTRAST
-    else:
-        lit = np.max(contrast, axis=0) > _LEAST_CONTRAST
+        lit = white - black > _LEAST_CONTRAST
     word = np.zeros(lit.shape, np.int32)
     last = np.zeros(lit.shape, bool)
-    for each in bits[: len(bits) - lost]:
-        last = last ^ each
+    for difference in differences:
+        last = last ^ (difference > 0)
         word = 2 * word + last
-    return word, lost, lit
+    return word, lit
 
 
 def _phase(
@@ -246,22 +218,15 @@ def _phase(
     """Phase by least squares over the steps there are, its standard deviation, and the mean."""
     angle = 2 * np.pi * np.array(list(shifts)) / steps
     basis = np.stack([np.ones_like(angle), np.cos(angle), np.sin(angle)], axis=1)
-    inverse = np.linalg.pinv(basis).astype(np.float32)
     stack = np.stack(list(shifts.values()))
-    mean, cosine, sine = np.tensordot(inverse, stack, axes=(1, 0))
-    modulation = np.maximum(np.hypot(cosine, sine), 1e-3)
-    clipped = (stack > 254).any(axis=0)
-    noise = np.sqrt(2 / len(stack)) / modulation
-    noise[clipped] = np.inf
+    mean, cosine, sine = np.tensordot(np.linalg.pinv(basis).astype(np.float32), stack, axes=(1, 0))
+    noise = np.sqrt(2 / len(stack)) / np.maximum(np.hypot(cosine, sine), 1e-3)
+    noise[(stack > 254).any(axis=0)] = np.inf
     return np.arctan2(sine, cosine), noise, mean
 
 
-def _word(axis: str) -> str:
-    return 'columns' if axis == 'u' else 'rows'
-
-
 def corner_coordinates(
-    codes: Codes, corners: NDArray[np.float64], spacing: float
+    codes: NDArray[np.float32], corners: NDArray[np.float64], spacing: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Projector pixels (u, v) at corners of shape (n, 2), and how they scatter about the fit.
 
@@ -276,16 +241,15 @@ def corner_coordinates(
     # More pixels than about this many along a window's side tell nothing more.
     step = max(1, round(2 * radius / 49))
     result, scatter = np.full((2, *corners.shape), np.nan)
-    for index, corner in enumerate(corners):
-        if not np.isfinite(corner).all():
-            continue
-        column, row = np.rint(corner).astype(int)
-        rows = slice(max(row - radius, 0), row + radius + 1, step)
-        columns = slice(max(column - radius, 0), column + radius + 1, step)
-        for axis, values in enumerate((codes.u, codes.v)):
-            centre = (corner - [columns.start, rows.start]) / step
+    for index in np.flatnonzero(np.isfinite(corners[:, 0])):
+        column, row = np.rint(corners[index]).astype(int)
+        first = np.maximum([column - radius, row - radius], 0)
+        rows = slice(first[1], row + radius + 1, step)
+        columns = slice(first[0], column + radius + 1, step)
+        centre = (corners[index] - first) / step
+        for axis, code in enumerate(codes):
             result[index, axis], scatter[index, axis] = _at(
-                values[rows, columns], centre, radius / step
+                code[rows, columns], centre, radius / step
             )
     return result, scatter
 
@@ -293,23 +257,22 @@ def corner_coordinates(
 def _at(values: NDArray, centre: NDArray, radius: float) -> tuple[float, float]:
     """Value of a robust quadratic fit to a window, at a point of it, and the median residual."""
     rows, columns = np.nonzero(np.isfinite(values))
-    if len(rows) < _FEWEST:
-        return np.nan, np.nan
     x, y = (columns - centre[0]) / radius, (rows - centre[1]) / radius
     basis = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
     value = values[rows, columns].astype(float)
     # A first guess that half of the pixels may spoil: about the median.
-    kept = np.abs(value - np.median(value)) <= 3 * np.median(np.abs(value - np.median(value))) + 1
-    coefficients, off = np.zeros(6), np.full(len(value), np.inf)
+    off = np.abs(value - median(value))
+    limit = 3 * median(off) + 1
     for _ in range(4):
+        kept = off <= limit
         if kept.sum() < _FEWEST:
             return np.nan, np.nan
         coefficients, *_ = np.linalg.lstsq(basis[kept], value[kept], rcond=None)
         off = np.abs(basis @ coefficients - value)
         # A pixel this many robust deviations off the fit has a wrong code.
-        kept = off <= 4.0 * NORMAL_SPREAD * np.median(off[kept]) + 1e-3
-    scatter = float(np.median(off))
-    return (float(coefficients[0]) if kept.mean() > 0.5 else np.nan), scatter
+        limit = 4.0 * NORMAL_SPREAD * median(off[kept]) + 1e-3
+    found = float(coefficients[0]) if np.mean(off <= limit) > 0.5 else np.nan
+    return found, median(off)
 
 
 @dataclass(frozen=True, eq=False)
@@ -351,20 +314,15 @@ def observe(name: str, photographs: Photographs, sequence: Sequence, board: Boar
 
 
 def _observe(name: str, photographs: Photographs, sequence: Sequence, board: Board) -> BoardSight:
-    if not photographs:
-        raise CalibrationError('holds no photographs: take the pose again')
     even = lit_evenly(photographs, sequence.steps)
     if not even:
         raise CalibrationError(
             'no photograph shows the board lit evenly: the white one is missing'
         )
-    found = {
-        moment: corners
-        for moment, image in even.items()
-        if (corners := _found(board, image)) is not None
-    }
+    sought = {moment: _or_reason(board.find, image) for moment, image in even.items()}
+    found = {moment: each for moment, each in sought.items() if isinstance(each, np.ndarray)}
     if not found:
-        board.find(next(iter(even.values())))  # raises the reason
+        raise next(each for each in sought.values() if isinstance(each, CalibrationError))
     moment, corners = next(iter(found.items()))
     spacing = board.spacing(corners)
     _, blur = board.refine(even[moment], corners)
@@ -374,153 +332,78 @@ def _observe(name: str, photographs: Photographs, sequence: Sequence, board: Boa
             f'blurred: edges are {blur:.1f} pixels soft, and a square is {spacing:.0f} pixels: '
             'focus the camera, or bring the board into its depth of field'
         )
-    moved, between = _movement(found)
-    # Corners of a board that stands still agree to 0.03 pixels between photographs; a board that
-    # moved by more than this is off by as much.
-    if moved > 0.15:
-        raise CalibrationError(
-            f'the board moved by {moved:.1f} pixels between {between[0]} and {between[1]}: hold '
-            'it still and take the pose again'
-        )
+    moved = 0.0
+    for first, second in pairwise(found):
+        shift = np.linalg.norm(found[first] - found[second], axis=1)
+        moved = max(moved, median(shift[np.isfinite(shift)]))
+        # Corners of a board that stands still agree to 0.03 pixels between photographs; a board
+        # that moved by more than this is off by as much.
+        if moved > 0.15:
+            raise CalibrationError(
+                f'the board moved by {moved:.1f} pixels between {first} and {second}: hold it '
+                'still and take the pose again'
+            )
     mean: NDArray = np.mean([even[key] / max(even[key].max(), 1) for key in found], axis=0)
     corners, _ = board.refine(255 * mean, np.mean(list(found.values()), axis=0))
-    part = _around(corners, spacing, mean.shape)
-    _refuse_clipped(photographs, part)
-    _refuse_changing_light(photographs, part)
-    _refuse_disorder(photographs, part)
-    codes = decode(photographs, sequence, part)
-    projected, scatter = corner_coordinates(codes, corners, spacing)
-    _refuse_jumps(board, projected, scatter, sequence, codes.troubles)
-    remarks = list(codes.troubles)
-    seen = np.isfinite(corners[:, 0]).sum()
-    lit = np.isfinite(projected).all(axis=1).sum()
-    if lit < seen and not codes.troubles:
-        remarks.append(f'{seen - lit} of {seen} corners have no projector coordinates')
-    observation = Observation(name, corners, projected)
-    return BoardSight(observation, blur, moved, _contrast(photographs, part), tuple(remarks))
-
-
-def _found(board: Board, image: NDArray[np.uint8]) -> NDArray[np.float64] | None:
-    try:
-        return board.find(image)
-    except CalibrationError:
-        return None
-
-
-def _movement(found: dict[str, NDArray]) -> tuple[float, tuple[str, str]]:
-    """Largest median shift of the corners between two moments, pixels, and the moments."""
-    largest, between = 0.0, ('', '')
-    moments = list(found)
-    for first, second in pairwise(moments):
-        shift = np.linalg.norm(found[first] - found[second], axis=1)
-        if np.isfinite(shift).any() and np.nanmedian(shift) > largest:
-            largest, between = float(np.nanmedian(shift)), (first, second)
-    return largest, between
-
-
-def _around(corners: NDArray, spacing: float, shape: tuple[int, ...]) -> tuple[slice, slice]:
     low = np.floor(np.nanmin(corners, axis=0) - 1.5 * spacing).astype(int).clip(0)
     high = np.ceil(np.nanmax(corners, axis=0) + 1.5 * spacing).astype(int) + 1
-    return slice(low[1], min(high[1], shape[0])), slice(low[0], min(high[0], shape[1]))
-
-
-def _refuse_clipped(photographs: Photographs, part: tuple[slice, slice]) -> None:
-    shifts = [image[part] for frame, image in photographs.items() if frame.kind == 'shift']
-    if not shifts:
-        return
-    brightest = np.max(shifts, axis=0)
-    lit = brightest >= np.median(brightest)
-    clipped = float((brightest[lit] >= 254).mean()) if lit.any() else 0.0
-    if clipped > 0.5:
-        raise CalibrationError(
-            f'saturated: {100 * clipped:.0f} % of the white squares are clipped: shorten the '
-            'exposure or close the aperture'
-        )
-
-
-def _refuse_changing_light(photographs: Photographs, part: tuple[slice, slice]) -> None:
-    """Refuse shifted fringes, of which a board shows many, that are not equally bright on it."""
-    for axis in 'uv':
-        means = [
-            float(image[part].mean())
-            for frame, image in photographs.items()
-            if (frame.kind, frame.axis) == ('shift', axis)
-        ]
-        if means and max(means) > 1.25 * min(means):
-            raise CalibrationError(
-                'the light changes from photograph to photograph: shifted fringes have mean '
-                f'levels from {min(means):.0f} to {max(means):.0f}: fix exposure and gain of the '
-                'camera, and shut out other light'
-            )
-
-
-def _refuse_disorder(photographs: Photographs, part: tuple[slice, slice]) -> None:
-    """Refuse pairs of a bit and its inverse that do not add up to white and black."""
-    white, black = (
-        photographs.get(ProjectedFrame('white')),
-        photographs.get(ProjectedFrame('black')),
+    part = slice(low[1], high[1]), slice(low[0], high[0])
+    _refuse_light(photographs, part)
+    codes, troubles = decode(photographs, sequence, part)
+    projected, scatter = corner_coordinates(codes, corners, spacing)
+    _refuse_disorder(board, projected, scatter, sequence, not troubles)
+    seen = int(np.isfinite(corners[:, 0]).sum())
+    lit = int(np.isfinite(projected).all(axis=1).sum())
+    if lit < seen and not troubles:
+        troubles.append(f'{seen - lit} of {seen} corners have no projector coordinates')
+    stack = np.stack([image[part] for frame, image in photographs.items() if frame.axis])
+    contrast = float(np.percentile(np.ptp(stack, axis=0), 75))
+    return BoardSight(
+        Observation(name, corners, projected), blur, moved, contrast, tuple(troubles)
     )
-    if white is None or black is None:
-        return
-    total = white[part].astype(float) + black[part]
-    contrast = np.maximum(white[part].astype(float) - black[part], 1)
-    lit = contrast >= np.median(contrast)
-    for frame, image in photographs.items():
-        inverse = photographs.get(ProjectedFrame('inverse', frame.axis, frame.index))
-        if frame.kind != 'gray' or inverse is None:
-            continue
-        pair = image[part].astype(float) + inverse[part]
-        if np.median((np.abs(pair - total) / contrast)[lit]) <= _PAIR:
-            continue
-        # Other light makes the whole board brighter or darker, another order parts of it.
-        light = float(np.median((pair / np.maximum(total, 1))[lit]))
-        left = np.abs(pair - light * total) / (light * contrast + 1e-9)
-        if np.percentile(left[lit], 90) <= _PAIR:
+
+
+def _refuse_light(photographs: Photographs, part: Part) -> None:
+    """Refuse fringes that are clipped, and light that changes between photographs."""
+    for axis in _WORDS:
+        shifts = list(_shifts(photographs, axis, part).values())
+        equal = shifts or _pairs(photographs, axis, part)
+        means = [float(image.mean()) for image in equal]
+        if means and max(means) > _EQUAL_LIGHT * min(means):
             raise CalibrationError(
-                f'the light changes from photograph to photograph ({frame.name} and its inverse '
-                f'are {light:.2f} times as bright as white and black): fix exposure and gain of '
-                'the camera, and shut out other light'
+                'the light changes from photograph to photograph: some are '
+                f'{max(means) / min(means):.1f} times as bright as others that are meant alike: '
+                'fix exposure and gain of the camera, and shut out other light'
             )
-        raise CalibrationError(
-            f'the photographs are out of order: {frame.name} and the one after it are no bit and '
-            'its inverse: number them in the order in which they were projected'
-        )
+        brightest = np.max(shifts, axis=0, initial=0)
+        clipped = float(np.mean(brightest[brightest >= np.median(brightest)] >= 254))
+        if clipped > 0.5:
+            raise CalibrationError(
+                f'saturated: {100 * clipped:.0f} % of the white squares are clipped: shorten the '
+                'exposure or close the aperture'
+            )
 
 
-def _refuse_jumps(
-    board: Board,
-    projected: NDArray,
-    scatter: NDArray,
-    sequence: Sequence,
-    troubles: tuple[str, ...],
+def _refuse_disorder(
+    board: Board, projected: NDArray, scatter: NDArray, sequence: Sequence, whole: bool
 ) -> None:
+    """Refuse codes that do not run evenly over the plane of the board."""
     known = np.isfinite(projected).all(axis=1)
+    jumps = 0.0
+    if known.sum() >= 8:
+        # A lens bends a plane's image by less than this part of the projector's width.
+        plane, inliers = cv2.findHomography(
+            board.points[known, :2], projected[known], cv2.RANSAC, 0.03 * sequence.width
+        )
+        jumps = 1.0 if plane is None else 1 - float(np.mean(np.asarray(inliers)))
+    elif whole:
+        raise CalibrationError(
+            f'the projected codes are read at {known.sum()} corners, fewer than 8: light the '
+            'whole board, and see that the photographs are in order'
+        )
     # Codes of neighbouring pixels scatter by a third of a pixel (rounding); more is no plane.
-    if np.isfinite(scatter).any() and np.nanmedian(scatter) > 1.0:
+    if jumps > 0.15 or median(scatter[np.isfinite(scatter)]) > 1.0:
         raise CalibrationError(
             'the codes do not run evenly over the board: photographs are out of order, the light '
             'changes between them, or the projector and the sequence have different sizes'
         )
-    if known.sum() < 8:
-        if not troubles:
-            raise CalibrationError(
-                f'the projected codes are read at {known.sum()} corners, fewer than 8: light the '
-                'whole board, and see that the photographs are in order'
-            )
-        return
-    # A lens bends a plane's image by less than this part of the projector's width.
-    plane, inliers = cv2.findHomography(
-        board.points[known, :2], projected[known], cv2.RANSAC, 0.03 * sequence.width
-    )
-    share = 1.0 if plane is None else 1 - float(np.mean(np.asarray(inliers)))
-    if share > 0.15:
-        raise CalibrationError(
-            f'the codes jump: at {100 * share:.0f} % of the corners they do not lie on a plane: '
-            'photographs are out of order'
-        )
-
-
-def _contrast(photographs: Photographs, part: tuple[slice, slice]) -> float:
-    stack = np.stack([image[part] for frame, image in photographs.items() if frame.axis])
-    span = stack.max(axis=0).astype(float) - stack.min(axis=0)
-    return float(np.percentile(span, 75))
