@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -30,7 +31,6 @@ from ftp_dent_ros.simulation import (
     CameraMotion,
     Dent,
     Dirt,
-    DomedRivet,
     Lettering,
     Paint,
     Panel,
@@ -39,6 +39,7 @@ from ftp_dent_ros.simulation import (
     Rivet,
     Sunlight,
     Surface,
+    domed_rivet,
     scratches,
     waviness,
 )
@@ -283,7 +284,7 @@ def standing_before(rng: Random) -> Scene:
     return scene(base, board)
 
 
-def riveted(rivet: type) -> Kind:
+def riveted(rivet: Callable[[float, float], Any]) -> Kind:
     """Two rows of rivets, one upright, one level, beside the dents."""
 
     def kind(rng: Random) -> Scene:
@@ -352,7 +353,7 @@ KINDS: dict[str, Kind] = {
     'step': stepped,
     'foreground': standing_before,
     'rivets': riveted(Rivet),
-    'domed rivets': riveted(DomedRivet),
+    'domed rivets': riveted(domed_rivet),
     'sun edge': sunny(0.0, 0.0),
     'soft sun edge': sunny(0.003, 0.015),
     'daylight': seen_by(ambient=2.8, exposure=0.3),

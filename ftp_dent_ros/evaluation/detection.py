@@ -33,13 +33,13 @@ from ftp_dent_ros.robust import NORMAL_SPREAD
 from ftp_dent_ros.simulation import (
     Dent,
     Dirt,
-    DomedRivet,
     Lettering,
     Paint,
     PaintPatch,
     Panel,
     Photometry,
     Rivet,
+    domed_rivet,
     waviness,
 )
 from ftp_dent_ros.simulation.dents import SMOOTH, Cap, Gaussian, RaisedCosine, Shape
@@ -193,7 +193,7 @@ def _skin(skin: str, rng: np.random.Generator, distance: float) -> dict[str, Any
     if skin == 'wavy':
         return {'waves': waviness(1e-4, float(rng.uniform(0.08, 0.2)), seed)}
     if skin in ('rivets', 'domed rivets'):
-        kind = Rivet if skin == 'rivets' else DomedRivet
+        kind = Rivet if skin == 'rivets' else domed_rivet
         y = float(rng.uniform(-0.4, 0.4) * reach)
         return {'rivets': tuple(kind(-0.3 + 0.025 * i, y) for i in range(25))}
     if skin == 'lettering':

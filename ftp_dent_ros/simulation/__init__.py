@@ -1,7 +1,6 @@
 """The world, simulated: skin panels with dents, light, camera, flight and autopilot."""
 
-from ftp_dent_ros.simulation.dents import Dent
-from ftp_dent_ros.simulation.fittings import DomedRivet, Rivet
+from ftp_dent_ros.simulation.dents import Dent, Rivet, domed_rivet
 from ftp_dent_ros.simulation.paint import Dirt, Lettering, Paint, PaintPatch, Sunlight, scratches
 from ftp_dent_ros.simulation.renderer import Renderer, render
 from ftp_dent_ros.simulation.sensor import Photometry
@@ -12,7 +11,6 @@ __all__ = [
     'CameraMotion',
     'Dent',
     'Dirt',
-    'DomedRivet',
     'Lettering',
     'Paint',
     'PaintPatch',
@@ -23,6 +21,7 @@ __all__ = [
     'Sunlight',
     'Surface',
     'Wave',
+    'domed_rivet',
     'render',
     'scratches',
     'waviness',

@@ -1,16 +1,18 @@
-"""Dents as height fields over a panel: eq. 18, or another shape, scaled, turned and moved."""
+"""Dents and rivets as height fields over a panel; dents of eq. 18, or another shape.
+
+Heights are along the panel's z axis, which points into the aircraft: what stands out is negative.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Annotated, Any, Protocol
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.fields import Checked, Limits, Positive, Share
 
 # exp(1 - 1/q) is below 1e-300 here, and its slope does not overflow.
@@ -43,25 +45,17 @@ def turned(x: NDArray[Any], y: NDArray[Any], angle: float) -> tuple[NDArray[Any]
     return x * c + y * s, y * c - x * s
 
 
-class Shape(Protocol):
-    """What a dent's height is, as a part of its depth; equal if it is the same."""
+@dataclass(frozen=True)
+class Shape(Checked):
+    """What a dent's height is, as a part of its depth: of the distance r from the middle alone.
 
-    def __hash__(self) -> int: ...
-
-    @property
-    def kind(self) -> str:
-        """What an inspector calls it: ``'dent'``, ``'crease'`` or ``'gouge'``."""
-
-    @property
-    def border(self) -> float:
-        """Distance from the middle beyond which it is 0."""
-
-    def fraction(self, u: Field, v: Field) -> tuple[Field, Field, Field]:
-        """Part of the depth, and its derivatives along `u` and `v`."""
-
-
-class _Radial:
-    """A shape that depends on the distance r from the middle alone, through ``r^2``."""
+    Attributes
+    ----------
+    kind : str
+        What an inspector calls it: ``'dent'``, ``'crease'`` or ``'gouge'``.
+    border : float
+        Distance from the middle beyond which it is 0.
+    """
 
     kind = 'dent'
     border = 1.0
@@ -76,8 +70,7 @@ class _Radial:
         raise NotImplementedError
 
 
-@dataclass(frozen=True)
-class Smooth(_Radial):
+class Smooth(Shape):
     """Eq. 18, over its maximum: ``exp(1 - 1 / (1 - r^2))``."""
 
     def profile(self, square: Field) -> tuple[Field, Field]:
@@ -87,8 +80,7 @@ class Smooth(_Radial):
         return value, -value / (q * q)
 
 
-@dataclass(frozen=True)
-class RaisedCosine(_Radial):
+class RaisedCosine(Shape):
     """``(1 + cos(pi r)) / 2``."""
 
     def profile(self, square: Field) -> tuple[Field, Field]:
@@ -97,8 +89,7 @@ class RaisedCosine(_Radial):
         return (1 + np.cos(math.pi * r)) / 2, -(math.pi**2) / 4 * np.sinc(r)
 
 
-@dataclass(frozen=True)
-class Gaussian(_Radial):
+class Gaussian(Shape):
     """``10^(-r^2)``, as hail leaves: without a border, its axes are those at 10 % of the depth."""
 
     border = 3.0
@@ -109,8 +100,7 @@ class Gaussian(_Radial):
         return value, -math.log(10) * value
 
 
-@dataclass(frozen=True)
-class Cap(_Radial):
+class Cap(Shape):
     """A paraboloid ``1 - r^2``: a sphere's cap of a dent's shallowness, its rim a kink."""
 
     def profile(self, square: Field) -> tuple[Field, Field]:
@@ -118,8 +108,7 @@ class Cap(_Radial):
         return np.maximum(1 - square, 0), np.where(square < 1, -1.0, 0.0)
 
 
-@dataclass(frozen=True)
-class Plate(_Radial):
+class Plate(Shape):
     """``(1 - r^2)^2``, a clamped plate under even load: an oil can, large and soft."""
 
     def profile(self, square: Field) -> tuple[Field, Field]:
@@ -129,7 +118,7 @@ class Plate(_Radial):
 
 
 @dataclass(frozen=True)
-class FlatBottomed(Checked, _Radial):
+class FlatBottomed(Shape):
     """A flat bottom up to ``r = bottom``, then half a cosine up to the border."""
 
     bottom: Annotated[float, Limits(0, 0.99)] = 0.5
@@ -143,7 +132,7 @@ class FlatBottomed(Checked, _Radial):
 
 
 @dataclass(frozen=True)
-class Crater(Checked, _Radial):
+class Crater(Shape):
     """A hole with a raised rim: half a cosine down from the rim's crest, another one outside.
 
     Attributes
@@ -173,7 +162,7 @@ class Crater(Checked, _Radial):
 
 
 @dataclass(frozen=True)
-class Valley:
+class Valley(Shape):
     """A valley along the length, sharp at its bottom, that runs out at both ends.
 
     ``(1 - u^4)^2 (1 - t)^2`` with ``t`` a hyperbola in ``v`` that goes from 0 to 1: the flanks
@@ -188,23 +177,14 @@ class Valley:
         ``'crease'``, or ``'gouge'`` where material is taken away.
     """
 
-    bluntness: float = 0.1
+    bluntness: Annotated[float, Limits(above=0, high=0.499)] = 0.1
     kind: str = 'crease'
 
     border = math.sqrt(2)
 
-    def __post_init__(self) -> None:
-        if not 0 < self.bluntness < 0.5:
-            raise ConfigurationError(
-                f'a {self.kind} is {2 * self.bluntness:.2g} times as blunt as its width and '
-                'depth allow: give a smaller radius'
-            )
-
     @classmethod
     def of_radius(cls, radius: float, width: float, depth: float, kind: str = 'crease') -> Valley:
         """The valley whose bottom has a radius of curvature, metres."""
-        if not width > 0:
-            raise ConfigurationError(f'the width of a {kind} is {width!r}: give a positive one')
         return cls(8 * abs(depth) / width * (radius / width), kind)
 
     def fraction(self, u: Field, v: Field) -> tuple[Field, Field, Field]:
@@ -285,6 +265,8 @@ class Dent(Checked):
         c, s = math.cos(self.angle), math.sin(self.angle)
         return self.depth * part, slope_u * c - slope_v * s, slope_u * s + slope_v * c
 
+    sharp = covers
+
     def clean(self, x: Field, y: Field) -> Field:
         """Factor on the paint's albedo at panel coordinates."""
         u, v = self._normalised(x, y)
@@ -297,7 +279,12 @@ class Dent(Checked):
         The length is the longest distance across it, the width the longest at 90 degrees to that.
         """
         points = self.outline(level)
-        return size_of(points)
+        apart = points[:, None] - points[None]
+        square = np.sum(apart * apart, axis=-1)
+        first, second = np.unravel_index(np.argmax(square), square.shape)
+        length = math.sqrt(square[first, second])
+        along_x, along_y = apart[first, second] / length
+        return length, float(np.ptp(points @ np.array([-along_y, along_x])))
 
     def outline(self, level: float = 0.1) -> Field:
         """Contour at a fraction `level` of the depth, from the centre, shape (720, 2), metres."""
@@ -311,15 +298,76 @@ class Dent(Checked):
         return along / (self.length / 2), across / (self.width / 2)
 
 
-def size_of(points: Field) -> tuple[float, float]:
-    """Longest distance across points of shape (n, 2), and their extent at 90 degrees to it."""
-    apart = points[:, None] - points[None]
-    square = np.sum(apart * apart, axis=-1)
-    first, second = np.unravel_index(np.argmax(square), square.shape)
-    length = math.sqrt(square[first, second])
-    along_x, along_y = apart[first, second] / length
-    across = points @ np.array([-along_y, along_x])
-    return length, float(np.ptp(across))
+@dataclass(frozen=True)
+class Rivet(Checked):
+    """A flush rivet: a round head, slightly proud of the skin, in a shallow groove.
+
+    Attributes
+    ----------
+    x, y : float
+        Centre on the panel, metres.
+    radius : float
+        Of the head, metres.
+    groove : float
+        Depth of the groove around the head, metres.
+    sigma : float
+        Half width (standard deviation) of the groove, metres.
+    proud : float
+        How far the head stands out of the skin, metres.
+    dirt : float
+        Part of the paint's reflectance that is lost at the groove's bottom, 0 to 1.
+    """
+
+    x: float
+    y: float
+    radius: Positive = 0.004
+    groove: float = 80e-6
+    sigma: Positive = 250e-6
+    proud: float = 30e-6
+    dirt: Share = 0.35
+
+    @property
+    def reach(self) -> float:
+        """Half the side of a square around the centre that holds the rivet, metres."""
+        # At 1.6 radii a rivet's groove and step have died out to 1e-8 of their height.
+        return 1.6 * self.radius
+
+    @property
+    def rise(self) -> float:
+        """Largest height above or below the skin, metres."""
+        return abs(self.groove) + abs(self.proud)
+
+    def covers(self, x: Field, y: Field, margin: float | Field = 0.0) -> NDArray[np.bool_]:
+        """Mask of panel coordinates where it, widened by `margin` metres, is not zero."""
+        return self._within(self.reach + margin, x, y)
+
+    def sharp(self, x: Field, y: Field, margin: float) -> NDArray[np.bool_]:
+        """Mask of panel coordinates within `margin` metres of what changes within a pixel."""
+        # A groove has died out at this many of its half widths.
+        return self._within(self.radius + 4.0 * self.sigma + margin, x, y)
+
+    def height(self, x: Field, y: Field) -> tuple[Field, Field, Field]:
+        """Height and its derivatives along x and y, at panel coordinates of any shape."""
+        dx, dy = x - self.x, y - self.y
+        distance = np.hypot(dx, dy) + 1e-12  # The centre has no direction, and no slope.
+        beyond = (distance - self.radius) / self.sigma
+        groove = self.groove * np.exp(-0.5 * beyond * beyond)
+        head = 1 / (1 + np.exp(np.minimum(2 * beyond, 500.0)))
+        slope = (2 * self.proud * head * (1 - head) - groove * beyond) / self.sigma
+        return groove - self.proud * head, slope * dx / distance, slope * dy / distance
+
+    def clean(self, x: Field, y: Field) -> Field:
+        """Part of the reflectance that the groove's dirt leaves, at panel coordinates."""
+        beyond = (np.hypot(x - self.x, y - self.y) - self.radius) / self.sigma
+        return 1 - self.dirt * np.exp(-0.5 * beyond * beyond)
+
+    def _within(self, radius: float | Field, x: Field, y: Field) -> NDArray[np.bool_]:
+        return (x - self.x) ** 2 + (y - self.y) ** 2 < radius * radius
+
+
+def domed_rivet(x: float, y: float, radius: float = 0.004, proud: float = 0.0012) -> Dent:
+    """A rivet whose head is a sphere's cap on the skin (universal or brazier head), metres."""
+    return Dent(x, y, 2 * radius, 2 * radius, -proud, shape=Cap())
 
 
 @lru_cache(maxsize=256)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.simulation.renderer import Renderer
-from ftp_dent_ros.simulation.surface import Surface, paint_and_sun
+from ftp_dent_ros.simulation.surface import Surface, paint_on, sun_on
 from ftp_dent_ros.simulation.view import NOTHING, CameraMotion, View, albedo_table, see
 
 # A depth that changes by more than this from pixel to pixel, beyond what its slope there
@@ -126,10 +126,9 @@ def _area(points: NDArray, lit: NDArray[np.bool_]) -> float:
 
 def _skin(surface: Surface, view: View) -> tuple[NDArray, NDArray]:
     """Albedo of green light, and the light of the sun, at each pixel's centre."""
-    x, y = view.x.astype(np.float32), view.y.astype(np.float32)
-    factor, sun = paint_and_sun(surface, view.tone, x, y)
+    on_skin = surface, view.tone, view.x.astype(np.float32), view.y.astype(np.float32)
     green = albedo_table(surface)[1][view.tone]
-    return green * factor[len(factor) // 2] * view.clean, sun
+    return green * paint_on(*on_skin)[1] * view.clean, sun_on(*on_skin)
 
 
 def _steps(depth: NDArray, tone: NDArray[np.uint8]) -> NDArray[np.bool_]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Annotated, Any, Protocol
+from typing import Annotated, Any
 
 import cv2
 import numpy as np
@@ -42,7 +42,6 @@ Image = NDArray[Any]
 
 # Standard deviations that 99 % of a normal distribution lie within.
 _WITHIN = 2.576
-Box = tuple[float, float, float]
 
 # Reflectance of clear varnish (refractive index 1.5) at normal incidence.
 _VARNISH = 0.04
@@ -96,7 +95,7 @@ def _drawn(text: str) -> NDArray[np.uint8]:
 
 
 def sampled(field: Image, column: Image, row: Image) -> Image:
-    """Linear interpolation of a field, 0 around it, at positions of any shape."""
+    """Linear interpolation of a field, of channels or not, 0 around it, at positions."""
     # OpenCV limits a side to 32767: a list is made an image.
     count = column.size
     shape, width = column.shape, min(max(count, 1), _COLUMNS)
@@ -104,26 +103,8 @@ def sampled(field: Image, column: Image, row: Image) -> Image:
     places[:, :count] = column.ravel(), row.ravel()
     column, row = places.reshape(2, -1, width)
     values = cv2.remap(field, column, row, cv2.INTER_LINEAR, borderValue=0)
-    return values.ravel()[:count].reshape(shape)
-
-
-class Mark(Protocol):
-    """A factor on the albedo of a paint."""
-
-    @property
-    def smooth(self) -> bool:
-        """Whether it is grey, and changes over several pixels only."""
-
-    @property
-    def coloured(self) -> bool:
-        """Whether its factor differs from colour to colour."""
-
-    @property
-    def box(self) -> Box | None:
-        """Centre and half the side of a square that holds it, metres; None for everywhere."""
-
-    def factor(self, x: Image, y: Image) -> Image:
-        """At panel coordinates, metres, of shape (...): shape (...) or (3, ...)."""
+    channels = field.shape[2:]
+    return values.reshape(-1, *channels)[:count].reshape(*shape, *channels)
 
 
 @dataclass(frozen=True)
@@ -150,8 +131,10 @@ class Dirt(Checked):
     angle: float = 0.0
 
     smooth = True
-    coloured = False
-    box = None
+
+    def covers(self, x: Image, _: Image) -> NDArray[np.bool_]:
+        """Mask of panel coordinates that it may change: all."""
+        return np.ones(x.shape, bool)
 
     def factor(self, x: Image, y: Image) -> Image:
         """At panel coordinates, metres."""
@@ -194,15 +177,10 @@ class PaintPatch(Checked):
 
     smooth = False
 
-    @property
-    def coloured(self) -> bool:
-        """Whether its factor differs from colour to colour."""
-        return len(set(self.tint)) > 1
-
-    @property
-    def box(self) -> Box:
-        """Centre and half the side of a square that holds it, metres."""
-        return self.x, self.y, math.hypot(self.length, self.width) / 2
+    def covers(self, x: Image, y: Image) -> NDArray[np.bool_]:
+        """Mask of panel coordinates that it may change."""
+        ramp = 1 + 2 * _SHARP / min(self.length, self.width)
+        return _within(self, math.hypot(self.length, self.width) / 2 * ramp, x, y)
 
     def factor(self, x: Image, y: Image) -> Image:
         """At panel coordinates, metres."""
@@ -213,8 +191,7 @@ class PaintPatch(Checked):
             beyond = (r - 1) * min(half_length, half_width)
         else:
             beyond = np.maximum(np.abs(along) - half_length, np.abs(across) - half_width)
-        # Half the ramp at a mark's border, metres: paint ends within a tenth of a millimetre.
-        return _tinted(np.clip(0.5 - beyond / (2 * 5e-5), 0, 1), self.tint)
+        return _tinted(np.clip(0.5 - beyond / (2 * _SHARP), 0, 1), self.tint)
 
 
 @dataclass(frozen=True)
@@ -243,16 +220,10 @@ class Lettering(Checked):
 
     smooth = False
 
-    @property
-    def coloured(self) -> bool:
-        """Whether its factor differs from colour to colour."""
-        return len(set(self.tint)) > 1
-
-    @property
-    def box(self) -> Box:
-        """Centre and half the side of a square that holds it, metres."""
-        letters = letters_of(self.text)
-        return self.x, self.y, math.hypot(*letters.shape) / 2 * self.height / LETTER
+    def covers(self, x: Image, y: Image) -> NDArray[np.bool_]:
+        """Mask of panel coordinates that it may change."""
+        pixels = math.hypot(*letters_of(self.text).shape)
+        return _within(self, pixels / 2 * self.height / LETTER, x, y)
 
     def factor(self, x: Image, y: Image) -> Image:
         """At panel coordinates, metres."""
@@ -292,6 +263,13 @@ def scratches(count: int, extent: Quadruple, seed: int = 0) -> tuple[PaintPatch,
     return tuple(found)
 
 
+Mark = Dirt | PaintPatch | Lettering
+
+
+def _within(mark: PaintPatch | Lettering, half: float, x: Image, y: Image) -> NDArray[np.bool_]:
+    return (np.abs(x - mark.x) < half) & (np.abs(y - mark.y) < half)
+
+
 def _from_centre(mark: PaintPatch | Lettering, x: Image, y: Image) -> tuple[Image, Image]:
     """Coordinates along and across a mark from its centre, metres, float32."""
     dx, dy = (x - mark.x).astype(np.float32), (y - mark.y).astype(np.float32)
@@ -329,11 +307,6 @@ class Paint(Checked):
     albedo_beyond: Reflectance = (0.8, 0.8, 0.8)
     roughness: Share = 0.0
     marks: tuple[Mark, ...] = ()
-
-    @property
-    def coloured(self) -> bool:
-        """Whether a mark's factor differs from colour to colour."""
-        return any(mark.coloured for mark in self.marks)
 
     def beyond_edge(self, x: NDArray, y: NDArray) -> NDArray[np.bool_]:
         """Mask of panel coordinates beyond the paint's edge."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import cv2
@@ -15,26 +14,24 @@ from scipy.special import erf
 from ftp_dent_ros.errors import ImageError
 from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.rig.rig import Rig
+from ftp_dent_ros.simulation.paint import sampled
 from ftp_dent_ros.simulation.sensor import Photometry, read_out, speckle
-from ftp_dent_ros.simulation.surface import Panel, Surface, is_even, paint_and_sun, smooth_paint
+from ftp_dent_ros.simulation.surface import Surface, paint_on, sun_on
 from ftp_dent_ros.simulation.view import (
     CameraMotion,
-    Rays,
     View,
     albedo_table,
     broken_pixels,
     look,
     pixel_grid,
-    projector_pixel,
     see,
+    sight,
     visible_part,
 )
 
 # Samples a projector pixel along u. OpenCV 4 rounds positions to 1/32 of a sample.
 _FINE = 4
 _FULL = 60000.0
-# Image rows that `at` makes of a list of positions: OpenCV limits a side to 32767.
-_COLUMNS = 4096
 
 # float32, for which OpenCV's annotations are too wide.
 Image = NDArray[Any]
@@ -82,30 +79,15 @@ class Light:
 
     def index_change(self, drift: NDArray) -> Image:
         """Change of an index with a change of projector pixels, both of shape (2, ...)."""
-        scale = np.array([_FINE, 1], np.float32)
-        return drift * scale.reshape(2, *(1,) * (drift.ndim - 1))
-
-    def add(self, total: Image, column: Image, row: Image) -> None:
-        """Add the light at indices of shape (h, w) to a sum of shape (h, w, 4)."""
-        cv2.accumulate(self.sample(column, row), total)
-
-    def mean(self, total: Image, count: int) -> Image:
-        """Mean of the `count` images of light, 0 to 1, that were added, shape (3, h, w)."""
-        scale = self.unit / np.float32(count)
-        return np.stack([total[..., channel] * scale for channel in range(3)])
+        return drift * np.array([[[_FINE]], [[1]]], np.float32)
 
     def at(self, u: NDArray, v: NDArray) -> Image:
         """Light, 0 to 1, at a list of projector pixels of shape (n,), shape (3, n)."""
-        rows = -(-len(u) // _COLUMNS)
-        index = np.full((2, rows * _COLUMNS), -1.0, np.float32)
-        index[:, : len(u)] = self.index(u, v)
-        column, row = index.reshape(2, rows, _COLUMNS)
-        light = self.sample(column, row).reshape(-1, 4)[: len(u), :3]
-        return light.T * self.unit
+        return self.sample(*self.index(u, v))[:, :3].T * self.unit
 
     def sample(self, column: NDArray, row: NDArray) -> Image:
-        """Light at indices of shape (h, w), in units of `unit`, shape (h, w, 4)."""
-        return cv2.remap(self._field, column, row, cv2.INTER_LINEAR, borderValue=0)
+        """Light at indices of one shape, in units of `unit`, shape (..., 4)."""
+        return sampled(self._field, column, row)
 
 
 def _pixel_kernel(sigma: float) -> Image:
@@ -118,20 +100,17 @@ def _pixel_kernel(sigma: float) -> Image:
     return (weights / weights.sum()).astype(np.float32)
 
 
-def moved(place: Image, slopes: list[Image], point: NDArray) -> tuple[Image, Image]:
-    """Two fields, shape (2, h, w), float32, at a point of the pixels and the exposure."""
-    first, second = (
-        shifted(field, [slope[index] for slope in slopes], point)
-        for index, field in enumerate(place)
-    )
-    return first, second
-
-
-def shifted(field: Image, slopes: list[Image], point: NDArray) -> Image:
-    """A field of shape (h, w), float32, at a point of the pixels and the exposure."""
+def moved(fields: Image, slopes: list[Image], point: NDArray) -> Image:
+    """Fields of shape (..., h, w), float32, at a point of the pixels and the exposure."""
+    rows = fields.reshape(-1, fields.shape[-1])
     for axis in np.flatnonzero(point):
-        field = cv2.scaleAdd(slopes[axis], point[axis], field)
-    return field
+        rows = cv2.scaleAdd(slopes[axis].reshape(rows.shape), point[axis], rows)
+    return rows.reshape(fields.shape)
+
+
+def colours(light: Image, scale: float) -> Image:
+    """Light of shape (h, w, 4) times a factor, shape (3, h, w)."""
+    return np.multiply(np.moveaxis(light, -1, 0)[:3], np.float32(scale), order='C')
 
 
 def cubature(dimensions: int, intervals: int) -> NDArray[np.float64]:
@@ -169,59 +148,28 @@ def image_sweep(rig: Rig, surface: Surface, motion: CameraMotion) -> float:
     return float(np.hypot(*shift.T).max(initial=0.0))
 
 
-def light_drift(
-    rig: Rig, surface: Surface, view: View, motion: CameraMotion
+def drift_of(
+    rig: Rig, surface: Surface, view: View, motion: CameraMotion, photometry: Photometry
 ) -> NDArray[np.float32]:
-    """How far the projector pixel (u, v) that a pixel sees moves during the exposure.
+    """How far what a pixel sees moves during the exposure.
 
     That of the bare skin: it only sets how far the blur reaches. Where skin slides past by a
     tenth of a small dent's width, that is right to one or two grey levels.
 
     Returns
     -------
-    ndarray, shape (2, height, width)
+    ndarray, shape (4, height, width)
+        x and y on the panel, metres; projector pixel u, v.
     """
-    return _drift(
-        rig,
-        surface,
-        view,
-        motion,
-        lambda _, rays, scale: projector_pixel(rig, scale[:, None] * rays.directions),
-    )
-
-
-def skin_drift(
-    rig: Rig, surface: Surface, view: View, motion: CameraMotion
-) -> NDArray[np.float32]:
-    """How far the panel coordinates (x, y) that a pixel sees move during the exposure, metres.
-
-    Those of the bare skin. Shape (2, height, width).
-    """
-
-    def place(panel: Panel, rays: Rays, _: NDArray) -> tuple[NDArray, NDArray]:
-        return panel.hit_bare(rays.origin, rays.towards)[1:]
-
-    return _drift(rig, surface, view, motion, place)
-
-
-def _drift(
-    rig: Rig,
-    surface: Surface,
-    view: View,
-    motion: CameraMotion,
-    place: Callable[[Panel, Rays, NDArray], tuple[NDArray, NDArray]],
-) -> NDArray[np.float32]:
-    """How far what is seen moves during the exposure, shape (2, height, width)."""
     grid = pixel_grid(rig.camera)
     nodes = grid.node_rays.reshape(-1, 1, 3)
-    drift = np.zeros((2, *grid.shape), np.float32)
+    drift = np.zeros((4, *grid.shape), np.float32)
     for index, panel in enumerate(surface.panels):
-        ends = []
-        for moment in (-0.5, 0.5):
-            rays = motion.rays(nodes, [moment])
-            scale, _, _ = panel.hit_bare(rays.origin, rays.towards)
-            ends.append(np.stack(place(panel, rays, scale)))
-        change = np.nan_to_num(ends[1] - ends[0]).reshape(2, *grid.node_rays.shape[:2])
+        begin, end = (
+            np.stack(sight(rig, panel, motion.rays(nodes, [moment]), photometry, bare=True)[1:5])
+            for moment in (-0.5, 0.5)
+        )
+        change = np.nan_to_num(end - begin).reshape(4, *grid.node_rays.shape[:2])
         for target, values in zip(drift, change.astype(np.float32), strict=True):
             np.copyto(target, grid.interpolated(values), where=view.tone // 2 == index)
     return drift
@@ -319,33 +267,41 @@ class Renderer:
         surface = visible_part(self.rig, surface)
         view = see(self.rig, surface, self.photometry)
         if self.photometry.phase_noise_px:
-            view.u += rng.normal(0, self.photometry.phase_noise_px, view.u.shape)
+            view.u[...] += rng.normal(0, self.photometry.phase_noise_px, view.u.shape)
         sweep = image_sweep(self.rig, surface, motion)
-        if is_even(surface):
-            lit, ambient = self._even_skin(surface, view, motion, sweep)
+        # On the panel in float32: to a thousandth of a pixel.
+        skin = np.stack([view.x, view.y]).astype(np.float32)
+        place = self._light.index(view.u, view.v)
+        slopes = [[np.gradient(each, axis=axis) for axis in (2, 1)] for each in (place, skin)]
+        if motion:
+            drift = drift_of(self.rig, surface, view, motion, self.photometry)
+            slopes[0].append(self._light.index_change(drift[2:]))
+            slopes[1].append(drift[:2])
+        if any(panel.paint.marks or panel.sunlight for panel in surface.panels):
+            lit, ambient = self._marked_skin(surface, view, (place, skin), slopes)
         else:
-            lit, ambient = self._marked_skin(surface, view, motion)
+            # Longest way of the image, pixels, over which one set of points integrates a moving
+            # fringe.
+            points = cubature(len(slopes[0]), math.ceil(sweep / 2.0))
+            lit, ambient = self._even_skin(surface, view, points, place, slopes[0])
         for pixels in broken_pixels(self.rig, surface, view, sweep):
             at = (slice(None), *np.divmod(pixels, view.u.shape[1]))
             lit[at], ambient[at] = self._broken_skin(surface, motion, pixels, rng)
         return lit, ambient
 
     def _even_skin(
-        self, surface: Surface, view: View, motion: CameraMotion, sweep: float
+        self,
+        surface: Surface,
+        view: View,
+        points: NDArray[np.float64],
+        place: Image,
+        slopes: list[Image],
     ) -> tuple[Image, Image]:
-        """Light off a skin without marks, which changes evenly over a pixel and the exposure.
-
-        The image moves by `sweep` pixels during the exposure.
-        """
-        light = self._light
-        place, slopes = self._positions(surface, view, motion)
-        # Longest way of the image, pixels, over which one set of points integrates a moving
-        # fringe.
-        points = cubature(len(slopes), math.ceil(sweep / 2.0))
+        """Light off a skin without marks, which changes evenly over a pixel and the exposure."""
         total = np.zeros((*view.u.shape, 4), np.float32)
         for point in points:
-            light.add(total, *moved(place, slopes, point))
-        lit = light.mean(total, len(points))
+            cv2.accumulate(self._light.sample(*moved(place, slopes, point)), total)
+        lit = colours(total, self._light.unit / np.float32(len(points)))
         ambient: Image = np.stack([cv2.LUT(view.tone, tone) for tone in albedo_table(surface)])
         ambient *= view.clean
         for channel, albedo in zip(lit, ambient, strict=True):
@@ -354,58 +310,43 @@ class Renderer:
         return lit, ambient
 
     def _marked_skin(
-        self, surface: Surface, view: View, motion: CameraMotion
+        self,
+        surface: Surface,
+        view: View,
+        places: tuple[Image, Image],
+        slopes: list[list[Image]],
     ) -> tuple[Image, Image]:
         """Light off a skin whose marks may end anywhere within a pixel."""
-        light = self._light
-        place, slopes = self._positions(surface, view, motion)
-        # On the panel in float32: to a thousandth of a pixel.
-        skin = np.stack([view.x, view.y]).astype(np.float32)
-        skin_slopes = [np.gradient(skin, axis=2), np.gradient(skin, axis=1)]
-        if motion:
-            skin_slopes.append(skin_drift(self.rig, surface, view, motion))
-        smooth = smooth_paint(surface, view.tone, *skin)
+        place, skin = places
+
+        def smooth_at(at: Image) -> Image:
+            # Dirt is grey.
+            return paint_on(surface, view.tone, at[0], at[1], (True,))[0]
+
+        smooth = smooth_at(skin)
         smooth_slopes = [np.gradient(smooth, axis=1), np.gradient(smooth, axis=0)]
-        if motion:
-            half = skin_slopes[2] / 2
-            before, after = (
-                smooth_paint(surface, view.tone, *end) for end in (skin - half, skin + half)
-            )
-            smooth_slopes.append(after - before)
+        smooth_slopes += [smooth_at(skin + d / 2) - smooth_at(skin - d / 2) for d in slopes[1][2:]]
         plain = np.zeros((*view.u.shape, 4), np.float32)
         diffuse = np.zeros((3, *view.u.shape), np.float32)
         ambient = np.zeros_like(diffuse)
-        for point in self._points[:, : len(slopes)]:
-            sample = light.sample(*moved(place, slopes, point))
-            here = moved(skin, skin_slopes, point)
-            paint, sun = paint_and_sun(surface, view.tone, *here, sharp_only=True)
-            paint *= shifted(smooth, smooth_slopes, point)
-            sun += np.float32(self.photometry.ambient)
+        level = np.float32(self.photometry.ambient)
+        for point in self._points[:, : len(smooth_slopes)]:
+            sample = self._light.sample(*moved(place, slopes[0], point))
+            here = moved(skin, slopes[1], point)
+            paint = paint_on(surface, view.tone, here[0], here[1], (False,))
+            paint *= moved(smooth, smooth_slopes, point)
             cv2.accumulate(sample, plain)
-            for channel in range(3):
-                factor = paint[channel % len(paint)]
-                diffuse[channel] += sample[..., channel] * factor
-                ambient[channel] += sun * factor
-        diffuse *= light.unit / np.float32(len(self._points))
+            diffuse += np.moveaxis(sample, -1, 0)[:3] * paint
+            ambient += (sun_on(surface, view.tone, here[0], here[1]) + level) * paint
+        diffuse *= self._light.unit / np.float32(len(self._points))
         ambient /= len(self._points)
-        lit = light.mean(plain, len(self._points))
+        lit = colours(plain, self._light.unit / np.float32(len(self._points)))
         lit *= view.specular
         for channel, tone in enumerate(albedo_table(surface)):
             albedo = cv2.LUT(view.tone, tone) * view.clean
             lit[channel] += diffuse[channel] * albedo * view.diffuse
             ambient[channel] *= albedo
         return lit, ambient
-
-    def _positions(
-        self, surface: Surface, view: View, motion: CameraMotion
-    ) -> tuple[Image, list[Image]]:
-        """Indices into the light, and their change over a pixel's columns, rows, and time."""
-        position = self._light.index(view.u, view.v)
-        slopes = [np.gradient(position, axis=2), np.gradient(position, axis=1)]
-        if motion:
-            drift = light_drift(self.rig, surface, view, motion)
-            slopes.append(self._light.index_change(drift))
-        return position, slopes
 
     def _broken_skin(
         self,
@@ -421,11 +362,11 @@ class Renderer:
         shape = len(pixels), len(moments)
         if self.photometry.phase_noise_px:
             noise = rng.normal(0, self.photometry.phase_noise_px, len(pixels))
-            fine.u += np.broadcast_to(noise[:, None], shape).ravel()
-        paint, sun = paint_and_sun(surface, fine.tone, fine.x, fine.y)
-        albedo = albedo_table(surface)[:, fine.tone] * paint * fine.clean
+            fine.u[...] += np.broadcast_to(noise[:, None], shape).ravel()
+        on_skin = surface, fine.tone, fine.x, fine.y
+        albedo = albedo_table(surface)[:, fine.tone] * paint_on(*on_skin) * fine.clean
         light = self._light.at(fine.u, fine.v) * (albedo * fine.diffuse + fine.specular)
-        ambient = albedo * (self.photometry.ambient + sun)
+        ambient = albedo * (self.photometry.ambient + sun_on(*on_skin))
         return light.reshape(3, *shape).mean(axis=2), ambient.reshape(3, *shape).mean(axis=2)
 
 

@@ -19,10 +19,11 @@ from ftp_dent_ros.simulation.dents import (
     Gaussian,
     Plate,
     RaisedCosine,
+    Rivet,
     Smooth,
     Valley,
+    domed_rivet,
 )
-from ftp_dent_ros.simulation.fittings import DomedRivet, Fitting, Rivet
 from ftp_dent_ros.simulation.flight import Flight
 from ftp_dent_ros.simulation.paint import (
     Dirt,
@@ -42,7 +43,6 @@ _MARKS: dict[str, Any] = {
     'lettering': Lettering,
     'scratches': None,
 }
-_RIVETS: dict[str, Any] = {'flush': Rivet, 'domed': DomedRivet}
 _SHAPES: dict[str, Any] = {
     'smooth': Smooth,
     'cosine': RaisedCosine,
@@ -119,11 +119,17 @@ def _dent(fields: Fields) -> Dent:
     return fields.record(Dent, shape=fields.part(kind))
 
 
-def _rivets(fields: Fields) -> Iterator[Fitting]:
+def _rivets(fields: Fields) -> Iterator[Rivet | Dent]:
     """Rivets at equal steps from the first."""
     first, step = (np.array(fields.take(name, Pair)) for name in ('first', 'step'))
     count = fields.take('count', Annotated[int, Limits(0, 10_000)])
-    one = fields.record(fields.choice('kind', _RIVETS, 'flush'), x=0.0, y=0.0)
+    one: Rivet | Dent
+    if fields.choice('kind', {'flush': True, 'domed': False}, 'flush'):
+        one = fields.record(Rivet, x=0.0, y=0.0)
+    else:
+        sizes = fields.take('radius', Positive, 0.004), fields.take('proud', Positive, 0.0012)
+        one = domed_rivet(0.0, 0.0, *sizes)
+        fields.finish()
     for index in range(count):
         x, y = first + index * step
         yield replace(one, x=float(x), y=float(y))

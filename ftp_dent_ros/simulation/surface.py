@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from functools import cached_property
-from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -14,19 +12,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from ftp_dent_ros.fields import Checked, NotNegative, Positive, Quadruple
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.simulation.dents import Dent
-from ftp_dent_ros.simulation.fittings import Fitting
+from ftp_dent_ros.simulation.dents import Dent, Rivet
 from ftp_dent_ros.simulation.paint import Paint, Sunlight
 
 Field = NDArray[np.float64]
+Feature = Dent | Rivet
+Height = Callable[[Field, Field], tuple[Field, Field, Field]]
 
 # The part of a cylinder's radius that a panel may reach sideways.
 _WIDEST = 0.9
 _ITERATIONS = 12
 _CONVERGED = 1e-11
-
-# Every so many pixels it is looked where a mark is.
-_COARSE = 8
 
 # float32, for which OpenCV's annotations are too wide.
 Image = NDArray[Any]
@@ -82,25 +78,6 @@ def waviness(
     )
 
 
-def cylinder(radius: float, x: Field) -> tuple[Field, Field]:
-    """Height of ``R - sqrt(R^2 - x^2)`` and its derivative; a radius of 0 is flat."""
-    if not radius:
-        return np.zeros_like(x), np.zeros_like(x)
-    root = np.sqrt(np.maximum(radius**2 - x * x, 1e-12))
-    # R - sqrt(R^2 - x^2) without its cancellation.
-    return x * x / (radius + root), x / root
-
-
-def height(radius: float, waves: Iterable[Wave], x: Field, y: Field) -> tuple[Field, Field, Field]:
-    """Height of a cylinder with waves, and its derivatives along x and y."""
-    rise, along_x = cylinder(radius, x)
-    along_y = np.zeros_like(rise)
-    for wave in waves:
-        more, slope_x, slope_y = wave.height(x, y)
-        rise, along_x, along_y = rise + more, along_x + slope_x, along_y + slope_y
-    return rise, along_x, along_y
-
-
 @dataclass(frozen=True, eq=False)
 class Panel(Checked):
     """A skin panel in some frame.
@@ -115,8 +92,8 @@ class Panel(Checked):
         Metres; 0 is flat.
     paint : Paint
     dents : tuple of Dent
-    rivets : tuple of Fitting
-        Rivets.
+    rivets : tuple of Rivet or Dent
+        What is fixed to it: it changes within a pixel.
     waves : tuple of Wave
         The undeformed skin's own waviness.
     sunlight : tuple of Sunlight
@@ -128,7 +105,7 @@ class Panel(Checked):
     cylinder_radius: NotNegative = 0.0
     paint: Paint = field(default_factory=Paint)
     dents: tuple[Dent, ...] = ()
-    rivets: tuple[Fitting, ...] = ()
+    rivets: tuple[Feature, ...] = ()
     waves: tuple[Wave, ...] = ()
     sunlight: tuple[Sunlight, ...] = ()
 
@@ -143,26 +120,22 @@ class Panel(Checked):
             object.__setattr__(self, 'extent', narrowed)
 
     @property
-    def features(self) -> tuple[Dent | Fitting, ...]:
-        """Dents and fittings."""
+    def features(self) -> tuple[Feature, ...]:
+        """Dents and rivets."""
         return (*self.dents, *self.rivets)
 
     def near(self, x: Field, y: Field, margin: float = 0.0) -> Panel:
         """The same panel with only those features that may touch the box around (x, y)."""
-        if not self.features:
-            return self
-        if not len(x):
-            return replace(self, dents=(), rivets=())
-        centre_x, centre_y, reach = self._bounds
-        reach = reach + margin
-        touched = (centre_x > x.min() - reach) & (centre_x < x.max() + reach)
-        touched &= (centre_y > y.min() - reach) & (centre_y < y.max() + reach)
-        count = len(self.dents)
-        return replace(
-            self,
-            dents=tuple(compress(self.dents, touched[:count])),
-            rivets=tuple(compress(self.rivets, touched[count:])),
-        )
+        low_x, high_x = x.min(initial=np.inf) - margin, x.max(initial=-np.inf) + margin
+        low_y, high_y = y.min(initial=np.inf) - margin, y.max(initial=-np.inf) + margin
+
+        def touches(feature: Feature) -> bool:
+            half = feature.reach + 3 * feature.rise
+            beside = low_x - half < feature.x < high_x + half
+            return beside and low_y - half < feature.y < high_y + half
+
+        dents, rivets = tuple(filter(touches, self.dents)), tuple(filter(touches, self.rivets))
+        return replace(self, dents=dents, rivets=rivets)
 
     def covered(self, x: Field, y: Field, margin: float | Field) -> NDArray[np.bool_]:
         """Mask of panel coordinates of shape (n,) that a feature, widened by `margin`, covers."""
@@ -178,7 +151,15 @@ class Panel(Checked):
 
     def bare_height(self, x: Field, y: Field) -> tuple[Field, Field, Field]:
         """Height of the skin without features, and its derivatives along x and y."""
-        return height(self.cylinder_radius, self.waves, x, y)
+        height, along_x, along_y = np.zeros_like(x), np.zeros_like(x), np.zeros_like(x)
+        if self.cylinder_radius:
+            root = np.sqrt(np.maximum(self.cylinder_radius**2 - x * x, 1e-12))
+            # R - sqrt(R^2 - x^2) without its cancellation.
+            height, along_x = x * x / (self.cylinder_radius + root), x / root
+        for wave in self.waves:
+            more, slope_x, slope_y = wave.height(x, y)
+            height, along_x, along_y = height + more, along_x + slope_x, along_y + slope_y
+        return height, along_x, along_y
 
     def height(self, x: Field, y: Field) -> tuple[Field, Field, Field]:
         """Height and its derivatives along x and y, at panel coordinates of shape (n,)."""
@@ -231,64 +212,53 @@ class Panel(Checked):
             else:
                 scale = -start[2] / along[2]
             scale = np.where(scale > 0, scale, np.nan)
-        if self.waves:
-            scale = self._on_waves(start, along, scale)
+            if self.waves:
+                scale = _moved_onto(self.bare_height, start.reshape(3, -1), along, scale)
         return scale, start[0] + scale * along[0], start[1] + scale * along[1]
 
-    def _on_waves(self, start: Field, along: Field, scale: Field) -> Field:
-        """Move hits of the cylinder, at `scale`, onto the waves."""
-        with np.errstate(invalid='ignore', divide='ignore'):
-            for _ in range(_ITERATIONS):
-                px, py, pz = start.reshape(3, -1) + scale * along
-                height, along_x, along_y = self.bare_height(px, py)
-                slope = along[2] - along_x * along[0] - along_y * along[1]
-                step = (pz - height) / slope
-                scale = scale - step
-                if not np.nanmax(np.abs(step), initial=0.0) >= _CONVERGED:
-                    break
-        return scale
+    def hit(self, origin: Field, rays: Field) -> tuple[Panel, tuple[Field, Field, Field]]:
+        """As `hit_bare` with dents and rivets, and the panel with those that may be hit.
 
-    def hit_features(
-        self, origin: Field, rays: Field, scale: Field, x: Field, y: Field
-    ) -> tuple[Field, Field, Field]:
-        """Move the hits of `hit_bare` onto the dents and fittings, in place.
-
-        Raises no error where a ray grazes a feature: twelve Newton steps then are the best guess.
+        Where a ray grazes a feature, twelve Newton steps are the best guess.
         """
+        scale, x, y = self.hit_bare(origin, rays)
+        hit = np.isfinite(scale)
+        panel = self.near(x[hit], y[hit])
         # A hit moves sideways by the depth times the ray's slope, which is 3 at 70 degrees.
-        margin = 3 * max((feature.rise for feature in self.features), default=0.0)
-        near = np.flatnonzero(self.covered(x, y, margin))
+        near = np.flatnonzero(panel.covered(x, y, 3 * panel.rise))
         if len(near):
-            origin = np.broadcast_to(origin, rays.shape)[near]
-            start, along = self._in_panel(origin, rays[near])
-            s = scale[near]
-            for _ in range(_ITERATIONS):
-                px, py, pz = start + s * along
-                height, along_x, along_y = self.height(px, py)
-                slope = along[2] - along_x * along[0] - along_y * along[1]
-                step = (pz - height) / slope
-                s = s - step
-                if np.abs(step).max() < _CONVERGED:
-                    break
-            scale[near] = s
-            x[near], y[near], _ = start + s * along
-        return scale, x, y
+            start, along = self._in_panel(np.broadcast_to(origin, rays.shape)[near], rays[near])
+            scale[near] = _moved_onto(panel.height, start, along, scale[near])
+            x[near], y[near], _ = start + scale[near] * along
+        return panel, (scale, x, y)
+
+    @property
+    def rise(self) -> float:
+        """Largest height of a feature above or below the skin, metres."""
+        return max((feature.rise for feature in self.features), default=0.0)
 
     def _in_panel(self, origin: Field, rays: Field) -> tuple[Field, Field]:
         """Origin, shape (3,) or (3, n), and rays, shape (3, n), in the panel's frame."""
         to_panel = self.pose.rotation.as_matrix().T
         return to_panel @ (origin - self.pose.translation).T, to_panel @ rays.T
 
-    @cached_property
-    def _bounds(self) -> Field:
-        """Centre and half side of each feature's square, shape (3, number of features)."""
-        return np.array([(f.x, f.y, f.reach + 3 * f.rise) for f in self.features]).T
-
-    def _footprints(self, x: Field, y: Field) -> Iterator[tuple[Dent | Fitting, NDArray[np.intp]]]:
+    def _footprints(self, x: Field, y: Field) -> Iterator[tuple[Feature, NDArray[np.intp]]]:
         for feature in self.features:
             at = np.flatnonzero(feature.covers(x, y))
             if len(at):
                 yield feature, at
+
+
+def _moved_onto(height: Height, start: Field, along: Field, scale: Field) -> Field:
+    """Move hits at ``start + scale * along``, near a height field, onto it by Newton's steps."""
+    for _ in range(_ITERATIONS):
+        x, y, z = start + scale * along
+        rise, along_x, along_y = height(x, y)
+        step = (z - rise) / (along[2] - along_x * along[0] - along_y * along[1])
+        scale = scale - step
+        if not np.nanmax(np.abs(step), initial=0.0) >= _CONVERGED:
+            break
+    return scale
 
 
 def signed_distance(panel: Panel, points: Field) -> Field:
@@ -303,7 +273,7 @@ def signed_distance(panel: Panel, points: Field) -> Field:
     above = at[:, 2] - height
     distance = np.sqrt((at[:, 0] - foot_x) ** 2 + (at[:, 1] - foot_y) ** 2 + above**2)
     behind = above >= 0
-    margin = distance + max((feature.rise for feature in panel.features), default=0.0)
+    margin = distance + panel.rise
     local = panel.near(foot_x, foot_y, float(margin.max(initial=0.0)))
     near = np.flatnonzero(local.covered(foot_x, foot_y, margin) | bool(panel.waves))
     if len(near):
@@ -383,13 +353,8 @@ class Surface:
         start = np.asarray(origin, float)
         nearest = np.full(len(flat), np.inf)
         for panel in self.panels:
-            scale, x, y = panel.hit_bare(start, flat)
-            hit = np.flatnonzero(np.isfinite(scale))
-            scale, x, y, towards = scale[hit], x[hit], y[hit], flat[hit]
-            local = panel.near(x, y)
-            local.hit_features(start, towards, scale, x, y)
-            scale[~panel.contains(x, y)] = np.inf
-            nearest[hit] = np.minimum(nearest[hit], scale)
+            _, (scale, x, y) = panel.hit(start, flat)
+            nearest = np.fmin(nearest, np.where(panel.contains(x, y), scale, np.inf))
         nearest[np.isinf(nearest)] = np.nan
         return nearest.reshape(rays.shape[:-1])
 
@@ -408,25 +373,20 @@ class Surface:
         points = np.asarray(points, float)
         flat = points.reshape(-1, 3)
         finite = np.isfinite(flat).all(axis=1)
-        inside = flat[finite]
-        best = np.full(len(inside), np.inf)
-        for panel in self.panels:
-            distance = signed_distance(panel, inside)
-            best = np.where(np.abs(distance) < np.abs(best), distance, best)
+        each = np.stack([signed_distance(panel, flat[finite]) for panel in self.panels])
         result = np.full(len(flat), np.nan)
-        result[finite] = best
+        result[finite] = np.take_along_axis(each, np.abs(each).argmin(axis=0)[None], axis=0)[0]
         return result.reshape(points.shape[:-1])
 
 
-def is_even(surface: Surface) -> bool:
-    """Whether no panel has marks or sun."""
-    return not any(panel.paint.marks or panel.sunlight for panel in surface.panels)
-
-
-def paint_and_sun(
-    surface: Surface, tone: NDArray[np.uint8], x: Image, y: Image, sharp_only: bool = False
-) -> tuple[Image, Image]:
-    """Factor on the albedo and sunlight at points of a surface.
+def paint_on(
+    surface: Surface,
+    tone: NDArray[np.uint8],
+    x: Image,
+    y: Image,
+    kinds: tuple[bool, ...] = (False, True),
+) -> Image:
+    """Factor of the marks on the albedo of red, green and blue at points of a surface.
 
     Parameters
     ----------
@@ -435,65 +395,26 @@ def paint_and_sun(
         As in `View`: which panel is seen.
     x, y : ndarray
         Coordinates on that panel, metres, of the same shape.
-    sharp_only : bool
-        Marks that change over many pixels are left out.
+    kinds : tuple of bool
+        True of the marks that change over many pixels, False of all others.
 
     Returns
     -------
-    factor : ndarray, shape (1 or 3, ...), float32
-        On the albedo of all colours, or of red, green and blue.
-    sun : ndarray, shape (...), float32
+    ndarray, shape (3, ...), float32
     """
-    coloured = any(panel.paint.coloured for panel in surface.panels)
-    factor = np.ones((3 if coloured else 1, *tone.shape), np.float32)
-    sun = np.zeros(tone.shape, np.float32)
-    for index, panel in enumerate(surface.panels):
-        if not (panel.paint.marks or panel.sunlight):
-            continue
-        on_panel = tone // 2 == index
-        if not on_panel.any():
-            continue
-        everywhere = bool(on_panel.all())
-        for mark in panel.paint.marks:
-            if sharp_only and mark.smooth:
-                continue
-            part = _around(mark.box, x, y)
-            if part is None:
-                continue
-            values = mark.factor(x[part], y[part])
-            at: Any = (slice(None), *part)
-            target = factor[at]
-            np.multiply(target, values, out=target, where=everywhere or on_panel[part])
-        for light in panel.sunlight:
-            np.add(sun, light.at(x, y), out=sun, where=everywhere or on_panel)
-    return factor, sun
-
-
-def smooth_paint(surface: Surface, tone: NDArray[np.uint8], x: Image, y: Image) -> Image:
-    """Factor of the marks that change over many pixels, shape of `x`, float32."""
-    factor = np.ones(tone.shape, np.float32)
+    factor = np.ones((3, *tone.shape), np.float32)
     for index, panel in enumerate(surface.panels):
         for mark in panel.paint.marks:
-            if mark.smooth:
-                np.multiply(factor, mark.factor(x, y), out=factor, where=tone // 2 == index)
+            at = (tone // 2 == index) & mark.covers(x, y) & (mark.smooth in kinds)
+            if at.any():
+                factor[:, at] *= mark.factor(x[at], y[at])
     return factor
 
 
-def _around(
-    box: tuple[float, float, float] | None, x: Image, y: Image
-) -> tuple[slice, ...] | None:
-    """Part of an image of panel coordinates that may lie in a box (x, y, half side)."""
-    whole = (slice(None),) * x.ndim
-    if box is None or x.ndim == 1:
-        return whole
-    centre_x, centre_y, half = box
-    coarse = x[::_COARSE, ::_COARSE], y[::_COARSE, ::_COARSE]
-    inside = (np.abs(coarse[0] - centre_x) < half) & (np.abs(coarse[1] - centre_y) < half)
-    rows, columns = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
-    if not len(rows):
-        # It may lie between the pixels that were looked at.
-        step = max(float(np.nanmax(np.abs(np.diff(part)))) for part in coarse)
-        return None if half > step else _around((centre_x, centre_y, 2 * step), x, y)
-    return tuple(
-        slice(max((at[0] - 1) * _COARSE, 0), (at[-1] + 2) * _COARSE) for at in (rows, columns)
-    )
+def sun_on(surface: Surface, tone: NDArray[np.uint8], x: Image, y: Image) -> Image:
+    """Sunlight at points of a surface, which `paint_on` explains; shape of `x`, float32."""
+    sun = np.zeros(tone.shape, np.float32)
+    for index, panel in enumerate(surface.panels):
+        for light in panel.sunlight:
+            np.add(sun, light.at(x, y), out=sun, where=tone // 2 == index)
+    return sun

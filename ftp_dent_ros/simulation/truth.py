@@ -56,31 +56,6 @@ def true_dents(surface: Surface, corners: int = 72) -> tuple[TrueDent, ...]:
     )
 
 
-def is_at_lap(surface: Surface, place: NDArray[np.float64], reach: float) -> bool:
-    """Whether a panel's edge lies over another panel within `reach` metres of a place."""
-    for panel in surface.panels:
-        x, y, _ = panel.pose.inverse().apply(place)
-        for edge in _nearest_edges(panel, x, y):
-            (on_skin,) = _on_bare_skin(panel, edge[None])
-            apart = float(np.linalg.norm(on_skin - place))
-            others = (other for other in surface.panels if other is not panel)
-            if apart <= reach and any(_holds(other, on_skin) for other in others):
-                return True
-    return False
-
-
-def _nearest_edges(panel: Panel, x: float, y: float) -> NDArray[np.float64]:
-    """Of each of a panel's four edges the point that is nearest to a place, shape (4, 2)."""
-    x_min, x_max, y_min, y_max = panel.extent
-    beside, along = np.clip(x, x_min, x_max), np.clip(y, y_min, y_max)
-    return np.array([[x_min, along], [x_max, along], [beside, y_min], [beside, y_max]])
-
-
-def _holds(panel: Panel, place: NDArray[np.float64]) -> bool:
-    x, y, _ = panel.pose.inverse().apply(place)
-    return bool(panel.contains(x, y))
-
-
 def _on_bare_skin(panel: Panel, places: NDArray[np.float64]) -> NDArray[np.float64]:
     x, y = places.T
     height, _, _ = panel.bare_height(x, y)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import cv2
@@ -14,21 +14,16 @@ from scipy.sparse import csr_matrix
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.rig.rig import Lens, Rig
-from ftp_dent_ros.simulation.dents import Dent
-from ftp_dent_ros.simulation.fittings import Fitting
 from ftp_dent_ros.simulation.paint import dot
 from ftp_dent_ros.simulation.sensor import Photometry
-from ftp_dent_ros.simulation.surface import Panel, Surface
+from ftp_dent_ros.simulation.surface import Feature, Panel, Surface
 
 Field = NDArray[np.float64]
-
 
 # A shadow's caster is at least this much nearer to the projector, as a part of the distance.
 _CLEAR = 1e-5
 # The tone of what is no panel.
 NOTHING = 255
-# What a view takes over from the sight of the panel that is seen.
-_SEEN = ('u', 'v', 'x', 'y', 'diffuse', 'specular', 'clean')
 # A projector pixel far outside any image.
 _NOWHERE = -1000.0
 
@@ -149,17 +144,14 @@ class PixelGrid:
         -------
         ndarray, shape (n, m, 3)
         """
-        row, column = np.divmod(pixels, self.shape[1])
-        rays = self.rays[row, column][:, None]
-        for offset, axis, index in ((along_u, 1, column), (along_v, 0, row)):
-            after = np.minimum(index + 1, self.shape[axis] - 1)
-            before = np.maximum(index - 1, 0)
-            ends = (row, after, before) if axis else (column, after, before)
-            higher = self.rays[ends[0], ends[1]] if axis else self.rays[ends[1], ends[0]]
-            lower = self.rays[ends[0], ends[2]] if axis else self.rays[ends[2], ends[0]]
-            slope = (higher - lower) / (after - before)[:, None]
-            rays = rays + slope[:, None] * offset[:, None]
-        return rays
+        at = np.divmod(pixels, self.shape[1])
+        across, down = (slope[at][:, None] for slope in self._slopes)
+        return self.rays[at][:, None] + across * along_u[:, None] + down * along_v[:, None]
+
+    @cached_property
+    def _slopes(self) -> list[NDArray[np.float64]]:
+        """Change of the rays from column to column and from row to row."""
+        return [np.gradient(self.rays, axis=axis) for axis in (1, 0)]
 
 
 @lru_cache(maxsize=4)
@@ -190,27 +182,23 @@ def _interpolation(size: int, focal: float) -> tuple[NDArray[np.float64], csr_ma
     return nodes, csr_matrix(weights)
 
 
-class Sight(NamedTuple):
-    """What rays see of one panel, also where it ends: arrays of one shape."""
-
-    scale: Field  # The point is at scale * ray.
-    x: Field  # On the panel, metres.
-    y: Field
-    u: Field  # Projector pixel that lights it.
-    v: Field
-    diffuse: Field  # Irradiance at full light, 1 for the white patch of the photometry.
-    specular: Field  # The same times the varnish's reflectance.
-    clean: Field  # Factor of dents and fittings on the albedo.
-
-
-@dataclass(eq=False)
-class View:
-    """What rays see of a surface: arrays of one shape.
+class View(NamedTuple):
+    """What rays see of a surface, or of one panel of it: arrays of one shape.
 
     Attributes
     ----------
-    u, v, x, y, diffuse, specular, clean : ndarray
-        As in `Sight`; diffuse and specular are 0 where nothing is lit.
+    scale : ndarray
+        The point is at ``scale * ray``.
+    x, y : ndarray
+        On the panel, metres.
+    u, v : ndarray
+        Projector pixel that lights it.
+    diffuse : ndarray
+        Irradiance at full light, 1 for the white patch of the photometry; 0 where nothing is lit.
+    specular : ndarray
+        The same times the varnish's reflectance.
+    clean : ndarray
+        Factor of dents and rivets on the albedo.
     tone : ndarray of uint8
         Column of `albedo_table` that holds the albedo: twice the panel's index, one more beyond
         its paint's edge, and `NOTHING` where no panel is.
@@ -218,15 +206,20 @@ class View:
         Where another panel stands in the projector's way.
     """
 
-    u: NDArray
-    v: NDArray
+    scale: NDArray
     x: NDArray
     y: NDArray
+    u: NDArray
+    v: NDArray
     diffuse: NDArray
     specular: NDArray
     clean: NDArray
     tone: NDArray[np.uint8]
     shadow: NDArray[np.bool_]
+
+
+# The first eight of them, of one panel, also where it ends.
+Sight = tuple[NDArray, ...]
 
 
 def albedo_table(surface: Surface) -> NDArray[np.float32]:
@@ -249,46 +242,35 @@ def sight(rig: Rig, panel: Panel, rays: Rays, photometry: Photometry, bare: bool
 
     If `bare`, its dents and fittings are left out.
     """
-    scale, x, y = panel.hit_bare(rays.origin, rays.towards)
-    if not bare:
-        hit = np.isfinite(scale)
-        panel = panel.near(x[hit], y[hit])
-        panel.hit_features(rays.origin, rays.towards, scale, x, y)
+    if bare:
+        scale, x, y = panel.hit_bare(rays.origin, rays.towards)
+    else:
+        panel, (scale, x, y) = panel.hit(rays.origin, rays.towards)
     points = scale[:, None] * rays.directions
     u, v = projector_pixel(rig, points)
     diffuse, specular = _brightness(rig, panel, points, x, y, photometry, bare)
     clean = np.ones_like(x) if bare else panel.clean(x, y)
-    return Sight(scale, x, y, u, v, diffuse, specular, clean)
+    return scale, x, y, u, v, diffuse, specular, clean
 
 
 def first_seen(rig: Rig, surface: Surface, sights: list[Sight], rays: NDArray) -> View:
     """Merge the sights of a surface's panels along rays of shape (..., 3): the nearest is seen."""
-    first = sights[0]
-    nearest = np.full(first.scale.shape, np.inf)
-    view = View(
-        first.u,
-        first.v,
-        first.x,
-        first.y,
-        first.diffuse,
-        first.specular,
-        first.clean,
-        tone=np.full(nearest.shape, NOTHING, np.uint8),
-        shadow=np.zeros(nearest.shape, bool),
-    )
-    for index, (panel, seen) in enumerate(zip(surface.panels, sights, strict=True)):
-        closer = panel.contains(seen.x, seen.y) & (seen.scale < nearest)
-        np.copyto(nearest, seen.scale, where=closer)
-        tone = 2 * index + panel.paint.beyond_edge(seen.x, seen.y).astype(np.uint8)
-        np.copyto(view.tone, tone, where=closer)
-        if seen is not first:
-            for name in _SEEN:
-                np.copyto(getattr(view, name), getattr(seen, name), where=closer)
+    seen = sights[0]
+    nearest = np.full(seen[0].shape, np.inf)
+    tone, shadow = np.full(nearest.shape, NOTHING, np.uint8), np.zeros(nearest.shape, bool)
+    for index, (panel, sight) in enumerate(zip(surface.panels, sights, strict=True)):
+        scale, x, y, *_ = sight
+        closer = panel.contains(x, y) & (scale < nearest)
+        np.copyto(nearest, scale, where=closer)
+        np.copyto(tone, 2 * index + panel.paint.beyond_edge(x, y).astype(np.uint8), where=closer)
+        for target, values in zip(seen, sight, strict=True):
+            np.copyto(target, values, where=closer)
     if len(surface.panels) > 1:
-        view.shadow = _shadowed(rig, surface, view.tone, nearest, rays)
+        shadow = _shadowed(rig, surface, tone, nearest, rays)
+    view = View._make((*seen, tone, shadow))
     unlit = ~np.isfinite(view.u + view.v)
     view.u[unlit] = view.v[unlit] = _NOWHERE
-    unlit |= view.shadow | (view.tone == NOTHING)
+    unlit |= shadow | (tone == NOTHING)
     view.diffuse[unlit] = view.specular[unlit] = 0
     return view
 
@@ -406,15 +388,17 @@ def _sight(grid: PixelGrid, rig: Rig, panel: Panel, photometry: Photometry) -> S
     coarse = sight(rig, panel, still(grid.node_rays.reshape(-1, 3)), photometry, bare=True)
     missing = ~np.isfinite(sum(coarse)).reshape(grid.node_rays.shape[:2])
     if missing.all():
-        return Sight(*(np.full(grid.shape, np.nan) for _ in coarse))
-    # Projector pixels to 1e-4 need double precision, the rest does not.
-    fields = (
-        np.nan_to_num(values, posinf=0, neginf=0)
-        .reshape(missing.shape)
-        .astype(np.float64 if name in 'uv' else np.float32)
-        for name, values in zip(Sight._fields[:-1], coarse, strict=False)
-    )
-    dense = Sight(*map(grid.interpolated, fields), np.ones(grid.shape, np.float32))  # type: ignore[call-arg]
+        return tuple(np.full(grid.shape, np.nan) for _ in coarse)
+    dense = [
+        grid.interpolated(
+            np.nan_to_num(values, posinf=0, neginf=0)
+            .reshape(missing.shape)
+            # Projector pixels to 1e-4 need double precision, the rest does not.
+            .astype(np.float64 if name in 'uv' else np.float32)
+        )
+        for name, values in zip(View._fields, coarse[:-1], strict=False)
+    ]
+    dense.append(np.ones(grid.shape, np.float32))
     patches: list[Window | NDArray[np.bool_]] = []
     if missing.any():
         patches.append(abs(grid.rows) @ missing @ abs(grid.columns).T > 0)
@@ -425,10 +409,10 @@ def _sight(grid: PixelGrid, rig: Rig, panel: Panel, photometry: Photometry) -> S
         exact = sight(rig, panel, still(grid.rays[patch].reshape(-1, 3)), photometry)
         for part, values in zip(dense, exact, strict=True):
             part[patch] = values.reshape(part[patch].shape)
-    return dense
+    return tuple(dense)
 
 
-def _window(lens: Lens, panel: Panel, feature: Dent | Fitting) -> Window | None:
+def _window(lens: Lens, panel: Panel, feature: Feature) -> Window | None:
     """Part of the image that may show a feature; None where it is out of the image."""
     # A ray that slants at 70 degrees meets a bulge three heights before the bare skin.
     half = feature.reach + 3 * feature.rise
@@ -450,7 +434,7 @@ def _window(lens: Lens, panel: Panel, feature: Dent | Fitting) -> Window | None:
 
 
 def _on_fitting(
-    grid: PixelGrid, lens: Lens, panel: Panel, fitting: Fitting, reach: int
+    grid: PixelGrid, lens: Lens, panel: Panel, fitting: Feature, reach: int
 ) -> NDArray[np.intp]:
     """Flat indices of the pixels within `reach` pixels of what is sharp on a fitting."""
     window = _window(lens, panel, fitting)

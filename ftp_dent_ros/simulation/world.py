@@ -6,6 +6,7 @@ import math
 import os
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,34 +109,26 @@ class World:
         ImageError
             The projected image is not the projector's size or type.
         """
-        renderer = _renderer(rig, _Pixels(projected), self.photometry)
+        image = projected.tobytes(), projected.dtype.str, projected.shape
+        renderer = _renderer(rig, image, self.photometry)
         rng = np.random.default_rng([self.seed, abs(stamp_ns)])
         return renderer.photograph(self.seen_surface(stamp_ns), rng, self.motion(stamp_ns))
 
 
-class _Pixels:
-    """An image that is its own key: compared by its content."""
-
-    def __init__(self, image: NDArray[np.uint8]) -> None:
-        self.image = image
-        self._content = image.tobytes()
-
-    def __hash__(self) -> int:
-        return hash(self._content)
-
-    def __eq__(self, other: object) -> bool:
-        return (
-            isinstance(other, _Pixels)
-            and self.image.shape == other.image.shape
-            and self.image.dtype == other.image.dtype
-            and self._content == other._content
-        )
-
-
 @lru_cache(maxsize=2)
-def _renderer(rig: Rig, projected: _Pixels, photometry: Photometry) -> Renderer:
-    """Renderers of the last images that were projected."""
-    return Renderer(rig, projected.image, photometry)
+def _renderer(
+    rig: Rig, projected: tuple[bytes, str, tuple[int, ...]], photometry: Photometry
+) -> Renderer:
+    """Renderers of the last images that were projected, by their content."""
+    content, dtype, shape = projected
+    return Renderer(rig, np.frombuffer(content, dtype).reshape(shape), photometry)
+
+
+@lru_cache(maxsize=1)
+def _world_of(file: Path, start_ns: int, version: tuple[int, int]) -> World:
+    """The world of a version of a file."""
+    del version
+    return read_world(file, start_ns)
 
 
 def read_world(path: str | os.PathLike[str], start_ns: int = 0) -> World:
@@ -193,20 +186,15 @@ class LiveWorld:
 
     def __init__(self, path: str | os.PathLike[str], start_ns: int) -> None:
         self._path, self._start_ns = find(path), start_ns
-        self._version = self._stat()
-        self._world = read_world(self._path, start_ns=start_ns)
         self._whites = self._moves = 0
+        self._read()
 
     def photograph(self, rig: Rig, projected: NDArray[np.uint8], stamp_ns: int) -> Photograph:
         """As `World.photograph`; raises `CameraError` while the changed file cannot be used."""
-        version = self._stat()
-        if version != self._version:
-            try:
-                self._world = read_world(self._path, start_ns=self._start_ns)
-            except ConfigurationError as reason:
-                raise CameraError(str(reason)) from None
-            self._version = version
-        world = self._world
+        try:
+            world = self._read()
+        except ConfigurationError as reason:
+            raise CameraError(str(reason)) from None
         if world.board_poses:
             self._whites = self._whites + 1 if projected.min() > 250 else 0
             self._moves += self._whites == 2
@@ -215,9 +203,9 @@ class LiveWorld:
             world = replace(world, surface=Surface((replace(board, pose=pose), *others)))
         return world.photograph(rig, projected, stamp_ns)
 
-    def _stat(self) -> tuple[int, int]:
+    def _read(self) -> World:
         try:
             status = os.stat(self._path)
         except OSError:
-            return 0, 0
-        return status.st_mtime_ns, status.st_ino
+            return read_world(self._path, self._start_ns)
+        return _world_of(self._path, self._start_ns, (status.st_mtime_ns, status.st_ino))

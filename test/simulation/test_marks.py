@@ -11,7 +11,6 @@ from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.simulation import (
     CameraMotion,
     Dirt,
-    DomedRivet,
     Lettering,
     Paint,
     PaintPatch,
@@ -20,6 +19,7 @@ from ftp_dent_ros.simulation import (
     Sunlight,
     Surface,
     Wave,
+    domed_rivet,
     render,
     scratches,
     waviness,
@@ -132,7 +132,7 @@ def test_waves_are_traced_and_seen(rig, noiseless):
 
 
 def test_a_domed_rivet_stands_out():
-    height, _, _ = skin(rivets=(DomedRivet(0, 0),)).panels[0].height(np.zeros(1), np.zeros(1))
+    height, _, _ = skin(rivets=(domed_rivet(0, 0),)).panels[0].height(np.zeros(1), np.zeros(1))
     assert height == pytest.approx([-0.0012])
 
 

@@ -4,7 +4,7 @@ import pytest
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.simulation import Panel, Surface
 from ftp_dent_ros.simulation.dents import Dent
-from ftp_dent_ros.simulation.truth import is_at_lap, true_dents
+from ftp_dent_ros.simulation.truth import true_dents
 
 POSE = Pose.from_rpy((0.3, -0.4, 2.0), (5, -3, 1))
 BARE = Surface((Panel(POSE, (-1, 1, -1, 1), 2.0),))
@@ -36,15 +36,3 @@ def test_its_outline_is_the_contour_at_a_tenth_of_the_depth(dented):
     x, y, _ = POSE.inverse().apply(deep.border).T
     assert np.abs(panel.height(x, y)[0] - panel.bare_height(x, y)[0]).max() < 1e-12
     assert (deep.length, deep.width) == pytest.approx((0.835 * 0.08, 0.835 * 0.05), rel=1e-3)
-
-
-def test_a_lap_is_where_one_panels_edge_lies_over_another_panel():
-    upper = Panel(POSE, (-1, 1, -1, 0.2), 2.0)
-    lower = Panel(POSE @ Pose.from_rpy((0, 0, 0), (0, 0, 0.0016)), (-1, 1, 0.15, 1), 1.9984)
-    lap = Surface((upper, lower))
-    for place, is_there in (((0.3, 0.21), True), ((0.3, 0.3), False), ((0.3, -0.99), False)):
-        x, y = np.array([place[0]]), np.array([place[1]])
-        height, _, _ = upper.bare_height(x, y)
-        (at,) = POSE.apply(np.stack([x, y, height], axis=-1))
-        assert is_at_lap(lap, at, 0.025) == is_there
-    assert not is_at_lap(Surface((upper,)), POSE.apply(np.array([0.0, 0.2, 0.0])), 0.025)
