@@ -19,7 +19,6 @@ from ftp_dent_ros.demonstration.appraisal import (
     appraise,
     appraise_dents,
     appraise_skin,
-    onto_truth,
 )
 from ftp_dent_ros.demonstration.flight import FlightError, fly, render_ahead, simulation_parameters
 from ftp_dent_ros.demonstration.results import BOUNDS, summary_of, write_results
@@ -121,8 +120,7 @@ def _demonstrate(blocks: dict[str, Any], clouds: int, folder: Path) -> tuple[Fig
     (folder / 'summary.txt').write_text(f'{summary}\n', encoding='utf-8')
     record = {'figures': figures, 'bounds': BOUNDS}
     (folder / SUMMARY).write_text(json.dumps(record, indent=1), encoding='utf-8')
-    with progress_bar('writing clouds and pictures', None, 'file') as bar:
-        write_results(bag, world, poses, folder, bar.update)
+    write_results(bag, world, poses, folder)
     return figures, summary
 
 
@@ -140,10 +138,9 @@ def _inspect(
     with progress_bar('inspecting', 3 * count, 'cloud') as bar:
         report, joined = report_on_skin(bag, inspect, named, camera, progress=bar.update)
     write_report(folder, replace(report, source='flight of the demonstration'))
-    onto = onto_truth(bag, joined, world)
-    poses = {stamp: onto.move(stamp) @ joined.poses[i] for stamp, i in joined.numbers.items()}
-    dents = appraise_dents(bag, report, world, camera, onto.move)
-    return dents, appraise_skin(bag, joined, world, onto), poses
+    skin, moves = appraise_skin(bag, joined, world)
+    poses = {stamp: move @ joined.poses[joined.numbers[stamp]] for stamp, move in moves.items()}
+    return appraise_dents(bag, report, world, camera, moves), skin, poses
 
 
 def _files(output: Path) -> str:

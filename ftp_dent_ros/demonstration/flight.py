@@ -8,7 +8,6 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
@@ -17,15 +16,12 @@ import numpy as np
 import rclpy
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped
 from numpy.typing import NDArray
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.parameter import Parameter
-from rclpy.parameter_client import AsyncParameterClient
 from sensor_msgs.msg import CameraInfo
 
 from ftp_dent_ros.capture.source import write_rendered
-from ftp_dent_ros.demonstration.appraisal import TYPES
 from ftp_dent_ros.errors import ConfigurationError, FtpDentError
 from ftp_dent_ros.files import find
 from ftp_dent_ros.fleet import side_by_side
@@ -44,6 +40,9 @@ from ftp_dent_ros.supervision.transport import free_domain
 _READY_S = 120.0
 _DRAIN_S = 60.0
 _SETTLED_S = 1.0
+# Until camera and autopilot are known to all, whole seconds; on a machine that takes longer the
+# first photographs are left out.
+_START_S = 4
 _CAMERA = 'camera_capture'
 _RECONSTRUCTION = 'reconstruction'
 _RECORDER = 'recorder'
@@ -146,47 +145,39 @@ def fly(
     """
     configuration, bag, logs = folder / 'payload.yaml', folder / 'bag', folder / 'log'
 
-    def written() -> dict[str, Program]:
+    def programs() -> dict[str, Program]:
         configuration.write_text(yaml.safe_dump(blocks, sort_keys=False), encoding='utf-8')
         return {entry.name: entry.program for entry in read_configuration(configuration)}
 
-    programs = written()
     record = ('-m', 'ftp_dent_ros.cli.main', 'record', '--all', '--output', str(bag))
-    recorder = Program(_RECORDER, (sys.executable, *record))
+    first = {**programs(), _RECORDER: Program(_RECORDER, (sys.executable, *record))}
     with (
         free_domain(),
-        (folder / 'terminal.log').open('w') as quiet,
-        ProcessLog((*programs, _RECORDER), folder=logs, terminal=quiet) as log,
+        open(os.devnull, 'w') as quiet,
+        ProcessLog(tuple(first), folder=logs, terminal=quiet) as log,
         Processes(log.show) as processes,
         _observer(processes, logs) as observer,
     ):
-        say(f'starting {len(programs) + 1} processes')
-        for program in (*programs.values(), recorder):
-            if program.name not in (_CAMERA, _AUTOPILOT):
+        say(f'starting {len(first)} processes')
+        for name, program in first.items():
+            if name not in (_CAMERA, _AUTOPILOT):
                 processes.start(program)
-        observer.until(observer.ready_to_reconstruct, _READY_S, 'reconstruction is not ready')
-        # The flight starts when all can be there: the photographs are of its first seconds.
-        start_ns = time.time_ns() + 3_000_000_000
+        observer.until(observer.is_ready, 'reconstruction is not ready')
+        # The photographs are of the flight's first seconds: it starts when all can be there.
+        start_ns = time.time_ns() + _START_S * 1_000_000_000
         blocks[_CAMERA]['ros__parameters']['simulation.start_ns'] = start_ns
         blocks[_AUTOPILOT]['ros__parameters']['start_ns'] = start_ns
-        programs = written()
-        processes.start(programs[_AUTOPILOT])
-        # No photograph before everybody is there: it would be lost.
-        camera = programs[_CAMERA]
-        idle = (*camera.command, '-p', 'continuous:=false')
-        processes.start(replace(camera, command=idle))
-        observer.until(lambda: observer.poses > 0, _READY_S, 'no pose from the autopilot')
-        observer.until(observer.all_subscribed, _READY_S, 'not everybody is subscribed')
-        say('the link to the autopilot stands, the pattern is projected: photographing')
-        observer.start_camera()
+        last = programs()
+        for name in (_AUTOPILOT, _CAMERA):
+            processes.start(last[name])
+        say('the pattern is projected: photographing')
         for number in range(1, clouds + 1):
-            observer.until_tagged(number)
+            observer.until(partial(observer.has_tagged, number), 'no more tagged clouds')
             progress(observer.tagged)
         processes.stop(_CAMERA)
         observer.drain()
         progress(observer.tagged)
         processes.stop(_RECORDER)
-    (folder / 'terminal.log').unlink()
     return bag
 
 
@@ -194,49 +185,32 @@ class _Observer:
     """Counts what the payload does, from a context of its own."""
 
     def __init__(self, node: Any, executor: Any, processes: Processes, logs: Path) -> None:
-        self.poses = self.tagged = self._last_image = self._last_tagged = 0
-        self._node, self._executor = node, executor
-        self._processes, self._logs = processes, logs
-        node.create_subscription(PoseStamped, '/mavlink/pose', self._on_pose, POSES)
+        self.tagged = self._last_image = self._last_tagged = 0
+        self._executor, self._processes, self._logs = executor, processes, logs
         node.create_subscription(CameraInfo, '/camera/camera_info', self._on_image, IMAGES)
         node.create_subscription(PoseWithCovarianceStamped, '/tagged/pose', self._on_tagged, POSES)
         node.create_subscription(DiagnosticArray, '/diagnostics', self._on_state, DIAGNOSTICS)
         self._state: dict[str, bytes] = {}
-        self._camera = AsyncParameterClient(node, _CAMERA)
 
-    def until(self, condition: Callable[[], bool], timeout: float, trouble: str) -> None:
-        """Spin until `condition`; a process that ends or the timeout raises `FlightError`."""
-        end = time.monotonic() + timeout
+    def until(self, condition: Callable[[], bool], trouble: str) -> None:
+        """Spin until `condition`; a process that ends or a timeout raises `FlightError`."""
+        end = time.monotonic() + _READY_S
         while not condition():
             self._executor.spin_once(timeout_sec=0.1)
             for ended in self._processes.ended():
-                raise FlightError(f'{ended}; its last words: {self._last_words(ended)}')
+                log = self._logs / f'{ended.program.name}.log'
+                words = ['none', *log.read_text(errors='replace').strip().splitlines()]
+                raise FlightError(f'{ended}; its last words: {words[-1]}')
             if time.monotonic() > end:
-                raise FlightError(f'{trouble} within {timeout:g} s: see the logs in {self._logs}')
+                raise FlightError(f'{trouble} within {_READY_S:g} s: see the logs in {self._logs}')
 
-    def until_tagged(self, count: int) -> None:
-        """Wait for the tagged cloud of that number."""
-        self.until(lambda: self.tagged >= count, _READY_S, 'no more tagged clouds')
-
-    def all_subscribed(self) -> bool:
-        """Whether every topic of interest has its readers, so that no message is missed."""
-        # The recorder reads all of them; so do these nodes and this one.
-        topics = dict.fromkeys(TYPES, 1) | {'/camera/image_raw': 2, '/points': 3}
-        topics |= dict.fromkeys(('/tagged/pose', '/tagged/camera_pose'), 2)
-        topics |= dict.fromkeys(('/dents', '/dents/list'), 1)
-        count = self._node.count_subscribers
-        return all(count(topic) >= readers for topic, readers in topics.items())
-
-    def ready_to_reconstruct(self) -> bool:
+    def is_ready(self) -> bool:
         """Whether the reconstruction knows the pattern, and waits for images."""
         return self._state.get(_RECONSTRUCTION) == DiagnosticStatus.OK
 
-    def start_camera(self) -> None:
-        """Let the camera photograph at its rate."""
-        trouble = 'the camera does not take parameters'
-        self.until(self._camera.services_are_ready, _READY_S, trouble)
-        answer = self._camera.set_parameters([Parameter('continuous', value=True)])
-        self.until(answer.done, _READY_S, trouble)
+    def has_tagged(self, clouds: int) -> bool:
+        """Whether so many clouds are tagged."""
+        return self.tagged >= clouds
 
     def drain(self) -> None:
         """Wait until the last photograph's cloud is tagged; what is missing then is lost."""
@@ -248,16 +222,8 @@ class _Observer:
             if settled and self._last_tagged >= self._last_image:
                 return
 
-    def _last_words(self, ended: Any) -> str:
-        log = self._logs / f'{ended.program.name}.log'
-        lines = log.read_text(errors='replace').strip().splitlines()
-        return lines[-1] if lines else 'none'
-
     def _on_state(self, message: DiagnosticArray) -> None:
         self._state |= {status.name: status.level for status in message.status}
-
-    def _on_pose(self, _: PoseStamped) -> None:
-        self.poses += 1
 
     def _on_image(self, message: CameraInfo) -> None:
         self._last_image = stamp_to_ns(message.header.stamp)

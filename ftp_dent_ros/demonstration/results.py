@@ -1,38 +1,28 @@
-"""What a demonstration leaves: pictures, clouds, the summary."""
+"""What a demonstration leaves: pictures and the summary."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import cv2
-import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import Image
 
-from ftp_dent_ros.cloud.ply import write_ply
 from ftp_dent_ros.coding.images import image_from_message
-from ftp_dent_ros.demonstration.appraisal import (
-    Figures,
-    camera_error,
-    clouds_of,
-    image_at,
-    mean_absolute,
-)
+from ftp_dent_ros.demonstration.appraisal import Figures, clouds_of
 from ftp_dent_ros.files import write_atomically
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.recording.clouds import rig_id_of
 from ftp_dent_ros.recording.reader import Bag
 from ftp_dent_ros.simulation.surface import Surface
 from ftp_dent_ros.simulation.world import World
 
 _MM = 1000.0
-
-# First, middle and last are enough to look at; the bag has them all.
-_KEPT = 3
 
 # What the payload promises in this simulation: how many, and millimetres. A busy machine may leave
 # photographs out, which is shown.
@@ -50,19 +40,6 @@ BOUNDS = {
     'dents_false': 0,
     'dents_false_in_list': 0,
 }
-
-
-def error_map(path: Path, error: NDArray[np.float64], title: str) -> None:
-    """Draw signed distances to the true surface, shape (rows, columns), metres."""
-    figure = Figure(figsize=(9, 5), layout='constrained')
-    axes = figure.add_subplot()
-    axes.set(title=title, xlabel='column of the cloud', ylabel='row of the cloud')
-    limit = float(np.nanpercentile(np.abs(error), 99)) * _MM
-    colours = matplotlib.colormaps['RdBu_r'].copy()
-    colours.set_bad('0.85')
-    image = axes.imshow(error * _MM, colours, vmin=-limit, vmax=limit, interpolation='nearest')
-    figure.colorbar(image, ax=axes, label='behind (+) or before (-) the true skin, mm')
-    _save(figure, path)
 
 
 def view_3d(
@@ -106,67 +83,21 @@ def view_3d(
     axes.legend(loc='upper left', bbox_to_anchor=(0.05, 0.95))
     scale = figure.add_axes((0.9, 0.2, 0.015, 0.6))
     figure.colorbar(colours, cax=scale, label='depth, mm')
-    _save(figure, path)
-
-
-def _save(figure: Figure, path: Path) -> None:
     with write_atomically(path) as temporary:
         figure.savefig(temporary, dpi=110)
 
 
-def write_results(
-    bag: Bag,
-    world: World,
-    poses: Mapping[int, Pose],
-    folder: Path,
-    progress: Callable[[], Any],
-) -> None:
-    """Write clouds and pictures of a recorded flight into `folder`.
+def write_results(bag: Bag, world: World, poses: Mapping[int, Pose], folder: Path) -> None:
+    """Write pictures of a recorded flight into `folder`: its middle photograph, and its skin.
 
     `poses` are the cameras' by the skin, put onto the true one, by the clouds' stamps.
-
-    ``clouds/`` takes the first, the middle and the last cloud in the camera's frame and in
-    ``map``; the pictures of a single photograph are those of the one in the middle.
     """
-    stamps = [stamp for stamp, _ in clouds_of(bag, '/tagged/points')]
-    if not stamps:
-        return
-    kept = {stamps[round(i * (len(stamps) - 1) / (_KEPT - 1))] for i in range(_KEPT)}
-    middle = stamps[len(stamps) // 2]
-    rig_id = rig_id_of(bag)
-    for topic, frame in (('/points', 'camera'), ('/tagged/points', 'map')):
-        frame_id = 'camera_optical_frame' if frame == 'camera' else 'map'
-        for stamp, cloud in clouds_of(bag, topic):
-            if stamp in kept:
-                number = stamps.index(stamp)
-                path = folder / 'clouds' / f'cloud_{number:03}_{frame}.ply'
-                write_ply(path, cloud, frame_id, rig_id)
-                progress()
-    _pictures_of_one(bag, world, middle, folder, progress)
-    _picture_of_all(bag, world, poses, folder)
-    progress()
-
-
-def _pictures_of_one(
-    bag: Bag, world: World, stamp_ns: int, folder: Path, progress: Callable[[], Any]
-) -> None:
-    message = image_at(bag, stamp_ns)
-    if message is not None:
-        image = cv2.cvtColor(image_from_message(message), cv2.COLOR_RGB2BGR)
-        with write_atomically(folder / 'camera.png') as temporary:
-            cv2.imwrite(str(temporary), image)
-        progress()
-    cloud = next(cloud for stamp, cloud in clouds_of(bag, '/points') if stamp == stamp_ns)
-    error = camera_error(world, cloud, stamp_ns)
-    title = f'Error in the camera frame, MAE {mean_absolute(error):.4f} mm'
-    error_map(folder / 'error_camera.png', error, title)
-    progress()
-
-
-def _picture_of_all(bag: Bag, world: World, poses: Mapping[int, Pose], folder: Path) -> None:
-    """The measured skin along the flight, coloured by how deep it lies behind the undented one."""
+    photographs = list(bag.messages(['/camera/image_raw']))
+    message = deserialize_message(photographs[len(photographs) // 2].data, Image)
+    with write_atomically(folder / 'camera.png') as temporary:
+        cv2.imwrite(str(temporary), image_from_message(message)[..., ::-1])
     every = []
-    for stamp, cloud in clouds_of(bag, '/points'):
+    for stamp, cloud in clouds_of(bag):
         if stamp in poses:
             points = cloud.points[cloud.valid].astype(np.float64)
             # As many points as a 3-D picture of this size can show.

@@ -13,7 +13,6 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import PointCloud2
 
 from ftp_dent_ros.cli.main import main
-from ftp_dent_ros.cloud.ply import read_ply, rig_id_of
 from ftp_dent_ros.demonstration.results import BOUNDS
 from ftp_dent_ros.files import find
 from ftp_dent_ros.recording.reader import open_bag, read_messages
@@ -56,11 +55,8 @@ def test_figures_are_within_their_bounds_and_files_are_there(flight):
     # The autopilot errs by centimetres, and the skin knows better.
     assert figures['map_mae_mm'] > 1 > 50 * figures['skin_mae_mm']
     assert figures['skin_parts'] <= figures['clouds'] / 2 and figures['skin_place_mm'] < 1
-    pictures = ('camera.png', 'error_camera.png', 'view_3d.png')
+    pictures = ('camera.png', 'view_3d.png')
     assert all((flight / name).stat().st_size > 10_000 for name in pictures)
-    clouds = [read_ply(path)[0] for path in (flight / 'clouds').glob('*.ply')]
-    assert len(clouds) == 6, 'first, middle and last, in both frames'
-    assert all(cloud.valid.mean() > 0.5 for cloud in clouds)
     # Photographs were rendered ahead: the latency is the payload's own, and comes first.
     first, second, third, *_ = (flight / 'summary.txt').read_text().splitlines()
     assert first.startswith('exposure to tagged cloud') and figures['latency_median_ms'] < 3000
@@ -79,9 +75,8 @@ def test_it_ends_with_the_report_on_the_dents_that_are_there(flight):
     assert figures['depth_error_mm'] < 0.08
     assert (data['frame_id'], data['rig']['file']) == ('map', 'rig.yaml')
     rig_id = read_rig(find('shipped:rig.yaml')).id
-    told = {rig_id_of(path) for path in (flight / 'clouds').glob('*.ply')}
     custom = open_bag(flight / 'bag').metadata.custom_data
-    assert told == {data['rig']['id']} == {custom['rig']} == {rig_id}
+    assert data['rig']['id'] == custom['rig'] == rig_id
     assert len(data['frames']) == figures['clouds'] and data['refused'] == []
     sightings = [each['sightings'] for each in found]
     assert sum(sightings) >= figures['sightings'] - figures['sightings_missed'] > 0
@@ -124,7 +119,7 @@ def test_its_bag_gives_a_fresh_reconstruction_the_same_clouds_bit_for_bit(flight
     first, begin = next(bag.messages(['/camera/image_raw'])), next(bag.messages())
     offset = max(0.0, (first.log_time_ns - begin.log_time_ns) / 1e9 - 0.5)
     words += ['--start-offset', offset]
-    words += ['--wait-for-subscribers', '--rate', 0.7]
+    words += ['--wait-for-subscribers']
     command = [sys.executable, '-m', 'ftp_dent_ros.cli.main', *map(str, words)]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as replay:
         # Clouds are taken as they come: a reader that does not loses them.

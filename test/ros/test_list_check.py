@@ -54,8 +54,8 @@ BOTH = [as_measured(each) for each in TRUTH]
         ([as_measured(TRUTH[0], 0.05, depth=4e-3)], 1),
         # The other's sizes, out of its reach.
         ([as_measured(TRUTH[1], -0.45)], 1),
-        # A cut one is no deeper than the dent.
-        ([as_measured(TRUTH[1], -0.3, depth=4e-3, is_cut=True)], 1),
+        # The rest of a cut one is not known.
+        ([as_measured(TRUTH[1], -0.3, depth=4e-3, is_cut=True)], 0),
     ],
 )
 def test_what_is_no_true_dent_by_place_and_sizes_is_false(more, false):
