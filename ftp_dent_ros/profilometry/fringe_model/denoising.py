@@ -17,6 +17,9 @@ from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH, BinGrid
 
 # Octaves: the widest window is 16 fringes, beyond which a quadric follows the skin.
 _OCTAVES = 5
+# Energy over noise that shows the skin's shape: noise has it in one place of six (chi-square of
+# some 15 windows); and the share of the noise that the gain then takes off.
+_SHOWN, _TAKEN = 1.4, 0.5
 # Phase noise of white dirt over the contrast's: 1.8 to 2.4 for fringes of contrast 0.8 to 1.
 _OF_DIRT = 2.0
 # Widths of windows over which energy and noise are means: 2 and 9 windows count.
@@ -27,9 +30,9 @@ _LEFT = 0.58
 _FALLS = 0.5
 # Noise beyond the widest window, over the last octave's: a quarter as many windows.
 _BEYOND = 0.25
-# Wavelength of which half the depth is left after seven rounds with windows of half a fringe,
-# fringes; each octave that is left out doubles it.
-_FINEST = 1.4
+# Wavelength of which half the depth is left after the solver's rounds, fringes; each octave that
+# is left out doubles it.
+_FINEST = 1.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +89,8 @@ def denoise(
             noise = np.minimum(noise, np.float32(_FALLS) * before)
         energy = _mean(grid, detail * detail, mask, _OF_ENERGY * width)
         signal = np.maximum(energy - noise, 0)
-        gain = signal / np.maximum(energy, np.float32(1e-12))  # eq. 9
+        taken = np.float32(_TAKEN) * noise / np.maximum(energy, np.float32(1e-12))
+        gain = np.where(energy > _SHOWN * noise, 1 - taken, 0)  # eq. 9
         gain = _mean(grid, gain, mask, WIDTH * width)
         kept = kept + gain * detail
         variance = variance + gain * gain * noise + np.square(1 - gain) * signal  # eq. 10

@@ -10,7 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud.coverage import Coverage
-from ftp_dent_ros.errors import NoStripeError, SaturatedError, TooDarkError
+from ftp_dent_ros.errors import (
+    NoStripeError,
+    RefusedFrameError,
+    SaturatedError,
+    TooDarkError,
+)
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.profilometry.carrier import ReferencePlane, carrier_on
@@ -18,13 +23,14 @@ from ftp_dent_ros.profilometry.fringe_model.bins import BinGrid, nearest
 from ftp_dent_ros.profilometry.fringe_model.checks import check_surfaces
 from ftp_dent_ros.profilometry.fringe_model.light import Light
 from ftp_dent_ros.profilometry.fringe_model.local_fit import fit_windows
-from ftp_dent_ros.profilometry.fringe_model.orders import OrderLikelihood
+from ftp_dent_ros.profilometry.fringe_model.orders import WORD, OrderLikelihood
 from ftp_dent_ros.profilometry.fringe_model.points import Points
 from ftp_dent_ros.profilometry.fringe_model.solver import FringeFit, Solver
 from ftp_dent_ros.profilometry.fringe_model.start import Start, fit_planes, plane_phases
 from ftp_dent_ros.profilometry.fringe_model.waveform import Waveform
 from ftp_dent_ros.profilometry.least_squares.phase_geometry import PhaseGeometry
 from ftp_dent_ros.profilometry.measurement import Measurement
+from ftp_dent_ros.profilometry.pattern_check import other_code
 from ftp_dent_ros.rig.rig import Rig
 
 _TURN = 2 * math.pi
@@ -45,11 +51,23 @@ _CLIPPED, _MOST = 0.4, 0.5
 _CLIPPED_SENTENCE = (
     'the fringes are clipped over {:.0%} of the lit area: expose for a shorter time'
 )
-_DARK = 'no fringes are seen: light the surface, point the camera at it, expose longer'
-_UNNUMBERED = (
-    'no surface shows which fringe is which: bring the red stripe, or more whole fringes side by '
-    'side, into view'
+_DARK = (
+    'no part of the image shows fringes: switch the projector on, come closer, or expose longer'
 )
+_UNLIT = (
+    'the fringes are seen where the projector cannot light a surface: check that rig.yaml and the '
+    'pattern belong to this camera and projector'
+)
+_UNNUMBERED = {
+    'stripe': (
+        'the red stripe is not seen on any surface: bring it into view on a surface that reflects '
+        'green and blue, and give the rig.yaml and the pattern of this camera and projector'
+    ),
+    'contrast': (
+        'no surface shows the code of the pattern: bring eight fringes side by side onto one '
+        'surface, in focus, and give the pattern that is projected (pattern.yaml)'
+    ),
+}
 
 
 class FringeModel:
@@ -84,8 +102,8 @@ class FringeModel:
         """
         light = Light.of(photograph, self.grid)
         start = fit_planes(self.grid, light.red, light.usable, self._planes)
-        orders = self._orders(light, start)
-        phase, surface = self._absolute(start, orders)
+        orders, numbered = self._orders(light, start)
+        phase, surface = self._absolute(start, orders, numbered)
         plain = self._filled(light, phase)
         first = self._first(plain, light.usable, phase, start.surface >= 0)
         fit = self._solver.solve(plain, light.usable, start.reference, first)
@@ -93,6 +111,8 @@ class FringeModel:
         points = Points(*geometry, self.stride, fit, light.usable)
         for number in orders:
             points.add(surface == number, start.reference)
+        if not points.measured.any():
+            raise NoStripeError(_UNLIT)
         fringes = self.grid.repeated(start.surface >= 0)
         reason = 'untied' if self.pattern.code == 'stripe' else 'unnumbered'
         coverage = Coverage.of(
@@ -104,8 +124,8 @@ class FringeModel:
         coverage = replace(coverage, confirmed=confirmed)
         return Measurement(points.cloud, points.stripe_depth, coverage, epipolar)
 
-    def _orders(self, light: Light, start: Start) -> dict[int, int]:
-        """Fringe order of each surface whose odds are accepted."""
+    def _orders(self, light: Light, start: Start) -> tuple[dict[int, int], NDArray[np.int32]]:
+        """Fringe orders that have the odds, and the number of each node's, -1 without."""
         fringes = start.surface >= 0
         clipped = self.grid.at_nodes(light.usable) < _CLIPPED
         count = np.count_nonzero(clipped)
@@ -115,16 +135,27 @@ class FringeModel:
         if not fringes.any():
             raise TooDarkError(_DARK)
         ratio, weight = self._code(light, start)
-        sizes = np.bincount(start.surface[start.surface >= 0])
-        orders = {}
+        sizes = np.bincount(start.surface[fringes])
+        orders: dict[int, int] = {}
+        surface = np.full(start.surface.shape, -1, np.int32)
         for number in np.flatnonzero(sizes >= _LEAST_NODES):
             nodes = start.surface == number
-            found = self._likelihood.of(start.phase, ratio, weight, nodes, self.grid.fringe[1])
-            if found is not None and found.accepted:
-                orders[int(number)] = found.order
+            for order, part in self._likelihood.parts(
+                start.phase, ratio, weight, nodes, self.grid.fringe[1]
+            ):
+                surface[part] = len(orders)
+                orders[len(orders)] = order
         if not orders:
-            raise NoStripeError(_UNNUMBERED)
-        return orders
+            raise self._unnumbered(start)
+        return orders, surface
+
+    def _unnumbered(self, start: Start) -> RefusedFrameError:
+        """Why no surface has a number: enough fringes with another code, or too few."""
+        sizes = np.bincount(start.surface[start.surface >= 0])
+        largest = start.phase[start.surface == sizes.argmax()]
+        if self.pattern.code == 'contrast' and np.ptp(largest) > WORD * _TURN:
+            return other_code(self.pattern)
+        return NoStripeError(_UNNUMBERED[self.pattern.code])
 
     def _code(self, light: Light, start: Start):
         """Amplitude of the coded light over the other's, and its weight (eq. 7)."""
@@ -136,12 +167,12 @@ class FringeModel:
         variance = (fit.rest + start.rest + 0.1) / self.grid.bins_in_window
         return np.hypot(fit.amplitude, fit.slope) / red, np.square(red) / variance
 
-    def _absolute(self, start: Start, orders: dict[int, int]):
+    def _absolute(self, start: Start, orders: dict[int, int], numbered: NDArray[np.int32]):
         """Absolute phase of the bins, and the number of their surface, -1 far from all."""
-        known = np.isin(start.surface, list(orders))
-        turns = np.zeros(start.surface.shape, np.float32)
+        known = numbered >= 0
+        turns = np.zeros(numbered.shape, np.float32)
         for number, order in orders.items():
-            turns[start.surface == number] = _TURN * order
+            turns[numbered == number] = _TURN * order
         away = start.away + turns
         share = np.maximum(self.grid.smooth_nodes(known.astype(np.float32), _SMOOTH), 1e-3)
         smooth = self.grid.smooth_nodes(np.where(known, away, np.float32(0)), _SMOOTH) / share
@@ -150,7 +181,7 @@ class FringeModel:
         size = [2 * math.ceil(_BEYOND * n) + 1 for n in (along_v, along_u / self.grid.node)]
         near = cv2.dilate(known.view(np.uint8), np.ones(size, np.uint8)) > 0
         near &= known | (start.surface < 0)
-        surface = np.where(near, nearest(start.surface, known), -1)
+        surface = np.where(near, nearest(numbered, known), -1)
         phase = start.reference + self.grid.at_bins(nearest(away, known))
         return phase, self.grid.repeated(surface)
 

@@ -8,8 +8,8 @@ steps from each fringe to the next; a surface's order is the one whose steps are
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
@@ -29,29 +29,15 @@ _SCATTERS = (0.02, 0.05, 0.1, 0.2, 0.4)
 _FREEDOM = 3.0
 #: Odds of the accepted order against all others together.
 ODDS = 1e3
+# Odds of another order within words of the code that part them from the surface: surfaces that
+# meet in whole fringes are as rare.
+_PART_ODDS = 1e5
+# Of words, by how well they are read: half of a surface may be another's.
+_WELL_READ = 0.75
+#: Fringes that tell their place in the code; so many rows of them are looked at together.
+WORD = 8
 # Share of a surface's nodes that the panel must light.
 _ON_PANEL = 0.9
-
-
-@dataclass(frozen=True)
-class FringeOrder:
-    """Order of one surface.
-
-    Attributes
-    ----------
-    order : int
-        Whole fringes to add to the surface's phase.
-    log_odds : float
-        Natural logarithm of its odds against all other orders.
-    """
-
-    order: int
-    log_odds: float
-
-    @property
-    def accepted(self) -> bool:
-        """Whether the odds are large enough."""
-        return self.log_odds > math.log(ODDS)
 
 
 class OrderLikelihood:
@@ -69,18 +55,21 @@ class OrderLikelihood:
         expected = np.log(
             np.maximum(_expected_amplitude(pattern, self._first, self._count), _FLOOR)
         )
-        self._steps = _steps(expected[None])[0]
+        self._steps = _steps(expected[None])[0].astype(np.float32)
         self._ends = pattern.phase([0, pattern.width - 1])
 
-    def of(
+    def parts(
         self,
         phase: NDArray[np.float32],
         ratio: NDArray[np.float32],
         weight: NDArray[np.float32],
         inside: NDArray[np.bool_],
         rows: float,
-    ) -> FringeOrder | None:
-        """Order of a surface; None if no two fringes of it are seen.
+    ) -> list[tuple[int, NDArray[np.bool_]]]:
+        """Whole fringes to add to a surface's phase, and where.
+
+        Two surfaces whose phases meet along an edge are taken for one; the code of each parts
+        them.
 
         Parameters
         ----------
@@ -94,6 +83,11 @@ class OrderLikelihood:
             The surface.
         rows : float
             Rows of nodes a fringe.
+
+        Returns
+        -------
+        list of (int, ndarray of bool)
+            Fringe order and nodes of each part; empty if no order has the odds.
         """
         row, column = np.nonzero(inside)
         place = phase[row, column]
@@ -110,36 +104,81 @@ class OrderLikelihood:
         seen = sums[0] > 0
         mean = np.where(seen, sums[1] / np.maximum(sums[0], 1e-12), np.nan)
         variance = np.where(seen, 1 / np.maximum(sums[0], 1e-12), np.nan)
-        step = _steps(mean)
+        step, known = _steps(mean), seen[:, _CELLS:] & seen[:, :-_CELLS]
         noise = variance[:, _CELLS:] + variance[:, :-_CELLS]
-        block_, cell_ = np.nonzero(np.isfinite(step))
-        if not len(block_):
-            return None
-        return self._best(step[block_, cell_], noise[block_, cell_], cell_, low, place)
+        step, noise = (
+            np.where(known, *each).astype(np.float32) for each in ((step, 0), (noise, np.inf))
+        )
+        orders = self._lit_orders(low, place)
+        if not known.any() or not len(orders):
+            return []
+        pairs = [(scatter, gain) for scatter in _SCATTERS for gain in _GAINS]
+        total = logsumexp(
+            [self._likelihood(step, noise, orders, low, *each).sum(axis=(1, 2)) for each in pairs],
+            axis=0,
+        )
+        best = int(np.argmax(total))
+        if len(orders) > 1 and total[best] - logsumexp(np.delete(total, best)) < math.log(ODDS):
+            return []
+        # How well the code is read is seen where most of it is of the best order.
+        read = [self._read(step, noise, orders[best : best + 1], low, *each) for each in pairs]
+        each = self._likelihood(step, noise, orders, low, *pairs[int(np.argmax(read))])
+        local = _order_of_words(each, best)[block, cell]
+        parts = []
+        for number in np.unique(local[local >= 0]):
+            nodes = np.zeros(inside.shape, bool)
+            nodes[row, column] = local == number
+            parts.append((int(orders[number]), nodes))
+        return parts
 
-    def _best(self, step, noise, cell, low, place) -> FringeOrder | None:
+    def _lit_orders(self, low, place):
+        """Orders under which the panel lights the surface."""
         orders = np.arange(self._first - low - self._count, self._first - low + self._count)
         shifted = place[None, :: max(1, len(place) // 500)] + _TURN * orders[:, None]
-        lit = ((shifted > self._ends[0]) & (shifted < self._ends[1])).mean(axis=1) > _ON_PANEL
-        orders = orders[lit]
-        if not len(orders):
-            return None
-        where = cell[None] + (low + orders[:, None] - self._first) * _CELLS
+        lit = ((shifted > self._ends[0]) & (shifted < self._ends[1])).mean(axis=1)
+        return orders[lit > _ON_PANEL]
+
+    def _likelihood(self, step, noise, orders, low, scatter, gain):
+        """Logarithm for each step under each order, shape (orders, *step.shape)."""
+        where = np.arange(step.shape[1])[None] + (low + orders[:, None] - self._first) * _CELLS
         there = (where >= 0) & (where < len(self._steps))
         expected = np.where(there, self._steps[np.clip(where, 0, len(self._steps) - 1)], 0)
-        likelihood = []
-        for scatter in _SCATTERS:
-            scale = np.sqrt(noise + scatter**2)
-            for gain in _GAINS:
-                misfit = np.square((step - gain * expected) / scale)
-                each = -np.log(scale) - (_FREEDOM + 1) / 2 * np.log1p(misfit / _FREEDOM)
-                # Neighbouring cells see the same windows.
-                likelihood.append(each.sum(axis=1) / _CELLS)
-        total = logsumexp(likelihood, axis=0)
-        best = int(np.argmax(total))
-        others = np.delete(total, best)
-        odds = float(total[best] - logsumexp(others)) if len(others) else 0.0
-        return FringeOrder(int(orders[best]), odds)
+        # Where no step is seen its noise is infinite.
+        precision = 1 / np.sqrt((noise + np.float32(scatter**2)) * np.float32(_FREEDOM))
+        each = (step * precision) - (np.float32(gain) * expected[:, None]) * precision
+        np.log1p(np.square(each, out=each), out=each)
+        each *= np.float32(-(_FREEDOM + 1) / 2)
+        each += np.log(np.where(precision > 0, precision, 1))
+        # Neighbouring cells see the same windows.
+        each /= np.float32(_CELLS)
+        return each
+
+    def _read(self, step, noise, order, low, scatter, gain):
+        """Log-likelihood of the words that are better read than three of four."""
+        (each,) = self._likelihood(step, noise, order, low, scatter, gain)
+        high, wide = (range(0, n, WORD * c) for n, c in zip(each.shape, (1, _CELLS), strict=True))
+        return np.quantile(np.add.reduceat(np.add.reduceat(each, high), wide, axis=1), _WELL_READ)
+
+
+def _order_of_words(each: NDArray[np.float32], best: int) -> NDArray[np.int16]:
+    """Index of each cell's order as the word about it shows it; -1 where words disagree.
+
+    Parameters
+    ----------
+    each : ndarray, shape (orders, blocks, steps)
+        Logarithms of likelihoods.
+    best : int
+        Index of the whole surface's order, which other words must beat.
+    """
+    size = WORD * _CELLS, WORD
+    words = [cv2.blur(e, size, borderType=cv2.BORDER_CONSTANT) for e in each - each[best]]
+    ahead = np.prod(size) * np.array(words)
+    local = np.argmax(ahead, axis=0).astype(np.int16)
+    local[ahead.max(axis=0) < math.log(_PART_ODDS)] = best
+    # A step belongs between its two cells. In words across an edge neither code is whole.
+    local = np.pad(local, ((0, 0), (_CELLS // 2, _CELLS - _CELLS // 2)), 'edge')
+    around = np.ones(size[::-1], np.uint8)
+    return np.where(cv2.erode(local, around) == cv2.dilate(local, around), local, -1)
 
 
 def _steps(values: NDArray) -> NDArray:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.pattern.pattern import Pattern
-from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH, BinGrid, nearest
+from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH, BinGrid, deconvolved, nearest
 from ftp_dent_ros.profilometry.fringe_model.denoising import Denoised, denoise
 from ftp_dent_ros.profilometry.fringe_model.quadric import Quadric
 from ftp_dent_ros.profilometry.fringe_model.solver import FringeFit
@@ -35,6 +35,8 @@ _MOST, _ALL = 0.6, 0.95
 _LEAST_NODES = 30
 # Standard deviation of a phase that is published, radians: three are a right angle.
 _DEVIATION = math.pi / 6
+# Standard deviation of a point over its distance, beyond which it is none.
+_FAR = 0.1
 # Projector pixels at the panel's rim that the lens blurs.
 _RIM = 1.5
 
@@ -91,7 +93,7 @@ class Points:
         points = np.full((*shape, 3), np.nan, np.float32)
         self.cloud = Cloud(points, np.zeros(shape, np.float32), *unknown)
         self.measured = np.zeros(grid.shape, bool)
-        #: Phase of each surface at the bins, and where it is measured.
+        #: Phase of each surface at the bins, and where there are fringes, of the panel or beyond.
         self.surfaces: list[tuple[NDArray[np.float32], NDArray[np.bool_]]] = []
         self._at_stripe: list[NDArray[np.float32]] = []
 
@@ -110,17 +112,19 @@ class Points:
             within = np.where(inside, bins, 0).astype(np.float32)
             return grid.at_nodes(within) / np.maximum(share, np.float32(1e-3))
 
-        places = grid.node_positions()
+        at_nodes, bins = (
+            self._places(*each()) for each in (grid.node_positions, grid.bin_positions)
+        )
         inverse, _ = self._nodes.meet(mean(fit.phase - reference) + grid.at_nodes(reference))
         nodes = (share > _MOST) & np.isfinite(inverse)  # a ray may miss its plane
         if np.count_nonzero(nodes) < _LEAST_NODES:
             return
         whole = nodes & (share > _ALL)
         at = whole if np.count_nonzero(whole) > _LEAST_NODES else nodes
-        quadric = Quadric.through(grid.width, *places, inverse, at)
-        smooth = self._bins.phase(quadric.at(*grid.bin_positions()))
+        quadric = _quadric(at_nodes, inverse, at)
+        smooth = self._bins.phase(quadric.at(*bins))
         changes = [
-            each - Quadric.through(grid.width, *places, each, nodes).at(*places)
+            each - _quadric(at_nodes, each, nodes).at(*at_nodes)
             for each in map(mean, self._changes)
         ]
         away = fit.phase - smooth
@@ -132,7 +136,11 @@ class Points:
 
         # What is finer than the nodes is as good as the finest octave.
         finest = np.clip(at_bins(denoised.finest), 0, 1)
-        phase = smooth + at_bins(denoised.phase) + finest * (away - at_bins(coarse))
+        denoised_phase, coarse = (
+            grid.at_bins(deconvolved(nearest(each, nodes), grid.node, 1))
+            for each in (denoised.phase, coarse)
+        )
+        phase = smooth + denoised_phase + finest * (away - coarse)
         self._publish(inside, quadric, phase, denoised, at_bins)
 
     def _publish(self, inside, quadric, phase, denoised: Denoised, at_bins) -> None:
@@ -140,27 +148,33 @@ class Points:
         variance = np.maximum(at_bins(denoised.variance), 0) + self._unexplained
         inverse, v_p = self._bins.meet(phase)
         good = inside & (variance < _DEVIATION**2) & np.isfinite(inverse)
-        good &= self._on_panel(phase, v_p)
-        # Of a bin at a rim, half may lie beyond.
-        whole: Any = cv2.erode(good.view(np.uint8), np.ones((3, 3), np.uint8), borderValue=1)
-        good = whole > 0
+        self.surfaces.append((phase, good))
+        # Of a bin at a rim, a part may lie beyond.
+        box = np.ones(self._grid.half_fringe[::-1], np.uint8)
+        whole: Any = cv2.erode(good.view(np.uint8), box, borderValue=1)
+        good = (whole > 0) & self._on_panel(phase, v_p)
         if not good.any():
             return
         self.measured |= good
-        self.surfaces.append((phase, good))
         stripe = good & (np.abs(phase) < math.pi)
         self._at_stripe.append(1 / inverse[stripe if stripe.any() else good])
-        away = np.where(good, inverse - quadric.at(*self._grid.bin_positions()), 0)
-        away = self._at_pixels(nearest(away.astype(np.float32), good))
-        z = 1 / (quadric.at(*self._pixels) + away)
-        on = (self._at_pixels(good, cv2.INTER_NEAREST) > 0) & (z > 0)
+        away = np.where(good, inverse - quadric.at(*self._places(*self._grid.bin_positions())), 0)
+        away = nearest(away.astype(np.float32), good)
+        away = self._at_pixels(deconvolved(away, self._grid.step, self._grid.rows))
+        z = 1 / (quadric.at(*self._places(*self._pixels)) + away)
+        sigma = self._at_pixels(self._bins.deviation(phase, variance))
+        on = (self._at_pixels(good, cv2.INTER_NEAREST) > 0) & (z > 0) & (sigma < _FAR * z)
         cloud, depth = self.cloud, z[on]
         cloud.points[on, :2], cloud.points[on, 2] = self._rays[on] * depth[:, None], depth
         cloud.intensity[on] = self._at_pixels(self._fit.amplitude)[on]
-        cloud.sigma[on] = self._at_pixels(self._bins.deviation(phase, variance))[on]
+        cloud.sigma[on] = sigma[on]
         pixel = depth / np.float32(self._rig.camera.camera_matrix[0, 0])
         wavelength = self._at_pixels(at_bins(denoised.wavelength))[on]
         cloud.resolution[on] = wavelength * np.float32(self._grid.period) * pixel
+
+    def _places(self, columns, rows):
+        """Crossings of pixel columns and rows, over the width, for quadrics."""
+        return columns[None] / self._grid.width, rows[:, None] / self._grid.width
 
     def _on_panel(self, phase, v_p) -> NDArray[np.bool_]:
         """Where the panel lights, but for its blurred rim."""
@@ -174,3 +188,9 @@ class Points:
         size = grid.shape[1] * grid.step, grid.shape[0] * grid.rows
         wide = cv2.resize(bins.astype(np.float32), size, interpolation=how)
         return wide[: grid.height : stride, : grid.width : stride]
+
+
+def _quadric(places, values, mask) -> Quadric:
+    """Quadric through the values of a mask."""
+    x, y = (each[mask] for each in np.broadcast_arrays(*places))
+    return Quadric.through(x, y, values[mask])

@@ -1,4 +1,4 @@
-"""A quadric of inverse depth over the picture: exact for planes, near enough for a fuselage."""
+"""A robust quadric of inverse depth: exact for planes, near enough for a fuselage."""
 
 from __future__ import annotations
 
@@ -13,23 +13,19 @@ _FITS = 5
 
 @dataclass(frozen=True, eq=False)
 class Quadric:
-    """Inverse depth c_0 + c_1 x + c_2 y + c_3 x^2 + c_4 x y + c_5 y^2 of pixels over `width`."""
+    """Inverse depth c_0 + c_1 x + c_2 y + c_3 x^2 + c_4 x y + c_5 y^2 at places of the picture."""
 
-    width: int
     coefficients: NDArray[np.float64]
 
     @classmethod
     def through(
         cls,
-        width: int,
-        columns: NDArray[np.float64],
-        rows: NDArray[np.float64],
-        inverse_depth: NDArray[np.float32],
-        mask: NDArray[np.bool_],
+        x: NDArray[np.floating],
+        y: NDArray[np.floating],
+        inverse_depth: NDArray[np.floating],
     ) -> Quadric:
-        """Robust quadric through points at pixel columns and rows."""
-        terms = _terms(columns / width, rows / width)[:, mask]
-        values = inverse_depth[mask].astype(float)
+        """Robust quadric through points, arrays of shape (points,): dents are outliers."""
+        terms, values = _terms(x, y), inverse_depth.astype(float)
         weight = np.ones(len(values))
         for _ in range(_FITS):
             weighted = terms * weight
@@ -37,14 +33,13 @@ class Quadric:
             left = values - c @ terms
             scale = 1.48 * np.median(np.abs(left)) + 1e-9
             weight = 1 / np.square(1 + np.square(left / (4 * scale)))
-        return cls(width, c)
+        return cls(c)
 
-    def at(self, columns: NDArray[np.float64], rows: NDArray[np.float64]) -> NDArray[np.float32]:
-        """Inverse depth at the crossings of pixel columns and rows."""
-        terms = _terms(columns / self.width, rows / self.width)
-        return np.tensordot(self.coefficients, terms, axes=1).astype(np.float32)
+    def at(self, x: NDArray[np.floating], y: NDArray[np.floating]) -> NDArray[np.float32]:
+        """Inverse depth at places."""
+        return np.tensordot(self.coefficients, _terms(x, y), axes=1).astype(np.float32)
 
 
 def _terms(x, y):
-    x, y = np.meshgrid(x, y)
+    x, y = np.broadcast_arrays(x, y)
     return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y])

@@ -13,10 +13,13 @@ from ftp_dent_ros.profilometry.fringe_model.bins import BinGrid
 from ftp_dent_ros.profilometry.fringe_model.local_fit import fit_windows
 from ftp_dent_ros.profilometry.fringe_model.waveform import USUAL, Waveform
 
-# Gauss-Newton rounds: they leave half the depth of details 1.4 fringes long.
-_ROUNDS = 7
+# Gauss-Newton rounds, and their over-relaxation (2 and more diverge): what is wider than a window
+# is there after two rounds, and of details 1.3 fringes long half the depth at last.
+_ROUNDS, _RELAXATION = 7, 1.4
 # Fringes from the centred window to those at its sides: an edge between is two deviations off.
 _ASIDE = 1.0
+# Rounds that choose windows: the first fit is mixed at edges, later ones go on from the choice.
+_CHOOSING = 2
 # Significance at which a window at the side explains a bin's light better (F test).
 _SIGNIFICANCE = 1e-2
 # Steps of the waveform's unknowns a round, and every how many bins show them.
@@ -25,8 +28,8 @@ _LEARNED, _EVERY = 2, 3
 _SCALE = 4.0
 # Residuals beyond which a bin counts less, in scales (Geman and McClure's function).
 _REDESCENDS = 2.0
-# Mean square of rounding to whole levels in a bin, levels^2, and the least amplitude, levels.
-_ROUNDING, _LEAST_AMPLITUDE = 0.05, 1e-3
+# Mean square of rounding to whole levels in a bin, levels^2.
+_ROUNDING = 0.05
 # Least mean weight of a window that may be taken.
 _LEAST_WEIGHT = 0.05
 
@@ -73,6 +76,7 @@ class Solver:
         along_u, along_v = (max(1, round(_ASIDE * each)) for each in grid.fringe)
         self._sides = (along_u, 0), (-along_u, 0), (0, along_v), (0, -along_v)
         freedom = float(np.prod(grid.half_fringe))
+        self._box = np.ones(grid.half_fringe[::-1], np.uint8)
         rows, columns = grid.shape
         y, x = np.mgrid[-0.5 : 0.5 : rows * 1j, -0.5 : 0.5 : columns * 1j].astype(np.float32)
         self._plane = np.stack([np.ones_like(x), x, y])
@@ -90,15 +94,17 @@ class Solver:
         for number in range(_ROUNDS):
             wave, slope, _ = self._wave(fit)
             residual = light - fit.level - fit.amplitude * wave  # eq. 1
-            more = fit_windows(self.grid, residual, wave, slope, weight)  # eq. 3
+            more = fit_windows(self.grid, residual, wave, fit.amplitude * slope, weight)  # eq. 3
             level, amplitude, shift = (
                 self.grid.at_bins(each) for each in (more.level, more.amplitude, more.slope)
             )
+            shift = np.clip(_RELAXATION * shift, -1, 1)
             level, amplitude = fit.level + level, fit.amplitude + amplitude
-            shift = np.clip(shift / np.maximum(amplitude, _LEAST_AMPLITUDE), -1, 1)
-            count = self.grid.at_bins(more.weight)
+            count, rest = self.grid.at_bins(more.weight), self.grid.at_bins(more.rest)
             fitted = level, amplitude, fit.phase + shift - reference
-            level, amplitude, away = self._clearest(light, usable, fit, fitted, count, reference)
+            if number < _CHOOSING:
+                fitted = self._clearest(light, usable, fit, fitted, count, rest, reference)
+            level, amplitude, away = fitted
             fit = replace(fit, phase=reference + away, level=level, amplitude=amplitude)
             fit, weight = self._weighted(light, usable, fit, weight, number < _ROUNDS - 1)
         return fit
@@ -138,27 +144,26 @@ class Solver:
         variance = np.tensordot(fit.blur, self._plane, axes=1) if has_code else USUAL
         return fit.waveform.at(fit.phase, variance)
 
-    def _clearest(self, light, usable, fit, fitted, count, reference):
+    def _clearest(self, light, usable, fit, fitted, count, rest, reference):
         """For each bin the fit of the window that explains its light best (eq. 6).
 
-        Windows at the sides tell level and amplitude; the phase goes on from them in a straight
-        line.
+        A window must explain its own light as well: one across an edge does not. From windows at
+        the sides the phase goes on in a straight line.
         """
 
         def misfit_of(level, amplitude, away):
             wave, *_ = self._wave(replace(fit, phase=reference + away))
-            return (
-                self.grid.around(usable * np.square(light - level - amplitude * wave)) + _ROUNDING
-            )
+            square = usable * np.square(light - level - amplitude * wave)
+            # Of the boxes that hold a bin the clearest: at an edge that on its side.
+            return cv2.erode(self.grid.around(square), self._box) + _ROUNDING
 
-        best = list(fitted)
-        least = centred = misfit_of(*fitted)
+        best, least = fitted, misfit_of(*fitted) + rest
+        limit = least / self.clear
         for u, v in self._sides:
             level, amplitude, away = (_moved(each, u, v) for each in fitted)
             away = 2 * away - _moved(fitted[2], 2 * u, 2 * v)
-            misfit = misfit_of(level, amplitude, away)
-            better = (misfit * self.clear < centred) & (misfit < least)
-            better &= _moved(count, u, v) > _LEAST_WEIGHT
+            misfit = misfit_of(level, amplitude, away) + _moved(rest, u, v)
+            better = (misfit < np.minimum(limit, least)) & (_moved(count, u, v) > _LEAST_WEIGHT)
             least = np.where(better, misfit, least)
             moved = level, amplitude, away
             best = [np.where(better, new, old) for new, old in zip(moved, best, strict=True)]

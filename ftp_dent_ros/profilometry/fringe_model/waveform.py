@@ -86,15 +86,19 @@ class Waveform:
         _, blurs, count = self.tables.shape
         place = phase * np.float32(_SAMPLES / _TURN)
         place -= np.float32(self.start * _SAMPLES / _TURN)
-        np.clip(place, 0, count - 1, out=place)
+        np.clip(np.nan_to_num(place, copy=False), 0, count - 1, out=place)
         index = np.rint(place).astype(np.int32)
         place -= index
         place *= np.float32(_TURN / _SAMPLES)
-        if blurs > 1:
-            level = (np.asarray(variance) - _VARIANCES[0]) / (_VARIANCES[1] - _VARIANCES[0])
-            index += np.clip(np.rint(level), 0, blurs - 1).astype(np.int32) * np.int32(count)
+        if blurs == 1:
+            light, slope, by_blur = (each.ravel().take(index) for each in self.tables)
+            return light + slope * place, slope, by_blur
+        pitch = np.float32(_VARIANCES[1] - _VARIANCES[0])
+        level = (variance - np.float32(_VARIANCES[0])) / pitch
+        nearest = np.clip(np.rint(level), 0, blurs - 1)
+        index += nearest.astype(np.int32) * np.int32(count)
         light, slope, by_blur = (table.ravel().take(index) for table in self.tables)
-        return light + slope * place, slope, by_blur
+        return light + slope * place + pitch * (level - nearest) * by_blur, slope, by_blur
 
     def corrected(
         self,
@@ -130,7 +134,7 @@ def _drawn(pattern: Pattern, phase: NDArray[np.floating]) -> NDArray[np.float64]
     pixels = np.arange(math.floor(ends[0]) - 1, math.ceil(ends[-1]) + 2)
     on_panel = (pixels >= 0) & (pixels < pattern.width)
     drawn = pattern.draw()[0, np.clip(pixels, 0, pattern.width - 1), 0] / pattern.levels
-    light = 2 * np.where(on_panel, drawn, 0) - 1
+    light = 2 * np.where(on_panel, drawn, pattern.intensity(pixels)) - 1
     total = np.interp(ends, np.append(pixels, pixels[-1] + 1) - 0.5, np.append(0, light.cumsum()))
     return np.diff(total) / np.diff(ends)
 
