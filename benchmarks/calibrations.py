@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from boards import photographs, random_pose
 from measures import MM, Figures, attempt, generator, root_mean_square
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -18,7 +19,6 @@ from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.files import find
 from ftp_dent_ros.rig.rig import Lens, Rig, read_rig
 from ftp_dent_ros.simulation import Photometry
-from ftp_dent_ros.simulation.boards import photographs, random_pose
 
 BOARD = Board(10, 7, 0.025)
 POSES = 8

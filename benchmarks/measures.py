@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
+from ground_truth import GroundTruth
 from numpy.typing import NDArray
 from photographs import KINDS, PAPER, STRIDE, Kind, Scene
 
@@ -19,7 +20,6 @@ from ftp_dent_ros import inspect, reconstruct
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.dents.dent import Inspection, MeasuredDent
 from ftp_dent_ros.pattern.pattern import CODES
-from ftp_dent_ros.simulation.ground_truth import GroundTruth
 from ftp_dent_ros.simulation.truth import TrueDent, match_truth, true_dents
 
 MM = 1e3

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from ground_truth import GroundTruth, ground_truth
 
 from ftp_dent_ros.evaluation.scenes import (
     DYNAMIC_RIG,
@@ -54,7 +55,6 @@ from ftp_dent_ros.simulation.dents import (
     Shape,
     Valley,
 )
-from ftp_dent_ros.simulation.ground_truth import GroundTruth, ground_truth
 
 CAMERA = 1280, 720, 1700.0
 PATTERN = Pattern(1280, 720, 10.0, 640.0)

@@ -27,11 +27,11 @@ from pathlib import Path
 
 import numpy as np
 import yaml
+from simulated_radio import Conditions, Joined, Site, joined_sites
 from timing import processor_time
 
 from ftp_dent_ros import files
 from ftp_dent_ros.recording.reader import open_bag
-from ftp_dent_ros.simulation.radio import Conditions, Joined, Site, joined_sites
 from ftp_dent_ros.supervision.transport import profile
 
 RADIOS = {

@@ -1,11 +1,15 @@
 """Shared by all tests."""
 
 import signal
+import sys
 from pathlib import Path
 
 import pytest
 
 from ftp_dent_ros.process import one_for_blas
+
+# Boards, a radio and the truth of photographs, which tests and benchmarks share.
+sys.path.append(str(Path(__file__).resolve().parents[1] / 'benchmarks'))
 
 # As for the commands; before any test loads NumPy.
 one_for_blas()

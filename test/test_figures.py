@@ -1,12 +1,8 @@
 """The gate tells what is worse, and nothing else."""
 
 import copy
-import sys
-from pathlib import Path
 
 import pytest
-
-sys.path.append(str(Path(__file__).parents[1] / 'benchmarks'))
 from against import common, equal, report
 from sizes import sizes
 

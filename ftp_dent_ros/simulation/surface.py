@@ -401,8 +401,9 @@ def paint_on(
     Returns
     -------
     ndarray, shape (3, ...), float32
+        Of those that change over many pixels, which are grey, shape (1, ...).
     """
-    factor = np.ones((3, *tone.shape), np.float32)
+    factor = np.ones((3 if False in kinds else 1, *tone.shape), np.float32)
     for index, panel in enumerate(surface.panels):
         for mark in panel.paint.marks:
             at = (tone // 2 == index) & mark.covers(x, y) & (mark.smooth in kinds)

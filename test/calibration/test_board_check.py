@@ -7,6 +7,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from boards import board_surface
 
 from ftp_dent_ros.calibration.board import Board
 from ftp_dent_ros.calibration.board_check import check_by_board
@@ -17,7 +18,6 @@ from ftp_dent_ros.files import config_folder
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig.rig import write_rig
 from ftp_dent_ros.simulation import Photometry, Surface, render
-from ftp_dent_ros.simulation.boards import board_surface
 from ftp_dent_ros.simulation.paint import board_print
 
 BOARD = Board(10, 7, 0.025)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import numpy as np
+from boards import random_pose, true_correspondences
 
 from ftp_dent_ros.calibration.board import Board
 from ftp_dent_ros.calibration.guidance import covered, next_pose
@@ -8,7 +9,6 @@ from ftp_dent_ros.calibration.observing import Observation
 from ftp_dent_ros.calibration.response import projector_delay
 from ftp_dent_ros.files import config_folder
 from ftp_dent_ros.rig.rig import read_rig
-from ftp_dent_ros.simulation.boards import random_pose, true_correspondences
 
 BOARD = Board(7, 6, 0.03)
 SIZE = 1280, 720

@@ -6,6 +6,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from boards import photographs, random_pose, true_correspondences
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.calibration.board import Board
@@ -25,7 +26,6 @@ from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.rig.rig import Lens, Rig, read_rig
 from ftp_dent_ros.simulation import Photometry
-from ftp_dent_ros.simulation.boards import photographs, random_pose, true_correspondences
 
 BOARD = Board(7, 6, 0.03)
 SEQUENCE = Sequence(400, 300, period=16, steps=5)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from boards import random_pose, true_correspondences
 
 from ftp_dent_ros.calibration.board import Board
 from ftp_dent_ros.calibration.bundle import Model, depth_deviation, depths, rig_vector
@@ -14,7 +15,6 @@ from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.files import config_folder
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig.rig import read_rig, write_rig
-from ftp_dent_ros.simulation.boards import random_pose, true_correspondences
 
 BOARD = Board(7, 6, 0.035)
 NOISE = 0.03, 0.02

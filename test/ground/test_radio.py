@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from simulated_radio import Conditions, RadioPath, joined_sites
 
 from ftp_dent_ros.errors import ConfigurationError
-from ftp_dent_ros.simulation.radio import Conditions, RadioPath, joined_sites
 
 END = str(Path(__file__).with_name('end_of_link.py'))
 

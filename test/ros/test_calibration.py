@@ -10,6 +10,7 @@ import threading
 import numpy as np
 import pytest
 import yaml
+from boards import random_pose
 from rclpy.node import Node
 from sensor_msgs.msg import Image, PointCloud2
 from std_srvs.srv import Trigger
@@ -25,7 +26,6 @@ from ftp_dent_ros.ros import photographer
 from ftp_dent_ros.ros.messages import cloud_from_message
 from ftp_dent_ros.ros.qos import CLOUDS, LATCHED_INPUT
 from ftp_dent_ros.simulation import Panel, Surface
-from ftp_dent_ros.simulation.boards import random_pose
 
 BOARD = Board(7, 6, 0.03)
 POSES = 4

@@ -12,7 +12,6 @@ from sensor_msgs.msg import PointCloud2
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.ros.messages import to_data
 from ftp_dent_ros.ros.qos import CLOUDS
-from ftp_dent_ros.simulation.radio import Conditions, joined_sites
 from ftp_dent_ros.supervision.transport import profile
 
 SIZE, MOST_PACKETS = 1_000_000, 6
@@ -40,6 +39,9 @@ def listen(topic):
 
 @pytest.mark.parametrize(('topic', 'is_small'), [('tagged/points', True), ('points', False)])
 def test_parts_of_tagged_clouds_are_of_few_packets(topic, is_small):
+    # Not for this file's own processes, which know of no benchmark.
+    from simulated_radio import Conditions, joined_sites
+
     environment = dict(os.environ, ROS_DOMAIN_ID='1')
     environment.pop('ROS_AUTOMATIC_DISCOVERY_RANGE', None)
     environment.pop('FASTRTPS_DEFAULT_PROFILES_FILE', None)

@@ -5,11 +5,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from ground_truth import EDGES, ground_truth
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.simulation import Paint, Panel, Renderer, Sunlight, Surface
-from ftp_dent_ros.simulation.ground_truth import EDGES, ground_truth
 
 WIDE = (-0.5, 0.5, -0.5, 0.5)
 

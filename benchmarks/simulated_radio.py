@@ -250,7 +250,7 @@ def joined_sites(conditions: Conditions | None = None) -> Iterator[Joined]:
                 'kernel that has them'
             ) from None
         radio = subprocess.Popen(
-            [sys.executable, '-m', 'ftp_dent_ros.simulation.radio', *map(str, devices)],
+            [sys.executable, __file__, *map(str, devices)],
             stdin=subprocess.PIPE,
             pass_fds=devices,
             text=True,
