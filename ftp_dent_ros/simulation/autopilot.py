@@ -54,8 +54,10 @@ _WITHOUT_POSITION = (
 )
 
 _SECOND_US = 1_000_000
-# Microseconds between two messages of a kind: 250 a second.
-_SHORTEST_US = 4_000
+# Microseconds between two messages of a kind: 250 a second, one an hour.
+_SHORTEST_US, _LONGEST_US = 4_000, 3_600 * _SECOND_US
+# How late a message may be.
+_HOPELESS_NS = _NS // 2
 _DEFAULTS_US = {
     mavlink.MAVLINK_MSG_ID_HEARTBEAT: _SECOND_US,
     mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: _SECOND_US,
@@ -244,13 +246,13 @@ class Autopilot:
     """
 
     def __init__(self, world: World, link: Any, uptime: float) -> None:
-        self._world, self._link = world, link
+        self._link = link
         self._boot_ns = time.time_ns() - round(uptime * 1e3) * 1_000_000
-        self._intervals_us = dict(_DEFAULTS_US)
-        self._due_ns: dict[int, int] = {}
         self._telemetry = Telemetry(world, self._boot_ns, self.time_since_boot_ns())
-        for message_id, interval in self._intervals_us.items():
-            self._schedule(message_id, interval)
+        # Interval and next time of each message that is sent by itself, nanoseconds.
+        self._streams: dict[int, tuple[int, int]] = {}
+        for message_id, interval_us in _DEFAULTS_US.items():
+            self._stream(message_id, interval_us)
 
     def run(self) -> None:
         """Fly and talk for ever."""
@@ -264,29 +266,28 @@ class Autopilot:
         """The boot clock, which ``time_boot_ms`` and TIMESYNC show."""
         return time.time_ns() - self._boot_ns
 
-    def _schedule(self, message_id: int, interval_us: int) -> None:
+    def _stream(self, message_id: int, interval_us: int) -> None:
         """Send from the next multiple of the interval on: equal rates share their times."""
-        self._intervals_us[message_id] = interval_us
-        if interval_us > 0:
-            interval_ns = interval_us * 1000
-            self._due_ns[message_id] = (self.time_since_boot_ns() // interval_ns + 1) * interval_ns
-        else:
-            self._due_ns.pop(message_id, None)
+        # Whole milliseconds: that is what its clock counts.
+        interval = interval_us // 1000 * 1_000_000
+        self._streams.pop(message_id, None)
+        if interval > 0:
+            due = (self.time_since_boot_ns() // interval + 1) * interval
+            self._streams[message_id] = interval, due
 
     def _send_due(self) -> int:
         """Send what is due; nanoseconds until the next one is."""
         now = self.time_since_boot_ns()
-        for message_id, due in list(self._due_ns.items()):
-            interval = self._intervals_us[message_id] * 1000
+        for message_id, (interval, due) in list(self._streams.items()):
             # Messages that are late keep their time and are sent after each other, unless that is
             # hopeless.
-            if due < now - 500_000_000:
+            if due < now - _HOPELESS_NS:
                 due = now // interval * interval
             while due <= now:
                 self._send(message_id, due)
                 due += interval
-            self._due_ns[message_id] = due
-        next_ns = min([now + 500_000_000, *self._due_ns.values()])
+            self._streams[message_id] = interval, due
+        next_ns = min([now + _NS, *(due for _, due in self._streams.values())])
         return max(next_ns - self.time_since_boot_ns(), 0)
 
     def _send(self, message_id: int, boot_ns: int) -> None:
@@ -304,24 +305,18 @@ class Autopilot:
     def _obey(self, message: Any) -> int:
         """Result of a COMMAND_LONG, a MAV_RESULT."""
         if message.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
-            if not all(map(math.isfinite, (message.param1, message.param2))):
+            number, interval = message.param1, message.param2
+            usual = interval in (0, -1) or _SHORTEST_US <= interval <= _LONGEST_US
+            if number not in _DEFAULTS_US or not usual:
                 return mavlink.MAV_RESULT_DENIED
-            return self._set_interval(int(message.param1), int(message.param2))
+            self._stream(int(number), int(interval) or _DEFAULTS_US[int(number)])
+            return mavlink.MAV_RESULT_ACCEPTED
         if message.command == mavlink.MAV_CMD_REQUEST_MESSAGE:
             if message.param1 not in self._telemetry.messages:
                 return mavlink.MAV_RESULT_DENIED
             self._send(int(message.param1), self.time_since_boot_ns())
             return mavlink.MAV_RESULT_ACCEPTED
         return mavlink.MAV_RESULT_UNSUPPORTED
-
-    def _set_interval(self, message_id: int, interval_us: int) -> int:
-        if message_id not in _DEFAULTS_US or 0 < interval_us < _SHORTEST_US or interval_us < -1:
-            return mavlink.MAV_RESULT_DENIED
-        if interval_us == 0:
-            interval_us = _DEFAULTS_US[message_id]
-        # Whole milliseconds: that is what its clock counts.
-        self._schedule(message_id, interval_us // 1000 * 1000 if interval_us > 0 else 0)
-        return mavlink.MAV_RESULT_ACCEPTED
 
 
 def build_parser() -> argparse.ArgumentParser:

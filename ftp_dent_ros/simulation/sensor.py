@@ -144,19 +144,19 @@ def read_out(signal: Image, photometry: Photometry, rng: np.random.Generator) ->
     """
     encoding = Encoding.named(photometry.encoding)
     white = (1 << encoding.bits) - 1
-    if not encoding.coloured and not encoding.mosaic:
-        image = _digitised(signal.mean(axis=0), photometry, rng, white)
-        if photometry.jpeg_quality:
-            image = _through_jpeg(image, photometry.jpeg_quality)
-        return Photograph(image, white)
-    image = np.stack([_digitised(channel, photometry, rng, white) for channel in signal], axis=-1)
+    grey = not encoding.coloured and not encoding.mosaic
+    light = signal.mean(axis=0)[None] if grey else signal
+    image = np.stack([_digitised(channel, photometry, rng, white) for channel in light], axis=-1)
     if encoding.mosaic:
         return Photograph(_behind_filters(image, encoding.mosaic), white, encoding.mosaic)
-    if photometry.bayer:
+    if photometry.bayer and not grey:
         image = Photograph(_behind_filters(image, 'rggb'), white, 'rggb').rgb()
     if photometry.jpeg_quality:
-        image = _through_jpeg(image, photometry.jpeg_quality)
-    return Photograph(image, white)
+        quality = [cv2.IMWRITE_JPEG_QUALITY, photometry.jpeg_quality]
+        _, data = cv2.imencode('.jpg', np.ascontiguousarray(image[..., ::-1]), quality)
+        decoded = np.asarray(cv2.imdecode(data, cv2.IMREAD_UNCHANGED)).reshape(image.shape)
+        image = np.ascontiguousarray(decoded[..., ::-1])
+    return Photograph(image[..., 0] if grey else image, white)
 
 
 def _digitised(
@@ -184,10 +184,3 @@ def _behind_filters(image: NDArray[Any], mosaic: str) -> NDArray[Any]:
         row, column = divmod(index, 2)
         raw[row::2, column::2] = image[row::2, column::2, 'rgb'.index(colour)]
     return raw
-
-
-def _through_jpeg(image: NDArray, quality: int) -> NDArray[np.uint8]:
-    bgr = np.ascontiguousarray(image[..., ::-1]) if image.ndim == 3 else image
-    _, data = cv2.imencode('.jpg', bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
-    decoded = np.asarray(cv2.imdecode(data, cv2.IMREAD_UNCHANGED))
-    return np.ascontiguousarray(decoded[..., ::-1]) if image.ndim == 3 else decoded
