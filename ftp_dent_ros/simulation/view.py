@@ -322,18 +322,14 @@ def _shadowed(
     rig: Rig, surface: Surface, tone: NDArray, scale: NDArray, rays: NDArray
 ) -> NDArray[np.bool_]:
     """Where another panel than the one seen stands between it and the projector."""
-    seen = np.flatnonzero(tone.ravel() != NOTHING)
-    points = scale.ravel()[seen, None] * rays.reshape(-1, 3)[seen]
-    owner = tone.ravel()[seen] // 2
-    centre = rig.projector_centre
-    blocked = np.zeros(len(seen), bool)
+    shadow = np.zeros(tone.shape, bool)
     for index, panel in enumerate(surface.panels):
-        other = np.flatnonzero(owner != index)
-        part, x, y = panel.hit_bare(centre, points[other] - centre)
-        blocked[other] |= (part < 1 - _CLEAR) & panel.contains(x, y)
-    shadow = np.zeros(tone.size, bool)
-    shadow[seen] = blocked
-    return shadow.reshape(tone.shape)
+        other = (tone != NOTHING) & (tone // 2 != index)
+        points = scale[other][:, None] * rays[other]
+        centre = rig.projector_centre
+        part, x, y = panel.hit_bare(centre, points - centre)
+        shadow[other] |= (part < 1 - _CLEAR) & panel.contains(x, y)
+    return shadow
 
 
 def visible_part(rig: Rig, surface: Surface) -> Surface:
@@ -402,9 +398,7 @@ def _sight(grid: PixelGrid, rig: Rig, panel: Panel, photometry: Photometry) -> S
     patches: list[Window | NDArray[np.bool_]] = []
     if missing.any():
         patches.append(abs(grid.rows) @ missing @ abs(grid.columns).T > 0)
-    patches += [
-        window for dent in panel.dents if (window := _window(rig.camera, panel, dent)) is not None
-    ]
+    patches += [_window(rig.camera, panel, dent) for dent in panel.dents]
     for patch in patches:
         exact = sight(rig, panel, still(grid.rays[patch].reshape(-1, 3)), photometry)
         for part, values in zip(dense, exact, strict=True):
@@ -412,24 +406,20 @@ def _sight(grid: PixelGrid, rig: Rig, panel: Panel, photometry: Photometry) -> S
     return tuple(dense)
 
 
-def _window(lens: Lens, panel: Panel, feature: Feature) -> Window | None:
-    """Part of the image that may show a feature; None where it is out of the image."""
+def _window(lens: Lens, panel: Panel, feature: Feature) -> Window:
+    """Part of the image that may show a feature, empty where it is out of the image."""
     # A ray that slants at 70 degrees meets a bulge three heights before the bare skin.
     half = feature.reach + 3 * feature.rise
     offsets = [(i * half, j * half) for i in (-1, 0, 1) for j in (-1, 0, 1)]
     x, y = (np.array([feature.x, feature.y]) + offsets).T
     height, _, _ = panel.bare_height(x, y)
     points = panel.pose.apply(np.stack([x, y, height], axis=-1))
-    if (points[:, 2] <= 0).all():
-        return None
     if (points[:, 2] <= 0).any():
         return slice(0, lens.height), slice(0, lens.width)
     pixels = lens.project(points)
-    low = np.maximum(np.floor(pixels.min(axis=0)).astype(int) - _AROUND, 0)
-    high = np.ceil(pixels.max(axis=0)).astype(int) + _AROUND + 1
-    high = np.minimum(high, [lens.width, lens.height])
-    if (low >= high).any():
-        return None
+    size = lens.width, lens.height
+    low = np.clip(np.floor(pixels.min(axis=0)).astype(int) - _AROUND, 0, size)
+    high = np.clip(np.ceil(pixels.max(axis=0)).astype(int) + _AROUND + 1, 0, size)
     return slice(low[1], high[1]), slice(low[0], high[0])
 
 
@@ -438,8 +428,6 @@ def _on_fitting(
 ) -> NDArray[np.intp]:
     """Flat indices of the pixels within `reach` pixels of what is sharp on a fitting."""
     window = _window(lens, panel, fitting)
-    if window is None:
-        return np.zeros(0, np.intp)
     rays = grid.rays[window]
     _, x, y = (part.reshape(rays.shape[:2]) for part in panel.hit_bare(_EYE, rays.reshape(-1, 3)))
     steps = (np.hypot(np.diff(x, axis=i), np.diff(y, axis=i)) for i in (0, 1))
