@@ -62,11 +62,6 @@ class DentModel:
         first, second = spread if self.parameters[2] >= self.parameters[3] else spread[::-1]
         return float(first), float(second)
 
-    @property
-    def angle_uncertainty(self) -> float:
-        """Standard uncertainty of the angle, radians; that of any angle at most."""
-        return min(math.sqrt(self.covariance[4, 4]), math.pi / math.sqrt(12))
-
 
 def dent_function(parameters: NDArray, x: Field, y: Field) -> Field:
     """Eq. 18 at x, y, for the parameters of `DentModel`."""
