@@ -60,7 +60,7 @@ def test_bad_parameters_are_one_clear_line_and_status_2(ros, rig_file):
     ('node', 'parameters', 'sentence'),
     [
         (PatternPublisher, {'rig': 'RIG'}, 'set the parameter pattern or period_px'),
-        (PatternPublisher, {'rig': 'RIG', 'period_px': 200}, 'period_px is 200, outside 3 to 80'),
+        (PatternPublisher, {'rig': 'RIG', 'period_px': 200}, 'period_px is 200.0: give 3 to 80'),
         (PatternPublisher, {'rig': 'nowhere.yaml', 'period_px': 8}, 'nowhere.yaml: no such file'),
         (
             PatternPublisher,
