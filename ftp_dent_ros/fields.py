@@ -7,8 +7,9 @@ in code or of a file's `Fields`, is told in one sentence what is wrong, where, a
 from __future__ import annotations
 
 import dataclasses
+import inspect
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from typing import Annotated, Any, ClassVar, TypeVar, get_args, get_origin, get_type_hints
 
@@ -178,19 +179,22 @@ class Fields:
         """What one of the choices stands for."""
         return choices[self.take(name, Annotated[str, Limits(choices=tuple(choices))], default)]
 
-    def record(self, kind: type[T], /, **given: Any) -> T:
-        """A dataclass, whose fields are `given` or read by name and type; nothing is left over."""
+    def record(self, kind: Callable[..., T], /, **given: Any) -> T:
+        """What a dataclass or function makes; nothing is left over.
+
+        Its parameters are `given`, or read by name and type.
+        """
         made = self.part(kind, **given)
         self.finish()
         return made
 
-    def part(self, kind: type[T], /, **given: Any) -> T:
-        """A dataclass of some of the fields, as `record`."""
-        hints = _hints(kind)  # type: ignore[arg-type]
-        for each in dataclasses.fields(kind):  # type: ignore[arg-type]
-            needed = (each.default, each.default_factory) == (dataclasses.MISSING,) * 2
-            if each.name not in given and (needed or each.name in self):
-                given[each.name] = self.take(each.name, hints[each.name])
+    def part(self, kind: Callable[..., T], /, **given: Any) -> T:
+        """What is made of some of the fields, as by `record`."""
+        hints = _hints(kind)
+        for name, parameter in inspect.signature(kind).parameters.items():
+            needed = parameter.default is inspect.Parameter.empty
+            if name not in given and (needed or name in self):
+                given[name] = self.take(name, hints[name])
         return self.made(kind, **given)
 
     def made(self, kind: Any, /, *values: Any, **given: Any) -> Any:

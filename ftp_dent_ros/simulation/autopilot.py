@@ -35,7 +35,6 @@ _METRES = 0.0111319, 0.0111319 * math.cos(math.radians(47.45))
 _NS = 1_000_000_000
 # GPS: a fix every 0.2 s, that old when it is told, and as good as a usual one says it is (mm).
 _FIX_NS, _FIX_AGE_NS = _NS // 5, 120_000_000
-_ACCURACY = (800, 1200)
 _READY = (
     mavlink.EKF_ATTITUDE
     | mavlink.EKF_VELOCITY_HORIZ
@@ -73,8 +72,8 @@ _DEFAULTS_US = {
 os.environ.setdefault('MAVLINK20', '1')
 
 
-def open_link(address: str, system_id: int) -> Any:
-    """A connection of pymavlink that speaks as component 1 of a system.
+def open_link(address: str) -> Any:
+    """A connection of pymavlink that speaks as component 1 of system 1.
 
     Raises
     ------
@@ -91,7 +90,7 @@ def open_link(address: str, system_id: int) -> Any:
     try:
         return mavutil.mavlink_connection(
             address,
-            source_system=system_id,
+            source_system=1,
             source_component=mavlink.MAV_COMP_ID_AUTOPILOT1,
             dialect='ardupilotmega',
         )
@@ -212,8 +211,8 @@ class Telemetry:
             mavlink.GPS_FIX_TYPE_3D_FIX,
             *_on_earth(true),
             *(80, 120, 10, 0, 16),
-            h_acc=_ACCURACY[0],
-            v_acc=_ACCURACY[1],
+            h_acc=800,
+            v_acc=1200,
         )
 
 
@@ -331,7 +330,6 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         '--start-ns', type=int, default=0, help='ROS time at which the flight starts, ns'
     )
-    parser.add_argument('--system-id', type=int, default=1, help='default: %(default)s')
     parser.add_argument(
         '--uptime', type=float, default=60.0, help='seconds since boot at the start'
     )
@@ -346,9 +344,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         world = read_world(parsed.scene, parsed.start_ns)
         if not 0 <= parsed.uptime < 1e9:
             raise ConfigurationError(f'--uptime is {parsed.uptime}: give seconds, 0 or more')
-        if not 0 < parsed.system_id < 256:
-            raise ConfigurationError(f'--system-id is {parsed.system_id}: give 1 to 255')
-        Autopilot(world, open_link(parsed.address, parsed.system_id), parsed.uptime).run()
+        Autopilot(world, open_link(parsed.address), parsed.uptime).run()
     except FtpDentError as error:
         print(f'simulated_autopilot: {error}', file=sys.stderr)
         return 2

@@ -183,7 +183,9 @@ class Valley(Shape):
     border = math.sqrt(2)
 
     @classmethod
-    def of_radius(cls, radius: float, width: float, depth: float, kind: str = 'crease') -> Valley:
+    def of_radius(
+        cls, width: float, depth: float, kind: str = 'crease', radius: Positive = 0.002
+    ) -> Valley:
         """The valley whose bottom has a radius of curvature, metres."""
         return cls(8 * abs(depth) / width * (radius / width), kind)
 
@@ -365,7 +367,7 @@ class Rivet(Checked):
         return (x - self.x) ** 2 + (y - self.y) ** 2 < radius * radius
 
 
-def domed_rivet(x: float, y: float, radius: float = 0.004, proud: float = 0.0012) -> Dent:
+def domed_rivet(x: float, y: float, radius: Positive = 0.004, proud: Positive = 0.0012) -> Dent:
     """A rivet whose head is a sphere's cap on the skin (universal or brazier head), metres."""
     return Dent(x, y, 2 * radius, 2 * radius, -proud, shape=Cap())
 

@@ -125,7 +125,7 @@ class EstimateErrors(Checked):
     yaw_wander: float = 0.0
     height_scale: float = 0.0
 
-    def estimated(self, flight: Flight, seconds: float, elapsed: float | None = None) -> Pose:
+    def estimated(self, flight: Flight, seconds: float, elapsed: float) -> Pose:
         """The pose that is estimated so long into a flight.
 
         Parameters
@@ -133,11 +133,10 @@ class EstimateErrors(Checked):
         flight : Flight
         seconds : float
             Into the flight's period.
-        elapsed : float, optional
+        elapsed : float
             Since the flight's start; the wander does not begin again with each period.
         """
         true = flight.pose(seconds)
-        elapsed = seconds if elapsed is None else elapsed
         angle = 2 * math.pi / self.wander_period * elapsed / _PERIODS + _ESTIMATE_PHASES
         east, north, up, turn = np.sin(angle) @ _SHARES
         place = flight.pose(seconds - self.lag).translation if self.lag else true.translation

@@ -235,7 +235,7 @@ class Lettering(Checked):
         return _tinted(sampled(letters, column, row), self.tint)
 
 
-def scratches(count: int, extent: Quadruple, seed: int = 0) -> tuple[PaintPatch, ...]:
+def scratches(count: Count, extent: Quadruple, seed: Count = 0) -> tuple[PaintPatch, ...]:
     """Narrow light and dark marks, 0.2 to 0.8 mm wide and 10 to 80 mm long.
 
     Parameters

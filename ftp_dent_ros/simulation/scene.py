@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from ftp_dent_ros.calibration.board import Board
-from ftp_dent_ros.fields import Count, Fields, Limits, Pair, Positive, Quadruple, Triple
+from ftp_dent_ros.fields import Fields, Limits, Pair, Positive, Triple
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.simulation.dents import (
     Cap,
@@ -41,8 +41,9 @@ _MARKS: dict[str, Any] = {
     'dirt': Dirt,
     'patch': PaintPatch,
     'lettering': Lettering,
-    'scratches': None,
+    'scratches': scratches,
 }
+_RIVETS: dict[str, Any] = {'flush': Rivet, 'domed': domed_rivet}
 _SHAPES: dict[str, Any] = {
     'smooth': Smooth,
     'cosine': RaisedCosine,
@@ -99,13 +100,8 @@ def _paint(fields: Fields) -> Paint:
 
 def _marks(fields: Fields) -> tuple[Mark, ...]:
     """One mark, or the scratches of a seed."""
-    kind = fields.choice('kind', _MARKS)
-    if kind is not None:
-        return (fields.record(kind),)
-    count, seed = fields.take('count', Count), fields.take('seed', Count, 0)
-    marks = scratches(count, fields.take('extent', Quadruple), seed)
-    fields.finish()
-    return marks
+    made = fields.record(fields.choice('kind', _MARKS))
+    return made if isinstance(made, tuple) else (made,)
 
 
 def _dent(fields: Fields) -> Dent:
@@ -113,8 +109,7 @@ def _dent(fields: Fields) -> Dent:
     kind = _SHAPES[name]
     if kind is Valley:
         width, depth = fields.take('width', Positive), fields.take('depth', float)
-        radius = fields.take('radius', Positive, 0.002)
-        shape = fields.made(Valley.of_radius, radius, width, depth, name)
+        shape = fields.part(Valley.of_radius, width=width, depth=depth, kind=name)
         return fields.record(Dent, shape=shape, width=width, depth=depth)
     return fields.record(Dent, shape=fields.part(kind))
 
@@ -123,13 +118,7 @@ def _rivets(fields: Fields) -> Iterator[Rivet | Dent]:
     """Rivets at equal steps from the first."""
     first, step = (np.array(fields.take(name, Pair)) for name in ('first', 'step'))
     count = fields.take('count', Annotated[int, Limits(0, 10_000)])
-    one: Rivet | Dent
-    if fields.choice('kind', {'flush': True, 'domed': False}, 'flush'):
-        one = fields.record(Rivet, x=0.0, y=0.0)
-    else:
-        sizes = fields.take('radius', Positive, 0.004), fields.take('proud', Positive, 0.0012)
-        one = domed_rivet(0.0, 0.0, *sizes)
-        fields.finish()
+    one = fields.record(fields.choice('kind', _RIVETS, 'flush'), x=0.0, y=0.0)
     for index in range(count):
         x, y = first + index * step
         yield replace(one, x=float(x), y=float(y))

@@ -88,15 +88,12 @@ class CameraMotion:
         moments : ndarray, shape (k,)
             -1/2 at the exposure's begin, 1/2 at its end.
         """
-        flat = directions.reshape(-1, 3)
-        if not self:
-            return still(flat)
         moments = np.asarray(moments, float)[:, None]
         turn = Rotation.from_rotvec(-moments * self.rotation).as_matrix()
         start = -(turn @ (moments * self.translation)[..., None])[..., 0]
         towards = np.einsum('kij,...kj->...ki', turn, directions)
         origin = np.broadcast_to(start, directions.shape)
-        return Rays(flat, origin.reshape(-1, 3), towards.reshape(-1, 3))
+        return Rays(directions.reshape(-1, 3), origin.reshape(-1, 3), towards.reshape(-1, 3))
 
 
 @dataclass(frozen=True, eq=False)

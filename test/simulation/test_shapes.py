@@ -57,7 +57,7 @@ def test_sizes_on_the_contour_at_a_tenth_of_the_depth(shape, part):
 
 
 def test_a_crease_has_the_radius_asked_for_and_its_sizes_end_to_end():
-    crease = Dent(0, 0, 0.050, 0.007, 0.0015, 0.3, Valley.of_radius(0.0008, 0.007, 0.0015))
+    crease = Dent(0, 0, 0.050, 0.007, 0.0015, 0.3, Valley.of_radius(0.007, 0.0015, radius=0.0008))
     assert crease.kind == 'crease'
     step = 1e-6
     across = np.array([-step, 0.0, step])
@@ -76,7 +76,7 @@ def test_a_radius_that_the_width_cannot_have_is_refused():
     with pytest.raises(
         ConfigurationError, match=r'bluntness is 0\.64.*: give .* above 0 to 0\.499'
     ):
-        Valley.of_radius(0.004, 0.010, 0.002)
+        Valley.of_radius(0.010, 0.002, radius=0.004)
 
 
 def test_a_bulge_is_a_bump_and_a_gouge_leaves_a_mark():
