@@ -13,7 +13,6 @@ import os
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +20,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.fields import Fields, Positive, Triple
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rigid import about, move_about
 from ftp_dent_ros.survey.result import SurveyResult
@@ -33,12 +33,6 @@ _NEEDED = 3
 _ROUNDS = 4
 # Chance that right points are refused as contradicting each other.
 _REFUSED = 1e-3
-
-_UNITS = {'mm': 1e-3, 'in': 25.4e-3}
-# Millimetres: of a drawing's coordinates as they are found on the skin; and of a place in a map, a
-# pixel of the skin's image or a dent's centre.
-_ON_AIRCRAFT, _IN_MAP = 1.0, 0.5
-_FIELDS = ('name', 'map', 'dent', 'at', 'uncertainty_mm', 'map_uncertainty_mm')
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,70 +191,29 @@ def read_reference_points(
     ConfigurationError
         A field is missing, unknown or malformed, or names a dent that the survey has not.
     """
-    data = read_yaml(path, ConfigurationError)
-    try:
-        _refuse_unknown(data, ('unit', 'uncertainty_mm', 'map_uncertainty_mm', 'points'), '')
-        unit = data.get('unit', 'mm')
-        if unit not in _UNITS:
-            raise ConfigurationError(f'unit is {unit!r}: give mm or in')
-        points = data.get('points')
-        if not isinstance(points, list) or not points:
-            raise ConfigurationError('points is no list of points: give three or more')
-        return tuple(
-            _point(each, f'points[{index}]', data, _UNITS[unit], survey)
-            for index, each in enumerate(points)
-        )
-    except ConfigurationError as reason:
-        raise ConfigurationError(f'{path}: {reason}') from None
-
-
-def _point(
-    item: Any, where: str, data: dict[str, Any], unit: float, survey: SurveyResult
-) -> ReferencePoint:
-    if not isinstance(item, dict):
-        raise ConfigurationError(f'{where} is {item!r}: give at, and map or dent')
-    _refuse_unknown(item, _FIELDS, f'{where}.')
-    if ('map' in item) == ('dent' in item):
-        raise ConfigurationError(f'{where} has both of map and dent, or none: give one of them')
-    if 'dent' in item:
-        found = [each for each in survey.dents if each.number == item['dent']]
-        if not found:
-            raise ConfigurationError(
-                f'{where}.dent is {item["dent"]!r}: the survey {survey.name} has no such dent'
-            )
-        place = found[0].dent.position
-    else:
-        place = _place(item['map'], f'{where}.map')
-    spread = _positive(item, data, 'map_uncertainty_mm', _IN_MAP, where) * 1e-3
-    return ReferencePoint(
-        str(item.get('name', where)),
-        place,
-        np.eye(3) * spread**2,
-        _place(item.get('at'), f'{where}.at') * unit,
-        _positive(item, data, 'uncertainty_mm', _ON_AIRCRAFT, where) * 1e-3,
-    )
-
-
-def _place(value: Any, where: str) -> NDArray[np.float64]:
-    if not isinstance(value, list) or len(value) != 3 or not all(map(_is_number, value)):
-        raise ConfigurationError(f'{where} is {value!r}: give three numbers')
-    return np.array(value, float)
-
-
-def _positive(
-    item: dict[str, Any], data: dict[str, Any], name: str, default: float, where: str
-) -> float:
-    value = item.get(name, data.get(name, default))
-    if not _is_number(value) or not value > 0:
-        raise ConfigurationError(f'{where}: {name} is {value!r}: give millimetres, above 0')
-    return float(value)
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
-
-
-def _refuse_unknown(data: dict[Any, Any], known: Sequence[str], where: str) -> None:
-    for name in data:
-        if name not in known:
-            raise ConfigurationError(f'{where}{name} is unknown: only {", ".join(known)} are')
+    file = Fields(read_yaml(path, ConfigurationError), f'{path}: ')
+    unit = file.choice('unit', {'mm': 1e-3, 'in': 25.4e-3}, 'mm')
+    # Millimetres: of a drawing's coordinates as they are found on the skin; and of a place in a
+    # map, a pixel of the skin's image or a dent's centre.
+    usual = [
+        (name, file.take(name, Positive, value))
+        for name, value in (('uncertainty_mm', 1.0), ('map_uncertainty_mm', 0.5))
+    ]
+    places = {each.number: each.dent.position for each in survey.dents}
+    points = []
+    for index, each in enumerate(file.blocks('points')):
+        if 'dent' in each:
+            number = each.take('dent', int)
+            if number not in places:
+                known = f'a dent of the survey {survey.name}, which has no such dent'
+                raise each.refusal('dent', number, known)
+            place = places[number]
+        else:
+            place = np.array(each.take('map', Triple))
+        own, of_map = (each.take(name, Positive, value) * 1e-3 for name, value in usual)
+        on_aircraft = np.array(each.take('at', Triple)) * unit
+        name = each.take('name', str, f'points[{index}]')
+        each.finish()
+        points.append(ReferencePoint(name, place, np.eye(3) * of_map**2, on_aircraft, own))
+    file.finish()
+    return tuple(points)

@@ -11,11 +11,12 @@ from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.rigid import about
 from ftp_dent_ros.survey.alignment import Samples, samples_of
 from ftp_dent_ros.survey.information import RelativePose, UnlikePairError
 from ftp_dent_ros.survey.patch import FoldedPatch, SkinPatch, outline_of, patch_of
 from ftp_dent_ros.survey.pose_graph import PoseGraph
-from ftp_dent_ros.survey.pose_terms import Node, relative_doubt, share_kept
+from ftp_dent_ros.survey.pose_terms import JITTER, Node, share_kept
 from ftp_dent_ros.survey.registration import register
 
 # Earlier clouds that each is laid on: the one before, and one some clouds back.
@@ -303,4 +304,12 @@ def doubt_by_autopilot(graph: PoseGraph, first: int, second: int) -> NDArray[np.
     a, b = graph.nodes[first], graph.nodes[second]
     if a.covariance is None or b.covariance is None:
         return _BLIND * max(1, min(second - first, 3))
-    return relative_doubt(a, b, graph.poses[first], graph.poses[second])
+    changed = 1 - share_kept(a, b)
+    spread = (a.covariance + b.covariance) * changed + 2 * JITTER
+    # The first one's turn moves what lies at the end of the arm.
+    here, there = graph.poses[first], graph.poses[second]
+    carried = np.zeros((6, 6))
+    carried[:3, 3:] = about(there.translation - here.translation)[:, 3:]
+    spread = spread + carried @ (a.covariance * changed + JITTER) @ carried.T
+    turn = np.kron(np.eye(2), here.rotation.as_matrix())
+    return turn.T @ spread @ turn

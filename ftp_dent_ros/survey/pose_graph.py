@@ -4,39 +4,33 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix, csc_matrix
+from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rigid import motions, spread_of_shift
-from ftp_dent_ros.robust import geman_mcclure
 from ftp_dent_ros.survey.information import COMMON, RelativePose
 from ftp_dent_ros.survey.pose_terms import (
-    ANCHOR,
+    HALF,
     Array,
     LinkTerms,
     Node,
-    NormalEquations,
     PairLink,
     StatedTerms,
+    Terms,
 )
 
-# Columns of the inverse that are solved for at once.
-_AT_ONCE = 600
-
-#: Of squared errors by the rank: where a pair counts a quarter.
-HALF = 16.0
-# Steps, the step that is small enough, and the one from which on pairs are weighed apart: metres
-# and radians. And the gain of a step, in squared standard deviations of all, that is none.
-_STEPS, _DONE, _COARSE, _NO_GAIN = 40, 1e-7, 1e-4, 1e-4
+# The step that is small enough, and the one from which on pairs are weighed apart: metres and
+# radians. And the gain of a step, in variances, that is none.
+_DONE, _COARSE, _NO_GAIN = 1e-7, 1e-4, 1e-4
 
 
 class PoseGraph:
@@ -123,7 +117,7 @@ class PoseGraph:
         self._turns, self._places = turns, places
         rotations = Rotation.from_matrix(turns[fixed:])
         self.poses[fixed:] = [Pose(rotations[k], places[fixed + k].copy()) for k in range(count)]
-        misfits = terms.links.misfits(turns, places)
+        misfits = terms.links.misfits(terms.links.errors(turns, places))
         self.left_out -= set(judged.tolist())
         # Of squared errors by the rank: from where on a pair contradicts the others.
         self.left_out |= set(judged[misfits > 36.0].tolist())
@@ -147,8 +141,8 @@ class PoseGraph:
     def strained(self, numbers: Sequence[int]) -> bool:
         """Whether some links, by their numbers, do not fit where the poses are."""
         known = [k for k in numbers if self.links[k].relative.rank]
-        terms = LinkTerms.of([self.links[k] for k in known], known)
-        return bool((terms.misfits(self._turns, self._places) > HALF).any())
+        terms = LinkTerms(self.links, known)
+        return bool((terms.misfits(terms.errors(self._turns, self._places)) > HALF).any())
 
     def covariances(
         self, anchor: int | None = None, only: Sequence[int] | None = None
@@ -168,30 +162,19 @@ class PoseGraph:
         """
         terms = self._gathered(0, anchor)
         errors = terms.errors(self._turns, self._places)
-        equations = terms.equations(
-            self._turns,
-            self._places,
-            errors,
-            weights_of(errors.misfits),
-            {} if anchor is None else {anchor: ANCHOR},
-            with_common=True,
-        )
-        both: csc_matrix = equations.matrix()
-        size = 6 * terms.count
-        matrix, pull = both[:size, :size], both[:size, size:].toarray()
-        solver = factored(matrix)
-        bent = solver.solve(pull).reshape(-1, 6, 6)
+        jacobian, weighted = terms.weighted(self._turns, self._places, errors, 1.0)
+        solver = _factored(weighted @ jacobian.T)
+        common = np.zeros((weighted.shape[1], 6))
+        common[: 6 * len(errors[0])] = terms.links.common.reshape(-1, 6)
+        bent = solver.solve(weighted @ common).reshape(-1, 6, 6)
         wanted = np.arange(terms.count) if only is None else np.asarray(only)
         blocks = np.empty((len(wanted), 6, 6))
-        for start in range(0, len(wanted), _AT_ONCE // 6):
-            some = wanted[start : start + _AT_ONCE // 6]
-            rows = (6 * some[:, None] + np.arange(6)).ravel()
-            unit = np.zeros((size, len(rows)))
-            unit[rows, np.arange(len(rows))] = 1
-            columns = solver.solve(unit)[rows].reshape(len(some), 6, len(some), 6)
-            own = columns[np.arange(len(some)), :, np.arange(len(some))]
-            own = own + bent[some] @ COMMON @ np.swapaxes(bent[some], 1, 2)
-            blocks[start : start + len(some)] = (own + np.swapaxes(own, 1, 2)) / 2
+        for index, number in enumerate(wanted):
+            unit = np.zeros((6 * terms.count, 6))
+            unit[6 * number : 6 * number + 6] = np.eye(6)
+            own = solver.solve(unit)[6 * number : 6 * number + 6]
+            own = own + bent[number] @ COMMON @ bent[number].T
+            blocks[index] = (own + own.T) / 2
         return spread_of_shift(blocks)
 
     def groups(self) -> list[int]:
@@ -212,73 +195,8 @@ class PoseGraph:
             for number in range(self.first_link(fixed), len(self.links))
             if self.links[number].relative.rank
         ]
-        links = LinkTerms.of([self.links[number] for number in known], known)
-        stated = StatedTerms.of(self.nodes, self.guesses, fixed, anchor)
-        return Terms(fixed, len(self.nodes) - fixed, links, stated)
-
-
-@dataclass(frozen=True, eq=False)
-class Errors:
-    """How far poses are off what n links and m stated poses tell of them.
-
-    Attributes
-    ----------
-    links, stated : ndarray, shape (n, 6) and (m, 6)
-    misfits : ndarray, shape (n,)
-        Squares of the links' errors, by their ranks.
-    of_stated : float
-        Sum of squares of the stated poses' errors.
-    """
-
-    links: Array
-    stated: Array
-    misfits: Array
-    of_stated: float
-
-
-@dataclass(frozen=True, eq=False)
-class Terms:
-    """All that is told of the poses from number `fixed` on, gathered for a solution."""
-
-    fixed: int
-    count: int
-    links: LinkTerms
-    stated: StatedTerms
-
-    def errors(self, turns: Array, places: Array) -> Errors:
-        """How far poses are off what is told."""
-        links, stated = self.links.errors(turns, places), self.stated.errors(turns, places)
-        return Errors(
-            links, stated, self.links.squares(links), float(self.stated.squares(stated).sum())
-        )
-
-    def equations(
-        self,
-        turns: Array,
-        places: Array,
-        errors: Errors,
-        weights: Array,
-        held: Mapping[int, Array] | None = None,
-        with_common: bool = False,
-    ) -> NormalEquations:
-        """Normal equations, or those with one more unknown: what all clouds have in common.
-
-        Some poses may be `held`: covariances, by the pose's number.
-        """
-        held = held or {}
-        last = self.fixed + self.count if with_common else None
-        equations = NormalEquations(self.fixed, self.count + with_common)
-        self.links.add_to(equations, turns, places, errors.links, weights, last)
-        self.stated.add_to(equations, errors.stated)
-        for number, spread in held.items():
-            information = np.linalg.inv(spread)[None].astype(float)
-            equations.add([np.array([number])], [np.eye(6)[None]], np.zeros((1, 6)), information)
-        return equations
-
-    def cost(self, errors: Errors, tolerance: Array | float = 1.0) -> float:
-        """Robust sum of squares."""
-        heard = errors.misfits / (1 + errors.misfits / (HALF * tolerance))
-        return float(self.links.rank @ heard + errors.of_stated)
+        stated = StatedTerms(self.nodes, self.guesses, fixed, anchor)
+        return Terms(LinkTerms(self.links, known), stated, fixed, len(self.nodes) - fixed)
 
 
 def solved(
@@ -302,19 +220,14 @@ def solved(
     found = _stepped(terms, turns, places, doubted, math.inf)
     if terms.cost(terms.errors(*found)) > terms.cost(terms.errors(turns, places)):
         # No pair that does not fit already pulls.
-        return _stepped(terms, turns, places, np.ones(len(terms.links), bool), 1.0)
+        return _stepped(terms, turns, places, np.ones(len(doubted), bool), 1.0)
     return found
 
 
-def weights_of(misfits: Array, tolerance: Array | float = 1.0) -> Array:
-    """Of pairs by squared errors a direction: of Geman and McClure's robust least squares."""
-    return geman_mcclure(misfits, HALF * tolerance)
-
-
-def factored(matrix: csc_matrix) -> Any:
+def _factored(matrix: Any) -> Any:
     """Factors of a symmetric positive matrix: in an order that fills little of them."""
     return splu(
-        matrix,
+        matrix.tocsc(),
         permc_spec='MMD_AT_PLUS_A',
         diag_pivot_thresh=0.0,
         options={'SymmetricMode': True},
@@ -326,11 +239,11 @@ def _stepped(
 ) -> tuple[Array, Array]:
     """Poses after steps at tolerances that fall to 1, from a first one."""
     errors = terms.errors(turns, places)
-    for _ in range(_STEPS):
+    for _ in range(40):
         each = np.where(doubted, 1.0, tolerance)
-        weights = weights_of(errors.misfits, each)
-        equations = terms.equations(turns, places, errors, weights)
-        step = -factored(equations.matrix()).solve(equations.gradient).reshape(-1, 6)
+        jacobian, weighted = terms.weighted(turns, places, errors, each)
+        gradient = weighted @ np.concatenate(errors).ravel()
+        step = -_factored(weighted @ jacobian.T).solve(gradient).reshape(-1, 6)
         before, gain = terms.cost(errors, each), 0.0
         # A step is halved so often at most.
         for _ in range(12):
@@ -347,7 +260,8 @@ def _stepped(
         if math.isinf(tolerance):
             if gain > _NO_GAIN and size > _COARSE:
                 continue
-            tolerance = float(errors.misfits[~doubted].max(initial=0.0)) / HALF
+            misfits = terms.links.misfits(errors[0])
+            tolerance = float(misfits[~doubted].max(initial=0.0)) / HALF
         # By which the tolerance falls from step to step.
         tolerance = max(1.0, tolerance / 4.0)
     return turns, places

@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rigid import spread_of_shift, twists
 from ftp_dent_ros.survey.information import RelativePose
-from ftp_dent_ros.survey.pose_graph import PoseGraph, Terms, solved
-from ftp_dent_ros.survey.pose_terms import LinkTerms, Node, PairLink, StatedTerms
+from ftp_dent_ros.survey.pose_graph import PoseGraph, solved
+from ftp_dent_ros.survey.pose_terms import LinkTerms, Node, PairLink, StatedTerms, Terms
 
 STATED = np.diag([0.03**2] * 3 + [0.015**2] * 3)
 RADIUS = 2.0
@@ -127,7 +127,8 @@ def test_no_solution_fits_worse_than_where_it_began():
         pose = off_by(poses[first].inverse() @ poses[second], off)
         links.append(PairLink(first, second, RelativePose(pose, CENTRE, told, 5, 0.6, 1e-6)))
     nodes = [Node(each, STATED, 0.5 * k, 0) for k, each in enumerate(stated)]
-    terms = Terms(0, 24, LinkTerms.of(links, range(len(links))), StatedTerms.of(nodes, stated))
+    of_links = LinkTerms(links, range(len(links)))
+    terms = Terms(of_links, StatedTerms(nodes, stated, 0, None), 0, 24)
 
     def cost(turns, places):
         return terms.cost(terms.errors(turns, places))
