@@ -95,7 +95,6 @@ class Survey(PayloadNode[SurveySettings]):
     def _begin(self) -> None:
         """Begin a skin, of which nothing is known yet."""
         self._joining = Joining(self._on_remark)
-        self._footprints: list[Footprint] = []
         self._known: set[int] = set()
         self._left_out: set[int] = set()
         self._without_ties = 0
@@ -137,9 +136,8 @@ class Survey(PayloadNode[SurveySettings]):
         self._known.add(stamp_ns)
         now_known = joining.newest_covariance()
         self._pose.publish(covariant_pose_message(pose, now_known, stamp_ns, self.given.map_frame))
-        self._footprints.append(Footprint.of(cloud))
         stamps, poses = tuple(joining.stamps_ns), tuple(joining.graph.poses)
-        self._drawing.show((stamps, poses, tuple(self._footprints)))
+        self._drawing.show((stamps, poses, tuple(joining.footprints)))
         self._tell_pairs(links)
         self.diagnostics.count('joined')
         self.diagnostics.measure('computation', (self.now_ns() - started_ns) / 1e9)

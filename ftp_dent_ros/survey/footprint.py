@@ -47,16 +47,14 @@ class Footprint:
     share: float
 
     @classmethod
-    def of(cls, cloud: Cloud) -> Footprint:
-        """Of the points that a cloud has, some on its grid."""
+    def of(cls, cloud: Cloud, tangent: Pose) -> Footprint:
+        """Of the points that a cloud has, some on its grid, about its tangent plane."""
         spacing = np.nanmedian(np.linalg.norm(np.diff(cloud.points[::16], axis=1), axis=-1))
         every = max(1, int(_APART / spacing))
-        points = cloud.points[::every, ::every][cloud.valid[::every, ::every]].astype(float)
-        middle = points.mean(axis=0)
-        _, _, axes = np.linalg.svd(points[:: max(1, len(points) // 1000)] - middle, False)
-        normal = axes[2] * (-1 if axes[2] @ middle > 0 else 1)
-        share = float(every * spacing / CELL) ** 2
-        return cls(middle, (points - middle).astype(np.float16), normal, share)
+        points = cloud.points[::every, ::every][cloud.valid[::every, ::every]]
+        offsets = (points - tangent.translation).astype(np.float16)
+        normal = tangent.rotation.apply([0.0, 0.0, 1.0])
+        return cls(tangent.translation, offsets, normal, float(every * spacing / CELL) ** 2)
 
     def points(self, every: int = 1) -> NDArray[np.float64]:
         """Every so many-th of the points, shape (m, 3), metres."""
@@ -109,30 +107,36 @@ class SeenSkin:
         return mask
 
 
-def seen_skin(footprints: Sequence[Footprint], poses: Sequence[Pose]) -> SeenSkin | None:
-    """Coverage of clouds where their cameras were; None where that is too far apart to draw."""
+def unrolled(
+    footprints: Sequence[Footprint], poses: Sequence[Pose]
+) -> tuple[Unrolled, list[NDArray[np.float32]]]:
+    """The skin through clouds where their cameras were, and the places of their points on it."""
     both = list(zip(poses, footprints, strict=True))
     few = [pose.apply(each.points(max(1, len(each.offsets) // _FEW))) for pose, each in both]
     normals = np.stack([pose.rotation.apply(each.normal) for pose, each in both])
     repeated = np.repeat(normals, [len(each) for each in few], axis=0)
     skin = Unrolled.through(np.concatenate(few), repeated)
-    places = [skin.place(pose.apply(each.points())).astype(np.float32) for pose, each in both]
-    corners = [(each[:, :2].min(axis=0), each[:, :2].max(axis=0)) for each in places]
+    return skin, [skin.place(pose.apply(each.points())).astype(np.float32) for pose, each in both]
+
+
+def seen_skin(footprints: Sequence[Footprint], poses: Sequence[Pose]) -> SeenSkin | None:
+    """Coverage of clouds where their cameras were; None where that is too far apart to draw."""
+    skin, by_cloud = unrolled(footprints, poses)
+    places = np.concatenate(by_cloud)
+    share = np.repeat([each.share for each in footprints], [len(each) for each in by_cloud])
     # A cell of nothing about what was measured.
-    low = (np.floor(np.min(corners, axis=(0, 1)) / CELL) - 1) * CELL
-    columns, rows = np.floor((np.max(corners, axis=(0, 1)) - low) / CELL).astype(int) + 2
+    low = (np.floor(places[:, :2].min(axis=0) / CELL) - 1) * CELL
+    columns, rows = np.floor((places[:, :2].max(axis=0) - low) / CELL).astype(int) + 2
     if columns * rows > _LARGEST:
         return None
-    covered, height = np.zeros((2, rows * columns))
-    for place, footprint in zip(places, footprints, strict=True):
-        column, row = np.floor((place[:, :2] - low) / CELL).astype(int).T
-        at = row * columns + column
-        cells = slice(at.min(), at.max() + 1)
-        covered[cells] += footprint.share * np.bincount(at - cells.start)
-        height[cells] += footprint.share * np.bincount(at - cells.start, place[:, 2])
+    column, row = np.floor((places[:, :2] - low) / CELL).astype(int).T
+    covered, heights = (
+        np.bincount(row * columns + column, weights, rows * columns).reshape(rows, columns)
+        for weights in (share, share * places[:, 2])
+    )
     # Of a cell, that was measured if the cell was.
-    measured = (covered >= 0.5).reshape(rows, columns)
-    height = (height / np.maximum(covered, 1e-9)).reshape(rows, columns)
+    measured = covered >= 0.5
+    mean = heights / np.maximum(covered, 1e-9)
     # Of what was not measured, that of the nearest that was.
     nearest = distance_transform_edt(~measured, return_distances=False, return_indices=True)
-    return SeenSkin(skin, low, measured, height[tuple(nearest)], find_gaps(measured, low, CELL))
+    return SeenSkin(skin, low, measured, mean[tuple(nearest)], find_gaps(measured, low, CELL))

@@ -11,16 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud.cloud import Cloud
-from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.survey.resampling import cells, polynomial, remap
+from ftp_dent_ros.survey.raster import Raster, Window, remap
 from ftp_dent_ros.survey.unrolled import Unrolled
 
 # Side of a pixel: narrower than the points of a cloud lie apart, metres.
 PIXEL = 0.001
-_LARGEST = 1 << 30  # pixels: what is never written takes no memory
-# Pixels about a cloud that its grid may reach into, and about the middle of a dent.
-_ROOM, _AROUND = 4, 2
 
 Map = NDArray[np.float32]
 
@@ -43,7 +39,7 @@ class _Together:
     scattered: Map
 
 
-class Fusion:
+class Fusion(Raster):
     """Weighted means of the heights of clouds above the unrolled skin, and their scatter.
 
     Parameters
@@ -59,37 +55,22 @@ class Fusion:
     """
 
     def __init__(self, skin: Unrolled, low: NDArray, high: NDArray) -> None:
-        self._skin, self._low = skin, np.asarray(low, float)
-        columns, rows = np.ceil((high - self._low) / PIXEL).astype(int) + 1
-        if columns * rows > _LARGEST:
-            raise CloudError(
-                f'the clouds are spread over {columns * PIXEL:.0f} m by {rows * PIXEL:.0f} m: '
-                'check their poses'
-            )
+        super().__init__(skin, low, high, PIXEL)
         # Weight, weighted mean and squares about it, weighted resolution, sum of the variances
-        # stated, and number of clouds.
-        self._weight, self._mean, self._squares, self._resolution, self._variance = (
-            np.zeros((rows, columns), np.float32) for _ in range(5)
+        # stated, and number of clouds: what is never written takes no memory.
+        self._weight, self._mean, self._squares, self._resolution, self._variance = np.zeros(
+            (5, *self.shape), np.float32
         )
-        self._count = np.zeros((rows, columns), np.uint16)
+        self._count = np.zeros(self.shape, np.uint16)
 
     def add(self, cloud: Cloud, pose: Pose) -> None:
         """Another cloud, in its camera's frame; one that tells no uncertainty is left out."""
-        places, known = self._places(cloud, pose), cloud.valid & (cloud.sigma > 0)
-        # Points that the way back to a cloud's grid is fitted to: about, and at least.
-        step = max(1, math.isqrt(np.count_nonzero(known) // 1500))
-        row, column = step * np.array(np.nonzero(known[::step, ::step]))
-        window = self._window(places[known])
-        if window is None or len(row) < 20:
+        places, known = self.places(cloud, pose), cloud.valid & (cloud.sigma > 0)
+        window = self.window(places[known])
+        at = None if window is None else self.in_cloud(places, known, window)
+        if window is None or at is None:
             return
-        corner = self._low + PIXEL * (np.array([window[1].start, window[0].start]) + 0.5)
-        size = np.array([each.stop - each.start for each in window[::-1]])
-        # From the corner on, single precision is enough.
-        flat = np.where(known[..., None], places[..., :2] - corner, np.nan).astype(np.float32)
-        back = polynomial(
-            flat[row, column].astype(float), np.stack([column, row], axis=-1).astype(float)
-        )
-        u, v = cells(flat, np.zeros(2), PIXEL, size, back)
+        u, v = at
         height = remap(np.where(known, places[..., 2], np.nan), u, v, cv2.INTER_CUBIC)
         sigma = remap(cloud.sigma, u, v)
         resolution = remap(cloud.resolution, u, v)
@@ -111,21 +92,20 @@ class Fusion:
         Its uncertainty is what bare skin shows by chance. Where the clouds agree with each other
         worse than this one is sure of itself, it stays as it is.
         """
-        places = self._places(cloud, pose)
-        window = self._window(places[cloud.valid])
+        places = self.places(cloud, pose)
+        window = self.window(places[cloud.valid])
         if window is None:
             return cloud
         together = self._together(window)
-        corner = self._low + PIXEL * (np.array([window[1].start, window[0].start]) + 0.5)
-        at = np.where(cloud.valid[..., None], (places[..., :2] - corner) / PIXEL, -9)
-        u, v = np.moveaxis(at.astype(np.float32), -1, 0)
+        u, v = self.in_pixels(np.where(cloud.valid[..., None], places, -np.inf), window)
         height = remap(together.mean, u, v, cv2.INTER_CUBIC)
         spread = np.sqrt(remap(together.scattered, u, v))
         better = cloud.valid & np.isfinite(height) & (spread < cloud.sigma)
         if not better.any():
             return cloud
         # Of the skin's normal that of the cloud's middle: heights differ by little.
-        up = pose.rotation.inv().apply(self._normal(places[better].mean(axis=0)))
+        middle = places[better].mean(axis=0)[:2]
+        up = pose.rotation.inv().apply(self.skin.points(middle, 1.0) - self.skin.points(middle))
         moved = np.where(better, height - places[..., 2], 0)
         points = cloud.points + moved[..., None] * up
         resolution = np.where(better, remap(together.resolution, u, v), cloud.resolution)
@@ -141,14 +121,13 @@ class Fusion:
 
         NaN where fewer than two clouds tell of one.
         """
-        flat = self._skin.place(places)[..., :2]
-        window = self._window(flat.reshape(-1, 2))
+        flat = self.skin.place(places)[..., :2]
+        window = self.window(flat.reshape(-1, 2))
         if window is None:
             return np.full(places.shape, np.nan)
-        corner = self._low + PIXEL * (np.array([window[1].start, window[0].start]) + 0.5)
-        u, v = np.moveaxis(((flat - corner) / PIXEL).astype(np.float32), -1, 0)
-        height = remap(self._together(window).mean, u, v, cv2.INTER_CUBIC)
-        return self._skin.points(flat, height.astype(float))
+        at = self.in_pixels(flat, window)
+        height = remap(self._together(window).mean, *at, cv2.INTER_CUBIC)
+        return self.skin.points(flat, height.astype(float))
 
     def shared(self, place: NDArray[np.float64]) -> float:
         """What the clouds of a place claim in the mean, and may have in common, metres.
@@ -156,15 +135,16 @@ class Fusion:
         What windows take of a dent, and the rig's errors: that makes no dent of bare skin, but
         does not average out of a dent's depth either. 0 where fewer than two clouds tell of it.
         """
-        column, row = np.floor((self._skin.place(place)[:2] - self._low) / PIXEL).astype(int)
-        window = tuple(slice(max(at - _AROUND, 0), at + _AROUND + 1) for at in (row, column))
+        window = self.window(self.skin.place(place)[None])
+        if window is None:
+            return 0.0
         count = self._count[window]
         several = count > 1
         if not several.any():
             return 0.0
         return math.sqrt(float((self._variance[window][several] / count[several]).mean()))
 
-    def _together(self, window: tuple[slice, slice]) -> _Together:
+    def _together(self, window: Window) -> _Together:
         """What is told within a window."""
         weight, count = self._weight[window], self._count[window].astype(np.float32)
         several = count > 1
@@ -184,27 +164,6 @@ class Fusion:
             known(self._resolution[window] / np.maximum(weight, 1)),
             known(stated / count * np.maximum(ratio, 1)),
         )
-
-    def _places(self, cloud: Cloud, pose: Pose) -> NDArray[np.float64]:
-        points = np.where(cloud.valid[..., None], cloud.points, np.nan).astype(float)
-        return self._skin.place(pose.apply(points))
-
-    def _window(self, places: NDArray[np.float64]) -> tuple[slice, slice] | None:
-        """Rows and columns about places of shape (n, 3)."""
-        if not len(places):
-            return None
-        rows, columns = self._weight.shape
-        low = np.floor((places[:, :2].min(axis=0) - self._low) / PIXEL).astype(int) - _ROOM
-        high = np.ceil((places[:, :2].max(axis=0) - self._low) / PIXEL).astype(int) + _ROOM
-        low, high = np.maximum(low, 0), np.minimum(high, [columns, rows])
-        if (high <= low).any():
-            return None
-        return slice(low[1], high[1]), slice(low[0], high[0])
-
-    def _normal(self, place: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Outward normal of the unrolled skin, in its frame."""
-        normal = self._skin.points(place[:2], 1.0) - self._skin.points(place[:2], 0.0)
-        return normal / np.linalg.norm(normal)
 
 
 def _pooled(values: NDArray, side: int) -> Map:

@@ -23,7 +23,7 @@ from scipy.stats import t as student
 from ftp_dent_ros.dents.dent import Estimate, MeasuredDent
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.robust import NORMAL_SPREAD, median
-from ftp_dent_ros.survey.resampling import remap
+from ftp_dent_ros.survey.raster import remap
 from ftp_dent_ros.survey.result import SurveyedDent
 
 # Chance that a comparison shows any change where there is none, and how it is shared out: depth is

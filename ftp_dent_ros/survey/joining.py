@@ -13,8 +13,9 @@ from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rigid import about
 from ftp_dent_ros.survey.alignment import Samples, samples_of
+from ftp_dent_ros.survey.footprint import Footprint
 from ftp_dent_ros.survey.information import RelativePose, UnlikePairError
-from ftp_dent_ros.survey.patch import FoldedPatch, SkinPatch, outline_of, patch_of
+from ftp_dent_ros.survey.patch import FoldedPatch, SkinPatch, patch_of
 from ftp_dent_ros.survey.pose_graph import PoseGraph
 from ftp_dent_ros.survey.pose_terms import JITTER, Node, share_kept
 from ftp_dent_ros.survey.registration import register
@@ -45,10 +46,7 @@ class Joining:
         What could not be used, and why.
     without_skin : int
         Clouds without an image of the skin.
-    outlines : list of ndarray, shape (n, 3)
-        Some points of each cloud, its rim's among them, in its camera's frame, metres.
-    normals : list of ndarray, shape (3,)
-        Of each cloud's plane, outward, in its camera's frame.
+    footprints : list of Footprint
     """
 
     def __init__(self, remark: Callable[[str], Any] = lambda text: None) -> None:
@@ -62,8 +60,7 @@ class Joining:
         self._sizes: list[float] = []
         self._last_key = -1
         self._last_closed = self._last_slid = -1
-        self.outlines: list[NDArray[np.float64]] = []
-        self.normals: list[NDArray[np.float64]] = []
+        self.footprints: list[Footprint] = []
 
     def add(
         self,
@@ -102,8 +99,7 @@ class Joining:
         self.stamps_ns.append(stamp_ns)
         samples = samples_of(patch)
         self._sizes.append(float(np.ptp(samples.heights[:, :2], axis=0).min()))
-        self.outlines.append(patch.frame.apply(outline_of(samples.heights)))
-        self.normals.append(patch.frame.rotation.apply([0.0, 0.0, 1.0]))
+        self.footprints.append(Footprint.of(cloud, patch.frame))
         self._kept[number] = patch
         for other in self._neighbours(number):
             if self._join(other, number, samples) and other == number - 1:

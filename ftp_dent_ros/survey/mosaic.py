@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.dents.dent import Inspection
-from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.survey.resampling import cells, polynomial
+from ftp_dent_ros.survey.raster import Raster
 from ftp_dent_ros.survey.result import CoverageCells
 from ftp_dent_ros.survey.unrolled import Gap, Unrolled, find_gaps
 
-# Side of a pixel, and pixels a side of a coverage cell.
+# Side of a pixel, metres, and pixels a side of a coverage cell.
 PIXEL, PIXELS_A_CELL = 0.002, 5
-# Of a cell's pixels, that were measured if the cell was.
-_MEASURED = 0.5
-_LARGEST = 1 << 28  # pixels
+#: Side of a coverage cell, metres.
+CELL = PIXEL * PIXELS_A_CELL
 
 
-class Mosaic:
+class Mosaic(Raster):
     """Sums over clouds on the unrolled skin.
 
     Parameters
@@ -35,27 +31,22 @@ class Mosaic:
     ------
     CloudError
         The skin would be too large for a picture.
+
+    Attributes
+    ----------
+    views : ndarray, shape (rows, columns), uint16
+        How many clouds have points in each pixel.
     """
 
     def __init__(self, skin: Unrolled, low: NDArray, high: NDArray) -> None:
-        side = PIXEL * PIXELS_A_CELL
-        self.skin, self.low = skin, np.floor(low / side) * side
-        columns, rows = (np.ceil((high - self.low) / side).astype(int) + 1) * PIXELS_A_CELL
-        if columns * rows > _LARGEST:
-            raise CloudError(
-                f'the clouds are spread over {columns * PIXEL:.0f} m by {rows * PIXEL:.0f} m: '
-                'check their poses'
-            )
-        self.shape = rows, columns
-        size = rows * columns
-        self._image, self._seen, self._deviation, self._weight = (
-            np.zeros(size, np.float32) for _ in range(4)
+        super().__init__(skin, low, high, PIXEL, PIXELS_A_CELL)
+        self.views = np.zeros(self.shape, np.uint16)
+        self._image, self._seen, self._deviation, self._weight = np.zeros(
+            (4, *self.shape), np.float32
         )
-        self._place = np.zeros((size, 3), np.float32)
-        self._origin = skin.origin
-        self._views = np.zeros(size, np.uint16)
-        self._noise, self._findable = (np.full(size, np.nan, np.float32) for _ in range(2))
-        self._best = np.full(size, -1, np.int32)
+        self._points = np.zeros((*self.shape, 3), np.float32)
+        self._noise, self._findable = np.full((2, *self.shape), np.nan, np.float32)
+        self._best = np.full(self.shape, -1, np.int32)
 
     def add(
         self,
@@ -65,126 +56,93 @@ class Mosaic:
         skin: NDArray[np.uint8] | None,
         found: Inspection | None,
     ) -> None:
-        """Another cloud, in its camera's frame, with the image of its skin and its inspection."""
-        valid = cloud.valid
-        points = pose.apply(np.where(valid[..., None], cloud.points, np.nan).astype(float))
-        pixels, index = self._seen_by(self.skin.place(points)[..., :2], valid)
-        if not len(pixels):
+        """Another cloud, in its camera's frame, with the image of its skin and its inspection.
+
+        A pixel is seen where the cloud has a point nearest to its middle: so what is measured ends
+        where the points do, and clouds with fewer points than pixels leave no holes.
+        """
+        valid, places = cloud.valid, self.places(cloud, pose)
+        window = self.window(places[valid])
+        at = None if window is None else self.in_cloud(places, valid, window)
+        if window is None or at is None:
             return
-        self._views[pixels] += 1
-        self._place[pixels] += points.reshape(-1, 3)[index] - self._origin
+        column, row = (np.rint(each).astype(int) for each in at)
+        inside = (column >= 0) & (row >= 0) & (column < valid.shape[1]) & (row < valid.shape[0])
+        nearest = np.where(inside, row, 0), np.where(inside, column, 0)
+        inside &= valid[nearest]
+        pixels = tuple(np.nonzero(inside) + np.array([[each.start] for each in window]))
+        nearest = tuple(each[inside] for each in nearest)
+        self.views[pixels] += 1
+        self._points[pixels] += pose.apply(cloud.points[nearest].astype(float)) - self.skin.origin
         if skin is not None:
-            light = skin.ravel()[index]
+            light = skin[nearest]
             self._image[pixels] += light
             self._seen[pixels] += light > 0
         if found is None:
             return
-        deviation = found.deviation.ravel()[index]
-        known = np.isfinite(deviation)
-        self._deviation[pixels] += np.where(known, deviation, 0)
-        self._weight[pixels] += known
-        findable, noise = found.findable.ravel()[index], found.noise.ravel()[index]
+        deviation, findable = found.deviation[nearest], found.findable[nearest]
+        self._deviation[pixels] += np.nan_to_num(deviation)
+        self._weight[pixels] += np.isfinite(deviation)
         better = np.isfinite(findable) & ~(self._findable[pixels] <= findable)
-        chosen = pixels[better]
-        self._findable[chosen], self._noise[chosen] = findable[better], noise[better]
+        chosen = tuple(each[better] for each in pixels)
+        self._findable[chosen] = findable[better]
+        self._noise[chosen] = found.noise[nearest][better]
         self._best[chosen] = number
-        unknown = self._best[pixels] < 0
-        self._best[pixels[unknown]] = number
-
-    def _seen_by(
-        self, places: NDArray[np.float64], valid: NDArray[np.bool_]
-    ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Pixels whose middle a cloud has a point at, and the number of the nearest point.
-
-        So what is measured ends where the points do, and not a pixel later, and clouds with fewer
-        points than the picture has pixels leave no holes.
-        """
-        # Points that the way back to a cloud's grid is fitted to: about, and at least.
-        step = max(1, math.isqrt(np.count_nonzero(valid) // 1500))
-        row, column = step * np.array(np.nonzero(valid[::step, ::step]))
-        some = places[row, column]
-        nothing = np.zeros(0, np.intp)
-        if len(some) < 20:
-            return nothing, nothing
-        rows, columns = self.shape
-        begin = np.maximum(np.floor((some.min(axis=0) - self.low) / PIXEL).astype(int) - 8, 0)
-        end = np.ceil((some.max(axis=0) - self.low) / PIXEL).astype(int) + 8
-        size = np.minimum(end, [columns, rows]) - begin
-        if (size <= 0).any():
-            return nothing, nothing
-        corner = self.low + PIXEL * (begin + 0.5)
-        # From the corner on, single precision is enough.
-        back = polynomial(some - corner, np.stack([column, row], axis=-1).astype(float))
-        u, v = cells((places - corner).astype(np.float32), np.zeros(2), PIXEL, size, back)
-        u, v = np.rint(u).astype(int), np.rint(v).astype(int)
-        height, width = valid.shape
-        inside = (u >= 0) & (v >= 0) & (u < width) & (v < height)
-        inside[inside] = valid[v[inside], u[inside]]
-        down, across = np.nonzero(inside)
-        return (begin[1] + down) * columns + begin[0] + across, v[inside] * width + u[inside]
+        self._best[pixels] = np.where(self._best[pixels] < 0, number, self._best[pixels])
 
     @property
     def image(self) -> NDArray[np.uint8]:
         """Skin, 0 where it was not seen."""
-        mean = self._image / np.maximum(self._seen, 1)
-        return (
-            np.where(self._seen > 0, np.clip(mean, 1, 255), 0).astype(np.uint8).reshape(self.shape)
-        )
+        mean = np.clip(self._image / np.maximum(self._seen, 1), 1, 255)
+        return np.where(self._seen > 0, mean, 0).astype(np.uint8)
 
     @property
     def deviation(self) -> NDArray[np.float32]:
         """Depth below the undeformed contour, metres; NaN where it is not known."""
         mean = self._deviation / np.maximum(self._weight, 1)
-        return np.where(self._weight > 0, mean, np.float32(np.nan)).reshape(self.shape)
-
-    @property
-    def views(self) -> NDArray[np.uint16]:
-        """How many clouds have points in each pixel."""
-        return self._views.reshape(self.shape)
+        return np.where(self._weight > 0, mean, np.float32(np.nan))
 
     def cloud(self) -> Cloud:
         """Mean point of each cell, with the skin image as intensity and the noise as sigma."""
-        count = self._by_cell(self._views.astype(np.float32), np.sum)
-        mean = (
-            np.stack([self._by_cell(each, np.sum) for each in self._place.T], axis=-1)
-            / np.maximum(count, 1)[..., None]
+        count = _by_cell(self.views.astype(np.float32)).sum(axis=-1)[..., None]
+        total = np.stack(
+            [_by_cell(each).sum(axis=-1) for each in np.moveaxis(self._points, -1, 0)], axis=-1
         )
-        points = np.where(count[..., None] > 0, mean + self._origin, np.nan).astype(np.float32)
-        seen = self._by_cell(self._seen, np.sum)
-        light = self._by_cell(self._image, np.sum) / np.maximum(seen, 1)
-        noise = self._by_cell(self._noise, _middle)
-        return Cloud(points, light.astype(np.float32), noise.astype(np.float32))
+        mean = total / np.maximum(count, 1) + self.skin.origin
+        points = np.where(count > 0, mean, np.nan).astype(np.float32)
+        seen, light = (_by_cell(each).sum(axis=-1) for each in (self._seen, self._image))
+        return Cloud(points, light / np.maximum(seen, 1), _middle(self._noise))
 
     def coverage(self) -> CoverageCells:
         """What was measured, cell by cell."""
-        measured = self.measured()
-        points = self.cloud().points[measured]
+        measured, cloud = self.measured(), self.cloud()
         return CoverageCells(
-            PIXEL * PIXELS_A_CELL,
-            points,
-            self._by_cell(self._findable, _middle)[measured].astype(np.float32),
-            self._by_cell(self._noise, _middle)[measured].astype(np.float32),
-            self._by_cell(self._views, np.max)[measured].astype(np.int64),
-            self._by_cell(self._best, np.max)[measured].astype(np.int64),
+            CELL,
+            cloud.points[measured],
+            _middle(self._findable)[measured],
+            cloud.sigma[measured],
+            _by_cell(self.views).max(axis=-1)[measured].astype(np.int64),
+            _by_cell(self._best).max(axis=-1)[measured].astype(np.int64),
         )
 
     def measured(self) -> NDArray[np.bool_]:
-        """Mask of the cells of which most was measured."""
-        return self._by_cell((self._views > 0).astype(np.float32), np.mean) >= _MEASURED
+        """Mask of the cells of which half or more was measured."""
+        return _by_cell(self.views > 0).mean(axis=-1) >= 0.5
 
     def gaps(self) -> list[Gap]:
         """What was not measured between what was, the largest first."""
-        return find_gaps(self.measured(), self.low, PIXEL * PIXELS_A_CELL)
-
-    def _by_cell(self, values: NDArray, how) -> NDArray:
-        rows, columns = (size // PIXELS_A_CELL for size in self.shape)
-        cells = values.reshape(rows, PIXELS_A_CELL, columns, PIXELS_A_CELL)
-        return how(cells.transpose(0, 2, 1, 3).reshape(rows, columns, -1), axis=-1)
+        return find_gaps(self.measured(), self.low, CELL)
 
 
-def _middle(values: NDArray, axis: int) -> NDArray:
-    known = np.isfinite(values)
-    ordered = np.sort(np.where(known, values, np.inf), axis=axis)
-    middle = np.maximum(known.sum(axis=axis) - 1, 0) // 2
-    found = np.take_along_axis(ordered, middle[..., None], axis=axis)[..., 0]
-    return np.where(np.isfinite(found), found, np.nan)
+def _by_cell(values: NDArray) -> NDArray:
+    """Pixels of each cell, the last axis."""
+    rows, columns = (size // PIXELS_A_CELL for size in values.shape)
+    parts = values.reshape(rows, PIXELS_A_CELL, columns, PIXELS_A_CELL)
+    return parts.transpose(0, 2, 1, 3).reshape(rows, columns, -1)
+
+
+def _middle(values: NDArray) -> NDArray[np.float32]:
+    """Lower median of each cell's known pixels; NaN of none."""
+    ordered = np.sort(_by_cell(values), axis=-1)
+    middle = np.maximum(np.isfinite(ordered).sum(axis=-1) - 1, 0) // 2
+    return np.take_along_axis(ordered, middle[..., None], axis=-1)[..., 0]

@@ -20,10 +20,9 @@ from scipy.spatial.transform import Rotation
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.survey.resampling import Grid, cells, polynomial, remap
+from ftp_dent_ros.survey.raster import Grid, cells, polynomial, remap, some_of
 
-# Points that the plane and the way back to the cloud's grid are fitted to, at least.
-_FITTED = 1000
+# Points that tell a plane and the way back to the cloud's grid.
 _LEAST_POINTS = 500
 # Of grey levels; 0 is no skin.
 _LOGARITHMS = np.log(np.array([np.nan, *range(1, 256)], np.float32))
@@ -145,21 +144,19 @@ def patch_of(
             f'the cloud has only {points} points, too few to lay it on another: '
             'come closer, or light more'
         )
-    step = max(1, math.isqrt(points // _FITTED))
-    row, column = step * np.array(np.nonzero(valid[::step, ::step]))
-    frame = _tangent(cloud.points[row, column].astype(float))
+    some = some_of(valid)
+    frame = _tangent(cloud.points[some].astype(float))
     back = frame.inverse()
     matrix = np.column_stack([back.rotation.as_matrix(), back.translation])
     everywhere = cloud.points.astype(np.float32, copy=False)
     places: Any = cv2.transform(everywhere, matrix[:2])
     heights: Any = cv2.transform(everywhere, matrix[2:])
-    place = places[row, column].astype(float)
+    place = places[some].astype(float)
     # Of the grid, by the cloud's own spacing.
     size = pitch or 1.5 * _spacing(everywhere)
     low, high = place.min(axis=0), place.max(axis=0)
     count = np.ceil((high - low) / size).astype(int) + 1
-    pixel = polynomial(place, np.stack([column, row], axis=-1).astype(float))
-    u, v = cells(places, low, size, count, pixel)
+    u, v = cells(places, some, low, size, count)
     # Of a point, where a cloud does not tell its uncertainty, metres.
     sigma = np.where(np.isfinite(cloud.sigma), cloud.sigma, np.float32(5e-5))
     height = remap(heights, u, v)
@@ -168,15 +165,6 @@ def patch_of(
     if skin is not None and skin.any():
         light = remap(_LOGARITHMS[skin], u, v)
     return SkinPatch(frame, size, low, height, deviation, light)
-
-
-def outline_of(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The outermost points each way, and some between."""
-    angles = np.linspace(0, np.pi, 8, endpoint=False)
-    along = points[:, :2] @ np.stack([np.cos(angles), np.sin(angles)])
-    outer = np.concatenate([along.argmin(axis=0), along.argmax(axis=0)])
-    inner = np.linspace(0, len(points) - 1, 40).astype(int)
-    return points[np.unique(np.concatenate([outer, inner]))]
 
 
 def _tangent(points: NDArray[np.float64]) -> Pose:
@@ -273,13 +261,11 @@ def paint_of(logarithm: Grid, pitch: float, smooth: float) -> tuple[Grid, Grid]:
 
 def _light(logarithm: Grid, known: NDArray[np.bool_]) -> Grid:
     """Polynomial through a logarithm of light, by some of its cells."""
-    # About so many cells tell the light that is taken off first.
-    step = max(1, math.isqrt(np.count_nonzero(known) // 1500))
-    row, column = np.nonzero(known[::step, ::step])
+    row, column = some_of(known, 1500)
     if not len(row):
         return np.zeros_like(logarithm)
-    place = np.stack([column, row], axis=-1) * float(step)
-    through = polynomial(place, logarithm[::step, ::step][row, column][:, None].astype(float))
+    place, values = np.stack([column, row], axis=-1).astype(float), logarithm[row, column]
+    through = polynomial(place, values[:, None].astype(float))
     rows, columns = (np.arange(float(size)) for size in logarithm.shape)
     return through(columns, rows)[0].astype(np.float32)
 

@@ -31,7 +31,7 @@ from ftp_dent_ros.survey.information import (
     slid_information,
 )
 from ftp_dent_ros.survey.patch import SkinPatch
-from ftp_dent_ros.survey.resampling import Grid
+from ftp_dent_ros.survey.raster import Grid
 
 # Share of the second cloud that has to lie on the first, and points; of the few that find the way.
 LEAST_OVERLAP, _LEAST_POINTS, _LEAST_FEW = 0.15, 200, 50

@@ -26,6 +26,7 @@ from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.recording.clouds import BagCloud, bag_clouds
 from ftp_dent_ros.recording.reader import Bag
 from ftp_dent_ros.rig.rig import Lens
+from ftp_dent_ros.survey.footprint import unrolled
 from ftp_dent_ros.survey.fusion import PIXEL, Fusion
 from ftp_dent_ros.survey.joining import Joining
 from ftp_dent_ros.survey.mosaic import Mosaic
@@ -178,13 +179,12 @@ class JoinedClouds:
         """The same as seen from the middle cloud."""
         return self.joining.graph.covariances(anchor=len(self.poses) // 2)
 
-    def mosaic(self) -> Mosaic:
-        """A mosaic that has room for all clouds."""
-        return Mosaic(*_skin(self.joining))
-
-    def fusion(self) -> Fusion:
-        """What all clouds tell together, with room for all and none in it yet."""
-        return Fusion(*_skin(self.joining))
+    @cached_property
+    def extent(self) -> tuple[Unrolled, NDArray[np.float64], NDArray[np.float64]]:
+        """The unrolled skin, and the least and largest x and y with some room, metres."""
+        skin, places = unrolled(self.joining.footprints, self.poses)
+        flat, room = np.concatenate(places)[:, :2].astype(float), 0.05
+        return skin, flat.min(axis=0) - room, flat.max(axis=0) + room
 
 
 def join_bags(
@@ -296,29 +296,6 @@ def _tell_groups(joining: Joining, say: Callable[[str], Any]) -> None:
     )
 
 
-def _skin(
-    joining: Joining,
-) -> tuple[Unrolled, NDArray[np.float64], NDArray[np.float64]]:
-    """The unrolled skin, and its extent."""
-    points = np.concatenate(
-        [
-            pose.apply(each)
-            for pose, each in zip(joining.graph.poses, joining.outlines, strict=True)
-        ]
-    )
-    normals = np.stack(
-        [
-            pose.rotation.apply(each)
-            for pose, each in zip(joining.graph.poses, joining.normals, strict=True)
-        ]
-    )
-    repeated = np.repeat(normals, [len(each) for each in joining.outlines], axis=0)
-    skin = Unrolled.through(points, repeated)
-    place = skin.place(points)[:, :2]
-    room = 0.05
-    return skin, place.min(axis=0) - room, place.max(axis=0) + room
-
-
 class FusedSkin:
     """What all clouds of some bags tell together, and the picture that they make.
 
@@ -335,7 +312,7 @@ class FusedSkin:
         self, bags: Sequence[Bag], joined: JoinedClouds, progress: Callable[[], Any] = lambda: None
     ) -> None:
         self._bags, self._joined = bags, joined
-        self.mosaic, self._fusion = joined.mosaic(), joined.fusion()
+        self.mosaic, self._fusion = Mosaic(*joined.extent), Fusion(*joined.extent)
         for item in self.clouds():
             self._fusion.add(item.cloud, joined.poses[joined.numbers[item.stamp_ns]])
             progress()

@@ -118,50 +118,28 @@ def find_gaps(measured: NDArray[np.bool_], low: NDArray[np.float64], side: float
     side : float
         Of a cell, metres.
     """
-    seen = measured.astype(np.uint8)
     # A gap is no wider than this; a wider one is the rim of what was flown over; metres.
     reach = int(np.ceil(0.1 / side / 2))
-    wide = np.pad(seen, reach)
-    square = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
-    closed = cv2.morphologyEx(wide, cv2.MORPH_CLOSE, square)[reach:-reach, reach:-reach] > 0
+    wide, size = np.pad(measured.astype(np.uint8), reach), 2 * reach + 1
+    closed, *between = (
+        cv2.morphologyEx(wide, cv2.MORPH_CLOSE, np.ones(square, np.uint8))[
+            reach:-reach, reach:-reach
+        ]
+        > 0
+        for square in ((size, size), (size, 1), (1, size))
+    )
     count, labels, boxes, middles = cv2.connectedComponentsWithStats(
         (closed & ~measured).astype(np.uint8), connectivity=4
     )
     gaps = []
     for label in range(1, count):
-        left, top, width, height, cells = boxes[label]
-        box = labels[top : top + height, left : left + width] == label
+        left, top, *sides, cells = boxes[label]
+        box = labels[top : top + sides[1], left : left + sides[0]] == label
         places = np.argwhere(box) + np.array([top, left])
-        # A corner that closing rounds off is no gap: nothing lies beyond it.
-        if not _between(seen, places):
-            continue
-        place = low + side * (middles[label] + 0.5)
-        size = side * np.array([width, height])
-        gaps.append(Gap(place, size, float(cells * side**2), places))
+        # Measured cells lie on both sides of most of it, across where it is narrower: else it is
+        # a notch in the rim, or a corner that closing rounds off.
+        across = [axis for axis in (0, 1) if sides[1 - axis] == min(sides)]
+        if all(between[axis][tuple(places.T)].mean() >= 0.5 for axis in across):
+            place = low + side * (middles[label] + 0.5)
+            gaps.append(Gap(place, side * np.array(sides), float(cells * side**2), places))
     return sorted(gaps, key=lambda gap: -gap.area)
-
-
-def _between(measured: NDArray[np.uint8], cells: NDArray[np.int64]) -> bool:
-    """Whether a gap has measured cells on both sides of it, across where it is narrower.
-
-    A notch in the rim has them too, but along itself.
-    """
-    row, column = cells.T
-    lines = [len(np.unique(each)) for each in (column, row)]
-    # As wide as long: both.
-    across = [axis for axis in (0, 1) if lines[axis] >= max(lines)]
-    return all(_enclosed(measured, row, column, axis) for axis in across)
-
-
-def _enclosed(
-    measured: NDArray[np.uint8], row: NDArray[np.int64], column: NDArray[np.int64], axis: int
-) -> bool:
-    """Whether most lines along an axis through some cells have measured ones at both ends."""
-    at, along = (column, row) if axis == 0 else (row, column)
-    lines = np.unique(at)
-    hits = 0
-    for line in lines:
-        strip = measured[:, line] if axis == 0 else measured[line]
-        low, high = along[at == line].min() - 1, along[at == line].max() + 1
-        hits += low >= 0 and high < len(strip) and strip[low] and strip[high]
-    return hits >= max(1, len(lines) // 2)

@@ -1,0 +1,189 @@
+"""From a cloud's own grid, which is its camera's, to regular ones: of a plane, of the skin."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.cloud.cloud import Cloud
+from ftp_dent_ros.errors import CloudError
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.survey.unrolled import Unrolled
+
+Grid = NDArray[np.float32]
+Array = NDArray[np.float64]
+Window = tuple[slice, slice]
+
+# Of the polynomials: what bends a camera's grid over a skin is cubic at most.
+_DEGREE = 3
+
+
+class Raster:
+    """A regular grid of pixels on the unrolled skin.
+
+    Parameters
+    ----------
+    skin : Unrolled
+    low, high : ndarray, shape (2,)
+        Least and largest x and y, metres.
+    pitch : float
+        Side of a pixel, metres.
+    together : int
+        Rows and columns are whole multiples of it.
+
+    Raises
+    ------
+    CloudError
+        The skin would be too large.
+    """
+
+    def __init__(
+        self, skin: Unrolled, low: NDArray, high: NDArray, pitch: float, together: int = 1
+    ) -> None:
+        side = pitch * together
+        self.skin, self.pitch, self.low = skin, pitch, np.floor(low / side) * side
+        columns, rows = (np.ceil((high - self.low) / side).astype(int) + 1) * together
+        self.shape = int(rows), int(columns)
+        # Square metres: more than the fuselage of an airliner has.
+        if rows * columns * pitch**2 > 1000.0:
+            raise CloudError(
+                f'the clouds are spread over {columns * pitch:.0f} m by {rows * pitch:.0f} m: '
+                'check their poses'
+            )
+
+    def places(self, cloud: Cloud, pose: Pose) -> Array:
+        """Places of a cloud on the skin, as of `Unrolled.place`; NaN where it has no point."""
+        points = np.where(cloud.valid[..., None], cloud.points, np.nan).astype(float)
+        return self.skin.place(pose.apply(points))
+
+    def window(self, places: Array) -> Window | None:
+        """Rows and columns about places of shape (n, 2 or more); None if there are none."""
+        if not len(places):
+            return None
+        # Of pixels: about a cloud its grid may reach into them.
+        room = 4
+        low = np.floor((places[:, :2].min(axis=0) - self.low) / self.pitch).astype(int) - room
+        high = np.ceil((places[:, :2].max(axis=0) - self.low) / self.pitch).astype(int) + room
+        low, high = np.maximum(low, 0), np.minimum(high, self.shape[::-1])
+        return None if (high <= low).any() else (slice(low[1], high[1]), slice(low[0], high[0]))
+
+    def corner(self, window: Window) -> Array:
+        """X and y of the middle of a window's first pixel."""
+        return self.low + self.pitch * (np.array([window[1].start, window[0].start]) + 0.5)
+
+    def in_pixels(self, places: Array, window: Window) -> tuple[Grid, Grid]:
+        """Columns and rows in a window at which places of shape (..., 2 or more) lie."""
+        at = (places[..., :2] - self.corner(window)) / self.pitch
+        return at[..., 0].astype(np.float32), at[..., 1].astype(np.float32)
+
+    def in_cloud(
+        self, places: Array, known: NDArray[np.bool_], window: Window
+    ) -> tuple[Grid, Grid] | None:
+        """Columns and rows of a cloud's grid at which a window's pixels lie; None of few points.
+
+        Parameters
+        ----------
+        places : ndarray, shape (height, width, 2 or more)
+            Of the cloud.
+        known : ndarray, shape (height, width), bool
+        """
+        size = np.array([each.stop - each.start for each in window[::-1]])
+        # From the corner on, single precision is enough.
+        flat = np.where(known[..., None], places[..., :2] - self.corner(window), np.nan)
+        row, column = some_of(known)
+        # Of a polynomial's 16 terms.
+        if len(row) < 20:
+            return None
+        return cells(flat.astype(np.float32), (row, column), np.zeros(2), self.pitch, size)
+
+
+def some_of(mask: NDArray[np.bool_], about: int = 1000) -> tuple[NDArray, NDArray]:
+    """Rows and columns of about so many cells of a mask, on a regular grid."""
+    step = max(1, math.isqrt(np.count_nonzero(mask) // about))
+    row, column = np.nonzero(mask[::step, ::step])
+    return step * row, step * column
+
+
+def polynomial(
+    place: NDArray[np.floating], values: NDArray[np.floating]
+) -> Callable[[Array, Array], Array]:
+    """Least squares through values at places: a function of a grid's x and y.
+
+    Parameters
+    ----------
+    place : ndarray, shape (n, 2)
+        x and y.
+    values : ndarray, shape (n, m)
+
+    Returns
+    -------
+    callable
+        Of x, shape (columns,), and y, shape (rows,): values of shape (m, rows, columns).
+    """
+    low, high = place.min(axis=0), place.max(axis=0)
+    middle, half = (low + high) / 2, np.maximum((high - low) / 2, 1e-12)
+
+    def powers(x: NDArray[np.floating], axis: int) -> Array:
+        return ((x - middle[axis]) / half[axis])[:, None] ** np.arange(_DEGREE + 1)
+
+    along_x, along_y = (powers(place[:, axis], axis) for axis in (0, 1))
+    terms = (along_y[:, :, None] * along_x[:, None, :]).reshape(len(place), -1)
+    # Between -1 and 1 the normal equations are well enough conditioned, and quick.
+    normal = terms.T @ terms + 1e-9 * len(place) * np.eye(terms.shape[1])
+    weights = np.linalg.solve(normal, terms.T @ values).T
+    weights = weights.reshape(-1, _DEGREE + 1, _DEGREE + 1)
+    return lambda x, y: powers(y, 1) @ weights @ powers(x, 0).T
+
+
+def cells(
+    places: Grid, some: tuple[NDArray, NDArray], low: NDArray, size: float, count: NDArray
+) -> tuple[Grid, Grid]:
+    """Columns and rows of a cloud's grid at which the cells' x and y are.
+
+    Parameters
+    ----------
+    places : ndarray, shape (height, width, 2), float32
+        x and y of the cloud in the cells' frame, metres; NaN where there is no point.
+    some : (rows, columns)
+        Of points by which the way back is found, nearly.
+    low : ndarray, shape (2,)
+        x and y of the first cell, metres.
+    size : float
+        Of a cell, metres.
+    count : ndarray, shape (2,)
+        Cells along x and y.
+    """
+    back = polynomial(places[some].astype(float), np.stack(some[::-1], axis=-1).astype(float))
+    x, y = (low[axis] + size * np.arange(count[axis]) for axis in (0, 1))
+    u, v = back(x, y).astype(np.float32)
+    # How column and row change with x and y: as in the middle is near enough.
+    middle = back(*(np.array([axis.mean() - size, axis.mean() + size]) for axis in (x, y)))
+    along_x, along_y = np.diff(middle.mean(axis=1)), np.diff(middle.mean(axis=2))
+    slope = (np.hstack([along_x, along_y]) / (2 * size)).astype(np.float32)
+    wanted_x, wanted_y = x.astype(np.float32), y.astype(np.float32)[:, None]
+    # After two corrections it is exact.
+    for _ in range(2):
+        here_x, here_y = cv2.split(remap(places, u, v))
+        # Where there is no point the first guess stays.
+        off_x, off_y = np.nan_to_num(wanted_x - here_x), np.nan_to_num(wanted_y - here_y)
+        u = u + slope[0, 0] * off_x + slope[0, 1] * off_y
+        v = v + slope[1, 0] * off_x + slope[1, 1] * off_y
+    return u, v
+
+
+def remap(field: Grid, u: Grid, v: Grid, how: int = cv2.INTER_LINEAR) -> Grid:
+    """Values of a field at columns `u` and rows `v`, as OpenCV interpolates; NaN beyond it."""
+    result: Any = cv2.remap(
+        field.astype(np.float32, copy=False),
+        np.where(u > -9, u, np.float32(-9)),
+        np.where(v > -9, v, np.float32(-9)),
+        how,
+        borderMode=cv2.BORDER_CONSTANT,
+        borderValue=(np.nan,) * 4,
+    )
+    return result
