@@ -252,18 +252,7 @@ class Renderer:
             1 saturates.
         """
         rng = rng or np.random.default_rng(0)
-        lit, ambient = self._gather(surface, rng, motion or CameraMotion())
-        if self.photometry.speckle_contrast:
-            lit *= speckle(lit.shape, self.photometry, rng)
-        lit += ambient
-        gain = np.float32(self.photometry.exposure)
-        lit *= gain * pixel_grid(self.rig.camera).vignette if self.photometry.shading else gain
-        return lit
-
-    def _gather(
-        self, surface: Surface, rng: np.random.Generator, motion: CameraMotion
-    ) -> tuple[Image, Image]:
-        """The projector's and all other light off the skin, each (3, height, width)."""
+        motion = motion or CameraMotion()
         surface = visible_part(self.rig, surface)
         view = see(self.rig, surface, self.photometry)
         if self.photometry.phase_noise_px:
@@ -287,7 +276,12 @@ class Renderer:
         for pixels in broken_pixels(self.rig, surface, view, sweep):
             at = (slice(None), *np.divmod(pixels, view.u.shape[1]))
             lit[at], ambient[at] = self._broken_skin(surface, motion, pixels, rng)
-        return lit, ambient
+        if self.photometry.speckle_contrast:
+            lit *= speckle(lit.shape, self.photometry, rng)
+        lit += ambient
+        gain = np.float32(self.photometry.exposure)
+        lit *= gain * pixel_grid(self.rig.camera).vignette if self.photometry.shading else gain
+        return lit
 
     def _even_skin(
         self,
