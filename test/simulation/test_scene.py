@@ -44,13 +44,6 @@ def depth(world, x, y=0.0):
     return world.seen_surface(0).intersect(rays)
 
 
-def photograph(world, rig, pattern, level=None):
-    image = pattern.draw()
-    if level is not None:
-        image[:] = level
-    return world.photograph(rig, image, 0).shown().astype(float)
-
-
 def test_a_dent_is_pushed_in_and_a_bump_stands_out(world_of):
     dents = [
         {'x': -0.05, 'y': 0, 'length': 0.04, 'width': 0.04, 'depth': 0.002},
@@ -73,43 +66,10 @@ def test_two_touching_dents_add_up(world_of):
     assert 0.6019 < left < 0.6025
 
 
-def test_a_step_of_5_cm_parts_the_fringes(world_of, rig, pattern):
-    """Two panels: the far one is what is left of the near one's edge, without a gap."""
-    near, far = panel(extent=(0.0, 0.5, -0.5, 0.5)), panel(0.05, (-0.5, 0.5, -0.5, 0.5))
-    world = world_of([near, far])
-    np.testing.assert_allclose(depth(world, [-0.001, 0.001]), [0.65, 0.6], atol=1e-9)
-    image = photograph(world, rig, pattern)
-    assert image.std() > 10
-    assert (image.max(axis=(0, 1)) > 50).all()
-
-
 def test_a_lap_joint_is_a_step_of_a_sheet(world_of):
     lap = [panel(extent=(-0.5, 0.01, -0.5, 0.5)), panel(0.0016, extent=(-0.02, 0.5, -0.5, 0.5))]
     world = world_of(lap)
     np.testing.assert_allclose(depth(world, [0.009, 0.011]), [0.6, 0.6016], atol=1e-9)
-
-
-def test_a_livery_of_two_tones_has_a_sharp_diagonal(world_of, rig, pattern):
-    paint = {'albedo': 0.8, 'edge': [0.6, 0.8, 0.0], 'albedo_beyond': [0.05, 0.1, 0.4]}
-    world = world_of([panel(paint=paint)], exposure=0.4)
-    image = photograph(world, rig, pattern, 255)
-    bright, dark = image[:20, :30].mean(axis=(0, 1)), image[-20:, -30:].mean(axis=(0, 1))
-    np.testing.assert_allclose(dark / bright, [0.0625, 0.125, 0.5], rtol=0.15)
-
-
-@pytest.mark.parametrize(
-    'camera',
-    [{'camera_gamma': 2.2}, {'bayer': True, 'jpeg_quality': 90}, {'projector_gamma': 2.2}],
-)
-def test_a_consumer_camera_or_projector_bends_the_fringes(world_of, rig, pattern, camera):
-    quiet = {'full_well': 1e12, 'read_noise': 0.0, 'reference_distance': 0.6}
-    plain, bent = (
-        photograph(world_of([panel()], **quiet, **fields), rig, pattern) for fields in ({}, camera)
-    )
-    assert plain.shape == bent.shape
-    assert np.abs(plain - bent).mean() > 0.5
-    # The fringes are still the same ones.
-    assert np.corrcoef(plain[..., 0].ravel(), bent[..., 0].ravel())[0, 1] > 0.9
 
 
 def test_rivets_stand_in_a_row_of_equal_steps(world_of):

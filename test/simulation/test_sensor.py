@@ -1,5 +1,7 @@
 """The sensor: noise, blur, gamma, colour filter, compression."""
 
+import dataclasses
+
 import cv2
 import numpy as np
 import pytest
@@ -77,13 +79,14 @@ def test_colour_filter_keeps_a_smooth_scene_in_its_colours():
     assert (image[2:-2:2, 3:-2:2, 1] == plain[2:-2:2, 3:-2:2, 1]).all()
 
 
-def test_jpeg_harms_the_more_the_lower_its_quality():
-    signal = smooth_scene()
-    plain = read_out(signal, QUIET, np.random.default_rng(0)).shown().astype(int)
-    errors = []
+@pytest.mark.parametrize('encoding', ['rgb8', 'mono8'])
+def test_jpeg_harms_the_more_the_lower_its_quality(encoding):
+    signal, errors = smooth_scene(), []
+    quiet = dataclasses.replace(QUIET, encoding=encoding)
+    plain = read_out(signal, quiet, np.random.default_rng(0)).pixels.astype(int)
     for quality in (95, 75, 20):
-        photometry = Photometry(psf_px=0.0, full_well=1e15, read_noise=0.0, jpeg_quality=quality)
-        image = read_out(signal, photometry, np.random.default_rng(0)).shown()
+        photometry = dataclasses.replace(quiet, jpeg_quality=quality)
+        image = read_out(signal, photometry, np.random.default_rng(0)).pixels
         errors.append(np.abs(image - plain).mean())
     assert 0 < errors[0] < errors[1] < errors[2] < 8
     assert errors[0] < 1.5

@@ -144,71 +144,22 @@ def test_another_projected_image_is_another_photograph(world, rig, pattern):
         world.photograph(rig, pattern.draw()[:, :-1], START_NS).shown()
 
 
-NUMBER = 'a finite number'
-
-
 @pytest.mark.parametrize(
     ('path', 'value', 'words'),
     [
         (['panels'], [], 'panels is []: give one panel or more'),
         (['panels'], 'flat', "panels is 'flat': give a list"),
-        (['panels', 0, 'extent'], [0, 1, 2], 'panels[0].extent is [0, 1, 2]: give 4 finite'),
-        (
-            ['panels', 0, 'extent'],
-            [1, 0, 0, 1],
-            'panels[0].extent is (1.0, 0.0, 0.0, 1.0): give x_min',
-        ),
-        (['panels', 0, 'cylinder_radius'], -2, 'panels[0].cylinder_radius is -2: give'),
-        (['panels', 0, 'cylinder_radius'], '2 m', f"cylinder_radius is '2 m': give {NUMBER}"),
+        (['panels', 0, 'extent'], [1, 0, 0, 1], 'extent is (1.0, 0.0, 0.0, 1.0): give x_min'),
         (['panels', 0, 'pose'], None, 'panels[0].pose is missing: add it'),
         (['panels', 0, 'pose', 'rpy'], [0, 0], 'pose.rpy is [0, 0]: give 3 finite numbers'),
-        (['panels', 0, 'pose', 'yaw'], 1, 'pose.yaw is unknown: remove it'),
         (['panels', 0, 'colour'], 1, 'panels[0].colour is unknown: remove it'),
-        (
-            ['panels', 0, 'paint', 'albedo'],
-            1.5,
-            'albedo is 1.5: give one or 3 finite numbers from 0 to 1',
-        ),
         (['panels', 0, 'paint', 'albedo'], [1, 1], 'paint.albedo is [1, 1]: give one or 3'),
-        (['panels', 0, 'paint', 'edge'], [1], 'paint.edge is [1]: give 3 finite numbers'),
-        (
-            ['panels', 0, 'paint', 'roughness'],
-            2,
-            'paint.roughness is 2: give a finite number from 0 to 1',
-        ),
-        (
-            ['panels', 0, 'dents', 1, 'width'],
-            0,
-            'dents[1].width is 0: give a finite number above 0',
-        ),
-        (['panels', 0, 'dents', 1, 'depth'], None, 'dents[1].depth is missing: add it'),
-        (['panels', 0, 'dents', 1, 'angle'], float('nan'), f'angle is nan: give {NUMBER}'),
-        (
-            ['panels', 0, 'rivet_rows', 0, 'count'],
-            1.5,
-            'rivet_rows[0].count is 1.5: give a whole',
-        ),
+        (['panels', 0, 'dents', 1, 'width'], 0, 'dents[1].width is 0: give a finite number'),
+        (['panels', 0, 'rivet_rows', 0, 'count'], 1.5, 'rivet_rows[0].count is 1.5: give a'),
         (['panels', 0, 'rivet_rows', 0, 'radius'], 0, 'rivet_rows[0].radius is 0: give'),
         (['flight'], None, 'flight is missing: add it'),
-        (['flight', 'speed'], 0, 'flight.speed is 0: give a finite number above 0'),
-        (
-            ['flight', 'wobble'],
-            [0, 0, 2],
-            'flight.wobble is [0, 0, 2]: give 3 finite numbers from 0 to 1',
-        ),
-        (['flight', 'height'], 2, 'flight.height is unknown: remove it'),
-        (
-            ['camera', 'exposure_time'],
-            2,
-            'camera.exposure_time is 2: give a finite number from 0 to 1',
-        ),
-        (['camera', 'seed'], -1, 'camera.seed is -1: give a whole number'),
+        (['flight', 'wobble'], [0, 0, 2], 'flight.wobble is [0, 0, 2]: give 3 finite numbers'),
         (['camera', 'gain'], 1, 'camera.gain is unknown: remove it'),
-        (
-            ['photometry', 'read_noise'],
-            -1,
-            'photometry.read_noise is -1: give a finite number from 0 on',
-        ),
         (['photometry', 'fog'], 1, 'photometry.fog is unknown: remove it'),
         (['weather'], 'fine', 'weather is unknown: remove it'),
     ],
