@@ -99,8 +99,11 @@ def _demonstrate(blocks: dict[str, Any], clouds: int, folder: Path) -> tuple[Fig
     ahead = folder / 'photographs'
     # Some more than are flown for: the camera may begin late, and photographs drain.
     wanted = clouds + 6
-    with progress_bar('rendering ahead', wanted, 'photograph') as bar:
-        render_ahead(blocks, ahead, wanted, bar.update)
+
+    def render() -> None:
+        with progress_bar('rendering ahead', wanted, 'photograph') as rendering:
+            render_ahead(blocks, ahead, wanted, rendering.update)
+
     with progress_bar('flying', clouds, 'cloud') as bar:
 
         def progress(tagged: int) -> None:
@@ -108,7 +111,7 @@ def _demonstrate(blocks: dict[str, Any], clouds: int, folder: Path) -> tuple[Fig
             bar.total = max(clouds, tagged)
             bar.update(tagged - bar.n)
 
-        bag = open_bag(fly(folder, blocks, clouds, progress, bar.write))
+        bag = open_bag(fly(folder, blocks, clouds, render, progress, bar.write))
     shutil.rmtree(ahead)
     world = read_world(camera['simulation.scene'], camera['simulation.start_ns'])
     count = sum(bag.metadata.message_counts[topic] for topic in ('/points', '/tagged/points'))

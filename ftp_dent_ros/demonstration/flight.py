@@ -42,7 +42,7 @@ _DRAIN_S = 60.0
 _SETTLED_S = 1.0
 # Until camera and autopilot are known to all, whole seconds; on a machine that takes longer the
 # first photographs are left out.
-_START_S = 4
+_START_S = 3
 _CAMERA = 'camera_capture'
 _RECONSTRUCTION = 'reconstruction'
 _RECORDER = 'recorder'
@@ -115,6 +115,7 @@ def fly(
     folder: Path,
     blocks: dict[str, Any],
     clouds: int,
+    meanwhile: Callable[[], None],
     progress: Callable[[int], None],
     say: Callable[[str], None],
 ) -> Path:
@@ -128,6 +129,8 @@ def fly(
         From `simulation_parameters`; the start of the flight is written into them.
     clouds : int
         Tagged clouds to wait for.
+    meanwhile : callable
+        Called once, while the processes come to life.
     progress : callable
         Called with the number of tagged clouds so far.
     say : callable
@@ -162,6 +165,7 @@ def fly(
         for name, program in first.items():
             if name not in (_CAMERA, _AUTOPILOT):
                 processes.start(program)
+        meanwhile()
         observer.until(observer.is_ready, 'reconstruction is not ready')
         # The photographs are of the flight's first seconds: it starts when all can be there.
         start_ns = time.time_ns() + _START_S * 1_000_000_000
