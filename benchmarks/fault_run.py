@@ -43,7 +43,7 @@ from sensor_msgs.msg import PointCloud2
 from tqdm import tqdm
 
 from ftp_dent_ros.cli.demo import BOUNDS
-from ftp_dent_ros.demonstration.appraisal import camera_error, map_error, mean_absolute
+from ftp_dent_ros.demonstration.appraisal import mean_absolute
 from ftp_dent_ros.demonstration.flight import simulation_parameters
 from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.ros.dent_messages import KINDS, dents_from_message
@@ -157,12 +157,14 @@ class Witness:
     def _on_points(self, message: PointCloud2) -> None:
         if stamp_ns := self._stamp(message, 'points', 'camera/image_raw'):
             self._last_cloud = stamp_ns
-            error = camera_error(self._world, cloud_from_message(message), stamp_ns, _EVERY)
+            points = cloud_from_message(message).points[::_EVERY, ::_EVERY]
+            error = self._world.seen_surface(stamp_ns).distance(points)
             self.findings.check('clouds', mean_absolute(error), BOUNDS['camera_mae_mm'], stamp_ns)
 
     def _on_tagged(self, message: PointCloud2) -> None:
         if stamp_ns := self._stamp(message, 'tagged/points', 'points', 'camera/image_raw'):
-            error = map_error(self._world, cloud_from_message(message), _EVERY)
+            points = cloud_from_message(message).points[::_EVERY, ::_EVERY]
+            error = self._world.surface.distance(points)
             self.findings.check(
                 'clouds in the map', mean_absolute(error), BOUNDS['map_mae_mm'], stamp_ns
             )

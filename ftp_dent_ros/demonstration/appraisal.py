@@ -67,21 +67,21 @@ def appraise(bag: Bag, world: World, progress: Callable[[], Any] = lambda: None)
     """
     stamps: dict[str, set[int]] = {topic: set() for topic in TYPES}
     counts: dict[str, set[int]] = {topic: set() for topic in TYPES}
-    latencies, camera_errors, map_errors = [math.nan], [math.nan], [math.nan]
+    errors: dict[str, list[float]] = {'/points': [math.nan], '/tagged/points': [math.nan]}
+    latencies = [math.nan]
     for message in bag.messages(TYPES):
         content = _content(message)
         stamp_ns = stamp_to_ns(content.header.stamp)
         stamps[message.topic].add(stamp_ns)
         counts[message.topic].add(message.sequence)
-        if message.topic == '/points':
-            error = camera_error(world, cloud_from_message(content), stamp_ns, _EVERY)
-            camera_errors.append(mean_absolute(error))
+        if message.topic in errors:
+            tagged_one = message.topic == '/tagged/points'
+            surface = world.surface if tagged_one else world.seen_surface(stamp_ns)
+            points = cloud_from_message(content).points[::_EVERY, ::_EVERY]
+            errors[message.topic].append(mean_absolute(surface.distance(points)))
             progress()
-        elif message.topic == '/tagged/points':
-            latencies.append((message.log_time_ns - stamp_ns) / 1e6)
-            error = map_error(world, cloud_from_message(content), _EVERY)
-            map_errors.append(mean_absolute(error))
-            progress()
+            if tagged_one:
+                latencies.append((message.log_time_ns - stamp_ns) / 1e6)
     images, clouds = stamps['/camera/image_raw'], stamps['/points']
     tagged = stamps['/tagged/points'] & stamps['/tagged/pose']
     return {
@@ -95,10 +95,10 @@ def appraise(bag: Bag, world: World, progress: Callable[[], Any] = lambda: None)
         'poses_lost': _holes(counts['/mavlink/pose']),
         'latency_median_ms': float(np.nanmedian(latencies)),
         'latency_maximum_ms': float(np.nanmax(latencies)),
-        'camera_mae_mm': float(np.nanmean(camera_errors)),
-        'camera_mae_worst_mm': float(np.nanmax(camera_errors)),
-        'map_mae_mm': float(np.nanmean(map_errors)),
-        'map_mae_worst_mm': float(np.nanmax(map_errors)),
+        'camera_mae_mm': float(np.nanmean(errors['/points'])),
+        'camera_mae_worst_mm': float(np.nanmax(errors['/points'])),
+        'map_mae_mm': float(np.nanmean(errors['/tagged/points'])),
+        'map_mae_worst_mm': float(np.nanmax(errors['/tagged/points'])),
     }
 
 
@@ -107,16 +107,6 @@ def clouds_of(bag: Bag) -> Iterator[tuple[int, Cloud]]:
     for message in bag.messages(['/points']):
         content = _content(message)
         yield stamp_to_ns(content.header.stamp), cloud_from_message(content)
-
-
-def camera_error(world: World, cloud: Cloud, stamp_ns: int, every: int = 1) -> NDArray[np.float64]:
-    """Signed distance to the true skin of a cloud in the camera's frame, metres."""
-    return world.seen_surface(stamp_ns).distance(cloud.points[::every, ::every])
-
-
-def map_error(world: World, cloud: Cloud, every: int = 1) -> NDArray[np.float64]:
-    """Signed distance to the true skin of a cloud in ``map``, metres."""
-    return world.surface.distance(cloud.points[::every, ::every])
 
 
 def mean_absolute(error: NDArray[np.float64]) -> float:
@@ -179,7 +169,7 @@ def appraise_skin(bag: Bag, joined: JoinedClouds, world: World) -> tuple[Figures
     errors = []
     for stamp, cloud in clouds.items():
         placed = cloud.transformed(moves[stamp] @ joined.poses[joined.numbers[stamp]])
-        errors.append(mean_absolute(map_error(world, placed, _EVERY)))
+        errors.append(mean_absolute(world.surface.distance(placed.points[::_EVERY, ::_EVERY])))
     figures = {
         'skin_mae_mm': float(np.mean(errors)),
         'skin_mae_worst_mm': max(errors),

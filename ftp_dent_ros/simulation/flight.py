@@ -170,8 +170,8 @@ class Faults(Checked):
 
     def is_frozen(self, uptime: float) -> bool:
         """Whether the test ratios stand still."""
-        is_frozen = 0 <= uptime - self.frozen_from < self.frozen_for
-        return bool(self.frozen_from and is_frozen) or self.without_gps(uptime) > 0
+        since = uptime - self.frozen_from if self.frozen_from else -1.0
+        return 0 <= since < self.frozen_for or self.without_gps(uptime) > 0
 
     def drift(self, uptime: float) -> NDArray[np.float64]:
         """How far the estimate has drifted off, shape (3,), metres."""

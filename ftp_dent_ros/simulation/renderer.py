@@ -137,8 +137,6 @@ def lattice(count: int) -> NDArray[np.float64]:
 
 def image_sweep(rig: Rig, surface: Surface, motion: CameraMotion) -> float:
     """How far the image moves during the exposure, at most, pixels."""
-    if not motion:
-        return 0.0
     rays = pixel_grid(rig.camera).node_rays[::4, ::4].reshape(-1, 3)
     depth = surface.intersect(rays)
     seen = np.isfinite(depth)

@@ -24,7 +24,6 @@ from ftp_dent_ros.simulation.dents import (
     Valley,
     domed_rivet,
 )
-from ftp_dent_ros.simulation.flight import Flight
 from ftp_dent_ros.simulation.paint import (
     Dirt,
     Lettering,
@@ -81,11 +80,6 @@ def surface_from(scene: Fields) -> Surface:
     if not panels:
         raise scene.refusal('panels', [], 'one panel or more')
     return Surface(panels)
-
-
-def flight_from(fields: Fields) -> Flight:
-    """The block `flight`."""
-    return fields.record(Flight, middle=pose_from(fields.block('middle')))
 
 
 def _paint(fields: Fields) -> Paint:

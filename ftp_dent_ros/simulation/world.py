@@ -19,7 +19,7 @@ from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig.rig import Rig
 from ftp_dent_ros.simulation.flight import EstimateErrors, Faults, Flight
 from ftp_dent_ros.simulation.renderer import Renderer
-from ftp_dent_ros.simulation.scene import flight_from, pose_from, surface_from
+from ftp_dent_ros.simulation.scene import pose_from, surface_from
 from ftp_dent_ros.simulation.sensor import Photometry
 from ftp_dent_ros.simulation.surface import Surface
 from ftp_dent_ros.simulation.view import CameraMotion
@@ -126,8 +126,7 @@ def _renderer(
 
 @lru_cache(maxsize=1)
 def _world_of(file: Path, start_ns: int, version: tuple[int, int]) -> World:
-    """The world of a version of a file."""
-    del version
+    """The world of a version of a file; the last is kept."""
     return read_world(file, start_ns)
 
 
@@ -149,9 +148,10 @@ def read_world(path: str | os.PathLike[str], start_ns: int = 0) -> World:
     file = find(path)
     scene = Fields(read_yaml(file, ConfigurationError), f'{file}: ')
     camera, autopilot = scene.block('camera'), scene.block('autopilot', {})
+    flight = scene.block('flight')
     world = World(
         surface=surface_from(scene),
-        flight=flight_from(scene.block('flight')),
+        flight=flight.record(Flight, middle=pose_from(flight.block('middle'))),
         mount=pose_from(camera.block('mount', _FORWARD)),
         photometry=scene.block('photometry', {}).record(Photometry),
         exposure_time=camera.take('exposure_time', Share),
