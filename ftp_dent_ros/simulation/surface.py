@@ -1,4 +1,4 @@
-"""The surface that is looked at: panels with a form, dents and fittings, in one frame."""
+"""The surface that is looked at: panels with a form, dents and rivets, in one frame."""
 
 from __future__ import annotations
 

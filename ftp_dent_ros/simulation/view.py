@@ -237,7 +237,7 @@ def look(rig: Rig, surface: Surface, rays: Rays, photometry: Photometry) -> View
 def sight(rig: Rig, panel: Panel, rays: Rays, photometry: Photometry, bare: bool = False) -> Sight:
     """What rays see of one panel, beyond its extent too; NaN where they miss.
 
-    If `bare`, its dents and fittings are left out.
+    If `bare`, its dents and rivets are left out.
     """
     if bare:
         scale, x, y = panel.hit_bare(rays.origin, rays.towards)
@@ -330,7 +330,7 @@ def _shadowed(
 
 
 def visible_part(rig: Rig, surface: Surface) -> Surface:
-    """The surface with only those dents and fittings that the camera may see."""
+    """The surface with only those dents and rivets that the camera may see."""
     rays = pixel_grid(rig.camera).node_rays.reshape(-1, 3)
     panels = []
     for panel in surface.panels:
@@ -341,7 +341,7 @@ def visible_part(rig: Rig, surface: Surface) -> Surface:
 
 
 def see(rig: Rig, surface: Surface, photometry: Photometry) -> View:
-    """What each pixel's centre sees, without fittings: arrays of shape (height, width)."""
+    """What each pixel's centre sees, without rivets: arrays of shape (height, width)."""
     grid = pixel_grid(rig.camera)
     sights = [_sight(grid, rig, panel, photometry) for panel in surface.panels]
     return first_seen(rig, surface, sights, grid.rays)
