@@ -73,9 +73,7 @@ def relatives(
             error[0] += rng.choice([-1, 1]) * off
             false.add(number)
         information = np.diag(1 / np.square(sigma))
-        found = RelativePose(
-            off_by(true, error), CENTRE, information, 6, 0.6, 3e-6, '', turn @ alike
-        )
+        found = RelativePose(off_by(true, error), CENTRE, information, 6, '', turn @ alike)
         links.append((first, second, found))
     return links, false
 

@@ -9,90 +9,20 @@ show remains.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.robust import cauchy, deviation
-from ftp_dent_ros.survey.patch import SkinPatch
+from ftp_dent_ros.survey.patch import Samples, SkinPatch
 
-# Distances between the points whose heights, and of the squares of which one cell's paint each,
-# are compared, metres: at about this distance errors are independent.
-_HEIGHTS, _PAINT = 0.006, 0.004
-_MOST_HEIGHTS, _MOST_PAINT = 3000, 4000
 # No two clouds fit each other better: a height's and a paint's standard deviation.
 _LEAST_HEIGHT, _LEAST_PAINT = 2e-6, 1e-3
 
-
-@dataclass(frozen=True, eq=False)
-class Samples:
-    """Points of a patch that are looked up in another.
-
-    Attributes
-    ----------
-    heights, paint : ndarray, shape (n, 3)
-        Metres, in the patch's frame.
-    height_values : ndarray, shape (n, 4)
-    paint_values, coarse_values : ndarray, shape (n, 4)
-        As the layers of `SkinPatch`.
-    """
-
-    heights: NDArray[np.float64]
-    height_values: NDArray[np.float32]
-    paint: NDArray[np.float64]
-    paint_values: NDArray[np.float32]
-    coarse_values: NDArray[np.float32]
-
-    @cached_property
-    def few(self) -> Samples:
-        """Every fourth of them: enough to find the way."""
-        # Of these, every so many-th finds the way; the last steps are by all.
-        some = slice(None, None, 4)
-        return Samples(
-            self.heights[some],
-            self.height_values[some],
-            self.paint[some],
-            self.paint_values[some],
-            self.coarse_values[some],
-        )
-
-
-def samples_of(patch: SkinPatch) -> Samples:
-    """Heights on a regular grid; of the paint, in every square, the cell that changes most."""
-    step = max(1, round(_HEIGHTS / patch.pitch))
-    row, column = np.nonzero(patch.known[::step, ::step])
-    keep = slice(None, None, max(1, -(-len(row) // _MOST_HEIGHTS)))
-    row, column = row[keep] * step, column[keep] * step
-    at_row, at_column = _strongest(patch)
-    return Samples(
-        patch.points(row, column),
-        patch.surface[row, column],
-        patch.points(at_row, at_column),
-        patch.paint[at_row, at_column],
-        patch.coarse[at_row, at_column],
-    )
-
-
-def _strongest(patch: SkinPatch) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Rows and columns of the cells, one a square, whose paint changes most."""
-    side = max(1, round(_PAINT / patch.pitch))
-    rows, columns = (size // side for size in patch.paint.shape[:2])
-    along_x, along_y = patch.paint[..., 1], patch.paint[..., 2]
-    change = (along_x * along_x + along_y * along_y) * patch.known
-    squares = change[: rows * side, : columns * side].reshape(rows, side, columns, side)
-    squares = squares.transpose(0, 2, 1, 3).reshape(rows * columns, side * side)
-    inside = squares.argmax(axis=1)
-    best = np.take_along_axis(squares, inside[:, None], axis=1)[:, 0]
-    chosen = np.flatnonzero(best > 0)
-    if len(chosen) > _MOST_PAINT:
-        chosen = chosen[np.argpartition(best[chosen], -_MOST_PAINT)[-_MOST_PAINT:]]
-        chosen.sort()
-    row = chosen // columns * side + inside[chosen] // side
-    column = chosen % columns * side + inside[chosen] % side
-    return row, column
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,73 +40,65 @@ class PairEquations:
         Of Cauchy, 0 to 1: a half at 2.385 standard deviations.
     place : ndarray, shape (n, 3)
         On the first patch, metres.
-    is_paint : ndarray, shape (n,), bool
-    spread : tuple of 2 floats
-        Standard deviation of heights by what the clouds state, and of the paint.
+    heights : int
+        How many of them are heights, which are the first; the others are paint.
+    spread : float
+        Standard deviation of heights by what the clouds state, and of paint alone its own.
     """
 
-    residual: NDArray[np.float64]
-    own: NDArray[np.float64]
-    other: NDArray[np.float64]
-    weight: NDArray[np.float64]
-    place: NDArray[np.float64]
-    is_paint: NDArray[np.bool_]
-    spread: tuple[float, float]
+    residual: Array
+    own: Array
+    other: Array
+    weight: Array
+    place: Array
+    heights: int
+    spread: float
 
     @property
-    def score(self) -> NDArray[np.float64]:
-        """Each point's share of the gradient, shape (n, 6)."""
-        return (self.own + self.other) / 2 * (self.weight * self.residual)[:, None]
+    def both(self) -> Array:
+        """Change by the mean of both patches' slopes, shape (n, 6)."""
+        return (self.own + self.other) / 2
+
+    @property
+    def gradient(self) -> Array:
+        """Of half the weighted squares, shape (6,)."""
+        return (self.both * (self.weight * self.residual)[:, None]).sum(axis=0)
 
 
 def equations(
-    first: SkinPatch,
-    second: Samples,
-    pose: Pose,
-    centre: NDArray[np.float64],
-    with_paint: bool = True,
+    first: SkinPatch, second: Samples, pose: Pose, centre: Array, with_paint: bool = True
 ) -> PairEquations:
     """Equations at a pose of the second patch in the first."""
-    heights, height_spread = _of_heights(first, second, pose, centre)
-    parts, paint_spread = [heights], 0.0
-    if with_paint and len(second.paint):
-        paint, paint_spread = of_paint(first, second, pose, centre)
-        parts.append(paint)
-    residual, own, other, weight, place = (
-        np.concatenate([part[index] for part in parts]) for index in range(5)
-    )
-    is_paint = np.arange(len(residual)) >= len(heights[0])
-    spread = height_spread, paint_spread
-    return PairEquations(residual, own, other, weight, place, is_paint, spread)
+    heights = _of_heights(first, second, pose, centre)
+    if not with_paint or not len(second.paint):
+        return heights
+    paint = of_paint(first, second, pose, centre)
+    names = 'residual', 'own', 'other', 'weight', 'place'
+    joined: dict[str, Any] = {
+        name: np.concatenate([getattr(heights, name), getattr(paint, name)]) for name in names
+    }
+    return replace(heights, **joined)
 
 
-def _of_heights(first, second, pose, centre):
+def _of_heights(first: SkinPatch, second: Samples, pose: Pose, centre: Array) -> PairEquations:
     place = pose.apply(second.heights)
     here = first.looked_up(first.surface, place)
     met = np.isfinite(here[:, 0])
     place, here, there = place[met], here[met].astype(float), second.height_values[met]
-    normals = _normals(here), _normals(there) @ pose.rotation.as_matrix().T
-    lengths = [np.sqrt(np.square(each).sum(axis=1)) for each in normals]
+    own, other = (np.column_stack([-each[:, 1:3], np.ones(len(each))]) for each in (here, there))
+    other = other @ pose.rotation.as_matrix().T
+    own, other = (each / np.linalg.norm(each, axis=1, keepdims=True) for each in (own, other))
     sigma = np.maximum(np.hypot(here[:, 3], there[:, 3]), _LEAST_HEIGHT)
-    residual = (place[:, 2] - here[:, 0]) / lengths[0] / sigma
+    off = (place[:, 2] - here[:, 0]) * own[:, 2] / sigma
     # Clouds may be surer of themselves than they fit.
-    spread = max(1.0, deviation(residual) if len(residual) else 1.0)
-    residual /= spread
-    rows = [
-        _moved(each / (length * sigma * spread)[:, None], place - centre)
-        for each, length in zip(normals, lengths, strict=True)
-    ]
-    return (residual, *rows, cauchy(residual, 2.385), place), spread
+    spread = max(1.0, deviation(off) if len(off) else 1.0)
+    return _linearised(off / spread, (own, other), place, centre, sigma * spread, spread, len(off))
 
 
 def of_paint(
-    first: SkinPatch,
-    second: Samples,
-    pose: Pose,
-    centre: NDArray[np.float64],
-    coarse: bool = False,
-) -> tuple[tuple[NDArray[np.float64], ...], float]:
-    """Residuals, both slopes, weights and places of the paint, as `PairEquations` has; spread."""
+    first: SkinPatch, second: Samples, pose: Pose, centre: Array, coarse: bool = False
+) -> PairEquations:
+    """Equations of the paint alone, or of the coarse paint."""
     layer, values = (
         (first.coarse, second.coarse_values) if coarse else (first.paint, second.paint_values)
     )
@@ -184,23 +106,23 @@ def of_paint(
     here = first.looked_up(layer, place)
     met = (here[:, 3] > 0.99) & (values[:, 3] > 0)
     place, here, there = place[met], here[met].astype(float), values[met].astype(float)
-    residual = here[:, 0] - there[:, 0]
-    spread = max(deviation(residual) if len(residual) else 1.0, _LEAST_PAINT)
-    residual = residual / spread
+    off = here[:, 0] - there[:, 0]
+    spread = max(deviation(off) if len(off) else 1.0, _LEAST_PAINT)
     slopes = here[:, 1:3] @ np.eye(2, 3), there[:, 1:3] @ pose.rotation.as_matrix()[:, :2].T
-    rows = [_moved(each, place - centre) / spread for each in slopes]
-    return (residual, *rows, cauchy(residual, 2.385), place), spread
+    return _linearised(off / spread, slopes, place, centre, np.array(spread), spread, 0)
 
 
-def _normals(values):
-    """Not of unit length, z = 1, shape (n, 3)."""
-    normals = np.ones((len(values), 3))
-    np.negative(values[:, 1:3], out=normals[:, :2])
-    return normals
-
-
-def _moved(direction, arm):
-    """Change along directions with a shift and a turn of what lies at the end of arms."""
-    x, y, z = arm.T
-    a, b, c = direction.T
-    return np.array([a, b, c, y * c - z * b, z * a - x * c, x * b - y * a]).T
+def _linearised(
+    residual: Array,
+    directions: tuple[Array, Array],
+    place: Array,
+    centre: Array,
+    sigma: Array,
+    spread: float,
+    heights: int,
+) -> PairEquations:
+    """Residuals that change along directions, at places that shift and turn with the centre."""
+    arm = place - centre
+    own, other = (np.hstack([each, np.cross(arm, each)]) / sigma[..., None] for each in directions)
+    weight = cauchy(residual, 2.385)
+    return PairEquations(residual, own, other, weight, place, heights, spread)

@@ -174,10 +174,6 @@ class RelativePose:
         (radians), along the first camera's axes; zero in directions that the skin does not tell.
     rank : int
         Directions that it does tell, up to 6.
-    overlap : float
-        Share of the second cloud that lies on the first.
-    misfit : float
-        Of the heights, root mean square along the normal, metres.
     remark : str
         What could not be used, and why; empty if all could.
     common : ndarray, shape (6, 6)
@@ -189,8 +185,6 @@ class RelativePose:
     centre: NDArray[np.float64]
     information: NDArray[np.float64]
     rank: int
-    overlap: float
-    misfit: float
     remark: str = ''
     common: NDArray[np.float64] = field(default_factory=lambda: np.zeros((6, 6)))
 

@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rigid import about
-from ftp_dent_ros.survey.alignment import Samples, samples_of
 from ftp_dent_ros.survey.footprint import Footprint
 from ftp_dent_ros.survey.information import RelativePose, UnlikePairError
 from ftp_dent_ros.survey.patch import FoldedPatch, SkinPatch, patch_of
@@ -92,21 +91,20 @@ class Joining:
             The cloud has too few points.
         """
         patch = patch_of(cloud, skin)
-        self.without_skin += not patch.has_paint
+        self.without_skin += patch.light is None
         number = len(self.stamps_ns)
         node = Node(pose, covariance if pose is not None else None, stamp_ns / 1e9, flight)
         self.graph.add(node, self._guess(node))
         self.stamps_ns.append(stamp_ns)
-        samples = samples_of(patch)
-        self._sizes.append(float(np.ptp(samples.heights[:, :2], axis=0).min()))
+        self._sizes.append(float(np.ptp(patch.samples.heights[:, :2], axis=0).min()))
         self.footprints.append(Footprint.of(cloud, patch.frame))
         self._kept[number] = patch
         for other in self._neighbours(number):
-            if self._join(other, number, samples) and other == number - 1:
+            if self._join(other, number) and other == number - 1:
                 # A guess for the others that is nearly right.
                 self.graph.follow(number)
         for other in self._closures(number):
-            self._close(other, number, samples)
+            self._close(other, number)
         self.graph.update()
         self._forget(number)
         return self.graph.poses[number]
@@ -166,23 +164,23 @@ class Joining:
     def _middle(self, number: int) -> NDArray[np.float64]:
         return self.graph.poses[number].apply(self._kept[number].frame.translation)
 
-    def _join(self, first: int, second: int, samples: Samples) -> bool:
+    def _join(self, first: int, second: int) -> bool:
         """Lay a cloud on one shortly before; False if it does not fit."""
-        relative = self._laid(first, second, samples)
+        relative = self._laid(first, second)
         if relative is None:
             return False
         self.graph.link(first, second, relative)
-        if relative.remark and second - first == 1 and self._patch(second).has_paint:
+        if relative.remark and second - first == 1 and self._patch(second).light is not None:
             self._tell(first, second, relative.remark)
         return relative.rank > 0
 
-    def _close(self, first: int, second: int, samples: Samples) -> None:
+    def _close(self, first: int, second: int) -> None:
         """Lay a cloud on one of another pass.
 
         Where marks do not tell how far they are slid along each other, the autopilot alone does.
         Pairs share its error while it lasts: one stands for all, or many would be sure of it.
         """
-        relative = self._laid(first, second, samples)
+        relative = self._laid(first, second)
         if relative is None:
             return
         nodes, last = self.graph.nodes, self._last_slid
@@ -194,7 +192,7 @@ class Joining:
             return
         self.graph.link(first, second, relative)
 
-    def _laid(self, first: int, second: int, samples: Samples) -> RelativePose | None:
+    def _laid(self, first: int, second: int) -> RelativePose | None:
         """Pose of a cloud seen from an earlier one; None if it does not fit."""
         if first not in self._kept:
             return None
@@ -204,7 +202,7 @@ class Joining:
         known = doubt_by_links(self.graph, first, second) if is_known else None
         doubt = doubt_by_autopilot(self.graph, first, second)
         try:
-            return register(*patches, guess, doubt, samples, known)
+            return register(*patches, guess, doubt, known)
         except UnlikePairError as reason:
             if second - first == 1:
                 self._tell(first, second, str(reason))

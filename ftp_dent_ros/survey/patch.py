@@ -7,8 +7,7 @@ points are looked up. The plane's z axis points at the camera.
 from __future__ import annotations
 
 import math
-import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -30,12 +29,38 @@ _LOGARITHMS = np.log(np.array([np.nan, *range(1, 256)], np.float32))
 # Logarithm of a paint that is this far from its surroundings tells no more by being farther.
 _MOST = 0.7
 
-# Of the logarithm of light: a tenth of a skin image's noise.
-_LIGHT_STEP = 5e-4
-# Steps either way, and what stands for nothing.
-_MOST_STEPS, _NONE = 32000, -32768
-# Cells a side that share one uncertainty.
+# Cells a side that share one uncertainty in a folded patch.
 _SHARED = 4
+# Distances between the points whose heights, and of the squares of which one cell's paint each,
+# are compared, metres: at about this distance errors are independent.
+_HEIGHTS, _PAINT = 0.006, 0.004
+# Of either, at most: more cost time and tell no more.
+_MOST_HEIGHTS, _MOST_PAINT = 3000, 4000
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Points of a patch that are looked up in another.
+
+    Attributes
+    ----------
+    heights, paint : ndarray, shape (n, 3)
+        Metres, in the patch's frame.
+    height_values : ndarray, shape (n, 4)
+    paint_values, coarse_values : ndarray, shape (n, 4)
+        As the layers of `SkinPatch`.
+    """
+
+    heights: NDArray[np.float64]
+    height_values: Grid
+    paint: NDArray[np.float64]
+    paint_values: Grid
+    coarse_values: Grid
+
+    @cached_property
+    def few(self) -> Samples:
+        """Every fourth of them: enough to find the way; the last steps are by all."""
+        return Samples(*(getattr(self, each.name)[::4] for each in fields(self)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,31 +101,77 @@ class SkinPatch:
         surface[unknown] = np.nan
         return surface
 
-    @property
+    @cached_property
     def paint(self) -> Grid:
         """Paint, its slopes along x and y (1/m), and 1 where it is known, else 0.
 
         The logarithm of the skin image without the light's slow changes; shape (rows, columns, 4).
         """
-        return self._paints[0]
-
-    @property
-    def coarse(self) -> Grid:
-        """The same, smoothed."""
-        return self._paints[1]
+        return self._painted(0.0)
 
     @cached_property
-    def _paints(self) -> tuple[Grid, Grid]:
-        if self.light is None:
-            nothing = np.zeros((*self.height.shape, 4), np.float32)
-            return nothing, nothing
-        # What the coarse paint is smoothed by: standard deviation, metres.
-        return paint_of(self.light, self.pitch, 0.002 / self.pitch)
+    def coarse(self) -> Grid:
+        """The same, smoothed: standard deviation 2 mm."""
+        return self._painted(0.002 / self.pitch)
 
-    @property
-    def has_paint(self) -> bool:
-        """Whether there is a skin image."""
-        return self.light is not None
+    def _painted(self, width: float) -> Grid:
+        if self.light is None:
+            return np.zeros((*self.height.shape, 4), np.float32)
+        rest, share, inside = self._rest
+        if width:
+            rest = _blurred(rest, width) / np.maximum(_blurred(share, width), np.float32(1e-3))
+        # Beside what is not known, slopes are those of the mask.
+        reach = 3 + 2 * math.ceil(width)
+        around_it = np.ones((reach, reach), np.uint8)
+        mask = cv2.erode(inside, around_it, borderType=cv2.BORDER_CONSTANT, borderValue=0)
+        layer: Any = cv2.merge([rest, *slopes(rest, self.pitch), mask.astype(np.float32)])
+        return layer * layer[..., 3:]
+
+    @cached_property
+    def _rest(self) -> tuple[Grid, Grid, NDArray[np.uint8]]:
+        """What light's slow changes leave; 1 where it is known; 1 where it is no rim's."""
+        logarithm = self.light
+        assert logarithm is not None
+        known = np.isfinite(logarithm)
+        share = known.astype(np.float32)
+        # What is left of the light is level, so that windows may be one-sided at the rim.
+        values = np.where(known, logarithm - _light(logarithm, known), np.float32(0))
+        # Light changes slowly along the skin, paint does not: standard deviation of what is taken
+        # off, metres.
+        light = 0.006 / self.pitch
+        window = _mean(share, light)
+        around = _mean(values, light) / np.maximum(window, np.float32(1e-3))
+        rest = np.clip((values - around) * share, -_MOST, _MOST)
+        # Of the window, that must be known: at a rim, to one side of which the skin and its
+        # image's own windows end, light would be taken for paint.
+        return rest, share, (share * (window > 0.93)).astype(np.uint8)
+
+    @cached_property
+    def samples(self) -> Samples:
+        """Heights on a regular grid; of the paint, in every square, the cell that changes most."""
+        step = max(1, round(_HEIGHTS / self.pitch))
+        row, column = step * np.array(np.nonzero(self.known[::step, ::step]))
+        some = slice(None, None, -(-len(row) // _MOST_HEIGHTS) or 1)
+        row, column = row[some], column[some]
+        side = max(1, round(_PAINT / self.pitch))
+        rows, columns = (size // side for size in self.height.shape)
+        change = np.square(self.paint[..., 1:3]).sum(axis=-1) * self.known
+        squares = change[: rows * side, : columns * side].reshape(rows, side, columns, side)
+        squares = squares.transpose(0, 2, 1, 3).reshape(rows * columns, side * side)
+        inside = squares.argmax(axis=1)
+        strength = squares.max(axis=1)
+        # Those that change most tell most, and grain least.
+        chosen = np.sort(np.argsort(-strength, kind='stable')[:_MOST_PAINT])
+        chosen = chosen[strength[chosen] > 0]
+        across = chosen % columns * side + inside[chosen] % side
+        down = chosen // columns * side + inside[chosen] // side
+        return Samples(
+            self.points(row, column),
+            self.surface[row, column],
+            self.points(down, across),
+            self.paint[down, across],
+            self.coarse[down, across],
+        )
 
     @cached_property
     def known(self) -> NDArray[np.bool_]:
@@ -215,50 +286,6 @@ def slopes(field: Grid, pitch: float) -> tuple[Any, Any]:
     return along_x, along_y
 
 
-def paint_of(logarithm: Grid, pitch: float, smooth: float) -> tuple[Grid, Grid]:
-    """Paint, its slopes and where it is known, of a logarithm of the skin image.
-
-    Parameters
-    ----------
-    logarithm : ndarray, shape (rows, columns), float32
-        NaN where unknown.
-    pitch : float
-        Of the grid, metres.
-    smooth : float
-        Standard deviation that the second paint is smoothed by, cells.
-
-    Returns
-    -------
-    paint, coarse : ndarray, shape (rows, columns, 4), float32
-        Paint, its slopes along x and y (1/m), and 1 where it is known, else 0; the second
-        smoothed.
-    """
-    known = np.isfinite(logarithm)
-    share = known.astype(np.float32)
-    # What is left of the light is level, so that windows may be one-sided at the rim.
-    values = np.where(known, logarithm - _light(logarithm, known), np.float32(0))
-    # Light changes slowly along the skin, paint does not: standard deviation of what is taken off,
-    # metres.
-    light = 0.006 / pitch
-    window = _mean(share, light)
-    around = _mean(values, light) / np.maximum(window, np.float32(1e-3))
-    rest = np.clip((values - around) * share, -_MOST, _MOST)
-    # Of the window, that must be known: at a rim, to one side of which the skin and its image's
-    # own windows end, light would be taken for paint.
-    inside = (share * (window > 0.93)).astype(np.uint8)
-    layers = []
-    for width in (0.0, smooth):
-        if width:
-            rest = _blurred(rest, width) / np.maximum(_blurred(share, width), np.float32(1e-3))
-        # Beside what is not known, slopes are those of the mask.
-        reach = 3 + 2 * math.ceil(width)
-        around_it = np.ones((reach, reach), np.uint8)
-        mask = cv2.erode(inside, around_it, borderType=cv2.BORDER_CONSTANT, borderValue=0)
-        layer = cv2.merge([rest, *slopes(rest, pitch), mask.astype(np.float32)])
-        layers.append(layer * layer[..., 3:])
-    return layers[0], layers[1]
-
-
 def _light(logarithm: Grid, known: NDArray[np.bool_]) -> Grid:
     """Polynomial through a logarithm of light, by some of its cells."""
     row, column = some_of(known, 1500)
@@ -284,67 +311,44 @@ def _mean(field: Any, sigma: float) -> Grid:
 
 
 @dataclass(frozen=True, eq=False)
-class _FoldedGrid:
-    """A grid whose numbers differ little from column to column: middle + step * whole number."""
-
-    shape: tuple[int, ...]
-    middle: float
-    step: float
-    packed: bytes
-
-    @classmethod
-    def of(cls, grid: Grid, middle: float, step: float) -> _FoldedGrid:
-        steps = np.clip((grid - middle) / step, -_MOST_STEPS, _MOST_STEPS)
-        whole = np.rint(np.where(np.isfinite(grid), steps, _NONE)).astype(np.int16)
-        changes = np.diff(whole, axis=1, prepend=np.int16(0))
-        # Of zlib: the quickest.
-        return cls(grid.shape, middle, step, zlib.compress(changes.tobytes(), 1))
-
-    def unfolded(self) -> Grid:
-        changes = np.frombuffer(zlib.decompress(self.packed), np.int16).reshape(self.shape)
-        # Sums that do not fit come round to where they were.
-        whole = np.cumsum(changes, axis=1, dtype=np.int16)
-        steps = np.where(whole == _NONE, np.nan, whole.astype(float))
-        return (self.middle + self.step * steps).astype(np.float32)
-
-
-@dataclass(frozen=True, eq=False)
 class FoldedPatch:
-    """A patch in small numbers; its uncertainty is that of every fourth cell each way."""
+    """A patch in a tenth of its memory: grids as pictures in small steps, one sigma of some."""
 
     frame: Pose
     pitch: float
     corner: NDArray[np.float64]
-    height: _FoldedGrid
-    sigma: NDArray[np.float16]
-    light: _FoldedGrid | None
+    grids: tuple[tuple[NDArray[np.uint8], float, float] | None, ...]
 
     @classmethod
     def of(cls, patch: SkinPatch) -> FoldedPatch:
         """Fold a patch."""
-        low, high = float(np.nanmin(patch.height)), float(np.nanmax(patch.height))
-        # Least step of heights, metres: a quarter of what no pair is better than.
-        step = max(2.5e-7, (high - low) / 2 / _MOST_STEPS)
-        sigma = patch.sigma[::_SHARED, ::_SHARED]
         # Beside the rim, where heights end and not their uncertainty.
+        sigma = patch.sigma[::_SHARED, ::_SHARED]
         sigma = np.where(np.isfinite(sigma), sigma, np.nanmax(sigma))
-        light = None
-        if patch.light is not None:
-            light = _FoldedGrid.of(patch.light, float(np.nanmean(patch.light)), _LIGHT_STEP)
-        height = _FoldedGrid.of(patch.height, (low + high) / 2, step)
-        coarse = sigma.astype(np.float16)
-        return cls(patch.frame, patch.pitch, patch.corner, height, coarse, light)
+        # Least steps: of heights, metres, a quarter of what no pair is better than; of their
+        # uncertainty, millimetres, and of the logarithm of light a tenth of a skin image's noise.
+        steps = (patch.height, 2.5e-7), (sigma, 1e-6), (patch.light, 5e-4)
+        grids = tuple(None if grid is None else _folded(grid, least) for grid, least in steps)
+        return cls(patch.frame, patch.pitch, patch.corner, grids)
 
     @lru_cache(maxsize=8)  # noqa: B019 - the last that were used, with their layers, on purpose
     def unfolded(self) -> SkinPatch:
         """The patch; the last ones are kept."""
-        rows, columns = self.height.shape
-        sigma = np.repeat(np.repeat(self.sigma, _SHARED, axis=0), _SHARED, axis=1)
-        return SkinPatch(
-            self.frame,
-            self.pitch,
-            self.corner,
-            self.height.unfolded(),
-            sigma[:rows, :columns].astype(np.float32),
-            None if self.light is None else self.light.unfolded(),
-        )
+        height, sigma, light = (None if each is None else _unfolded(*each) for each in self.grids)
+        assert height is not None and sigma is not None
+        rows, columns = height.shape
+        sigma = sigma.repeat(_SHARED, axis=0).repeat(_SHARED, axis=1)[:rows, :columns]
+        return SkinPatch(self.frame, self.pitch, self.corner, height, sigma, light)
+
+
+def _folded(grid: Grid, least: float) -> tuple[NDArray[np.uint8], float, float]:
+    """A grid in steps of 16 bits as a PNG file, its lowest value and the step; 0 is unknown."""
+    low, high = float(np.nanmin(grid)), float(np.nanmax(grid))
+    step = max(least, (high - low) / 65000)
+    whole = np.nan_to_num(np.rint((grid - low) / step) + 1).astype(np.uint16)
+    return cv2.imencode('.png', whole)[1], low, step
+
+
+def _unfolded(packed: NDArray[np.uint8], low: float, step: float) -> Grid:
+    whole: Any = cv2.imdecode(packed, cv2.IMREAD_UNCHANGED)
+    return np.where(whole > 0, low + step * (whole - 1.0), np.nan).astype(np.float32)

@@ -8,21 +8,17 @@ partly known images: D. Padfield, IEEE Transactions on Image Processing 21, 2706
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from functools import lru_cache
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft
+from scipy.signal import correlate
 
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rigid import about, moved
-from ftp_dent_ros.robust import deviation
-from ftp_dent_ros.survey.alignment import PairEquations, Samples, equations, of_paint, samples_of
+from ftp_dent_ros.survey.alignment import PairEquations, equations, of_paint
 from ftp_dent_ros.survey.information import (
     RelativePose,
     UnlikePairError,
@@ -30,7 +26,7 @@ from ftp_dent_ros.survey.information import (
     pair_information,
     slid_information,
 )
-from ftp_dent_ros.survey.patch import SkinPatch
+from ftp_dent_ros.survey.patch import Samples, SkinPatch
 from ftp_dent_ros.survey.raster import Grid
 
 # Share of the second cloud that has to lie on the first, and points; of the few that find the way.
@@ -66,7 +62,6 @@ def register(
     second: SkinPatch,
     guess: Pose,
     doubt: NDArray[np.float64],
-    samples: Samples | None = None,
     known: NDArray[np.float64] | None = None,
 ) -> RelativePose:
     """Pose of the second cloud's camera in the first one's frame.
@@ -79,8 +74,6 @@ def register(
     doubt : ndarray, shape (6, 6)
         Covariance of the guess: shift of the second camera along the first one's axes, metres, and
         turn about them, radians.
-    samples : Samples, optional
-        Of the second patch, if they are known already.
     known : ndarray, shape (6, 6), optional
         What is doubted as well as it is known by others, which may be wrong: where the paint tells
         no place within it, it is looked for within `doubt`.
@@ -90,8 +83,7 @@ def register(
     UnlikePairError
         They do not overlap, or do not lie on each other; the message says in what.
     """
-    samples = samples or samples_of(second)
-    few = samples.few
+    samples, few = second.samples, second.samples.few
     start = first.frame.inverse() @ guess @ second.frame
     centre = _centre(first, few, start)
     for each in (doubt,) if known is None else (known, doubt):
@@ -103,8 +95,6 @@ def register(
     if found is None:
         found = equations(first, samples, best, centre, with_paint=False)
     _check(found, samples, remark)
-    heights = ~found.is_paint
-    overlap = heights.sum() / len(samples.heights)
     pair = pair_information(found, centre, _parallax(first, second, best, centre))
     # The result is that of the patches, without the guess.
     best = moved(best, pair.step, centre)
@@ -115,7 +105,6 @@ def register(
             return _laid(first, few, pose, centre, held)
 
         information = slid_information(pair, best, centre, near.doubt, laid)
-    misfit = _misfit(first, few, best)
     pose = first.frame @ best @ second.frame.inverse()
     turn = np.kron(np.eye(2), first.frame.rotation.as_matrix())
     return RelativePose(
@@ -123,8 +112,6 @@ def register(
         first.frame.apply(centre),
         turn @ information @ turn.T,
         pair.rank,
-        overlap,
-        misfit,
         remark,
         turn @ in_common(centre, best),
     )
@@ -139,14 +126,14 @@ def _placed(
         prior = np.linalg.inv(near.doubt)
         by_shape = _laid(first, samples.few, near.pose, near.centre, prior)
         near = replace(near, centre=_centre(first, samples.few, by_shape))
-    if not (first.has_paint and second.has_paint):
+    if first.light is None or second.light is None:
         return by_shape, near, None, _NO_PAINT
     if not is_right(near.doubt):
         places = candidates(first, second, by_shape, near.centre, near.doubt)
     pose, remark = _by_paint(first, samples, places, near)
     if pose is not None:
         found = equations(first, samples, pose, near.centre)
-        if found.is_paint.sum() >= _LEAST_POINTS and near.away(pose)[1] <= _GATE**2:
+        if len(found.residual) - found.heights >= _LEAST_POINTS and near.away(pose)[1] <= _GATE**2:
             return pose, near, found, ''
     return by_shape, near, None, remark
 
@@ -203,12 +190,10 @@ def _solved(
     off = np.zeros(6)
     for _ in range(steps):
         found = equations(first, samples, pose, centre, with_paint)
-        if (~found.is_paint).sum() < _LEAST_FEW:
+        if found.heights < _LEAST_FEW:
             raise UnlikePairError('they do not overlap')
-        both = (found.own + found.other) / 2
-        normal = both.T @ (both * found.weight[:, None]) + prior
-        gradient = found.score.sum(axis=0) + prior @ off
-        step = -np.linalg.solve(normal, gradient)
+        normal = found.both.T @ (found.both * found.weight[:, None]) + prior
+        step = -np.linalg.solve(normal, found.gradient + prior @ off)
         pose, off = moved(pose, step, centre), off + step
         if np.abs(step[:3]).max() < _DONE and np.abs(step[3:]).max() < _DONE:
             break
@@ -247,25 +232,16 @@ def _parallax(
 
 
 def _check(found: PairEquations, samples: Samples, remark: str) -> None:
-    heights = ~found.is_paint
-    if heights.sum() < max(_LEAST_POINTS, LEAST_OVERLAP * len(samples.heights)):
+    if found.heights < max(_LEAST_POINTS, LEAST_OVERLAP * len(samples.heights)):
         raise UnlikePairError('they do not overlap')
     # Heights' misfit by what the clouds state, above which they do not show one surface.
-    if found.spread[0] > 25.0:
+    if found.spread > 25.0:
         raise UnlikePairError(
-            f'their heights differ {found.spread[0]:.0f} times as much as they state'
+            f'their heights differ {found.spread:.0f} times as much as they state'
         )
     # Share of the points within three standard deviations, that both must have in common.
-    if np.mean(np.abs(found.residual[heights]) < 3) < 0.5:
+    if np.mean(np.abs(found.residual[: found.heights]) < 3) < 0.5:
         raise UnlikePairError('most of their heights differ')
-
-
-def _misfit(first: SkinPatch, samples: Samples, pose: Pose) -> float:
-    place = pose.apply(samples.heights)
-    here = first.looked_up(first.surface, place)
-    off = place[:, 2] - here[:, 0]
-    off = off[np.isfinite(off)]
-    return deviation(off)
 
 
 @dataclass(frozen=True, eq=False)
@@ -367,11 +343,11 @@ def slid(first: SkinPatch, samples: Samples, pose: Pose, centre: Array, held: Ar
     free = np.ix_(_SLIDING, _SLIDING)
     # After two steps it lies there.
     for _ in range(2):
-        (residual, own, other, weight, _), _ = of_paint(first, samples, pose, centre, coarse=True)
-        both = (own + other)[:, _SLIDING] / 2
-        normal = both.T @ (both * weight[:, None]) + held[free]
+        found = of_paint(first, samples, pose, centre, coarse=True)
+        both = found.both[:, _SLIDING]
+        normal = both.T @ (both * found.weight[:, None]) + held[free]
         step = np.zeros(6)
-        step[_SLIDING] = -np.linalg.solve(normal, both.T @ (weight * residual))
+        step[_SLIDING] = -np.linalg.solve(normal, found.gradient[_SLIDING])
         pose = moved(pose, step, centre)
     return pose
 
@@ -451,32 +427,24 @@ def _peaks(
     first: SkinPatch, second: SkinPatch, pose: Pose, reach: NDArray
 ) -> list[tuple[float, NDArray]]:
     """Correlations and shifts of the maxima within reach that rival the highest one."""
-    size = max(1, round(_CELL / first.pitch)) * first.pitch
+    every = max(1, round(_CELL / first.pitch))
+    size = every * first.pitch
     steps = np.ceil(reach / size).astype(int)
-    cells = [-(-n // round(size / first.pitch)) for n in first.height.shape]
-    # As far beyond the first patch as the second may lie off: nothing comes round the other side.
-    rows, columns = (
-        fft.next_fast_len(int(n + 2 * s), real=True)
-        for n, s in zip(cells, steps[::-1], strict=True)
-    )
-    still = _spectra_of_first(first, size, (rows, columns))
-    image = _seen_by_first(first, second, pose, size, steps, (rows, columns))
-    others = _spectra(image[..., 0], image[..., 1])
+    still, still_known = np.moveaxis(first.coarse[::every, ::every, [0, 3]], -1, 0)
+    shape = np.array(still.shape) + 2 * steps[::-1]
+    seen, known = _seen_by_first(first, second, pose, size, steps, shape)
 
-    def correlated(a: int, b: int) -> NDArray[np.float32]:
-        whole = np.asarray(fft.irfft2(still[a] * np.conj(others[b]), (rows, columns)))
+    def correlated(a: Grid, b: Grid) -> Grid:
         # The second image begins so many steps earlier.
-        down, across = (np.arange(-2 * s, 1) for s in steps[::-1])
-        return whole[np.ix_(down % rows, across % columns)]
+        return correlate(a, b, 'valid', 'fft')[::-1, ::-1]
 
-    count = correlated(2, 2)
+    count = correlated(known, still_known)
     # Of the smaller image, that has to overlap.
-    least = 0.1 * min(float(still[2][0, 0].real), float(others[2][0, 0].real))
-    power = np.sqrt(np.maximum(correlated(1, 2) * correlated(2, 1), 1e-12))
+    least = 0.1 * min(still_known.sum(), known.sum())
+    squares = correlated(known, still**2) * correlated(seen**2, still_known)
+    value = correlated(seen, still) / np.sqrt(np.maximum(squares, 1e-12))
     # Of two that are as alike, the one with more in common.
-    value = np.where(count > max(least, 1), correlated(0, 0) / power, 0) * np.sqrt(
-        np.clip(count / max(float(count.max()), 1.0), 0, 1)
-    )
+    value *= (count > max(least, 1)) * np.sqrt(np.clip(count / max(count.max(), 1.0), 0, 1))
     value = value.astype(np.float32)
     highest = cv2.dilate(value, np.ones((5, 5), np.uint8))
     return [
@@ -485,30 +453,14 @@ def _peaks(
     ]
 
 
-def _spectra(values: Grid, known: Grid) -> tuple[NDArray[np.complex64], ...]:
-    return tuple(fft.rfft2(each) for each in (values, values * values, known))
-
-
-@lru_cache(maxsize=4)
-def _spectra_of_first(
-    patch: SkinPatch, size: float, shape: tuple[int, int]
-) -> tuple[NDArray[np.complex64], ...]:
-    """Spectra of the coarse paint of a patch, of its squares and of where it is known."""
-    step = round(size / patch.pitch)
-    layer = patch.coarse[::step, ::step]
-    wide = np.zeros((*shape, 2), np.float32)
-    wide[: layer.shape[0], : layer.shape[1]] = layer[..., [0, 3]]
-    return _spectra(wide[..., 0], wide[..., 1])
-
-
 def _seen_by_first(
     first: SkinPatch,
     second: SkinPatch,
     pose: Pose,
     size: float,
     steps: NDArray,
-    shape: tuple[int, int],
-) -> Grid:
+    shape: NDArray,
+) -> tuple[Grid, Grid]:
     """Coarse paint of the second patch, and where it is known, on the grid of the first one.
 
     The grid begins so many steps before the first patch. Both are taken for flat: what their
@@ -521,20 +473,14 @@ def _seen_by_first(
     pitch = second.pitch * step
     offset = (back @ start - second.corner) / pitch
     matrix = np.column_stack([back * (size / pitch), offset])
-    rows, columns = shape
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     # One by one: OpenCV takes ten times as long for two channels together.
-    warped: Any = [
-        cv2.warpAffine(np.ascontiguousarray(layer[..., k]), matrix, (columns, rows), flags=flags)
+    paint, known = (
+        cv2.warpAffine(
+            np.ascontiguousarray(layer[..., k]), matrix, shape[::-1].tolist(), flags=flags
+        )
         for k in (0, 3)
-    ]
-    seen = np.stack(warped, axis=-1)
+    )
     # What lies beyond is not known; a cell beside it is not, either.
-    # Share of a cell that is known if it is.
-    seen[..., 1] = seen[..., 1] > 0.99
-    seen[..., 0] *= seen[..., 1]
-    beyond = np.array([math.ceil(n / round(size / first.pitch)) for n in first.height.shape])
-    last = beyond + 2 * steps[::-1]
-    seen[last[0] :] = 0
-    seen[:, last[1] :] = 0
-    return seen
+    inside = (known > 0.99).astype(np.float32)
+    return paint * inside, inside

@@ -63,9 +63,9 @@ def test_a_cylinder_may_slide_far_and_its_pairs_still_agree():
             found = around(rng.normal(0, 0.02)) @ Pose(
                 Rotation.identity(), np.array([rng.normal(0, 0.03), 0, 0])
             )
-            relative = RelativePose(found, np.zeros(3), information, 4, 1.0, 1e-6)
+            relative = RelativePose(found, np.zeros(3), information, 4)
             graph.link(number - 1, number, relative)
-    graph.link(0, 5, RelativePose(stated, np.zeros(3), np.zeros((6, 6)), 0, 1.0, 1e-6))
+    graph.link(0, 5, RelativePose(stated, np.zeros(3), np.zeros((6, 6)), 0))
     assert graph.strained([0]) and not graph.strained([5]), 'a pair that tells nothing fits'
     graph.solve()
     assert not graph.left_out and not graph.strained(range(6))
@@ -125,7 +125,7 @@ def test_no_solution_fits_worse_than_where_it_began():
         if rng.random() < 0.2:
             off += rng.normal(0, [0, 0.02, 1e-3, 1e-3, 1e-3, 1e-3])
         pose = off_by(poses[first].inverse() @ poses[second], off)
-        links.append(PairLink(first, second, RelativePose(pose, CENTRE, told, 5, 0.6, 1e-6)))
+        links.append(PairLink(first, second, RelativePose(pose, CENTRE, told, 5)))
     nodes = [Node(each, STATED, 0.5 * k, 0) for k, each in enumerate(stated)]
     of_links = LinkTerms(links, range(len(links)))
     terms = Terms(of_links, StatedTerms(nodes, stated, 0, None), 0, 24)
