@@ -24,7 +24,7 @@ from ftp_dent_ros.pages.words import date_of, finite, interval, position_interva
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.survey.aircraft_frame import AircraftFrame
 from ftp_dent_ros.survey.growth import Change, CommonFactor, Growth, changes_of, depth_growth
-from ftp_dent_ros.survey.matching import DentMatching, match
+from ftp_dent_ros.survey.matching import PLACE, DentMatching, match
 from ftp_dent_ros.survey.result import SurveyedDent, SurveyResult
 
 Status = Literal[
@@ -62,11 +62,8 @@ DAMAGE = ('dent', 'crease', 'gouge')
 # Standard deviations of a place in the other survey, around which it must have been looked at.
 _AROUND = 3.0
 
-# What a dent's place among the others is known to, without drift: metres.
-_PLACE = 4e-4
-# Of the map, the drawing's units.
-_WIDTH, _LEAST_HEIGHT, _MOST_HEIGHT = 1000.0, 120.0, 700.0
-_MARGIN = 40.0
+# Of the map and its margin, the drawing's units.
+_WIDTH, _MARGIN = 1000.0, 40.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +123,9 @@ def compare(earlier: SurveyResult, later: SurveyResult) -> Comparison:
     NoMatchError
         They cannot be laid on each other.
     """
-    before, after = _compared(earlier), _compared(later)
+    before, after = (
+        [each for each in survey.dents if each.dent.kind != 'step'] for survey in (earlier, later)
+    )
     matching = match([each.dent for each in before], [each.dent for each in after])
     same = [(before[i], after[j]) for i, j in matching.pairs]
     deeper = [_deeper(a, b, matching) for a, b in same]
@@ -136,15 +135,19 @@ def compare(earlier: SurveyResult, later: SurveyResult) -> Comparison:
         for (a, b), change in zip(same, changes, strict=True)
         if a.dent.kind in DAMAGE or b.dent.kind in DAMAGE
     ]
-    gone = [
-        _gone(each, later, matching) for each in _others(before, {i for i, _ in matching.pairs})
-    ]
-    come = [
-        _come(each, earlier, matching) for each in _others(after, {j for _, j in matching.pairs})
-    ]
+    gone, come = (
+        [
+            _alone(each, survey, matching, is_gone)
+            for index, each in enumerate(dents)
+            if index not in {pair[not is_gone] for pair in matching.pairs}
+            and each.dent.kind in DAMAGE
+        ]
+        for dents, survey, is_gone in ((before, later, True), (after, earlier, False))
+    )
     found += _with_doubts(gone, come, matching)
     order = list(STATUSES)
-    found.sort(key=lambda each: (order.index(each.status), -_depth(each)))
+    depths = {id(each): np.nan_to_num(abs(each.shown.dent.depth.value)) for each in found}
+    found.sort(key=lambda each: (order.index(each.status), -depths[id(each)]))
     return Comparison(earlier, later, tuple(found), matching, scales)
 
 
@@ -154,22 +157,6 @@ def _deeper(earlier: SurveyedDent, later: SurveyedDent, matching: DentMatching) 
     places, _ = matching.in_later(earlier.dent.position[None])
     to_later = Pose(turn, places[0] - turn.apply(earlier.dent.position))
     return depth_growth(earlier, later, to_later)
-
-
-def _depth(each: ComparedDent) -> float:
-    return float(np.nan_to_num(abs(each.shown.dent.depth.value)))
-
-
-def _compared(survey: SurveyResult) -> list[SurveyedDent]:
-    return [each for each in survey.dents if each.dent.kind != 'step']
-
-
-def _others(dents: list[SurveyedDent], matched: set[int]) -> list[SurveyedDent]:
-    return [
-        each
-        for index, each in enumerate(dents)
-        if index not in matched and each.dent.kind in DAMAGE
-    ]
 
 
 def _matched(
@@ -183,17 +170,18 @@ def _matched(
     return ComparedDent(_BY_SIGNS[signs], earlier, later, changes)
 
 
-def _gone(dent: SurveyedDent, later: SurveyResult, matching: DentMatching) -> ComparedDent:
-    places, spread = matching.in_later(dent.dent.position[None])
-    normal = matching.motion.rotation.inv().apply(dent.dent.normal)
-    reason = _why_not_found(dent, later, places[0], normal, float(spread[0]))
-    return ComparedDent('not seen' if reason else 'repaired', dent, None, (), reason)
-
-
-def _come(dent: SurveyedDent, earlier: SurveyResult, matching: DentMatching) -> ComparedDent:
-    places, spread = matching.in_earlier(dent.dent.position[None])
-    normal = matching.motion.rotation.apply(dent.dent.normal)
-    reason = _why_not_found(dent, earlier, places[0], normal, float(spread[0]))
+def _alone(
+    dent: SurveyedDent, other: SurveyResult, matching: DentMatching, is_gone: bool
+) -> ComparedDent:
+    """A dent of the earlier survey that is gone in the other; or of the later, come since."""
+    placed, turn = matching.in_earlier, matching.motion.rotation
+    if is_gone:
+        placed, turn = matching.in_later, turn.inv()
+    places, spread = placed(dent.dent.position[None])
+    normal = turn.apply(dent.dent.normal)
+    reason = _why_not_found(dent, other, places[0], normal, float(spread[0]))
+    if is_gone:
+        return ComparedDent('not seen' if reason else 'repaired', dent, None, (), reason)
     return ComparedDent('first seen' if reason else 'new', None, dent, (), reason)
 
 
@@ -298,10 +286,8 @@ def chart(
         Limits for the dents that are there.
     """
     there = [each for each in comparison.dents if each.later is not None]
-    findings: dict[int, tuple[Judgement, ...]] = {}
-    if rules is not None:
-        judged = rules.judge([each.shown.dent for each in there])
-        findings = {id(each): found for each, found in zip(there, judged, strict=True)}
+    judged = rules.judge([each.shown.dent for each in there]) if rules else []
+    findings = {id(each): found for each, found in zip(there, judged, strict=False)}
     return [_row(each, comparison, frame, findings.get(id(each), ())) for each in comparison.dents]
 
 
@@ -312,10 +298,10 @@ def _row(
     findings: tuple[Judgement, ...],
 ) -> ChartRow:
     shown = each.shown
-    place, among = shown.dent.position, _PLACE
+    place, among = shown.dent.position, PLACE
     if each.later is None:
         places, spread = comparison.matching.in_later(place[None])
-        place, among = places[0], math.hypot(_PLACE, float(spread[0]))
+        place, among = places[0], math.hypot(PLACE, float(spread[0]))
     covariance = shown.position_covariance
     if frame is not None:
         place, covariance = frame.place(place, np.eye(3) * among**2)
@@ -412,12 +398,7 @@ def comparison_page(
 
 
 def _headline(counts: Mapping[Status, int]) -> str:
-    texts: dict[Status, str] = {
-        'first seen': 'seen for the first time',
-        'not seen': 'not seen again',
-        'known': 'as before',
-    }
-    words = [f'{counts[each]} {texts.get(each, each)}' for each in STATUSES if counts[each]]
+    words = [f'{counts[each]} {each}' for each in STATUSES if counts[each]]
     return ', '.join(words) or 'No dents'
 
 
@@ -450,7 +431,9 @@ def _survey(survey: SurveyResult) -> str:
 
 
 def _cells(row: ChartRow) -> dict[str, Any]:
-    dent, growth = row.dent, growth_of(row)
+    dent, growth, signed = row.dent, growth_of(row), ('–', '')
+    if growth and math.isfinite(growth[0].value) and math.isfinite(growth[1]):
+        signed = f'{growth[0].value * 1e3:+.3f}', f'± {growth[1] * 1e3:.3f}'
     return {
         'number': row.number,
         'before': '' if row.compared.earlier is None else str(row.compared.earlier.number),
@@ -460,7 +443,7 @@ def _cells(row: ChartRow) -> dict[str, Any]:
         'width': interval(dent.width),
         'ratio': interval(width_to_depth(dent), 1.0),
         'clearance': interval(clearance(dent), finest=1),
-        'growth': ('–', '') if growth is None else _signed(*growth),
+        'growth': signed,
         'location': [f'{value:.3f}' for value in row.location],
         'spread': spread(row.uncertainty),
         'first_seen': row.first_seen,
@@ -473,12 +456,6 @@ def _cells(row: ChartRow) -> dict[str, Any]:
         ),
         'reason': row.compared.reason,
     }
-
-
-def _signed(estimate: Estimate, half: float) -> tuple[str, str]:
-    if not (math.isfinite(estimate.value) and math.isfinite(half)):
-        return '–', ''
-    return f'{estimate.value * 1e3:+.3f}', f'± {half * 1e3:.3f}'
 
 
 def _map(rows: list[ChartRow]) -> dict[str, Any] | None:
@@ -494,11 +471,11 @@ def _map(rows: list[ChartRow]) -> dict[str, Any] | None:
     if np.cross(axes[0], axes[1]) @ normal > 0:
         flat[:, 1] *= -1
     low, size = flat.min(axis=0), np.maximum(np.ptp(flat, axis=0), 1e-3)
-    scale = min((_WIDTH - 2 * _MARGIN) / size[0], (_MOST_HEIGHT - 2 * _MARGIN) / size[1])
+    scale = min((_WIDTH - 2 * _MARGIN) / size[0], (0.7 * _WIDTH - 2 * _MARGIN) / size[1])
     at = (flat - low) * scale + _MARGIN
     return {
         'width': _WIDTH,
-        'height': max(size[1] * scale + 2 * _MARGIN, _LEAST_HEIGHT),
+        'height': max(size[1] * scale, _MARGIN) + 2 * _MARGIN,
         'dents': [
             {
                 'x': f'{x:.1f}',

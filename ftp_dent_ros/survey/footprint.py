@@ -15,7 +15,7 @@ from scipy.ndimage import distance_transform_edt
 
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.survey.unrolled import Gap, Unrolled, find_gaps
+from ftp_dent_ros.survey.unrolled import Gap, Unrolled, find_gaps, gap_mask
 
 # Side of a cell, and how far apart the points of a cloud are that it keeps, metres.
 CELL, _APART = 0.01, 0.004
@@ -101,10 +101,7 @@ class SeenSkin:
 
     def gap_mask(self) -> NDArray[np.bool_]:
         """Mask of the cells of all gaps."""
-        mask = np.zeros_like(self.measured)
-        for gap in self.gaps:
-            mask[tuple(gap.cells.T)] = True
-        return mask
+        return gap_mask(self.gaps, self.measured.shape)
 
 
 def unrolled(

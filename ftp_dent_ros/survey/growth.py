@@ -15,7 +15,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
@@ -23,7 +22,6 @@ from scipy.stats import t as student
 from ftp_dent_ros.dents.dent import Estimate, MeasuredDent
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.robust import NORMAL_SPREAD, median
-from ftp_dent_ros.survey.raster import remap
 from ftp_dent_ros.survey.result import SurveyedDent
 
 # Chance that a comparison shows any change where there is none, and how it is shared out: depth is
@@ -36,7 +34,6 @@ _SHARE = {'depth': 0.9, 'length': 0.05, 'width': 0.05}
 _TRUST, _MOST = 4.0, 40.0
 # Two calibrations' common factor on sizes, before there are dents: within 1 %.
 _SCALE = 0.01
-_ROUNDS = 20
 
 Array = NDArray[np.float64]
 
@@ -189,7 +186,7 @@ def _changes(
 def _common_factor(quantity: str, before: Array, after: Array, stated: Array) -> CommonFactor:
     """Factor of later over earlier values, and that on their noise."""
     factor, spread, noise, freedom = 1.0, _SCALE, 1.0, _TRUST
-    for _ in range(_ROUNDS if len(before) else 0):
+    for _ in range(20 if len(before) else 0):
         off = (after - factor * before) / stated
         # Standard deviations beyond which a dent has changed.
         unchanged = np.abs(off) < 3.0 * max(NORMAL_SPREAD * float(np.median(np.abs(off))), 0.1)
@@ -245,7 +242,10 @@ def _fitted(
     dent, spacing = earlier.dent, earlier.relief.spacing
     a, b = earlier.relief.places()
     before = earlier.relief.heights.astype(float)
-    after = _heights_above(dent, later, to_later, a + slide[0], b + slide[1])
+    # Heights of the later skin above the plane of the earlier dent.
+    across = np.cross(dent.normal, dent.axis)
+    aside = (a + slide[0])[..., None] * dent.axis + (b + slide[1])[..., None] * across
+    after = later.relief.above(to_later.apply(dent.position + aside), later.dent)
     far = np.hypot(2 * a / dent.length.value, 2 * b / dent.width.value)
     known = np.isfinite(before) & np.isfinite(after)
     # Times the ellipse of the dent's sizes, from which on the skin is undeformed.
@@ -259,10 +259,11 @@ def _fitted(
     contour = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
     deep = contour @ np.linalg.lstsq(contour[ring], mean[ring], rcond=None)[0] - mean
     form = deep / (0.5 * (dent.depth.value + later.dent.depth.value))
-    along, across = np.gradient(mean, spacing)[::-1]
-    used = known & np.isfinite(along) & np.isfinite(across)
-    steepest = np.hypot(along, across)[used].max()
-    terms = np.stack([-form, along / steepest, across / steepest], axis=-1)
+    down, along = np.gradient(mean, spacing)
+    slopes = np.stack([along, down], axis=-1)
+    used = known & np.isfinite(slopes).all(axis=-1)
+    steepest = np.linalg.norm(slopes, axis=-1)[used].max()
+    terms = np.concatenate([-form[..., None], slopes / steepest], axis=-1)
     terms = np.concatenate([terms, contour[..., :3]], axis=-1)[used]
     inverse = np.linalg.pinv(terms)
     off = (after - before)[used]
@@ -276,22 +277,6 @@ def _fitted(
     uncertainty = noise * math.sqrt(float((inverse[0] ** 2).sum()))
     growth = float(np.sign(dent.depth.value) * fit[0])
     return Growth(growth, uncertainty, freedom, noise * spacing), -fit[1:3] / steepest
-
-
-def _heights_above(
-    dent: MeasuredDent, later: SurveyedDent, to_later: Pose, a: Array, b: Array
-) -> Array:
-    """Heights of the later skin above the plane of the earlier dent, at places in it."""
-    relief, theirs = later.relief, later.dent
-    assert relief is not None
-    across = np.cross(dent.normal, dent.axis)
-    plane = dent.position + a[..., None] * dent.axis + b[..., None] * across
-    off = to_later.apply(plane) - theirs.position
-    rows, columns = relief.heights.shape
-    u = off @ theirs.axis / relief.spacing + columns // 2
-    v = off @ np.cross(theirs.normal, theirs.axis) / relief.spacing + rows // 2
-    heights = remap(relief.heights, u.astype(np.float32), v.astype(np.float32), cv2.INTER_CUBIC)
-    return heights - off @ theirs.normal
 
 
 def _correlated_points(rest: Array, used: NDArray[np.bool_]) -> float:

@@ -99,10 +99,9 @@ class Joining:
         self._sizes.append(float(np.ptp(patch.samples.heights[:, :2], axis=0).min()))
         self.footprints.append(Footprint.of(cloud, patch.frame))
         self._kept[number] = patch
-        for other in self._neighbours(number):
-            if self._join(other, number) and other == number - 1:
-                # A guess for the others that is nearly right.
-                self.graph.follow(number)
+        for other in (number - back for back in _BACK):
+            if other >= 0 and self._flight(other) == flight:
+                self._join(other, number)
         for other in self._closures(number):
             self._close(other, number)
         self.graph.update()
@@ -153,26 +152,25 @@ class Joining:
             return node.stated
         return there @ last.stated.inverse() @ node.stated
 
-    def _neighbours(self, number: int) -> list[int]:
-        same = self._flight(number)
-        numbers = (number - back for back in _BACK)
-        return [n for n in numbers if n >= 0 and self._flight(n) == same]
-
     def _flight(self, number: int) -> int:
         return self.graph.nodes[number].flight
 
     def _middle(self, number: int) -> NDArray[np.float64]:
         return self.graph.poses[number].apply(self._kept[number].frame.translation)
 
-    def _join(self, first: int, second: int) -> bool:
-        """Lay a cloud on one shortly before; False if it does not fit."""
+    def _join(self, first: int, second: int) -> None:
+        """Lay a cloud on one shortly before."""
         relative = self._laid(first, second)
         if relative is None:
-            return False
+            return
         self.graph.link(first, second, relative)
-        if relative.remark and second - first == 1 and self._patch(second).light is not None:
-            self._tell(first, second, relative.remark)
-        return relative.rank > 0
+        if second - first > 1:
+            return
+        if relative.remark and self._patch(second).light is not None:
+            self._remark_on(self._about(first, second, relative.remark))
+        if relative.rank:
+            # A guess for the others that is nearly right.
+            self.graph.follow(second)
 
     def _close(self, first: int, second: int) -> None:
         """Lay a cloud on one of another pass.
@@ -205,7 +203,7 @@ class Joining:
             return register(*patches, guess, doubt, known)
         except UnlikePairError as reason:
             if second - first == 1:
-                self._tell(first, second, str(reason))
+                self._remark_on(self._about(first, second, str(reason)))
             return None
 
     def _forget(self, number: int) -> None:
@@ -257,9 +255,6 @@ class Joining:
         # Pairs on the same skin err alike: this part of a patch from the last that was laid on
         # another.
         return bool(apart < 0.5 * self._sizes[number])
-
-    def _tell(self, first: int, second: int, what: str) -> None:
-        self._remark_on(self._about(first, second, what))
 
     def _about(self, first: int, second: int, what: str) -> str:
         a, b = (self.stamps_ns[number] / 1e9 for number in (first, second))

@@ -168,21 +168,21 @@ def _followed_pairs(
 ) -> Pairs:
     """From some pairs outward, until nothing is added."""
     there = _positions(earlier)
-    signs, cut, lengths = (
-        [np.array([measure(dent) for dent in dents]) for dents in (earlier, later)]
-        for measure in (
-            lambda dent: np.sign(dent.depth.value),
-            lambda dent: dent.is_cut,
-            lambda dent: np.nan_to_num(dent.length.value),
-        )
+    # Of each: whether it is deep or high, whether it is cut, its length.
+    of_all = [
+        np.array([[np.sign(d.depth.value), d.is_cut, d.length.value] for d in dents])
+        for dents in (earlier, later)
+    ]
+    (signs, cut, lengths), (signs_later, cut_later, lengths_later) = (
+        np.nan_to_num(each).T for each in of_all
     )
-    alike = signs[0][:, None] == signs[1]
+    alike = signs[:, None] == signs_later
     # Part of the way to the next dent within which a dent is looked for.
     gaps = [cKDTree(places).query(places, k=2)[0][:, 1] for places in (there, moved)]
     free = 0.4 * np.minimum(gaps[0][:, None], gaps[1])
     # A cut dent has its centre anywhere in it.
-    is_cut = cut[0][:, None] | cut[1]
-    half = np.where(is_cut, np.maximum(lengths[0][:, None], lengths[1]) / 2, 0.0)
+    is_cut = np.maximum(cut[:, None], cut_later)
+    half = is_cut * np.maximum(lengths[:, None], lengths_later) / 2
     while True:
         i, j = pairs
         forward = _fit(moved[j], there[i] - moved[j], place[i, j] * math.sqrt(2))

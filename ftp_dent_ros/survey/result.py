@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import cached_property
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ftp_dent_ros.dents.dent import MeasuredDent, SmallestDent
 from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.survey.raster import remap
 
 Array = NDArray[np.float64]
 
@@ -37,6 +39,14 @@ class DentRelief:
         rows, columns = self.heights.shape
         v, u = np.mgrid[:rows, :columns].astype(float)
         return (u - columns // 2) * self.spacing, (v - rows // 2) * self.spacing
+
+    def above(self, places: Array, dent: MeasuredDent) -> Array:
+        """Heights of the skin above places of shape (..., 3), by the dent that it is about."""
+        off, half = places - dent.position, np.array(self.heights.shape) // 2
+        u = off @ dent.axis / self.spacing + half[1]
+        v = off @ np.cross(dent.normal, dent.axis) / self.spacing + half[0]
+        at = u.astype(np.float32), v.astype(np.float32)
+        return remap(self.heights, *at, cv2.INTER_CUBIC) - off @ dent.normal
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -12,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros import __version__
-from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.dents.dent import Estimate, Inspection, MeasuredDent, SmallestDent
 from ftp_dent_ros.dents.dent_list import DentList, position_covariance
 from ftp_dent_ros.dents.glass import sentence
@@ -94,8 +94,9 @@ def survey_bags(
     skin = FusedSkin(bags, joined, progress)
     dents = DentList()
     for raw in skin.clouds():
-        item = skin.prepared(raw)
-        found = _inspected(item.cloud, settings)
+        item, found = skin.prepared(raw), None
+        with contextlib.suppress(FtpDentError):
+            found = inspect(check_resolution(item.cloud), settings)
         skin.shown(item, found)
         if found is not None and item.pose is not None:
             found = skin.with_common_errors(item, found)
@@ -128,18 +129,9 @@ def survey_bags(
         rig_id=rig_id,
         software=__version__,
     )
-    pairs = len(joining.graph.links)
-    remarks = joined.remarks
-    if dents.glass:
-        remarks = (*remarks, sentence(dents.glass))
-    return Surveyed(result, mosaic, remarks, pairs, len(joining.graph.left_out))
-
-
-def _inspected(cloud: Cloud, settings: SmallestDent) -> Inspection | None:
-    try:
-        return inspect(check_resolution(cloud), settings)
-    except FtpDentError:
-        return None
+    remarks = (*joined.remarks, *([sentence(dents.glass)] if dents.glass else []))
+    graph = joining.graph
+    return Surveyed(result, mosaic, remarks, len(graph.links), len(graph.left_out))
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import cv2
@@ -143,3 +144,11 @@ def find_gaps(measured: NDArray[np.bool_], low: NDArray[np.float64], side: float
             place = low + side * (middles[label] + 0.5)
             gaps.append(Gap(place, side * np.array(sides), float(cells * side**2), places))
     return sorted(gaps, key=lambda gap: -gap.area)
+
+
+def gap_mask(gaps: Iterable[Gap], shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Mask of the cells of all gaps."""
+    mask = np.zeros(shape, bool)
+    for gap in gaps:
+        mask[tuple(gap.cells.T)] = True
+    return mask

@@ -13,7 +13,7 @@ import numpy as np
 
 from ftp_dent_ros.files import write_all_atomically
 from ftp_dent_ros.pages.page import render
-from ftp_dent_ros.pages.words import date_of, interval, position_interval
+from ftp_dent_ros.pages.words import date_of, finite, interval, position_interval
 
 if TYPE_CHECKING:
     from ftp_dent_ros.survey.surveying import Surveyed
@@ -26,6 +26,7 @@ from ftp_dent_ros.pages import drawing
 from ftp_dent_ros.survey.aircraft_frame import AircraftFrame
 from ftp_dent_ros.survey.mosaic import PIXEL, PIXELS_A_CELL, Mosaic
 from ftp_dent_ros.survey.result import CoverageCells, SurveyedDent
+from ftp_dent_ros.survey.unrolled import gap_mask
 
 # Depth that the picture of the deviation shows at its ends, metres.
 _DEEPEST = 0.5e-3
@@ -75,7 +76,7 @@ def write_survey(
             temporary[f'{name}.png'].write_bytes(data.tobytes())
             temporary[f'{name}.pgw'].write_text(_world_file(mosaic), encoding='ascii')
         write_ply(temporary['mosaic.ply'], mosaic.cloud(), survey.result.frame_id)
-        record = json.dumps(fields(survey, frame), indent=1)
+        record = json.dumps(finite(fields(survey, frame)), indent=1)
         temporary['survey.json'].write_text(record, encoding='utf-8')
         page = survey_page(survey, frame)
         temporary['survey.html'].write_text(page, encoding='utf-8', errors='backslashreplace')
@@ -87,6 +88,7 @@ def fields(survey: Surveyed, frame: AircraftFrame | None = None) -> dict[str, An
     result, mosaic = survey.result, survey.mosaic
     cells = result.coverage
     skin = mosaic.skin
+    half, most = _findable(cells) or (None, None)
     return {
         'name': result.name,
         'sources': list(result.sources),
@@ -112,34 +114,13 @@ def fields(survey: Surveyed, frame: AircraftFrame | None = None) -> dict[str, An
             'x_axis': skin.axis.tolist(),
             'y_axis': skin.around.tolist(),
             'normal': skin.normal.tolist(),
-            'radius': skin.radius if np.isfinite(skin.radius) else None,
+            'radius': skin.radius,
         },
-        'dents': [
-            {
-                'number': each.number,
-                'kind': each.dent.kind,
-                'position': each.dent.position.tolist(),
-                'unrolled': skin.place(each.dent.position)[:2].tolist(),
-                'position_covariance': each.position_covariance.ravel().tolist(),
-                **_on_aircraft(each.dent.position, frame),
-                **{
-                    f'{name}_mm': _millimetres(getattr(each.dent, name).value)
-                    for name in ('length', 'width', 'depth')
-                },
-                **{
-                    f'{name}_uncertainty_mm': _millimetres(getattr(each.dent, name).uncertainty)
-                    for name in ('length', 'width', 'depth')
-                },
-                'sightings': each.sightings,
-                'cut': bool(each.dent.is_cut),
-                'reason': each.dent.reason,
-            }
-            for each in result.dents
-        ],
+        'dents': [_record(each, survey, frame) for each in result.dents],
         'coverage': {
             'cell_mm': PIXEL * PIXELS_A_CELL * 1e3,
             'area_m2': len(cells.views) * cells.size**2,
-            'findable_mm': _shares(cells.findable),
+            'findable_mm': {'median': half, 'p95': most},
             'gaps': [
                 {
                     'unrolled': gap.place.tolist(),
@@ -152,30 +133,28 @@ def fields(survey: Surveyed, frame: AircraftFrame | None = None) -> dict[str, An
     }
 
 
-def _on_aircraft(
-    position: NDArray[np.float64], frame: AircraftFrame | None
-) -> dict[str, list[float]]:
-    """Station, buttock line and water line of a place, and their standard uncertainties."""
-    if frame is None:
-        return {}
-    place, spread = frame.place(position)
-    return {
-        'aircraft_mm': (place * 1e3).tolist(),
-        'aircraft_uncertainty_mm': (np.sqrt(np.diag(spread)) * 1e3).tolist(),
+def _record(each: SurveyedDent, survey: Surveyed, frame: AircraftFrame | None) -> dict[str, Any]:
+    dent = each.dent
+    record = {
+        'number': each.number,
+        'kind': dent.kind,
+        'position': dent.position.tolist(),
+        'unrolled': survey.mosaic.skin.place(dent.position)[:2].tolist(),
+        'position_covariance': each.position_covariance.ravel().tolist(),
+        'sightings': each.sightings,
+        'cut': bool(dent.is_cut),
+        'reason': dent.reason,
     }
-
-
-def _millimetres(value: float) -> float | None:
-    return float(value) * 1e3 if np.isfinite(value) else None
-
-
-def _shares(values: NDArray) -> dict[str, float | None]:
-    """Median and 95th percentile of the smallest dents that would have been found."""
-    known = values[np.isfinite(values)]
-    if not len(known):
-        return {'median': None, 'p95': None}
-    median, high = np.percentile(known, [50, 95]) * 1e3
-    return {'median': float(median), 'p95': float(high)}
+    for name in ('length', 'width', 'depth'):
+        estimate = getattr(dent, name)
+        record[f'{name}_mm'] = float(estimate.value) * 1e3
+        record[f'{name}_uncertainty_mm'] = float(estimate.uncertainty) * 1e3
+    if frame is not None:
+        # Station, buttock line and water line, and their standard uncertainties.
+        place, spread = frame.place(dent.position)
+        record['aircraft_mm'] = (place * 1e3).tolist()
+        record['aircraft_uncertainty_mm'] = (np.sqrt(np.diag(spread)) * 1e3).tolist()
+    return record
 
 
 def _world_file(mosaic: Mosaic) -> str:
@@ -197,14 +176,11 @@ def _coloured(deviation: NDArray[np.float32]) -> NDArray[np.uint8]:
 def _coverage(mosaic: Mosaic) -> NDArray[np.uint8]:
     """BGR: brighter the more often it was seen, gaps red."""
     share = np.minimum(mosaic.views, 10) / 10
-    picture = np.repeat((np.where(share > 0, 80 + 175 * share, 0))[..., None], 3, axis=-1)
-    picture = np.ascontiguousarray(picture.astype(np.uint8))
-    for gap in mosaic.gaps():
-        low = np.floor((gap.place - gap.size / 2 - mosaic.low) / PIXEL).astype(int)
-        high = np.ceil((gap.place + gap.size / 2 - mosaic.low) / PIXEL).astype(int)
-        box = picture[low[1] : high[1], low[0] : high[0]]
-        box[mosaic.views[low[1] : high[1], low[0] : high[0]] == 0] = (40, 40, 220)
-        cv2.rectangle(picture, low.tolist(), high.tolist(), (40, 40, 220), 1)
+    grey = np.where(share > 0, 80 + 175 * share, 0)
+    picture = np.repeat(grey[..., None], 3, axis=-1).astype(np.uint8)
+    gaps = gap_mask(mosaic.gaps(), mosaic.measured().shape)
+    wide = gaps.repeat(PIXELS_A_CELL, axis=0).repeat(PIXELS_A_CELL, axis=1)
+    picture[wide & (mosaic.views == 0)] = (40, 40, 220)
     return picture
 
 
@@ -239,7 +215,7 @@ def survey_page(survey: Surveyed, frame: AircraftFrame | None = None) -> str:
         skin=skin_of(survey.mosaic, result.dents, facts, survey.remarks),
         dents=[_dent(each, survey, frame) for each in result.dents],
         frame=frame,
-        places=json.dumps(_places(survey)),
+        places=json.dumps(finite(_places(survey))),
     )
 
 
@@ -267,8 +243,8 @@ def _places(survey: Surveyed) -> dict[str, Any]:
     """What the page needs to tell the place of a pixel."""
     mosaic, cells = survey.mosaic, survey.mosaic.coverage()
     skin = mosaic.skin
-    height = by_cell(mosaic, cells, skin.place(cells.positions.astype(float))[:, 2])
-    findable = by_cell(mosaic, cells, cells.findable)
+    height = _by_cell(mosaic, skin.place(cells.positions.astype(float))[:, 2])
+    findable = _by_cell(mosaic, cells.findable)
     return {
         'name': survey.result.name,
         'pixel': PIXEL,
@@ -284,7 +260,7 @@ def _places(survey: Surveyed) -> dict[str, Any]:
         'axis': skin.axis.tolist(),
         'around': skin.around.tolist(),
         'normal': skin.normal.tolist(),
-        'radius': float(skin.radius) if np.isfinite(skin.radius) else None,
+        'radius': skin.radius,
     }
 
 
@@ -317,7 +293,7 @@ def skin_of(
     count = max(1, math.ceil(columns / (4.0 * rows)))
     more = [f'And {len(remarks) - 12} more remarks.'] if len(remarks) > 12 else []
     return {
-        'size': (int(columns), int(rows)),
+        'size': (columns, rows),
         'windows': [
             (round(k * columns / count, 2), round(columns / count, 2)) for k in range(count)
         ],
@@ -339,15 +315,11 @@ def skin_of(
     }
 
 
-def by_cell(mosaic: Mosaic, cells: CoverageCells, values: NDArray) -> NDArray[np.float64]:
+def _by_cell(mosaic: Mosaic, values: NDArray) -> NDArray[np.float64]:
     """Values of the measured cells on the mosaic's grid of cells, NaN elsewhere."""
-    side = cells.size
-    rows, columns = (round(size * PIXEL / side) for size in mosaic.shape)
-    grid = np.full((rows, columns), np.nan)
-    column, row = np.floor(
-        (mosaic.skin.place(cells.positions.astype(float))[:, :2] - mosaic.low) / side
-    ).T.astype(int)
-    grid[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)] = values
+    measured = mosaic.measured()
+    grid = np.full(measured.shape, np.nan)
+    grid[measured] = values
     return grid
 
 
@@ -367,7 +339,7 @@ def _layers(mosaic: Mosaic, cells: CoverageCells) -> list[dict[str, Any]]:
             'scale': drawing.depth_scale(_DEEPEST),
         },
     ]
-    findable = by_cell(mosaic, cells, cells.findable) * 1e3
+    findable = _by_cell(mosaic, cells.findable) * 1e3
     known = findable[np.isfinite(findable)]
     if not len(known):
         return layers
@@ -377,10 +349,8 @@ def _layers(mosaic: Mosaic, cells: CoverageCells) -> list[dict[str, Any]]:
     share = np.log(np.clip(findable, low, high) / low) / np.log(high / low)
     pixels = table[np.nan_to_num(255 * share).astype(int)]
     pixels[~np.isfinite(findable)] = drawing.NOTHING
-    for gap in mosaic.gaps():
-        pixels[tuple(gap.cells.T)] = (216, 35, 42)
-    size = (int(mosaic.shape[1]), int(mosaic.shape[0]))
-    pixels = cv2.resize(pixels, size, interpolation=cv2.INTER_NEAREST)
+    pixels[gap_mask(mosaic.gaps(), findable.shape)] = (216, 35, 42)
+    pixels = pixels.repeat(PIXELS_A_CELL, axis=0).repeat(PIXELS_A_CELL, axis=1)
     layers.append(
         {
             'title': 'Smallest dent that would have been found',
@@ -396,6 +366,12 @@ def _layers(mosaic: Mosaic, cells: CoverageCells) -> list[dict[str, Any]]:
     return layers
 
 
+def _findable(cells: CoverageCells) -> tuple[float, float] | None:
+    """Median and 95th percentile of the smallest dents that would have been found, mm."""
+    known = cells.findable[np.isfinite(cells.findable)] * 1e3
+    return (float(np.median(known)), float(np.percentile(known, 95))) if len(known) else None
+
+
 def _coverage_facts(mosaic: Mosaic, cells: CoverageCells) -> list[tuple[str, str]]:
     gaps = mosaic.gaps()
     area = len(cells.views) * cells.size**2
@@ -408,10 +384,9 @@ def _coverage_facts(mosaic: Mosaic, cells: CoverageCells) -> list[tuple[str, str
         ('Measured', f'{area:.3f} m², {100 * share:.2f} % of the skin without its rim'),
         ('Gaps', f'{len(gaps)}{largest}'),
     ]
-    known = cells.findable[np.isfinite(cells.findable)] * 1e3
-    if len(known):
-        half, most = np.percentile(known, [50, 95])
-        text = f'{half:.3f} mm deep on half of it, {most:.3f} mm on 95 %'
+    findable = _findable(cells)
+    if findable is not None:
+        text = '{:.3f} mm deep on half of it, {:.3f} mm on 95 %'.format(*findable)
         facts.append(('A dent was found from', text))
     if len(cells.views):
         once, often = float(np.mean(cells.views == 1)), np.median(cells.views)
