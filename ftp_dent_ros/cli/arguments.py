@@ -14,8 +14,6 @@ from ftp_dent_ros.dents.rules import Rules, read_rules
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.files import find, why_not_writable
 
-_MM = 1e3
-
 
 def number(
     option: str, least: float, most: float = math.inf, kind: Callable[[str], float] = float
@@ -65,8 +63,8 @@ def add_settings_arguments(parser: argparse.ArgumentParser) -> None:
         option, (least, most) = f'--{name.replace("_", "-")}', RANGES[name]
         parser.add_argument(
             option,
-            type=number(option, _MM * least, _MM * most),
-            default=_MM * getattr(default, name),
+            type=number(option, 1e3 * least, 1e3 * most),
+            default=1e3 * getattr(default, name),
             metavar='MM',
             help=f'{what}; default: %(default)g',
         )
@@ -74,7 +72,7 @@ def add_settings_arguments(parser: argparse.ArgumentParser) -> None:
 
 def settings_of(arguments: argparse.Namespace) -> SmallestDent:
     """The smallest dents that the arguments ask for."""
-    return SmallestDent(arguments.smallest_depth / _MM, arguments.smallest_width / _MM)
+    return SmallestDent(arguments.smallest_depth / 1e3, arguments.smallest_width / 1e3)
 
 
 def progress_bar(what: str, total: int | None, unit: str) -> tqdm:

@@ -26,9 +26,8 @@ from ftp_dent_ros.recording.writer import BagSpool, BagWriter
 from ftp_dent_ros.ros.qos import DIAGNOSTICS
 from ftp_dent_ros.ros.session import session
 
-_MEGABYTE = 10**6
 # Memory for messages that wait for the disk, bytes: half a minute of a flight.
-_CAPACITY = 512 * _MEGABYTE
+_CAPACITY = 512_000_000
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -73,7 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
             except BagError as error:
                 failure = error
     total = (
-        f'{writer.message_count} messages, {writer.size / _MEGABYTE:.1f} MB '
+        f'{writer.message_count} messages, {writer.size / 1e6:.1f} MB '
         f'in {time.monotonic() - start:.1f} s'
     )
     for name in recorder.missing():
@@ -126,7 +125,7 @@ def _receive(
             executor.spin_once(timeout_sec=DISCOVERY_PERIOD_S)
             if time.monotonic() - shown > 5.0:
                 shown = time.monotonic()
-                say(f'{writer.message_count} messages, {writer.size / _MEGABYTE:.1f} MB')
+                say(f'{writer.message_count} messages, {writer.size / 1e6:.1f} MB')
         # What had arrived when the signal came is taken too.
         end = time.monotonic() + 1.0
         before = -1

@@ -20,7 +20,6 @@ from ftp_dent_ros.rig.rig import read_rig
 if TYPE_CHECKING:
     from ftp_dent_ros.recording.reader import Bag
 
-_MM = 1e3
 # Lines of each that a terminal shows; survey.json has all.
 _REMARKS, _GAPS = 12, 6
 
@@ -93,15 +92,15 @@ def run(arguments: argparse.Namespace) -> int:
         x, y = survey.mosaic.skin.place(each.dent.position)[:2]
         dent = each.dent
         print(
-            f'{each.number:4}  x {x:7.3f} m, y {y:7.3f} m, depth {dent.depth.value * _MM:.3f} mm, '
-            f'length {dent.length.value * _MM:.1f} mm, width {dent.width.value * _MM:.1f} mm, '
+            f'{each.number:4}  x {x:7.3f} m, y {y:7.3f} m, depth {dent.depth.value * 1e3:.3f} mm, '
+            f'length {dent.length.value * 1e3:.1f} mm, width {dent.width.value * 1e3:.1f} mm, '
             f'seen {each.sightings} times' + (f', {dent.reason}' if dent.reason else '')
         )
     area = len(result.coverage.views) * result.coverage.size**2
     print(f'{area:.3f} m2 of the skin were measured')
     for gap in survey.mosaic.gaps()[:_GAPS]:
         x, y = gap.place
-        width, height = gap.size * _MM
+        width, height = gap.size * 1e3
         print(f'  not measured: {width:.0f} mm by {height:.0f} mm at x {x:.3f} m, y {y:.3f} m')
     for path in files.values():
         print(path)

@@ -37,8 +37,6 @@ TYPES = {
 # Every third point each way: the mean over a ninth of the points is the same to three digits.
 _EVERY = 3
 
-_MM = 1e3
-
 
 #: Figures of one flight by their names; lengths in millimetres.
 Figures = dict[str, float]
@@ -112,7 +110,7 @@ def clouds_of(bag: Bag) -> Iterator[tuple[int, Cloud]]:
 def mean_absolute(error: NDArray[np.float64]) -> float:
     """Mean absolute distance in millimetres; NaN of nothing."""
     measured = np.abs(error[np.isfinite(error)])
-    return float(measured.mean()) * _MM if measured.size else float('nan')
+    return float(measured.mean()) * 1e3 if measured.size else float('nan')
 
 
 def _content(message: Message) -> Any:
@@ -173,8 +171,8 @@ def appraise_skin(bag: Bag, joined: JoinedClouds, world: World) -> tuple[Figures
     figures = {
         'skin_mae_mm': float(np.mean(errors)),
         'skin_mae_worst_mm': max(errors),
-        'skin_place_mm': _rms(np.concatenate(places)) * _MM,
-        'skin_off_mm': _rms(np.concatenate(offsets)) * _MM,
+        'skin_place_mm': _rms(np.concatenate(places)) * 1e3,
+        'skin_off_mm': _rms(np.concatenate(offsets)) * 1e3,
         'skin_parts': len(parts),
     }
     return figures, moves
@@ -275,7 +273,7 @@ def appraise_dents(
             errors.append(np.subtract(measured, (true.depth, true.length, true.width)))
     whole = {index for index, _ in expected}
     listed_by_node = _last_list(bag)
-    worst = np.abs(errors).max(axis=0) * _MM if errors else np.full(3, np.nan)
+    worst = np.abs(errors).max(axis=0) * 1e3 if errors else np.full(3, np.nan)
     return {
         'dents': len(whole),
         'dents_missed': len(whole - {index for index, _ in found}),

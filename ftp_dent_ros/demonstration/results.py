@@ -22,8 +22,6 @@ from ftp_dent_ros.recording.reader import Bag
 from ftp_dent_ros.simulation.surface import Surface
 from ftp_dent_ros.simulation.world import World
 
-_MM = 1000.0
-
 # What the payload promises in this simulation: how many, and millimetres. A busy machine may leave
 # photographs out, which is shown.
 BOUNDS = {
@@ -66,9 +64,9 @@ def view_3d(
     figure = Figure(figsize=(10, 4.8))
     # Matplotlib's annotations know of no third dimension.
     axes: Any = figure.add_axes((0.0, 0.0, 0.88, 0.95), projection='3d', computed_zorder=False)
-    limit = float(np.percentile(dent_depth, 99.9)) * _MM
+    limit = float(np.percentile(dent_depth, 99.9)) * 1e3
     colours = axes.scatter(
-        *points.T, c=dent_depth * _MM, s=0.6, cmap='turbo', vmin=-0.1, vmax=limit, linewidths=0
+        *points.T, c=dent_depth * 1e3, s=0.6, cmap='turbo', vmin=-0.1, vmax=limit, linewidths=0
     )
     axes.plot(*positions.T, color='black', linewidth=1.2, label="the drone's path and nose")
     axes.quiver(*positions.T, *(0.12 * forward).T, color='black', linewidth=0.6)

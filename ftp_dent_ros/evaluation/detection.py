@@ -65,7 +65,6 @@ _DEPTH, _WIDTH = 1e-4, 0.03
 
 Values = NDArray[np.float64]
 
-_MM = 1e3
 _COLOURS = {'clean': '#1b6ca8', 'dirty': '#b5651d', 'wavy': '#2e8b57'}
 
 
@@ -384,7 +383,7 @@ def sentence(rows: Sequence[Row], blanks: Sequence[Blank], smallest_depth: float
     clean = next(row for row in rows if (row.distance, row.skin) == (0.8, 'clean'))
     dirty = next(row for row in rows if (row.distance, row.skin) == (0.8, 'dirty'))
     parts = [
-        f'{_MM * row.detection.a90_95:.2f} mm on {words} skin'
+        f'{1e3 * row.detection.a90_95:.2f} mm on {words} skin'
         for row, words in ((clean, 'clean'), (dirty, 'dirty (25 %)'))
         if math.isfinite(row.detection.a90_95)
     ]
@@ -396,9 +395,9 @@ def sentence(rows: Sequence[Row], blanks: Sequence[Blank], smallest_depth: float
             'with a confidence of 95 %.'
         )
     return (
-        f'In simulation, from one photograph at 0.8 m, single smooth dents {_MM * _WIDTH:g} mm '
+        f'In simulation, from one photograph at 0.8 m, single smooth dents {1e3 * _WIDTH:g} mm '
         'wide are found in 90 % of cases, with a confidence of 95 % (a90/95), from a depth of '
-        f'{" and ".join(parts)} on, when depths from {_MM * smallest_depth:g} mm on are looked '
+        f'{" and ".join(parts)} on, when depths from {1e3 * smallest_depth:g} mm on are looked '
         f'for; there were {every.calls} false calls on {every.area:.0f} m² of skin without dents '
         f'(with a confidence of 95 % at most {every.most:.2f} a square metre). It holds for the '
         "simulated rig, lights and skins below, for dents away from the frame's rim, and not for "
@@ -424,14 +423,14 @@ def write_detection(
         curves=_curves(trials, rows),
         dents=sum(row.detection.dents for row in rows),
         photographs=len(trials),
-        width=f'{_MM * _WIDTH:g}',
-        smallest=f'{_MM * smallest_depth:g}',
+        width=f'{1e3 * _WIDTH:g}',
+        smallest=f'{1e3 * smallest_depth:g}',
         version=__version__,
     )
     record: dict[str, Any] = {
         'sentence': quoted,
-        'width_mm': _MM * _WIDTH,
-        'smallest_depth_mm': _MM * smallest_depth,
+        'width_mm': 1e3 * _WIDTH,
+        'smallest_depth_mm': 1e3 * smallest_depth,
         'rows': [asdict(row) for row in rows],
         'blanks': [{**asdict(blank), 'at_most_per_m2': blank.most} for blank in blanks],
     }
@@ -453,9 +452,9 @@ def _curves(trials: Sequence[Trial], rows: Sequence[Row]) -> str:
             colour = _COLOURS[row.skin]
             if math.isfinite(row.detection.a90):
                 chance = row.detection.probability(depths, _WIDTH)
-                axis.plot(_MM * depths, chance, color=colour, label=row.skin)
+                axis.plot(1e3 * depths, chance, color=colour, label=row.skin)
             if math.isfinite(row.detection.a90_95):
-                axis.plot(_MM * row.detection.a90_95, 0.9, 'o', color=colour, ms=5)
+                axis.plot(1e3 * row.detection.a90_95, 0.9, 'o', color=colour, ms=5)
             seen = [
                 dent
                 for trial in trials
@@ -464,7 +463,7 @@ def _curves(trials: Sequence[Trial], rows: Sequence[Row]) -> str:
             ]
             if seen:
                 depth, _, hit, _ = np.array(seen, float).T
-                axis.plot(_MM * depth, hit, '|', color=colour, alpha=0.5, ms=7)
+                axis.plot(1e3 * depth, hit, '|', color=colour, alpha=0.5, ms=7)
         axis.axhline(0.9, color='#999', lw=0.7, ls=':')
         axis.set_xscale('log')
         axis.set_title(f'{distance:g} m', fontsize=10)

@@ -20,7 +20,6 @@ from ftp_dent_ros.rig.rig import Lens
 
 # What stands for no measurement among 16 bits of micrometres.
 _MISSING = -32768
-_MICROMETRES = 1e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,7 +237,7 @@ class Mesh:
         points = np.zeros((*valid.shape, 3), '<i2')
         points[valid] = np.round((found - middle) / scale)
         deviation = np.full(valid.shape, _MISSING, '<i2')
-        limited = np.clip(self.deviation[valid] * _MICROMETRES, -32000, 32000)
+        limited = np.clip(self.deviation[valid] * 1e6, -32000, 32000)
         deviation[valid] = np.round(limited)
         inward = np.zeros((*valid.shape, 4), 'i1')
         inward[valid, :3] = np.round(self.inward[valid] * 127)

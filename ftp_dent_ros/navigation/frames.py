@@ -18,8 +18,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-_HALF = np.sqrt(0.5)
-
 
 def enu_from_ned(vector: ArrayLike) -> NDArray[np.float64]:
     """World vector(s) of shape (..., 3): (north, east, down) -> (east, north, up)."""
@@ -51,10 +49,10 @@ def enu_attitude(quaternion: ArrayLike) -> NDArray[np.float64]:
         x, y, z, w of the rotation FLU -> ENU (as in geometry_msgs).
     """
     w, x, y, z = np.moveaxis(np.asarray(quaternion, float), -1, 0)
-    return _HALF * np.stack([x + y, x - y, w - z, w + z], axis=-1)
+    return np.sqrt(0.5) * np.stack([x + y, x - y, w - z, w + z], axis=-1)
 
 
 def ned_attitude(quaternion: ArrayLike) -> NDArray[np.float64]:
     """Attitude quaternion of ROS's -> of MAVLink's; the inverse of `enu_attitude`."""
     x, y, z, w = np.moveaxis(np.asarray(quaternion, float), -1, 0)
-    return _HALF * np.stack([w + z, x + y, x - y, w - z], axis=-1)
+    return np.sqrt(0.5) * np.stack([w + z, x + y, x - y, w - z], axis=-1)

@@ -18,9 +18,6 @@ from ftp_dent_ros.navigation import frames, pose_covariance
 from ftp_dent_ros.navigation.pose_covariance import Covariance, Motion
 from ftp_dent_ros.pose import Pose
 
-_SECOND = 1e9
-_MILLISECOND = 1e6
-
 # Steps beyond what the rates explain. A flight's own are within 0.13 degrees and 3 mm at 50 Hz.
 _ROTATION_JUMP = np.radians(1.0)
 _POSITION_JUMP = 0.05
@@ -57,7 +54,7 @@ class _Track:
 
     def add(self, stamp: int, sample: _Kept, jumped: bool) -> None:
         if self.stamps and not jumped:
-            seconds = (stamp - self.stamps[-1]) / _SECOND
+            seconds = (stamp - self.stamps[-1]) / 1e9
             (last, last_rate, *_), (value, rate, *_) = self.samples[-1], sample
             off = self.step(last, value) - (last_rate + rate) / 2 * seconds
             jumped = bool(np.linalg.norm(off) > self.jump + self.acceleration * seconds**2 / 4)
@@ -97,7 +94,7 @@ class _Track:
                 'gap in the samples',
             )
         share = (stamp - self.stamps[after - 1]) / gap
-        return self.samples[after - 1], self.samples[after], gap / _SECOND, share
+        return self.samples[after - 1], self.samples[after], gap / 1e9, share
 
 
 class PoseHistory:
@@ -114,8 +111,8 @@ class PoseHistory:
     """
 
     def __init__(self, duration: float = 10.0, maximum_gap: float = 0.15) -> None:
-        self._maximum_gap = round(maximum_gap * _SECOND)
-        kept = round(duration * _SECOND)
+        self._maximum_gap = round(maximum_gap * 1e9)
+        kept = round(duration * 1e9)
         self._attitudes = _Track('attitude', kept, _turn, _ROTATION_JUMP, 10.0)
         self._positions = _Track('position', kept, _difference, _POSITION_JUMP, 20.0)
         self.resets = 0
@@ -208,7 +205,7 @@ def _turn(start: _Vector, end: _Vector) -> _Vector:
 
 
 def _ms(nanoseconds: float) -> str:
-    return f'{nanoseconds / _MILLISECOND:.0f} ms'
+    return f'{nanoseconds / 1e6:.0f} ms'
 
 
 def attitude(message: Any) -> Sample | None:
