@@ -2,8 +2,8 @@
 
 Station (fore and aft), buttock line (sideways) and water line (height) of three points or more
 give the rigid motion from the map to the aircraft by least squares, weighted by both sides'
-uncertainties, and with it the covariance of every place (Gauss and Newton's steps; the start is
-that of W. Kabsch, Acta Cryst. A32, 922, 1976).
+uncertainties, and with it the covariance of every place. Source: W. Kabsch, Acta Cryst. A32, 922
+(1976).
 """
 
 from __future__ import annotations
@@ -22,15 +22,14 @@ from scipy.stats import chi2
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.fields import Fields, Positive, Triple
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.rigid import about, move_about
+from ftp_dent_ros.rigid import about
 from ftp_dent_ros.survey.result import SurveyResult
 from ftp_dent_ros.yaml_file import read_yaml
 
 Array = NDArray[np.float64]
 
-# Points that tell a frame, and rounds of its adjustment.
+# Points that tell a frame.
 _NEEDED = 3
-_ROUNDS = 4
 # Chance that right points are refused as contradicting each other.
 _REFUSED = 1e-3
 
@@ -44,17 +43,15 @@ class ReferencePoint:
     name : str
     in_map : ndarray, shape (3,)
         Metres.
-    map_covariance : ndarray, shape (3, 3)
-        Of that place among the others of the map, square metres.
     on_aircraft : ndarray, shape (3,)
         Station, buttock line, water line; metres.
     uncertainty : float
-        Standard uncertainty of each of these, metres.
+        Standard uncertainty along each axis, of the place in the map and that on the aircraft
+        together, metres.
     """
 
     name: str
     in_map: Array
-    map_covariance: Array
     on_aircraft: Array
     uncertainty: float
 
@@ -155,27 +152,17 @@ def _fitted(points: Sequence[ReferencePoint]) -> tuple[AircraftFrame, float]:
     """The frame, and the chi-square of its residuals."""
     here = np.stack([point.in_map for point in points]).astype(float)
     there = np.stack([point.on_aircraft for point in points]).astype(float)
-    middle = there.mean(axis=0)
+    weights = np.array([point.uncertainty for point in points]) ** -2.0
+    start, middle = (np.average(each, axis=0, weights=weights) for each in (here, there))
     with warnings.catch_warnings():
         # Of points on a line, which the covariance tells.
         warnings.simplefilter('ignore', UserWarning)
-        rotation, _ = Rotation.align_vectors(there - middle, here - here.mean(axis=0))
-    pose = Pose(rotation, middle - rotation.apply(here.mean(axis=0)))
-    spreads = np.stack([point.map_covariance for point in points])
-    own = np.stack([np.eye(3) * point.uncertainty**2 for point in points])
-    information, misfit, off = np.eye(6), 0.0, np.zeros_like(here)
-    for _ in range(_ROUNDS):
-        turn = pose.rotation.as_matrix()
-        off = there - pose.apply(here)
-        weights = np.linalg.inv(turn @ spreads @ turn.T + own)
-        jacobians = np.stack([about(place - middle) for place in pose.apply(here)])
-        weighted = jacobians.transpose(0, 2, 1) @ weights
-        information = (weighted @ jacobians).sum(axis=0)
-        right = (weighted @ off[..., None]).sum(axis=0)[:, 0]
-        misfit = float(np.einsum('ni,nij,nj->', off, weights, off))
-        # On a line the turn about it is open: no step is taken there.
-        step = np.linalg.pinv(information, rcond=1e-12, hermitian=True) @ right
-        pose = move_about(step, middle) @ pose
+        rotation, _ = Rotation.align_vectors(there - middle, here - start, weights)
+    pose = Pose(rotation, middle - rotation.apply(start))
+    off = there - pose.apply(here)
+    misfit = float(weights @ np.square(off).sum(axis=1))
+    jacobians = np.stack([about(place - middle) for place in pose.apply(here)])
+    information = np.einsum('n,nij,nik->jk', weights, jacobians, jacobians)
     values, vectors = np.linalg.eigh(information)
     covariance = (vectors / np.maximum(values, 1e-9)) @ vectors.T
     return AircraftFrame(pose, middle, covariance, off, tuple(points)), misfit
@@ -214,6 +201,6 @@ def read_reference_points(
         on_aircraft = np.array(each.take('at', Triple)) * unit
         name = each.take('name', str, f'points[{index}]')
         each.finish()
-        points.append(ReferencePoint(name, place, np.eye(3) * of_map**2, on_aircraft, own))
+        points.append(ReferencePoint(name, place, on_aircraft, math.hypot(own, of_map)))
     file.finish()
     return tuple(points)

@@ -15,14 +15,7 @@ from scipy.ndimage import distance_transform_edt
 
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.survey.unrolled import Gap, Unrolled, find_gaps, gap_mask
-
-# Side of a cell, and how far apart the points of a cloud are that it keeps, metres.
-CELL, _APART = 0.01, 0.004
-# Cells that are drawn at most: poses may put clouds anywhere.
-_LARGEST = 1 << 26
-# Points of a footprint by which the skin's form is found.
-_FEW = 50
+from ftp_dent_ros.survey.unrolled import CELL, LARGEST, Gap, Unrolled, find_gaps, gap_mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +43,8 @@ class Footprint:
     def of(cls, cloud: Cloud, tangent: Pose) -> Footprint:
         """Of the points that a cloud has, some on its grid, about its tangent plane."""
         spacing = np.nanmedian(np.linalg.norm(np.diff(cloud.points[::16], axis=1), axis=-1))
-        every = max(1, int(_APART / spacing))
+        # How far apart they are, metres: so many in a cell that its rim is told.
+        every = max(1, int(0.004 / spacing))
         points = cloud.points[::every, ::every][cloud.valid[::every, ::every]]
         offsets = (points - tangent.translation).astype(np.float16)
         normal = tangent.rotation.apply([0.0, 0.0, 1.0])
@@ -109,7 +103,8 @@ def unrolled(
 ) -> tuple[Unrolled, list[NDArray[np.float32]]]:
     """The skin through clouds where their cameras were, and the places of their points on it."""
     both = list(zip(poses, footprints, strict=True))
-    few = [pose.apply(each.points(max(1, len(each.offsets) // _FEW))) for pose, each in both]
+    # Some 50 of each tell the skin's form.
+    few = [pose.apply(each.points(max(1, len(each.offsets) // 50))) for pose, each in both]
     normals = np.stack([pose.rotation.apply(each.normal) for pose, each in both])
     repeated = np.repeat(normals, [len(each) for each in few], axis=0)
     skin = Unrolled.through(np.concatenate(few), repeated)
@@ -124,7 +119,7 @@ def seen_skin(footprints: Sequence[Footprint], poses: Sequence[Pose]) -> SeenSki
     # A cell of nothing about what was measured.
     low = (np.floor(places[:, :2].min(axis=0) / CELL) - 1) * CELL
     columns, rows = np.floor((places[:, :2].max(axis=0) - low) / CELL).astype(int) + 2
-    if columns * rows > _LARGEST:
+    if columns * rows * CELL**2 > LARGEST:
         return None
     column, row = np.floor((places[:, :2] - low) / CELL).astype(int).T
     covered, heights = (

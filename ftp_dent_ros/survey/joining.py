@@ -30,8 +30,6 @@ _PASSES, _APART, _NEAR = 2, 8, 0.6
 
 # Clouds before the newest, and about another, by which the doubt of these two is known.
 _NEARBY = 4
-# Of a cloud's place seen from the one before, where no autopilot tells it: metres, radians.
-_BLIND = np.diag([0.08**2] * 3 + [0.03**2] * 3)
 
 
 class Joining:
@@ -145,9 +143,8 @@ class Joining:
             return node.stated or Pose(Rotation.identity(), np.zeros(3))
         last, there = graph.nodes[-1], graph.poses[-1]
         if node.stated is None:
-            if len(graph.poses) < 2:
-                return there
-            return there @ (graph.poses[-2].inverse() @ there)
+            # As far from the last one as that from the one before.
+            return there @ (graph.poses[-2:][0].inverse() @ there)
         if last.stated is None or last.flight != node.flight:
             return node.stated
         return there @ last.stated.inverse() @ node.stated
@@ -292,7 +289,8 @@ def doubt_by_autopilot(graph: PoseGraph, first: int, second: int) -> NDArray[np.
     """The same by the autopilot alone, or by how far a drone flies where it tells nothing."""
     a, b = graph.nodes[first], graph.nodes[second]
     if a.covariance is None or b.covariance is None:
-        return _BLIND * max(1, min(second - first, 3))
+        # Of a cloud's place seen from the one before: metres, radians.
+        return np.diag([0.08**2] * 3 + [0.03**2] * 3) * max(1, min(second - first, 3))
     changed = 1 - share_kept(a, b)
     spread = (a.covariance + b.covariance) * changed + 2 * JITTER
     # The first one's turn moves what lies at the end of the arm.

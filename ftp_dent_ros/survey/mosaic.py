@@ -10,12 +10,11 @@ from ftp_dent_ros.dents.dent import Inspection
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.survey.raster import Raster
 from ftp_dent_ros.survey.result import CoverageCells
-from ftp_dent_ros.survey.unrolled import Gap, Unrolled, find_gaps
+from ftp_dent_ros.survey.unrolled import CELL, Gap, Unrolled, find_gaps
 
-# Side of a pixel, metres, and pixels a side of a coverage cell.
-PIXEL, PIXELS_A_CELL = 0.002, 5
-#: Side of a coverage cell, metres.
-CELL = PIXEL * PIXELS_A_CELL
+#: Pixels a side of a cell, and the side of a pixel, metres.
+PIXELS_A_CELL = 5
+PIXEL = CELL / PIXELS_A_CELL
 
 
 class Mosaic(Raster):

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.survey.unrolled import Unrolled
+from ftp_dent_ros.survey.unrolled import LARGEST, Unrolled
 
 Grid = NDArray[np.float32]
 Array = NDArray[np.float64]
@@ -49,8 +49,7 @@ class Raster:
         self.skin, self.pitch, self.low = skin, pitch, np.floor(low / side) * side
         columns, rows = (np.ceil((high - self.low) / side).astype(int) + 1) * together
         self.shape = int(rows), int(columns)
-        # Square metres: more than the fuselage of an airliner has.
-        if rows * columns * pitch**2 > 1000.0:
+        if rows * columns * pitch**2 > LARGEST:
             raise CloudError(
                 f'the clouds are spread over {columns * pitch:.0f} m by {rows * pitch:.0f} m: '
                 'check their poses'

@@ -34,8 +34,6 @@ LEAST_OVERLAP, _LEAST_POINTS, _LEAST_FEW = 0.15, 200, 50
 # Steps of least squares by few points, and the step that is small enough, metres and radians; the
 # last step is by all of them, and comes with its information.
 _STEPS, _SHAPE_STEPS, _DONE = 8, 2, 5e-5
-# Standard deviations of a guess within which the truth lies.
-_GATE = 5.0
 _NO_PAINT = 'without a skin image: laid on each other by their shape alone'
 _NOWHERE = 'its paint is found nowhere on the other: by their shape alone'
 _AMBIGUOUS = 'its marks fit in more places than one: by their shape alone'
@@ -49,11 +47,13 @@ Array = NDArray[np.float64]
 
 # Of the cells that are correlated, metres: marks are a few millimetres wide.
 _CELL = 0.003
-# Standard deviations of the guess within which is looked for, and the least and most, metres.
-_WITHIN, _LEAST_REACH, _MOST_REACH = 4.0, 0.006, 0.2
+# Standard deviations of the guess within which the truth lies: all but 3e-4, along the skin.
+_WITHIN = 4.0
+# As far as is looked for at most, metres: most of what a cloud sees.
+_FARTHEST = 0.2
 # About the normal: what moves no mark farther than it is wide, radians.
 _TURN = 0.008
-# A peak's correlation by the highest one's from which on both are looked at.
+# A peak's correlation, and that by the highest one's, from which on it may be the place.
 _RIVAL = 0.6
 
 
@@ -133,7 +133,10 @@ def _placed(
     pose, remark = _by_paint(first, samples, places, near)
     if pose is not None:
         found = equations(first, samples, pose, near.centre)
-        if len(found.residual) - found.heights >= _LEAST_POINTS and near.away(pose)[1] <= _GATE**2:
+        if (
+            len(found.residual) - found.heights >= _LEAST_POINTS
+            and near.away(pose)[1] <= _WITHIN**2
+        ):
             return pose, near, found, ''
     return by_shape, near, None, remark
 
@@ -152,7 +155,7 @@ def _by_paint(
         # on it by far more than a guess is unsure of at its own place.
         # By how much a place may move along the skin as patches are laid on each other there: the
         # cells that it was found by, metres.
-        held = np.diag([1 / 0.003**2] * 2 + [0.0] * 3 + [loose[5, 5]])
+        held = np.diag([1 / _CELL**2] * 2 + [0.0] * 3 + [loose[5, 5]])
         slidden = [slid(first, few, each, near.centre, held) for each in places]
         rough = (Place.at(first, few, each, near, rough=True) for each in slidden)
         left = not_worse(rough, len(places))
@@ -310,8 +313,7 @@ class Place:
 
     def is_same(self, other: Place) -> bool:
         """Whether both are one place, found twice."""
-        # Nearer than this they are one, metres: the cells in which places are looked for.
-        return bool(np.hypot(*(self.shift - other.shift)) < 0.003)
+        return bool(np.hypot(*(self.shift - other.shift)) < _CELL)
 
     def evidence_against(self, other: Place) -> float:
         """Twice the logarithm of the odds of another place against this one.
@@ -354,25 +356,22 @@ def slid(first: SkinPatch, samples: Samples, pose: Pose, centre: Array, held: Ar
 
 def not_worse(places: Iterable[Place], most: int) -> list[Place]:
     """Of some places the best, and those that are not clearly worse, in order of evidence."""
-    others = iter(places)
-    best = next(others, None)
+    best: Place | None = None
     left: list[Place] = []
-    if best is None:
-        return left
-    for place in others:
-        if place.is_same(best):
-            continue
-        evidence = place.evidence_against(best)
-        if evidence < 0:
-            best, place, evidence = place, best, -evidence
-        if evidence < _CLEARLY**2:
-            left.append(place)
+    for place in places:
+        if best is None:
+            best = place
+        elif not place.is_same(best):
+            best, place = (place, best) if place.evidence_against(best) < 0 else (best, place)
+            if place.evidence_against(best) < _CLEARLY**2:
+                left.append(place)
         if len(left) > most:
             break
-    left = [each for each in left if not each.is_same(best)]
-    against = [(each.evidence_against(best), each) for each in left]
-    against = sorted((each for each in against if each[0] < _CLEARLY**2), key=lambda each: each[0])
-    return [best, *(place for _, place in against)]
+    if best is None:
+        return []
+    against = [(each.evidence_against(best), each) for each in left if not each.is_same(best)]
+    rivals = [each for each in against if each[0] < _CLEARLY**2]
+    return [best, *(place for _, place in sorted(rivals, key=lambda each: each[0]))]
 
 
 def is_right(doubt: NDArray[np.float64]) -> bool:
@@ -401,14 +400,14 @@ def candidates(
         Covariance of the guess: shift of the centre, and turn.
     """
     across = np.sqrt(np.diag(doubt))
-    reach = np.clip(_WITHIN * across[:2], _LEAST_REACH, _MOST_REACH)
+    reach = np.clip(_WITHIN * across[:2], 2 * _CELL, _FARTHEST)
     turns = np.arange(-3, 4) * _TURN
     turns = turns[np.abs(turns) <= max(_WITHIN * across[5], _TURN / 2)]
     turns = turns[np.argsort(np.abs(turns), kind='stable')]
     found: list[tuple[float, NDArray[np.float64]]] = []
     for turn in turns:
-        # Correlation that leaves no doubt that the turn is nearly right.
-        if found and found[0][0] > 0.6:
+        # That leaves no doubt that the turn is nearly right.
+        if found and found[0][0] > _RIVAL:
             break
         pose = moved(guess, np.array([0, 0, 0, 0, 0, turn]), centre)
         for height, shift in _peaks(first, second, pose, reach):

@@ -36,8 +36,6 @@ from ftp_dent_ros.survey.writing import skin_of
 
 # Of a pose that says nothing of its accuracy: metres, radians; more than the dent list takes.
 _UNKNOWN = np.diag([0.03**2] * 3 + [0.015**2] * 3)
-# Frame of a survey that no autopilot has placed.
-_OWN_FRAME = 'survey'
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,11 +197,10 @@ def join_bags(
         No cloud can be used, or nothing tells where a bag's skin lies.
     """
     remarks: list[str] = []
-
     say = remarks.append
     joining = Joining(say)
     frame_id, known = '', set[int]()
-    unplaced = without_covariance = 0
+    without_covariance = 0
     for flight, bag in enumerate(bags):
         for item in bag_clouds(bag, lambda skipped: say(str(skipped)), False):
             if not item.in_camera:
@@ -213,6 +210,7 @@ def join_bags(
             if item.stamp_ns in known:
                 continue
             known.add(item.stamp_ns)
+            covariance = item.covariance
             if item.pose is not None:
                 if frame_id not in ('', item.frame_id):
                     raise BagError(
@@ -220,10 +218,8 @@ def join_bags(
                         f'{frame_id!r}: survey them one by one'
                     )
                 frame_id = item.frame_id
-            covariance = item.covariance
-            if item.pose is not None and (covariance is None or not np.any(covariance)):
-                covariance, without_covariance = _UNKNOWN, without_covariance + 1
-            unplaced += item.pose is None
+                if covariance is None or not np.any(covariance):
+                    covariance, without_covariance = _UNKNOWN, without_covariance + 1
             try:
                 joining.add(item.stamp_ns, item.cloud, item.skin, item.pose, covariance, flight)
             except CloudError as reason:
@@ -234,6 +230,7 @@ def join_bags(
     joining.finish()
     _require_ties(joining, bags)
     clouds = len(joining.stamps_ns)
+    unplaced = sum(node.stated is None for node in joining.graph.nodes)
     if unplaced:
         say(
             f'{unplaced} of {clouds} clouds have no pose: they are placed by what they share with '
@@ -248,7 +245,8 @@ def join_bags(
             f'only {known_by} tells where they lie; record /skin too'
         )
     _tell_groups(joining, say)
-    return JoinedClouds(joining, frame_id or _OWN_FRAME, tuple(remarks))
+    # The frame of a survey that no autopilot has placed.
+    return JoinedClouds(joining, frame_id or 'survey', tuple(remarks))
 
 
 def _require_ties(joining: Joining, bags: Sequence[Bag]) -> None:
@@ -361,22 +359,18 @@ class FusedSkin:
         """What is told of a prepared cloud: depths as uncertain as what all clouds may share."""
         if item.pose is None or item.stamp_ns not in self._joined.numbers:
             return found
-        pose, shared = item.pose, self._fusion.shared
-        dents, others = (
-            tuple(_with_shared(each, shared(pose.apply(each.position))) for each in part)
-            for part in (found.dents, found.others)
-        )
+        pose = item.pose
+
+        def doubted(dent: MeasuredDent) -> MeasuredDent:
+            part = self._fusion.shared(pose.apply(dent.position)) / abs(dent.depth.value)
+            depth, volume = (
+                Estimate(each.value, math.hypot(each.uncertainty, part * each.value))
+                for each in (dent.depth, dent.volume)
+            )
+            return replace(dent, depth=depth, volume=volume)
+
+        dents, others = (tuple(map(doubted, part)) for part in (found.dents, found.others))
         return replace(found, dents=dents, others=others)
-
-
-def _with_shared(dent: MeasuredDent, shared: float) -> MeasuredDent:
-    """The same dent, its depth and volume as uncertain as what all its clouds may share."""
-    part = shared / abs(dent.depth.value)
-    depth, volume = (
-        Estimate(each.value, math.hypot(each.uncertainty, part * each.value))
-        for each in (dent.depth, dent.volume)
-    )
-    return replace(dent, depth=depth, volume=volume)
 
 
 def report_on_skin(

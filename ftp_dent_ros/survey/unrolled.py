@@ -10,6 +10,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+#: Side of a cell of what was measured, metres: the least dent is as wide.
+CELL = 0.01
+#: Of a skin, square metres: more than the fuselage of an airliner has.
+LARGEST = 1000.0
+
 
 @dataclass(frozen=True, eq=False)
 class Unrolled:

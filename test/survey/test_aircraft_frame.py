@@ -16,9 +16,8 @@ def points(rng, count=3, noise=1e-3, places=PLACES):
         ReferencePoint(
             f'rivet {k}',
             place + rng.normal(0, 3e-4, 3),
-            np.eye(3) * 3e-4**2,
             TRUE.apply(place) + rng.normal(0, noise, 3),
-            noise,
+            np.hypot(noise, 3e-4),
         )
         for k, place in enumerate(places[:count])
     ]
@@ -52,9 +51,7 @@ def test_a_wrong_point_is_told_and_named_where_the_others_tell(count):
     rng = np.random.default_rng(2)
     given = points(rng, count)
     wrong = given[1]
-    given[1] = ReferencePoint(
-        wrong.name, wrong.in_map, wrong.map_covariance, wrong.on_aircraft + 0.05, 1e-3
-    )
+    given[1] = ReferencePoint(wrong.name, wrong.in_map, wrong.on_aircraft + 0.05, 1e-3)
     named = 'without rivet 1, which is .* mm off' if count > 4 else 'contradict each other'
     with pytest.raises(ConfigurationError, match=named):
         aircraft_frame(given)
