@@ -92,7 +92,8 @@ def _of_heights(first: SkinPatch, second: Samples, pose: Pose, centre: Array) ->
     off = (place[:, 2] - here[:, 0]) * own[:, 2] / sigma
     # Clouds may be surer of themselves than they fit.
     spread = max(1.0, deviation(off) if len(off) else 1.0)
-    return _linearised(off / spread, (own, other), place, centre, sigma * spread, spread, len(off))
+    slopes = [each / (sigma * spread)[:, None] for each in (own, other)]
+    return _linearised(off / spread, slopes, place - centre, place, spread, len(off))
 
 
 def of_paint(
@@ -108,21 +109,15 @@ def of_paint(
     place, here, there = place[met], here[met].astype(float), values[met].astype(float)
     off = here[:, 0] - there[:, 0]
     spread = max(deviation(off) if len(off) else 1.0, _LEAST_PAINT)
-    slopes = here[:, 1:3] @ np.eye(2, 3), there[:, 1:3] @ pose.rotation.as_matrix()[:, :2].T
-    return _linearised(off / spread, slopes, place, centre, np.array(spread), spread, 0)
+    there = there[:, 1:3] @ pose.rotation.as_matrix()[:, :2].T
+    slopes = [each / spread for each in (here[:, 1:3] @ np.eye(2, 3), there)]
+    return _linearised(off / spread, slopes, place - centre, place, spread, 0)
 
 
 def _linearised(
-    residual: Array,
-    directions: tuple[Array, Array],
-    place: Array,
-    centre: Array,
-    sigma: Array,
-    spread: float,
-    heights: int,
+    residual: Array, slopes: list[Array], arm: Array, place: Array, spread: float, heights: int
 ) -> PairEquations:
-    """Residuals that change along directions, at places that shift and turn with the centre."""
-    arm = place - centre
-    own, other = (np.hstack([each, np.cross(arm, each)]) / sigma[..., None] for each in directions)
+    """Residuals that change by slopes as what lies at the end of arms shifts and turns."""
+    own, other = (np.hstack([each, np.cross(arm, each)]) for each in slopes)
     weight = cauchy(residual, 2.385)
     return PairEquations(residual, own, other, weight, place, heights, spread)

@@ -163,7 +163,7 @@ class Joining:
         self.graph.link(first, second, relative)
         if second - first > 1:
             return
-        if relative.remark and self._patch(second).light is not None:
+        if relative.remark and self._kept[second].unfolded().light is not None:
             self._remark_on(self._about(first, second, relative.remark))
         if relative.rank:
             # A guess for the others that is nearly right.
@@ -191,7 +191,7 @@ class Joining:
         """Pose of a cloud seen from an earlier one; None if it does not fit."""
         if first not in self._kept:
             return None
-        patches = self._patch(first), self._patch(second)
+        patches = self._kept[first].unfolded(), self._kept[second].unfolded()
         guess = self.graph.poses[first].inverse() @ self.graph.poses[second]
         is_known = bool(self.graph.links) and self.graph.links[-1].second == second
         known = doubt_by_links(self.graph, first, second) if is_known else None
@@ -217,11 +217,7 @@ class Joining:
                 del self._kept[old]
                 return
         self._last_key = old
-        self._kept[old] = FoldedPatch.of(self._patch(old))
-
-    def _patch(self, number: int) -> SkinPatch:
-        kept = self._kept[number]
-        return kept if isinstance(kept, SkinPatch) else kept.unfolded()
+        self._kept[old] = FoldedPatch.of(self._kept[old].unfolded())
 
     def _closures(self, number: int) -> list[int]:
         """Of other passes that show the same skin, the nearest cloud of each."""

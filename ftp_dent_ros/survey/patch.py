@@ -184,6 +184,10 @@ class SkinPatch:
         y = self.corner[1] + self.pitch * row
         return np.stack([x, y, self.surface[row, column, 0]], axis=-1).astype(float)
 
+    def unfolded(self) -> SkinPatch:
+        """Itself: as of `FoldedPatch`."""
+        return self
+
     def looked_up(self, layer: Grid, points: NDArray[np.float64]) -> Grid:
         """Values of a layer below points of shape (n, 3), linearly; NaN beyond the grid."""
         place = ((points[:, :2] - self.corner) / self.pitch).astype(np.float32)
