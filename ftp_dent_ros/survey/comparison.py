@@ -130,11 +130,12 @@ def compare(earlier: SurveyResult, later: SurveyResult) -> Comparison:
     same = [(before[i], after[j]) for i, j in matching.pairs]
     deeper = [_deeper(a, b, matching) for a, b in same]
     changes, scales = changes_of([a.dent for a, _ in same], [b.dent for _, b in same], deeper)
-    found = [
-        _matched(a, b, change)
-        for (a, b), change in zip(same, changes, strict=True)
-        if a.dent.kind in DAMAGE or b.dent.kind in DAMAGE
-    ]
+    found = []
+    for (a, b), change in zip(same, changes, strict=True):
+        if a.dent.kind in DAMAGE or b.dent.kind in DAMAGE:
+            status = _BY_SIGNS[frozenset(each.verdict for each in change) - {0}]
+            cut = '' if change else 'cut by the edge of what was measured: not compared'
+            found.append(ComparedDent(status, a, b, change, cut))
     gone, come = (
         [
             _alone(each, survey, matching, is_gone)
@@ -157,17 +158,6 @@ def _deeper(earlier: SurveyedDent, later: SurveyedDent, matching: DentMatching) 
     places, _ = matching.in_later(earlier.dent.position[None])
     to_later = Pose(turn, places[0] - turn.apply(earlier.dent.position))
     return depth_growth(earlier, later, to_later)
-
-
-def _matched(
-    earlier: SurveyedDent, later: SurveyedDent, changes: tuple[Change, ...]
-) -> ComparedDent:
-    if not changes:
-        return ComparedDent(
-            'known', earlier, later, (), 'cut by the edge of what was measured: not compared'
-        )
-    signs = frozenset(change.verdict for change in changes) - {0}
-    return ComparedDent(_BY_SIGNS[signs], earlier, later, changes)
 
 
 def _alone(
