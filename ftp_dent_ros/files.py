@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import hashlib
 import os
+import re
 import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -74,6 +75,12 @@ def _find_shipped(name: str) -> Path:
             f'{SHIPPED}{name}: no file of that name is shipped: give one of {", ".join(names)}'
         )
     return config_folder() / name
+
+
+def by_number(path: Path) -> list[tuple[int, int, str]]:
+    """Sorting key by which ``2.png`` stands before ``10.png``."""
+    parts = re.split(r'(\d+)', str(path))
+    return [(0, int(part), '') if part.isdigit() else (1, 0, part) for part in parts]
 
 
 def content_id(path: str | os.PathLike[str]) -> str:

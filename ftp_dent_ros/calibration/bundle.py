@@ -25,6 +25,7 @@ DISTORTIONS: tuple[tuple[int, ...], ...] = ((), (0,), (0, 1), (0, 1, 2, 3), (0, 
 LENS = 9
 RIG = 2 * LENS + 6
 _COMMON = RIG + 3
+_EXTRINSICS = slice(2 * LENS, RIG)
 # Where the two lenses are in a rig's numbers, and their pixels in an observation's.
 _LENSES = ((slice(0, LENS), slice(0, 2)), (slice(LENS, 2 * LENS), slice(2, 4)))
 
@@ -146,10 +147,10 @@ def _bending(board: NDArray) -> NDArray[np.float64]:
     return by
 
 
-def _turn(vector: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Matrix of a rotation vector, and its derivatives, shape (3, 3, 3), the vector's last."""
-    matrix, by = cv2.Rodrigues(vector)
-    return np.asarray(matrix, float), np.asarray(by, float).T.reshape(3, 3, 3)
+def _composed(*motions: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+    """Rotation vector and translation of two motions, and their derivatives, shape (6, 12)."""
+    turn, shift, *by = cv2.composeRT(*motions)
+    return turn, shift, np.block([by[:4], by[4:]])
 
 
 class _Problem:
@@ -177,38 +178,24 @@ class _Problem:
         """Pixels (p, n, 4) of every corner, and their derivatives by all numbers."""
         bending = _bending(self.start.board)
         corners = self.start.board + bending @ vector[RIG:_COMMON]
-        poses = vector[_COMMON:].reshape(-1, 6)
-        size = (len(poses), len(corners))
-        turned = [_turn(pose[:3]) for pose in poses]
-        turns, by_turns = (np.stack([each[i] for each in turned]) for i in (0, 1))
-        in_camera = corners @ turns.transpose(0, 2, 1) + poses[:, None, 3:]
-        moves = np.broadcast_to(np.eye(3), (*size, 3, 3))
-        by_pose = np.concatenate(
-            [np.einsum('pijk,nj->pnik', by_turns, corners), moves, turns[:, None] @ bending],
-            axis=-1,
-        )
-        rig_turn, by_rig_turn = _turn(vector[18:21])
-        in_projector = in_camera @ rig_turn.T + vector[21:RIG]
-        by_rig = np.concatenate([np.einsum('ijk,pnj->pnik', by_rig_turn, in_camera), moves], -1)
-        pixels, slopes = np.empty((*size, 4)), np.zeros((*size, 4, len(vector)))
-        still = np.zeros(3)
-        for (part, place), points in zip(_LENSES, (in_camera, in_projector), strict=True):
-            lens = vector[part]
-            pixel, by = cv2.projectPoints(
-                points.reshape(-1, 1, 3), still, still, _matrix(lens), lens[4:]
-            )[:2]
-            pixels[..., place] = np.reshape(pixel, (*size, 2))
-            by = np.reshape(by, (*size, 2, -1))
-            by_point = by[..., 3:6]
-            slopes[..., place, part] = by[..., 6:]
-            if points is in_projector:
-                slopes[..., place, 2 * LENS : RIG] = by_point @ by_rig
-                by_point = by_point @ rig_turn
-            moved = by_point @ by_pose
-            slopes[..., place, RIG:_COMMON] = moved[..., 6:]
-            for index in range(len(poses)):
-                own = slice(_COMMON + 6 * index, _COMMON + 6 * index + 6)
-                slopes[index, :, place, own] = moved[index, ..., :6]
+        pixels = np.empty(self.observed.shape)
+        slopes = np.zeros((*pixels.shape, len(vector)))
+        for index in range(len(pixels)):
+            pose = slice(_COMMON + 6 * index, _COMMON + 6 * index + 6)
+            turn, shift = np.split(vector[pose], 2)
+            *in_projector, by = _composed(turn, shift, *np.split(vector[_EXTRINSICS], 2))
+            motions = (turn, shift, np.eye(6, 12)), (*in_projector, by)
+            for (part, place), (turn, shift, by_motion) in zip(_LENSES, motions, strict=True):
+                lens = vector[part]
+                pixel, by = cv2.projectPoints(corners, turn, shift, _matrix(lens), lens[4:])[:2]
+                by = np.reshape(by, (len(corners), 2, -1))
+                pixels[index, :, place] = np.reshape(pixel, (-1, 2))
+                slope = slopes[index, :, place]
+                slope[..., pose], slope[..., _EXTRINSICS] = np.split(
+                    by[..., :6] @ by_motion, 2, -1
+                )
+                slope[..., RIG:_COMMON] = by[..., 3:6] @ cv2.Rodrigues(turn)[0] @ bending
+                slope[..., part] = by[..., 6:]
         return pixels, slopes
 
     def weighted(self, vector: NDArray) -> tuple[NDArray, NDArray, float]:

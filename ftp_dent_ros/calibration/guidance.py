@@ -1,7 +1,8 @@
-"""The next pose of the board that helps most, and how far the calibration is."""
+"""What guides a capture: how late the projector is, which pose helps most, how far it is."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
 
@@ -49,6 +50,26 @@ _FIRST = (
 # Terms that a few poses hold down.
 _MODEL = Model(1, 1)
 _RIM_PX = 4
+
+
+def projector_delay(
+    show: Callable[[NDArray[np.uint8]], int],
+    photograph: Callable[[int], tuple[NDArray[np.uint8], int]],
+    size: tuple[int, int],
+) -> float:
+    """Time from the message to the light, seconds: until photographs no longer change.
+
+    The projector goes from black to white; the delay ends at the first photograph that is as
+    bright as the last, so that it holds the projector's own frame and the camera's error of
+    stamps, and is right to the time between two photographs.
+    """
+    black, white = (np.full((size[1], size[0], 3), level, np.uint8) for level in (0, 254))
+    photograph(show(black))
+    shown_ns = show(white)
+    images, stamps_ns = zip(*(photograph(0) for _ in range(8)), strict=True)
+    levels = np.array([image.mean() for image in images])
+    late = np.flatnonzero(levels < 0.95 * levels[-1])
+    return max(0.0, (stamps_ns[late[-1] + 1] - shown_ns) / 1e9) if len(late) else 0.0
 
 
 @dataclass(frozen=True)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import cv2
 import numpy as np
@@ -16,20 +16,10 @@ from ftp_dent_ros.calibration.sequence import ProjectedFrame, Sequence
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.robust import NORMAL_SPREAD, median
 
-# A lit pixel is brighter by this than an unlit one: three times what rounding and read noise do.
-_LEAST_CONTRAST = 6.0
-
 Photographs = Mapping[ProjectedFrame, NDArray[np.uint8]]
 Part = tuple[slice, slice]
 
-# A window reaches this part of the way to the nearest corner. Beyond it a quadratic no longer
-# follows the perspective of a tilted board.
-_REACH = 0.9
-# Fewer pixels than this do not hold down the six coefficients.
-_FEWEST = 40
-
-# Mean levels of photographs in equal light differ by this factor at most.
-_EQUAL_LIGHT = 1.25
+_WHOLE: Part = (slice(None), slice(None))
 _WORDS = {'u': 'columns', 'v': 'rows'}
 
 
@@ -57,61 +47,21 @@ class Observation:
         return bool(np.isfinite(self.projector).any())
 
 
-def decode(
-    photographs: Photographs, sequence: Sequence, part: Part
-) -> tuple[NDArray[np.float32], list[str]]:
-    """Decode one pose.
-
-    Parameters
-    ----------
-    photographs : mapping of ProjectedFrame to ndarray, shape (height, width), uint8
-        Grey photographs; some may be missing.
-    sequence : Sequence
-    part : (slice, slice)
-        Rows and columns to decode.
-
-    Returns
-    -------
-    codes : ndarray, shape (2, height, width)
-        Projector pixels (u, v) seen by camera pixels; NaN where unknown.
-    troubles : list of str
-        Why an axis is not decoded.
-    """
-    shape = next(iter(photographs.values())).shape
-    codes = np.full((2, *shape), np.nan, np.float32)
-    troubles: list[str] = []
-    for code, axis in zip(codes, _WORDS, strict=True):
-        found = _or_reason(_decoded, photographs, sequence, axis, part)
-        if isinstance(found, CalibrationError):
-            troubles.append(f'{_WORDS[axis]}: {found}')
-        else:
-            code[part] = found
-    return codes, troubles
-
-
-def _or_reason(work: Callable[..., NDArray], *given: Any) -> NDArray | CalibrationError:
-    try:
-        return work(*given)
-    except CalibrationError as reason:
-        return reason
-
-
-def _shifts(photographs: Photographs, axis: str, part: Part) -> dict[int, NDArray[np.float32]]:
+def _taken(
+    photographs: Photographs, kind: str, axis: str, part: Part = _WHOLE
+) -> dict[int, NDArray[np.float32]]:
+    """Levels of the photographs of a kind and an axis by their index."""
     return {
         frame.index: image[part].astype(np.float32)
         for frame, image in photographs.items()
-        if (frame.kind, frame.axis) == ('shift', axis)
+        if (frame.kind, frame.axis) == (kind, axis)
     }
 
 
-def _pairs(photographs: Photographs, axis: str, part: Part) -> list[NDArray[np.float32]]:
+def _pairs(photographs: Photographs, axis: str, part: Part = _WHOLE) -> list[NDArray[np.float32]]:
     """Sums of Gray bits and their inverses, of which both are there."""
-    return [
-        np.add(image[part], photographs[inverse][part], dtype=np.float32)
-        for frame, image in photographs.items()
-        if (frame.kind, frame.axis) == ('gray', axis)
-        and (inverse := ProjectedFrame('inverse', axis, frame.index)) in photographs
-    ]
+    bits, inverses = (_taken(photographs, kind, axis, part) for kind in ('gray', 'inverse'))
+    return [bits[index] + inverses[index] for index in bits if index in inverses]
 
 
 def lit_evenly(photographs: Photographs, steps: int) -> dict[str, NDArray[np.uint8]]:
@@ -120,14 +70,13 @@ def lit_evenly(photographs: Photographs, steps: int) -> dict[str, NDArray[np.uin
     The sum of a bit and its inverse are such, and the mean of shifts, of `steps` a period, whose
     fringes and second harmonics cancel: that of a whole period or of every other step of it.
     """
-    everywhere = slice(None), slice(None)
 
     def composed(axis: str) -> NDArray[np.uint8] | None:
-        shifts = _shifts(photographs, axis, everywhere)
+        shifts = _taken(photographs, 'shift', axis)
         turns = np.exp(2j * np.pi * np.array(list(shifts)) / steps)
         even = list(shifts.values())
         if len(shifts) < 3 or max(abs(turns.sum()), abs((turns * turns).sum())) > 1e-6:
-            even = _pairs(photographs, axis, everywhere)
+            even = _pairs(photographs, axis)
         if not even:
             return None
         mean = np.mean(np.stack(even), axis=0)
@@ -146,15 +95,21 @@ def lit_evenly(photographs: Photographs, steps: int) -> dict[str, NDArray[np.uin
 def _decoded(
     photographs: Photographs, sequence: Sequence, axis: str, part: Part
 ) -> NDArray[np.float32]:
-    """Projector pixels along an axis; NaN where unknown."""
-    shifts = _shifts(photographs, axis, part)
+    """Projector pixels along an axis in a part of the photographs; NaN where unknown.
+
+    Raises
+    ------
+    CalibrationError
+        Photographs are missing, or the codes are not of this projector.
+    """
+    shifts = _taken(photographs, 'shift', axis, part)
     middle: NDArray | None = None
-    known: NDArray[np.bool_] | bool = True
+    order_is_sure: NDArray[np.bool_] | bool = True
     if len(shifts) > 2:
         phase, noise, middle = _phase(shifts, sequence.steps)
         turn = np.mod(phase / (2 * np.pi), 1)
         # Phases noisier than this could be of the next code word; radians.
-        known = noise <= 0.4
+        order_is_sure = noise <= 0.4
     elif sequence.period:
         raise CalibrationError(
             f'{len(shifts)} of {sequence.steps} shifted photographs are there, fewer than 3'
@@ -166,7 +121,7 @@ def _decoded(
             turn < 0.25, (word + 1) // 2, np.where(turn < 0.75, word // 2, (word - 1) // 2)
         )
         value = ((order + turn) * sequence.period).astype(np.float32)
-    known = known & lit
+    known = order_is_sure & lit
     size = sequence.size(axis)
     beyond = value > size - 0.5
     # Wrong bits in dark squares put fewer codes than this off the projector.
@@ -182,34 +137,25 @@ def _decoded(
 
 def _words(
     photographs: Photographs, sequence: Sequence, axis: str, part: Part, middle: NDArray | None
-) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
+) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """Gray code words, and where they can be read; `middle` is between light and dark."""
-    white, black = (
-        photographs[frame][part].astype(np.float32) if frame in photographs else None
-        for frame in (ProjectedFrame('white'), ProjectedFrame('black'))
-    )
+    white, black = (_taken(photographs, kind, '', part).get(0) for kind in ('white', 'black'))
     if white is not None and black is not None:
         middle = (white + black) / 2
-    differences: list[NDArray] = []
+    bits, inverses = (_taken(photographs, kind, axis, part) for kind in ('gray', 'inverse'))
+    differences = []
     for index in range(sequence.bits(axis)):
-        bit, inverse = (
-            photographs.get(ProjectedFrame(kind, axis, index)) for kind in ('gray', 'inverse')
-        )
-        if bit is not None and inverse is not None:
-            differences.append(bit[part].astype(np.float32) - inverse[part])
-        elif bit is not None and middle is not None:
-            differences.append(2 * (bit[part] - middle))
-        else:
+        if index in bits and index not in inverses and middle is not None:
+            inverses[index] = 2 * middle - bits[index]
+        if index not in bits or index not in inverses:
             raise CalibrationError(f'the photographs of Gray bit {index} are missing')
-    lit = np.max(np.abs(differences), axis=0) > _LEAST_CONTRAST
-    if white is not None and black is not None:
-        lit = white - black > _LEAST_CONTRAST
-    word = np.zeros(lit.shape, np.int32)
-    last = np.zeros(lit.shape, bool)
-    for difference in differences:
-        last = last ^ (difference > 0)
-        word = 2 * word + last
-    return word, lit
+        differences.append(bits[index] - inverses[index])
+    # A lit pixel is brighter by this than an unlit one: three times what rounding and read noise
+    # do.
+    span = np.max(np.abs(differences), axis=0)
+    lit = (span if white is None or black is None else white - black) > 6.0
+    word = np.logical_xor.accumulate(np.array(differences) > 0)
+    return np.tensordot(1 << np.arange(len(word))[::-1], word, axes=1), lit
 
 
 def _phase(
@@ -226,31 +172,28 @@ def _phase(
 
 
 def corner_coordinates(
-    codes: NDArray[np.float32], corners: NDArray[np.float64], spacing: float
+    code: NDArray[np.float32], corners: NDArray[np.float64], spacing: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Projector pixels (u, v) at corners of shape (n, 2), and how they scatter about the fit.
+    """Projector pixels along an axis at corners (n, 2), and how they scatter about the fit.
 
-    Both have the corners' shape, and NaN where nothing is known.
+    Both have the shape (n,), and NaN where nothing is known. `code` are those of all pixels.
 
     About each corner a quadratic in the camera's pixels is fitted to the projector's coordinates
     (the local homographies of Moreno and Taubin, 3DIMPVT 2012, to second order), and read at the
     corner. White and black squares lie symmetrically about it, so that what blur does to the phase
     at their edges cancels.
     """
-    radius = max(3, int(_REACH * spacing))
+    # Up to this part of the way to the nearest corner: beyond it a quadratic no longer follows the
+    # perspective of a tilted board.
+    radius = max(3, int(0.9 * spacing))
     # More pixels than about this many along a window's side tell nothing more.
     step = max(1, round(2 * radius / 49))
-    result, scatter = np.full((2, *corners.shape), np.nan)
+    result, scatter = np.full((2, len(corners)), np.nan)
     for index in np.flatnonzero(np.isfinite(corners[:, 0])):
         column, row = np.rint(corners[index]).astype(int)
         first = np.maximum([column - radius, row - radius], 0)
-        rows = slice(first[1], row + radius + 1, step)
-        columns = slice(first[0], column + radius + 1, step)
-        centre = (corners[index] - first) / step
-        for axis, code in enumerate(codes):
-            result[index, axis], scatter[index, axis] = _at(
-                code[rows, columns], centre, radius / step
-            )
+        window = code[first[1] : row + radius + 1 : step, first[0] : column + radius + 1 : step]
+        result[index], scatter[index] = _at(window, (corners[index] - first) / step, radius / step)
     return result, scatter
 
 
@@ -265,7 +208,8 @@ def _at(values: NDArray, centre: NDArray, radius: float) -> tuple[float, float]:
     limit = 3 * median(off) + 1
     for _ in range(4):
         kept = off <= limit
-        if kept.sum() < _FEWEST:
+        # Fewer pixels than this do not hold down the six coefficients.
+        if kept.sum() < 40:
             return np.nan, np.nan
         coefficients, *_ = np.linalg.lstsq(basis[kept], value[kept], rcond=None)
         off = np.abs(basis @ coefficients - value)
@@ -319,10 +263,13 @@ def _observe(name: str, photographs: Photographs, sequence: Sequence, board: Boa
         raise CalibrationError(
             'no photograph shows the board lit evenly: the white one is missing'
         )
-    sought = {moment: _or_reason(board.find, image) for moment, image in even.items()}
-    found = {moment: each for moment, each in sought.items() if isinstance(each, np.ndarray)}
+    found: dict[str, NDArray[np.float64]] = {}
+    for moment, image in even.items():
+        with suppress(CalibrationError):
+            found[moment] = board.find(image)
     if not found:
-        raise next(each for each in sought.values() if isinstance(each, CalibrationError))
+        # Once more, to say why.
+        board.find(next(iter(even.values())))
     moment, corners = next(iter(found.items()))
     spacing = board.spacing(corners)
     _, blur = board.refine(even[moment], corners)
@@ -349,8 +296,15 @@ def _observe(name: str, photographs: Photographs, sequence: Sequence, board: Boa
     high = np.ceil(np.nanmax(corners, axis=0) + 1.5 * spacing).astype(int) + 1
     part = slice(low[1], high[1]), slice(low[0], high[0])
     _refuse_light(photographs, part)
-    codes, troubles = decode(photographs, sequence, part)
-    projected, scatter = corner_coordinates(codes, corners, spacing)
+    projected, scatter = np.full((2, *corners.shape), np.nan)
+    troubles = []
+    for index, (axis, name) in enumerate(_WORDS.items()):
+        code = np.full(mean.shape, np.nan, np.float32)
+        try:
+            code[part] = _decoded(photographs, sequence, axis, part)
+        except CalibrationError as reason:
+            troubles.append(f'{name}: {reason}')
+        projected[:, index], scatter[:, index] = corner_coordinates(code, corners, spacing)
     _refuse_disorder(board, projected, scatter, sequence, not troubles)
     seen = int(np.isfinite(corners[:, 0]).sum())
     lit = int(np.isfinite(projected).all(axis=1).sum())
@@ -366,10 +320,11 @@ def _observe(name: str, photographs: Photographs, sequence: Sequence, board: Boa
 def _refuse_light(photographs: Photographs, part: Part) -> None:
     """Refuse fringes that are clipped, and light that changes between photographs."""
     for axis in _WORDS:
-        shifts = list(_shifts(photographs, axis, part).values())
+        shifts = list(_taken(photographs, 'shift', axis, part).values())
         equal = shifts or _pairs(photographs, axis, part)
         means = [float(image.mean()) for image in equal]
-        if means and max(means) > _EQUAL_LIGHT * min(means):
+        # Mean levels of photographs in equal light differ by this factor at most.
+        if means and max(means) > 1.25 * min(means):
             raise CalibrationError(
                 'the light changes from photograph to photograph: some are '
                 f'{max(means) / min(means):.1f} times as bright as others that are meant alike: '

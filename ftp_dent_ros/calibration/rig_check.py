@@ -1,11 +1,11 @@
-"""Whether a rig still holds, from one photograph of a flat wall or a smooth skin.
+"""Whether a rig still holds, from one photograph of a flat wall, a board or a smooth skin.
 
 Fringes along one axis give three equations for three unknowns, so a wrong rig gives a cloud all
-the same. Two things betray it: the rim of the projector's frame, whose rows are known, and that a
-wall is flat. The projector's turn against the camera is estimated from both, with the wall's place
-as an unknown; from the rim alone on a skin, whose form the fringes tell. A shift of all columns
-alike leaves a wall flat (planes stay planes in projective geometry) and only moves it: a board
-shows that too, see `board_check`.
+the same. What betrays it is known beside them: the rows of the rim of the projector's frame, that
+a wall is flat, and where the corners of a board are. The projector's turn against the camera is
+estimated from them, with the surface's place as an unknown; on a skin, whose form the fringes
+tell, from the rim alone. A shift of all columns alike leaves a wall flat (planes stay planes in
+projective geometry) and only moves it: a board shows that too.
 """
 
 from __future__ import annotations
@@ -17,24 +17,31 @@ import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import compress
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import RBFInterpolator
 from scipy.ndimage import map_coordinates
 from scipy.optimize import least_squares
-from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm, t
 
-from ftp_dent_ros.calibration.bundle import depth_deviation, depths_along
+from ftp_dent_ros.calibration.board import Board
+from ftp_dent_ros.calibration.board_in_fringes import (
+    board_pose,
+    fringe_levels,
+    linear_photograph,
+    plane_terms,
+    read_board,
+)
+from ftp_dent_ros.calibration.bundle import depths_along
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.rig.rig import Rig
 
-# Worse known than this it is not known, projector pixels.
-_UNKNOWN_PX = 1.2
 AXES = ('pitch', 'yaw', 'roll')
 # x and y of frames, and what turns about them, in each other's place.
 _SWAPPED = [1, 0, 2]
@@ -45,17 +52,12 @@ _FEWEST = 12
 _REACH = 14
 # A place so many projector pixels inside the rim tells which way is inward.
 _INWARD = 8.0
-# A rim's places are known to this at first and at best, projector rows.
-_RIM_FIRST, _RIM_LEAST = 0.15, 0.01
 
-# Fringes are known to this at first and at best, projector pixels.
-PHASE_PX, PHASE_LEAST = 0.03, 0.003
-# A residual beyond so many standard deviations is another thing's edge: 1 of 16,000 of noise is.
-_FAR = 4.0
-# Neighbours err together: as if there were a tenth as many (its square).
-_ALIKE = np.sqrt(10)
+# Standard deviations at first and at best: of a rim's places and of fringes, projector pixels; of
+# corners through fringes, camera pixels.
+_RIM, _FRINGES, _CORNERS = (0.15, 0.01), (0.03, 0.003), (0.05, 0.01)
 # No projector has turned by more, radians: what tells nothing leaves this open.
-ANY_TURN = 0.1
+_ANY_TURN = 0.1
 # Seconds of processor time of a check aside, of which it takes some tenths.
 _LONGEST = 120
 
@@ -149,7 +151,7 @@ def judged(
     covariance: NDArray,
     middle: NDArray,
     rim_points: int = 0,
-    freedom: int | None = None,
+    camera_px: float | None = None,
 ) -> Check:
     """What an estimated turn says.
 
@@ -162,36 +164,40 @@ def judged(
     middle : ndarray, shape (3,)
         A point in the middle of what was measured, metres.
     rim_points : int
-    freedom : int, optional
-        Degrees of freedom that the covariance's scale was told by; as good as known without.
+        That the covariance's scale was told by; 0 if it is as good as known.
+    camera_px : float, optional
+        As of `Check`.
     """
-    # Either way about one of three axes: a scale that few places tell needs Student's t.
-    # False alarms wanted, of all photographs of true rigs.
+    # False alarms wanted, of all photographs of true rigs: either way about one of three axes.
     chance = 1e-4 / 2 / 3
-    sure = float(norm.isf(chance) if freedom is None else t.isf(chance, freedom))
+    # A scale that few places tell needs Student's t: three turns and the response are theirs too.
+    sure = float(t.isf(chance, max(1, rim_points - 4)) if rim_points else norm.isf(chance))
     if rig.record is not None and rig.record.covariance is not None:
         covariance = covariance + rig.record.covariance[18:21, 18:21]
     deviation = np.sqrt(np.diag(covariance))
     lens = rig.projector
     lever = np.array([*lens.camera_matrix[[1, 0], [1, 0]], np.hypot(lens.width, lens.height) / 2])
     drift, doubt = turn * lever, deviation * lever
-    unknown = tuple(a for a, each in zip(AXES, doubt, strict=True) if each > _UNKNOWN_PX)
+    # Worse known than this it is not known, projector pixels.
+    unknown = doubt > 1.2
     # Smaller drifts, projector pixels, are not worth another calibration: they leave dents as deep
     # as they are and move a cloud at 0.75 m by half a millimetre.
-    moved = tuple(
-        axis
-        for axis, each, spread in zip(AXES, np.abs(drift), doubt, strict=True)
-        if axis not in unknown and each > max(0.4, sure * spread)
+    moved = ~unknown & (np.abs(drift) > np.maximum(0.4, sure * doubt))
+    true = turned(rig, np.where(moved, turn, 0))
+    if pattern.axis == 'v':
+        rig, true, middle = rig.transposed, true.transposed, middle[_SWAPPED]
+    column = rig.projector.project(rig.to_projector(middle[None]))[:, 0]
+    depth = float(depths_along(true, middle[None] / middle[2], column)[0])
+    return Check(
+        turn,
+        deviation,
+        drift,
+        abs(depth - float(middle[2])),
+        rim_points,
+        tuple(compress(AXES, unknown)),
+        tuple(compress(AXES, moved)),
+        camera_px,
     )
-    error = 0.0
-    if moved:
-        off = np.where([axis in moved for axis in AXES], turn, 0)
-        if pattern.axis == 'v':
-            rig, off, middle = rig.transposed, off[_SWAPPED], middle[_SWAPPED]
-        shift = np.zeros((24, 24))
-        shift[18:21, 18:21] = np.diag(off**2)
-        error = float(depth_deviation(rig, shift, rig.camera.project(middle)[None], middle[2:])[0])
-    return Check(turn, deviation, drift, error, rim_points, unknown, moved)
 
 
 def adjusted(rig: Rig, found: Check) -> Rig:
@@ -206,75 +212,168 @@ def turned(rig: Rig, turn: NDArray) -> Rig:
     return replace(rig, rotation=by @ rig.rotation, translation=by @ rig.translation)
 
 
-#: Of residuals, their standard deviation; None for those that are in standard deviations.
-Scatter = Callable[[NDArray], NDArray | float] | None
+@dataclass(frozen=True)
+class _Kind:
+    """Residuals of one kind: their standard deviation at first, and what tells it of them."""
+
+    first: float
+    told: Callable[[NDArray], float] | None = None
 
 
-def fitted(
-    misfit: Callable[[NDArray], list[NDArray]],
-    start: NDArray,
-    deviations: list[NDArray | float],
-    scatters: list[Scatter],
+#: What the turn is told by: residuals of each kind, of a rig and the other unknowns.
+_Misfit = Callable[[Rig, NDArray], list[NDArray]]
+
+
+def _fitted(
+    rig: Rig, misfit: _Misfit, start: NDArray, kinds: list[_Kind]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Robust least squares of residuals of several kinds, each as good as it turns out to be.
 
     Parameters
     ----------
+    rig : Rig
     misfit : callable
-        Of the unknowns, of which the first three are the projector's turn: residuals by kind.
     start : ndarray
-    deviations : list of float or ndarray
-        Standard deviations of each kind, to start from.
-    scatters : list of callable, optional
+        Of the unknowns beside the turn.
+    kinds : list of _Kind
 
     Returns
     -------
     unknowns : ndarray
+        The projector's turn, and the others.
     covariance : ndarray, shape (3, 3)
         Of the turn.
     """
+    deviations = [kind.first for kind in kinds]
+    unknowns = np.concatenate([np.zeros(3), start])
+
+    def each(unknowns: NDArray) -> list[NDArray]:
+        return misfit(turned(rig, unknowns[:3]), unknowns[3:])
 
     def weighted(unknowns: NDArray) -> NDArray[np.float64]:
-        kinds = zip(misfit(unknowns), deviations, strict=True)
-        return np.concatenate([kind / spread for kind, spread in kinds])
+        off = zip(each(unknowns), deviations, strict=True)
+        return np.concatenate([unknowns[:3] / _ANY_TURN, *(part / spread for part, spread in off)])
 
     for _ in range(3):
-        found = least_squares(weighted, start, x_scale='jac', loss='soft_l1', f_scale=2.0)
-        start = found.x
-        kinds = zip(misfit(start), deviations, scatters, strict=True)
-        deviations = [tell(kind) if tell else spread for kind, spread, tell in kinds]
+        found = least_squares(weighted, unknowns, x_scale='jac', loss='soft_l1', f_scale=2.0)
+        unknowns = found.x
+        deviations = [
+            kind.told(off) if kind.told else kind.first
+            for kind, off in zip(kinds, each(unknowns), strict=True)
+        ]
     normal = found.jac.T @ found.jac
     scale = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
     inverse = np.linalg.pinv(normal * np.outer(scale, scale), hermitian=True)
-    return start, (inverse * np.outer(scale, scale))[:3, :3]
+    return unknowns, (inverse * np.outer(scale, scale))[:3, :3]
 
 
-@dataclass(frozen=True, eq=False)
-class Rim:
-    """Places on the rims of the frame.
+def scatter(off: NDArray, least: float) -> float:
+    """Standard deviation of residuals, without those that are far off by their quartiles."""
+    low, middle, high = np.percentile(off, [25, 50, 75])
+    # A residual beyond so many standard deviations is another thing's edge: 1 of 16,000 of noise
+    # is.
+    near = np.abs(off - middle) <= 4.0 * (high - low) / 1.349
+    return max(least, float(np.std(off[near])))
 
-    Attributes
+
+def check(
+    rig: Rig,
+    pattern: Pattern,
+    image: Photograph | NDArray,
+    points: NDArray,
+    flatness: float = 1e-4,
+) -> Check:
+    """Check a rig by a photograph of a wall or a skin.
+
+    Parameters
     ----------
-    pixels : ndarray, shape (n, 2)
-        Of the camera: where the light is half of what it is inside.
-    rows : ndarray, shape (n,)
-        Projector rows of these rims.
-    blur : ndarray, shape (n,)
-        Standard deviation of the edge's blur, projector rows, positive if the frame is below.
+    rig : Rig
+    pattern : Pattern
+    image : Photograph or ndarray
+    points : ndarray, shape (rows, columns, 3)
+        The cloud that was computed of it with `rig`, metres; NaN where there is none.
+    flatness : float
+        How far a wall's border may lie off the plane of its middle (standard deviation), metres:
+        the yaw shows in nothing else. Infinite for a skin, of whose form nothing is known.
+
+    Raises
+    ------
+    CalibrationError
+        Too little was measured.
     """
+    seen = points[np.isfinite(points).all(axis=-1)].astype(float)
+    if len(seen) < 200:
+        raise CalibrationError(
+            f'{len(seen)} points were measured, fewer than 200: photograph a flat wall that fills '
+            'the image'
+        )
+    levels, middle = fringe_levels(linear_photograph(image, rig)), np.median(seen, axis=0)
+    if pattern.axis == 'u':
+        turn, covariance, places = _turn(rig, pattern, levels, seen, flatness)
+    else:
+        # The same with x for y, which turns a turn around.
+        swapped = rig.transposed, pattern.transposed, levels.T, seen[:, _SWAPPED], flatness
+        turn, covariance, places = _turn(*swapped)
+        turn, covariance = -turn[_SWAPPED], covariance[np.ix_(_SWAPPED, _SWAPPED)]
+    return judged(rig, pattern, turn, covariance, middle, places)
 
-    pixels: NDArray[np.float64]
-    rows: NDArray[np.float64]
-    blur: NDArray[np.float64]
+
+def _turn(
+    rig: Rig, pattern: Pattern, levels: NDArray, seen: NDArray, flatness: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
+    """The projector's turn, its covariance, and the places on rims, of upright fringes.
+
+    The fringes tell the depth whatever the turn: a place on the rim has a row then, and a wall's
+    inverse depths are linear in the rays, up to its bend.
+    """
+    rays = seen / seen[:, 2:]
+    shape, *_ = np.linalg.lstsq(_inverse_depth(rays), 1 / seen[:, 2], rcond=None)
+    pixels, rows, blur = _find_rim(rig, pattern, levels, shape)
+    rim_rays = rig.camera.rays(pixels)
+    columns = rig.projector.project(rig.to_projector(seen))[:, 0]
+    # By the nearest points, so smooth that it is the plane in which they lie about there.
+    nearby = RBFInterpolator(rays[:, :2], columns, 40, smoothing=1e3, kernel='linear', degree=1)
+    rim_columns = nearby(rim_rays[:, :2])
+    rims = np.unique(rows)
+    thin = slice(None, None, max(1, len(seen) // 1500))
+    rays, columns = rays[thin], columns[thin]
+    distance = float(np.median(seen[:, 2]))
+    reach = float(np.percentile(np.hypot(rays[:, 0], rays[:, 1]), 95))
+
+    def misfit(by: Rig, unknowns: NDArray) -> list[NDArray]:
+        points = rim_rays * depths_along(by, rim_rays, rim_columns)[:, None]
+        off = by.projector.project(by.to_projector(points))[:, 1] - rows - unknowns[0] * blur
+        # Half of the levels is half of the light to this part of the blur: for a camera whose
+        # exponent is known to 10 % (0.35 of it over the edge's slope, 0.4).
+        return [*(off[rows == rim] for rim in rims), unknowns[:1] / 0.09]
+
+    def on_wall(by: Rig, unknowns: NDArray) -> list[NDArray]:
+        points = rays / (_inverse_depth(rays) @ unknowns[1:])[:, None]
+        off = by.projector.project(by.to_projector(points))[:, 0] - columns
+        return [*misfit(by, unknowns), off, unknowns[4:] * (distance * reach) ** 2 / flatness]
+
+    kinds = [_Kind(_RIM[0], lambda off: scatter(off, _RIM[1]))] * len(rims) + [_Kind(1.0)]
+    if not np.isfinite(flatness):
+        found, covariance = _fitted(rig, misfit, np.zeros(1), kinds)
+    else:
+        # A fitted quadratic follows a wall to 0.05 mm, if it is not known to be flatter.
+        depth = rig.projector.camera_matrix[0, 0] * np.linalg.norm(rig.translation) / distance**2
+        # Neighbours err together: as if there were a tenth as many.
+        noise = np.sqrt(10) * float(np.hypot(_FRINGES[0], min(5e-5, flatness) * depth))
+        kinds += [_Kind(noise), _Kind(1.0)]
+        found, covariance = _fitted(rig, on_wall, np.concatenate([[0.0], shape]), kinds)
+    return found[:3], covariance, len(rows)
 
 
-def inverse_depth(rays: NDArray) -> NDArray[np.float64]:
-    """Terms of the inverse depth along rays: three of a plane, three of its bend."""
+def _inverse_depth(rays: NDArray) -> NDArray[np.float64]:
+    """Terms of a surface's inverse depth along rays: three of a plane, three of its bend."""
     x, y = rays[:, 0], rays[:, 1]
     return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
 
 
-def find_rim(rig: Rig, pattern: Pattern, levels: NDArray, shape: NDArray) -> Rim:
+def _find_rim(
+    rig: Rig, pattern: Pattern, levels: NDArray, shape: NDArray
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Places on the two rims of the frame at which upright fringes end.
 
     Parameters
@@ -284,12 +383,16 @@ def find_rim(rig: Rig, pattern: Pattern, levels: NDArray, shape: NDArray) -> Rim
     levels : ndarray, shape (height, width)
         Of the photograph, growing with the light.
     shape : ndarray, shape (6,)
-        Of the surface, as in `inverse_depth`.
+        Of the surface, as in `_inverse_depth`.
 
     Returns
     -------
-    Rim
-        Without a place where too few are seen.
+    pixels : ndarray, shape (n, 2)
+        Of the camera: where the light is half of what it is inside; n is 0 if too few are seen.
+    rows : ndarray, shape (n,)
+        Projector rows of these rims.
+    blur : ndarray, shape (n,)
+        Standard deviation of the edge's blur, projector rows, positive if the frame is below.
     """
     width, height = rig.projector.width, rig.projector.height
     bright = np.arange(pattern.stripe_center_px % pattern.period_px, width, pattern.period_px)
@@ -307,7 +410,7 @@ def find_rim(rig: Rig, pattern: Pattern, levels: NDArray, shape: NDArray) -> Rim
     seen = np.isfinite(edges[:, 0])
     seen &= seen.sum() >= _FEWEST
     places = (at + edges[:, :1] * way)[seen]
-    return Rim(places, rows[seen], (edges[:, 1] * inward / length)[seen])
+    return places, rows[seen], (edges[:, 1] * inward / length)[seen]
 
 
 def _edge(profile: NDArray, offsets: NDArray) -> tuple[float, float]:
@@ -337,136 +440,91 @@ def _lit(rig: Rig, pixels: NDArray, shape: NDArray) -> NDArray[np.float64]:
     scale = np.full(len(rays), 1 / shape[0])
     for _ in range(20):
         points = centre + scale[:, None] * rays
-        depth = 1 / (inverse_depth(points / points[:, 2:]) @ shape)
+        depth = 1 / (_inverse_depth(points / points[:, 2:]) @ shape)
         scale += (depth - points[:, 2]) / rays[:, 2]
     return rig.camera.project(centre + scale[:, None] * rays)
 
 
-def check(
+def check_by_board(
     rig: Rig,
     pattern: Pattern,
+    board: Board,
     image: Photograph | NDArray,
-    points: NDArray,
     flatness: float = 1e-4,
 ) -> Check:
-    """Check a rig by a photograph.
+    """Check a rig by a photograph of a board.
 
     Parameters
     ----------
     rig : Rig
     pattern : Pattern
+    board : Board
+        The one that the rig was calibrated with, or one whose squares are as well known.
     image : Photograph or ndarray
-    points : ndarray, shape (rows, columns, 3)
-        The cloud that was computed of it with `rig`, metres; NaN where there is none.
     flatness : float
-        How far a wall's border may lie off the plane of its middle (standard deviation), metres:
-        the yaw shows in nothing else. Infinite for a skin, of whose form nothing is known.
+        How far the board's border may lie off the plane of its middle, metres, standard
+        deviation.
 
     Raises
     ------
     CalibrationError
-        Too little was measured.
+        The board is not seen, or too little of it was measured.
     """
-    seen = points[np.isfinite(points).all(axis=-1)].astype(float)
-    if len(seen) < 200:
-        raise CalibrationError(
-            f'{len(seen)} points were measured, fewer than 200: photograph a flat wall that fills '
-            'the image'
-        )
-    levels, middle = fringe_levels(image, rig), np.median(seen, axis=0)
-    if pattern.axis == 'u':
-        turn, covariance, places = _turn(rig, pattern, levels, seen, flatness)
-    else:
-        # The same with x for y, which turns a turn around.
-        swapped = rig.transposed, pattern.transposed, levels.T, seen[:, _SWAPPED], flatness
-        turn, covariance, places = _turn(*swapped)
-        turn, covariance = -turn[_SWAPPED], covariance[np.ix_(_SWAPPED, _SWAPPED)]
-    # Numbers that the places of the rims tell beside their own noise: three turns, the response.
-    freedom = max(1, places - 4) if places else None
-    return judged(rig, pattern, turn, covariance, middle, places, freedom)
+    told = 0 if pattern.axis == 'u' else 1
+    corners, points, columns = read_board(rig, pattern, board, image)
+    known, lit = np.isfinite(corners[:, 0]), np.isfinite(columns)
+    corners, columns, points = corners[known], columns[lit], points[lit]
+    rays = points / points[:, 2:]
+    x, y = (2 * plane_terms(board, board.points)[:, 1:]).T
+    bending = np.stack([x * x, x * y, y * y], axis=1) / 2
+
+    def misfit(by: Rig, unknowns: NDArray) -> list[NDArray]:
+        turn, shift, scale = Rotation.from_rotvec(unknowns[:3]), unknowns[3:6], unknowns[6]
+        bend = bending @ unknowns[7:]
+        bent = board.points * scale + np.outer(bend, [0, 0, 1])
+        off = rig.camera.project(turn.apply(bent[known]) + shift) - corners
+        normal = turn.apply([0.0, 0.0, 1.0])
+        depth = (shift @ normal + bend[lit]) / (rays @ normal)
+        pixel = by.projector.project(by.to_projector(depth[:, None] * rays))[:, told]
+        # Warmth and damp make a print so much larger or smaller: aluminium by 12, paper by 30
+        # kelvin.
+        prior = [(scale - 1) / 3e-4, *unknowns[7:] / flatness]
+        return [off[:, 0], off[:, 1], pixel - columns, np.array(prior)]
+
+    def corner_noise(off: NDArray) -> float:
+        grid = np.full(len(known), np.nan)
+        grid[known] = off
+        return _corner_noise(grid.reshape(board.rows, board.columns))
+
+    corner = _Kind(_CORNERS[0], corner_noise)
+    fringes = _Kind(_FRINGES[0], lambda off: scatter(off, _FRINGES[1]))
+    turn, shift = board_pose(rig, board.points[known], corners)
+    start = np.concatenate([turn.as_rotvec(), shift, [1.0], np.zeros(3)])
+    found, covariance = _fitted(rig, misfit, start, [corner, corner, fringes, _Kind(1.0)])
+    # A lens that has changed moves most corners, a shadow or the frame's rim a few: the nearest of
+    # them tell, which are this part of the mean square of normally distributed vectors in the
+    # plane: 1 - q exp(-q) / (1 - exp(-q)), with q = ln 5.
+    near = np.sort(np.hypot(*misfit(rig, found[3:])[:2]))[: max(1, int(0.8 * known.sum()))]
+    camera_px = float(np.sqrt(np.mean(near**2) / 0.598))
+    middle = np.median(points, axis=0)
+    return judged(rig, pattern, found[:3], covariance, middle, camera_px=camera_px)
 
 
-def _turn(
-    rig: Rig, pattern: Pattern, levels: NDArray, seen: NDArray, flatness: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
-    """The projector's turn, its covariance, and the places on rims, of upright fringes.
+def _corner_noise(off: NDArray) -> float:
+    """Of residuals (rows, columns) as if they were independent: edges along fringes err alike.
 
-    The fringes tell the depth whatever the turn: a place on the rim has a row then, and a wall's
-    inverse depths are linear in the rays, up to its bend.
+    The variance of a mean of residuals that fade with the distance by a factor r a corner is
+    (1 + r) / (1 - r) times as large along each axis.
     """
-    rays = seen / seen[:, 2:]
-    shape, *_ = np.linalg.lstsq(inverse_depth(rays), 1 / seen[:, 2], rcond=None)
-    rim = find_rim(rig, pattern, levels, shape)
-    columns = rig.projector.project(rig.to_projector(seen))[:, 0]
-    rim_rays = rig.camera.rays(rim.pixels)
-    rim_columns = _columns_near(rig.camera.project(seen), columns, rim.pixels)
-    sides = [rim.rows == row for row in np.unique(rim.rows)]
-    flat = bool(np.isfinite(flatness))
-    start = np.concatenate([np.zeros(4), shape * flat])
-    thin = slice(None, None, max(1, len(seen) // 1500))
-    rays, columns = rays[thin], columns[thin]
-    distance = float(np.median(seen[:, 2]))
-    per_depth = rig.projector.camera_matrix[0, 0] * np.linalg.norm(rig.translation)
-    # A fitted quadratic follows a wall to this, if it is not known to be flatter; metres.
-    noise = _ALIKE * np.hypot(PHASE_PX, min(5e-5, flatness) * per_depth / distance**2)
-    reach = float(np.percentile(np.hypot(rays[:, 0], rays[:, 1]), 95))
-
-    def misfit(unknowns: NDArray) -> list[NDArray]:
-        by = turned(rig, unknowns[:3])
-        points = rim_rays * depths_along(by, rim_rays, rim_columns)[:, None]
-        row = by.projector.project(by.to_projector(points))[:, 1]
-        off = row - rim.rows - unknowns[3] * rim.blur
-        # Half of the levels is half of the light to this part of the blur: for a camera whose
-        # exponent is known to 10 % (0.35 of it over the edge's slope, 0.4).
-        prior = [*unknowns[:3] / ANY_TURN, unknowns[3] / 0.09]
-        kinds = [off[side] for side in sides]
-        if flat:
-            beside = 1 / depths_along(by, rays, columns) - inverse_depth(rays) @ unknowns[4:]
-            kinds.append(beside * per_depth / noise)
-            prior += [*unknowns[7:] * (distance * reach) ** 2 / flatness]
-        return [*kinds, np.array(prior)]
-
-    rest = 1 + flat
-    deviations: list[Any] = [_RIM_FIRST] * len(sides) + [1.0] * rest
-    scatters: list[Scatter] = [*[_rim_scatter] * len(sides), *[None] * rest]
-    found, covariance = fitted(misfit, start[: 10 if flat else 4], deviations, scatters)
-    return found[:3], covariance, len(rim.rows)
-
-
-def _columns_near(pixels: NDArray, columns: NDArray, places: NDArray) -> NDArray[np.float64]:
-    """Columns at places of the image by the nearest points, which lie in a plane about there."""
-    result = np.zeros(len(places))
-    _, nearest = cKDTree(pixels).query(places, k=40)
-    for index, near in enumerate(nearest):
-        terms = np.column_stack([np.ones(len(near)), pixels[near] - places[index]])
-        result[index] = np.linalg.lstsq(terms, columns[near], rcond=None)[0][0]
-    return result
-
-
-def _rim_scatter(off: NDArray) -> float:
-    return scatter(off, _RIM_LEAST)
-
-
-def scatter(off: NDArray, least: float) -> float:
-    """Standard deviation of residuals, without those that are far off by their quartiles."""
-    low, middle, high = np.percentile(off, [25, 50, 75])
-    near = np.abs(off - middle) <= _FAR * (high - low) / 1.349
-    return max(least, float(np.std(off[near])))
-
-
-def linear_photograph(image: Photograph | NDArray, rig: Rig) -> Photograph:
-    """The photograph with levels that grow with the light, if the rig knows the response."""
-    photograph = Photograph.of(image)
-    return photograph if rig.response is None else photograph.linear(rig.response)
-
-
-def fringe_levels(image: Photograph | NDArray, rig: Rig) -> NDArray[np.float64]:
-    """Grey levels, shape (height, width), of the colour that all fringes have: red.
-
-    They grow with the light if the rig knows the camera's response.
-    """
-    photograph = linear_photograph(image, rig)
-    return photograph.rgb()[..., 0].astype(float) * photograph.unit
+    spread = scatter(off[np.isfinite(off)], _CORNERS[1])
+    off = np.clip(off, -3 * spread, 3 * spread)
+    factor = 1.0
+    for first, second in ((off[1:], off[:-1]), (off[:, 1:], off[:, :-1])):
+        ratio = np.nanmean(first * second) / np.nanmean(off**2)
+        # Neighbouring corners that err more alike than this are one; their correlation.
+        ratio = np.clip(ratio, 0, 0.8)
+        factor *= (1 + ratio) / (1 - ratio)
+    return float(np.sqrt(np.nanmean(off**2) * factor))
 
 
 class CheckAside:

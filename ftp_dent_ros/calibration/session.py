@@ -18,7 +18,7 @@ from ftp_dent_ros.calibration.observing import BoardSight, observe
 from ftp_dent_ros.calibration.sequence import ProjectedFrame, Sequence
 from ftp_dent_ros.errors import CalibrationError, ConfigurationError
 from ftp_dent_ros.fields import Checked, Fields, NotNegative
-from ftp_dent_ros.files import write_atomically
+from ftp_dent_ros.files import by_number, write_atomically
 from ftp_dent_ros.yaml_file import read_yaml
 
 _GREY = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH
@@ -27,39 +27,24 @@ _SUFFIXES = ('.png', '.jpg', '.jpeg', '.tif', '.tiff', '.bmp')
 FILE = 'calibration.yaml'
 
 
-@dataclass(frozen=True)
-class PoseFolder:
-    """The photographs of one pose, not read yet.
-
-    Attributes
-    ----------
-    name : str
-    files : dict of int to Path
-        By the number that their names end in.
-    """
-
-    name: str
-    files: dict[int, Path]
-
-
-def find_poses(folder: Path) -> list[PoseFolder]:
-    """The pose folders below a folder, in the order of their names.
+def find_poses(folder: Path) -> dict[str, dict[int, Path]]:
+    """The photographs of each pose by the number that their names end in, by the pose's name.
 
     Raises
     ------
     CalibrationError
-        There are none, or a folder's files cannot be put in order.
+        There are no poses below the folder, or their files cannot be put in order.
     """
     if not folder.is_dir():
         raise CalibrationError(f'{folder}: no such folder: give the one that holds the poses')
-    poses = []
-    for below in sorted(filter(Path.is_dir, folder.iterdir()), key=_natural):
-        # What was being written when a capture was killed.
-        if below.name.startswith('.'):
-            continue
-        files = sorted((p for p in below.iterdir() if p.suffix.lower() in _SUFFIXES), key=_natural)
-        if files:
-            poses.append(PoseFolder(below.name, _numbered(below, files)))
+    poses = {}
+    for below in sorted(filter(Path.is_dir, folder.iterdir()), key=by_number):
+        files = sorted(
+            (p for p in below.iterdir() if p.suffix.lower() in _SUFFIXES), key=by_number
+        )
+        # A name with a dot was being written when a capture was killed.
+        if files and not below.name.startswith('.'):
+            poses[below.name] = _numbered(below, sorted(files, key=by_number))
     if not poses:
         raise CalibrationError(
             f'{folder}: holds no folders with photographs: put those of each pose into one of '
@@ -68,10 +53,27 @@ def find_poses(folder: Path) -> list[PoseFolder]:
     return poses
 
 
+def _numbered(folder: Path, files: list[Path]) -> dict[int, Path]:
+    found: dict[int, Path] = {}
+    for path in files:
+        number = re.search(r'(\d+)$', path.stem)
+        if number is None:
+            raise CalibrationError(
+                f'{path}: the name does not end in a number: number the photographs of a pose in '
+                'the order in which they were projected'
+            )
+        found[int(number[1])] = path
+    if len(found) < len(files):
+        raise CalibrationError(f'{folder}: two photographs have the same number: keep one of each')
+    return found
+
+
 def read_pose(
-    pose: PoseFolder, sequence: Sequence, first: int = 0
+    name: str, files: dict[int, Path], sequence: Sequence, first: int = 0
 ) -> dict[ProjectedFrame, NDArray[np.uint8]]:
     """Grey photographs of a pose by the frame that was projected; missing ones are left out.
+
+    Of more than 8 bits, all are divided by what the brightest photograph needs.
 
     Raises
     ------
@@ -79,68 +81,31 @@ def read_pose(
         A file is damaged, the sizes differ, or there are more files than frames.
     """
     frames = sequence.frames
-    beyond = max(pose.files) + 1 - first
+    beyond = max(files) + 1 - first
     if beyond > len(frames):
         raise CalibrationError(
-            f'{pose.name}: has a photograph number {beyond}, and the sequence of a '
+            f'{name}: has a photograph number {beyond}, and the sequence of a '
             f'{sequence.width}x{sequence.height} projector only {len(frames)}: check the '
             "projector's size and the sequence"
         )
     levels: dict[ProjectedFrame, NDArray[Any]] = {}
-    for number, path in pose.files.items():
+    for number, path in files.items():
         data = np.fromfile(path, np.uint8)
         image = cv2.imdecode(data, _GREY) if len(data) else None
         if image is None:
             raise CalibrationError(f'{path}: empty, damaged or not an image: take the pose again')
         levels[frames[number - first]] = np.asarray(image)
-    taken = _of_eight_bits(levels)
-    sizes = {image.shape for image in taken.values()}
+    sizes = {image.shape for image in levels.values()}
     if len(sizes) > 1:
-        raise CalibrationError(f'{pose.name}: the photographs have {len(sizes)} different sizes')
-    return in_order(taken)
-
-
-def _of_eight_bits(
-    levels: dict[ProjectedFrame, NDArray[Any]],
-) -> dict[ProjectedFrame, NDArray[np.uint8]]:
-    """The same in 8 bits; of 16, all are divided by what the brightest photograph needs."""
-    deep = [image for image in levels.values() if image.dtype == np.uint16]
-    highest = max((int(image.max(initial=0)) for image in deep), default=0)
+        raise CalibrationError(f'{name}: the photographs have {len(sizes)} different sizes')
+    highest = max(int(image.max()) for image in levels.values())
     shift = max(highest.bit_length() - 8, 0)
-    return {
-        frame: (image >> (shift if image.dtype == np.uint16 else 0)).astype(np.uint8)
-        for frame, image in levels.items()
-    }
-
-
-def in_order(
-    taken: dict[ProjectedFrame, NDArray[np.uint8]],
-) -> dict[ProjectedFrame, NDArray[np.uint8]]:
-    """The same with white and black told apart: tools differ in which comes first."""
+    taken = {frame: (image >> shift).astype(np.uint8) for frame, image in levels.items()}
     white, black = ProjectedFrame('white'), ProjectedFrame('black')
-    if white in taken and black in taken and taken[white].mean() < taken[black].mean():
-        return taken | {white: taken[black], black: taken[white]}
+    # Tools differ in which of the two comes first.
+    if {white, black} <= taken.keys() and taken[white].mean() < taken[black].mean():
+        taken[white], taken[black] = taken[black], taken[white]
     return taken
-
-
-def _numbered(folder: Path, files: list[Path]) -> dict[int, Path]:
-    numbers = [re.search(r'(\d+)$', path.stem) for path in files]
-    if not all(numbers):
-        named = next(path for path, number in zip(files, numbers, strict=True) if not number)
-        raise CalibrationError(
-            f'{named}: the name does not end in a number: number the photographs of a pose in '
-            'the order in which they were projected'
-        )
-    found = {int(n.group(1)): p for n, p in zip(numbers, files, strict=True) if n}
-    if len(found) < len(files):
-        raise CalibrationError(f'{folder}: two photographs have the same number: keep one of each')
-    return found
-
-
-def _natural(path: Path) -> list[tuple[int, str]]:
-    return [
-        (int(part), '') if part.isdigit() else (-1, part) for part in re.split(r'(\d+)', path.name)
-    ]
 
 
 @dataclass(frozen=True)
@@ -196,24 +161,22 @@ def see_poses(
     sights: list[BoardSight] = []
     left_out: list[str] = []
     sizes: dict[tuple[int, int], str] = {}
-    poses = find_poses(folder)
-    numbers = [number for pose in poses for number in pose.files]
-    first, last = min(numbers), max(numbers)
+    poses, frames = find_poses(folder), session.sequence.frames
+    numbers = [number for files in poses.values() for number in files]
     # The first photographs may be missing, white and black of shifted fringes: then the last one
     # shows whether numbers begin with 0 or 1.
-    begin = last + 1 - len(session.sequence.frames)
+    first, begin = min(numbers), max(numbers) + 1 - len(frames)
     first = begin if begin in (0, 1) and begin < first else first
-    for pose in poses:
+    for name, files in poses.items():
         try:
-            taken = read_pose(pose, session.sequence, first)
+            taken = read_pose(name, files, session.sequence, first)
             height, width = next(iter(taken.values())).shape
-            sizes.setdefault((width, height), pose.name)
-            sights.append(observe(pose.name, taken, session.sequence, session.board))
+            sizes.setdefault((width, height), name)
+            sights.append(observe(name, taken, session.sequence, session.board))
         except CalibrationError as reason:
-            there, all_of_it = len(pose.files), len(session.sequence.frames)
-            few = f' ({there} of the {all_of_it} photographs are there)'
-            left_out.append(f'{reason}{few if there < all_of_it else ""}')
-        progress(pose.name)
+            few = f' ({len(files)} of the {len(frames)} photographs are there)'
+            left_out.append(f'{reason}{few if len(files) < len(frames) else ""}')
+        progress(name)
     if len(sizes) > 1:
         listed = ', '.join(f'{w}x{h} ({name})' for (w, h), name in sizes.items())
         raise CalibrationError(f'{folder}: photographs of different sizes: {listed}')

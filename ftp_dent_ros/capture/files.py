@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import glob
-import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.capture.source import Frame, PacedSource
 from ftp_dent_ros.errors import ConfigurationError, ImageError
+from ftp_dent_ros.files import by_number
 from ftp_dent_ros.photograph.file import photograph_of_bgr
 from ftp_dent_ros.photograph.photograph import Encoding
 
@@ -120,13 +120,7 @@ def find_images(path: str) -> list[Path]:
         raise ConfigurationError(
             f'{path}: no image there (of {", ".join(_PICTURES)}) and no video: check the path'
         )
-    return sorted(found, key=_by_number)
-
-
-def _by_number(path: Path) -> list[tuple[int, int, str]]:
-    """Sorting key by which ``2.png`` stands before ``10.png``."""
-    parts = re.split(r'(\d+)', str(path))
-    return [(0, int(part), '') if part.isdigit() else (1, 0, part) for part in parts]
+    return sorted(found, key=by_number)
 
 
 def _picture(path: Path) -> NDArray | None:

@@ -17,9 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from ftp_dent_ros.calibration.guidance import covered, next_pose
+from ftp_dent_ros.calibration.guidance import covered, next_pose, projector_delay
 from ftp_dent_ros.calibration.observing import Observation, observe
-from ftp_dent_ros.calibration.response import projector_delay
 from ftp_dent_ros.calibration.sequence import ProjectedFrame
 from ftp_dent_ros.calibration.session import Session, read_session, see_poses, write_session
 from ftp_dent_ros.cli.arguments import number

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ftp_dent_ros.calibration.board_check import check_by_board
-from ftp_dent_ros.calibration.rig_check import adjusted, check
+from ftp_dent_ros.calibration.rig_check import adjusted, check, check_by_board
 from ftp_dent_ros.cli.arguments import number
 from ftp_dent_ros.cli.board_arguments import add_board_arguments, board_of
 from ftp_dent_ros.errors import ConfigurationError, RefusedFrameError

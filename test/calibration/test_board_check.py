@@ -10,8 +10,7 @@ import pytest
 from boards import board_surface
 
 from ftp_dent_ros.calibration.board import Board
-from ftp_dent_ros.calibration.board_check import check_by_board
-from ftp_dent_ros.calibration.rig_check import turned
+from ftp_dent_ros.calibration.rig_check import check_by_board, turned
 from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.files import config_folder

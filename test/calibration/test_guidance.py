@@ -4,9 +4,8 @@ import numpy as np
 from boards import random_pose, true_correspondences
 
 from ftp_dent_ros.calibration.board import Board
-from ftp_dent_ros.calibration.guidance import covered, next_pose
+from ftp_dent_ros.calibration.guidance import covered, next_pose, projector_delay
 from ftp_dent_ros.calibration.observing import Observation
-from ftp_dent_ros.calibration.response import projector_delay
 from ftp_dent_ros.files import config_folder
 from ftp_dent_ros.rig.rig import read_rig
 

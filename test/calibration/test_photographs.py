@@ -14,7 +14,6 @@ from ftp_dent_ros.calibration.bundle import Model
 from ftp_dent_ros.calibration.observing import observe
 from ftp_dent_ros.calibration.sequence import ProjectedFrame, Sequence
 from ftp_dent_ros.calibration.session import (
-    PoseFolder,
     Session,
     read_pose,
     read_session,
@@ -253,7 +252,6 @@ def test_photographs_of_more_bits_keep_their_brightness_to_each_other(tmp_path, 
     for number, image in enumerate(levels):
         deep = image.astype(np.uint16) << shift
         assert cv2.imwrite(str(tmp_path / f'{number}.png'), deep)
-    pose = PoseFolder('pose', {number: tmp_path / f'{number}.png' for number in range(3)})
-    read = read_pose(pose, SEQUENCE)
+    read = read_pose('pose', {n: tmp_path / f'{n}.png' for n in range(3)}, SEQUENCE)
     for frame, image in zip(SEQUENCE.frames, levels, strict=False):
         np.testing.assert_array_equal(read[frame], image)

@@ -48,6 +48,12 @@ def test_a_turned_projector_is_found_and_adjusted(rig, pattern, wall, degrees):
     np.testing.assert_allclose(np.degrees(found.turn), degrees, atol=0.004)
     mended = adjusted(wrong, found)
     np.testing.assert_allclose(mended.rotation, rig.rotation, atol=1e-4)
+    clouds = [
+        Reconstructor(each, pattern, Settings(stride=4)).measure(wall).cloud.points[..., 2]
+        for each in (rig, wrong)
+    ]
+    error = abs(np.nanmedian(clouds[1] - clouds[0]))
+    assert found.depth_error == pytest.approx(error, rel=0.05, abs=3e-5)
 
 
 def shifted(rig, axis):
@@ -151,8 +157,8 @@ def test_a_scale_told_by_few_needs_more_to_be_sure(rig, pattern):
     covariance = np.diag([1e-8, (0.002 / 5) ** 2, 1e-8])
     bare = replace(rig, record=None)
     assert judged(bare, pattern, turn, covariance, middle).moved == ('yaw',)
-    assert judged(bare, pattern, turn, covariance, middle, freedom=100).moved == ('yaw',)
-    assert judged(bare, pattern, turn, covariance, middle, 16, freedom=12).moved == ()
+    assert judged(bare, pattern, turn, covariance, middle, 104).moved == ('yaw',)
+    assert judged(bare, pattern, turn, covariance, middle, 16).moved == ()
 
 
 def test_a_check_aside_says_what_the_check_says(rig, pattern, wall):

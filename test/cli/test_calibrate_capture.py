@@ -34,7 +34,7 @@ def test_a_full_disk_keeps_the_poses_before_and_leaves_nothing_half(tmp_path):
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert [each.name for each in tmp_path.iterdir()] == ['pose_00']
-    assert [each.name for each in find_poses(tmp_path)] == ['pose_00']
+    assert list(find_poses(tmp_path)) == ['pose_00']
 
 
 def test_a_rig_that_cannot_be_written_is_told_before_anything_is_read(tmp_path, capsys):
@@ -51,7 +51,7 @@ def test_what_was_being_written_is_no_pose(tmp_path):
     _keep(tmp_path / 'pose_00', SESSION, pose(0))
     _keep(tmp_path / 'pose_01', SESSION, pose(1))
     (tmp_path / 'pose_01').rename(tmp_path / '.pose_01')
-    assert [each.name for each in find_poses(tmp_path)] == ['pose_00']
+    assert list(find_poses(tmp_path)) == ['pose_00']
 
 
 def test_a_capture_goes_on_with_the_poses_there_are(tmp_path):
