@@ -65,15 +65,17 @@ class Model:
 
 @dataclass(frozen=True, eq=False)
 class Adjustment:
-    """A rig with all that was estimated beside it.
+    """A rig with all that was estimated beside it, and what it was estimated from.
 
     Attributes
     ----------
+    observations : list of Observation
     board : ndarray, shape (n, 3)
         The corners as they should be, metres.
     rig : Rig
     poses : ndarray, shape (p, 6)
-        Of the board in the camera's frame: rotation vector and translation, metres.
+        Of the board in the camera's frame, an observation each: rotation vector and translation,
+        metres.
     bend : ndarray, shape (3,)
         Of the board: metres of x^2, x y and y^2, which reach from -1 to 1.
     deviations : tuple of two floats, optional
@@ -82,6 +84,7 @@ class Adjustment:
         Observed less modelled (u_c, v_c, u_p, v_p), pixels; NaN where not observed.
     """
 
+    observations: list[Observation]
     board: NDArray[np.float64]
     rig: Rig
     poses: NDArray[np.float64]
@@ -101,7 +104,8 @@ class Adjustment:
 
     def of_poses(self, which: NDArray) -> Adjustment:
         """The same, of some poses alone."""
-        return replace(self, poses=self.poses[which])
+        seen = [self.observations[index] for index in which]
+        return replace(self, observations=seen, poses=self.poses[which])
 
 
 def rms(residuals: NDArray[np.float64]) -> tuple[float, float, float]:
@@ -156,11 +160,9 @@ def _composed(*motions: NDArray) -> tuple[NDArray, NDArray, NDArray]:
 class _Problem:
     """Observations, and what of all numbers (rig, bend, poses) is to be estimated from them."""
 
-    def __init__(
-        self, observations: list[Observation], start: Adjustment, model: Model | None
-    ) -> None:
+    def __init__(self, start: Adjustment, model: Model | None) -> None:
         self.start = start
-        self.observed = np.stack([np.hstack([o.camera, o.projector]) for o in observations])
+        self.observed = np.stack([np.hstack([o.camera, o.projector]) for o in start.observations])
         self.known = np.isfinite(self.observed)
         self.deviations = start.deviations or _FIRST_DEVIATIONS
         self.vector = np.concatenate([rig_vector(start.rig), start.bend, start.poses.ravel()])
@@ -245,45 +247,35 @@ class _Problem:
         return residuals, shared - basis @ (basis.T @ shared)
 
 
-def adjust(
-    observations: list[Observation],
-    start: Adjustment,
-    model: Model | None,
-    tolerance: float = 1e-8,
-) -> Adjustment:
+def adjust(start: Adjustment, model: Model | None, tolerance: float = 1e-8) -> Adjustment:
     """Estimate rig, poses and the board's bend from observations.
 
     Parameters
     ----------
-    observations : list of Observation
     start : Adjustment
-        Its poses are those of the observations. Its standard deviations are the weights; they
-        are estimated if it has none.
+        Its standard deviations are the weights; they are estimated if it has none.
     model : Model, optional
         None: the board's poses alone are estimated.
     tolerance : float
         Relative change of the sum of squares at which it ends.
     """
-    problem = _Problem(observations, start, model)
+    problem = _Problem(start, model)
     # Weights are found in these rounds.
     for _ in range(1 if start.deviations else 3):
-        problem.vector = problem.solved(tolerance)
+        problem.vector = vector = problem.solved(tolerance)
         if start.deviations is None:
             problem.deviations = problem.spread()
-    vector = problem.vector
-    return Adjustment(
-        start.board,
-        rig_of(vector, start.rig),
-        vector[_COMMON:].reshape(-1, 6),
-        vector[RIG:_COMMON],
-        problem.deviations,
-        problem.observed - problem.modelled(vector)[0],
+    return replace(
+        start,
+        rig=rig_of(vector, start.rig),
+        poses=vector[_COMMON:].reshape(-1, 6),
+        bend=vector[RIG:_COMMON],
+        deviations=problem.deviations,
+        residuals=problem.observed - problem.modelled(vector)[0],
     )
 
 
-def covariance(
-    observations: list[Observation], estimate: Adjustment, model: Model
-) -> NDArray[np.float64]:
+def covariance(estimate: Adjustment, model: Model) -> NDArray[np.float64]:
     """Covariance of the rig's 24 numbers, in the order of `calibration_record.PARAMETERS`.
 
     That of least squares, times the factor by which the poses' gradients scatter more than
@@ -292,11 +284,11 @@ def covariance(
     the principal points, which no residual shows: it is added. Numbers not estimated have
     variance 0.
     """
-    problem = _Problem(observations, estimate, model)
+    problem = _Problem(estimate, model)
     residuals, shared = problem.beyond_poses()
-    by_pose = shared.reshape(len(observations), -1, shared.shape[1])
+    by_pose = shared.reshape(len(estimate.poses), -1, shared.shape[1])
     reduced = by_pose.transpose(0, 2, 1) @ by_pose
-    gradients = np.einsum('pmk,pm->pk', by_pose, residuals.reshape(len(observations), -1))
+    gradients = np.einsum('pmk,pm->pk', by_pose, residuals.reshape(len(by_pose), -1))
     total = reduced.sum(axis=0)
     scale = 1 / np.sqrt(np.maximum(np.diag(total), 1e-300))
     inverse = np.linalg.pinv(total * np.outer(scale, scale), hermitian=True)
@@ -315,15 +307,9 @@ def covariance(
     return result[:RIG, :RIG]
 
 
-def with_pose(
-    known: NDArray[np.float64],
-    seen: Observation,
-    estimate: Adjustment,
-    pose: NDArray,
-    model: Model,
-) -> NDArray[np.float64]:
-    """Covariance of the rig's 24 numbers once one more pose was seen so, beside a known one."""
-    problem = _Problem([seen], replace(estimate, poses=pose[None]), model)
+def with_pose(known: NDArray[np.float64], more: Adjustment, model: Model) -> NDArray[np.float64]:
+    """Covariance of the rig's 24 numbers, beside a known one, once one pose more was seen."""
+    problem = _Problem(more, model)
     _, shared = problem.beyond_poses()
     slopes = np.zeros((len(shared), RIG))
     slopes[:, problem.active[:RIG]] = shared

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -107,12 +107,12 @@ def next_pose(
         start = first_rig(lit, board.points, camera_size, projector_size)
     except CalibrationError as reason:
         return Advice(f'hold the board {_FIRST[-1]} ({reason})')
-    estimate = adjust(lit, start, _MODEL, tolerance=1e-5)
+    estimate = adjust(start, _MODEL, tolerance=1e-5)
     rig, distance = estimate.rig, float(np.median(start.poses[:, 5]))
     pixels = rig.camera.pixel_grid()[:: camera_size[1] // 5, :: camera_size[0] // 6].reshape(-1, 2)
     depth = np.full(len(pixels), distance)
     best = Advice('', np.inf)
-    slopes, known = depth_slopes(rig, pixels, depth), covariance(lit, estimate, _MODEL)
+    slopes, known = depth_slopes(rig, pixels, depth), covariance(estimate, _MODEL)
 
     def uncertainty(of: NDArray) -> float:
         return float(np.median(np.sqrt(((slopes @ of) * slopes).sum(axis=1))))
@@ -124,7 +124,8 @@ def next_pose(
         seen = _seen(board, rig, pose)
         if seen is None:
             continue
-        left = uncertainty(with_pose(known, seen, estimate, pose, _MODEL))
+        more = replace(estimate, observations=[seen], poses=pose[None])
+        left = uncertainty(with_pose(known, more, _MODEL))
         if left < best.depth_deviation:
             words = [place + ' of the image', far, side + (' by 30 degrees' if side else '')]
             best = Advice(f'hold the board {", ".join(filter(None, words))}', left)

@@ -47,49 +47,40 @@ class Observation:
         return bool(np.isfinite(self.projector).any())
 
 
-def _taken(
+def _stack(
     photographs: Photographs, kind: str, axis: str, part: Part = _WHOLE
-) -> dict[int, NDArray[np.float32]]:
-    """Levels of the photographs of a kind and an axis by their index."""
-    return {
-        frame.index: image[part].astype(np.float32)
-        for frame, image in photographs.items()
-        if (frame.kind, frame.axis) == (kind, axis)
-    }
+) -> NDArray[np.float32]:
+    """Levels of the photographs of a kind and an axis in their order, shape (n, ...)."""
+    chosen = [frame for frame in photographs if (frame.kind, frame.axis) == (kind, axis)]
+    chosen.sort(key=lambda frame: frame.index)
+    return np.array([photographs[frame][part] for frame in chosen], np.float32)
 
 
-def _pairs(photographs: Photographs, axis: str, part: Part = _WHOLE) -> list[NDArray[np.float32]]:
-    """Sums of Gray bits and their inverses, of which both are there."""
-    bits, inverses = (_taken(photographs, kind, axis, part) for kind in ('gray', 'inverse'))
-    return [bits[index] + inverses[index] for index in bits if index in inverses]
+def _lit_evenly(
+    photographs: Photographs, sequence: Sequence, axis: str, part: Part = _WHOLE
+) -> NDArray[np.float32]:
+    """Photographs of an axis, taken or composed, that are lit alike if all are averaged.
 
-
-def lit_evenly(photographs: Photographs, steps: int) -> dict[str, NDArray[np.uint8]]:
-    """Photographs, taken or composed, in which the board is lit evenly, by when they were taken.
-
-    The sum of a bit and its inverse are such, and the mean of shifts, of `steps` a period, whose
-    fringes and second harmonics cancel: that of a whole period or of every other step of it.
+    Shifts are such, whose fringes and second harmonics cancel over the period, and the sum of each
+    Gray bit and its inverse.
     """
+    if sequence.period:
+        return _stack(photographs, 'shift', axis, part)
+    bits, inverses = (_stack(photographs, kind, axis, part) for kind in ('gray', 'inverse'))
+    return bits + inverses
 
-    def composed(axis: str) -> NDArray[np.uint8] | None:
-        shifts = _taken(photographs, 'shift', axis)
-        turns = np.exp(2j * np.pi * np.array(list(shifts)) / steps)
-        even = list(shifts.values())
-        if len(shifts) < 3 or max(abs(turns.sum()), abs((turns * turns).sum())) > 1e-6:
-            even = _pairs(photographs, axis)
-        if not even:
-            return None
-        mean = np.mean(np.stack(even), axis=0)
+
+def _moments(photographs: Photographs, sequence: Sequence) -> dict[str, NDArray[np.uint8]]:
+    """Photographs in which the board is lit evenly, by when they were taken."""
+    moments = {'the white one': photographs[ProjectedFrame('white')]}
+    for axis, name in _WORDS.items():
+        mean = _lit_evenly(photographs, sequence, axis).mean(axis=0)
         # Over the whole range of levels: rounding would cost sub-pixel accuracy.
-        return np.rint(mean * (254 / max(float(mean.max()), 1))).astype(np.uint8)
-
-    moments = {
-        'the white one': photographs.get(ProjectedFrame('white')),
-        'those of the columns': composed('u'),
-        'those of the rows': composed('v'),
-        'the last one': photographs.get(ProjectedFrame('white', '', 1)),
-    }
-    return {moment: image for moment, image in moments.items() if image is not None}
+        even = np.rint(mean * (254 / max(float(mean.max()), 1))).astype(np.uint8)
+        moments[f'those of the {name}'] = even
+    if sequence.period:
+        moments['the last one'] = photographs[ProjectedFrame('white', '', 1)]
+    return moments
 
 
 def _decoded(
@@ -100,75 +91,49 @@ def _decoded(
     Raises
     ------
     CalibrationError
-        Photographs are missing, or the codes are not of this projector.
+        The codes are not of this projector.
     """
-    shifts = _taken(photographs, 'shift', axis, part)
-    middle: NDArray | None = None
-    order_is_sure: NDArray[np.bool_] | bool = True
-    if len(shifts) > 2:
-        phase, noise, middle = _phase(shifts, sequence.steps)
-        turn = np.mod(phase / (2 * np.pi), 1)
-        # Phases noisier than this could be of the next code word; radians.
-        order_is_sure = noise <= 0.4
-    elif sequence.period:
-        raise CalibrationError(
-            f'{len(shifts)} of {sequence.steps} shifted photographs are there, fewer than 3'
-        )
-    word, lit = _words(photographs, sequence, axis, part, middle)
+    white, black = (
+        photographs[ProjectedFrame(kind)][part].astype(np.float32) for kind in ('white', 'black')
+    )
+    # A lit pixel is brighter by this than an unlit one: three times what rounding and read noise
+    # do.
+    known = white - black > 6.0
+    bits, inverses = (_stack(photographs, kind, axis, part) for kind in ('gray', 'inverse'))
+    between = (white + black) / 2 if sequence.period else inverses
+    binary = np.logical_xor.accumulate(bits > between)
+    word = np.tensordot(1 << np.arange(len(binary))[::-1], binary, axes=1)
     value = word.astype(np.float32)
     if sequence.period:
+        phase, noise = _phase(_stack(photographs, 'shift', axis, part))
+        turn = np.mod(phase / (2 * np.pi), 1)
         order = np.where(
             turn < 0.25, (word + 1) // 2, np.where(turn < 0.75, word // 2, (word - 1) // 2)
         )
         value = ((order + turn) * sequence.period).astype(np.float32)
-    known = order_is_sure & lit
+        # Phases noisier than this could be of the next code word; radians.
+        known &= noise <= 0.4
     size = sequence.size(axis)
     beyond = value > size - 0.5
     # Wrong bits in dark squares put fewer codes than this off the projector.
     if known.any() and float(np.mean(beyond[known])) > 0.05:
         raise CalibrationError(
-            f'codes reach {np.percentile(value[known], 98):.0f}, and the projector has {size} of '
-            'them: give its width and height in this order, and the photographs in that of their '
-            'projection'
+            f'{_WORDS[axis]}: codes reach {np.percentile(value[known], 98):.0f}, and the '
+            f'projector has {size} of them: give its width and height in this order, and the '
+            'photographs in that of their projection'
         )
     value[~known | beyond | (value < -0.5)] = np.nan
     return value
 
 
-def _words(
-    photographs: Photographs, sequence: Sequence, axis: str, part: Part, middle: NDArray | None
-) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Gray code words, and where they can be read; `middle` is between light and dark."""
-    white, black = (_taken(photographs, kind, '', part).get(0) for kind in ('white', 'black'))
-    if white is not None and black is not None:
-        middle = (white + black) / 2
-    bits, inverses = (_taken(photographs, kind, axis, part) for kind in ('gray', 'inverse'))
-    differences = []
-    for index in range(sequence.bits(axis)):
-        if index in bits and index not in inverses and middle is not None:
-            inverses[index] = 2 * middle - bits[index]
-        if index not in bits or index not in inverses:
-            raise CalibrationError(f'the photographs of Gray bit {index} are missing')
-        differences.append(bits[index] - inverses[index])
-    # A lit pixel is brighter by this than an unlit one: three times what rounding and read noise
-    # do.
-    span = np.max(np.abs(differences), axis=0)
-    lit = (span if white is None or black is None else white - black) > 6.0
-    word = np.logical_xor.accumulate(np.array(differences) > 0)
-    return np.tensordot(1 << np.arange(len(word))[::-1], word, axes=1), lit
-
-
-def _phase(
-    shifts: Mapping[int, NDArray[np.float32]], steps: int
-) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
-    """Phase by least squares over the steps there are, its standard deviation, and the mean."""
-    angle = 2 * np.pi * np.array(list(shifts)) / steps
+def _phase(shifts: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Phase of the fringes in the steps of a period, shape (n, ...), and its deviation."""
+    angle = 2 * np.pi * np.arange(len(shifts)) / len(shifts)
     basis = np.stack([np.ones_like(angle), np.cos(angle), np.sin(angle)], axis=1)
-    stack = np.stack(list(shifts.values()))
-    mean, cosine, sine = np.tensordot(np.linalg.pinv(basis).astype(np.float32), stack, axes=(1, 0))
-    noise = np.sqrt(2 / len(stack)) / np.maximum(np.hypot(cosine, sine), 1e-3)
-    noise[(stack > 254).any(axis=0)] = np.inf
-    return np.arctan2(sine, cosine), noise, mean
+    _, cosine, sine = np.tensordot(np.linalg.pinv(basis).astype(np.float32), shifts, axes=1)
+    noise = np.sqrt(2 / len(shifts)) / np.maximum(np.hypot(cosine, sine), 1e-3)
+    noise[(shifts > 254).any(axis=0)] = np.inf
+    return np.arctan2(sine, cosine), noise
 
 
 def corner_coordinates(
@@ -232,15 +197,15 @@ class BoardSight:
         Between photographs, at most.
     contrast : float
         Of the fringes' or codes' light on white squares, grey levels.
-    remarks : tuple of str
-        What the pose lacks, though it can be used.
+    remark : str
+        What the pose lacks, though it can be used; empty if nothing.
     """
 
     observation: Observation
     blur_px: float
     moved_px: float
     contrast: float
-    remarks: tuple[str, ...]
+    remark: str
 
 
 def observe(name: str, photographs: Photographs, sequence: Sequence, board: Board) -> BoardSight:
@@ -258,11 +223,7 @@ def observe(name: str, photographs: Photographs, sequence: Sequence, board: Boar
 
 
 def _observe(name: str, photographs: Photographs, sequence: Sequence, board: Board) -> BoardSight:
-    even = lit_evenly(photographs, sequence.steps)
-    if not even:
-        raise CalibrationError(
-            'no photograph shows the board lit evenly: the white one is missing'
-        )
+    even = _moments(photographs, sequence)
     found: dict[str, NDArray[np.float64]] = {}
     for moment, image in even.items():
         with suppress(CalibrationError):
@@ -295,67 +256,55 @@ def _observe(name: str, photographs: Photographs, sequence: Sequence, board: Boa
     low = np.floor(np.nanmin(corners, axis=0) - 1.5 * spacing).astype(int).clip(0)
     high = np.ceil(np.nanmax(corners, axis=0) + 1.5 * spacing).astype(int) + 1
     part = slice(low[1], high[1]), slice(low[0], high[0])
-    _refuse_light(photographs, part)
     projected, scatter = np.full((2, *corners.shape), np.nan)
-    troubles = []
-    for index, (axis, name) in enumerate(_WORDS.items()):
+    for index, axis in enumerate(_WORDS):
+        _refuse_light(_lit_evenly(photographs, sequence, axis, part), bool(sequence.period))
         code = np.full(mean.shape, np.nan, np.float32)
-        try:
-            code[part] = _decoded(photographs, sequence, axis, part)
-        except CalibrationError as reason:
-            troubles.append(f'{name}: {reason}')
+        code[part] = _decoded(photographs, sequence, axis, part)
         projected[:, index], scatter[:, index] = corner_coordinates(code, corners, spacing)
-    _refuse_disorder(board, projected, scatter, sequence, not troubles)
+    _refuse_disorder(board, projected, scatter, sequence)
     seen = int(np.isfinite(corners[:, 0]).sum())
     lit = int(np.isfinite(projected).all(axis=1).sum())
-    if lit < seen and not troubles:
-        troubles.append(f'{seen - lit} of {seen} corners have no projector coordinates')
+    remark = f'{seen - lit} of {seen} corners have no projector coordinates' if lit < seen else ''
     stack = np.stack([image[part] for frame, image in photographs.items() if frame.axis])
     contrast = float(np.percentile(np.ptp(stack, axis=0), 75))
-    return BoardSight(
-        Observation(name, corners, projected), blur, moved, contrast, tuple(troubles)
-    )
+    return BoardSight(Observation(name, corners, projected), blur, moved, contrast, remark)
 
 
-def _refuse_light(photographs: Photographs, part: Part) -> None:
-    """Refuse fringes that are clipped, and light that changes between photographs."""
-    for axis in _WORDS:
-        shifts = list(_taken(photographs, 'shift', axis, part).values())
-        equal = shifts or _pairs(photographs, axis, part)
-        means = [float(image.mean()) for image in equal]
-        # Mean levels of photographs in equal light differ by this factor at most.
-        if means and max(means) > 1.25 * min(means):
-            raise CalibrationError(
-                'the light changes from photograph to photograph: some are '
-                f'{max(means) / min(means):.1f} times as bright as others that are meant alike: '
-                'fix exposure and gain of the camera, and shut out other light'
-            )
-        brightest = np.max(shifts, axis=0, initial=0)
-        clipped = float(np.mean(brightest[brightest >= np.median(brightest)] >= 254))
-        if clipped > 0.5:
-            raise CalibrationError(
-                f'saturated: {100 * clipped:.0f} % of the white squares are clipped: shorten the '
-                'exposure or close the aperture'
-            )
+def _refuse_light(equal: NDArray[np.float32], fringes: bool) -> None:
+    """Refuse light that changes between photographs (n, ...) lit alike, and clipped fringes."""
+    means = equal.mean(axis=(1, 2))
+    # Mean levels of photographs in equal light differ by this factor at most.
+    if means.max() > 1.25 * means.min():
+        raise CalibrationError(
+            'the light changes from photograph to photograph: some are '
+            f'{means.max() / means.min():.1f} times as bright as others that are meant alike: '
+            'fix exposure and gain of the camera, and shut out other light'
+        )
+    brightest = equal.max(axis=0)
+    clipped = float(np.mean(brightest[brightest >= np.median(brightest)] >= 254))
+    if fringes and clipped > 0.5:
+        raise CalibrationError(
+            f'saturated: {100 * clipped:.0f} % of the white squares are clipped: shorten the '
+            'exposure or close the aperture'
+        )
 
 
 def _refuse_disorder(
-    board: Board, projected: NDArray, scatter: NDArray, sequence: Sequence, whole: bool
+    board: Board, projected: NDArray, scatter: NDArray, sequence: Sequence
 ) -> None:
     """Refuse codes that do not run evenly over the plane of the board."""
     known = np.isfinite(projected).all(axis=1)
-    jumps = 0.0
-    if known.sum() >= 8:
-        # A lens bends a plane's image by less than this part of the projector's width.
-        plane, inliers = cv2.findHomography(
-            board.points[known, :2], projected[known], cv2.RANSAC, 0.03 * sequence.width
-        )
-        jumps = 1.0 if plane is None else 1 - float(np.mean(np.asarray(inliers)))
-    elif whole:
+    if known.sum() < 8:
         raise CalibrationError(
             f'the projected codes are read at {known.sum()} corners, fewer than 8: light the '
             'whole board, and see that the photographs are in order'
         )
+    # A lens bends a plane's image by less than this part of the projector's width.
+    plane, inliers = cv2.findHomography(
+        board.points[known, :2], projected[known], cv2.RANSAC, 0.03 * sequence.width
+    )
+    jumps = 1.0 if plane is None else 1 - float(np.mean(np.asarray(inliers)))
     # Codes of neighbouring pixels scatter by a third of a pixel (rounding); more is no plane.
     if jumps > 0.15 or median(scatter[np.isfinite(scatter)]) > 1.0:
         raise CalibrationError(

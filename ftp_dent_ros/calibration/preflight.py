@@ -22,13 +22,6 @@ from ftp_dent_ros.profilometry.rig_alarm import LAST, rig_alarm
 from ftp_dent_ros.rig.rig import Rig
 
 OK, WARN, NO = 'ok', 'warn', 'no'
-# Grey level of the white that is projected.
-_WHITE = 254
-# Bright enough to be measured, and as bright as it should be: grey levels.
-_BRIGHT, _DESIRED = 60, 215
-_MOST_CLIPPED, _SOME_CLIPPED = 0.05, 0.005
-# Part of the skin on which the smallest dent that is told would be found, per cent.
-_MOST = 95
 
 
 @dataclass(frozen=True)
@@ -69,9 +62,7 @@ def sharpness(
         return 0.0
     dark = black[..., 0][lit].astype(float)
     part = (fringes[..., 0][lit] - dark) / (white[..., 0][lit] - dark)
-    return float(
-        np.clip(np.std(part) / max(float(np.std(projected[..., 0] / _WHITE)), 1e-3), 0, 1)
-    )
+    return float(np.clip(np.std(part) / max(float(np.std(projected[..., 0] / 254)), 1e-3), 0, 1))
 
 
 def examine(
@@ -106,11 +97,28 @@ def examine(
         return [
             Finding('projector', NO, 'its light is not seen: check lamp, lens cap and distance')
         ]
+    left = sharpness(white, black, fringes[0], pattern.draw())
+    dark = float(np.median(black[..., 0][lit]))
+    light = max(float(np.median(white[..., 0][lit].astype(float) - black[..., 0][lit])), 1.0)
     findings = [
         Finding('projector', OK, f'lights {100 * lit.mean():.0f} % of the image'),
         _exposure(fringes[0], lit, exposure),
-        _focus(sharpness(white, black, fringes[0], pattern.draw())),
-        _ambient(white, black, lit),
+        # Of the fringes' contrast between a black and a white frame, what is lost: a lens in focus
+        # leaves six tenths.
+        _judged(
+            'focus',
+            f'{100 * left:.0f} % of the contrast is left',
+            1 - left,
+            (0.4, 0.7),
+            'turn the focus of projector and camera with --watch',
+        ),
+        _judged(
+            'ambient',
+            f"{100 * dark / light:.0f} % of the projector's light",
+            dark / light,
+            (0.5, 1.5),
+            'work in the shade, or with a brighter projector',
+        ),
     ]
     try:
         measured = [reconstructor.measure(each) for each in fringes[:LAST]]
@@ -151,26 +159,25 @@ def _exposure(fringes: NDArray, lit: NDArray, exposure: float) -> Finding:
     levels = fringes[..., 0][lit]
     # Grey level of 255 from which on a pixel is clipped.
     clipped, bright = float((levels >= 250).mean()), float(np.percentile(levels, 98))
-    advice = _DESIRED / max(bright, 1.0)
-    if clipped > _SOME_CLIPPED:
-        # How much too bright is not seen: by halves.
-        advice = 0.5 if clipped > _MOST_CLIPPED else 0.75
-    to = f'{1e3 * exposure * advice:.1f} ms' if exposure else f'{advice:.2f} times as long'
     text = f'{100 * clipped:.1f} % clipped, fringes up to {bright:.0f} of 255'
-    if clipped > _SOME_CLIPPED or bright < 0.75 * _DESIRED:
-        verdict = NO if clipped > _MOST_CLIPPED or bright < _BRIGHT else WARN
-        return Finding('exposure', verdict, f'{text}: expose for {to}')
-    return Finding('exposure', OK, text)
+    desired = 215.0
+    advice = desired / max(bright, 1.0)
+    if clipped > 0.005:
+        # How much too bright is not seen: by halves.
+        advice = 0.5 if clipped > 0.05 else 0.75
+    elif bright >= 0.75 * desired:
+        return Finding('exposure', OK, text)
+    to = f'{1e3 * exposure * advice:.1f} ms' if exposure else f'{advice:.2f} times as long'
+    # Fringes darker than this are not measured.
+    verdict = NO if clipped > 0.05 or bright < 60 else WARN
+    return Finding('exposure', verdict, f'{text}: expose for {to}')
 
 
-def _focus(left: float) -> Finding:
-    text = f'{100 * left:.0f} % of the contrast is left'
-    # Of the fringes' contrast between a black and a white frame: what a lens in focus leaves of
-    # it.
-    if left >= 0.6:
-        return Finding('focus', OK, text)
-    advice = 'turn the focus of projector and camera with --watch'
-    return Finding('focus', WARN if left >= 0.3 else NO, f'{text}: {advice}')
+def _judged(name: str, text: str, bad: float, limits: tuple[float, float], advice: str) -> Finding:
+    """OK up to the first limit, with advice beyond it, and NO beyond the second."""
+    if bad <= limits[0]:
+        return Finding(name, OK, text)
+    return Finding(name, WARN if bad <= limits[1] else NO, f'{text}: {advice}')
 
 
 def _flicker(
@@ -185,23 +192,9 @@ def _flicker(
     )
     if found is None:
         return Finding('flicker', WARN, 'not known: it takes three photographs that show light')
-    if found.worst <= SOME:
-        return Finding('flicker', OK, found.text)
     frames = max(1, round(exposure * 60)) if exposure else 1
     advice = f'expose for a whole number of projector frames ({1e3 * frames / 60:.1f} ms at 60 Hz)'
-    return Finding('flicker', WARN if found.worst <= MUCH else NO, f'{found.text}: {advice}')
-
-
-def _ambient(white: NDArray, black: NDArray, lit: NDArray) -> Finding:
-    dark = float(np.median(black[..., 0][lit]))
-    span = float(np.median(white[..., 0][lit].astype(float) - black[..., 0][lit]))
-    share = dark / max(span, 1.0)
-    text = f"{100 * share:.0f} % of the projector's light"
-    # Part of the light from elsewhere.
-    if share <= 0.5:
-        return Finding('ambient', OK, text)
-    advice = 'work in the shade, or with a brighter projector'
-    return Finding('ambient', WARN if share <= 1.5 else NO, f'{text}: {advice}')
+    return _judged('flicker', found.text, found.worst, (SOME, MUCH), advice)
 
 
 def _distance(cloud: Cloud, settings: Smallest | None) -> Finding:
@@ -213,5 +206,6 @@ def _distance(cloud: Cloud, settings: Smallest | None) -> Finding:
         found = inspect(cloud, settings)
     except CloudError as reason:
         return Finding('distance', WARN, f'{text}; {reason}')
-    findable = np.nanpercentile(found.findable, _MOST)
+    # On 95 % of the skin the smallest dent that is told would be found.
+    findable = np.nanpercentile(found.findable, 95)
     return Finding('distance', OK, f'{text}, dents found from {1e3 * findable:.2f} mm depth')

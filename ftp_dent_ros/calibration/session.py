@@ -71,22 +71,21 @@ def _numbered(folder: Path, files: list[Path]) -> dict[int, Path]:
 def read_pose(
     name: str, files: dict[int, Path], sequence: Sequence, first: int = 0
 ) -> dict[ProjectedFrame, NDArray[np.uint8]]:
-    """Grey photographs of a pose by the frame that was projected; missing ones are left out.
+    """Grey photographs of a pose by the frame that was projected.
 
     Of more than 8 bits, all are divided by what the brightest photograph needs.
 
     Raises
     ------
     CalibrationError
-        A file is damaged, the sizes differ, or there are more files than frames.
+        A file is damaged, the sizes differ, or there are not as many files as frames.
     """
     frames = sequence.frames
-    beyond = max(files) + 1 - first
-    if beyond > len(frames):
+    if sorted(files) != list(range(first, first + len(frames))):
         raise CalibrationError(
-            f'{name}: has a photograph number {beyond}, and the sequence of a '
-            f'{sequence.width}x{sequence.height} projector only {len(frames)}: check the '
-            "projector's size and the sequence"
+            f'{name}: has {len(files)} photographs, up to number {max(files)}, and the sequence '
+            f'of a {sequence.width}x{sequence.height} projector {len(frames)}: check the '
+            "projector's size and the sequence, and that no photograph is missing"
         )
     levels: dict[ProjectedFrame, NDArray[Any]] = {}
     for number, path in files.items():
@@ -103,7 +102,7 @@ def read_pose(
     taken = {frame: (image >> shift).astype(np.uint8) for frame, image in levels.items()}
     white, black = ProjectedFrame('white'), ProjectedFrame('black')
     # Tools differ in which of the two comes first.
-    if {white, black} <= taken.keys() and taken[white].mean() < taken[black].mean():
+    if taken[white].mean() < taken[black].mean():
         taken[white], taken[black] = taken[black], taken[white]
     return taken
 
@@ -161,12 +160,8 @@ def see_poses(
     sights: list[BoardSight] = []
     left_out: list[str] = []
     sizes: dict[tuple[int, int], str] = {}
-    poses, frames = find_poses(folder), session.sequence.frames
-    numbers = [number for files in poses.values() for number in files]
-    # The first photographs may be missing, white and black of shifted fringes: then the last one
-    # shows whether numbers begin with 0 or 1.
-    first, begin = min(numbers), max(numbers) + 1 - len(frames)
-    first = begin if begin in (0, 1) and begin < first else first
+    poses = find_poses(folder)
+    first = min(number for files in poses.values() for number in files)
     for name, files in poses.items():
         try:
             taken = read_pose(name, files, session.sequence, first)
@@ -174,8 +169,7 @@ def see_poses(
             sizes.setdefault((width, height), name)
             sights.append(observe(name, taken, session.sequence, session.board))
         except CalibrationError as reason:
-            few = f' ({len(files)} of the {len(frames)} photographs are there)'
-            left_out.append(f'{reason}{few if len(files) < len(frames) else ""}')
+            left_out.append(str(reason))
         progress(name)
     if len(sizes) > 1:
         listed = ', '.join(f'{w}x{h} ({name})' for (w, h), name in sizes.items())

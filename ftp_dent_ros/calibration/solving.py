@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,8 +30,6 @@ from ftp_dent_ros.rig.calibration_record import PARAMETERS, CalibrationRecord
 from ftp_dent_ros.rig.geometry import check_geometry
 from ftp_dent_ros.rig.rig import Rig
 
-# Fewer poses than this left for fitting do not hold a rig down.
-_FEWEST_TO_FIT = 3
 # Scores differ by more than this part.
 _TOLERANCE = 1e-5
 _TERMS = range(len(DISTORTIONS))
@@ -44,75 +43,56 @@ _TRIED: dict[str, Iterable[int]] = {
 STEPS = 5 + sum(len(tuple(values)) - 1 for values in _TRIED.values())
 
 
-def select(
-    observations: list[Observation], estimate: Adjustment, progress: Callable[[str], None]
-) -> tuple[Model, dict[Model, float]]:
+def select(estimate: Adjustment, progress: Callable[[str], None]) -> Model:
     """Choose distortion terms, and whether the board is bent, by cross-validation.
 
     Parameters
     ----------
-    observations : list of Observation
     estimate : Adjustment
         With all terms: where each candidate starts.
     progress : callable
         Told after each candidate.
-
-    Returns
-    -------
-    model : Model
-    scores : dict
-        Mean squared held-out residual, in units of the estimated variance, of each candidate.
     """
-    scores: dict[Model, float] = {}
 
+    @cache
     def score(candidate: Model) -> float:
-        if candidate not in scores:
-            scores[candidate] = held_out_score(observations, estimate, candidate)
-            progress(f'{candidate.camera}+{candidate.projector} terms')
-        return scores[candidate]
+        found = held_out_score(estimate, candidate)
+        progress(f'{candidate.camera}+{candidate.projector} terms')
+        return found
 
     best = Model()
     for name, values in _TRIED.items():
         tried = [replace(best, **{name: value}) for value in values]  # type: ignore[arg-type]
         best = min(tried, key=score)
-    return best, scores
+    return best
 
 
 def folds(count: int, wanted: int = 4) -> list[NDArray[np.intp]]:
     """Indices of the poses held out in turn; none if too few would be left."""
     for parts in range(min(wanted, count), count + 1):
-        if count - -(-count // parts) >= _FEWEST_TO_FIT:
+        # Fewer poses than three left for fitting do not hold a rig down.
+        if count - -(-count // parts) >= 3:
             return [np.arange(first, count, parts) for first in range(parts)]
     return []
 
 
-def held_out_score(
-    observations: list[Observation], estimate: Adjustment, candidate: Model
-) -> float:
-    """Mean squared residual of poses that a candidate was not fitted to."""
-    parts = folds(len(observations))
+def held_out_score(estimate: Adjustment, candidate: Model) -> float:
+    """Mean squared residual of poses that a candidate was not fitted to, over its variance."""
+    parts = folds(len(estimate.poses))
     if not parts:
         return 0.0
-    off = np.concatenate(
-        [held_out(observations, estimate, candidate, out).residuals for out in parts]
-    ) / np.repeat(np.array(estimate.deviations), 2)
+    residuals = [held_out(estimate, candidate, out).residuals for out in parts]
+    off = np.concatenate(residuals) / np.repeat(np.array(estimate.deviations), 2)
     # Gross errors must not decide, standard deviations.
     return float(np.nanmean(np.square(np.clip(off, -3, 3))))
 
 
-def held_out(
-    observations: list[Observation],
-    estimate: Adjustment,
-    candidate: Model,
-    out: NDArray[np.intp],
-) -> Adjustment:
+def held_out(estimate: Adjustment, candidate: Model, out: NDArray[np.intp]) -> Adjustment:
     """The poses `out` with a rig of the others: only where the board was is estimated of them."""
-    kept = np.setdiff1d(np.arange(len(observations)), out)
-    fitted = adjust(
-        [observations[i] for i in kept], estimate.of_poses(kept), candidate, _TOLERANCE
-    )
-    start = replace(fitted, poses=estimate.poses[out])
-    return adjust([observations[i] for i in out], start, None, _TOLERANCE)
+    kept = np.setdiff1d(np.arange(len(estimate.poses)), out)
+    fitted = adjust(estimate.of_poses(kept), candidate, _TOLERANCE)
+    start = replace(estimate.of_poses(out), rig=fitted.rig, bend=fitted.bend)
+    return adjust(start, None, _TOLERANCE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,16 +117,15 @@ class HeldOut:
     depths: NDArray[np.float64]
 
 
-def hold_out(used: list[Observation], estimate: Adjustment, model: Model) -> HeldOut | None:
+def hold_out(estimate: Adjustment, model: Model) -> HeldOut | None:
     """Fit to each half of the poses and look at the other; None if there are too few."""
     residuals, stereo, errors, places = [], [], [], []
-    for out in folds(len(used), 2):
-        seen = held_out(used, estimate, model, out)
+    for out in folds(len(estimate.poses), 2):
+        seen = held_out(estimate, model, out)
         residuals.append(seen.residuals)
         rig = seen.rig
-        found = camera_alone([used[i] for i in out], replace(seen, bend=estimate.bend)).points()
-        for index, corners in zip(out, found, strict=True):
-            each = used[index]
+        found = camera_alone(replace(seen, bend=estimate.bend)).points()
+        for each, corners in zip(seen.observations, found, strict=True):
             stereo.append(each.projector - rig.projector.project(rig.to_projector(corners)))
             known = np.isfinite(each.projector[:, 0] + each.camera[:, 0])
             measured = depths(rig, each.camera[known], each.projector[known, 0])
@@ -163,43 +142,36 @@ def hold_out(used: list[Observation], estimate: Adjustment, model: Model) -> Hel
     )
 
 
-def camera_alone(seen: list[Observation], start: Adjustment) -> Adjustment:
+def camera_alone(start: Adjustment) -> Adjustment:
     """Poses as the camera alone tells them, with a rig that is known."""
-    return adjust(
-        [replace(each, projector=np.full_like(each.projector, np.nan)) for each in seen],
-        start,
-        None,
-    )
+    seen = [replace(o, projector=np.full_like(o.projector, np.nan)) for o in start.observations]
+    return adjust(replace(start, observations=seen), None)
 
 
-def without_bad_poses(
-    used: list[Observation], estimate: Adjustment
-) -> tuple[list[Observation], Adjustment, dict[str, str]]:
+def without_bad_poses(estimate: Adjustment) -> tuple[Adjustment, dict[str, str]]:
     """Leave out poses that fit far worse than the others, one by one, the worst first."""
     excluded: dict[str, str] = {}
-    while len(used) > FEWEST_POSES + 1:
+    while len(estimate.poses) > FEWEST_POSES + 1:
         joint = np.array([rms(residuals)[2] for residuals in estimate.residuals])
         worst = int(np.argmax(joint))
         # A pose whose residuals are this many times those of the others was not seen as it was.
         limit = max(4.0 * float(np.median(joint)), 0.5)
         if joint[worst] <= limit:
             break
-        alone = camera_alone([used[worst]], estimate.of_poses(np.array([worst]))).rms()[0]
+        bad = estimate.of_poses(np.array([worst]))
         blame = (
             'the projector coordinates: the board or the rig moved between its photographs, or '
             'they are out of order'
-            if alone <= limit / 2
+            if camera_alone(bad).rms()[0] <= limit / 2
             else 'the corners: another board, bent, or seen in a mirror'
         )
-        excluded[used[worst].name] = (
+        excluded[bad.observations[0].name] = (
             f'left out: {joint[worst]:.1f} pixels off where the others are '
             f'{np.median(joint):.2f}; what does not fit are {blame}'
         )
-        kept = np.delete(np.arange(len(used)), worst)
-        used = [used[index] for index in kept]
-        start = replace(estimate.of_poses(kept), deviations=None)
-        estimate = adjust(used, start, Model())
-    return used, estimate, excluded
+        others = estimate.of_poses(np.delete(np.arange(len(joint)), worst))
+        estimate = adjust(replace(others, deviations=None), Model())
+    return estimate, excluded
 
 
 def refuse_hopeless(estimate: Adjustment) -> None:
@@ -241,26 +213,21 @@ class Solution:
     rig : Rig
         With its record and covariance.
     estimate : Adjustment
+        Of the poses that were used.
     model : Model
-    scores : dict
-        Cross-validation's, by candidate.
-    observations : list of Observation
-        Those that were used, in the order of `estimate`'s poses.
-    excluded : dict of str to str
-        Poses left out, and why.
     held_out : HeldOut or None
         None if there were too few poses.
+    excluded : dict of str to str
+        Poses left out, and why.
     remarks : list of str
     """
 
     rig: Rig
     estimate: Adjustment
     model: Model
-    scores: dict[Model, float]
-    observations: list[Observation]
     held_out: HeldOut | None
-    excluded: dict[str, str] = field(default_factory=dict)
-    remarks: list[str] = field(default_factory=list)
+    excluded: dict[str, str]
+    remarks: list[str]
 
 
 def solve(
@@ -296,31 +263,20 @@ def solve(
     """
     start = first_rig(observations, board.points, camera_size, projector_size)
     progress('start')
-    estimate = adjust(observations, start, Model())
-    used, estimate, excluded = without_bad_poses(observations, estimate)
+    estimate, excluded = without_bad_poses(adjust(start, Model()))
     progress('all poses')
     refuse_hopeless(estimate)
     refuse_wrong_scale(estimate.rig, baseline)
-    scores: dict[Model, float] = {}
-    if model is None:
-        model, scores = select(used, estimate, progress)
-    estimate = adjust(used, replace(estimate, deviations=None), model)
+    model = model or select(estimate, progress)
+    estimate = adjust(replace(estimate, deviations=None), model)
     progress('final')
-    known = covariance(used, estimate, model)
+    known = covariance(estimate, model)
     _refuse_unknown(estimate, known)
-    checked = hold_out(used, estimate, model)
+    checked = hold_out(estimate, model)
     progress('held out')
-    record = _record(estimate, known, board, checked)
-    return Solution(
-        replace(estimate.rig, record=replace(record, id=estimate.rig.id)),
-        estimate,
-        model,
-        scores,
-        used,
-        checked,
-        excluded,
-        _remarks(estimate, baseline, checked),
-    )
+    rig = replace(estimate.rig, record=_record(estimate, known, board, checked))
+    remarks = _remarks(estimate, baseline, checked)
+    return Solution(rig, estimate, model, checked, excluded, remarks)
 
 
 def _refuse_unknown(estimate: Adjustment, known: NDArray) -> None:
@@ -352,7 +308,7 @@ def _record(
     far = estimate.points()[..., 2]
     now = datetime.datetime.now(datetime.timezone.utc)
     return CalibrationRecord(
-        id='',
+        id=estimate.rig.id,
         date=now.strftime('%Y-%m-%dT%H:%M:%SZ'),
         tool=f'ftp-dent calibrate solve {__version__}',
         board=f'{kind}, {board.columns}x{board.rows} inner corners, {1e3 * board.square:g} mm',

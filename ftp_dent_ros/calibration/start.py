@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -51,7 +52,9 @@ def first_rig(
         camera_size,
     )
     poses = np.hstack([np.reshape(turns, (-1, 3)), np.reshape(shifts, (-1, 3))]).astype(float)
-    start = Adjustment(board, Rig(camera, camera, np.eye(3), np.zeros(3)), poses, np.zeros(3))
+    start = Adjustment(
+        observations, board, Rig(camera, camera, np.eye(3), np.zeros(3)), poses, np.zeros(3)
+    )
     points = start.points().reshape(-1, 3)
     pixels = np.concatenate([o.projector for o in observations])
     known = np.isfinite(pixels).all(axis=1)
@@ -62,7 +65,7 @@ def first_rig(
         )
     projector, turn, shift = _calibrated([points[known]], [pixels[known]], projector_size)
     rig = Rig(camera, projector, np.asarray(cv2.Rodrigues(turn[0])[0]), np.ravel(shift[0]))
-    return Adjustment(board, rig, poses, np.zeros(3))
+    return replace(start, rig=rig)
 
 
 def _calibrated(

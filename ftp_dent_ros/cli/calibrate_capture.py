@@ -138,8 +138,8 @@ def _take_poses(
             f'  taken: edges {sight.blur_px:.1f} pixels soft, contrast {sight.contrast:.0f} grey '
             f'levels, moved by {sight.moved_px:.2f} pixels'
         )
-        for remark in sight.remarks:
-            _say(f'  note: {remark}')
+        if sight.remark:
+            _say(f'  note: {sight.remark}')
     return len(seen)
 
 

@@ -52,8 +52,8 @@ def run(arguments: argparse.Namespace) -> int:
     with progress_bar('reading poses', count, 'pose') as bar:
         sights, left_out, size = see_poses(arguments.folder, session, _shown_on(bar))
     for sight in sights:
-        for remark in sight.remarks:
-            print(f'{sight.observation.name}: {remark}')
+        if sight.remark:
+            print(f'{sight.observation.name}: {sight.remark}')
     for sentence in left_out:
         print(f'left out: {sentence}')
     with progress_bar('solving', STEPS, 'step') as bar:
@@ -88,7 +88,7 @@ def _shown_on(bar: tqdm) -> Callable[[str], None]:
 def _summary(solution: Solution, output: Path, page: Path) -> list[str]:
     lines = [f'{name}: {reason}' for name, reason in solution.excluded.items()]
     lines += ['', f'{"RMS, pixels":24}{"camera":>10}{"projector":>11}{"stereo":>9}']
-    rows = [(f'{len(solution.observations)} poses', solution.estimate.rms())]
+    rows = [(f'{len(solution.estimate.poses)} poses', solution.estimate.rms())]
     if solution.held_out:
         rows.append(('held out, half by half', solution.held_out.rms))
     lines += [f'{name:24}{a:10.3f}{b:11.3f}{c:9.3f}' for name, (a, b, c) in rows]
