@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import threading
 import time
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.capture.raw_formats import V4L2, RawFormat
-from ftp_dent_ros.capture.source import ExposureClock, Frame
+from ftp_dent_ros.capture.source import ExposureClock, Frame, Source
 from ftp_dent_ros.errors import CameraError, ConfigurationError
 from ftp_dent_ros.photograph.photograph import Photograph
 
@@ -156,33 +157,24 @@ def _set_up(capture: cv2.VideoCapture, settings: DeviceSettings) -> str:
             f'{settings.path} gives the pixel format {taken!r}: ask for another, '
             'v4l2-ctl --list-formats shows what the camera has'
         )
+    controls: list[tuple[int, float, str]] = []
     if settings.exposure > 0:
         # A value of V4L2_CID_EXPOSURE_AUTO, and the unit of V4L2_CID_EXPOSURE_ABSOLUTE.
-        _set(capture, settings, cv2.CAP_PROP_AUTO_EXPOSURE, 1, 'a fixed exposure')
-        _set(
-            capture,
-            settings,
-            cv2.CAP_PROP_EXPOSURE,
-            max(1, round(settings.exposure / 100e-6)),
-            f'an exposure of {settings.exposure:g} s',
-        )
+        units = max(1, round(settings.exposure / 100e-6))
+        controls.append((cv2.CAP_PROP_AUTO_EXPOSURE, 1, 'a fixed exposure'))
+        controls.append((cv2.CAP_PROP_EXPOSURE, units, f'an exposure of {settings.exposure:g} s'))
     if settings.gain >= 0:
-        _set(capture, settings, cv2.CAP_PROP_GAIN, settings.gain, f'a gain of {settings.gain:g}')
+        controls.append((cv2.CAP_PROP_GAIN, settings.gain, f'a gain of {settings.gain:g}'))
+    for what, value, name in controls:
+        # A driver may round to its own steps.
+        if not capture.set(what, value) or abs(capture.get(what) - value) > max(0.5, 0.05 * value):
+            raise CameraError(
+                f'{settings.path} does not take {name} (it has {capture.get(what):g} in its own '
+                f'unit where {value:g} was set): v4l2-ctl --list-ctrls shows the range'
+            )
     if taken in V4L2:
         capture.set(cv2.CAP_PROP_CONVERT_RGB, 0)
     return taken
-
-
-def _set(
-    capture: cv2.VideoCapture, settings: DeviceSettings, what: int, value: float, name: str
-) -> None:
-    """Set a control, and make sure that the driver took it."""
-    # A driver may round to its own steps.
-    if not capture.set(what, value) or abs(capture.get(what) - value) > max(0.5, 0.05 * value):
-        raise CameraError(
-            f'{settings.path} does not take {name} (it has {capture.get(what):g} in its own unit '
-            f'where {value:g} was set): v4l2-ctl --list-ctrls shows the range'
-        )
 
 
 class _Due:
@@ -206,7 +198,7 @@ class _Due:
         return True
 
 
-class DeviceSource:
+class DeviceSource(Source):
     """Frames of a camera that is opened again, with growing pauses, whenever it fails.
 
     A thread takes every image from the driver, so that none grows old in its queue, and decodes
@@ -237,8 +229,6 @@ class DeviceSource:
         now_ns: Callable[[], int],
         first_pause: float = _FIRST_PAUSE,
     ) -> None:
-        self.finished = False
-        self.missed = 0
         self._repeated = 0
         self._opened = 0
         self._kernel_stamps = False
@@ -249,7 +239,7 @@ class DeviceSource:
         self._first_pause = first_pause
         self._changed = threading.Condition()
         self._newest: Frame | None = None
-        self._wanted_after_ns: int | None = None
+        self._wanted_after_ns = math.inf
         self._trouble = ''
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name='camera', daemon=True)
@@ -269,17 +259,12 @@ class DeviceSource:
 
     def shoot(self) -> Frame:
         """Frame whose exposure began after this call."""
-        exposure_ns = round(self._clock.exposure / 2 * 1e9)
-        after_ns = self._now_ns() + exposure_ns
-        with self._changed:
-            self._wanted_after_ns = after_ns
+        after_ns = self._now_ns() + round(self._clock.exposure / 2 * 1e9)
+        self._wanted_after_ns = after_ns
         frame = self._take(_PATIENCE, after_ns)
         if frame is None:
             raise CameraError(f'the camera gave no image for {_PATIENCE:g} s: check its cable')
         return frame
-
-    def rest(self) -> None:
-        """Nothing to do: a camera runs whether it is wanted or not."""
 
     def close(self) -> None:
         """Stop the thread and let go of the camera."""
@@ -314,7 +299,7 @@ class DeviceSource:
                     capture.release()
                 raise CameraError('the camera has stopped giving images: check its cable')
             except (CameraError, cv2.error) as error:
-                self._set_trouble(str(error))
+                self._tell(None, str(error))
             self._stop.wait(pause)
             pause = min(2 * pause, _LONGEST_PAUSE)
 
@@ -324,7 +309,7 @@ class DeviceSource:
         last_ns = 0
         last: NDArray | None = None
         while not self._stop.is_set() and capture.grab():
-            self._set_trouble('')
+            self._trouble = ''
             stamp_ns, self._kernel_stamps = self._clock.stamp_ns(
                 capture.get(cv2.CAP_PROP_POS_MSEC), time.monotonic_ns(), self._now_ns()
             )
@@ -332,37 +317,23 @@ class DeviceSource:
                 self._repeated += 1
                 continue
             last_ns = stamp_ns
-            if not due.at(stamp_ns) and not self._is_wanted(stamp_ns):
+            if not due.at(stamp_ns) and stamp_ns < self._wanted_after_ns:
                 continue
             good, image = capture.retrieve()
             if not good:
                 continue
-            photograph = image if isinstance(image, Photograph) else _of_bgr(image)
-            if last is not None and np.array_equal(photograph.pixels, last):
+            if not isinstance(image, Photograph):
+                image = Photograph(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8))
+            if last is not None and np.array_equal(image.pixels, last):
                 self._repeated += 1
                 continue
-            last = photograph.pixels
-            self._give(Frame(photograph, stamp_ns))
+            last = image.pixels
+            self._tell(Frame(image, stamp_ns))
         return last is not None
 
-    def _is_wanted(self, stamp_ns: int) -> bool:
+    def _tell(self, newest: Frame | None, trouble: str = '') -> None:
         with self._changed:
-            return self._wanted_after_ns is not None and stamp_ns >= self._wanted_after_ns
-
-    def _set_trouble(self, trouble: str) -> None:
-        with self._changed:
-            self._trouble = trouble
-            if trouble:
-                self._newest = None
-                self._changed.notify_all()
-
-    def _give(self, frame: Frame) -> None:
-        with self._changed:
-            self._newest = frame
-            if self._wanted_after_ns is not None and frame.stamp_ns >= self._wanted_after_ns:
-                self._wanted_after_ns = None
+            self._newest, self._trouble = newest, trouble
+            if newest is not None and newest.stamp_ns >= self._wanted_after_ns:
+                self._wanted_after_ns = math.inf
             self._changed.notify_all()
-
-
-def _of_bgr(image: NDArray[np.uint8]) -> Photograph:
-    return Photograph(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import glob
 from collections.abc import Callable, Iterator
+from contextlib import suppress
+from itertools import repeat
 from pathlib import Path
 
 import cv2
@@ -63,16 +65,11 @@ class FileSource(PacedSource):
         self._loop = loop
         self._size = size
         self._now_ns = now_ns
-        self._images = self._open()
+        self._images = self._read()
 
     def shoot(self) -> Frame | None:
         """Next image at once; None after the last."""
-        if self.finished:
-            return None
         following = next(self._images, None)
-        if following is None and self._loop:
-            self._images = self._open()
-            following = next(self._images, None)
         if following is None:
             self.finished = True
             return None
@@ -87,13 +84,11 @@ class FileSource(PacedSource):
             )
         return Frame(photograph_of_bgr(image, self._encoding, str(path)), self._now_ns())
 
-    def _open(self) -> Iterator[tuple[Path, NDArray | None]]:
+    def _read(self) -> Iterator[tuple[Path, NDArray | None]]:
         """Paths and their images, grey or BGR, None where a file cannot be read."""
-        for path in self._paths:
-            if path.suffix.lower() in _PICTURES:
-                yield path, _picture(path)
-            else:
-                yield from _video(path)
+        for paths in repeat(self._paths) if self._loop else [self._paths]:
+            for path in paths:
+                yield from _picture(path) if path.suffix.lower() in _PICTURES else _video(path)
 
 
 def find_images(path: str) -> list[Path]:
@@ -123,11 +118,11 @@ def find_images(path: str) -> list[Path]:
     return sorted(found, key=by_number)
 
 
-def _picture(path: Path) -> NDArray | None:
-    try:
-        return cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    except cv2.error:
-        return None
+def _picture(path: Path) -> Iterator[tuple[Path, NDArray | None]]:
+    image = None
+    with suppress(cv2.error):
+        image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    yield path, image
 
 
 def _video(path: Path) -> Iterator[tuple[Path, NDArray | None]]:

@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,13 +34,8 @@ class Frame:
     photograph: Photograph
     stamp_ns: int
 
-    @property
-    def image(self) -> NDArray[np.uint8]:
-        """RGB of 8 bits, shape (height, width, 3), to look at."""
-        return self.photograph.shown()
 
-
-class Source(Protocol):
+class Source:
     """A camera of some kind.
 
     Both ways to a frame raise `CameraError` when the camera does not work (try again later), and
@@ -57,21 +51,21 @@ class Source(Protocol):
         Whether it takes frames, wanted or not; if not, each is made when it is asked for.
     """
 
-    finished: bool
-    runs_by_itself: bool
-
-    @property
-    def missed(self) -> int:
-        """Number of frames that were due and were not taken."""
+    finished = False
+    missed = 0
+    runs_by_itself = False
 
     def notes(self) -> dict[str, object]:
         """What else is worth knowing of its state, by name."""
+        return {'missed': self.missed}
 
     def next_frame(self, timeout: float) -> Frame | None:
         """Frame that is due by the source's rate; None if none is within `timeout` seconds."""
+        raise NotImplementedError
 
     def shoot(self) -> Frame | None:
         """Frame at once, exposed after this call; None when finished."""
+        raise NotImplementedError
 
     def rest(self) -> None:
         """Nobody wants frames at present: what falls due meanwhile is not missed."""
@@ -80,91 +74,48 @@ class Source(Protocol):
         """Let go of the camera; the source cannot be used after this."""
 
 
-class Cadence:
-    """Regular deadlines; one that passed while the frame before was made is left out.
+class PacedSource(Source):
+    """Common part of the sources that make their frames when they are asked to.
 
     Parameters
     ----------
     rate : float
-        Deadlines a second; 0 for none.
-    now : callable
-        Monotonic time in seconds.
+        Frames a second; 0 for none unless asked for.
     patience : float
-        Seconds by which a deadline may have passed and is not left out all the same.
+        Seconds by which a frame may be made late; one that was due longer ago is left out.
     """
 
-    def __init__(
-        self, rate: float, now: Callable[[], float] = time.monotonic, patience: float = 0.0
-    ) -> None:
+    def __init__(self, rate: float, patience: float = 0.0) -> None:
         self._period = 1 / rate if rate > 0 else float('inf')
-        self._now = now
         self._patience = patience
-        self._stop = threading.Event()
-        self.missed = 0
-        self.restart()
+        self._closed = threading.Event()
+        self.rest()
 
-    def wait(self, timeout: float) -> bool:
-        """Wait for the next deadline, but `timeout` seconds at most; whether it was reached."""
-        early = self._due - self._now()
-        if early > 0 and (self._stop.wait(min(early, timeout)) or early > timeout):
+    def next_frame(self, timeout: float) -> Frame | None:
+        """Frame that is due by the rate; None if none is within `timeout` seconds."""
+        return self.shoot() if self._falls_due(timeout) else None
+
+    def rest(self) -> None:
+        """Let the next frame be due now."""
+        self._due = time.monotonic() if self._period < float('inf') else float('inf')
+
+    def close(self) -> None:
+        """End all waiting."""
+        self._closed.set()
+
+    def _falls_due(self, timeout: float) -> bool:
+        """Wait for the time at which a frame is due, but `timeout` seconds at most."""
+        early = self._due - time.monotonic()
+        if not self._waited(early, timeout):
             return False
-        late = max(0.0, self._now() - self._due - self._patience)
-        missed = int(late / self._period)
+        missed = int(max(0.0, -early - self._patience) / self._period)
         self.missed += missed
         self._due += (1 + missed) * self._period
         return True
 
-    def pause(self, seconds: float) -> bool:
-        """Wait so long; whether all waiting was ended."""
-        return self._stop.wait(max(seconds, 0.0))
-
-    @property
-    def late(self) -> float:
-        """Seconds since the deadline that was reached last."""
-        return self._now() - (self._due - self._period)
-
-    def restart(self) -> None:
-        """Let the next deadline be now."""
-        self._due = self._now() if self._period < float('inf') else float('inf')
-
-    def stop(self) -> None:
-        """End all waiting."""
-        self._stop.set()
-
-
-class PacedSource:
-    """Common part of the sources that make their frames when they are asked to."""
-
-    runs_by_itself = False
-
-    def __init__(self, rate: float, patience: float = 0.0) -> None:
-        self.finished = False
-        self._pace = Cadence(rate, patience=patience)
-
-    @property
-    def missed(self) -> int:
-        """Frames that were due while the one before was still being made."""
-        return self._pace.missed
-
-    def notes(self) -> dict[str, object]:
-        """How many frames were due and not taken."""
-        return {'missed': self.missed}
-
-    def next_frame(self, timeout: float) -> Frame | None:
-        """Frame that is due by the rate; None if none is within `timeout` seconds."""
-        return self.shoot() if self._pace.wait(timeout) else None
-
-    def shoot(self) -> Frame | None:
-        """Frame at once; None when finished."""
-        raise NotImplementedError
-
-    def rest(self) -> None:
-        """Nobody wants frames at present."""
-        self._pace.restart()
-
-    def close(self) -> None:
-        """End all waiting."""
-        self._pace.stop()
+    def _waited(self, early: float, timeout: float) -> bool:
+        """Whether a moment so many seconds ahead has come, after `timeout` seconds at most."""
+        return not self._closed.wait(min(max(early, 0.0), timeout)) and early <= timeout
 
 
 @dataclass(frozen=True)
@@ -253,15 +204,16 @@ class SimulatedSource(PacedSource):
     def next_frame(self, timeout: float) -> Frame | None:
         """Photograph that is due by the rate; None if none is within `timeout` seconds."""
         projected = self._shown(self._now_ns())
-        if not self._pace.wait(timeout):
+        if not self._falls_due(timeout):
             return None
-        frame = self._photograph_at(self._now_ns() - round(self._pace.late * 1e9))
+        late = time.monotonic() - (self._due - self._period)
+        frame = self._photograph_at(self._now_ns() - round(late * 1e9))
         if projected is not self._prepared:
             # Tables are made for the first photograph of a pattern: what falls due meanwhile is
             # not missed, and the next one is due a period from now.
             self._prepared = projected
             self.rest()
-            self._pace.wait(0.0)
+            self._due += self._period
         return frame
 
     def shoot(self) -> Frame:
@@ -304,20 +256,19 @@ class RenderedSource(PacedSource):
     def __init__(
         self, folder: Path, rate: float, start_ns: int, now_ns: Callable[[], int]
     ) -> None:
-        super().__init__(rate)
         self._paths = sorted(folder.glob('*.npz'))
         self._period_ns, self._start_ns, self._now_ns = round(1e9 / rate), start_ns, now_ns
         self._next = 0
+        super().__init__(rate)
 
     def next_frame(self, timeout: float) -> Frame | None:
         """Photograph that is due next; None if none is within `timeout` seconds."""
         due = (self._now_ns() - self._start_ns) // self._period_ns
-        self._pace.missed += max(due - self._next, 0)
+        self.missed += max(due - self._next, 0)
         number = self._next = max(due, self._next)
         stamp_ns = self._start_ns + number * self._period_ns
         self.finished = number >= len(self._paths)
-        early = (stamp_ns - self._now_ns()) / 1e9
-        if self.finished or self._pace.pause(min(early, timeout)) or early > timeout:
+        if self.finished or not self._waited((stamp_ns - self._now_ns()) / 1e9, timeout):
             return None
         self._next += 1
         with np.load(self._paths[number]) as kept:

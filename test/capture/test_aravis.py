@@ -122,7 +122,7 @@ def test_frames_with_lost_packets_are_dropped_and_told_and_a_lost_camera_comes_b
             except CameraError:
                 return None
 
-        until(lambda: (frame := shot()) is not None and np.ptp(frame.image) > 0)
+        until(lambda: (frame := shot()) is not None and np.ptp(frame.photograph.shown()) > 0)
     finally:
         source.close()
 

@@ -92,11 +92,11 @@ def test_frames_are_new_and_in_order_until_the_camera_is_gone(tmp_path, camera):
     source = camera(capture=functools.partial(RealTime, seen=seen))
     frames, trouble = frames_until_unplugged(source, seen)
     stamps = [frame.stamp_ns for frame in frames]
-    levels = [int(frame.image[0, 0, 0]) for frame in frames]
+    levels = [int(frame.photograph.shown()[0, 0, 0]) for frame in frames]
     assert len(frames) > 0
     assert stamps == sorted(set(stamps)) and abs(stamps[0] - time.time_ns()) < 60e9
     assert levels == sorted(levels), 'no old frame comes after a newer one'
-    assert frames[0].image[0, 0, 2] < 20, 'RGB, not BGR'
+    assert frames[0].photograph.shown()[0, 0, 2] < 20, 'RGB, not BGR'
     assert trouble == 'the camera has stopped giving images: check its cable'
 
 

@@ -31,7 +31,7 @@ def source(path, loop=False, rate=0.0, size=SIZE) -> FileSource:
 
 def reds(files: FileSource, times: int) -> list[int | None]:
     frames = [files.shoot() for _ in range(times)]
-    return [None if frame is None else int(frame.image[0, 0, 0]) for frame in frames]
+    return [None if frame is None else int(frame.photograph.pixels[0, 0, 0]) for frame in frames]
 
 
 def test_a_folder_is_read_in_the_order_of_its_numbers(folder):
@@ -44,8 +44,10 @@ def test_an_image_is_rgb_and_stamped_when_it_is_read(folder):
     files = source(folder)
     first, second = files.shoot(), files.shoot()
     assert first is not None and second is not None
-    assert first.image.shape == (48, 64, 3) and first.image.dtype == np.uint8
-    assert first.image[0, 0].tolist() == [1, 20, 10]
+    assert (
+        first.photograph.pixels.shape == (48, 64, 3) and first.photograph.pixels.dtype == np.uint8
+    )
+    assert first.photograph.pixels[0, 0].tolist() == [1, 20, 10]
     assert (first.stamp_ns, second.stamp_ns) == (1000, 1001)
 
 
@@ -68,7 +70,7 @@ def test_a_grey_or_deep_image_is_taken_as_rgb(tmp_path):
     cv2.imwrite(str(tmp_path / 'b.png'), np.full((48, 64, 3), 70 * 257, np.uint16))
     cv2.imwrite(str(tmp_path / 'c.png'), np.full((48, 64, 4), 70, np.uint8))
     for frame in (files := source(tmp_path)).shoot(), files.shoot(), files.shoot():
-        assert frame is not None and np.unique(frame.image).tolist() == [70]
+        assert frame is not None and np.unique(frame.photograph.shown()).tolist() == [70]
 
 
 def write_video(path, levels, size=SIZE):

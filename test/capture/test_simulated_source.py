@@ -33,8 +33,8 @@ def test_a_photograph_is_of_its_stamp_and_of_what_is_projected_then():
     camera.project(np.full((2, 2, 3), 2, np.uint8), 1001)
     second = camera.shoot()
     assert (first.stamp_ns, second.stamp_ns) == (1000, 1001)
-    assert first.image[0, 0, 0] == 1 + 1000 % 256
-    assert second.image[0, 0, 0] == 2 + 1001 % 256
+    assert first.photograph.pixels[0, 0, 0] == 1 + 1000 % 256
+    assert second.photograph.pixels[0, 0, 0] == 2 + 1001 % 256
 
 
 def test_a_pattern_of_another_size_is_refused():
@@ -56,9 +56,13 @@ def test_a_photograph_that_is_computed_late_shows_what_was_projected_when_it_was
     camera = source()
     camera.project(np.full((2, 2, 3), 1, np.uint8), 900)
     camera.project(np.full((2, 2, 3), 7, np.uint8), 1001)
-    assert camera.shoot().image[0, 0, 0] == np.uint8(1 + 1000 % 256), 'not yet the next one'
+    assert camera.shoot().photograph.pixels[0, 0, 0] == np.uint8(1 + 1000 % 256), (
+        'not yet the next one'
+    )
     camera.project(np.full((2, 2, 3), 3, np.uint8), 950)
-    assert camera.shoot().image[0, 0, 0] == np.uint8(7 + 1001 % 256), 'by stamp, not by arrival'
+    assert camera.shoot().photograph.pixels[0, 0, 0] == np.uint8(7 + 1001 % 256), (
+        'by stamp, not by arrival'
+    )
 
 
 def test_photographs_that_were_rendered_ahead_are_taken_at_their_own_times(tmp_path):
@@ -72,7 +76,7 @@ def test_photographs_that_were_rendered_ahead_are_taken_at_their_own_times(tmp_p
         frame = source.next_frame(0.02)
         if frame is not None:
             assert time.time_ns() >= frame.stamp_ns
-            taken.append((frame.stamp_ns - start_ns, int(frame.image[0, 0, 0])))
+            taken.append((frame.stamp_ns - start_ns, int(frame.photograph.pixels[0, 0, 0])))
             if len(taken) == 2:
                 time.sleep(0.12)  # a node that is busy misses one
     assert taken[:2] == [(0, 0), (50_000_000, 1)] and taken[-1] == (150_000_000, 3)
