@@ -20,20 +20,11 @@ from ftp_dent_ros.rig.rig import Lens
 
 # Differences along the rows alone, or along both axes (left + above - left above).
 ROWS, BOTH = 0, 1
-# The residuals are noise without repetitions: runs and Huffman's code are what is to be had.
-_LEVEL, _MEMORY = 1, 8
-# Of the rows, to choose the prediction by.
-_EVERY = 4
 
 # Whole numbers beyond it are not differenced without loss of their sign.
 _LARGEST = 2**29
 # 2^(k/4), written out: powers are not the same on every machine.
-_PARTS = 4
-_POWERS = np.array([1.0, 1.189207115002721, 1.4142135623730951, 1.681792830507429])
-# Halfway between them: the mantissas of float32 (23 bits) from which on the next one is nearer,
-# those of 2^(1/8), 2^(3/8), 2^(5/8), 2^(7/8).
-_NEXT = 759234, 2490071, 4548395, 6996167
-_MANTISSA, _BITS, _BIAS = (1 << 23) - 1, 23, 127
+_POWERS = np.array([1.0, 1.189207115002721, 1.4142135623730951, 1.681792830507429], np.float32)
 
 # Of a point's stated uncertainty, for the step of its depth: the error is half a step at most, and
 # what single precision rounds.
@@ -43,13 +34,9 @@ PART = 0.9
 STEP_UNKNOWN = 1e-6
 # 1/m: at 1 m what a float32 resolves.
 _FINEST = 1e-7
-# Points off the lens's rays by more than this part of their depth are not its camera's.
-_OFF_THE_RAY = 1e-6
 
 VERSION = 1
 MAGIC = b'FDC'
-# Grey levels of the modulation.
-_INTENSITY_STEP = 1.0
 _MOST_POINTS = 1 << 24
 _LARGEST_HEADER = 1 << 14
 _START = struct.Struct('<3sBH')
@@ -109,10 +96,6 @@ class RayGrid:
         """x/z and y/z of each point, shape (2, rows, columns)."""
         return _rays(tuple(self.numbers()))
 
-    def lengths(self) -> NDArray[np.float32]:
-        """Distance from the camera over the depth, shape (rows, columns)."""
-        return _lengths(tuple(self.numbers()))
-
 
 @lru_cache(maxsize=4)
 def _rays(numbers: tuple[float, ...]) -> NDArray[np.float32]:
@@ -120,12 +103,6 @@ def _rays(numbers: tuple[float, ...]) -> NDArray[np.float32]:
     with np.errstate(all='ignore'):
         rays = view.lens.rays(view.lens.pixel_grid(view.stride))[..., :2]
     return np.ascontiguousarray(np.moveaxis(rays, 2, 0), np.float32)
-
-
-@lru_cache(maxsize=4)
-def _lengths(numbers: tuple[float, ...]) -> NDArray[np.float32]:
-    x, y = _rays(numbers)
-    return np.sqrt(1 + x * x + y * y)
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,21 +127,13 @@ class Mask:
     def _neighbours(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Flat indices of the holes, and of the last value before each in its row, or the first.
 
-        Holes of a row without any value are left out.
+        In a row without any value that is the row's first hole.
         """
-        holes = np.flatnonzero(~self.where)
-        values = np.flatnonzero(self.where)
-        if not len(values):
-            return values, values
-        row = holes // self.where.shape[1]
-        # As many values lie before a hole as there are places less the holes before it.
-        count = holes - np.arange(len(holes))
-        before = values[np.maximum(count - 1, 0)]
-        after = values[np.minimum(count, len(values) - 1)]
-        has_before = (count > 0) & (before // self.where.shape[1] == row)
-        chosen = np.where(has_before, before, after)
-        is_there = chosen // self.where.shape[1] == row
-        return holes[is_there], chosen[is_there]
+        rows, columns = self.where.shape
+        last = np.maximum.accumulate(np.where(self.where, np.arange(columns), 0), axis=1)
+        known = np.maximum(last, self.where.argmax(axis=1)[:, None])
+        known += columns * np.arange(rows)[:, None]
+        return np.flatnonzero(~self.where), known[~self.where]
 
     def fill(self, values: NDArray[np.int32]) -> NDArray[np.int32]:
         """Put what is easily predicted into a grid's holes, in place; the grid."""
@@ -201,7 +170,8 @@ def pack(values: NDArray[np.int32]) -> tuple[int, list[bytes]]:
     along[:, 1:] -= values[:, :-1]
     across = along.copy()
     across[1:] -= along[:-1]
-    few = slice(None, None, _EVERY)
+    # Some of the rows tell.
+    few = slice(None, None, 4)
     if np.abs(across[few]).sum(dtype=float) < np.abs(along[few]).sum(dtype=float):
         return BOTH, _planes(across)
     return ROWS, _planes(along)
@@ -255,23 +225,11 @@ def _planes(residuals: NDArray[np.int32]) -> list[bytes]:
     count = max(1, (int(folded.max(initial=0)).bit_length() + 7) // 8)
     planes = []
     for index in range(count):
+        # Residuals are noise without repetitions: runs and Huffman's code are what is to be had.
+        writer = zlib.compressobj(1, zlib.DEFLATED, zlib.MAX_WBITS, 8, zlib.Z_RLE)
         plane = (folded >> (8 * index)).astype(np.uint8)
-        first = int(plane.flat[0]) if plane.size else 0
-        # The first residual is the first value itself, beside which all others are small.
-        is_empty = np.count_nonzero(plane) == bool(first)
-        planes.append(_alone(first, plane.size) if is_empty else _deflated(plane.data))
+        planes.append(writer.compress(plane.data) + writer.flush())
     return planes
-
-
-@lru_cache(maxsize=16)
-def _alone(first: int, size: int) -> bytes:
-    """Deflated plane of one byte and zeros."""
-    return _deflated(bytes([first]) + bytes(size - 1) if size else b'')
-
-
-def _deflated(plane: bytes | memoryview) -> bytes:
-    writer = zlib.compressobj(_LEVEL, zlib.DEFLATED, zlib.MAX_WBITS, _MEMORY, zlib.Z_RLE)
-    return writer.compress(plane) + writer.flush()
 
 
 class StepScale(str, Enum):
@@ -304,8 +262,8 @@ def quantise(
     """
     there = np.where(mask.where, values, np.float32(1))
     if scale is StepScale.LOGARITHM:
-        return mask.fill(_quarters(there))
-    if scale is StepScale.INVERSE:
+        steps = len(_POWERS) * np.log2(there)
+    elif scale is StepScale.INVERSE:
         steps = np.reciprocal(there, dtype=np.float64)
         steps /= step
     else:
@@ -317,21 +275,11 @@ def quantise(
     return mask.fill(steps.astype(np.int32))
 
 
-def _quarters(values: NDArray[np.float32]) -> NDArray[np.int32]:
-    """Four times the logarithm to base 2, rounded, out of the numbers' own bits."""
-    bits = np.ascontiguousarray(values, np.float32).view(np.int32)
-    mantissa = bits & np.int32(_MANTISSA)
-    parts = np.zeros(bits.shape, np.uint8)
-    for least in _NEXT:
-        parts += mantissa >= least
-    return ((bits >> _BITS) - _BIAS) * _PARTS + parts
-
-
 def restore(steps: NDArray[np.int32], scale: StepScale, step: float) -> NDArray[np.float32]:
     """Values of `quantise`'s whole numbers, shape (rows, columns); inf for an inverse of 0."""
     if scale is StepScale.LOGARITHM:
-        power = _POWERS.astype(np.float32)[steps & (_PARTS - 1)]
-        return np.ldexp(power, np.clip(steps >> 2, -120, 120))
+        octaves, parts = np.divmod(steps, len(_POWERS))
+        return np.ldexp(_POWERS[parts], np.clip(octaves, -120, 120))
     with np.errstate(divide='ignore', over='ignore'):
         values = steps * np.float64(step)
         if scale is StepScale.INVERSE:
@@ -348,18 +296,13 @@ def is_on_rays(
     """Whether all valid points (rows, columns, 3) lie on the view's rays, ahead of the camera."""
     if view.shape != valid.shape:
         return False
-    count = np.count_nonzero(valid)
-    if np.count_nonzero((depth > 0) & valid) != count:
-        return False
+    fits = depth > 0
     with np.errstate(invalid='ignore', over='ignore'):
-        bound = depth * np.float32(_OFF_THE_RAY)
+        # Farther off, as a part of their depth, points are not of this camera.
+        bound = depth * np.float32(1e-6)
         for axis, ray in enumerate(view.rays()):
-            off = points[..., axis].copy()
-            off -= ray * depth
-            np.abs(off, out=off)
-            if np.count_nonzero((off <= bound) & valid) != count:
-                return False
-    return True
+            fits &= np.abs(points[..., axis] - ray * depth) <= bound
+    return bool((fits | ~valid).all())
 
 
 def inverse_step(
@@ -377,7 +320,8 @@ def inverse_step(
     if not known.any():
         return STEP_UNKNOWN * part
     with np.errstate(all='ignore'):
-        noise = sigma / (view.lengths() * depth * depth)
+        x, y = view.rays()
+        noise = sigma / (np.sqrt(1 + x * x + y * y) * depth * depth)
     return max(float(noise.min(where=known, initial=np.inf)) * part, _FINEST)
 
 
@@ -415,26 +359,54 @@ def encode(cloud: Cloud, view: RayGrid | None = None, part: float = PART) -> byt
     rows, columns = cloud.intensity.shape
     if rows * columns > _MOST_POINTS:
         raise CodecError(f'a cloud of {columns}x{rows} points is too large: use a larger stride')
-    writer = _Writer()
     depth = np.ascontiguousarray(cloud.points[..., 2])
     valid: NDArray[np.bool_] = np.isfinite(depth)
     if view is not None and is_on_rays(cloud.points, depth, valid, view):
         step = inverse_step(depth, cloud.sigma, valid, view, part)
-        writer.add('z', depth, valid, StepScale.INVERSE, step)
+        given = [('z', depth, valid, StepScale.INVERSE, step)]
     else:
         view = None
-        metres = linear_step(cloud.points, cloud.sigma, valid, part)
-        for axis, name in enumerate('xyz'):
-            writer.add(name, cloud.points[..., axis], valid, StepScale.LINEAR, metres)
+        step = linear_step(cloud.points, cloud.sigma, valid, part)
+        planes = zip('xyz', np.moveaxis(cloud.points, 2, 0), strict=True)
+        given = [(name, plane, valid, StepScale.LINEAR, step) for name, plane in planes]
     lit = np.isfinite(cloud.intensity) & (cloud.intensity != 0)
-    if lit.any():
-        writer.add('intensity', cloud.intensity, lit, StepScale.LINEAR, _INTENSITY_STEP)
+    rest = [('intensity', cloud.intensity, lit, StepScale.LINEAR, 1.0)]
     for name in ('sigma', 'resolution'):
         values = getattr(cloud, name)
-        known = np.isfinite(values) & (values > 0)
-        if known.any():
-            writer.add(name, values, known, StepScale.LOGARITHM)
-    return writer.finish(rows, columns, view)
+        rest.append((name, values, np.isfinite(values) & (values > 0), StepScale.LOGARITHM, 0.0))
+    given += [field for field in rest if field[2].any()]
+    masks: list[Mask] = []
+    fields: list[dict[str, Any]] = []
+    body: list[bytes] = []
+    for name, values, where, scale, step in given:
+        # A mask that comes again is written once.
+        same = [index for index, mask in enumerate(masks) if np.array_equal(mask.where, where)]
+        if not same:
+            same = [len(masks)]
+            masks.append(Mask(where))
+        prediction, packed = pack(quantise(values, masks[same[0]], scale, step))
+        body += packed
+        fields.append(
+            {
+                'name': name,
+                'scale': scale.value,
+                'step': step,
+                'mask': same[0],
+                'prediction': prediction,
+                'planes': [len(plane) for plane in packed],
+            }
+        )
+    header = {
+        'rows': rows,
+        'columns': columns,
+        'view': view.numbers() if view else None,
+        'masks': [len(mask.packed) for mask in masks],
+        'fields': fields,
+    }
+    text = zlib.compress(json.dumps(header, separators=(',', ':')).encode('ascii'))
+    outlines = [mask.packed for mask in masks]
+    whole = b''.join([_START.pack(MAGIC, VERSION, len(text)), text, *outlines, *body])
+    return whole + _END.pack(zlib.crc32(whole))
 
 
 def decode(data: bytes | memoryview) -> Cloud:
@@ -463,57 +435,6 @@ def thinned(cloud: Cloud, view: RayGrid | None, columns: int) -> tuple[Cloud, Ra
     return Cloud(points, *rest), few
 
 
-class _Writer:
-    """Masks and planes so far; a mask that comes again is written once."""
-
-    def __init__(self) -> None:
-        self._fields: list[dict[str, Any]] = []
-        self._masks: list[Mask] = []
-        self._body: list[bytes] = []
-
-    def add(
-        self,
-        name: str,
-        values: NDArray[np.float32],
-        where: NDArray[np.bool_],
-        scale: StepScale,
-        step: float = 0.0,
-    ) -> None:
-        index = self._mask(where)
-        prediction, planes = pack(quantise(values, self._masks[index], scale, step))
-        self._body += planes
-        self._fields.append(
-            {
-                'name': name,
-                'scale': scale.value,
-                'step': step,
-                'mask': index,
-                'prediction': prediction,
-                'planes': [len(plane) for plane in planes],
-            }
-        )
-
-    def _mask(self, where: NDArray[np.bool_]) -> int:
-        for index, mask in enumerate(self._masks):
-            if np.array_equal(mask.where, where):
-                return index
-        self._masks.append(Mask(where))
-        return len(self._masks) - 1
-
-    def finish(self, rows: int, columns: int, view: RayGrid | None) -> bytes:
-        header = {
-            'rows': rows,
-            'columns': columns,
-            'view': view.numbers() if view else None,
-            'masks': [len(mask.packed) for mask in self._masks],
-            'fields': self._fields,
-        }
-        text = zlib.compress(json.dumps(header, separators=(',', ':')).encode('ascii'))
-        masks = [mask.packed for mask in self._masks]
-        whole = b''.join([_START.pack(MAGIC, VERSION, len(text)), text, *masks, *self._body])
-        return whole + _END.pack(zlib.crc32(whole))
-
-
 def _opened(data: bytes) -> tuple[dict[str, Any], bytes]:
     """Header and body, once the checksum is right."""
     if len(data) < _START.size + _END.size or data[:3] != MAGIC:
@@ -540,7 +461,10 @@ def _opened(data: bytes) -> tuple[dict[str, Any], bytes]:
 
 def _decoded(header: dict[str, Any], body: bytes) -> Cloud:
     shape = int(header['rows']), int(header['columns'])
-    if min(shape) < 0 or shape[0] * shape[1] > _MOST_POINTS or len(header['fields']) > 16:
+    fields = header['fields']
+    many = max(len(header['masks']), len(fields)) > 16
+    many = many or any(len(field['planes']) > 4 for field in fields)
+    if min(shape) < 0 or shape[0] * shape[1] > _MOST_POINTS or many:
         raise CodecError('an encoded cloud claims to be too large: it is refused')
     at = 0
 
@@ -551,39 +475,27 @@ def _decoded(header: dict[str, Any], body: bytes) -> Cloud:
         at += size
         return body[at - size : at]
 
-    if len(header['masks']) > 16:
-        raise CodecError('an encoded cloud claims to be too large: it is refused')
     masks = [Mask.unpack(take(size), shape).where for size in header['masks']]
     values: dict[str, NDArray[np.float32]] = {}
-    within: dict[str, NDArray[np.bool_]] = {}
-    for field in header['fields']:
-        if len(field['planes']) > 4:
-            raise CodecError('an encoded cloud claims to be too large: it is refused')
-        steps = unpack(field['prediction'], [take(size) for size in field['planes']], shape)
-        name = field['name']
-        within[name] = masks[field['mask']]
-        values[name] = restore(steps, StepScale(field['scale']), float(field['step']))
-    valid = within['z']
+    for field in fields:
+        planes = [take(size) for size in field['planes']]
+        steps = unpack(field['prediction'], planes, shape)
+        found = restore(steps, StepScale(field['scale']), float(field['step']))
+        found[~masks[field['mask']]] = 0.0 if field['name'] == 'intensity' else np.nan
+        values[field['name']] = found
     if header['view'] is None:
         x, y, z = (values[axis] for axis in 'xyz')
     else:
         view = RayGrid.from_numbers(header['view'])
         if view.shape != shape:
             raise ValueError
-        rays = view.rays()
         z = values['z']
         with np.errstate(invalid='ignore', over='ignore'):
-            x, y = rays[0] * z, rays[1] * z
+            x, y = view.rays() * z
     with np.errstate(invalid='ignore', over='ignore'):
-        if not (np.isfinite(x + y + z) | ~valid).all():
+        if not (np.isfinite(x + y + z) | np.isnan(z)).all():
             raise CodecError('an encoded cloud holds points at infinity: it is refused')
-    points = np.empty((*shape, 3), np.float32)
-    for axis, plane in enumerate((x, y, z)):
-        plane[~valid] = np.nan
-        points[..., axis] = plane
-    rest: dict[str, Any] = {}
-    for name, nothing in (('intensity', 0.0), ('sigma', np.nan), ('resolution', np.nan)):
-        rest[name] = values.get(name, np.full(shape, nothing, np.float32))
-        if name in values:
-            rest[name][~within[name]] = nothing
-    return Cloud(points, **rest)
+    points = np.stack([x, y, z], axis=-1)
+    dark, unknown = np.zeros(shape, np.float32), np.full(shape, np.nan, np.float32)
+    rest = (values.get(name, unknown) for name in ('sigma', 'resolution'))
+    return Cloud(points, values.get('intensity', dark), *rest)

@@ -56,21 +56,19 @@ def cloud_from_message(message: PointCloud2) -> Cloud:
     """
     _check_size(message)
     order = '>' if message.is_bigendian else '<'
-    offsets: dict[str, int] = {}
-    formats: dict[str, str] = {}
-    for field in message.fields:
-        if field.name in CLOUD_FIELDS and field.datatype in _FIELD_TYPES:
-            offsets[field.name] = field.offset
-            formats[field.name] = order + _FIELD_TYPES[field.datatype]
-    if not {'x', 'y', 'z'} <= offsets.keys():
+    fields = {
+        field.name: field
+        for field in message.fields
+        if field.name in CLOUD_FIELDS and field.datatype in _FIELD_TYPES
+    }
+    if not {'x', 'y', 'z'} <= fields.keys():
         raise CloudError('the point cloud has no float fields x, y and z: publish them')
-    names = list(offsets)
     try:
         point = np.dtype(
             {
-                'names': names,
-                'formats': [formats[name] for name in names],
-                'offsets': [offsets[name] for name in names],
+                'names': list(fields),
+                'formats': [order + _FIELD_TYPES[field.datatype] for field in fields.values()],
+                'offsets': [field.offset for field in fields.values()],
                 'itemsize': message.point_step,
             }
         )
@@ -88,7 +86,7 @@ def cloud_from_message(message: PointCloud2) -> Cloud:
             points[..., index] = values[axis]
     points = _checked_points(points)
     rest: dict[str, Any] = {
-        name: values[name].astype(np.float32) for name in CLOUD_FIELDS[3:] if name in offsets
+        name: values[name].astype(np.float32) for name in CLOUD_FIELDS[3:] if name in fields
     }
     rest.setdefault('intensity', np.zeros(points.shape[:2], np.float32))
     return Cloud(points, **rest)
