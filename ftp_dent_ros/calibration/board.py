@@ -15,21 +15,10 @@ from ftp_dent_ros.calibration.descent import descend
 from ftp_dent_ros.errors import CalibrationError, ConfigurationError
 from ftp_dent_ros.fields import Checked, Limits
 
-# Fewer corners do not tell how a board lies.
-_FEWEST = 6
-
 # Edges of a photograph in focus are at least this soft: a pixel is a square, pixels.
 _SHARPEST = 0.25
-# Steps to a corner at most, and the relative change of what is left at which it is found.
-_STEPS, _TOLERANCE = 30, 1e-6
-# Most pixels that a square is drawn with.
-_LARGEST_SQUARE = 600
-
-# Windows reach this part of the way to the nearest corner, so that one crossing alone is in them,
-# and these pixels at most: lens distortion bends longer edges.
-_WINDOW, _SMALLEST_WINDOW, _LARGEST_WINDOW = 0.6, 3, 15
-# A corner search on a large photograph begins on a smaller one; pixels of its longer side.
-_SEARCH_SIZE = 1300
+# Windows reach this part of the way to the nearest corner, so that one crossing alone is in them.
+_WINDOW = 0.6
 _CRITERIA = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 40, 1e-3)
 
 
@@ -82,7 +71,7 @@ def refine_corners(
         off, turned = light - values, jacobian.transpose(0, 2, 1)
         return np.square(off).sum(axis=1), (turned @ off[..., None])[..., 0], turned @ jacobian
 
-    state = descend(linearised, state, _TOLERANCE, _STEPS)
+    state = descend(linearised, state, tolerance=1e-6, steps=30)
     found, blur = whole + state[:, :2], np.maximum(state[:, 4], _SHARPEST)
     # A fit that wanders this far has found something else, pixels.
     lost = ~inside | (np.linalg.norm(found - corners, axis=1) > 3.0) | (blur > radius / 2)
@@ -93,25 +82,23 @@ def refine_corners(
 def _model(state: NDArray, x: NDArray, y: NDArray) -> tuple[NDArray, NDArray]:
     """Light in the windows, shape (n, m), and its derivatives, shape (n, m, 9)."""
     cx, cy, first, second, blur, offset, slope_x, slope_y, contrast = state.T[..., None]
-    dx, dy = x - cx, y - cy
+    dx, dy = (x - cx)[:, None], (y - cy)[:, None]
     blur = np.maximum(blur, _SHARPEST)
     width = np.sqrt(2) * blur
-    edges, slopes, turns = [], [], []
-    for angle in (first, second):
-        distance = (np.cos(angle) * dx + np.sin(angle) * dy) / width
-        edges.append(erf(distance))
-        slopes.append(2 / np.sqrt(np.pi) * np.exp(-distance * distance))
-        turns.append((distance, (np.cos(angle) * dy - np.sin(angle) * dx) / width))
-    by_first, by_second = slopes[0] * edges[1], slopes[1] * edges[0]
+    angle = np.stack([first, second], axis=1)
+    # Of both edges, shape (n, 2, m).
+    distance = (np.cos(angle) * dx + np.sin(angle) * dy) / width[:, None]
+    turn = (np.cos(angle) * dy - np.sin(angle) * dx) / width[:, None]
+    edge, slope = erf(distance), 2 / np.sqrt(np.pi) * np.exp(-distance * distance)
+    by = slope * edge[:, ::-1]
     jacobian = np.empty((len(state), len(x), 9))
-    jacobian[..., 0] = -contrast * (by_first * np.cos(first) + by_second * np.cos(second)) / width
-    jacobian[..., 1] = -contrast * (by_first * np.sin(first) + by_second * np.sin(second)) / width
-    jacobian[..., 2] = contrast * by_first * turns[0][1]
-    jacobian[..., 3] = contrast * by_second * turns[1][1]
-    jacobian[..., 4] = -contrast * (by_first * turns[0][0] + by_second * turns[1][0]) / blur
+    jacobian[..., 0] = -contrast * (by * np.cos(angle)).sum(axis=1) / width
+    jacobian[..., 1] = -contrast * (by * np.sin(angle)).sum(axis=1) / width
+    jacobian[..., 2:4] = np.moveaxis(contrast[:, None] * by * turn, 1, 2)
+    jacobian[..., 4] = -contrast * (by * distance).sum(axis=1) / blur
     jacobian[..., 5] = 1
     jacobian[..., 6], jacobian[..., 7] = x, y
-    jacobian[..., 8] = edges[0] * edges[1]
+    jacobian[..., 8] = edge.prod(axis=1)
     light = offset + slope_x * x + slope_y * y + contrast * jacobian[..., 8]
     return light, jacobian
 
@@ -207,7 +194,8 @@ class Board(Checked):
             NaN where not seen.
         """
         spacing = self.spacing(corners)
-        radius = int(np.clip(_WINDOW * spacing, _SMALLEST_WINDOW, _LARGEST_WINDOW))
+        # Lens distortion bends longer edges.
+        radius = int(np.clip(_WINDOW * spacing, 3, 15))
         seen = np.flatnonzero(np.isfinite(corners[:, 0]))
         along = self._directions(corners)
         result = np.full(corners.shape, np.nan)
@@ -240,20 +228,23 @@ class Board(Checked):
     def _find_marked(self, photograph: NDArray[np.uint8]) -> NDArray[np.float64]:
         """Corners between markers; otherwise as `find`."""
         aruco: Any = cv2.aruco
-        board, found, ids = self._charuco, None, None
+        board, found = self._charuco, None
+        ids: Any = None
         if hasattr(aruco, 'CharucoDetector'):
             found, ids, _, _ = aruco.CharucoDetector(board).detectBoard(photograph)
         else:
             markers, names, _ = aruco.detectMarkers(photograph, board.dictionary)
             if names is not None and len(names):
                 _, found, ids = aruco.interpolateCornersCharuco(markers, names, photograph, board)
-        if ids is None or len(ids) < _FEWEST:
+        ids = np.zeros(0, int) if ids is None else np.ravel(ids)
+        # Fewer corners do not tell how a board lies.
+        if len(ids) < 6:
             raise CalibrationError(
-                f'of the ChArUco board {0 if ids is None else len(ids)} corners are seen, fewer '
-                f'than {_FEWEST}: check its numbers and dictionary, and show more of it'
+                f'of the ChArUco board {len(ids)} corners are seen, fewer than 6: check its '
+                'numbers and dictionary, and show more of it'
             )
         corners = np.full((self.columns * self.rows, 2), np.nan)
-        corners[np.ravel(ids)] = np.reshape(np.asarray(found, float), (-1, 2))
+        corners[ids] = np.reshape(np.asarray(found, float), (-1, 2))
         return corners
 
     def exact_pixels(self, least: int) -> int:
@@ -271,7 +262,7 @@ class Board(Checked):
             whole = round(side / modules) * modules
             return round(abs(side - whole) / pixels, 4) + (pixels - whole) % 2 / pixels
 
-        return min(range(least, _LARGEST_SQUARE + 1), key=off)
+        return min(range(least, 601), key=off)
 
     def draw(self, pixels: int) -> NDArray[np.uint8]:
         """The board's print with a white rim of half a square, `pixels` a square."""
@@ -295,14 +286,11 @@ class Board(Checked):
 
     def find_rough(self, photograph: NDArray[np.uint8]) -> NDArray[np.float64]:
         """Corners of a chessboard to a few pixels; otherwise as `find`."""
-        scale = max(1.0, max(photograph.shape) / _SEARCH_SIZE)
-        small = photograph
-        if scale > 1:
-            small = np.asarray(
-                cv2.resize(
-                    photograph, None, fx=1 / scale, fy=1 / scale, interpolation=cv2.INTER_AREA
-                )
-            )
+        # The search on a large photograph begins on a smaller one; pixels of its longer side.
+        scale = max(1.0, max(photograph.shape) / 1300)
+        small: Any = cv2.resize(
+            photograph, None, fx=1 / scale, fy=1 / scale, interpolation=cv2.INTER_AREA
+        )
         flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
         found, corners = cv2.findChessboardCorners(small, (self.columns, self.rows), flags=flags)
         if not found:

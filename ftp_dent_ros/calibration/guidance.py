@@ -19,7 +19,7 @@ from ftp_dent_ros.calibration.bundle import (
     with_pose,
 )
 from ftp_dent_ros.calibration.observing import Observation
-from ftp_dent_ros.calibration.start import FEWEST_POSES, first_rig
+from ftp_dent_ros.calibration.start import first_rig
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.rig.rig import Rig
 
@@ -49,7 +49,6 @@ _FIRST = (
 )
 # Terms that a few poses hold down.
 _MODEL = Model(1, 1)
-_RIM_PX = 4
 
 
 def projector_delay(
@@ -101,8 +100,8 @@ def next_pose(
     (A-optimality).
     """
     lit = [o for o in observations if o.has_projector]
-    if len(lit) < max(FEWEST_POSES, len(_FIRST)):
-        return Advice(f'hold the board {_FIRST[min(len(lit), len(_FIRST) - 1)]}')
+    if len(lit) < len(_FIRST):
+        return Advice(f'hold the board {_FIRST[len(lit)]}')
     try:
         start = first_rig(lit, board.points, camera_size, projector_size)
     except CalibrationError as reason:
@@ -117,53 +116,38 @@ def next_pose(
     def uncertainty(of: NDArray) -> float:
         return float(np.median(np.sqrt(((slopes @ of) * slopes).sum(axis=1))))
 
+    middle, size = board.points.mean(axis=0), np.array(camera_size)
     for (far, scale), (side, tilt), (place, at) in product(
         _DISTANCES.items(), _TILTS.items(), _PLACES.items()
     ):
-        pose = _pose(board, rig, distance * scale, tilt, at)
-        seen = _seen(board, rig, pose)
+        turn = Rotation.from_euler('xy', tilt, degrees=True)
+        shift = distance * scale * rig.camera.rays(at * size) - turn.apply(middle)
+        more = replace(estimate, poses=np.concatenate([turn.as_rotvec(), shift])[None])
+        seen = _seen(rig, more.points()[0])
         if seen is None:
             continue
-        more = replace(estimate, observations=[seen], poses=pose[None])
-        left = uncertainty(with_pose(known, more, _MODEL))
+        left = uncertainty(with_pose(known, replace(more, observations=[seen]), _MODEL))
         if left < best.depth_deviation:
             words = [place + ' of the image', far, side + (' by 30 degrees' if side else '')]
             best = Advice(f'hold the board {", ".join(filter(None, words))}', left)
-    if not best.sentence:
-        return Advice(
-            'hold the board wherever camera and projector see all of it', uncertainty(known)
-        )
-    return Advice(best.sentence, uncertainty(known))
+    anywhere = 'hold the board wherever camera and projector see all of it'
+    return Advice(best.sentence or anywhere, uncertainty(known))
 
 
 def covered(observations: list[Observation], camera_size: tuple[int, int]) -> float:
     """Share of a grid of 6 x 4 fields of the image in which a corner was seen."""
-    seen = np.zeros((4, 6), bool)
-    for observation in observations:
-        corners = observation.camera[np.isfinite(observation.camera[:, 0])]
-        place = (corners / camera_size * [6, 4]).astype(int).clip(0, [5, 3])
-        seen[place[:, 1], place[:, 0]] = True
-    return float(seen.mean())
+    corners = np.concatenate([np.empty((0, 2)), *(each.camera for each in observations)])
+    u, v = corners[np.isfinite(corners[:, 0])].T
+    width, height = camera_size
+    seen, *_ = np.histogram2d(u, v, (6, 4), ((0, width), (0, height)))
+    return float((seen > 0).mean())
 
 
-def _pose(
-    board: Board, rig: Rig, distance: float, tilt: tuple[float, float], at: tuple[float, float]
-) -> NDArray[np.float64]:
-    turn = Rotation.from_euler('xy', tilt, degrees=True)
-    ray = rig.camera.rays(np.array(at) * [rig.camera.width, rig.camera.height])
-    middle = turn.apply(board.points.mean(axis=0))
-    return np.concatenate([turn.as_rotvec(), distance * ray - middle])
-
-
-def _seen(board: Board, rig: Rig, pose: NDArray) -> Observation | None:
+def _seen(rig: Rig, points: NDArray) -> Observation | None:
     """What would be observed; None if camera or projector do not see the whole board."""
-    points = Rotation.from_rotvec(pose[:3]).apply(board.points) + pose[3:]
-    pixels = []
-    for lens, each in ((rig.camera, points), (rig.projector, rig.to_projector(points))):
-        pixel = lens.project(each)
-        if (pixel < _RIM_PX).any() or (
-            pixel > [lens.width - _RIM_PX, lens.height - _RIM_PX]
-        ).any():
+    pixels = rig.camera.project(points), rig.projector.project(rig.to_projector(points))
+    for lens, pixel in zip((rig.camera, rig.projector), pixels, strict=True):
+        # Corners so near to the rim are not found, pixels.
+        if (pixel < 4).any() or (pixel > [lens.width - 4, lens.height - 4]).any():
             return None
-        pixels.append(pixel)
     return Observation('', *pixels)

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import os
 import pickle
-import resource
 import subprocess
 import sys
 from collections.abc import Callable
@@ -58,8 +57,6 @@ _INWARD = 8.0
 _RIM, _FRINGES, _CORNERS = (0.15, 0.01), (0.03, 0.003), (0.05, 0.01)
 # No projector has turned by more, radians: what tells nothing leaves this open.
 _ANY_TURN = 0.1
-# Seconds of processor time of a check aside, of which it takes some tenths.
-_LONGEST = 120
 
 
 @dataclass(frozen=True, eq=False)
@@ -569,7 +566,6 @@ def answer() -> None:
     """Check what comes in on the standard input; what is found, or why not, goes out."""
     # The last priority there is: photographs go first.
     os.nice(19)
-    resource.setrlimit(resource.RLIMIT_CPU, (_LONGEST, _LONGEST))
     found: Check | CalibrationError
     try:
         found = check(*pickle.load(sys.stdin.buffer))

@@ -170,10 +170,6 @@ class Rig:
         """Points of shape (..., 3), from the camera's frame to the projector's."""
         return np.asarray(points, float) @ self.rotation.T + self.translation
 
-    def to_camera(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Points of shape (..., 3), from the projector's frame to the camera's."""
-        return (np.asarray(points, float) - self.translation) @ self.rotation
-
 
 def read_rig(path: str | os.PathLike[str]) -> Rig:
     """Read ``rig.yaml``.
