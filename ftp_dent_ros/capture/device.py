@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.capture.raw_formats import V4L2, RawFormat
-from ftp_dent_ros.capture.source import ExposureClock, Frame, Source
+from ftp_dent_ros.capture.source import CameraSettings, ExposureClock, Frame, Source
 from ftp_dent_ros.errors import CameraError, ConfigurationError
 from ftp_dent_ros.photograph.photograph import Photograph
 
@@ -29,25 +29,17 @@ _FIRST_PAUSE, _LONGEST_PAUSE = 0.5, 8.0
 _PATIENCE = 3.0
 
 
-@dataclass(frozen=True)
-class DeviceSettings:
+@dataclass(frozen=True, kw_only=True)
+class DeviceSettings(CameraSettings):
     """What is asked of a V4L2 camera.
 
     Attributes
     ----------
     path : str
         Device file; a link under ``/dev/v4l/by-id`` names the same camera on every port.
-    width, height : int
-        Image size, pixels.
-    rate : float
-        Images a second asked of the driver; below 1 leaves it as it is.
     fourcc : str
         Pixel format of V4L2, of four characters ('MJPG', 'YUYV', 'GREY', 'Y12 ', 'RG12'); empty
         leaves it as it is.
-    exposure : float
-        Seconds; 0 leaves it as it is.
-    gain : float
-        In the driver's unit; negative leaves it as it is.
 
     Raises
     ------
@@ -56,12 +48,7 @@ class DeviceSettings:
     """
 
     path: str
-    width: int
-    height: int
-    rate: float = 0.0
     fourcc: str = ''
-    exposure: float = 0.0
-    gain: float = -1.0
 
     def __post_init__(self) -> None:
         if len(self.fourcc) not in (0, 4) or not self.fourcc.isascii():

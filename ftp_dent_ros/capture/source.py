@@ -35,6 +35,29 @@ class Frame:
     stamp_ns: int
 
 
+@dataclass(frozen=True, kw_only=True)
+class CameraSettings:
+    """What is asked of any camera.
+
+    Attributes
+    ----------
+    width, height : int
+        Image size, pixels; 0 leaves it as it is.
+    rate : float
+        Images a second asked of the driver; below 1 leaves it as it is.
+    exposure : float
+        Seconds; 0 leaves it as it is.
+    gain : float
+        In the driver's unit; negative leaves it as it is.
+    """
+
+    width: int = 0
+    height: int = 0
+    rate: float = 0.0
+    exposure: float = 0.0
+    gain: float = -1.0
+
+
 class Source:
     """A camera of some kind.
 

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from ftp_dent_ros.calibration.rig_check import CheckAside, adjusted, check, judged, turned
+from ftp_dent_ros.calibration.rig_check import AXES, CheckAside, adjusted, check, judged, turned
 from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.files import config_folder
@@ -48,12 +48,17 @@ def test_a_turned_projector_is_found_and_adjusted(rig, pattern, wall, degrees):
     np.testing.assert_allclose(np.degrees(found.turn), degrees, atol=0.004)
     mended = adjusted(wrong, found)
     np.testing.assert_allclose(mended.rotation, rig.rotation, atol=1e-4)
-    clouds = [
-        Reconstructor(each, pattern, Settings(stride=4)).measure(wall).cloud.points[..., 2]
+
+
+def test_the_depth_error_is_that_of_the_cloud(rig, pattern, wall):
+    wrong = turned(rig, np.radians([0, 0.05, 0]))
+    true, false = (
+        Reconstructor(each, pattern, Settings(stride=4)).measure(wall).cloud.points
         for each in (rig, wrong)
-    ]
-    error = abs(np.nanmedian(clouds[1] - clouds[0]))
-    assert found.depth_error == pytest.approx(error, rel=0.05, abs=3e-5)
+    )
+    error = abs(np.nanmedian(false[..., 2] - true[..., 2]))
+    found = check(wrong, pattern, wall, false, 2e-5)
+    assert found.depth_error == pytest.approx(error, rel=0.05)
 
 
 def shifted(rig, axis):
@@ -70,17 +75,16 @@ def test_a_shift_of_rows_is_found_and_one_of_columns_is_said_to_need_a_board(rig
     assert 'a shift across the fringes, which a board shows' in blind.sentence
 
 
-@pytest.mark.parametrize('axis', [0, 1, 2])
-def test_a_rig_with_the_projector_above_is_checked_too(rig, pattern, axis):
+def test_a_rig_with_the_projector_above_is_checked_too(rig, pattern):
     upright, rows = rig.transposed, pattern.transposed
     panel = Panel(Pose.from_rpy((0.06, 0.03, 0.01), (0, 0, 0.75)), (-1, 1, -1, 1))
     light = Photometry(reference_distance=0.75, read_noise=1.5, defocus_px=1.0)
     image = render(upright, rows.draw(), Surface((panel,)), light)
     assert seen(upright, rows, image).holds
-    turn = np.radians(0.05) * np.eye(3)[axis]
-    found = seen(turned(upright, -turn), rows, image)
-    np.testing.assert_allclose(found.turn, turn, atol=np.radians(0.006))
-    assert found.moved == (('pitch', 'yaw', 'roll')[axis],)
+    for axis, turn in zip(AXES, np.radians(0.05) * np.eye(3), strict=True):
+        found = seen(turned(upright, -turn), rows, image)
+        np.testing.assert_allclose(found.turn, turn, atol=np.radians(0.006))
+        assert found.moved == (axis,)
 
 
 def test_a_skin_tells_less(rig, pattern, wall):

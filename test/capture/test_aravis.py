@@ -62,7 +62,7 @@ def open_camera(seconds=120.0, **settings):
     end = time.monotonic() + seconds
     while True:
         with contextlib.suppress(CameraError):
-            capture = GenicamCapture(GenicamSettings('Aravis-FTP1', **settings))
+            capture = GenicamCapture(GenicamSettings(camera='Aravis-FTP1', **settings))
             if capture.grab():
                 return capture
             capture.release()
@@ -99,7 +99,7 @@ def test_a_software_trigger_takes_frames(fake):
 
 def test_frames_with_lost_packets_are_dropped_and_told_and_a_lost_camera_comes_back(fake):
     process = fake('-r', '30')
-    settings = GenicamSettings('Aravis-FTP1', width=512, height=512, rate=20.0)
+    settings = GenicamSettings(camera='Aravis-FTP1', width=512, height=512, rate=20.0)
     clock = ExposureClock(0.005, True, 0.0)
     source = GenicamSource(settings, 0.0, clock, time.time_ns, first_pause=0.1)
 
@@ -154,4 +154,4 @@ def test_fringes_come_through_bit_for_bit_and_give_the_same_cloud(tmp_path):
 
 def test_a_camera_that_is_not_there_is_told():
     with pytest.raises(CameraError, match=r'Aravis-NONE: .*check its cable'):
-        GenicamCapture(GenicamSettings('Aravis-NONE'))
+        GenicamCapture(GenicamSettings(camera='Aravis-NONE'))

@@ -186,7 +186,7 @@ def test_after_a_stall_frames_do_not_come_in_a_burst():
     assert min(np.diff(chosen)) >= 2
 
 
-SETTINGS = DeviceSettings('/dev/video99', 1280, 720)
+SETTINGS = DeviceSettings(path='/dev/video99', width=1280, height=720)
 
 
 def test_a_missing_device_is_named():
@@ -198,10 +198,10 @@ def test_a_file_that_is_no_camera_is_refused(tmp_path):
     path = tmp_path / 'video0'
     path.write_bytes(bytes(100))
     with pytest.raises(CameraError, match='cannot be opened as a camera'):
-        open_device(DeviceSettings(str(path), 1280, 720))
+        open_device(DeviceSettings(path=str(path), width=1280, height=720))
 
 
 @pytest.mark.parametrize('fourcc', ['MJPEG', 'ÄÖÜß', 'NV12'])
 def test_a_pixel_format_that_cannot_serve_is_refused(fourcc):
     with pytest.raises(ConfigurationError, match='pixel format'):
-        DeviceSettings('/dev/video0', 1280, 720, fourcc=fourcc)
+        DeviceSettings(path='/dev/video0', fourcc=fourcc)
