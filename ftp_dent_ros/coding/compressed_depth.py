@@ -14,7 +14,6 @@ import struct
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.errors import CodecError
@@ -44,23 +43,3 @@ def depth_image(cloud: Cloud) -> bytes:
     if not done:
         raise CodecError('the depths cannot be compressed: look at their size')
     return _HEAD.pack(_INVERSE_DEPTH, scale, start) + png.tobytes()
-
-
-def depths(data: bytes) -> NDArray[np.float32]:
-    """Depths of such data, shape (rows, columns), metres; NaN for none.
-
-    Raises
-    ------
-    CodecError
-        It is none.
-    """
-    if len(data) < _HEAD.size:
-        raise CodecError('a depth image is cut short: ask for it again')
-    form, scale, start = _HEAD.unpack_from(data)
-    png = np.frombuffer(data, np.uint8, offset=_HEAD.size)
-    steps = cv2.imdecode(png, cv2.IMREAD_UNCHANGED) if len(png) else None
-    if form != _INVERSE_DEPTH or steps is None or steps.dtype != np.uint16 or steps.ndim != 2:
-        raise CodecError('this is no depth image of 16 bits: it is refused')
-    with np.errstate(divide='ignore', invalid='ignore'):
-        z = scale / (steps.astype(np.float64) - start)
-    return np.where(steps > 0, z, np.nan).astype(np.float32)

@@ -6,10 +6,10 @@ import pytest
 pytest.importorskip('zenoh', reason='Zenoh is not installed: the link to the ground is not tested')
 
 from free_address import free_address
+from skins import depths_of
 
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.coding.cloud_codec import RayGrid
-from ftp_dent_ros.coding.compressed_depth import depths
 from ftp_dent_ros.pose import Pose
 
 
@@ -149,7 +149,7 @@ def test_topics_and_commands_cross_the_link(
     np.testing.assert_allclose(got['camera/camera_info'][0].k, rig.camera.camera_matrix.ravel())
     assert len(got['points']) == len(got['tagged/points']) == 1
 
-    shown = depths(bytes(got['depth/image_raw/compressedDepth'][0].data))
+    shown = depths_of(bytes(got['depth/image_raw/compressedDepth'][0].data))
     np.testing.assert_allclose(shown, cloud.points[..., 2], atol=1e-5)
 
     client = ground.node.create_client(Trigger, 'camera_capture/capture')
