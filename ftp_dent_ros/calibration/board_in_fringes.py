@@ -128,7 +128,7 @@ class _View:
     @property
     def told(self) -> int:
         """The projector's axis along which the fringes follow one another."""
-        return 0 if self.pattern.axis == 'u' else 1
+        return 'uv'.index(self.pattern.axis)
 
     def recognised(self) -> tuple[NDArray[np.float64], _Fit]:
         """The print as it is seen, and a first fit: which end, and which colour, fits best."""

@@ -92,6 +92,11 @@ class Adjustment:
     deviations: tuple[float, float] | None = None
     residuals: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 0, 4)))
 
+    @property
+    def observed(self) -> NDArray[np.float64]:
+        """Pixels (u_c, v_c, u_p, v_p) of the corners, shape (p, n, 4); NaN where not observed."""
+        return np.stack([np.hstack([o.camera, o.projector]) for o in self.observations])
+
     def rms(self) -> tuple[float, float, float]:
         """Root mean square distance of camera, projector and both, pixels."""
         return rms(self.residuals)
@@ -162,7 +167,7 @@ class _Problem:
 
     def __init__(self, start: Adjustment, model: Model | None) -> None:
         self.start = start
-        self.observed = np.stack([np.hstack([o.camera, o.projector]) for o in start.observations])
+        self.observed = start.observed
         self.known = np.isfinite(self.observed)
         self.deviations = start.deviations or _FIRST_DEVIATIONS
         self.vector = np.concatenate([rig_vector(start.rig), start.bend, start.poses.ravel()])
@@ -275,6 +280,13 @@ def adjust(start: Adjustment, model: Model | None, tolerance: float = 1e-8) -> A
     )
 
 
+def inverse_of(normal: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Pseudoinverse of a normal matrix, whatever the units of its unknowns."""
+    scale = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    units = np.outer(scale, scale)
+    return np.linalg.pinv(normal * units, hermitian=True) * units
+
+
 def covariance(estimate: Adjustment, model: Model) -> NDArray[np.float64]:
     """Covariance of the rig's 24 numbers, in the order of `calibration_record.PARAMETERS`.
 
@@ -290,9 +302,7 @@ def covariance(estimate: Adjustment, model: Model) -> NDArray[np.float64]:
     reduced = by_pose.transpose(0, 2, 1) @ by_pose
     gradients = np.einsum('pmk,pm->pk', by_pose, residuals.reshape(len(by_pose), -1))
     total = reduced.sum(axis=0)
-    scale = 1 / np.sqrt(np.maximum(np.diag(total), 1e-300))
-    inverse = np.linalg.pinv(total * np.outer(scale, scale), hermitian=True)
-    inverse *= np.outer(scale, scale)
+    inverse = inverse_of(total)
     freedom = max(int(problem.known.sum() - problem.active.sum()), 1)
     variance = float(residuals @ residuals) / freedom
     own = inverse @ reduced

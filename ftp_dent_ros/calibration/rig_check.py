@@ -35,7 +35,7 @@ from ftp_dent_ros.calibration.board_in_fringes import (
     plane_terms,
     read_board,
 )
-from ftp_dent_ros.calibration.bundle import depths_along
+from ftp_dent_ros.calibration.bundle import depths_along, inverse_of
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.photograph.photograph import Photograph
@@ -258,10 +258,7 @@ def _fitted(
             kind.told(off) if kind.told else kind.first
             for kind, off in zip(kinds, each(unknowns), strict=True)
         ]
-    normal = found.jac.T @ found.jac
-    scale = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    inverse = np.linalg.pinv(normal * np.outer(scale, scale), hermitian=True)
-    return unknowns, (inverse * np.outer(scale, scale))[:3, :3]
+    return unknowns, inverse_of(found.jac.T @ found.jac)[:3, :3]
 
 
 def scatter(off: NDArray, least: float) -> float:
@@ -467,7 +464,7 @@ def check_by_board(
     CalibrationError
         The board is not seen, or too little of it was measured.
     """
-    told = 0 if pattern.axis == 'u' else 1
+    told = 'uv'.index(pattern.axis)
     corners, points, columns = read_board(rig, pattern, board, image)
     known, lit = np.isfinite(corners[:, 0]), np.isfinite(columns)
     corners, columns, points = corners[known], columns[lit], points[lit]

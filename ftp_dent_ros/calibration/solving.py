@@ -125,15 +125,14 @@ def hold_out(estimate: Adjustment, model: Model) -> HeldOut | None:
         residuals.append(seen.residuals)
         rig = seen.rig
         found = camera_alone(replace(seen, bend=estimate.bend)).points()
-        for each, corners in zip(seen.observations, found, strict=True):
-            stereo.append(each.projector - rig.projector.project(rig.to_projector(corners)))
-            known = np.isfinite(each.projector[:, 0] + each.camera[:, 0])
-            measured = depths(rig, each.camera[known], each.projector[known, 0])
-            errors.append(measured - corners[known, 2])
-            places.append(corners[known, 2])
+        camera, projector = np.split(seen.observed, 2, axis=-1)
+        stereo.append(projector - rig.projector.project(rig.to_projector(found)))
+        known = np.isfinite(seen.observed[..., :3]).all(axis=-1)
+        places.append(found[known][:, 2])
+        errors.append(depths(rig, camera[known], projector[known][:, 0]) - places[-1])
     if not residuals:
         return None
-    square = np.square(np.concatenate(stereo)).sum(axis=1)
+    square = np.square(np.concatenate(stereo)).sum(axis=-1)
     return HeldOut(
         rms(np.concatenate(residuals)),
         float(np.sqrt(np.nanmean(square))),
