@@ -118,10 +118,5 @@ class Sequence(Checked):
             word = position // self.cell(frame.axis)
             bit = ((word ^ (word >> 1)) >> (self.bits(frame.axis) - 1 - frame.index)) & 1
             line = _LEVELS * (bit if frame.kind == 'gray' else 1 - bit)
-        line = line.astype(np.uint8)
-        image = (
-            np.tile(line, (self.height, 1))
-            if frame.axis == 'u'
-            else np.tile(line[:, None], (1, self.width))
-        )
-        return np.repeat(image[..., None], 3, axis=2)
+        line = line.astype(np.uint8) if frame.axis == 'u' else line.astype(np.uint8)[:, None]
+        return np.repeat(np.broadcast_to(line, (self.height, self.width))[..., None], 3, axis=2)

@@ -44,10 +44,8 @@ class RawFormat:
             There are too few of them.
         """
         levels = width * (len(self.colours) or 1)
-        whole = levels * (1 if self.bits == 8 else 2)
-        needed = -(-levels * self.bits // 8) if self.packing == 'p' else whole
-        if self.packing == 'packed':
-            needed = -(-levels * 3 // 2)
+        each = {'p': self.bits, 'packed': 12}.get(self.packing, 8 if self.bits == 8 else 16)
+        needed = -(-levels * each // 8)
         # Packed lines follow each other without a gap.
         step = len(data) // height if len(data) % height == 0 and not self.packing else needed
         if step < needed or len(data) < step * height:
@@ -58,15 +56,13 @@ class RawFormat:
         if self.packing:
             flat = _unpacked(data, levels * height, self.bits, self.packing)
         else:
-            lines = data[: step * height].reshape(height, step)[:, :whole]
-            flat = np.ascontiguousarray(lines)
-            flat = flat.view('<u2').astype(np.uint16, copy=False) if self.bits > 8 else flat
-        if not self.colours:
-            return Photograph.of(flat.reshape(height, width), self.mosaic, self.bits)
-        pixels = flat.reshape(height, width, 3)
+            lines = data[: step * height].reshape(height, step)[:, :needed]
+            flat = np.ascontiguousarray(lines).view('u1' if each == 8 else '<u2')
+        shape = (height, width, 3) if self.colours else (height, width)
+        pixels = flat.reshape(shape).astype(f'u{flat.itemsize}', copy=False)
         if self.colours == 'bgr':
             pixels = np.ascontiguousarray(pixels[..., ::-1])
-        return Photograph.of(pixels, bits=self.bits)
+        return Photograph.of(pixels, self.mosaic, self.bits)
 
 
 def _unpacked(data: NDArray[np.uint8], count: int, bits: int, packing: str) -> NDArray[np.uint16]:
@@ -75,18 +71,15 @@ def _unpacked(data: NDArray[np.uint8], count: int, bits: int, packing: str) -> N
     size = 3 if packing == 'packed' else together * bits // 8
     groups = -(-count // together)
     padded = np.zeros(groups * size, np.uint16)
-    given = data[: groups * size]
+    given = data[: len(padded)]
     padded[: len(given)] = given
     parts = padded.reshape(groups, size)
-    levels = np.empty((groups, together), np.uint16)
     if packing == 'packed':
-        low = bits - 8
-        levels[:, 0] = parts[:, 0] << low | parts[:, 1] & (1 << low) - 1
-        levels[:, 1] = parts[:, 2] << low | parts[:, 1] >> 4 & (1 << low) - 1
+        upper, lower = parts[:, [0, 2]], np.stack([parts[:, 1], parts[:, 1] >> 4], axis=1)
+        levels = upper << bits - 8 | lower & (1 << bits - 8) - 1
     else:
-        for index in range(together):
-            first, shift = divmod(index * bits, 8)
-            levels[:, index] = parts[:, first] >> shift | parts[:, first + 1] << 8 - shift
+        first, shift = np.divmod(bits * np.arange(together, dtype=np.uint16), 8)
+        levels = parts[:, first] >> shift | parts[:, first + 1] << 8 - shift
         levels &= np.uint16((1 << bits) - 1)
     return levels.reshape(-1)[:count]
 
