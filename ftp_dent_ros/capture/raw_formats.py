@@ -75,8 +75,10 @@ def _unpacked(data: NDArray[np.uint8], count: int, bits: int, packing: str) -> N
     padded[: len(given)] = given
     parts = padded.reshape(groups, size)
     if packing == 'packed':
-        upper, lower = parts[:, [0, 2]], np.stack([parts[:, 1], parts[:, 1] >> 4], axis=1)
-        levels = upper << bits - 8 | lower & (1 << bits - 8) - 1
+        low = bits - 8
+        levels = parts[:, [0, 2]] << low
+        levels[:, 0] |= parts[:, 1] & (1 << low) - 1
+        levels[:, 1] |= parts[:, 1] >> 4 & (1 << low) - 1
     else:
         first, shift = np.divmod(bits * np.arange(together, dtype=np.uint16), 8)
         levels = parts[:, first] >> shift | parts[:, first + 1] << 8 - shift
