@@ -76,7 +76,7 @@ def _unpacked(data: NDArray[np.uint8], count: int, bits: int, packing: str) -> N
     parts = padded.reshape(groups, size)
     if packing == 'packed':
         low = bits - 8
-        levels = parts[:, [0, 2]] << low
+        levels: NDArray[Any] = parts[:, [0, 2]] << low
         levels[:, 0] |= parts[:, 1] & (1 << low) - 1
         levels[:, 1] |= parts[:, 1] >> 4 & (1 << low) - 1
     else:
