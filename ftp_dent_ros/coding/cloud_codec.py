@@ -83,14 +83,13 @@ class RayGrid:
     @staticmethod
     def from_numbers(numbers: Any) -> RayGrid:
         """RayGrid of its `numbers`; raises `ValueError` or `TypeError` if they are none."""
-        width, height, f_x, f_y, c_x, c_y, *distortion, stride = map(float, numbers)
-        given = np.array([width, height, f_x, f_y, c_x, c_y, *distortion, stride])
-        if len(given) != 12 or not np.isfinite(given).all() or not given[:4].min() > 0:
+        given = np.array(numbers, float)
+        possible = given.shape == (12,) and np.isfinite(given).all()
+        if not possible or given[:4].min() <= 0 or given[11] < 1:
             raise ValueError('no numbers of a view')
+        width, height, f_x, f_y, c_x, c_y = given[:6]
         matrix = np.array([[f_x, 0, c_x], [0, f_y, c_y], [0, 0, 1]])
-        if stride < 1:
-            raise ValueError('no stride')
-        return RayGrid(Lens(int(width), int(height), matrix, np.array(distortion)), int(stride))
+        return RayGrid(Lens(int(width), int(height), matrix, given[6:11]), int(given[11]))
 
     def rays(self) -> NDArray[np.float32]:
         """x/z and y/z of each point, shape (2, rows, columns)."""
@@ -417,10 +416,11 @@ def decode(data: bytes | memoryview) -> Cloud:
     CodecError
         They are damaged, of another version, or no cloud.
     """
-    header, body = _opened(bytes(data))
+    packed, body = _opened(bytes(data))
     try:
+        header = json.loads(zlib.decompressobj().decompress(packed, _LARGEST_HEADER))
         return _decoded(header, body)
-    except (KeyError, TypeError, ValueError, IndexError, OverflowError, AttributeError):
+    except (zlib.error, LookupError, TypeError, ValueError, ArithmeticError, RecursionError):
         raise CodecError('the header of an encoded cloud is malformed: ask for it again') from None
 
 
@@ -435,8 +435,8 @@ def thinned(cloud: Cloud, view: RayGrid | None, columns: int) -> tuple[Cloud, Ra
     return Cloud(points, *rest), few
 
 
-def _opened(data: bytes) -> tuple[dict[str, Any], bytes]:
-    """Header and body, once the checksum is right."""
+def _opened(data: bytes) -> tuple[bytes, bytes]:
+    """Packed header and body, once the checksum is right."""
     if len(data) < _START.size + _END.size or data[:3] != MAGIC:
         raise CodecError('this is no encoded cloud: give what the encoder wrote')
     _, version, size = _START.unpack_from(data)
@@ -448,15 +448,8 @@ def _opened(data: bytes) -> tuple[dict[str, Any], bytes]:
     (checksum,) = _END.unpack(data[-_END.size :])
     if zlib.crc32(data[: -_END.size]) != checksum:
         raise CodecError('the checksum of an encoded cloud is wrong: ask for it again')
-    reader = zlib.decompressobj()
-    try:
-        text = reader.decompress(data[_START.size : _START.size + size], _LARGEST_HEADER)
-        header = json.loads(text)
-    except (zlib.error, ValueError, RecursionError):
-        raise CodecError('the header of an encoded cloud is malformed: ask for it again') from None
-    if not isinstance(header, dict):
-        raise CodecError('the header of an encoded cloud is malformed: ask for it again')
-    return header, data[_START.size + size : -_END.size]
+    start, end = _START.size + size, len(data) - _END.size
+    return data[_START.size : start], data[start:end]
 
 
 def _decoded(header: dict[str, Any], body: bytes) -> Cloud:
