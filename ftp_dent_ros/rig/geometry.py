@@ -18,17 +18,10 @@ if TYPE_CHECKING:
 
 # A drone carries less than the one and resolves nothing with the other, metres.
 _LONGEST_BASELINE, _SHORTEST_BASELINE = 5.0, 0.005
-# Focal length over the image's larger side: views of 2 * atan(0.5 / x), 1 to 157 degrees.
-_SHORTEST_FOCAL, _LONGEST_FOCAL = 0.1, 57.0
-# Pixels of micromirrors stand on their corners, twice as far apart one way as the other.
-_MOST_ASPECT = 2.5
-# How far beyond the image, in its sizes, the principal point may lie: a projector's lens shift.
-_MOST_SHIFT = 1.0
 # Where both may look: multiples of the baseline along the camera's rays.
 _DISTANCES = np.geomspace(0.5, 200.0, 40)
 # Of the baseline, the part across the projector's view; and that across its fringes.
 _LEAST_ACROSS = 0.2
-_RAYS = 17
 
 
 def check_geometry(rig: Rig) -> None:
@@ -60,18 +53,21 @@ def moves_fringes(rig: Rig, axis: str) -> bool:
 def _check_lens(lens: Lens, name: str) -> None:
     side = max(lens.width, lens.height)
     focal = lens.camera_matrix[[0, 1], [0, 1]]
-    if (focal < _SHORTEST_FOCAL * side).any() or (focal > _LONGEST_FOCAL * side).any():
+    # Views of 2 * atan(0.5 / x), 1 to 157 degrees.
+    if (focal < 0.1 * side).any() or (focal > 57 * side).any():
         raise RigError(
             f'{name}.camera_matrix has the focal lengths {focal[0]:g} and {focal[1]:g} for an '
             f'image of {lens.width}x{lens.height}, which no lens has: give them in pixels'
         )
-    if not 1 / _MOST_ASPECT <= focal[0] / focal[1] <= _MOST_ASPECT:
+    # Pixels of micromirrors stand on their corners, twice as far apart one way as the other.
+    if not 1 / 2.5 <= focal[0] / focal[1] <= 2.5:
         raise RigError(
             f'{name}.camera_matrix has the focal lengths {focal[0]:g} and {focal[1]:g}, too far '
             'from each other for any pixels: calibrate again'
         )
     size = np.array([lens.width, lens.height])
-    if (np.abs(lens.camera_matrix[:2, 2] / size - 0.5) > 0.5 + _MOST_SHIFT).any():
+    # A projector's lens shift may put the principal point one image's size beside the image.
+    if (np.abs(lens.camera_matrix[:2, 2] / size - 0.5) > 0.5 + 1.0).any():
         u, v = lens.camera_matrix[:2, 2]
         raise RigError(
             f'{name}.camera_matrix has the principal point {u:g}, {v:g}, far outside the image '
@@ -81,7 +77,7 @@ def _check_lens(lens: Lens, name: str) -> None:
 
 def _check_view(rig: Rig, baseline: float) -> None:
     """Refuse a rig whose projector lights nothing that its camera sees."""
-    edge = np.linspace(0, 1, _RAYS)
+    edge = np.linspace(0, 1, 17)
     u, v = np.meshgrid(edge * (rig.camera.width - 1), edge * (rig.camera.height - 1))
     rays = rig.camera.rays(np.stack([u, v], axis=-1)).reshape(-1, 3)
     points = rig.to_projector(rays[:, None] * (baseline * _DISTANCES)[:, None])

@@ -23,10 +23,6 @@ from ftp_dent_ros.rig.calibration_record import CalibrationRecord, record_of
 from ftp_dent_ros.rig.geometry import check_geometry
 from ftp_dent_ros.yaml_file import read_yaml
 
-# Change of a ray at which its search ends: far below what a calibration knows.
-_UNDISTORTED = 1e-12
-# Far below what a calibration knows, and far above rounding in a hand-copied file.
-_ORTHONORMAL = 1e-6
 _BLOCKS = ('camera', 'projector', 'extrinsics')
 # Of a camera matrix all but focal lengths and principal point.
 _REST = [0, 0, 0, 0, 1]
@@ -82,7 +78,8 @@ class Lens:
             )
             step = np.stack([d * x - b * y, a * y - c * x], axis=-1) / (a * d - b * c)[..., None]
             ideal += step
-            if np.abs(step).max(initial=0.0) < _UNDISTORTED:
+            # Far below what a calibration knows.
+            if np.abs(step).max(initial=0.0) < 1e-12:
                 break
         return np.concatenate([ideal, np.ones((*ideal.shape[:-1], 1))], axis=-1)
 
@@ -203,7 +200,8 @@ def _check(rig: Rig) -> None:
     with np.errstate(over='ignore', invalid='ignore'):
         deviation = np.abs(rig.rotation @ rig.rotation.T - np.eye(3)).max()
         determinant = np.linalg.det(rig.rotation)
-    if not deviation <= _ORTHONORMAL or determinant < 0:
+    # Far below what a calibration knows, and far above rounding in a hand-copied file.
+    if not deviation <= 1e-6 or determinant < 0:
         raise RigError(
             f'extrinsics.rotation is not a rotation (R R^T is off by {deviation:.2g}, '
             f'det {determinant:.3g}): calibrate again'
