@@ -54,7 +54,11 @@ def cloud_from_message(message: PointCloud2) -> Cloud:
     CloudError
         A field is missing or of another type, the sizes do not agree, or the points cannot be.
     """
-    _check_size(message)
+    height, width = message.height, message.width
+    if not 0 < height * width <= _MOST_POINTS:
+        raise CloudError(
+            f'the point cloud has {width}x{height} points: publish one that a photograph gives'
+        )
     order = '>' if message.is_bigendian else '<'
     fields = {
         field.name: field
@@ -64,6 +68,8 @@ def cloud_from_message(message: PointCloud2) -> Cloud:
     if not {'x', 'y', 'z'} <= fields.keys():
         raise CloudError('the point cloud has no float fields x, y and z: publish them')
     try:
+        if message.row_step < width * message.point_step:
+            raise ValueError('rows overlap')
         point = np.dtype(
             {
                 'names': list(fields),
@@ -73,14 +79,18 @@ def cloud_from_message(message: PointCloud2) -> Cloud:
             }
         )
         values: NDArray = np.ndarray(
-            (message.height, message.width),
+            (height, width),
             point,
             memoryview(message.data),
             strides=(message.row_step, message.point_step),
         )
     except (ValueError, TypeError):
-        raise CloudError(_misfit(message)) from None
-    points = np.empty((message.height, message.width, 3), np.float32)
+        raise CloudError(
+            f'the point cloud of {width}x{height} points does not fit its {len(message.data)} '
+            f'bytes, point_step {message.point_step} and row_step {message.row_step}: correct '
+            'the publisher'
+        ) from None
+    points = np.empty((height, width, 3), np.float32)
     with np.errstate(over='ignore'):
         for index, axis in enumerate('xyz'):
             points[..., index] = values[axis]
@@ -90,25 +100,6 @@ def cloud_from_message(message: PointCloud2) -> Cloud:
     }
     rest.setdefault('intensity', np.zeros(points.shape[:2], np.float32))
     return Cloud(points, **rest)
-
-
-def _check_size(message: PointCloud2) -> None:
-    height, width = message.height, message.width
-    if not 0 < height * width <= _MOST_POINTS:
-        raise CloudError(
-            f'the point cloud has {width}x{height} points: publish one that a photograph gives'
-        )
-    line = width * message.point_step
-    if message.row_step < line or (height - 1) * message.row_step + line > len(message.data):
-        raise CloudError(_misfit(message))
-
-
-def _misfit(message: PointCloud2) -> str:
-    return (
-        f'the point cloud of {message.width}x{message.height} points does not fit its '
-        f'{len(message.data)} bytes, point_step {message.point_step} and row_step '
-        f'{message.row_step}: correct the publisher'
-    )
 
 
 def _checked_points(points: NDArray[np.float32]) -> NDArray[np.float32]:
