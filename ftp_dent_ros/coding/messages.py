@@ -68,8 +68,9 @@ def cloud_from_message(message: PointCloud2) -> Cloud:
     if not {'x', 'y', 'z'} <= fields.keys():
         raise CloudError('the point cloud has no float fields x, y and z: publish them')
     try:
-        if message.row_step < width * message.point_step:
-            raise ValueError('rows overlap')
+        line = width * message.point_step
+        if message.row_step < line or len(message.data) < line:
+            raise ValueError('rows overlap, or there is not one')
         point = np.dtype(
             {
                 'names': list(fields),

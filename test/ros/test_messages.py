@@ -190,6 +190,7 @@ def test_a_cloud_of_another_layout_is_read(order):
         {'point_step': 8},
         {'point_step': 0},
         {'row_step': 10},
+        {'data': b''},
         {'data': array('B', bytes(10))},
         {'fields': []},
         {'fields': [PointField(name=name, offset=2**31, datatype=7) for name in 'xyz']},
