@@ -236,12 +236,11 @@ class _Problem:
         """Robust standard deviation of camera and projector coordinates, pixels."""
         off = self.modelled(self.vector)[0] - self.observed
         left = max(1 - self.active.sum() / max(int(self.known.sum()), 1), 0.1)
-        found = []
-        for _, place in _LENSES:
-            known = off[..., place][self.known[..., place]]
-            usual = deviation(known) if len(known) else _FIRST_DEVIATIONS[0]
-            found.append(max(_BEST, usual / np.sqrt(left)))
-        return found[0], found[1]
+        camera, projector = (
+            max(_BEST, deviation(off[..., place][self.known[..., place]]) / float(np.sqrt(left)))
+            for _, place in _LENSES
+        )
+        return camera, projector
 
     def beyond_poses(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Weighted residuals, and what of the common numbers' derivatives no pose undoes."""

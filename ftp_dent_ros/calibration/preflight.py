@@ -89,7 +89,7 @@ def examine(
         Of `rig` and `pattern`.
     exposure : float
         Of the photographs, seconds; 0 if it is not known.
-    smallest : ftp_dent_ros.dents.dent.Settings, optional
+    smallest : SmallestDent, optional
         The smallest dent that will be looked for.
     """
     lit = _lit(white, black)
