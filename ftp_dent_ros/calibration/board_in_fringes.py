@@ -209,20 +209,20 @@ class _View:
                 found[index], misfit = _fit_window(window.reshape(6, -1), pattern.period_px)
                 misfits.append(misfit)
         found[np.hypot(*found[:, :2].T) >= half, :2] = np.nan
-        late = found[:, 2]
-        lit = np.isfinite(late)
+        ahead = found[:, 2]
+        lit = np.isfinite(ahead)
         if lit.sum() < _FEWEST:
             raise CalibrationError('the fringes are not seen on the board: light the whole of it')
-        turns = np.exp(2j * np.pi / pattern.period_px * late)
+        turns = np.exp(2j * np.pi / pattern.period_px * ahead)
         mean = np.nanmean(turns)
-        late = pattern.period_px / (2 * np.pi) * (np.angle(turns / mean) + np.angle(mean))
+        ahead = pattern.period_px / (2 * np.pi) * (np.angle(turns / mean) + np.angle(mean))
         terms = plane_terms(board, board.points)
         predicted = rig.projector.project(rig.to_projector(points))[:, told] + terms @ off
-        more, *_ = np.linalg.lstsq(terms[lit], late[lit], rcond=None)
+        more, *_ = np.linalg.lstsq(terms[lit], ahead[lit], rcond=None)
         return _Fit(
             middles + found[:, :2],
             points,
-            predicted + late,
+            predicted + ahead,
             off + more,
             float(np.mean(misfits)),
             box,
