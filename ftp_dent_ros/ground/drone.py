@@ -278,7 +278,6 @@ class Feed:
         self._sequence = 0
         self._in_flight: deque[_InFlight] = deque()
         self._waiting: list[tuple[int, int, Name, StoredItem]] = []
-        self._crowded = _CROWD
         self._progress: dict[Name, _Progress] = {}
         # Of each topic whose items replace each other: its last one's turn, in order of sending.
         self._turns: dict[str, int] = {}
@@ -303,11 +302,10 @@ class Feed:
         takes_turns = kept.importance in REPLACED
         order = self._turns.get(kept.topic, 0) if takes_turns else -kept.stamp_ns
         heapq.heappush(self._waiting, (int(kept.importance), order, kept.name, kept))
-        if len(self._waiting) > self._crowded:
+        if len(self._waiting) > 2 * len(self._store) + _CROWD:
             # What was replaced meanwhile must not pile up in a long silence.
             self._waiting = [entry for entry in self._waiting if not entry[-1].gone]
             heapq.heapify(self._waiting)
-            self._crowded = 2 * len(self._waiting) + _CROWD
 
     def next_piece(self) -> tuple[Piece, float] | None:
         """Piece to send now, or None; with the seconds that its sending has to wait yet.

@@ -136,14 +136,10 @@ class PatternPublisher(PayloadNode[PatternPublisherSettings]):
                     f'an image of {image.shape[1]}x{image.shape[0]} pixels was to be shown by a '
                     f'projector of {size[0]}x{size[1]}'
                 )
-            self._show_instead(image)
-
-    def _show_instead(self, image: NDArray[np.uint8]) -> None:
-        # Seconds after which an image of projector/show that nothing follows gives way to the
-        # pattern.
-        self._shown_until = time.monotonic() + 30.0
-        self._put(image, self.now_ns())
-        self.diagnostics.count('images shown')
+            # Seconds after which an image that nothing follows gives way to the pattern.
+            self._shown_until = time.monotonic() + 30.0
+            self._put(image, self.now_ns())
+            self.diagnostics.count('images shown')
 
     def _put(self, image: NDArray[np.uint8], stamp_ns: int) -> None:
         """Tell of what is shown from a time on, and show it then."""

@@ -65,7 +65,6 @@ class Reconstruction(PayloadNode[ReconstructionSettings]):
         self._skin = self.create_publisher(
             Image, 'skin', CLOUDS, qos_overriding_options=OVERRIDABLE
         )
-        self.diagnostics.expect_one('camera/image_raw')
         self._watch = RigWatch(
             given.rig, given.camera_info_tolerance, self.diagnostics, self.get_logger()
         )
@@ -131,31 +130,29 @@ class Reconstruction(PayloadNode[ReconstructionSettings]):
 
     def _reconstruct(self, message: Image) -> None:
         """Reconstruct one image, in the worker's thread."""
-        stamp_ns = stamp_to_ns(message.header.stamp)
-        self._check_stamp(stamp_ns)
-        pattern = self._pattern_at(stamp_ns)
-        reconstructor = self._reconstructor(pattern)
-        started_ns = self.now_ns()
-        photograph = photograph_from_message(message, self.given.bits)
-        measurement = reconstructor.measure(photograph, self._skin.get_subscription_count() > 0)
-        cloud = measurement.cloud
-        if not cloud.valid.any():
-            reasons = '; '.join(measurement.coverage.remarks)
-            raise NoFringesError(f'the photograph gives no point: {reasons}')
-        # The message of a change may have come meanwhile, later than the photograph.
-        if self._pattern_at(stamp_ns) != pattern:
-            raise PatternChangeError(
-                'the pattern that was shown came to be known only after the photograph had been '
-                'reconstructed: take photographs later after a change'
+        stamp_ns, frame_id = stamp_to_ns(message.header.stamp), message.header.frame_id
+        with self.diagnostics.timed('clouds', stamp_ns):
+            self._check_stamp(stamp_ns)
+            pattern = self._pattern_at(stamp_ns)
+            photograph = photograph_from_message(message, self.given.bits)
+            measurement = self._reconstructor(pattern).measure(
+                photograph, self._skin.get_subscription_count() > 0
             )
-        # First, so that who has the cloud has its skin.
-        if cloud.skin.any():
-            self._skin.publish(image_to_message(cloud.skin, stamp_ns, message.header.frame_id))
-        self._points.publish(cloud_to_message(cloud, stamp_ns, message.header.frame_id))
+            cloud = measurement.cloud
+            if not cloud.valid.any():
+                reasons = '; '.join(measurement.coverage.remarks)
+                raise NoFringesError(f'the photograph gives no point: {reasons}')
+            # The message of a change may have come meanwhile, later than the photograph.
+            if self._pattern_at(stamp_ns) != pattern:
+                raise PatternChangeError(
+                    'the pattern that was shown came to be known only after the photograph had '
+                    'been reconstructed: take photographs later after a change'
+                )
+            # First, so that who has the cloud has its skin.
+            if cloud.skin.any():
+                self._skin.publish(image_to_message(cloud.skin, stamp_ns, frame_id))
+            self._points.publish(cloud_to_message(cloud, stamp_ns, frame_id))
         self._last_stamp_ns = stamp_ns
-        self.diagnostics.count('clouds')
-        self.diagnostics.measure('computation', (self.now_ns() - started_ns) / 1e9)
-        self.diagnostics.measure_latency(stamp_ns)
         self.diagnostics.note('valid points', f'{100 * cloud.valid.mean():.1f} %')
         self._watch.look(pattern, photograph, measurement)
         self._covered.append((stamp_ns, measurement.coverage))
@@ -218,6 +215,12 @@ class Reconstruction(PayloadNode[ReconstructionSettings]):
             return WARN, (
                 f'camera/image_raw is published with best effort, {self._images.lost} images were '
                 'lost on the way: publish it reliably'
+            )
+        publishers = self.count_publishers('camera/image_raw')
+        if publishers > 1:
+            return WARN, (
+                f'camera/image_raw has {publishers} publishers, whose messages mix: end all but '
+                'one (one that was killed counts for 5 s)'
             )
         if self._points.get_subscription_count() == 0:
             return OK, 'idle: nobody subscribes to points'

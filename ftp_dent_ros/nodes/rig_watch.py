@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections import deque
 from typing import Any
 
@@ -25,7 +24,7 @@ from ftp_dent_ros.ros.diagnostics import Diagnostics
 from ftp_dent_ros.ros.messages import lens_from_message
 from ftp_dent_ros.ros.node import NewestWorker
 
-# Seconds between checks of the rig's turn: each takes a second of the processor, aside.
+# Seconds between checks of the rig's turn at least: each takes one of the processor, aside.
 _CHECK_PERIOD = 30.0
 
 
@@ -58,10 +57,9 @@ class RigWatch:
         self._epipolar: deque[EpipolarCheck] = deque(maxlen=LAST)
         self._lights: deque[NDArray] = deque(maxlen=FLICKER_LAST)
         self._epipolar_trouble, self._turned = '', ''
-        self._check_due = 0.0
         self._aside = CheckAside()
         self._worker = NewestWorker(
-            diagnostics, self._check_turn, 'the rig could not be checked', room=1, counts=False
+            diagnostics, self._check_turn, 'the rig could not be checked', rest=_CHECK_PERIOD
         )
         diagnostics.note('rig', rig.id if rig else 'none')
 
@@ -87,12 +85,9 @@ class RigWatch:
             return
         self._camera_info = values
         self._diagnostics.note('camera_info', 'comes')
-        try:
-            self.wrong_calibration = ''
-            if lens is not None:
-                _compare(lens, self._rig.camera, self._tolerance_px)
-        except RigError as error:
-            self.wrong_calibration = str(error)
+        self.wrong_calibration = (
+            '' if lens is None else _difference(lens, self._rig.camera, self._tolerance_px)
+        )
 
     def end(self) -> None:
         """End the check under way."""
@@ -105,24 +100,19 @@ class RigWatch:
 
     def look(self, pattern: Pattern, photograph: Photograph, measurement: Measurement) -> None:
         """Look at another photograph and its cloud."""
-        if not self._info_came:
-            self._warn_of_no_info()
-        self._note_flicker(photograph, measurement.cloud.points)
-        self._note_epipolar(measurement.epipolar)
-        if self._rig is not None and time.monotonic() >= self._check_due:
-            self._check_due = time.monotonic() + _CHECK_PERIOD
-            self._worker.put((self._rig, pattern, photograph, measurement.cloud.points))
-
-    def _warn_of_no_info(self) -> None:
-        without = "none came: the rig's own camera is believed"
-        self._diagnostics.note('camera_info', without)
-        self._logger.warning(f'camera_info: {without}', once=True)
-
-    def _note_flicker(self, photograph: Photograph, points: NDArray) -> None:
-        """Say how the light changes from photograph to photograph, and what to do if it does."""
         if self._rig is None:
             return
-        fall = fall_of_light(points, self._rig.projector_centre)
+        if not self._info_came:
+            without = "none came: the rig's own camera is believed"
+            self._diagnostics.note('camera_info', without)
+            self._logger.warning(f'camera_info: {without}', once=True)
+        self._note_flicker(self._rig, photograph, measurement.cloud.points)
+        self._note_epipolar(measurement.epipolar)
+        self._worker.put((self._rig, pattern, photograph, measurement.cloud.points))
+
+    def _note_flicker(self, rig: Rig, photograph: Photograph, points: NDArray) -> None:
+        """Say how the light changes from photograph to photograph, and what to do if it does."""
+        fall = fall_of_light(points, rig.projector_centre)
         self._lights.append(light_of(photograph) / fall)
         found = flicker(self._lights)
         if found is not None:
@@ -156,10 +146,10 @@ class RigWatch:
         self._turned = '' if found.holds else found.sentence
 
 
-def _compare(given: Lens, camera: Lens, tolerance_px: float) -> None:
-    """Raise `RigError` where camera_info's lens is another than the rig's."""
+def _difference(given: Lens, camera: Lens, tolerance_px: float) -> str:
+    """How camera_info's lens contradicts the rig's; empty if it does not."""
     if (given.width, given.height) != (camera.width, camera.height):
-        raise RigError(
+        return (
             f'camera_info says {given.width}x{given.height} pixels, the rig '
             f'{camera.width}x{camera.height}: use the rig of this camera'
         )
@@ -167,8 +157,9 @@ def _compare(given: Lens, camera: Lens, tolerance_px: float) -> None:
     pixels = np.stack([u, v], axis=-1)
     with np.errstate(all='ignore'):
         shift = np.abs(given.project(camera.rays(pixels)) - pixels).max()
-    if not shift <= tolerance_px:
-        raise RigError(
-            f"camera_info differs from the rig's camera by up to {shift:.1f} pixels "
-            f'(camera_info_tolerance is {tolerance_px:g}): use the rig of this camera'
-        )
+    if shift <= tolerance_px:
+        return ''
+    return (
+        f"camera_info differs from the rig's camera by up to {shift:.1f} pixels "
+        f'(camera_info_tolerance is {tolerance_px:g}): use the rig of this camera'
+    )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import threading
+import time
 import traceback
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -111,14 +112,16 @@ class NewestWorker(Generic[Item]):
     Parameters
     ----------
     diagnostics : Diagnostics
-        Told what the function raises.
+        Told what is dropped, and what the function raises.
     work : callable
     what : str
         Could not be done, in a sentence on a defect of the software.
     room : int
         How many may wait.
-    counts : bool
-        Whether what is dropped is told, too.
+    rest : float
+        Seconds from one item to the next at least, for what grows with a flight and is made of
+        the newest state alone: that rests for 20 times as long as it worked, too, and what is
+        replaced meanwhile is no loss. 0 for every item in its turn.
     """
 
     def __init__(
@@ -127,13 +130,12 @@ class NewestWorker(Generic[Item]):
         work: Callable[[Item], None],
         what: str,
         room: int = WAITING,
-        *,
-        counts: bool = True,
+        rest: float = 0.0,
     ) -> None:
         self._diagnostics, self._work, self._what = diagnostics, work, what
-        self._counts = counts
+        self._rest = rest
         self._changed = threading.Condition()
-        self._waiting: deque[tuple[int, Item]] = deque(maxlen=room)
+        self._waiting: deque[tuple[int, Item]] = deque(maxlen=1 if rest else room)
         self._last = 0
         self._working: int | None = None
         self._stopped = self._finishing = False
@@ -147,8 +149,8 @@ class NewestWorker(Generic[Item]):
     def put(self, item: Item) -> None:
         """Hand over an item; the oldest that nobody had taken may be dropped for it."""
         with self._changed:
-            if self._counts and len(self._waiting) == self._waiting.maxlen:
-                self._diagnostics.drop()
+            if len(self._waiting) == self._waiting.maxlen and not self._rest:
+                self._diagnostics.count('dropped')
             self._last += 1
             self._waiting.append((self._last, item))
             self._changed.notify_all()
@@ -173,13 +175,18 @@ class NewestWorker(Generic[Item]):
         return self._waiting[0][0] if self._waiting else self._last + 1
 
     def _run(self) -> None:
+        rest = 0.0
         while True:
             with self._changed:
                 self._working = None
                 self._changed.notify_all()
+                self._changed.wait_for(lambda: self._stopped, rest)
                 self._changed.wait_for(lambda: self._waiting or self._stopped)
                 if self._stopped and not (self._finishing and self._waiting):
                     return
                 self._working, item = self._waiting.popleft()
+            started = time.monotonic()
             with self._diagnostics.guarded(self._what):
                 self._work(item)
+            if self._rest:
+                rest = max(self._rest, 20 * (time.monotonic() - started))
