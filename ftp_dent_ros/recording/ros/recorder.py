@@ -11,7 +11,7 @@ from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from ftp_dent_ros.coding.messages import message_class
-from ftp_dent_ros.recording.ros import say
+from ftp_dent_ros.recording.ros import quality, say
 from ftp_dent_ros.recording.topic import (
     Message,
     Qos,
@@ -173,8 +173,4 @@ def _request_for(publishers: Sequence[TopicEndpointInfo], depth: int) -> QoSProf
     offers = [publisher.qos_profile for publisher in publishers]
     reliable = all(offer.reliability == ReliabilityPolicy.RELIABLE for offer in offers)
     latched = all(offer.durability == DurabilityPolicy.TRANSIENT_LOCAL for offer in offers)
-    return QoSProfile(
-        depth=depth,
-        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-    )
+    return quality(reliable, latched, depth)
