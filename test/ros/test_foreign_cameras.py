@@ -37,19 +37,14 @@ def test_best_effort_lasts_as_long_as_such_a_publisher_and_is_said(ros, rig, rig
     ros.until(shown)
 
     def says(words):
-        ros.until(lambda: state() and words in state().message)
+        ros.until(lambda: words in state.message)
 
-    def told():
-        status = state()  # None before the first
-        pairs = status.values if status else ()
-        return {pair.key: pair.value for pair in pairs}.get('camera_info', '')
-
-    ros.until(lambda: "none came: the rig's own camera" in told())
+    ros.until(lambda: "none came: the rig's own camera" in (state.value('camera_info') or ''))
     # Once it comes, from a reliable publisher, the warning ends.
     info = ros.publisher(CameraInfo, 'camera/camera_info')
     size = rig.camera.width, rig.camera.height
     info.publish(camera_info_message(rig.camera, size, stamp_ns, 'eye'))
-    ros.until(lambda: told() == 'comes')
+    state.shows('camera_info', 'comes')
 
     def heard():
         infos = ros.node.get_subscriptions_info_by_topic(name)

@@ -31,54 +31,36 @@ def make(ros):
         node.destroy_node()
 
 
-def declare_rate(parameters):
-    return parameters.declare(
+def test_a_change_reaches_the_listener_unless_something_is_wrong_with_it(ros, make):
+    parameters, changes = make(), []
+    parameters.declare(
         'rate', 5.0, 'Images a second.', minimum=0.0, maximum=100.0, changeable=True
     )
+    parameters.declare('rig', 'a.yaml', 'Calibration file.')
 
+    def listen(values):
+        if values['rate'] == 6.0:
+            raise ConfigurationError('the camera does not do this: take another rate')
+        changes.append(values)
 
-def set_remotely(ros, name, value):
-    request = SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()])
-    return ros.call(SetParameters, 'subject/set_parameters', request).results[0]
+    parameters.on_change(listen)
 
+    def changed(name, value):
+        words = [Parameter(name, value=value).to_parameter_msg()]
+        request = SetParameters.Request(parameters=words)
+        return ros.call(SetParameters, 'subject/set_parameters', request).results[0]
 
-def test_a_change_reaches_the_listener_and_the_value(ros, make):
-    parameters, changes = make(), []
-    declare_rate(parameters)
-    parameters.on_change(changes.append)
-    assert set_remotely(ros, 'rate', 7.5).successful
+    assert changed('rate', 7.5).successful
+    for name, value, words in (
+        ('rate', 101.0, 'out of range'),
+        ('rate', float('nan'), 'out of range'),
+        ('rate', 'fast', 'DOUBLE'),
+        ('rate', 6.0, 'the camera does not do this: take another rate'),
+        ('rig', 'b.yaml', 'read-only'),
+    ):
+        result = changed(name, value)
+        assert not result.successful and words in result.reason
     assert changes == [{'rate': 7.5}] and parameters['rate'] == 7.5
-
-
-@pytest.mark.parametrize(
-    ('value', 'word'),
-    [(101.0, 'out of range'), (float('nan'), 'out of range'), ('fast', 'DOUBLE')],
-)
-def test_a_wrong_change_is_refused_and_changes_nothing(ros, make, value, word):
-    parameters, changes = make(), []
-    declare_rate(parameters)
-    parameters.on_change(changes.append)
-    result = set_remotely(ros, 'rate', value)
-    assert not result.successful and word in result.reason
-    assert changes == [] and parameters['rate'] == 5.0
-
-
-def test_a_listener_can_refuse_with_its_reason(ros, make):
-    def refuse(values):
-        raise ConfigurationError('the camera does not do this: take another rate')
-
-    parameters = make()
-    declare_rate(parameters)
-    parameters.on_change(refuse)
-    result = set_remotely(ros, 'rate', 6.0)
-    assert (result.successful, parameters['rate']) == (False, 5.0)
-    assert result.reason == 'the camera does not do this: take another rate'
-
-
-def test_a_fixed_parameter_cannot_be_changed(ros, make):
-    make().declare('rig', 'a.yaml', 'Calibration file.')
-    result = set_remotely(ros, 'rig', 'b.yaml')
-    assert not result.successful and 'read-only' in result.reason
 
 
 def test_a_file_is_told_with_the_id_of_its_content(make, tmp_path, capfd):

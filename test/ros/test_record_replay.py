@@ -10,6 +10,7 @@ import tempfile
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 for library in ('mcap', 'rosbags'):
@@ -26,11 +27,18 @@ from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
 from ftp_dent_ros.cli.main import main
+from ftp_dent_ros.cloud.cloud import Cloud
+from ftp_dent_ros.coding.cloud_codec import RayGrid
 from ftp_dent_ros.errors import BagError
 from ftp_dent_ros.recording.reader import open_bag, read_messages
 from ftp_dent_ros.recording.recovery import recover
 from ftp_dent_ros.recording.topic import Message, Qos, RecordedTopic, type_hash
 from ftp_dent_ros.recording.writer import BagWriter
+from ftp_dent_ros.ros.messages import (
+    camera_info_message,
+    cloud_from_message,
+    cloud_to_message,
+)
 
 STRING = 'std_msgs/msg/String'
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -164,10 +172,12 @@ class Listener:
 def test_every_message_is_recorded_as_it_was_published(ros, command, tmp_path):
     words_topic, image_topic = f'{ros.namespace}/words', f'{ros.namespace}/image_raw'
     pattern_topic = f'{ros.namespace}/projector/image_raw'
+    mixed_topic = f'{ros.namespace}/mixed'
     latched = ros.node.create_publisher(String, pattern_topic, LATCHED)
     latched.publish(String(data='before the recorder came'))
     bag = tmp_path / 'bag'
-    recorder = command('record', words_topic, '--topics', image_topic, pattern_topic, '-o', bag)
+    others = image_topic, pattern_topic, mixed_topic
+    recorder = command('record', words_topic, '--topics', *others, '-o', bag)
     words = ros.publisher(String, words_topic, LONG)
     images = ros.publisher(Image, image_topic, LONG)
     sent_words = [String(data=f'{number}' * number) for number in range(50)]
@@ -181,16 +191,23 @@ def test_every_message_is_recorded_as_it_was_published(ros, command, tmp_path):
             images.publish(sent_images[number // 10])
             images.wait_for_all_acked()
     ros.until(lambda: len(on_disk(bag)) == 56)
+    # A publisher that offers less is heard too.
+    ros.publisher(String, mixed_topic).publish(String(data='reliable'))
+    ros.until(lambda: len(on_disk(bag)) == 57)
+    ros.publisher(String, mixed_topic, BEST_EFFORT).publish(String(data='best effort'))
+    ros.until(lambda: len(on_disk(bag)) == 58)
     assert not (bag / 'metadata.yaml').exists()
     assert recorder.stop() == 0
-    assert re.search(rf'{bag}: 56 messages, .* MB in .* s, 3 topics\n', recorder.output)
+    assert re.search(rf'{bag}: 58 messages, .* MB in .* s, 4 topics\n', recorder.output)
+    assert 'offers less than the others' in recorder.output
 
     recorded = list(read_messages(bag))
     by_topic = {
         topic: [message for message in recorded if message.topic == topic]
-        for topic in (words_topic, image_topic, pattern_topic)
+        for topic in (words_topic, *others)
     }
     assert [text_of(each) for each in by_topic[pattern_topic]] == ['before the recorder came']
+    assert [text_of(each) for each in by_topic[mixed_topic]] == ['reliable', 'best effort']
     assert [each.data for each in by_topic[words_topic]] == [
         on_the_wire(message) for message in sent_words
     ]
@@ -199,21 +216,28 @@ def test_every_message_is_recorded_as_it_was_published(ros, command, tmp_path):
     for message in recorded:
         assert 0 < message.publish_time_ns <= message.log_time_ns <= time.time_ns()
     with Reader(bag) as reader:
-        assert reader.message_count == 56
+        assert reader.message_count == 58
 
 
-def test_types_and_quality_of_service_are_those_of_the_publishers(ros, command, tmp_path):
+def test_everything_is_recorded_with_types_and_quality_of_service(ros, command, tmp_path):
+    bag, words = tmp_path / 'bag', f'{ros.namespace}/words'
     publishers = {
-        f'{ros.namespace}/{name.split("/")[-1].lower()}': ros.node.create_publisher(
-            kind, f'{ros.namespace}/{name.split("/")[-1].lower()}', LATCHED
-        )
-        for name, kind in DESIGN_TYPES.items()
+        name: ros.node.create_publisher(kind, name, LATCHED)
+        for kind in DESIGN_TYPES.values()
+        for name in [f'{ros.namespace}/{kind.__name__.lower()}']
     }
-    recorder = command('record', '--regex', f'^{ros.namespace}/', '-o', tmp_path / 'bag')
+    recorder = command('record', '--all', '-o', bag)
+    publisher = ros.publisher(String, words, KEPT)
+    for number in range(10):
+        publisher.publish(String(data=f'{number}' * 3000))
+    ros.until(lambda: len([each for each in on_disk(bag) if each.topic == words]) == 10)
     ros.until(lambda: all(each.get_subscription_count() for each in publishers.values()))
-    assert recorder.stop(signal.SIGTERM) == 0
-    topics = {topic.name: topic for topic in open_bag(tmp_path / 'bag').metadata.topics}
-    assert sorted(topic.type for topic in topics.values()) == sorted(DESIGN_TYPES)
+    assert recorder.stop(signal.SIGHUP) == 0
+    opened = open_bag(bag)
+    topics = {topic.name: topic for topic in opened.metadata.topics}
+    assert {words, '/parameter_events', *publishers} <= topics.keys()
+    assert [text_of(message)[0] for message in opened.messages([words])] == list('0123456789')
+    assert sorted(topics[name].type for name in publishers) == sorted(DESIGN_TYPES)
     for name in publishers:
         infos = ros.node.get_publishers_info_by_topic(name)
         assert {str(info.topic_type_hash) for info in infos} == {topics[name].type_hash}
@@ -223,32 +247,25 @@ def test_types_and_quality_of_service_are_those_of_the_publishers(ros, command, 
     assert pose.offered_qos == (Qos(durability='transient_local'),)
 
 
-def test_a_publisher_that_offers_less_is_heard_too(ros, command, tmp_path):
+def test_a_compressed_recording_reads_as_what_was_published(ros, command, rig, tmp_path):
+    view = RayGrid(rig.camera, 2)
+    depth = 0.7 + 0.05 * view.rays()[0]
+    cloud = Cloud(np.stack([*view.rays() * depth, depth], axis=2), np.full(view.shape, 20, 'f4'))
+    info_topic, points_topic = f'{ros.namespace}/camera_info', f'{ros.namespace}/points'
     bag = tmp_path / 'bag'
-    topic = f'{ros.namespace}/words'
-    recorder = command('record', topic, '-o', bag)
-    ros.publisher(String, topic).publish(String(data='reliable'))
-    ros.until(lambda: len(on_disk(bag)) == 1)
-    ros.publisher(String, topic, BEST_EFFORT).publish(String(data='best effort'))
-    ros.until(lambda: len(on_disk(bag)) == 2)
+    recorder = command('record', '--compress', '-o', bag, info_topic, points_topic)
+    infos, points = ros.publisher(CameraInfo, info_topic), ros.publisher(PointCloud2, points_topic)
+    infos.publish(camera_info_message(rig.camera, (400, 260), 5, 'camera'))
+    for stamp in range(3):
+        points.publish(cloud_to_message(cloud, stamp, 'camera'))
+    assert points.wait_for_all_acked()
     assert recorder.stop() == 0
-    assert [text_of(message) for message in read_messages(bag)] == ['reliable', 'best effort']
-    assert 'offers less than the others' in recorder.output
-
-
-def test_everything_means_everything(ros, command, tmp_path):
-    bag = tmp_path / 'bag'
-    recorder = command('record', '--all', '-o', bag)
-    publisher = ros.publisher(String, f'{ros.namespace}/words', KEPT)
-    for number in range(10):
-        publisher.publish(String(data=f'{number}' * 3000))
-    words = f'{ros.namespace}/words'
-    ros.until(lambda: len([each for each in on_disk(bag) if each.topic == words]) == 10)
-    assert recorder.stop(signal.SIGHUP) == 0
-    opened = open_bag(bag)
-    names = {topic.name for topic in opened.metadata.topics}
-    assert {words, '/parameter_events'} <= names
-    assert [text_of(message)[0] for message in opened.messages([words])] == list('0123456789')
+    read = open_bag(bag)
+    messages = list(read.messages([points_topic]))
+    assert len(messages) == 3 and read.coded
+    assert sum(path.stat().st_size for path in read.files) < cloud.points.nbytes / 5
+    back = cloud_from_message(read.deserialise(messages[0]))
+    np.testing.assert_allclose(back.points, cloud.points, atol=1e-6)
 
 
 def test_a_killed_recorder_has_lost_no_message(ros, command, tmp_path):
@@ -357,18 +374,24 @@ def test_replay_gives_the_same_bytes_in_the_same_order_and_no_faster(ros, comman
 
 def test_latched_messages_reach_those_who_come_later(ros, command, tmp_path):
     bag = tmp_path / 'bag'
-    pattern, words = f'{ros.namespace}/pattern', f'{ros.namespace}/words'
+    pattern, words, unwanted = (f'{ros.namespace}/{name}' for name in ('pattern', 'words', 'x'))
     with BagWriter(bag) as writer:
+        writer.add_topic(RecordedTopic(unwanted, STRING))
         writer.add_topic(RecordedTopic(pattern, STRING, '', (Qos(durability='transient_local'),)))
         writer.add_topic(RecordedTopic(words, STRING, '', (Qos(reliability='best_effort'),)))
         for index, (topic, text) in enumerate(
-            [(pattern, 'old'), (words, 'early'), (pattern, 'new'), (words, 'a'), (words, 'b')]
+            [
+                *((pattern, 'old'), (words, 'early'), (pattern, 'new')),
+                *((words, 'a'), (unwanted, 'x'), (words, 'b')),
+            ]
         ):
             time_ns = index * 10**9
             data = serialize_message(String(data=text))
             writer.write([Message(topic, STRING, time_ns, time_ns, data)])
     heard = Listener(ros, String, words, LONG_BEST_EFFORT)
-    player = command('replay', bag, '--start-offset', '2.5', '--rate', '0.5')
+    ros.node.create_subscription(String, unwanted, pytest.fail, 10)
+    topics = ('--topics', pattern, words)
+    player = command('replay', bag, '--start-offset', '2.5', '--rate', '0.5', *topics)
     ros.until(lambda: heard.data)
     late = Listener(ros, String, pattern, LATCHED)
     ros.until(lambda: late.data)
@@ -378,37 +401,20 @@ def test_latched_messages_reach_those_who_come_later(ros, command, tmp_path):
     assert heard.texts == ['a', 'b']
 
 
-def test_some_topics_under_other_names(ros, command, tmp_path):
-    bag = tmp_path / 'bag'
+def test_topics_under_other_names_without_those_that_ros_refuses(ros, command, tmp_path):
+    bag, bad = tmp_path / 'bag', '/2 bad\x1b[2J//names/'
+    a, b, other = (f'{ros.namespace}/{name}' for name in ('a', 'b', 'other'))
     with BagWriter(bag) as writer:
-        for name in ('a', 'b', 'c'):
-            topic = f'{ros.namespace}/{name}'
-            writer.add_topic(RecordedTopic(topic, STRING, '', ()))
-            data = serialize_message(String(data=name))
-            writer.write([Message(topic, STRING, 1, 1, data)])
-    listeners = {name: Listener(ros, String, name) for name in ('a', 'b', 'c', 'other')}
-    names = [f'{ros.namespace}/{name}' for name in ('a', 'b')]
-    remap = f'{ros.namespace}/b:={ros.namespace}/other'
-    player = command('replay', bag, '--topics', *names, '--remap', remap, '--wait-for-subscribers')
-    ros.until(lambda: listeners['a'].data and listeners['other'].data)
-    assert player.wait() == 0
-    assert listeners['other'].texts == ['b']
-    assert listeners['b'].data == listeners['c'].data == []
-    assert '2 messages of 2 topics' in player.output
-
-
-def test_what_ros_refuses_is_left_out_and_the_rest_replayed(ros, command, tmp_path):
-    bag = tmp_path / 'bag'
-    good = f'{ros.namespace}/good'
-    with BagWriter(bag) as writer:
-        for name in ('/2 bad\x1b[2J//names/', good):
-            writer.add_topic(RecordedTopic(name, STRING, '', (Qos(),)))
+        for name in (bad, a, b):
+            writer.add_topic(RecordedTopic(name, STRING, '', ()))
             data = on_the_wire(String(data=name))
             writer.write([Message(name, STRING, 1, 1, data)])
-    listener = Listener(ros, String, good)
-    player = command('replay', bag, '--wait-for-subscribers')
+    listeners = {name: Listener(ros, String, name) for name in (a, b, other)}
+    player = command('replay', bag, '--remap', f'{b}:={other}', '--wait-for-subscribers')
+    ros.until(lambda: listeners[a].data and listeners[other].data)
     assert player.wait() == 0
-    ros.until(lambda: listener.texts == [good])
+    assert (listeners[a].texts, listeners[b].texts, listeners[other].texts) == ([a], [], [b])
+    assert '2 messages of 2 topics' in player.output
     assert '/2 bad\\x1b[2J//names/: not replayed: Invalid topic name' in player.output
     assert '\x1b' not in player.output
 

@@ -9,16 +9,9 @@ import yaml
 
 from ftp_dent_ros import files
 from ftp_dent_ros.nodes.declarations import fitted
+from ftp_dent_ros.parameters import flat
 from ftp_dent_ros.supervision.configuration import read_configuration
 from ftp_dent_ros.supervision.executables import NODES
-
-
-def flat(parameters, prefix=''):
-    for name, value in parameters.items():
-        if isinstance(value, dict):
-            yield from flat(value, f'{prefix}{name}.')
-        else:
-            yield f'{prefix}{name}', value
 
 
 @pytest.mark.parametrize('configuration', ['payload.yaml', 'simulation.yaml'])
