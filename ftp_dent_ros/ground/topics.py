@@ -16,8 +16,6 @@ POINTS, TAGGED_POINTS = 'points', 'tagged/points'
 CAMERA_POSE = 'tagged/camera_pose'
 IMAGE, CAMERA_INFO = 'camera/image_raw', 'camera/camera_info'
 PREVIEW_POINTS, PREVIEW_IMAGE = 'preview/points', 'preview/image/compressed'
-# For tools that know depth images but not these clouds.
-DEPTH = 'depth/image_raw/compressedDepth'
 SURVEY_PATH, SURVEY_COVERAGE = 'survey/path', 'survey/coverage'
 DIAGNOSTICS = '/diagnostics'
 
@@ -119,8 +117,4 @@ TOPICS = {
     )
 }
 #: Types of what is made on the ground of these.
-MADE_ON_THE_GROUND = {
-    TAGGED_POINTS: _POINTS,
-    DEPTH: _COMPRESSED,
-    CAMERA_INFO: 'sensor_msgs/msg/CameraInfo',
-}
+MADE_ON_THE_GROUND = {TAGGED_POINTS: _POINTS, CAMERA_INFO: 'sensor_msgs/msg/CameraInfo'}

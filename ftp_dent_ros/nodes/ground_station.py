@@ -20,7 +20,6 @@ from std_srvs.srv import Trigger
 
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.coding.cloud_codec import RayGrid, decode
-from ftp_dent_ros.coding.compressed_depth import FORMAT, depth_image
 from ftp_dent_ros.coding.messages import message_class
 from ftp_dent_ros.errors import CodecError, ConfigurationError
 from ftp_dent_ros.ground import topics
@@ -87,7 +86,10 @@ class GroundTopics:
             raise CodecError(f'{item.topic} of the kind {item.kind} is no topic of a payload')
         frame = str(item.extra.get('frame', ''))
         if topic.name == topics.PREVIEW_IMAGE:
-            self._publish_compressed(item.topic, item.stamp_ns, frame, 'jpeg', item.data)
+            data = to_data(np.frombuffer(item.data, np.uint8))
+            header = make_header(item.stamp_ns, frame)
+            picture = CompressedImage(header=header, format='jpeg', data=data)
+            self._publishers[item.topic].publish(picture)
         elif topic.name == topics.IMAGE:
             self._publish_picture(item, frame)
         elif topic.coded:
@@ -117,8 +119,6 @@ class GroundTopics:
         if item.topic == topics.PREVIEW_POINTS:
             return
         self._diagnostics.count('clouds')
-        if self._publishers[topics.DEPTH].get_subscription_count():
-            self._publish_compressed(topics.DEPTH, stamp_ns, frame, FORMAT, depth_image(cloud))
         if stamp_ns in self._poses:
             self._publish_tagged(cloud, stamp_ns)
             return
@@ -131,13 +131,6 @@ class GroundTopics:
         message = cloud_to_message(cloud.transformed(pose), stamp_ns, frame)
         self._publishers[topics.TAGGED_POINTS].publish(message)
         self._diagnostics.count('tagged clouds')
-
-    def _publish_compressed(
-        self, topic: str, stamp_ns: int, frame: str, form: str, data: bytes
-    ) -> None:
-        values = to_data(np.frombuffer(data, np.uint8))
-        header = make_header(stamp_ns, frame)
-        self._publishers[topic].publish(CompressedImage(header=header, format=form, data=values))
 
     def _publish_picture(self, item: Item, frame: str) -> None:
         bgr = cv2.imdecode(np.frombuffer(item.data, np.uint8), cv2.IMREAD_COLOR)

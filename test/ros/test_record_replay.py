@@ -345,8 +345,8 @@ def test_a_full_disk_ends_the_recording_with_one_sentence(ros, command, tmp_path
 @pytest.mark.parametrize(
     ('words', 'sentence'),
     [
-        ([], 'nothing to record: name topics, or give --all or --regex'),
-        (['--regex', '('], 'is no regular expression'),
+        ([], 'nothing to record: name topics, or give --all'),
+        (['a b'], "'/a b' is no name of a topic"),
         (['/x', '--output', '.'], '.: exists already and is not overwritten'),
     ],
 )

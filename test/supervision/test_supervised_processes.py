@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from ftp_dent_ros.supervision.processes import Processes, Program
+from ftp_dent_ros.supervision.processes import Processes, Program, respawn_delay
 
 # `-I -S`: a bare interpreter that starts at once.
 BARE = (sys.executable, '-I', '-S', '-c')
@@ -94,7 +94,7 @@ def test_takes_grandchildren_along(lines):
 def test_leaves_no_orphan_when_it_is_killed():
     starter = f"""
 import time
-from ftp_dent_ros.supervision.processes import Processes, Program
+from ftp_dent_ros.supervision.processes import Processes, Program, respawn_delay
 processes = Processes(lambda name, line: None)
 for name in 'ab':
     processes.start(Program(name, {(*BARE, WAIT)!r}))
@@ -108,3 +108,12 @@ time.sleep(1000)
         assert all(map(is_alive, children))
         parent.kill()
         until(lambda: not any(map(is_alive, children)))
+
+
+def test_what_ends_soon_waits_longer_each_time_and_what_ran_well_does_not_wait():
+    delays = [0.0]
+    for _ in range(7):
+        delays.append(respawn_delay(1, 5.0, delays[-1]))
+    assert delays[1:] == [1, 2, 4, 8, 16, 30, 30]
+    assert respawn_delay(-9, 61.0, 30.0) == 0
+    assert respawn_delay(2, 61.0, 30.0) is None

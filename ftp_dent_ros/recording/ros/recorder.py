@@ -16,8 +16,8 @@ from ftp_dent_ros.recording.topic import (
     Message,
     Qos,
     RecordedTopic,
-    Selection,
     find_definition,
+    is_hidden,
     type_hash,
 )
 
@@ -35,8 +35,10 @@ class Recorder:
         Takes each topic before its first message.
     put : callable
         Takes each message.
-    selection : Selection
-        The topics wanted.
+    names : tuple of str
+        Topics wanted in any case, absolute.
+    everything : bool
+        Whether all that are not hidden are wanted, too.
 
     Attributes
     ----------
@@ -50,14 +52,15 @@ class Recorder:
         node: Node,
         add_topic: Callable[[RecordedTopic], None],
         put: Callable[[Message], bool],
-        selection: Selection,
+        names: tuple[str, ...],
+        everything: bool,
     ) -> None:
         self.received = 0
         self.lost = 0
         self._node = node
         self._add_topic = add_topic
         self._put = put
-        self._selection = selection
+        self._names, self._everything = names, everything
         self._subscriptions: dict[str, Subscription] = {}
         self._last_sequence: dict[str, int] = {}  # of topics with a single publisher
         self._refused: set[str] = set()
@@ -69,7 +72,8 @@ class Recorder:
     def discover(self) -> None:
         """Subscribe to new topics, and anew where a new publisher would not be heard."""
         for name, _ in self._node.get_topic_names_and_types():
-            if name in self._refused or not self._selection.wants(name):
+            wanted = name in self._names or (self._everything and not is_hidden(name))
+            if name in self._refused or not wanted:
                 continue
             publishers = self._publishers(name)
             if not publishers:
@@ -94,7 +98,7 @@ class Recorder:
     def missing(self) -> list[str]:
         """Topics that were wanted by name and have not appeared."""
         known = self._subscriptions.keys() | self._refused
-        return [name for name in self._selection.names if name not in known]
+        return [name for name in self._names if name not in known]
 
     def _publishers(self, name: str) -> list[TopicEndpointInfo]:
         """Those of a topic's own type, which is the first that it was met with."""
