@@ -230,13 +230,9 @@ class Downlink(PayloadNode[DownlinkSettings]):
         """Call a service of the payload, in a thread that is not the executor's."""
         if not client.wait_for_service(1.0):
             return Answer(False, f'{client.srv_name} is not there: its node does not run')
-        done = threading.Event()
-        future = client.call_async(Trigger.Request())
-        future.add_done_callback(lambda _: done.set())
-        if not done.wait(15.0):
-            client.remove_pending_request(future)
+        response = client.call(Trigger.Request(), 15.0)
+        if response is None:
             return Answer(False, f'{client.srv_name} has not answered within 15 s')
-        response = future.result()
         return Answer(bool(response.success), str(response.message))
 
     def _judge(self) -> tuple[bytes, str]:

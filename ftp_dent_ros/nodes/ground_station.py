@@ -8,8 +8,9 @@ from __future__ import annotations
 import queue
 import sys
 import threading
+from contextlib import ExitStack, closing
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -21,7 +22,7 @@ from std_srvs.srv import Trigger
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.coding.cloud_codec import RayGrid, decode
 from ftp_dent_ros.coding.messages import message_class
-from ftp_dent_ros.errors import CodecError, ConfigurationError
+from ftp_dent_ros.errors import CodecError
 from ftp_dent_ros.ground import topics
 from ftp_dent_ros.ground.link import GroundLink
 from ftp_dent_ros.ground.page import serve_page
@@ -42,6 +43,9 @@ from ftp_dent_ros.ros.messages import (
 )
 from ftp_dent_ros.ros.node import run
 from ftp_dent_ros.ros.qos import CLOUDS, LATCHED, POSES
+
+if TYPE_CHECKING:
+    from ftp_dent_ros.ground.page.server import PageServer
 
 # Each ends with its command.
 _SERVICES = (
@@ -160,21 +164,18 @@ class GroundStation(PayloadNode[GroundStationSettings]):
         self._topics = GroundTopics(self)
         self._queue: queue.Queue[Item | None] = queue.Queue(64)
         self.diagnostics.hardware_id = given.address
-        self._station = Station(
-            GroundLink('ground', given.address, given.security, given.name),
-            self._queue.put,
-            given.station,
-        )
-        self._page = None
-        try:
+        self._page: PageServer | None = None
+        with ExitStack() as held:
+            link = GroundLink('ground', given.address, given.security, given.name)
+            self._station = held.enter_context(
+                closing(Station(link, self._queue.put, given.station))
+            )
             if given.web:
-                self._page = serve_page(given.web, self._station)
+                self._page = held.enter_context(closing(serve_page(given.web, self._station)))
                 self.get_logger().info(f'what comes is shown at {self._page.url}')
                 self.get_logger().info(f'for Foxglove it is at {self._page.foxglove_url}')
-        except ConfigurationError:
-            # The link's threads would keep the process.
-            self._close()
-            raise
+            # Where that failed the link's threads would keep the process.
+            self._held = held.pop_all()
         self._worker = threading.Thread(target=self._run, name='decoding', daemon=True)
         self._worker.start()
         group = ReentrantCallbackGroup()
@@ -187,13 +188,8 @@ class GroundStation(PayloadNode[GroundStationSettings]):
         self._ending.set()
         self._queue.put(None)
         self._worker.join(5.0)
-        self._close()
+        self._held.close()
         super().destroy_node()
-
-    def _close(self) -> None:
-        if self._page is not None:
-            self._page.close()
-        self._station.close()
 
     def _do(
         self, command: str, _: Trigger.Request, response: Trigger.Response

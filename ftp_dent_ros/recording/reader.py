@@ -38,18 +38,12 @@ class BagMetadata:
         By topic.
     start_ns : int
         Log time of the first message, ns since the epoch; `NO_TIME_NS` if there is none.
-    duration_ns : int
-        From the first message to the last.
-    ros_distro : str
-        ROS distribution that wrote it.
     custom_data : mapping of str to str
     """
 
     topics: tuple[RecordedTopic, ...]
     message_counts: Mapping[str, int]
     start_ns: int = NO_TIME_NS
-    duration_ns: int = 0
-    ros_distro: str = ''
     custom_data: Mapping[str, str] = field(default_factory=dict)
 
 
@@ -136,8 +130,8 @@ def open_bag(path: str | os.PathLike[str]) -> Bag:
     path = Path(path)
     if not path.exists():
         raise BagError(f'{path}: no such bag: check the path')
-    files, said = _read_metadata(path) if path.is_dir() else ([path], {})
-    metadata = replace(_metadata(files), **said)
+    files, custom = _read_metadata(path) if path.is_dir() else ([path], {})
+    metadata = replace(_metadata(files), custom_data=custom)
     coded: Mapping[str, str] = {}
     if any(topic.name.endswith(CODED) for topic in metadata.topics):
         from ftp_dent_ros.recording.compression import plain_topics
@@ -181,8 +175,8 @@ def topic_from(channel: Channel, schema: Schema | None) -> RecordedTopic:
     )
 
 
-def _read_metadata(folder: Path) -> tuple[list[Path], dict[str, Any]]:
-    """Files of a bag's folder, and what else of `BagMetadata` its ``metadata.yaml`` says."""
+def _read_metadata(folder: Path) -> tuple[list[Path], dict[str, str]]:
+    """Files of a bag's folder, and its custom data."""
     path = folder / METADATA_FILE
     if not path.is_file():
         if not any(folder.glob('*.mcap')):
@@ -197,11 +191,7 @@ def _read_metadata(folder: Path) -> tuple[list[Path], dict[str, Any]]:
         storage, mode = information['storage_identifier'], information.get('compression_mode', '')
         # Before version 4 the names included the bag's own folder.
         files = [folder / Path(name).name for name in information['relative_file_paths']]
-        custom = dict(information.get('custom_data') or {}).items()
-        said = {
-            'ros_distro': str(information.get('ros_distro') or ''),
-            'custom_data': {str(name): str(value) for name, value in custom},
-        }
+        given = dict(information.get('custom_data') or {})
     except (KeyError, TypeError, ValueError, AttributeError) as reason:
         raise BagError(
             f'{path}: not a rosbag2 metadata file ({type(reason).__name__}: {reason}): '
@@ -212,14 +202,14 @@ def _read_metadata(folder: Path) -> tuple[list[Path], dict[str, Any]]:
             f'{folder}: stored as {storage} {mode}'.rstrip()
             + ', and only MCAP is read here: convert it with `ros2 bag convert`'
         )
-    return files, said
+    return files, {str(name): str(value) for name, value in given.items()}
 
 
 def _metadata(files: Sequence[Path]) -> BagMetadata:
     """What the ends of the files say."""
     counts: dict[str, int] = defaultdict(int)
     topics: dict[tuple[str, str], RecordedTopic] = {}
-    start_ns, end_ns = NO_TIME_NS, 0
+    start_ns = NO_TIME_NS
     for path in files:
         with _whole_file(path) as reader:
             summary = reader.get_summary()
@@ -231,9 +221,7 @@ def _metadata(files: Sequence[Path]) -> BagMetadata:
                 counts[topic.name] += summary.statistics.channel_message_counts.get(channel.id, 0)
         if summary.statistics.message_count:
             start_ns = min(start_ns, summary.statistics.message_start_time)
-            end_ns = max(end_ns, summary.statistics.message_end_time)
-    duration_ns = max(0, end_ns - start_ns)
-    return BagMetadata(tuple(topics.values()), dict(counts), start_ns, duration_ns)
+    return BagMetadata(tuple(topics.values()), dict(counts), start_ns)
 
 
 @contextmanager
@@ -248,11 +236,8 @@ def _whole_file(path: Path) -> Iterator[SeekingReader]:
         if head != MAGIC:
             what = 'not an MCAP file' if head else 'an empty file'
             raise BagError(f'{path}: {what}: there is nothing to read in it')
-        stream.seek(-len(MAGIC), os.SEEK_END)
+        stream.seek(0)
         try:
-            if stream.read() != MAGIC:
-                raise ValueError('it has no end')
-            stream.seek(0)
             size = path.stat().st_size
             yield SeekingReader(stream, validate_crcs=True, record_size_limit=size)
         except BagError as error:

@@ -74,10 +74,6 @@ class Processes(AbstractContextManager['Processes']):
         """Names of the programs that run, or ended without having been reported yet."""
         return tuple(self._running)
 
-    def pid(self, name: str) -> int:
-        """Process id of a program in `names`."""
-        return self._running[name].process.pid
-
     def start(self, program: Program) -> None:
         """Start a program; no other of its name may be running."""
         if program.name in self._running:

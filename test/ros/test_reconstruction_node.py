@@ -2,12 +2,14 @@ from __future__ import annotations
 
 import time
 from array import array
+from functools import cached_property
 
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 from ftp_dent_ros.calibration.rig_check import turned
@@ -49,7 +51,7 @@ def photograph(render):
 class Bench:
     """A reconstruction process with everything that it needs, and what comes out of it."""
 
-    def __init__(self, ros, **parameters):
+    def __init__(self, ros, camera=IMAGES, **parameters):
         self.ros = ros
         parameters = {'pattern_settling': 0.0, **parameters}
         self.process = ros.start('reconstruction', **parameters)
@@ -57,8 +59,11 @@ class Bench:
         self.value, self.says = self.state.value, self.state.says
         self.clouds = []
         self.pattern = ros.publisher(Image, 'projector/image_raw', PATTERNS)
-        self.camera = ros.publisher(Image, 'camera/image_raw', IMAGES)
-        self.info = ros.publisher(CameraInfo, 'camera/camera_info', IMAGES)
+        self.camera = ros.publisher(Image, 'camera/image_raw', camera)
+
+    @cached_property
+    def info(self):
+        return self.ros.publisher(CameraInfo, 'camera/camera_info', IMAGES)
 
     def listen(self):
         self.clouds = self.ros.collect(PointCloud2, 'points')
@@ -332,3 +337,33 @@ def test_a_rig_that_has_moved_is_told_by_three_clouds_of_coded_fringes(ros, tmp_
     assert float(bench.value('its uncertainty (px)')) < 0.05
     ros.until(lambda: bench.value('rig check'))
     assert bench.value('rig check').startswith('the rig does not hold: the projector has turned')
+
+
+BEST_EFFORT = QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+def test_a_camera_of_another_make_is_heard_and_what_it_lacks_is_said(
+    ros, rig, rig_file, photograph
+):
+    bench = Bench(ros, BEST_EFFORT, rig=rig_file)
+    bench.project(PATTERN.draw())
+    bench.clouds = ros.collect(PointCloud2, 'points')
+    stamps = iter(range(1, SECOND))
+    ros.until(lambda: bench.show(photograph, next(stamps)) or bench.clouds)
+    ros.until(lambda: "none came: the rig's own camera" in (bench.value('camera_info') or ''))
+    # Once it comes, the warning ends.
+    bench.info.publish(camera_info_message(rig.camera, (400, 260), 1, 'eye'))
+    bench.state.shows('camera_info', 'comes')
+    name = bench.camera.topic_name
+
+    def heard():
+        infos = ros.node.get_subscriptions_info_by_topic(name)
+        return [ReliabilityPolicy(info.qos_profile.reliability).name for info in infos]
+
+    assert heard() == ['BEST_EFFORT']
+    bench.says('camera/image_raw is published with best effort')
+    ros.node.destroy_publisher(bench.camera)
+    for _ in range(2):
+        ros.publisher(Image, 'camera/image_raw', IMAGES)
+    ros.until(lambda: heard() == ['RELIABLE'])
+    bench.says('camera/image_raw has 2 publishers, whose messages mix')

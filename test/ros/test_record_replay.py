@@ -30,6 +30,7 @@ from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.coding.cloud_codec import RayGrid
 from ftp_dent_ros.errors import BagError
+from ftp_dent_ros.ground.commands import Recordings
 from ftp_dent_ros.recording.reader import open_bag, read_messages
 from ftp_dent_ros.recording.recovery import recover
 from ftp_dent_ros.recording.topic import Message, Qos, RecordedTopic, type_hash
@@ -353,6 +354,38 @@ def test_a_full_disk_ends_the_recording_with_one_sentence(ros, command, tmp_path
 def test_wrong_arguments_of_record(domain, capsys, words, sentence):
     assert status('record', *words) == 2
     assert sentence in capsys.readouterr().err.splitlines()[-1]
+
+
+def test_one_at_a_time_begun_ended_and_told(ros, tmp_path):
+    publisher = ros.node.create_publisher(String, 'hello', 10)
+    said = []
+    recordings = Recordings(tmp_path / 'bags', said.append)
+    try:
+        assert recordings.state == 'not recording'
+        assert not recordings.stop().success
+        begun = recordings.start()
+        assert begun.success and str(tmp_path) in begun.message
+        assert not recordings.start().success
+        assert recordings.state.startswith('recording to')
+        ros.until(publisher.get_subscription_count)
+        publisher.publish(String(data='hello'))
+        ended = recordings.stop()
+        assert ended.success and 'topics' in ended.message, said
+        (bag,) = (tmp_path / 'bags').iterdir()
+        assert (bag / 'metadata.yaml').is_file()
+    finally:
+        recordings.close()
+
+
+def test_a_folder_that_cannot_be_is_told(ros, tmp_path):
+    (tmp_path / 'file').write_text('')
+    recordings = Recordings(tmp_path / 'file', print)
+    try:
+        answer = recordings.start()
+        assert not answer.success and 'could not begin' in answer.message
+        assert recordings.state == 'not recording'
+    finally:
+        recordings.close()
 
 
 # Replaying

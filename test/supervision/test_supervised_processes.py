@@ -12,7 +12,7 @@ from ftp_dent_ros.supervision.processes import Processes, Program, respawn_delay
 
 # `-I -S`: a bare interpreter that starts at once.
 BARE = (sys.executable, '-I', '-S', '-c')
-WAIT = 'import signal\nprint("ready", flush=True)\nwhile True: signal.pause()'
+WAIT = 'import os, signal\nprint(os.getpid(), flush=True)\nwhile True: signal.pause()'
 
 
 def script(name, text):
@@ -56,7 +56,8 @@ def test_tells_a_status_from_a_signal(lines):
         end = one_that_ends(processes)
         assert (end.status, str(end)) == (3, 'a ended with status 3')
         processes.start(script('a', WAIT))
-        os.kill(processes.pid('a'), signal.SIGKILL)
+        until(lambda: lines)
+        os.kill(int(lines[0][1]), signal.SIGKILL)
         assert str(one_that_ends(processes)) == 'a was killed by SIGKILL'
         assert processes.names == ()
 
@@ -95,10 +96,9 @@ def test_leaves_no_orphan_when_it_is_killed():
     starter = f"""
 import time
 from ftp_dent_ros.supervision.processes import Processes, Program, respawn_delay
-processes = Processes(lambda name, line: None)
+processes = Processes(lambda name, line: print(line, flush=True))
 for name in 'ab':
     processes.start(Program(name, {(*BARE, WAIT)!r}))
-    print(processes.pid(name), flush=True)
 time.sleep(1000)
 """
     with subprocess.Popen(
