@@ -55,8 +55,6 @@ class Reconstruction(PayloadNode[ReconstructionSettings]):
     def __init__(self, **options: Any) -> None:
         super().__init__('reconstruction', **options)
         given = self.given
-        self.settings.on_change(self._change)
-        self._choices = {name: getattr(given, name) for name in given.choices}
         self._patterns = PatternHistory(round(1e9 * given.pattern_settling))
         self._prepared: dict[tuple[Pattern, Settings], Reconstructor] = {}
         self._points = self.create_publisher(
@@ -65,9 +63,7 @@ class Reconstruction(PayloadNode[ReconstructionSettings]):
         self._skin = self.create_publisher(
             Image, 'skin', CLOUDS, qos_overriding_options=OVERRIDABLE
         )
-        self._watch = RigWatch(
-            given.rig, given.camera_info_tolerance, self.diagnostics, self.get_logger()
-        )
+        self._watch = RigWatch(self)
         self._covered: deque[tuple[int, Coverage]] = deque(maxlen=100)  # of a second
         self._worker = NewestWorker(
             self.diagnostics, self._reconstruct, 'an image could not be reconstructed'
@@ -86,10 +82,6 @@ class Reconstruction(PayloadNode[ReconstructionSettings]):
         self._worker.stop()
         self._watch.end()
         super().destroy_node()
-
-    def _change(self, values: dict[str, Any]) -> None:
-        # Options of the other methods wait until one of them is chosen.
-        self._choices = {**self._choices, **values}
 
     def _on_pattern(self, message: Image) -> None:
         # No image at all tells nothing of what is projected.
@@ -184,7 +176,9 @@ class Reconstruction(PayloadNode[ReconstructionSettings]):
         """Reconstructor for a pattern and the settings of the moment; made when they change."""
         if self.given.rig is None:
             raise NoCalibrationError('no rig is set: set the parameter rig to its rig.yaml')
-        key, prepared = (pattern, Settings.chosen(**self._choices)), self._prepared
+        # Options of the other methods wait until one of them is chosen.
+        chosen = Settings.chosen(**{name: self.settings[name] for name in self.given.choices})
+        key, prepared = (pattern, chosen), self._prepared
         if key not in prepared:
             # Two are kept with their tables: of the patterns before and after a change.
             kept = list(prepared.items())[-1:]

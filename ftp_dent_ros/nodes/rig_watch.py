@@ -12,6 +12,8 @@ from sensor_msgs.msg import CameraInfo
 
 from ftp_dent_ros.calibration.rig_check import CheckAside
 from ftp_dent_ros.errors import CalibrationError, RigError
+from ftp_dent_ros.nodes.payload_node import PayloadNode
+from ftp_dent_ros.nodes.settings import ReconstructionSettings
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.profilometry.epipolar_check import EpipolarCheck
@@ -20,7 +22,6 @@ from ftp_dent_ros.profilometry.flicker import MUCH, fall_of_light, flicker, ligh
 from ftp_dent_ros.profilometry.measurement import Measurement
 from ftp_dent_ros.profilometry.rig_alarm import LAST, rig_alarm
 from ftp_dent_ros.rig.rig import Lens, Rig
-from ftp_dent_ros.ros.diagnostics import Diagnostics
 from ftp_dent_ros.ros.messages import lens_from_message
 from ftp_dent_ros.ros.node import NewestWorker
 
@@ -33,12 +34,8 @@ class RigWatch:
 
     Parameters
     ----------
-    rig : Rig, optional
-        Without one there is nothing to watch.
-    tolerance_px : float
-        Pixels by which a ray may differ between camera_info and the rig's camera.
-    diagnostics : Diagnostics
-    logger : rclpy logger
+    node : PayloadNode
+        Without a rig there is nothing to watch.
 
     Attributes
     ----------
@@ -46,11 +43,9 @@ class RigWatch:
         How camera_info contradicts the rig; empty if it does not.
     """
 
-    def __init__(
-        self, rig: Rig | None, tolerance_px: float, diagnostics: Diagnostics, logger: Any
-    ) -> None:
-        self._rig, self._tolerance_px = rig, tolerance_px
-        self._diagnostics, self._logger = diagnostics, logger
+    def __init__(self, node: PayloadNode[ReconstructionSettings]) -> None:
+        self._rig, self._tolerance_px = node.given.rig, node.given.camera_info_tolerance
+        self._diagnostics, self._logger = node.diagnostics, node.get_logger()
         self.wrong_calibration = ''
         self._camera_info: tuple[Any, ...] = ()
         self._info_came = False
@@ -59,9 +54,9 @@ class RigWatch:
         self._epipolar_trouble, self._turned = '', ''
         self._aside = CheckAside()
         self._worker = NewestWorker(
-            diagnostics, self._check_turn, 'the rig could not be checked', rest=_CHECK_PERIOD
+            self._diagnostics, self._check_turn, 'the rig could not be checked', rest=_CHECK_PERIOD
         )
-        diagnostics.note('rig', rig.id if rig else 'none')
+        self._diagnostics.note('rig', self._rig.id if self._rig else 'none')
 
     @property
     def trouble(self) -> str:
