@@ -11,9 +11,8 @@ import threading
 import time
 from collections import defaultdict, deque
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import yaml
@@ -31,7 +30,7 @@ NO_TIME_NS = 2**63 - 1
 _CHUNK = 1 << 20
 
 
-class BagWriter:
+class BagWriter(AbstractContextManager['BagWriter']):
     """Writes a new bag: ``FOLDER/NAME_0.mcap``, at last ``FOLDER/metadata.yaml``.
 
     The file is of profile ``ros2``, uncompressed, with checksums and an index. Every message that
@@ -139,15 +138,7 @@ class BagWriter:
                 content = _yaml({'rosbag2_bagfile_information': information})
                 path.write_text(content, encoding='utf-8')
 
-    def __enter__(self) -> BagWriter:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is None:
             self.close()
         else:
