@@ -75,20 +75,16 @@ class CameraCapture(PayloadNode[CameraCaptureSettings]):
         self.create_service(
             Trigger, '~/capture', self._on_capture, callback_group=MutuallyExclusiveCallbackGroup()
         )
+        # What a reader has not got of the last photograph ends with its publisher.
+        for publisher in (self._image, self._info):
+            self.ending.callback(publisher.wait_for_all_acked, _ACKNOWLEDGED)
         self._stop = threading.Event()
         # What is demanded has its turn between two looks at what is due.
         self._thread = ThreadPoolExecutor(1, 'capture')
         self._thread.submit(self._look)
-
-    def destroy_node(self) -> None:
-        """End the thread and let go of the camera first."""
-        self._stop.set()
-        self._source.close()
-        self._thread.shutdown(cancel_futures=True)
-        # What a reader has not got of the last photograph ends with its publisher.
-        for publisher in (self._image, self._info):
-            publisher.wait_for_all_acked(_ACKNOWLEDGED)
-        super().destroy_node()
+        self.ending.callback(self._thread.shutdown, cancel_futures=True)
+        self.ending.callback(self._source.close)
+        self.ending.callback(self._stop.set)
 
     def _on_projected(self, source: SimulatedSource, message: Image) -> None:
         with self.diagnostics.guarded('no pattern could be projected', 'wrong pattern'):

@@ -44,7 +44,7 @@ from ftp_dent_ros.pose import IDENTITY, Pose
 from ftp_dent_ros.ros.dent_messages import dents_to_markers, dents_to_message
 from ftp_dent_ros.ros.diagnostics import OK, WARN
 from ftp_dent_ros.ros.messages import pose_from_message, stamp_to_ns
-from ftp_dent_ros.ros.node import NewestWorker, run
+from ftp_dent_ros.ros.node import run
 from ftp_dent_ros.ros.qos import DENTS, LATCHED
 
 # Clouds that may wait to be inspected, each of some megabytes: one whose surveyed pose was lost
@@ -64,8 +64,9 @@ class DentInspector(PayloadNode[DentInspectorSettings]):
         self._smallest = SmallestDent(given.smallest_depth, given.smallest_width)
         self._dents = self.create_publisher(PointCloud2, 'dents', DENTS)
         self._listing = DentListing(self, given.list_file if self._tagged else '', self._tagged)
-        self._worker = NewestWorker(
-            self.diagnostics, self._inspect, 'a cloud could not be inspected', _WAITING
+        # In the end all clouds that came are put into the list first.
+        self._worker = self.worker(
+            self._inspect, 'a cloud could not be inspected', finish=True, room=_WAITING
         )
         parts = ('cloud', 'skin', 'pose', 'surveyed') if self._tagged else ('cloud', 'skin')
         MessageMatcher(self, parts, self._worker.put, lambda: self._wanted)
@@ -74,12 +75,6 @@ class DentInspector(PayloadNode[DentInspectorSettings]):
         # It waits: clouds come meanwhile.
         group = MutuallyExclusiveCallbackGroup()
         self.create_service(Trigger, '~/take_list', self._take_list, callback_group=group)
-
-    def destroy_node(self) -> None:
-        """Put all clouds that came into the list first."""
-        self._worker.stop(finish=True)
-        self._listing.close()
-        super().destroy_node()
 
     @property
     def _wanted(self) -> bool:
@@ -156,8 +151,8 @@ class DentListing:
         self.on_glass = ''
         self._list = node.create_publisher(PointCloud2, 'dents/list', LATCHED)
         self._markers = node.create_publisher(MarkerArray, 'dents/markers', LATCHED)
-        self._drawing = NewestWorker(
-            self._diagnostics, self._draw, 'the list could not be drawn', rest=1.0
+        self._drawing = node.worker(
+            self._draw, 'the list could not be drawn', finish=True, rest=1.0
         )
         if self._kept.clouds:
             self._drawing.put(self._kept)
@@ -166,10 +161,6 @@ class DentListing:
     def subscribers(self) -> int:
         """How many listen to the list or its markers."""
         return self._list.get_subscription_count() + self._markers.get_subscription_count()
-
-    def close(self) -> None:
-        """End the thread, when all that came is in the list."""
-        self._drawing.stop(finish=True)
 
     def add(
         self,
@@ -208,7 +199,8 @@ class DentListing:
                 'clouds': self._kept.clouds,
                 'stamp_ns': self._kept.stamp_ns,
             }
-            self._kept.clear()
+            with self._kept_on_disk():
+                self._kept.clear()
         self._drawing.put(self._kept)
         return record
 
@@ -218,12 +210,13 @@ class DentListing:
         if path is None:
             return
         with self._diagnostics.guarded('the list could not be corrected'):
-            self._poses = {
+            poses = {
                 stamp_to_ns(each.header.stamp): pose_from_message(each.pose) for each in path.poses
             }
             has_changed = True
             with self._kept_on_disk():
-                has_changed = self._kept.correct(path.header.frame_id, self._poses)
+                has_changed = self._kept.correct(path.header.frame_id, poses)
+            self._poses = poses
             if has_changed:
                 self._diagnostics.count('corrections of the list')
 

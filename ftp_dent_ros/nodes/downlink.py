@@ -42,7 +42,7 @@ from ftp_dent_ros.ros.messages import (
     lens_from_message,
     stamp_to_ns,
 )
-from ftp_dent_ros.ros.node import NewestWorker, run
+from ftp_dent_ros.ros.node import run
 from ftp_dent_ros.ros.qos import CLOUDS, DIAGNOSTICS, IMAGES, LATCHED, OVERRIDABLE, POSES
 
 
@@ -105,6 +105,7 @@ class Downlink(PayloadNode[DownlinkSettings]):
         self._statuses: dict[str, DiagnosticStatus] = {}
         self._lens: Lens | None = None
         self._recordings = Recordings(Path(given.recordings).expanduser(), self.get_logger().info)
+        self.ending.callback(self._recordings.close)
         does = {
             'start_recording': self._recordings.start,
             'stop_recording': self._recordings.stop,
@@ -120,11 +121,12 @@ class Downlink(PayloadNode[DownlinkSettings]):
             given.limit * 125,  # byte/s
             Executive(does),
         )
+        self.ending.callback(self._drone.close)
         if not given.keys:
             self.get_logger().warning(f'{given.address}: no keys: whoever reaches it may command')
         # Some seconds of a busy machine.
-        self._worker = NewestWorker[Callable[[], None]](
-            self.diagnostics, lambda code: code(), 'a message could not be coded', 8
+        self._worker = self.worker(
+            lambda code: code(), 'a message could not be coded', finish=True, room=8
         )
         self._thrift = Thrift(self._send, self._drone.rate)
         self.create_timer(1.0, self._thrift.flush, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -154,13 +156,6 @@ class Downlink(PayloadNode[DownlinkSettings]):
                 CLOUDS,
                 qos_overriding_options=OVERRIDABLE,
             )
-
-    def destroy_node(self) -> None:
-        """End the threads first; what was not sent stays on disk."""
-        self._worker.stop(finish=True)
-        self._drone.close()
-        self._recordings.close()
-        super().destroy_node()
 
     def _forward(self, topic: topics.Topic, data: bytes) -> None:
         """Send a serialised message as it is."""

@@ -160,7 +160,7 @@ class GroundStation(PayloadNode[GroundStationSettings]):
         super().__init__('ground_station', **options)
         given = self.given
         self._drone_is_here = False
-        self._ending = threading.Event()
+        self._awake = threading.Event()
         self._topics = GroundTopics(self)
         self._queue: queue.Queue[Item | None] = queue.Queue(64)
         self.diagnostics.hardware_id = given.address
@@ -175,21 +175,16 @@ class GroundStation(PayloadNode[GroundStationSettings]):
                 self.get_logger().info(f'what comes is shown at {self._page.url}')
                 self.get_logger().info(f'for Foxglove it is at {self._page.foxglove_url}')
             # Where that failed the link's threads would keep the process.
-            self._held = held.pop_all()
-        self._worker = threading.Thread(target=self._run, name='decoding', daemon=True)
-        self._worker.start()
+            self.ending.push(held.pop_all())
+        worker = threading.Thread(target=self._run, name='decoding', daemon=True)
+        worker.start()
+        self.ending.callback(worker.join, 5.0)
+        self.ending.callback(self._queue.put, None)
+        self.ending.callback(self._awake.set)
         group = ReentrantCallbackGroup()
         for name in _SERVICES:
             do = partial(self._do, name.rpartition('/')[2])
             self.create_service(Trigger, name, do, callback_group=group)
-
-    def destroy_node(self) -> None:
-        """End the link and the thread first."""
-        self._ending.set()
-        self._queue.put(None)
-        self._worker.join(5.0)
-        self._held.close()
-        super().destroy_node()
 
     def _do(
         self, command: str, _: Trigger.Request, response: Trigger.Response
@@ -203,7 +198,7 @@ class GroundStation(PayloadNode[GroundStationSettings]):
     def _run(self) -> None:
         """Publish item after item, in a thread of its own; nothing that they hold ends it."""
         # What is published before subscribers have found the publishers nobody hears.
-        self._ending.wait(1.5)
+        self._awake.wait(1.5)
         while (item := self._queue.get()) is not None:
             with self.diagnostics.guarded('an item could not be published', 'wrong item'):
                 if self._page is not None:

@@ -273,11 +273,7 @@ class MavlinkBridge(PayloadNode[MavlinkBridgeSettings]):
             given.signing_key or b'',
             self._on_link_command,
         )
-
-    def destroy_node(self) -> None:
-        """Close the link first."""
-        self._link.close()
-        super().destroy_node()
+        self.ending.callback(self._link.close)
 
     def _send_heartbeat(self) -> None:
         self._link.send_heartbeat()

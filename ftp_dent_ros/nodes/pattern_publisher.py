@@ -52,6 +52,7 @@ class PatternPublisher(PayloadNode[PatternPublisherSettings]):
         if given.shows:
             size = self._pattern.width, self._pattern.height
             self._display = Window(given.x, given.y, size)
+            self.ending.callback(self._display.close)
             self.create_timer(0.1, self._display.refresh)
             self.create_timer(_TICK, self._show)
         self._shown_until: float | None = None
@@ -59,12 +60,6 @@ class PatternPublisher(PayloadNode[PatternPublisherSettings]):
         self.create_timer(0.5, self._return)
         self.settings.on_change(self._change)
         self._publish()
-
-    def destroy_node(self) -> None:
-        """Close the window, too."""
-        if self._display:
-            self._display.close()
-        super().destroy_node()
 
     def _make(self, period_px: float, stripe_center_px: float, code: str) -> Pattern:
         """Pattern of the file or the rig's projector, with these values where they are given."""

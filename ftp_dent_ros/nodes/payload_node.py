@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import ExitStack
 from typing import Any, Generic, TypeVar
 
 from rclpy.node import Node
@@ -9,6 +11,7 @@ from rclpy.node import Node
 from ftp_dent_ros.nodes.declarations import names_of_all
 from ftp_dent_ros.nodes.settings import OF_NODES, read
 from ftp_dent_ros.ros.diagnostics import Diagnostics
+from ftp_dent_ros.ros.node import NewestWorker
 from ftp_dent_ros.ros.parameters import Parameters
 
 Settings = TypeVar('Settings')
@@ -38,10 +41,25 @@ class PayloadNode(Node, Generic[Settings]):
         self.given = read(OF_NODES[name], self.settings)
         self.settings.close(names_of_all)
         self.diagnostics = Diagnostics(self, self._judge)
+        #: Ends what the node holds (threads, devices, sockets), the last one first.
+        self.ending = ExitStack()
+
+    def destroy_node(self) -> None:
+        """End what the node holds first."""
+        self.ending.close()
+        super().destroy_node()
 
     def now_ns(self) -> int:
         """ROS time, nanoseconds."""
         return self.get_clock().now().nanoseconds
+
+    def worker(
+        self, work: Callable[[Any], None], what: str, finish: bool = False, **options: Any
+    ) -> NewestWorker[Any]:
+        """A `NewestWorker` of the node's, which ends with it, after what waits if asked to."""
+        made = NewestWorker(self.diagnostics, work, what, **options)
+        self.ending.callback(made.stop, finish)
+        return made
 
     def _judge(self) -> tuple[bytes, str]:
         """Level and message of the moment, for the diagnostics."""

@@ -45,7 +45,7 @@ from ftp_dent_ros.ros.messages import (
     photograph_from_message,
     stamp_to_ns,
 )
-from ftp_dent_ros.ros.node import NewestWorker, run
+from ftp_dent_ros.ros.node import run
 from ftp_dent_ros.ros.qos import CLOUDS, IMAGES, OVERRIDABLE, PATTERNS, AnySubscription
 
 
@@ -65,9 +65,7 @@ class Reconstruction(PayloadNode[ReconstructionSettings]):
         )
         self._watch = RigWatch(self)
         self._covered: deque[tuple[int, Coverage]] = deque(maxlen=100)  # of a second
-        self._worker = NewestWorker(
-            self.diagnostics, self._reconstruct, 'an image could not be reconstructed'
-        )
+        self._worker = self.worker(self._reconstruct, 'an image could not be reconstructed')
         self.create_subscription(Image, 'projector/image_raw', self._on_pattern, PATTERNS)
         AnySubscription(
             self, CameraInfo, 'camera/camera_info', self._watch.on_info, IMAGES, OVERRIDABLE
@@ -76,12 +74,6 @@ class Reconstruction(PayloadNode[ReconstructionSettings]):
             self, Image, 'camera/image_raw', self._on_image, IMAGES, OVERRIDABLE
         )
         self._last_stamp_ns = 0
-
-    def destroy_node(self) -> None:
-        """Finish the image in work first."""
-        self._worker.stop()
-        self._watch.end()
-        super().destroy_node()
 
     def _on_pattern(self, message: Image) -> None:
         # No image at all tells nothing of what is projected.

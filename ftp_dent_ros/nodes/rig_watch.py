@@ -23,7 +23,6 @@ from ftp_dent_ros.profilometry.measurement import Measurement
 from ftp_dent_ros.profilometry.rig_alarm import LAST, rig_alarm
 from ftp_dent_ros.rig.rig import Lens, Rig
 from ftp_dent_ros.ros.messages import lens_from_message
-from ftp_dent_ros.ros.node import NewestWorker
 
 # Seconds between checks of the rig's turn at least: each takes one of the processor, aside.
 _CHECK_PERIOD = 30.0
@@ -53,9 +52,10 @@ class RigWatch:
         self._lights: deque[NDArray] = deque(maxlen=FLICKER_LAST)
         self._epipolar_trouble, self._turned = '', ''
         self._aside = CheckAside()
-        self._worker = NewestWorker(
-            self._diagnostics, self._check_turn, 'the rig could not be checked', rest=_CHECK_PERIOD
+        self._worker = node.worker(
+            self._check_turn, 'the rig could not be checked', rest=_CHECK_PERIOD
         )
+        node.ending.callback(self._aside.end)
         self._diagnostics.note('rig', self._rig.id if self._rig else 'none')
 
     @property
@@ -83,11 +83,6 @@ class RigWatch:
         self.wrong_calibration = (
             '' if lens is None else _difference(lens, self._rig.camera, self._tolerance_px)
         )
-
-    def end(self) -> None:
-        """End the check under way."""
-        self._aside.end()
-        self._worker.stop()
 
     def pattern_changed(self) -> None:
         """Forget what clouds of another pattern told: of this rig, but not by these rows."""

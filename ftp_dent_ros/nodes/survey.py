@@ -26,7 +26,7 @@ from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.ros.dent_messages import coverage_to_markers
 from ftp_dent_ros.ros.diagnostics import OK, WARN
 from ftp_dent_ros.ros.messages import covariant_pose_message, make_header, pose_stamped_message
-from ftp_dent_ros.ros.node import NewestWorker, run
+from ftp_dent_ros.ros.node import run
 from ftp_dent_ros.ros.qos import LATCHED, POSES
 from ftp_dent_ros.survey.footprint import Footprint, seen_skin
 from ftp_dent_ros.survey.joining import Joining
@@ -47,22 +47,15 @@ class Survey(PayloadNode[SurveySettings]):
         self._pose = self.create_publisher(PoseWithCovarianceStamped, 'survey/pose', POSES)
         self._path = self.create_publisher(Path, 'survey/path', LATCHED)
         self._coverage = self.create_publisher(MarkerArray, 'survey/coverage', LATCHED)
-        self._drawing = NewestWorker(
-            self.diagnostics, self._draw, 'the skin could not be drawn', rest=1.0
+        self._drawing = self.worker(
+            self._draw, 'the skin could not be drawn', finish=True, rest=1.0
         )
-        self._worker = NewestWorker(
-            self.diagnostics,
+        self._worker = self.worker(
             self._work,
             'a cloud could not be joined and the survey begins anew',
-            given.queue_size,
+            room=given.queue_size,
         )
         self._matching = MessageMatcher(self, ('cloud', 'skin', 'pose'), self._worker.put)
-
-    def destroy_node(self) -> None:
-        """Finish the cloud in work first."""
-        self._worker.stop()
-        self._drawing.stop(finish=True)
-        super().destroy_node()
 
     def _begin(self) -> None:
         """Begin a skin, of which nothing is known yet."""

@@ -7,11 +7,12 @@ import threading
 import time
 import traceback
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from contextlib import ExitStack
 from typing import Generic, TypeVar
 
 import rclpy
-from rclpy.executors import Executor, MultiThreadedExecutor, SingleThreadedExecutor
+from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
@@ -37,12 +38,7 @@ class ThreadedExecutor(MultiThreadedExecutor):
         return bool(super().shutdown(0)) and not ended.is_alive()
 
 
-def run(
-    make_node: Callable[[], Node],
-    name: str,
-    arguments: Sequence[str] | None = None,
-    threads: int = 1,
-) -> int:
+def run(make_node: Callable[[], Node], name: str, threads: int = 1) -> int:
     """Run a node until SIGINT, SIGTERM or SIGHUP.
 
     An exception of a callback is logged and the node goes on: a message from anywhere must not
@@ -54,8 +50,6 @@ def run(
         The node's class.
     name : str
         Name of the executable, for messages.
-    arguments : sequence of str, optional
-        ``sys.argv`` by default.
     threads : int
         More than one for a node with a callback that waits.
 
@@ -66,16 +60,22 @@ def run(
         stderr).
     """
     stop = stop_event()
-    node: Node | None = None
-    executor: Executor | None = None
-    try:
-        # Not rclpy's own handlers: they end the context while threads still publish.
-        rclpy.init(
-            args=None if arguments is None else list(arguments),
-            signal_handler_options=SignalHandlerOptions.NO,
-        )
+    with ExitStack() as ending:
+        try:
+            # Not rclpy's own handlers: they end the context while threads still publish.
+            rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+            ending.callback(rclpy.try_shutdown)
+            node = make_node()
+        except Exception as error:
+            # Of ours, or rclpy's: of arguments, of a QoS override or of the environment.
+            known = isinstance(error, (FtpDentError, RuntimeError))
+            if not known and not type(error).__module__.startswith('rclpy'):
+                raise
+            print(f'{name}: {str(error).splitlines()[0]}', file=sys.stderr)
+            return 2
+        ending.callback(node.destroy_node)
         executor = SingleThreadedExecutor() if threads == 1 else ThreadedExecutor(threads)
-        node = make_node()
+        ending.callback(executor.shutdown, 2.0)  # for a callback that waits
         executor.add_node(node)
         while rclpy.ok() and not stop.is_set():
             try:
@@ -84,26 +84,7 @@ def run(
                 node.get_logger().error(
                     f'unexpected {type(error).__name__}: {error}\n{traceback.format_exc()}'
                 )
-    except FtpDentError as error:
-        print(f'{name}: {error}', file=sys.stderr)
-        return 2
-    except Exception as error:
-        if node is not None or not _is_of_rclpy(error):
-            raise
-        print(f'{name}: {str(error).splitlines()[0]}', file=sys.stderr)
-        return 2
-    finally:
-        if executor is not None:
-            executor.shutdown(2.0)  # for a callback that waits
-        if node is not None:
-            node.destroy_node()
-        rclpy.try_shutdown()
     return 0
-
-
-def _is_of_rclpy(error: Exception) -> bool:
-    """Whether rclpy complains: of arguments, of a QoS override or of the environment."""
-    return isinstance(error, RuntimeError) or type(error).__module__.startswith('rclpy')
 
 
 class NewestWorker(Generic[Item]):

@@ -143,10 +143,16 @@ class Ros:
             text = str(value).lower() if isinstance(value, bool) else str(value)
             text = "''" if text == '' else text
             words += ['-p', f'{key.replace("__", ".")}:={text}']
+        return self._run(name, module or f'ftp_dent_ros.nodes.{name}', *words, *arguments)
+
+    def command(self, *words: Any) -> Process:
+        """Start a command of the package."""
+        return self._run(str(words[0]), 'ftp_dent_ros.cli.main', *map(str, words))
+
+    def _run(self, name: str, module: str, *arguments: str) -> Process:
         log = self._folder / f'{name}{len(self._processes)}.log'
-        process = Process(module or f'ftp_dent_ros.nodes.{name}', [*words, *arguments], log)
-        self._processes.append(process)
-        return process
+        self._processes.append(Process(module, [*arguments], log))
+        return self._processes[-1]
 
     def collect(self, message_type: Any, topic: str, qos: Any = 100) -> list[Any]:
         """List to which the messages of a topic are appended as they come."""

@@ -244,10 +244,10 @@ def test_the_survey_places_the_dents_and_corrects_their_list(ros, cloud):
     ros.until(lambda: len(dents_from_message(listed[-1])) == 4)
     np.testing.assert_allclose(places()[:2], np.add(truth, [0, 0.03, 0]), atol=2e-3)
 
-    def path(shift, frame_id='map'):
+    def path(shift, frame_id='map', flown=CAMERA_POSES):
         poses = [
             PoseStamped(header=make_header(number, 'map'), pose=pose_to_message(off(pose, *shift)))
-            for number, pose in enumerate(CAMERA_POSES, start=1)
+            for number, pose in enumerate(flown, start=1)
         ]
         return Path(header=make_header(3, frame_id), poses=poses)
 
@@ -258,6 +258,12 @@ def test_the_survey_places_the_dents_and_corrects_their_list(ros, cloud):
     ros.until(lambda: dents_from_message(listed[-1])['sightings'].tolist() == [3, 3])
     np.testing.assert_allclose(places(), truth, atol=1e-3)
     assert dents_from_message(listed[-1])['number'].tolist() == [1, 2]
+    # What another frame's path says of a cloud that comes later is not believed either.
+    paths.publish(path((9, 0, 0), 'odom', [*CAMERA_POSES, CAMERA_POSES[0]]))
+    bench.state.shows('refused: wrong frame', 2)
+    surveyed.publish(located(4, CAMERA_POSES[0], 100 * SURE))
+    bench.show(cloud, 4)
+    ros.until(lambda: dents_from_message(listed[-1])['sightings'].tolist() == [4, 4])
     assert bench.value('failed') == '0'
     assert bench.process.stop() == 0
 

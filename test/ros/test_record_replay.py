@@ -5,7 +5,6 @@ import os
 import re
 import signal
 import subprocess
-import sys
 import tempfile
 import time
 from pathlib import Path
@@ -60,50 +59,6 @@ DESIGN_TYPES = {
     'rcl_interfaces/msg/Log': Log,
     'rcl_interfaces/msg/ParameterEvent': ParameterEvent,
 }
-
-
-class Command:
-    """A command of the package as a process."""
-
-    def __init__(self, words, log):
-        self.log = log
-        with log.open('w') as output:
-            self.process = subprocess.Popen(
-                [sys.executable, '-m', 'ftp_dent_ros.cli.main', *map(str, words)],
-                stdout=output,
-                stderr=subprocess.STDOUT,
-            )
-
-    @property
-    def output(self):
-        return self.log.read_text()
-
-    def ended(self):
-        return self.process.poll() is not None
-
-    def stop(self, with_signal=signal.SIGINT):
-        """Exit status after a signal."""
-        self.process.send_signal(with_signal)
-        return self.process.wait(60)
-
-    def wait(self):
-        return self.process.wait(60)
-
-
-@pytest.fixture
-def command(ros, tmp_path):
-    """Function that starts a command."""
-    started = []
-
-    def start(*words):
-        started.append(Command(words, tmp_path / f'command{len(started)}.log'))
-        return started[-1]
-
-    yield start
-    for each in started:
-        print(f'--- {each.log.name}\n{each.output}')
-        each.process.kill()
-        each.process.wait()
 
 
 def status(*words):
@@ -170,7 +125,7 @@ class Listener:
 # Recording
 
 
-def test_every_message_is_recorded_as_it_was_published(ros, command, tmp_path):
+def test_every_message_is_recorded_as_it_was_published(ros, tmp_path):
     words_topic, image_topic = f'{ros.namespace}/words', f'{ros.namespace}/image_raw'
     pattern_topic = f'{ros.namespace}/projector/image_raw'
     mixed_topic = f'{ros.namespace}/mixed'
@@ -178,7 +133,7 @@ def test_every_message_is_recorded_as_it_was_published(ros, command, tmp_path):
     latched.publish(String(data='before the recorder came'))
     bag = tmp_path / 'bag'
     others = image_topic, pattern_topic, mixed_topic
-    recorder = command('record', words_topic, '--topics', *others, '-o', bag)
+    recorder = ros.command('record', words_topic, '--topics', *others, '-o', bag)
     words = ros.publisher(String, words_topic, LONG)
     images = ros.publisher(Image, image_topic, LONG)
     sent_words = [String(data=f'{number}' * number) for number in range(50)]
@@ -220,14 +175,14 @@ def test_every_message_is_recorded_as_it_was_published(ros, command, tmp_path):
         assert reader.message_count == 58
 
 
-def test_everything_is_recorded_with_types_and_quality_of_service(ros, command, tmp_path):
+def test_everything_is_recorded_with_types_and_quality_of_service(ros, tmp_path):
     bag, words = tmp_path / 'bag', f'{ros.namespace}/words'
     publishers = {
         name: ros.node.create_publisher(kind, name, LATCHED)
         for kind in DESIGN_TYPES.values()
         for name in [f'{ros.namespace}/{kind.__name__.lower()}']
     }
-    recorder = command('record', '--all', '-o', bag)
+    recorder = ros.command('record', '--all', '-o', bag)
     publisher = ros.publisher(String, words, KEPT)
     for number in range(10):
         publisher.publish(String(data=f'{number}' * 3000))
@@ -248,13 +203,13 @@ def test_everything_is_recorded_with_types_and_quality_of_service(ros, command, 
     assert pose.offered_qos == (Qos(durability='transient_local'),)
 
 
-def test_a_compressed_recording_reads_as_what_was_published(ros, command, rig, tmp_path):
+def test_a_compressed_recording_reads_as_what_was_published(ros, rig, tmp_path):
     view = RayGrid(rig.camera, 2)
     depth = 0.7 + 0.05 * view.rays()[0]
     cloud = Cloud(np.stack([*view.rays() * depth, depth], axis=2), np.full(view.shape, 20, 'f4'))
     info_topic, points_topic = f'{ros.namespace}/camera_info', f'{ros.namespace}/points'
     bag = tmp_path / 'bag'
-    recorder = command('record', '--compress', '-o', bag, info_topic, points_topic)
+    recorder = ros.command('record', '--compress', '-o', bag, info_topic, points_topic)
     infos, points = ros.publisher(CameraInfo, info_topic), ros.publisher(PointCloud2, points_topic)
     infos.publish(camera_info_message(rig.camera, (400, 260), 5, 'camera'))
     for stamp in range(3):
@@ -269,9 +224,9 @@ def test_a_compressed_recording_reads_as_what_was_published(ros, command, rig, t
     np.testing.assert_allclose(back.points, cloud.points, atol=1e-6)
 
 
-def test_a_killed_recorder_has_lost_no_message(ros, command, tmp_path):
+def test_a_killed_recorder_has_lost_no_message(ros, tmp_path):
     bag, new = tmp_path / 'bag', tmp_path / 'new'
-    recorder = command('record', f'{ros.namespace}/words', f'{ros.namespace}/image', '-o', bag)
+    recorder = ros.command('record', f'{ros.namespace}/words', f'{ros.namespace}/image', '-o', bag)
     words = ros.publisher(String, f'{ros.namespace}/words', LONG)
     images = ros.publisher(Image, f'{ros.namespace}/image', LONG)
     for number in range(100):
@@ -285,17 +240,17 @@ def test_a_killed_recorder_has_lost_no_message(ros, command, tmp_path):
         images.publish(Image(height=number, data=bytes([number]) * 500_000))
         words.publish(String(data=f'{number + 90}'))
         if number == 25:
-            recorder.process.kill()
+            recorder.kill()
     recorder.wait()
 
-    player = command('replay', bag)
+    player = ros.command('replay', bag)
     assert player.wait() == 2
     assert f'`ftp-dent recover {bag} --output NEW`' in player.output
     with pytest.raises(BagError):
         open_bag(bag)
 
     before = (bag / 'bag_0.mcap').read_bytes()
-    mender = command('recover', bag, '--output', new)
+    mender = ros.command('recover', bag, '--output', new)
     assert mender.wait() == 0
     assert (bag / 'bag_0.mcap').read_bytes() == before
     saved = open_bag(new)
@@ -314,19 +269,19 @@ def test_a_killed_recorder_has_lost_no_message(ros, command, tmp_path):
         assert reader.message_count == len(texts) + len(pixels)
 
 
-def test_a_full_disk_ends_the_recording_with_one_sentence(ros, command, tmp_path):
+def test_a_full_disk_ends_the_recording_with_one_sentence(ros, tmp_path):
     disk = tmp_path / 'disk'
     disk.mkdir()
     mount = ['mount', '-t', 'tmpfs', '-o', 'size=2m', 'none', str(disk)]
     if os.geteuid() != 0 or subprocess.run(mount, capture_output=True, check=False).returncode:
         pytest.skip('no file system can be mounted here: a full disk is not tested')
     try:
-        recorder = command('record', f'{ros.namespace}/image', '-o', disk / 'bag')
+        recorder = ros.command('record', f'{ros.namespace}/image', '-o', disk / 'bag')
         images = ros.publisher(Image, f'{ros.namespace}/image', LONG)
         for number in range(30):
             images.publish(Image(height=number, data=bytes([number]) * 200_000))
-            ros.until(lambda n=number: recorder.ended() or len(on_disk(disk / 'bag')) > n)
-            if recorder.ended():
+            ros.until(lambda n=number: not recorder.alive or len(on_disk(disk / 'bag')) > n)
+            if not recorder.alive:
                 break
         assert recorder.wait() == 2
         sentence = recorder.output.splitlines()[-1]
@@ -391,13 +346,13 @@ def test_a_folder_that_cannot_be_is_told(ros, tmp_path):
 # Replaying
 
 
-def test_replay_gives_the_same_bytes_in_the_same_order_and_no_faster(ros, command, tmp_path):
+def test_replay_gives_the_same_bytes_in_the_same_order_and_no_faster(ros, tmp_path):
     bag = tmp_path / 'bag'
     topic = f'{ros.namespace}/words'
     texts = [f'{number}' * number for number in range(30)]
     write_words(bag, topic, texts)
     listener = Listener(ros, String, topic, 100)
-    player = command('replay', bag, '--wait-for-subscribers')
+    player = ros.command('replay', bag, '--wait-for-subscribers')
     ros.until(lambda: len(listener.data) == 30)
     assert player.wait() == 0
     assert listener.data == [on_the_wire(message.data) for message in read_messages(bag)]
@@ -405,7 +360,7 @@ def test_replay_gives_the_same_bytes_in_the_same_order_and_no_faster(ros, comman
     assert float(ended.group(1)) >= 0.5
 
 
-def test_latched_messages_reach_those_who_come_later(ros, command, tmp_path):
+def test_latched_messages_reach_those_who_come_later(ros, tmp_path):
     bag = tmp_path / 'bag'
     pattern, words, unwanted = (f'{ros.namespace}/{name}' for name in ('pattern', 'words', 'x'))
     with BagWriter(bag) as writer:
@@ -424,7 +379,7 @@ def test_latched_messages_reach_those_who_come_later(ros, command, tmp_path):
     heard = Listener(ros, String, words, LONG_BEST_EFFORT)
     ros.node.create_subscription(String, unwanted, pytest.fail, 10)
     topics = ('--topics', pattern, words)
-    player = command('replay', bag, '--start-offset', '2.5', '--rate', '0.5', *topics)
+    player = ros.command('replay', bag, '--start-offset', '2.5', '--rate', '0.5', *topics)
     ros.until(lambda: heard.data)
     late = Listener(ros, String, pattern, LATCHED)
     ros.until(lambda: late.data)
@@ -434,7 +389,7 @@ def test_latched_messages_reach_those_who_come_later(ros, command, tmp_path):
     assert heard.texts == ['a', 'b']
 
 
-def test_topics_under_other_names_without_those_that_ros_refuses(ros, command, tmp_path):
+def test_topics_under_other_names_without_those_that_ros_refuses(ros, tmp_path):
     bag, bad = tmp_path / 'bag', '/2 bad\x1b[2J//names/'
     a, b, other = (f'{ros.namespace}/{name}' for name in ('a', 'b', 'other'))
     with BagWriter(bag) as writer:
@@ -443,7 +398,7 @@ def test_topics_under_other_names_without_those_that_ros_refuses(ros, command, t
             data = on_the_wire(String(data=name))
             writer.write([Message(name, STRING, 1, 1, data)])
     listeners = {name: Listener(ros, String, name) for name in (a, b, other)}
-    player = command('replay', bag, '--remap', f'{b}:={other}', '--wait-for-subscribers')
+    player = ros.command('replay', bag, '--remap', f'{b}:={other}', '--wait-for-subscribers')
     ros.until(lambda: listeners[a].data and listeners[other].data)
     assert player.wait() == 0
     assert (listeners[a].texts, listeners[b].texts, listeners[other].texts) == ([a], [], [b])
