@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from array import array
 from collections import Counter
 from dataclasses import replace
@@ -315,7 +316,7 @@ def test_what_is_not_plausible_changes_nothing_in_the_list(ros, cloud):
 
 
 def test_a_list_is_taken_with_all_clouds_before_and_survives_a_restart(ros, cloud, tmp_path):
-    kept = tmp_path / 'dents.jsonl'
+    kept = tmp_path / 'kept' / 'dents.jsonl'
     given = {'source': 'tagged', 'always': True, 'list_file': str(kept)}
     bench = Bench(ros, **given)
     # Each takes a second or so, and the counts come once a second.
@@ -347,4 +348,9 @@ def test_a_list_is_taken_with_all_clouds_before_and_survives_a_restart(ros, clou
     ros.until(lambda: dents_from_message(listed[-1])['sightings'].tolist() == [3, 3])
     assert again.take()['clouds'] == 3
     assert kept.read_bytes() == b''
+    # Where the disk fails the list goes on in memory, and is taken all the same.
+    shutil.rmtree(kept.parent)
+    show(again, cloud, 6)
+    again.state.says('the list is not kept on disk (No such file or directory)')
+    assert again.take()['clouds'] == 1
     assert again.process.stop() == 0
