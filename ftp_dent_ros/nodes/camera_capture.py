@@ -70,7 +70,14 @@ class CameraCapture(PayloadNode[CameraCaptureSettings]):
         self._was_wanted = False
         if isinstance(self._source, SimulatedSource):
             project = partial(self._on_projected, self._source)
-            self.create_subscription(Image, 'projector/image_raw', project, PATTERNS)
+            self.hear(
+                Image,
+                'projector/image_raw',
+                project,
+                PATTERNS,
+                'no pattern could be projected',
+                'wrong pattern',
+            )
         # It waits for the photograph, in the executor's second thread.
         self.create_service(
             Trigger, '~/capture', self._on_capture, callback_group=MutuallyExclusiveCallbackGroup()
@@ -87,8 +94,7 @@ class CameraCapture(PayloadNode[CameraCaptureSettings]):
         self.ending.callback(self._stop.set)
 
     def _on_projected(self, source: SimulatedSource, message: Image) -> None:
-        with self.diagnostics.guarded('no pattern could be projected', 'wrong pattern'):
-            source.project(image_from_message(message), stamp_to_ns(message.header.stamp))
+        source.project(image_from_message(message), stamp_to_ns(message.header.stamp))
 
     def _on_capture(
         self, request: Trigger.Request, response: Trigger.Response

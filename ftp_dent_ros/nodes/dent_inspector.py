@@ -71,7 +71,7 @@ class DentInspector(PayloadNode[DentInspectorSettings]):
         parts = ('cloud', 'skin', 'pose', 'surveyed') if self._tagged else ('cloud', 'skin')
         MessageMatcher(self, parts, self._worker.put, lambda: self._wanted)
         if self._tagged:
-            self.create_subscription(Path, 'survey/path', self._listing.correct, LATCHED)
+            self.hear(Path, 'survey/path', self._listing.correct, LATCHED)
         # It waits: clouds come meanwhile.
         group = MutuallyExclusiveCallbackGroup()
         self.create_service(Trigger, '~/take_list', self._take_list, callback_group=group)

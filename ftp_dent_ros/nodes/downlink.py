@@ -43,7 +43,7 @@ from ftp_dent_ros.ros.messages import (
     stamp_to_ns,
 )
 from ftp_dent_ros.ros.node import run
-from ftp_dent_ros.ros.qos import CLOUDS, DIAGNOSTICS, IMAGES, LATCHED, OVERRIDABLE, POSES
+from ftp_dent_ros.ros.qos import CLOUDS, DIAGNOSTICS, IMAGES, LATCHED, POSES
 
 
 class Thrift:
@@ -132,30 +132,24 @@ class Downlink(PayloadNode[DownlinkSettings]):
         self.create_timer(1.0, self._thrift.flush, clock=Clock(clock_type=ClockType.STEADY_TIME))
         for topic in topics.TOPICS.values():
             if not topic.coded and topic.name != topics.DIAGNOSTICS:
-                self.create_subscription(
-                    message_class(topic.type),
-                    topic.name,
-                    partial(self._forward, topic),
-                    LATCHED if topic.latest else POSES,
-                    raw=True,
-                )
-        self.create_subscription(
-            DiagnosticArray, topics.DIAGNOSTICS, self._on_diagnostics, DIAGNOSTICS
+                forward, qos = partial(self._forward, topic), LATCHED if topic.latest else POSES
+                self.hear(message_class(topic.type), topic.name, forward, qos, raw=True)
+        self.hear(DiagnosticArray, topics.DIAGNOSTICS, self._on_diagnostics, DIAGNOSTICS)
+        self.hear(
+            CameraInfo,
+            topics.CAMERA_INFO,
+            self._learn,
+            IMAGES,
+            'camera_info could not be read',
+            'wrong camera_info',
         )
-        self.create_subscription(CameraInfo, topics.CAMERA_INFO, self._learn, IMAGES)
         coded: list[tuple[Any, str, Callable[[Any], None]]] = [
             (PointCloud2, topics.POINTS, self._send_cloud)
         ]
         if given.pictures:
             coded.append((Image, topics.IMAGE, self._send_picture))
         for kind, name, send in coded:
-            self.create_subscription(
-                kind,
-                name,
-                partial(self._put_off, send),
-                CLOUDS,
-                qos_overriding_options=OVERRIDABLE,
-            )
+            self.hear(kind, name, partial(self._put_off, send), CLOUDS)
 
     def _forward(self, topic: topics.Topic, data: bytes) -> None:
         """Send a serialised message as it is."""
@@ -179,8 +173,7 @@ class Downlink(PayloadNode[DownlinkSettings]):
 
     def _learn(self, message: CameraInfo) -> None:
         """The lens that clouds and pictures are of."""
-        with self.diagnostics.guarded('camera_info could not be read', 'wrong camera_info'):
-            self._lens = lens_from_message(message)
+        self._lens = lens_from_message(message)
 
     def _put_off(self, send: Callable[[Any], None], message: Any) -> None:
         """Have a cloud or picture coded and sent in the worker's thread."""

@@ -23,7 +23,7 @@ from ftp_dent_ros.ros.messages import (
     pose_from_message,
     stamp_to_ns,
 )
-from ftp_dent_ros.ros.qos import CLOUDS, OVERRIDABLE, POSES
+from ftp_dent_ros.ros.qos import CLOUDS, POSES
 
 _TOPICS: dict[str, tuple[Any, str, Any]] = {
     'cloud': (PointCloud2, 'points', CLOUDS),
@@ -125,8 +125,7 @@ class MessageMatcher:
         self._waiting: dict[int, dict[str, Any]] = {}
         for part in parts:
             kind, topic, qos = _TOPICS[part]
-            take = partial(self._take, part)
-            node.create_subscription(kind, topic, take, qos, qos_overriding_options=OVERRIDABLE)
+            node.hear(kind, topic, partial(self._take, part), qos)
 
     def expects(self, part: str) -> bool:
         """Whether clouds come with a skin or a surveyed pose at the moment."""

@@ -149,55 +149,46 @@ class BridgeCamera:
     """
 
     def __init__(self, node: MavlinkBridge, mount: Pose) -> None:
-        self._mount, self._diagnostics = mount, node.diagnostics
+        self._node, self._mount = node, mount
         self._camera = Camera(node.given.ground_station, self._shoot)
         rig = node.given.rig
         self._size = self._sent_size = (rig.camera.width, rig.camera.height) if rig else (0, 0)
         self._commands: deque[Any] = deque(maxlen=20)
         self._images: deque[Waiting] = deque(maxlen=20)
-        self._failures = 0
         self._client = node.create_client(Trigger, 'camera_capture/capture')
-        node.create_subscription(
-            CameraInfo,
-            'camera/camera_info',
-            self._on_camera_info,
-            IMAGES,
-            qos_overriding_options=OVERRIDABLE,
-        )
+        node.hear(CameraInfo, 'camera/camera_info', self._on_camera_info, IMAGES)
 
     def take(self, command: Any) -> None:
         """Keep a command for `settle`; from any thread."""
         self._commands.append(command)
 
-    def send_heartbeat(self, link: Link) -> None:
+    def send_heartbeat(self) -> None:
         """Tell that there is a camera."""
-        link.send_heartbeat(mavlink.MAV_TYPE_CAMERA, COMPONENT)
+        self._node.link.send_heartbeat(mavlink.MAV_TYPE_CAMERA, COMPONENT)
 
-    def settle(self, link: Link, now_ns: int, timeout: float) -> None:
+    def settle(self, timeout: float) -> None:
         """Answer what can be answered by now."""
         has_news = self._commands or self._images or self._size != self._sent_size
-        state = link.state() if has_news else None
+        state = self._node.link.state() if has_news else None
         if state is None or state.identity is None:
             return
-        offset = state.clock_offset
+        offset, now_ns = state.clock_offset, self._node.now_ns()
         boot_ms = 0 if offset is None else round(1e3 * (now_ns / 1e9 - offset))
         if self._size != self._sent_size:
             # Whoever asked before the first image was told that it is not known.
             self._sent_size = self._size
-            link.send(self._camera.information(self._size, boot_ms), COMPONENT)
+            self._send(self._camera.information(self._size, boot_ms))
         while self._commands:
             command = self._commands.popleft()
             for message in self._camera.answers(command, state.identity, self._size, boot_ms):
-                link.send(message, COMPONENT)
-        for image, found in settled(self._images, link, timeout):
+                self._send(message)
+        for image, found in settled(self._images, self._node.link, timeout):
             tag = None if isinstance(found, PoseError) else found
-            told = self._camera.captured(image.stamp, tag, self._mount, state.origin)
-            link.send(told, COMPONENT)
-            self._diagnostics.count('images told')
-        while self._failures:
-            self._failures -= 1
-            told = self._camera.captured(now_ns, None, self._mount, None, is_good=False)
-            link.send(told, COMPONENT)
+            self._send(self._camera.captured(image.stamp, tag, self._mount, state.origin))
+            self._node.diagnostics.count('images told')
+
+    def _send(self, message: Any) -> None:
+        self._node.link.send(message, COMPONENT)
 
     def _on_camera_info(self, message: CameraInfo) -> None:
         self._size = (message.width, message.height)
@@ -205,20 +196,21 @@ class BridgeCamera:
 
     def _shoot(self) -> bool:
         if not self._client.service_is_ready():
-            self._diagnostics.refuse(
+            self._node.diagnostics.refuse(
                 'no camera', 'a photograph was commanded, but camera_capture does not run'
             )
             return False
-        self._diagnostics.count('photographs commanded')
+        self._node.diagnostics.count('photographs commanded')
         self._client.call_async(Trigger.Request()).add_done_callback(self._on_shot)
         return True
 
     def _on_shot(self, future: Future) -> None:
         response = future.result()
         if response is None or not response.success:
-            self._failures += 1
+            now_ns = self._node.now_ns()
+            self._send(self._camera.captured(now_ns, None, self._mount, None, is_good=False))
             reason = response.message if response else 'no answer'
-            self._diagnostics.refuse('no photograph', f'camera_capture: {reason}')
+            self._node.diagnostics.refuse('no photograph', f'camera_capture: {reason}')
 
 
 class MavlinkBridge(PayloadNode[MavlinkBridgeSettings]):
@@ -254,16 +246,14 @@ class MavlinkBridge(PayloadNode[MavlinkBridgeSettings]):
         self._transforms = TransformPublisher(self, given.publish_tf)
         frames = given.base_frame, given.camera_frame
         self._transforms.publish(self._mount, *frames, self.now_ns(), static=True)
-        self.create_subscription(
-            PointCloud2, 'points', self._on_points, CLOUDS, qos_overriding_options=OVERRIDABLE
-        )
+        self.hear(PointCloud2, 'points', self._on_points, CLOUDS)
         self._news = self.create_guard_condition(self._settle)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(0.1, self._settle, clock=steady)
         self.create_timer(1.0, self._send_heartbeat, clock=steady)
         self._mavlink_camera = BridgeCamera(self, self._mount) if given.is_camera else None
         # Last, for its thread must not be left behind if something above fails.
-        self._link = Link(
+        self.link = Link(
             given.address,
             given.baud,
             # Of each photograph it is told where on the earth it was taken.
@@ -273,12 +263,12 @@ class MavlinkBridge(PayloadNode[MavlinkBridgeSettings]):
             given.signing_key or b'',
             self._on_link_command,
         )
-        self.ending.callback(self._link.close)
+        self.ending.callback(self.link.close)
 
     def _send_heartbeat(self) -> None:
-        self._link.send_heartbeat()
+        self.link.send_heartbeat()
         if self._mavlink_camera is not None:
-            self._mavlink_camera.send_heartbeat(self._link)
+            self._mavlink_camera.send_heartbeat()
 
     def _on_link_poses(self, poses: list[tuple[int, Pose]]) -> None:
         """Publish, in the link's thread: fifty wake-ups a second of an executor are dear."""
@@ -314,11 +304,11 @@ class MavlinkBridge(PayloadNode[MavlinkBridgeSettings]):
         """Tag or refuse each waiting cloud for which that can be said by now."""
         timeout = self.settings['pose_timeout']
         if self._mavlink_camera is not None:
-            self._mavlink_camera.settle(self._link, self.now_ns(), timeout)
+            self._mavlink_camera.settle(timeout)
         self._tag_settled(self._waiting, timeout)
 
     def _tag_settled(self, waiting: deque[Waiting], timeout: float) -> None:
-        for cloud, found in settled(waiting, self._link, timeout):
+        for cloud, found in settled(waiting, self.link, timeout):
             if isinstance(found, PoseError):
                 age, waited = self.now_ns() - cloud.stamp, time.monotonic() - cloud.arrival
                 self.diagnostics.refuse(
@@ -358,7 +348,7 @@ class MavlinkBridge(PayloadNode[MavlinkBridgeSettings]):
         )
 
     def _judge(self) -> tuple[bytes, str]:
-        state = self._link.state()
+        state = self.link.state()
         self.diagnostics.notes(state.figures)
         self.diagnostics.note('clouds waiting', len(self._waiting))
         self._follow_origin(state.origin)

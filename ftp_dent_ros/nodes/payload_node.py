@@ -7,12 +7,14 @@ from contextlib import ExitStack
 from typing import Any, Generic, TypeVar
 
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 
 from ftp_dent_ros.nodes.declarations import names_of_all
 from ftp_dent_ros.nodes.settings import OF_NODES, read
 from ftp_dent_ros.ros.diagnostics import Diagnostics
 from ftp_dent_ros.ros.node import NewestWorker
 from ftp_dent_ros.ros.parameters import Parameters
+from ftp_dent_ros.ros.qos import OVERRIDABLE
 
 Settings = TypeVar('Settings')
 
@@ -52,6 +54,29 @@ class PayloadNode(Node, Generic[Settings]):
     def now_ns(self) -> int:
         """ROS time, nanoseconds."""
         return self.get_clock().now().nanoseconds
+
+    def hear(
+        self,
+        kind: Any,
+        topic: str,
+        take: Callable[[Any], None],
+        qos: QoSProfile,
+        what: str = '',
+        reason: str = '',
+        **options: Any,
+    ) -> None:
+        """Subscribe to a topic; what `take` raises is told and ends nothing.
+
+        `what` and `reason` are those of `Diagnostics.guarded`.
+        """
+
+        def guarded(message: Any) -> None:
+            with self.diagnostics.guarded(what or f'{topic} could not be taken', reason):
+                take(message)
+
+        self.create_subscription(
+            kind, topic, guarded, qos, qos_overriding_options=OVERRIDABLE, **options
+        )
 
     def worker(
         self, work: Callable[[Any], None], what: str, finish: bool = False, **options: Any

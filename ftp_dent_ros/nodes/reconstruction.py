@@ -16,8 +16,6 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 from ftp_dent_ros.cloud.coverage import NOTED_STAMP, Coverage
@@ -66,7 +64,15 @@ class Reconstruction(PayloadNode[ReconstructionSettings]):
         self._watch = RigWatch(self)
         self._covered: deque[tuple[int, Coverage]] = deque(maxlen=100)  # of a second
         self._worker = self.worker(self._reconstruct, 'an image could not be reconstructed')
-        self.create_subscription(Image, 'projector/image_raw', self._on_pattern, PATTERNS)
+        # No image at all tells nothing of what is projected.
+        self.hear(
+            Image,
+            'projector/image_raw',
+            self._on_pattern,
+            PATTERNS,
+            'a pattern could not be read',
+            'wrong pattern',
+        )
         AnySubscription(
             self, CameraInfo, 'camera/camera_info', self._watch.on_info, IMAGES, OVERRIDABLE
         )
@@ -76,12 +82,8 @@ class Reconstruction(PayloadNode[ReconstructionSettings]):
         self._last_stamp_ns = 0
 
     def _on_pattern(self, message: Image) -> None:
-        # No image at all tells nothing of what is projected.
-        with self.diagnostics.guarded('a pattern could not be read', 'wrong pattern'):
-            self._learn(image_from_message(message), stamp_to_ns(message.header.stamp))
-
-    def _learn(self, image: NDArray[np.uint8], stamp_ns: int) -> None:
         """Learn what is projected from a time on."""
+        image, stamp_ns = image_from_message(message), stamp_to_ns(message.header.stamp)
         try:
             pattern = pattern_from_image(image)
             if stamp_ns == 0:

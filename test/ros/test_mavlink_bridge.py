@@ -310,9 +310,11 @@ def test_of_two_vehicles_on_one_port_no_pose_is_the_others(ros, port, autopilot)
 
 def test_the_ground_station_takes_photographs_where_that_is_enabled(ros, port, autopilot) -> None:
     Bridge(ros, port, camera__enabled=True, rig='shipped:rig.yaml')
-    shots = []
+    shots, broken = [], []
 
     def shoot(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if broken:
+            return response
         stamp = Clock().now().nanoseconds
         shots.append(stamp)
         info.publish(camera_info_message(None, (640, 480), stamp, 'camera_optical_frame'))
@@ -358,6 +360,11 @@ def test_the_ground_station_takes_photographs_where_that_is_enabled(ros, port, a
     command(capture, 0, 0, 1, 1, sender=(1, 1), to=(0, 0))
     ros.until(lambda: len(said('CAMERA_IMAGE_CAPTURED')) == 2)
     assert len(shots) == 2
+    # A photograph that could not be taken is told, too.
+    broken.append(True)
+    command(capture, 0, 0, 1, 9)
+    ros.until(lambda: len(said('CAMERA_IMAGE_CAPTURED')) == 3)
+    assert [each.capture_result for each in said('CAMERA_IMAGE_CAPTURED')] == [1, 1, 0]
 
 
 def test_transforms_are_published_where_tf_is_installed(ros) -> None:
