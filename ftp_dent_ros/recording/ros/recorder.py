@@ -61,9 +61,9 @@ class Recorder:
         self._add_topic = add_topic
         self._put = put
         self._names, self._everything = names, everything
-        self._subscriptions: dict[str, Subscription] = {}
+        # Of each topic that was met; None where ROS refuses it.
+        self._subscriptions: dict[str, Subscription | None] = {}
         self._last_sequence: dict[str, int] = {}  # of topics with a single publisher
-        self._refused: set[str] = set()
         self._types: dict[str, str] = {}
         self._disputed: set[str] = set()  # topics that somebody publishes with another type
         node.create_timer(DISCOVERY_PERIOD_S, self.discover)
@@ -73,16 +73,15 @@ class Recorder:
         """Subscribe to new topics, and anew where a new publisher would not be heard."""
         for name, _ in self._node.get_topic_names_and_types():
             wanted = name in self._names or (self._everything and not is_hidden(name))
-            if name in self._refused or not wanted:
-                continue
-            publishers = self._publishers(name)
+            publishers = self._publishers(name) if wanted else []
             if not publishers:
                 continue
             if len(publishers) > 1:
                 self._last_sequence.pop(name, None)
-            subscription = self._subscriptions.get(name)
-            if subscription is None:
+            if name not in self._subscriptions:
                 self._begin(name, publishers)
+            subscription = self._subscriptions[name]
+            if subscription is None:
                 continue
             request = _request_for(publishers, subscription.qos_profile.depth)
             current = subscription.qos_profile
@@ -97,8 +96,7 @@ class Recorder:
 
     def missing(self) -> list[str]:
         """Topics that were wanted by name and have not appeared."""
-        known = self._subscriptions.keys() | self._refused
-        return [name for name in self._names if name not in known]
+        return [name for name in self._names if name not in self._subscriptions]
 
     def _publishers(self, name: str) -> list[TopicEndpointInfo]:
         """Those of a topic's own type, which is the first that it was met with."""
@@ -156,7 +154,7 @@ class Recorder:
                 raw=True,
             )
         except Exception as reason:  # an unknown type, or rclpy's own: a name that is not ROS's
-            self._refused.add(topic.name)
+            self._subscriptions[topic.name] = None
             say(f'{topic.name}: not recorded: {str(reason).splitlines()[0].rstrip(":")}')
             return
         self._add_topic(topic)
