@@ -412,11 +412,10 @@ class Feed:
                 kept.begun = True
                 if kept.importance in REPLACED:
                     self._turns[kept.topic] = self._sequence + 1
-                # Clouds and pictures are compressed already; a topic found on disk has no name.
-                known = self._references.get(kept.topic, (0, b''))
-                sent = (
-                    wrap(data) if kept.importance > Importance.PREVIEWS else deflate(data, *known)
-                )
+                if kept.importance > Importance.PREVIEWS:  # compressed in its own format
+                    sent = wrap(data)
+                else:
+                    sent = deflate(data, *self._references.get(kept.topic, (0, b'')))
                 progress = _Progress(kept, sent, [(0, len(sent))], data)
                 self._progress[kept.name] = progress
                 return progress
