@@ -166,10 +166,13 @@ class Run:
 
 def flight(bag: Path) -> tuple[list[str], float]:
     """Arguments that replay a bag at two clouds a second, and how long that takes, seconds."""
-    came = [each.log_time_ns for each in open_bag(bag).messages() if each.topic == '/points']
+    opened = open_bag(bag)
+    came = [each.log_time_ns for each in opened.messages(['/points'])]
     seconds, count = (came[-1] - came[0]) / 1e9, len(came) - 1
     speed = _CLOUDS_A_SECOND * seconds / count
-    return ['replay', str(bag), '--rate', f'{speed:.4f}', '-x', '/skin'], count / _CLOUDS_A_SECOND
+    topics = [topic.name for topic in opened.metadata.topics if topic.name != '/skin']
+    words = ['replay', str(bag), '--rate', f'{speed:.4f}', '--topics', *topics]
+    return words, count / _CLOUDS_A_SECOND
 
 
 def payload(folder: Path) -> Path:

@@ -30,7 +30,7 @@ from ftp_dent_ros.nodes.declarations import fitted
 from ftp_dent_ros.ros.session import check_parameters, refuse_second
 from ftp_dent_ros.supervision.configuration import NodeEntry, frozen, read_configuration
 from ftp_dent_ros.supervision.executables import NODES
-from ftp_dent_ros.supervision.processes import Respawn, verdict
+from ftp_dent_ros.supervision.processes import respawn_delay, verdict
 from ftp_dent_ros.supervision.transport import environment_of, held_names, profile
 
 
@@ -69,19 +69,18 @@ def payload(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     ]
 
 
-def process(entry: NodeEntry, respawn: Respawn | None = None) -> LaunchDescriptionEntity:
+def process(entry: NodeEntry, before: float = 0.0) -> LaunchDescriptionEntity:
     """One entry of the configuration, kept running as ``ftp-dent up`` does it."""
-    policy = respawn or Respawn()
     began = time.monotonic()
 
     def ended(event: ProcessExited, context: LaunchContext) -> list[LaunchDescriptionEntity]:
         if context.is_shutdown:
             return []
-        delay = policy.delay(event.returncode, time.monotonic() - began)
+        delay = respawn_delay(event.returncode, time.monotonic() - began, before)
         told = LogInfo(msg=f'{entry.name} ended with status {event.returncode}: {verdict(delay)}')
         if delay is None:
             return [told]
-        again = OpaqueFunction(function=lambda context: [process(entry, policy)])
+        again = OpaqueFunction(function=lambda context: [process(entry, delay)])
         return [told, TimerAction(period=delay, actions=[again])]
 
     if entry.executable not in NODES:

@@ -21,7 +21,7 @@ from ftp_dent_ros.errors import BagError, ConfigurationError
 from ftp_dent_ros.recording.clouds import RIG, rig_id_in
 from ftp_dent_ros.recording.ros import say
 from ftp_dent_ros.recording.ros.recorder import DISCOVERY_PERIOD_S, Recorder
-from ftp_dent_ros.recording.topic import Selection
+from ftp_dent_ros.recording.topic import absolute_names
 from ftp_dent_ros.recording.writer import BagSpool, BagWriter
 from ftp_dent_ros.ros.qos import DIAGNOSTICS
 from ftp_dent_ros.ros.session import session
@@ -35,7 +35,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('names', nargs='*', metavar='TOPIC', help='topics to record')
     parser.add_argument('--topics', nargs='+', default=[], metavar='TOPIC', help='more of them')
     parser.add_argument('-a', '--all', action='store_true', help='every topic, also later ones')
-    parser.add_argument('-e', '--regex', default='', help='topics whose name matches')
     parser.add_argument(
         '-o', '--output', type=Path, help='folder of the bag: must not exist (default: by time)'
     )
@@ -48,18 +47,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Record until SIGINT or SIGTERM, or until the disk is full."""
-    selection = Selection.of(
-        [*arguments.names, *arguments.topics],
-        everything=arguments.all,
-        regex=arguments.regex,
-    )
-    if not (selection.names or selection.everything or selection.regex):
-        raise ConfigurationError('nothing to record: name topics, or give --all or --regex')
+    names = absolute_names([*arguments.names, *arguments.topics])
+    if not names and not arguments.all:
+        raise ConfigurationError('nothing to record: name topics, or give --all')
     output = arguments.output or Path(time.strftime('rosbag2_%Y_%m_%d-%H_%M_%S'))
     with session('recorder') as (node, stop):
         writer = _writer(arguments, output)
         spool = BagSpool(writer, _CAPACITY)
-        recorder = Recorder(node, writer.add_topic, spool.put, selection)
+        recorder = Recorder(node, writer.add_topic, spool.put, names, arguments.all)
         _note_rig(node, writer)
         failure: Exception | None = None
         start = time.monotonic()

@@ -10,7 +10,7 @@ from ftp_dent_ros.cli.arguments import number
 from ftp_dent_ros.errors import BagError
 from ftp_dent_ros.recording.reader import Bag, open_bag
 from ftp_dent_ros.recording.ros.player import Player
-from ftp_dent_ros.recording.topic import RecordedTopic, Selection
+from ftp_dent_ros.recording.topic import RecordedTopic, absolute_names
 from ftp_dent_ros.ros.session import session
 
 
@@ -69,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _chosen(bag: Bag, arguments: argparse.Namespace) -> list[RecordedTopic]:
     known = {topic.name: topic for topic in bag.metadata.topics}
-    names = Selection.of(arguments.topics).names or tuple(known)
+    names = absolute_names(arguments.topics) or tuple(known)
     for name in names:
         if name not in known:
             raise BagError(f'{bag.path}: has no topic {name}: it has {", ".join(sorted(known))}')

@@ -5,13 +5,11 @@ from __future__ import annotations
 import json
 import secrets
 import sys
-import threading
 import time
-from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from ftp_dent_ros.ground.link import GroundLink
 from ftp_dent_ros.supervision.processes import Processes, Program
@@ -27,12 +25,15 @@ CHANNEL = 'command'
 _BEGIN = 45.0
 
 
-@dataclass(frozen=True)
-class Answer:
+class Answer(NamedTuple):
     """What became of a command: whether it was done, and a sentence or what was asked for."""
 
     success: bool
     message: str
+
+    def pack(self) -> bytes:
+        """JSON of it."""
+        return json.dumps(self._asdict()).encode()
 
 
 class Executive:
@@ -41,21 +42,17 @@ class Executive:
     Parameters
     ----------
     does : mapping
-        What is done for each name of `COMMANDS`.
+        What is done for each name of `COMMANDS`, all in one thread that lives as long as this.
     """
 
     def __init__(self, does: Mapping[str, Callable[[], Answer]]) -> None:
         self.refused = 0
         self._does = does
-        self._answers: OrderedDict[str, Answer] = OrderedDict()
-        self._lock = threading.Lock()
+        self._answers: dict[str, Answer] = {}
+        self._thread = ThreadPoolExecutor(1, 'commands')
 
     def reply(self, request: bytes) -> bytes:
         """Answer to a request, whatever it holds."""
-        answer = self._answer(request)
-        return json.dumps({'success': answer.success, 'message': answer.message}).encode()
-
-    def _answer(self, request: bytes) -> Answer:
         try:
             if len(request) > 4096:
                 raise ValueError
@@ -65,15 +62,17 @@ class Executive:
                 raise ValueError
         except (ValueError, KeyError, TypeError, RecursionError):
             self.refused += 1
-            return Answer(False, 'this is no command: it is refused')
+            return Answer(False, 'this is no command: it is refused').pack()
         if name not in self._does:
-            return Answer(False, f'this payload cannot {COMMANDS[name]}')
-        with self._lock:  # one after another
-            if key not in self._answers:
-                self._answers[key] = self._does[name]()
-                if len(self._answers) > 64:  # who asks again is given the same answer
-                    self._answers.popitem(last=False)
-            return self._answers[key]
+            return Answer(False, f'this payload cannot {COMMANDS[name]}').pack()
+        return self._thread.submit(self._do, name, key).result().pack()
+
+    def _do(self, name: str, key: str) -> Answer:
+        if key not in self._answers:
+            self._answers[key] = self._does[name]()
+            if len(self._answers) > 64:  # who asks again is given the same answer
+                del self._answers[next(iter(self._answers))]
+        return self._answers[key]
 
 
 def give_command(link: GroundLink, name: str, patience: float = 20.0) -> Answer:
@@ -100,6 +99,8 @@ def give_command(link: GroundLink, name: str, patience: float = 20.0) -> Answer:
 class Recordings:
     """Runs ``ftp-dent record --all`` as a process, one at a time.
 
+    The process ends with the thread that started it (see `Processes`): an `Executive`'s, say.
+
     Parameters
     ----------
     folder : Path
@@ -113,8 +114,6 @@ class Recordings:
         self._bag: Path | None = None
         self._last = ''
         self._say = say
-        # Processes end with the thread that started them: it must live as long as this object.
-        self._thread = ThreadPoolExecutor(1, 'recordings')
         self._processes = Processes(self._show)
 
     @property
@@ -124,22 +123,6 @@ class Recordings:
 
     def start(self) -> Answer:
         """Begin a recording of all topics."""
-        return self._thread.submit(self._start).result()
-
-    def stop(self) -> Answer:
-        """End the recording."""
-        return self._thread.submit(self._stop).result()
-
-    def close(self) -> None:
-        """End the recording, if there is one, and the thread."""
-        self._thread.submit(self._processes.stop)
-        self._thread.shutdown()
-
-    def _show(self, _: str, line: str) -> None:
-        self._last = line
-        self._say(line)
-
-    def _start(self) -> Answer:
         self._notice_end()
         if self._bag is not None:
             return Answer(False, f'a recording runs already: {self._bag}')
@@ -156,7 +139,8 @@ class Recordings:
         self._bag = bag
         return Answer(True, f'recording to {bag}')
 
-    def _stop(self) -> Answer:
+    def stop(self) -> Answer:
+        """End the recording."""
         self._notice_end()
         if self._bag is None:
             return Answer(False, 'nothing is being recorded')
@@ -165,6 +149,14 @@ class Recordings:
         if status:
             return Answer(False, f'the recording {bag} ended with an error: {self._last}')
         return Answer(True, f'recorded {self._last or bag}')
+
+    def close(self) -> None:
+        """End the recording, if there is one."""
+        self._processes.stop()
+
+    def _show(self, _: str, line: str) -> None:
+        self._last = line
+        self._say(line)
 
     def _notice_end(self) -> None:
         if self._processes.ended(0.0):

@@ -51,6 +51,8 @@ class StoredItem:
         '' for one that was found on disk.
     size : int
         Bytes.
+    data : bytes or None
+        The packed item; None if it is on disk, or gone.
     latest : bool
     owed : set of bytes
         Grounds that it is promised to and that have not got it.
@@ -63,6 +65,7 @@ class StoredItem:
     stamp_ns: int
     topic: str
     size: int
+    data: bytes | None = None
     latest: bool = False
     owed: set[bytes] = field(default_factory=set)
     begun: bool = False
@@ -108,8 +111,6 @@ class Store:
         self._limit = limit
         self._number = 0
         self._kept: dict[Name, StoredItem] = {}
-        # What is not on disk.
-        self._memory: dict[Name, bytes] = {}
         self._lock = threading.RLock()
         if folder is None:
             return
@@ -138,14 +139,13 @@ class Store:
             self._number += 1
             name = Name(self.boot, self._number)
             kept = StoredItem(
-                name, item.importance, item.stamp_ns, item.topic, len(data), item.latest
+                name, item.importance, item.stamp_ns, item.topic, len(data), data, item.latest
             )
             if kept.is_replaced:
                 for other in self:
                     if other.topic == item.topic and not other.begun:
                         self.remove(other)
             self._kept[name] = kept
-            self._memory[name] = data
             self.size += kept.size
         if self._folder is not None and not kept.is_replaced:
             self._write(kept, data)
@@ -158,7 +158,7 @@ class Store:
 
     def read(self, kept: StoredItem) -> bytes | None:
         """Bytes of an item, or None if it is no longer there."""
-        data = self._memory.get(kept.name)
+        data = kept.data
         if data is not None or kept.gone:
             return data
         try:
@@ -177,7 +177,7 @@ class Store:
                 return
             kept.gone = True
             self.size -= kept.size
-            is_on_disk = self._memory.pop(kept.name, None) is None
+            is_on_disk, kept.data = kept.data is None, None
         if is_on_disk:
             with contextlib.suppress(OSError):
                 self._path(kept).unlink(missing_ok=True)
@@ -204,7 +204,8 @@ class Store:
                 aside.unlink(missing_ok=True)
             return
         with self._lock:
-            if self._memory.pop(kept.name, None) is None:  # removed meanwhile
+            kept.data = None
+            if kept.gone:  # removed meanwhile
                 path.unlink(missing_ok=True)
 
     def _find(self, path: Path) -> None:
@@ -234,7 +235,7 @@ class _Progress:
 @dataclass(frozen=True)
 class _InFlight:
     sequence: int
-    kept: StoredItem
+    progress: _Progress
     offset: int
     size: int
     mark: SentMark
@@ -278,7 +279,6 @@ class Feed:
         self._sequence = 0
         self._in_flight: deque[_InFlight] = deque()
         self._waiting: list[tuple[int, int, Name, StoredItem]] = []
-        self._crowded = _CROWD
         self._progress: dict[Name, _Progress] = {}
         # Of each topic whose items replace each other: its last one's turn, in order of sending.
         self._turns: dict[str, int] = {}
@@ -303,11 +303,10 @@ class Feed:
         takes_turns = kept.importance in REPLACED
         order = self._turns.get(kept.topic, 0) if takes_turns else -kept.stamp_ns
         heapq.heappush(self._waiting, (int(kept.importance), order, kept.name, kept))
-        if len(self._waiting) > self._crowded:
+        if len(self._waiting) > 2 * len(self._store) + _CROWD:
             # What was replaced meanwhile must not pile up in a long silence.
             self._waiting = [entry for entry in self._waiting if not entry[-1].gone]
             heapq.heapify(self._waiting)
-            self._crowded = 2 * len(self._waiting) + _CROWD
 
     def next_piece(self) -> tuple[Piece, float] | None:
         """Piece to send now, or None; with the seconds that its sending has to wait yet.
@@ -346,7 +345,7 @@ class Feed:
         if not self._in_flight:
             self._last_news = self._now()
         mark = self.pace.sent(size, not self._in_flight)
-        self._in_flight.append(_InFlight(self._sequence, kept, start, size, mark, was_full))
+        self._in_flight.append(_InFlight(self._sequence, progress, start, size, mark, was_full))
         return piece, 0.0
 
     def take(self, report: Report) -> list[StoredItem]:
@@ -372,14 +371,12 @@ class Feed:
         return done
 
     def _arrived(self, flight: _InFlight) -> list[StoredItem]:
-        progress = self._progress.get(flight.kept.name)
-        if progress is None:
-            return []
+        """Each byte is in a gap, in flight or acknowledged: the last one makes its item whole."""
+        progress, kept = flight.progress, flight.progress.kept
         progress.acknowledged += flight.size
         if progress.acknowledged < len(progress.data):
             return []
-        del self._progress[flight.kept.name]
-        kept = flight.kept
+        del self._progress[kept.name]
         if len(progress.whole) <= LARGEST_REFERENCE and kept.name.boot == self._store.boot:
             self._references[kept.topic] = kept.name.number, progress.whole
         kept.owed.discard(self.ground)
@@ -387,9 +384,7 @@ class Feed:
 
     def _send_again(self, flight: _InFlight) -> None:
         self.lost += 1
-        progress = self._progress.get(flight.kept.name)
-        if progress is not None:
-            progress.gaps.insert(0, (flight.offset, flight.offset + flight.size))
+        flight.progress.gaps.insert(0, (flight.offset, flight.offset + flight.size))
 
     def _lose_if_old(self) -> None:
         """Of the last pieces before a pause no later one tells that they were lost.
@@ -417,18 +412,14 @@ class Feed:
                 kept.begun = True
                 if kept.importance in REPLACED:
                     self._turns[kept.topic] = self._sequence + 1
-                sent = self._deflate(kept, data)
+                if kept.importance > Importance.PREVIEWS:  # compressed in its own format
+                    sent = wrap(data)
+                else:
+                    sent = deflate(data, *self._references.get(kept.topic, (0, b'')))
                 progress = _Progress(kept, sent, [(0, len(sent))], data)
                 self._progress[kept.name] = progress
                 return progress
         return first
-
-    def _deflate(self, kept: StoredItem, data: bytes) -> bytes:
-        if kept.importance > Importance.PREVIEWS:
-            return wrap(data)
-        if kept.name.boot != self._store.boot:
-            return deflate(data)
-        return deflate(data, *self._references.get(kept.topic, (0, b'')))
 
 
 class Drone:

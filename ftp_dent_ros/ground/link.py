@@ -225,7 +225,6 @@ class GroundLink:
         self._zenoh: Any = zenoh
         self._base = f'ftp_dent/{name}'
         self._held: list[Any] = []
-        self._publishers: dict[str, Any] = {}
         where = endpoints(address, security, role)
         try:
             self._session = zenoh.open(_configuration(zenoh, role, where, security))
@@ -237,15 +236,13 @@ class GroundLink:
 
     def send(self, channel: str, data: bytes) -> None:
         """Send a message; blocks while the connection takes no more."""
-        publisher = self._publishers.get(channel)
-        if publisher is None:
-            publisher = self._publishers[channel] = self._session.declare_publisher(
-                f'{self._base}/{channel}',
-                congestion_control=self._zenoh.CongestionControl.BLOCK,
-                priority=self._zenoh.Priority.INTERACTIVE_HIGH,
-                express=True,
-            )
-        publisher.put(data)
+        self._session.put(
+            f'{self._base}/{channel}',
+            data,
+            congestion_control=self._zenoh.CongestionControl.BLOCK,
+            priority=self._zenoh.Priority.INTERACTIVE_HIGH,
+            express=True,
+        )
 
     def on(self, channel: str, take: Callable[[bytes], None]) -> None:
         """Call `take` with each message of a channel, in a thread of Zenoh's."""

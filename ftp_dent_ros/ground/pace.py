@@ -13,6 +13,9 @@ from collections import deque
 from collections.abc import Callable
 from typing import NamedTuple
 
+# Seconds that a round trip is taken for until one is known.
+_FIRST_TRIP = 0.2
+
 
 class SentMark(NamedTuple):
     """The state of a delivery's measurement when a piece was sent."""
@@ -39,7 +42,6 @@ class Pace:
         self.limit = limit
         self._now = now
         self._rates: deque[tuple[float, float]] = deque()
-        self._trips: deque[tuple[float, float]] = deque()
         self._unqueued: deque[tuple[float, float]] = deque()
         self._delivered = 0
         self._delivered_at = self._first_sent_at = now()
@@ -60,17 +62,13 @@ class Pace:
     @property
     def trip(self) -> float:
         """Mean round trip of late where nothing was queued, seconds."""
-        trips = [trip for _, trip in self._unqueued] or [self._shortest]
+        trips = [trip for _, trip in self._unqueued] or [_FIRST_TRIP]
         return sum(trips) / len(trips)
 
     @property
     def longest_trip(self) -> float:
         """Longest round trip of late where nothing was queued, seconds."""
-        return max((trip for _, trip in self._unqueued), default=self._shortest)
-
-    @property
-    def _shortest(self) -> float:
-        return min((trip for _, trip in self._trips), default=0.2)
+        return max((trip for _, trip in self._unqueued), default=_FIRST_TRIP)
 
     def _drains(self, now: float) -> bool:
         return now < self._drained_at + max(2 * self.trip, 0.1)
@@ -93,7 +91,7 @@ class Pace:
 
     def patience(self, in_flight: int) -> float:
         """Seconds within which news must come of so many bytes in flight, twice over."""
-        if not self._trips:
+        if not self._unqueued:
             return 5.0
         # So late a busy computer's news may be.
         return 0.2 + 2 * (self.trip + in_flight / self.rate)
@@ -142,7 +140,6 @@ class Pace:
         self._delivered += size
         self._delivered_at, self._first_sent_at = now, mark.sent_at
         trip = max(now - mark.sent_at, 1e-4)
-        self._trips.append((now, trip))
         if mark.is_unqueued:
             self._unqueued.append((now, trip))
         # What had to wait before the link tells its rate, whether more came after it or not.
@@ -152,17 +149,14 @@ class Pace:
         rate = (self._delivered - mark.delivered) / took
         if was_full or rate > self.rate:
             self._rates.append((now, rate))
-        for trips in (self._trips, self._unqueued):
-            while trips and trips[0][0] < now - 30:
-                trips.popleft()
+        while len(self._unqueued) > 1 and self._unqueued[0][0] < now - 30:
+            self._unqueued.popleft()
         oldest = now - max(2.0, 10 * self.trip)
         while len(self._rates) > 1 and self._rates[0][0] < oldest:
             self._rates.popleft()
         # Only what may yet be the best one is kept.
         while len(self._rates) > 1 and self._rates[-2][1] <= self._rates[-1][1]:
             del self._rates[-2]
-        while len(self._trips) > 1 and self._trips[-2][1] >= self._trips[-1][1]:
-            del self._trips[-2]
         if mark.delivered >= self._round_end:
             self._round_end = self._delivered
             self._judge_growth(was_full)

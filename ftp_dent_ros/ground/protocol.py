@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import struct
 import zlib
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Any, NamedTuple
@@ -24,8 +25,8 @@ _END = struct.Struct('<I')
 # The number of the item that one differs from, or one of these.
 _AS_IT_IS, _ALONE = 0, 0xFFFFFFFF
 _RAW = -15  # deflate without a header or checksum: the item has its own
-_PIECE = struct.Struct('<2sBBQIIIII')
-_REPORT = struct.Struct('<2sB16sQQQ')
+_PIECE = struct.Struct('<2sBxQIIIII')
+_REPORT = struct.Struct('<2sB16sQIIQ')
 
 
 class Importance(IntEnum):
@@ -129,17 +130,16 @@ class Name(NamedTuple):
     number: int
 
 
-@dataclass(frozen=True)
-class Piece:
+class Piece(NamedTuple):
     """Some bytes of an item.
 
     Attributes
     ----------
     name : Name
-    sequence : int
-        Of the pieces sent to this ground.
     link : int
         Of the drone's memory of this ground; a report must repeat it.
+    sequence : int
+        Of the pieces sent to this ground.
     total, offset : int
         Bytes of the item, and of those before this piece.
     data : bytes
@@ -154,36 +154,21 @@ class Piece:
 
     def pack(self) -> bytes:
         """Bytes of the piece."""
-        return (
-            _PIECE.pack(
-                b'FP',
-                VERSION,
-                0,
-                self.name.boot,
-                self.name.number,
-                self.link,
-                self.sequence,
-                self.total,
-                self.offset,
-            )
-            + self.data
-        )
+        return _PIECE.pack(b'FP', VERSION, *self.name, *self[1:-1]) + self.data
 
     @staticmethod
     def unpack(data: bytes) -> Piece:
         """Piece of its bytes; raises `CodecError` if they are none that could be."""
-        if not _PIECE.size < len(data) <= _PIECE.size + (1 << 16):  # what a datagram holds
-            raise CodecError('a piece has an impossible size: it is refused')
-        magic, version, _, boot, number, link, sequence, total, offset = _PIECE.unpack_from(data)
-        _check(magic, b'FP', version)
+        boot, number, link, sequence, total, offset = _unpacked(_PIECE, b'FP', data[: _PIECE.size])
         body = data[_PIECE.size :]
-        if total > LARGEST_ITEM or offset + len(body) > total:
+        # A datagram holds no more.
+        whole = 0 < len(body) <= 1 << 16 and total <= LARGEST_ITEM
+        if not whole or offset + len(body) > total:
             raise CodecError('a piece lies outside its item: it is refused')
         return Piece(Name(boot, number), link, sequence, total, offset, body)
 
 
-@dataclass(frozen=True)
-class Report:
+class Report(NamedTuple):
     """What a ground has received.
 
     Attributes
@@ -192,7 +177,7 @@ class Report:
         16 bytes that name the ground, the same after a restart.
     instance : int
         Another one after each start.
-    link, sequence : int
+    sequence, link : int
         Of the last piece; 0 for none.
     received : int
         Bit k: piece ``sequence - k`` has come.
@@ -200,39 +185,31 @@ class Report:
 
     ground: bytes
     instance: int
-    link: int
     sequence: int
+    link: int
     received: int
 
     def pack(self) -> bytes:
         """Bytes of the report."""
-        return _REPORT.pack(
-            b'FR',
-            VERSION,
-            self.ground,
-            self.instance,
-            self.link << 32 | self.sequence,
-            self.received,
-        )
+        return _REPORT.pack(b'FR', VERSION, *self)
 
     @staticmethod
     def unpack(data: bytes) -> Report:
         """Report of its bytes; raises `CodecError` if they are none."""
-        if len(data) != _REPORT.size:
-            raise CodecError('a report has an impossible size: it is refused')
-        magic, version, ground, instance, last, received = _REPORT.unpack(data)
-        _check(magic, b'FR', version)
-        return Report(ground, instance, last >> 32, last & 0xFFFFFFFF, received)
+        return Report(*_unpacked(_REPORT, b'FR', data))
 
 
-def _check(magic: bytes, expected: bytes, version: int) -> None:
-    if magic != expected:
+def _unpacked(form: struct.Struct, magic: bytes, data: bytes) -> list[Any]:
+    """Fields of a frame, behind its magic and version."""
+    if len(data) != form.size or not data.startswith(magic):
         raise CodecError('this is no message of the link: it is refused')
+    _, version, *fields = form.unpack(data)
     if version != VERSION:
         raise CodecError(
             f'the link speaks version {version}, this program {VERSION}: use the same version at '
             'both ends'
         )
+    return fields
 
 
 def deflate(whole: bytes, number: int = 0, reference: bytes = b'') -> bytes:
@@ -249,8 +226,7 @@ def deflate(whole: bytes, number: int = 0, reference: bytes = b'') -> bytes:
     reference : bytes
         That item.
     """
-    options = {'zdict': reference} if number else {}
-    writer = zlib.compressobj(9, zlib.DEFLATED, _RAW, 9, **options)  # type: ignore[arg-type]
+    writer = zlib.compressobj(9, zlib.DEFLATED, _RAW, 9, zdict=reference)
     short = writer.compress(whole) + writer.flush()
     if len(short) >= len(whole):
         return wrap(whole)
@@ -262,34 +238,31 @@ def wrap(whole: bytes) -> bytes:
     return _END.pack(_AS_IT_IS) + whole
 
 
-def read_reference(sent: bytes) -> int:
-    """Number of the item that `inflate` needs; 0 for none.
+def inflate(sent: bytes, known: Callable[[int], bytes | None] = lambda number: None) -> bytes:
+    """The item of `deflate`'s bytes.
+
+    Parameters
+    ----------
+    sent : bytes
+    known : callable
+        Gives the item of a number that this one may differ from; None if it is not here.
 
     Raises
     ------
     CodecError
-        The bytes are cut short.
+        The bytes are damaged, claim to be of too large an item, or differ from what is not here.
     """
     if len(sent) < _END.size:
         raise CodecError('an item is cut short: it is refused')
-    (number,) = _END.unpack_from(sent)
-    return 0 if number == _ALONE else int(number)
-
-
-def inflate(sent: bytes, reference: bytes = b'') -> bytes:
-    """The item of `deflate`'s bytes.
-
-    Raises
-    ------
-    CodecError
-        The bytes are damaged, or claim to be of too large an item.
-    """
-    number = read_reference(sent)
-    if sent[: _END.size] == _END.pack(_AS_IT_IS):
-        return sent[_END.size :]
-    reader = zlib.decompressobj(_RAW, zdict=reference) if number else zlib.decompressobj(_RAW)
+    (number,), short = _END.unpack_from(sent), sent[_END.size :]
+    if number == _AS_IT_IS:
+        return short
+    reference = b'' if number == _ALONE else known(number)
+    if reference is None:
+        raise CodecError('an item differs from one that never came: it is refused')
+    reader = zlib.decompressobj(_RAW, zdict=reference)
     try:
-        whole = reader.decompress(sent[_END.size :], LARGEST_ITEM)
+        whole = reader.decompress(short, LARGEST_ITEM)
     except zlib.error as reason:
         raise CodecError(f'an item is damaged ({reason}): it is refused') from None
     if not reader.eof:

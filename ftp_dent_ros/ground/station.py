@@ -8,7 +8,7 @@ import secrets
 import socket
 import threading
 import time
-from collections import OrderedDict, deque
+from collections import deque
 from collections.abc import Callable
 
 from ftp_dent_ros.errors import CodecError
@@ -23,7 +23,6 @@ from ftp_dent_ros.ground.protocol import (
     Piece,
     Report,
     inflate,
-    read_reference,
 )
 
 # Seconds that the rate is a mean of.
@@ -62,11 +61,10 @@ class Assembly:
     def __init__(self, ground: bytes, instance: int) -> None:
         self.repeated = self.bytes = 0
         self._ground, self._instance = ground, instance
-        self._parts: OrderedDict[Name, _Part] = OrderedDict()
+        self._parts: dict[Name, _Part] = {}
         self._held = 0
-        self._done: OrderedDict[Name, None] = OrderedDict()
-        self._references: dict[Name, bytes] = {}
-        self._of_topic: OrderedDict[str, deque[Name]] = OrderedDict()
+        self._done: dict[Name, None] = {}
+        self._known: dict[str, dict[Name, bytes]] = {}
         self._link = self._sequence = self._received = 0
 
     def add(self, piece: Piece) -> Item | None:
@@ -91,12 +89,12 @@ class Assembly:
         self._drop(piece.name)
         self._done[piece.name] = None
         if len(self._done) > 100_000:
-            self._done.popitem(last=False)
+            del self._done[next(iter(self._done))]
         return self._item(piece.name, bytes(part.data))
 
     def report(self) -> Report:
         """What has come so far."""
-        return Report(self._ground, self._instance, self._link, self._sequence, self._received)
+        return Report(self._ground, self._instance, self._sequence, self._link, self._received)
 
     @property
     def unfinished(self) -> int:
@@ -104,28 +102,22 @@ class Assembly:
         return len(self._parts)
 
     def _item(self, name: Name, sent: bytes) -> Item:
-        number = read_reference(sent)
-        reference = self._references.get(Name(name.boot, number), b'')
-        if number and not reference:
-            raise CodecError('an item differs from one that never came: it is refused')
-        whole = inflate(sent, reference)
+        def known(number: int) -> bytes | None:
+            other = Name(name.boot, number)
+            return next((each[other] for each in self._known.values() if other in each), None)
+
+        whole = inflate(sent, known)
         item = Item.unpack(whole)
         if len(whole) <= LARGEST_REFERENCE:
-            self._remember(name, item.topic, whole)
+            # Later ones of the topic may differ from it alone.
+            of_topic = self._known[item.topic] = self._known.pop(item.topic, {})
+            of_topic[name] = whole
+            # More than can be in flight when the drone learns of the one that it has chosen.
+            if len(of_topic) > WINDOW:
+                del of_topic[next(iter(of_topic))]
+            if len(self._known) > 24:
+                del self._known[next(iter(self._known))]
         return item
-
-    def _remember(self, name: Name, topic: str, whole: bytes) -> None:
-        """Keep an item that later ones of its topic may differ from."""
-        names = self._of_topic.setdefault(topic, deque())
-        self._of_topic.move_to_end(topic)
-        names.append(name)
-        self._references[name] = whole
-        # More than can be in flight when the drone learns of the one that it has chosen.
-        gone = [names.popleft()] if len(names) > WINDOW else []
-        if len(self._of_topic) > 24:
-            gone += self._of_topic.popitem(last=False)[1]
-        for each in gone:
-            del self._references[each]
 
     def _note(self, piece: Piece) -> None:
         if piece.link != self._link:

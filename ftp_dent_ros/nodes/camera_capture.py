@@ -8,12 +8,10 @@ simulation stand still while nobody does.
 
 from __future__ import annotations
 
-import functools
 import sys
 import threading
-from collections import deque
 from collections.abc import Callable
-from concurrent.futures import Future
+from concurrent.futures import ThreadPoolExecutor, wait
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -68,83 +66,89 @@ class CameraCapture(PayloadNode[CameraCaptureSettings]):
             CameraInfo, 'camera/camera_info', IMAGES, qos_overriding_options=OVERRIDABLE
         )
         self.diagnostics.hardware_id = given.path if given.source == 'device' else given.source
-        self._demands: deque[Future[Frame | None]] = deque()
         self._missed_before = 0
         self._was_wanted = False
         if isinstance(self._source, SimulatedSource):
-            project = functools.partial(self._on_projected, self._source)
-            self.create_subscription(Image, 'projector/image_raw', project, PATTERNS)
+            project = partial(self._on_projected, self._source)
+            self.hear(
+                Image,
+                'projector/image_raw',
+                project,
+                PATTERNS,
+                'no pattern could be projected',
+                'wrong pattern',
+            )
         # It waits for the photograph, in the executor's second thread.
         self.create_service(
             Trigger, '~/capture', self._on_capture, callback_group=MutuallyExclusiveCallbackGroup()
         )
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name='capture', daemon=True)
-        self._thread.start()
-
-    def destroy_node(self) -> None:
-        """End the thread and let go of the camera first."""
-        self._stop.set()
-        self._source.close()
-        self._thread.join()
-        for demand in self._demands:
-            demand.cancel()
         # What a reader has not got of the last photograph ends with its publisher.
         for publisher in (self._image, self._info):
-            publisher.wait_for_all_acked(_ACKNOWLEDGED)
-        super().destroy_node()
+            self.ending.callback(publisher.wait_for_all_acked, _ACKNOWLEDGED)
+        self._stop = threading.Event()
+        # What is demanded has its turn between two looks at what is due.
+        self._thread = ThreadPoolExecutor(1, 'capture')
+        self._thread.submit(self._look)
+        self.ending.callback(self._thread.shutdown, cancel_futures=True)
+        self.ending.callback(self._source.close)
+        self.ending.callback(self._stop.set)
 
     def _on_projected(self, source: SimulatedSource, message: Image) -> None:
-        with self.diagnostics.guarded('no pattern could be projected', 'wrong pattern'):
-            source.project(image_from_message(message), stamp_to_ns(message.header.stamp))
+        source.project(image_from_message(message), stamp_to_ns(message.header.stamp))
 
     def _on_capture(
         self, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
-        demand: Future[Frame | None] = Future()
-        self._demands.append(demand)
-        try:
-            frame = demand.result(_DEMAND_TIMEOUT)
-        except Exception as error:  # of the photograph, or that there was none in time
-            response.message = str(error) or f'no photograph within {_DEMAND_TIMEOUT:g} s'
-            return response
-        response.success = frame is not None
         response.message = 'there are no more images: set files.loop, or start again'
-        if frame is not None:
-            seconds, nanoseconds = divmod(frame.stamp_ns, 1_000_000_000)
-            response.message = f'photograph taken at {seconds}.{nanoseconds:09d}'
+        demand = self._thread.submit(self._shoot)
+        if not wait([demand], _DEMAND_TIMEOUT).done:
+            demand.cancel()
+            response.message = f'no photograph within {_DEMAND_TIMEOUT:g} s'
+            return response
+        with self.diagnostics.guarded('no photograph'):
+            try:
+                frame = demand.result()
+            except Exception as error:
+                response.message = str(error)
+                raise
+            if frame is not None:
+                response.success = True
+                seconds, nanoseconds = divmod(frame.stamp_ns, 1_000_000_000)
+                response.message = f'photograph taken at {seconds}.{nanoseconds:09d}'
         return response
 
-    def _run(self) -> None:
-        while not self._stop.is_set():
-            demand = self._demands.popleft() if self._demands else None
-            with self.diagnostics.guarded('no photograph'):
-                try:
-                    frame = self._take(demand is not None)
-                    if frame is not None:
-                        self._publish(frame)
-                except Exception as error:
-                    if demand:
-                        demand.set_exception(error)
-                    if not isinstance(error, ImageError):
-                        self._stop.wait(_PAUSE)
-                    raise
-                if demand:
-                    demand.set_result(frame)
+    def _shoot(self) -> Frame | None:
+        """Publish a photograph on demand; None if there are no more."""
+        frame = self._source.shoot()
+        if frame is not None:
+            self._publish(frame)
+        return frame
 
-    def _take(self, demanded: bool) -> Frame | None:
-        """Photograph that is demanded or due; None if there is none for the moment."""
-        if demanded:
-            return self._source.shoot()
+    def _look(self) -> None:
+        """Publish the photograph that is due, if there is one for the moment, and look again."""
+        with self.diagnostics.guarded('no photograph'):
+            try:
+                self._publish_due()
+            except ImageError:
+                raise
+            except Exception:
+                self._stop.wait(_PAUSE)
+                raise
+        if not self._stop.is_set():
+            self._thread.submit(self._look)
+
+    def _publish_due(self) -> None:
         running = self.settings['continuous'] and self.given.rate > 0 and not self._source.finished
         wanted = running and (self._source.runs_by_itself or self._is_heard())
         if wanted and self._was_wanted:
-            return self._source.next_frame(_PAUSE)
+            frame = self._source.next_frame(_PAUSE)
+            if frame is not None:
+                self._publish(frame)
+            return
         # A subscriber that has just been found may not have found this publisher yet.
         self._stop.wait(0.3 if wanted else _PAUSE / 5)
         self._source.rest()
         self._was_wanted = wanted
-        return None
 
     def _is_heard(self) -> bool:
         return bool(self._image.get_subscription_count() or self._info.get_subscription_count())
@@ -179,41 +183,37 @@ class CameraCapture(PayloadNode[CameraCaptureSettings]):
 
 def make_source(given: CameraCaptureSettings, now_ns: Callable[[], int]) -> Source:
     """Make the source, on ROS time in nanoseconds."""
+    rig, rate = given.rig, given.rate
     if given.source == 'device':
-        return _device(given, now_ns)
+        device, stamps = given.device(), given.stamps
+        if not device.width or not device.height:
+            raise ConfigurationError(
+                'the size of the images is not known: set rig, or device.width and device.height'
+            )
+        at_start = stamps == 'start' or (stamps == 'auto' and stamps_exposure_start(device.path))
+        clock = ExposureClock(device.exposure, at_start, given.stamp_offset)
+        return DeviceSource(partial(open_device, device), rate, clock, now_ns)
     if given.source == 'genicam':
         # Imported only here: others need no Aravis.
         from ftp_dent_ros.capture.aravis import GenicamSource
 
         clock = ExposureClock(given.exposure, given.stamps != 'end', given.stamp_offset)
-        return GenicamSource(given.genicam(), given.rate, clock, now_ns)
-    rig = given.rig
+        return GenicamSource(given.genicam(), rate, clock, now_ns)
     if given.source == 'files':
         size = (rig.camera.width, rig.camera.height) if rig else None
-        return FileSource(given.files, given.rate, given.loop, size, now_ns, given.encoding)
+        return FileSource(given.files, rate, given.loop, size, now_ns, given.encoding)
     if rig is None or given.scene is None:
         lacking = 'rig' if rig is None else 'simulation.scene'
         raise ConfigurationError(
             f'the simulation needs its {lacking}: set the parameter {lacking}'
         )
     if given.ahead:
-        return RenderedSource(Path(given.ahead), given.rate, given.start_ns, now_ns)
+        return RenderedSource(Path(given.ahead), rate, given.start_ns, now_ns)
     # Imported only here: a real camera needs none of it.
     from ftp_dent_ros.simulation.world import LiveWorld
 
     world = LiveWorld(given.scene, given.start_ns)
-    return SimulatedSource(functools.partial(world.photograph, rig), given.rate, now_ns)
-
-
-def _device(given: CameraCaptureSettings, now_ns: Callable[[], int]) -> Source:
-    device, stamps = given.device(), given.stamps
-    if not device.width or not device.height:
-        raise ConfigurationError(
-            'the size of the images is not known: set rig, or device.width and device.height'
-        )
-    at_start = stamps == 'start' or (stamps == 'auto' and stamps_exposure_start(device.path))
-    clock = ExposureClock(device.exposure, at_start, given.stamp_offset)
-    return DeviceSource(functools.partial(open_device, device), given.rate, clock, now_ns)
+    return SimulatedSource(partial(world.photograph, rig), rate, now_ns)
 
 
 #: Run the node as a process.

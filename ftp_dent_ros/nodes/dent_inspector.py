@@ -15,18 +15,16 @@ from __future__ import annotations
 import json
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Path
 from numpy.typing import NDArray
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
-from rclpy.node import Node
-from sensor_msgs.msg import Image, PointCloud2
+from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
@@ -35,24 +33,19 @@ from ftp_dent_ros.dents.dent import MeasuredDent, SmallestDent
 from ftp_dent_ros.dents.dent_list import EXACT, DentList
 from ftp_dent_ros.dents.glass import sentence
 from ftp_dent_ros.dents.kept_list import KeptList
+from ftp_dent_ros.dents.rules import Rules
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.records import list_record
-from ftp_dent_ros.nodes.drawing import Drawing
-from ftp_dent_ros.nodes.matching import Matched, MessageMatcher, located
+from ftp_dent_ros.nodes.matching import Matched, MessageMatcher
 from ftp_dent_ros.nodes.payload_node import PayloadNode
 from ftp_dent_ros.nodes.settings import TAGGED, DentInspectorSettings
 from ftp_dent_ros.pages.words import finite
 from ftp_dent_ros.pose import IDENTITY, Pose
 from ftp_dent_ros.ros.dent_messages import dents_to_markers, dents_to_message
-from ftp_dent_ros.ros.diagnostics import OK, WARN, Diagnostics
-from ftp_dent_ros.ros.messages import (
-    cloud_from_message,
-    image_from_message,
-    pose_from_message,
-    stamp_to_ns,
-)
-from ftp_dent_ros.ros.node import NewestWorker, run
-from ftp_dent_ros.ros.qos import CLOUDS, DENTS, LATCHED, OVERRIDABLE, POSES
+from ftp_dent_ros.ros.diagnostics import OK, WARN
+from ftp_dent_ros.ros.messages import pose_from_message, stamp_to_ns
+from ftp_dent_ros.ros.node import run
+from ftp_dent_ros.ros.qos import DENTS, LATCHED
 
 # Clouds that may wait to be inspected, each of some megabytes: one whose surveyed pose was lost
 # comes together with the next.
@@ -69,105 +62,53 @@ class DentInspector(PayloadNode[DentInspectorSettings]):
         given = self.given
         self._tagged = given.source == TAGGED
         self._smallest = SmallestDent(given.smallest_depth, given.smallest_width)
-        kept = KeptList(given.list_file if self._tagged else None)
         self._dents = self.create_publisher(PointCloud2, 'dents', DENTS)
-        self._listing = DentListing(self, self.diagnostics, kept, self._tagged)
-        self._worker = NewestWorker(
-            self.diagnostics, self._inspect, 'a cloud could not be inspected', _WAITING
+        self._listing = DentListing(self, given.list_file if self._tagged else '', self._tagged)
+        # In the end all clouds that came are put into the list first.
+        self._worker = self.worker(
+            self._inspect, 'a cloud could not be inspected', finish=True, room=_WAITING
         )
-        self._matching = MessageMatcher(
-            self._worker.put,
-            self.diagnostics.refuse,
-            self._expected,
-            posed=self._tagged,
-        )
-        self.create_service(
-            Trigger,
-            '~/take_list',
-            self._take_list,
-            # It waits: clouds come meanwhile.
-            callback_group=MutuallyExclusiveCallbackGroup(),
-        )
-        self.create_subscription(
-            PointCloud2, 'points', self._on_cloud, CLOUDS, qos_overriding_options=OVERRIDABLE
-        )
-        self.create_subscription(
-            Image, 'skin', self._matched('skin'), CLOUDS, qos_overriding_options=OVERRIDABLE
-        )
+        parts = ('cloud', 'skin', 'pose', 'surveyed') if self._tagged else ('cloud', 'skin')
+        MessageMatcher(self, parts, self._worker.put, lambda: self._wanted)
         if self._tagged:
-            for topic, part in (('tagged/camera_pose', 'pose'), ('survey/pose', 'surveyed')):
-                self.create_subscription(
-                    PoseWithCovarianceStamped, topic, self._matched(part), POSES
-                )
-            self.create_subscription(Path, 'survey/path', self._listing.correct, LATCHED)
-
-    def destroy_node(self) -> None:
-        """Put all clouds that came into the list first."""
-        self._worker.stop(finish=True)
-        self._listing.close()
-        super().destroy_node()
+            self.hear(Path, 'survey/path', self._listing.correct, LATCHED)
+        # It waits: clouds come meanwhile.
+        group = MutuallyExclusiveCallbackGroup()
+        self.create_service(Trigger, '~/take_list', self._take_list, callback_group=group)
 
     @property
     def _wanted(self) -> bool:
         listens = self._dents.get_subscription_count() or self._listing.subscribers
         return self.given.always or bool(listens)
 
-    def _on_cloud(self, message: PointCloud2) -> None:
-        self.diagnostics.count('clouds')
-        self._matched('cloud')(message)
-
-    def _matched(self, part: str) -> Callable[[Any], None]:
-        """Callback of a message that belongs to a cloud."""
-
-        def take(message: Any) -> None:
-            if self._wanted:
-                self._matching.add(**{part: message})
-
-        return take
-
-    def _expected(self) -> list[str]:
-        topics = {'skin': 'skin', 'surveyed': 'survey/pose' if self._tagged else ''}
-        return [part for part, topic in topics.items() if topic and self.count_publishers(topic)]
-
     def _inspect(self, item: Matched) -> None:
         """Publish a cloud's dents, once they are in the list."""
-        started_ns = self.now_ns()
-        header = item.cloud.header
-        stamp_ns = stamp_to_ns(header.stamp)
-        pose, covariance, frame_id = IDENTITY, EXACT, header.frame_id
-        stated = item.best_pose
-        if stated is not None:
-            pose, covariance = located(stated, header.frame_id, self.given.map_frame)
-            frame_id = stated.header.frame_id
+        stamp_ns, frame_id = item.stamp_ns, item.cloud.header.frame_id
+        pose, covariance = IDENTITY, EXACT
+        with self.diagnostics.timed('inspected', stamp_ns):
+            if self._tagged:
+                frame_id = self.given.map_frame
+                pose, covariance = item.located(frame_id)
+            found = inspect(
+                check_resolution(item.with_skin(self.diagnostics)), settings=self._smallest
+            )
+            dents = [dent.transformed(pose) for dent in (*found.dents, *found.others)]
+            alone = DentList()
+            alone.add(1, dents, pose, covariance)
+            self._listing.add(frame_id, stamp_ns, dents, pose, covariance)
+            self._dents.publish(dents_to_message(alone.entries, stamp_ns, frame_id))
         if item.surveyed is not None:
             self.diagnostics.count('placed by the survey')
-        cloud = check_resolution(cloud_from_message(item.cloud).with_skin(self._skin_of(item)))
-        found = inspect(cloud, settings=self._smallest)
-        dents = [dent.transformed(pose) for dent in (*found.dents, *found.others)]
-        alone = DentList()
-        alone.add(1, dents, pose, covariance)
-        self._listing.add(frame_id, stamp_ns, dents, pose, covariance)
-        self._dents.publish(dents_to_message(alone.entries, stamp_ns, frame_id))
-        self.diagnostics.count('inspected')
         self.diagnostics.notes({'dents': len(found.dents), 'others': len(found.others)})
         known = found.findable[np.isfinite(found.findable)]
         if len(known):
             findable = f'{1e3 * np.percentile(known, 95):.2f}'
             self.diagnostics.note('findable on 95 % of the area from (mm)', findable)
-        self.diagnostics.measure('computation', (self.now_ns() - started_ns) / 1e9)
-        self.diagnostics.measure_latency(stamp_ns)
-
-    def _skin_of(self, item: Matched) -> NDArray[np.uint8] | None:
-        if item.skin is None:
-            return None
-        with self.diagnostics.guarded('a skin could not be read', 'wrong skin'):
-            return image_from_message(item.skin)[..., 0]
-        return None
 
     def _take_list(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success = self._worker.settle(_PATIENCE)
         if response.success:
-            record = self._listing.take(lambda entries: list_record(entries, self.given.rules))
+            record = self._listing.take(self.given.rules)
             response.message = json.dumps(finite(record), allow_nan=False)
         else:
             response.message = (
@@ -193,19 +134,16 @@ class DentListing:
 
     Parameters
     ----------
-    node : rclpy.node.Node
-    diagnostics : Diagnostics
-        Of that node.
-    kept : KeptList
+    node : PayloadNode
+    path : str
+        File that keeps the list; empty for none.
     lasting : bool
         Whether one list is made of all clouds, or one of each.
     """
 
-    def __init__(
-        self, node: Node, diagnostics: Diagnostics, kept: KeptList, lasting: bool
-    ) -> None:
-        self._diagnostics = diagnostics
-        self._kept, self._lasting = kept, lasting
+    def __init__(self, node: PayloadNode[Any], path: str, lasting: bool) -> None:
+        self._diagnostics = node.diagnostics
+        self._kept, self._lasting = KeptList(path), lasting
         self._lock = threading.Lock()
         self._path: Path | None = None
         self._poses: dict[int, Pose] = {}
@@ -213,18 +151,16 @@ class DentListing:
         self.on_glass = ''
         self._list = node.create_publisher(PointCloud2, 'dents/list', LATCHED)
         self._markers = node.create_publisher(MarkerArray, 'dents/markers', LATCHED)
-        self._drawing = Drawing(self._draw, diagnostics, 'the list')
-        if kept.clouds:
-            self._drawing.show(kept)
+        self._drawing = node.worker(
+            self._draw, 'the list could not be drawn', finish=True, rest=1.0
+        )
+        if self._kept.clouds:
+            self._drawing.put(self._kept)
 
     @property
     def subscribers(self) -> int:
         """How many listen to the list or its markers."""
         return self._list.get_subscription_count() + self._markers.get_subscription_count()
-
-    def close(self) -> None:
-        """End the thread, when all that came is in the list."""
-        self._drawing.close()
 
     def add(
         self,
@@ -246,25 +182,26 @@ class DentListing:
             if newer is not None:
                 with self._kept_on_disk():
                     self._kept.correct(frame_id, {stamp_ns: newer})
-        self._drawing.show(self._kept)
+        self._drawing.put(self._kept)
 
     def correct(self, path: Path) -> None:
         """Put the list where the newest path has the cameras."""
         self._path = path
-        self._drawing.show(self._kept)
+        self._drawing.put(self._kept)
 
-    def take(self, record_of: Callable[[Any], dict[str, Any]]) -> dict[str, Any]:
-        """The list as JSON has it, which is empty then."""
+    def take(self, rules: Rules | None) -> dict[str, Any]:
+        """The list as JSON has it, judged by rules, which is empty then."""
         with self._lock:
             self._follow()
             record = {
-                **record_of(self._kept.entries),
+                **list_record(self._kept.entries, rules),
                 'frame_id': self._kept.frame_id,
                 'clouds': self._kept.clouds,
                 'stamp_ns': self._kept.stamp_ns,
             }
-            self._kept.clear()
-        self._drawing.show(self._kept)
+            with self._kept_on_disk():
+                self._kept.clear()
+        self._drawing.put(self._kept)
         return record
 
     def _follow(self) -> None:
@@ -273,12 +210,13 @@ class DentListing:
         if path is None:
             return
         with self._diagnostics.guarded('the list could not be corrected'):
-            self._poses = {
+            poses = {
                 stamp_to_ns(each.header.stamp): pose_from_message(each.pose) for each in path.poses
             }
             has_changed = True
             with self._kept_on_disk():
-                has_changed = self._kept.correct(path.header.frame_id, self._poses)
+                has_changed = self._kept.correct(path.header.frame_id, poses)
+            self._poses = poses
             if has_changed:
                 self._diagnostics.count('corrections of the list')
 

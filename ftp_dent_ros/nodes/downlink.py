@@ -31,125 +31,23 @@ from ftp_dent_ros.ground import topics
 from ftp_dent_ros.ground.commands import Answer, Executive, Recordings
 from ftp_dent_ros.ground.drone import Drone
 from ftp_dent_ros.ground.link import GroundLink
-from ftp_dent_ros.ground.protocol import Importance, Item, deflate
+from ftp_dent_ros.ground.protocol import LARGEST_REFERENCE, Item, deflate
 from ftp_dent_ros.nodes.payload_node import PayloadNode
 from ftp_dent_ros.nodes.settings import DownlinkSettings
 from ftp_dent_ros.rig.rig import Lens
-from ftp_dent_ros.ros.diagnostics import OK, WARN, Diagnostics
+from ftp_dent_ros.ros.diagnostics import OK, WARN
 from ftp_dent_ros.ros.messages import (
     cloud_from_message,
     image_from_message,
     lens_from_message,
     stamp_to_ns,
 )
-from ftp_dent_ros.ros.node import NewestWorker, run
-from ftp_dent_ros.ros.qos import CLOUDS, DIAGNOSTICS, IMAGES, LATCHED, OVERRIDABLE, POSES
-
-
-class Coder:
-    """Codes what the downlink's worker hands to it.
-
-    Parameters
-    ----------
-    given : DownlinkSettings
-    put : callable
-        Takes each item.
-    rate : callable
-        byte/s that the link carries; 0 if that is not known.
-    diagnostics : Diagnostics
-    """
-
-    def __init__(
-        self,
-        given: DownlinkSettings,
-        put: Callable[[Item], None],
-        rate: Callable[[], float],
-        diagnostics: Diagnostics,
-    ) -> None:
-        self._given, self._put, self._diagnostics = given, put, diagnostics
-        self._lens: Lens | None = None
-        # Two a second at most.
-        self._previews, self._picture_previews = Share(rate, 0.4, 0.45), Share(rate, 0.4, 0.45)
-
-    def learn(self, message: CameraInfo) -> None:
-        """The lens that clouds and pictures are of."""
-        with self._diagnostics.guarded('camera_info could not be read', 'wrong camera_info'):
-            self._lens = lens_from_message(message)
-
-    def send_cloud(self, message: PointCloud2) -> None:
-        """A cloud, and a small one before it if it is time for one."""
-        cloud = cloud_from_message(message)
-        stamp = stamp_to_ns(message.header.stamp)
-        extra = {'frame': message.header.frame_id}
-        rows, columns = cloud.intensity.shape
-        view = RayGrid.of(self._lens, rows, columns) if self._lens is not None else None
-        if self._previews.is_due:
-            few, few_view = thinned(cloud, view, self._given.preview_columns)
-            data = encode(Cloud(few.points, few.intensity), few_view, 4.0)  # 1.3 um at 0.8 m
-            self._previews.sent(len(data))
-            self._put(
-                Item(Importance.PREVIEWS, topics.PREVIEW_POINTS, 'cloud', stamp, data, extra=extra)
-            )
-        started = time.thread_time()
-        data = encode(cloud, view)
-        self._diagnostics.measure('coding', time.thread_time() - started)
-        self._diagnostics.count('clouds')
-        self._diagnostics.note('bytes of a cloud', len(data))
-        self._put(Item(Importance.CLOUDS, topics.POINTS, 'cloud', stamp, data, extra=extra))
-
-    def send_picture(self, message: Image) -> None:
-        """A picture, and a small one before it if it is time for one."""
-        image = image_from_message(message)
-        stamp = stamp_to_ns(message.header.stamp)
-        extra = {'frame': message.header.frame_id}
-        bgr = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
-        if self._picture_previews.is_due:
-            height = round(bgr.shape[0] * 240 / bgr.shape[1])
-            small = cv2.resize(bgr, (240, height), interpolation=cv2.INTER_AREA)
-            data = _jpeg(small, 50)
-            self._picture_previews.sent(len(data))
-            self._put(
-                Item(Importance.PREVIEWS, topics.PREVIEW_IMAGE, 'jpeg', stamp, data, extra=extra)
-            )
-        data = _jpeg(bgr, self._given.jpeg_quality)
-        self._diagnostics.count('pictures')
-        self._diagnostics.note('bytes of a picture', len(data))
-        if self._lens is not None:
-            extra = {**extra, 'lens': RayGrid(self._lens, 1).numbers()}
-        self._put(Item(Importance.PICTURES, topics.IMAGE, 'jpeg', stamp, data, extra=extra))
-
-
-class Share:
-    """When the next of a kind may be sent, so that they take up a share of the link at most.
-
-    Parameters
-    ----------
-    rate : callable
-        byte/s that the link carries; 0 if that is not known.
-    share : float
-    least : float
-        Seconds between two, however fast the link is.
-    """
-
-    def __init__(self, rate: Callable[[], float], share: float, least: float = 0.0) -> None:
-        self._rate, self._share, self._least = rate, share, least
-        self._sent_at, self._size = float('-inf'), 0
-
-    @property
-    def is_due(self) -> bool:
-        """Whether the next may be sent, by the rate as it is known now."""
-        # In the beginning it is known to be far too low.
-        rate = self._rate()
-        pause = self._size / (self._share * rate) if rate else 0.0
-        return time.monotonic() >= self._sent_at + max(self._least, pause)
-
-    def sent(self, size: int) -> None:
-        """Note that one of so many bytes was sent."""
-        self._sent_at, self._size = time.monotonic(), size
+from ftp_dent_ros.ros.node import run
+from ftp_dent_ros.ros.qos import CLOUDS, DIAGNOSTICS, IMAGES, LATCHED, POSES
 
 
 class Thrift:
-    """Items that each take the place of the one before, as often as share and period allow.
+    """Items of topics that have a share of the link, each in the place of the one before.
 
     Parameters
     ----------
@@ -160,12 +58,19 @@ class Thrift:
     """
 
     def __init__(self, put: Callable[[Item], None], rate: Callable[[], float]) -> None:
-        self._put = put
-        self._shares = {
-            topic.name: Share(rate, topic.share or 1.0, topic.period)
-            for topic in topics.AS_THEY_ARE.values()
-        }
+        self._put, self._rate = put, rate
+        self._lock = threading.Lock()
         self._waiting: dict[str, Item] = {}
+        # Of each topic: when its last was sent, how much crosses the air of it, and what it was.
+        self._sent: dict[str, tuple[float, int, bytes]] = {}
+
+    def is_due(self, name: str) -> bool:
+        """Whether the next of a topic may be sent, by the rate as it is known now."""
+        at, size, _ = self._sent.get(name, (float('-inf'), 0, b''))
+        # In the beginning it is known to be far too low.
+        rate, topic = self._rate(), topics.TOPICS[name]
+        pause = size / (topic.share * rate) if rate else 0.0
+        return time.monotonic() >= at + max(topic.period, pause)
 
     def put(self, item: Item) -> None:
         """Send an item, or keep it until its topic's next is due."""
@@ -173,11 +78,15 @@ class Thrift:
         self.flush()
 
     def flush(self) -> None:
-        """Send what is due."""
-        for topic in [topic for topic in self._waiting if self._shares[topic].is_due]:
-            item = self._waiting.pop(topic)
-            self._shares[topic].sent(len(deflate(item.data)))
-            self._put(item)
+        """Send what is due; from any thread."""
+        with self._lock:
+            for name in filter(self.is_due, list(self._waiting)):
+                item = self._waiting.pop(name)
+                *_, last = self._sent.get(name, (b'',))
+                reference = last if len(last) <= LARGEST_REFERENCE else b''
+                size = len(deflate(item.data, 1, reference))
+                self._sent[name] = time.monotonic(), size, item.data
+                self._put(item)
 
 
 def _jpeg(bgr: Any, quality: int) -> bytes:
@@ -192,101 +101,116 @@ class Downlink(PayloadNode[DownlinkSettings]):
 
     def __init__(self, **options: Any) -> None:
         super().__init__('downlink', **options)
-        self._statuses: dict[str, DiagnosticStatus] = {}
-        self._last_state = b''
-        self._recordings = Recordings(
-            Path(self.given.recordings).expanduser(), self.get_logger().info
-        )
-        self._capture = self.create_client(Trigger, 'camera_capture/capture')
-        self._take_list = self.create_client(Trigger, 'dent_inspector/take_list')
-        executive = Executive(
-            {
-                'capture': lambda: self._call(self._capture),
-                'take_list': lambda: self._call(self._take_list),
-                'start_recording': self._recordings.start,
-                'stop_recording': self._recordings.stop,
-            }
-        )
         given = self.given
+        self._statuses: dict[str, DiagnosticStatus] = {}
+        self._lens: Lens | None = None
+        self._recordings = Recordings(Path(given.recordings).expanduser(), self.get_logger().info)
+        self.ending.callback(self._recordings.close)
+        does = {
+            'start_recording': self._recordings.start,
+            'stop_recording': self._recordings.stop,
+        }
+        for service in ('camera_capture/capture', 'dent_inspector/take_list'):
+            client = self.create_client(Trigger, service)
+            does[service.rpartition('/')[2]] = partial(self._call, client)
         self.diagnostics.hardware_id = given.address
         self._drone = Drone(
             GroundLink('drone', given.address, given.security, given.name),
             Path(given.spool).expanduser() if given.spool else None,
             given.room * 10**6,
             given.limit * 125,  # byte/s
-            executive,
+            Executive(does),
         )
+        self.ending.callback(self._drone.close)
         if not given.keys:
             self.get_logger().warning(f'{given.address}: no keys: whoever reaches it may command')
-        self._coder = Coder(self.given, self._put, self._drone.rate, self.diagnostics)
         # Some seconds of a busy machine.
-        self._worker = NewestWorker[tuple[Callable[[Any], None], Any]](
-            self.diagnostics, self._code, 'a message could not be coded', 8
+        self._worker = self.worker(
+            lambda code: code(), 'a message could not be coded', finish=True, room=8
         )
-        self._thrift = Thrift(self._put, self._drone.rate)
-        self._state_share = Share(self._drone.rate, 0.25, 1.0)
-        for topic in topics.AS_THEY_ARE.values():
-            self._forward(topic)
+        self._thrift = Thrift(self._send, self._drone.rate)
         self.create_timer(1.0, self._thrift.flush, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        self.create_subscription(
-            DiagnosticArray, topics.DIAGNOSTICS, self._on_diagnostics, DIAGNOSTICS
+        for topic in topics.TOPICS.values():
+            if not topic.coded and topic.name != topics.DIAGNOSTICS:
+                forward, qos = partial(self._forward, topic), LATCHED if topic.latest else POSES
+                self.hear(message_class(topic.type), topic.name, forward, qos, raw=True)
+        self.hear(DiagnosticArray, topics.DIAGNOSTICS, self._on_diagnostics, DIAGNOSTICS)
+        self.hear(
+            CameraInfo,
+            topics.CAMERA_INFO,
+            self._learn,
+            IMAGES,
+            'camera_info could not be read',
+            'wrong camera_info',
         )
-        self.create_subscription(CameraInfo, topics.CAMERA_INFO, self._coder.learn, IMAGES)
-        self.create_subscription(
-            PointCloud2,
-            topics.POINTS,
-            lambda message: self._worker.put((self._coder.send_cloud, message)),
-            CLOUDS,
-            qos_overriding_options=OVERRIDABLE,
-        )
+        coded: list[tuple[Any, str, Callable[[Any], None]]] = [
+            (PointCloud2, topics.POINTS, self._send_cloud)
+        ]
         if given.pictures:
-            self.create_subscription(
-                Image,
-                topics.IMAGE,
-                lambda message: self._worker.put((self._coder.send_picture, message)),
-                IMAGES,
-                qos_overriding_options=OVERRIDABLE,
-            )
+            coded.append((Image, topics.IMAGE, self._send_picture))
+        for kind, name, send in coded:
+            self.hear(kind, name, partial(self._put_off, send), CLOUDS)
 
-    def destroy_node(self) -> None:
-        """End the threads first; what was not sent stays on disk."""
-        self._worker.stop(finish=True)
-        self._drone.close()
-        self._recordings.close()
-        super().destroy_node()
-
-    def _forward(self, topic: topics.Topic) -> None:
-        kind = f'cdr:{topic.type}'
-
-        def forward(data: bytes) -> None:
-            stamp = _stamp_of(data) if topic.stamped else self.now_ns()
-            item = Item(topic.importance, topic.name, kind, stamp, data, topic.latest)
-            put = self._thrift.put if topic.share or topic.period else self._put
-            put(item)
-
-        qos = LATCHED if topic.latest else POSES
-        self.create_subscription(message_class(topic.type), topic.name, forward, qos, raw=True)
+    def _forward(self, topic: topics.Topic, data: bytes) -> None:
+        """Send a serialised message as it is."""
+        stamp = self.now_ns()
+        if topic.stamped:
+            # It begins with a header: CDR, after its four bytes.
+            seconds, nanoseconds = struct.unpack_from('<iI', data, 4)
+            stamp = seconds * 1_000_000_000 + nanoseconds
+        send = self._thrift.put if topic.share else self._send
+        send(topic.item(stamp, data))
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if len(self._statuses) < 100:
                 self._statuses[status.name] = status
-        if not self._state_share.is_due:
-            return
-        array = DiagnosticArray(status=list(self._statuses.values()))
-        array.header.stamp = self.get_clock().now().to_msg()
-        data = serialize_message(array)
-        self._state_share.sent(len(deflate(data, 1, self._last_state)))
-        self._last_state = data
-        kind = 'cdr:diagnostic_msgs/msg/DiagnosticArray'
-        self._put(Item(Importance.STATE, topics.DIAGNOSTICS, kind, self.now_ns(), data))
+        if self._thrift.is_due(topics.DIAGNOSTICS):
+            array = DiagnosticArray(status=list(self._statuses.values()))
+            array.header.stamp = self.get_clock().now().to_msg()
+            topic = topics.TOPICS[topics.DIAGNOSTICS]
+            self._thrift.put(topic.item(self.now_ns(), serialize_message(array)))
 
-    def _code(self, task: tuple[Callable[[Any], None], Any]) -> None:
-        """Code a cloud or picture, in the worker's thread."""
-        code, message = task
-        code(message)
+    def _learn(self, message: CameraInfo) -> None:
+        """The lens that clouds and pictures are of."""
+        self._lens = lens_from_message(message)
 
-    def _put(self, item: Item) -> None:
+    def _put_off(self, send: Callable[[Any], None], message: Any) -> None:
+        """Have a cloud or picture coded and sent in the worker's thread."""
+        self._worker.put(partial(send, message))
+
+    def _send_cloud(self, message: PointCloud2) -> None:
+        """A cloud, and a small one before it if it is time for one."""
+        cloud = cloud_from_message(message)
+        stamp, frame = stamp_to_ns(message.header.stamp), message.header.frame_id
+        rows, columns = cloud.intensity.shape
+        view = RayGrid.of(self._lens, rows, columns) if self._lens is not None else None
+        if self._thrift.is_due(topics.PREVIEW_POINTS):
+            few, few_view = thinned(cloud, view, self.given.preview_columns)
+            data = encode(Cloud(few.points, few.intensity), few_view, 4.0)  # 1.3 um at 0.8 m
+            self._thrift.put(topics.TOPICS[topics.PREVIEW_POINTS].item(stamp, data, frame=frame))
+        started = time.thread_time()
+        data = encode(cloud, view)
+        self.diagnostics.measure('coding', time.thread_time() - started)
+        self.diagnostics.count('clouds')
+        self.diagnostics.note('bytes of a cloud', len(data))
+        self._send(topics.TOPICS[topics.POINTS].item(stamp, data, frame=frame))
+
+    def _send_picture(self, message: Image) -> None:
+        """A picture, and a small one before it if it is time for one."""
+        bgr = cv2.cvtColor(image_from_message(message), cv2.COLOR_RGB2BGR)
+        stamp, frame = stamp_to_ns(message.header.stamp), message.header.frame_id
+        if self._thrift.is_due(topics.PREVIEW_IMAGE):
+            height = round(bgr.shape[0] * 240 / bgr.shape[1])
+            small = _jpeg(cv2.resize(bgr, (240, height), interpolation=cv2.INTER_AREA), 50)
+            self._thrift.put(topics.TOPICS[topics.PREVIEW_IMAGE].item(stamp, small, frame=frame))
+        data = _jpeg(bgr, self.given.jpeg_quality)
+        self.diagnostics.count('pictures')
+        self.diagnostics.note('bytes of a picture', len(data))
+        lens = {} if self._lens is None else {'lens': RayGrid(self._lens, 1).numbers()}
+        self._send(topics.TOPICS[topics.IMAGE].item(stamp, data, frame=frame, **lens))
+
+    def _send(self, item: Item) -> None:
         self.diagnostics.count('items')
         self._drone.put(item)
 
@@ -294,13 +218,9 @@ class Downlink(PayloadNode[DownlinkSettings]):
         """Call a service of the payload, in a thread that is not the executor's."""
         if not client.wait_for_service(1.0):
             return Answer(False, f'{client.srv_name} is not there: its node does not run')
-        done = threading.Event()
-        future = client.call_async(Trigger.Request())
-        future.add_done_callback(lambda _: done.set())
-        if not done.wait(15.0):
-            client.remove_pending_request(future)
+        response = client.call(Trigger.Request(), 15.0)
+        if response is None:
             return Answer(False, f'{client.srv_name} has not answered within 15 s')
-        response = future.result()
         return Answer(bool(response.success), str(response.message))
 
     def _judge(self) -> tuple[bytes, str]:
@@ -311,12 +231,6 @@ class Downlink(PayloadNode[DownlinkSettings]):
         if state['grounds'] == '0':
             return WARN, f'no ground is heard: {state["waiting (MB)"]} MB are kept'
         return OK, f'{state["rate (kbit/s)"]} kbit/s'
-
-
-def _stamp_of(data: bytes) -> int:
-    """Stamp of a serialised message that begins with a header (CDR, after its four bytes)."""
-    seconds, nanoseconds = struct.unpack_from('<iI', data, 4)
-    return seconds * 1_000_000_000 + nanoseconds
 
 
 #: Run the node as a process.

@@ -13,7 +13,7 @@ from __future__ import annotations
 import sys
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -29,7 +29,6 @@ from rclpy.task import Future
 from sensor_msgs.msg import CameraInfo, NavSatFix, NavSatStatus, PointCloud2
 from std_srvs.srv import Trigger
 
-from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.coding.cloud_codec import thinned
 from ftp_dent_ros.errors import PoseAwaitedError, PoseError
 from ftp_dent_ros.navigation import pose_covariance
@@ -75,16 +74,24 @@ def transform_message(pose: Pose, parent: str, child: str, stamp_ns: int) -> Tra
 
 
 class TransformPublisher:
-    """Publishes on ``/tf`` and ``/tf_static``; does nothing where TF is not installed."""
+    """Publishes on ``/tf`` and ``/tf_static``; does nothing where TF is not installed.
 
-    def __init__(self, node: Node) -> None:
-        self._publishers: dict[bool, Publisher] = {}
-        if TFMessage is not None:
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    wanted : bool
+        Whether to publish at all.
+    """
+
+    def __init__(self, node: Node, wanted: bool = True) -> None:
+        self._publishers: list[Publisher] = []
+        if wanted and TFMessage is not None:
             # As tf2_ros has them.
             latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-            moving = node.create_publisher(TFMessage, '/tf', QoSProfile(depth=100))
-            fixed = node.create_publisher(TFMessage, '/tf_static', latched)
-            self._publishers = {False: moving, True: fixed}
+            self._publishers = [
+                node.create_publisher(TFMessage, '/tf', QoSProfile(depth=100)),
+                node.create_publisher(TFMessage, '/tf_static', latched),
+            ]
 
     def publish(
         self, pose: Pose, parent: str, child: str, stamp_ns: int, static: bool = False
@@ -141,59 +148,47 @@ class BridgeCamera:
     All but `take` runs in the executor, so that a node that is stuck answers nothing.
     """
 
-    def __init__(
-        self,
-        node: MavlinkBridge,
-        mount: Pose,
-    ) -> None:
-        self._mount, self._diagnostics = mount, node.diagnostics
+    def __init__(self, node: MavlinkBridge, mount: Pose) -> None:
+        self._node, self._mount = node, mount
         self._camera = Camera(node.given.ground_station, self._shoot)
         rig = node.given.rig
         self._size = self._sent_size = (rig.camera.width, rig.camera.height) if rig else (0, 0)
         self._commands: deque[Any] = deque(maxlen=20)
         self._images: deque[Waiting] = deque(maxlen=20)
-        self._failures = 0
         self._client = node.create_client(Trigger, 'camera_capture/capture')
-        node.create_subscription(
-            CameraInfo,
-            'camera/camera_info',
-            self._on_camera_info,
-            IMAGES,
-            qos_overriding_options=OVERRIDABLE,
-        )
+        node.hear(CameraInfo, 'camera/camera_info', self._on_camera_info, IMAGES)
 
     def take(self, command: Any) -> None:
         """Keep a command for `settle`; from any thread."""
         self._commands.append(command)
 
-    def send_heartbeat(self, link: Link) -> None:
+    def send_heartbeat(self) -> None:
         """Tell that there is a camera."""
-        link.send_heartbeat(mavlink.MAV_TYPE_CAMERA, COMPONENT)
+        self._node.link.send_heartbeat(mavlink.MAV_TYPE_CAMERA, COMPONENT)
 
-    def settle(self, link: Link, now_ns: int, timeout: float) -> None:
+    def settle(self, timeout: float) -> None:
         """Answer what can be answered by now."""
-        send: Callable[[Any], None] = lambda message: link.send(message, COMPONENT)  # noqa: E731
         has_news = self._commands or self._images or self._size != self._sent_size
-        state = link.state() if has_news else None
+        state = self._node.link.state() if has_news else None
         if state is None or state.identity is None:
             return
-        offset = state.clock_offset
+        offset, now_ns = state.clock_offset, self._node.now_ns()
         boot_ms = 0 if offset is None else round(1e3 * (now_ns / 1e9 - offset))
         if self._size != self._sent_size:
             # Whoever asked before the first image was told that it is not known.
             self._sent_size = self._size
-            send(self._camera.information(self._size, boot_ms))
+            self._send(self._camera.information(self._size, boot_ms))
         while self._commands:
             command = self._commands.popleft()
             for message in self._camera.answers(command, state.identity, self._size, boot_ms):
-                send(message)
-        for image, found in settled(self._images, link, timeout):
+                self._send(message)
+        for image, found in settled(self._images, self._node.link, timeout):
             tag = None if isinstance(found, PoseError) else found
-            send(self._camera.captured(image.stamp, tag, self._mount, state.origin))
-            self._diagnostics.count('images told')
-        while self._failures:
-            self._failures -= 1
-            send(self._camera.captured(now_ns, None, self._mount, None, is_good=False))
+            self._send(self._camera.captured(image.stamp, tag, self._mount, state.origin))
+            self._node.diagnostics.count('images told')
+
+    def _send(self, message: Any) -> None:
+        self._node.link.send(message, COMPONENT)
 
     def _on_camera_info(self, message: CameraInfo) -> None:
         self._size = (message.width, message.height)
@@ -201,96 +196,21 @@ class BridgeCamera:
 
     def _shoot(self) -> bool:
         if not self._client.service_is_ready():
-            self._diagnostics.refuse(
+            self._node.diagnostics.refuse(
                 'no camera', 'a photograph was commanded, but camera_capture does not run'
             )
             return False
-        self._diagnostics.count('photographs commanded')
+        self._node.diagnostics.count('photographs commanded')
         self._client.call_async(Trigger.Request()).add_done_callback(self._on_shot)
         return True
 
     def _on_shot(self, future: Future) -> None:
         response = future.result()
         if response is None or not response.success:
-            self._failures += 1
+            now_ns = self._node.now_ns()
+            self._send(self._camera.captured(now_ns, None, self._mount, None, is_good=False))
             reason = response.message if response else 'no answer'
-            self._diagnostics.refuse('no photograph', f'camera_capture: {reason}')
-
-
-class BridgeTags:
-    """Publishes ``tagged/points``, ``tagged/preview``, ``tagged/camera_pose``, ``tagged/pose``.
-
-    All or none, but for clouds that nobody subscribes to.
-
-    Parameters
-    ----------
-    node : MavlinkBridge
-    mount : Pose
-        Of the camera's optical frame on the vehicle.
-    """
-
-    def __init__(
-        self,
-        node: MavlinkBridge,
-        mount: Pose,
-    ) -> None:
-        given = node.given
-        self._frame, self._mount = given.map_frame, mount
-        self._mount_covariance = pose_covariance.of_mount(
-            given.translation_uncertainty, given.rotation_uncertainty
-        )
-        self._diagnostics, self._preview_columns = node.diagnostics, given.preview_columns
-        most_at_once = given.queue_size
-        # Clouds that waited for one report are published in one breath: a shorter history would
-        # throw those away that nobody has fetched yet.
-        history = QoSProfile(depth=max(10, most_at_once), reliability=ReliabilityPolicy.RELIABLE)
-        self._points = node.create_publisher(
-            PointCloud2, 'tagged/points', history, qos_overriding_options=OVERRIDABLE
-        )
-        self._preview = node.create_publisher(
-            PointCloud2, 'tagged/preview', PREVIEWS, qos_overriding_options=OVERRIDABLE
-        )
-        depth = history if most_at_once > POSES.depth else POSES
-        self._pose = node.create_publisher(PoseWithCovarianceStamped, 'tagged/pose', depth)
-        self._camera_pose = node.create_publisher(
-            PoseWithCovarianceStamped, 'tagged/camera_pose', depth
-        )
-
-    def publish(self, message: PointCloud2, stamp: int, tag: Tag) -> None:
-        """Publish a cloud (in the camera's frame) with its pose.
-
-        Raises
-        ------
-        CloudError
-            It is malformed; nothing is published then.
-        """
-        camera = tag.pose @ self._mount
-        covariance = pose_covariance.of_mounted(
-            tag.covariance, tag.pose, self._mount, self._mount_covariance
-        )
-        # Read whether somebody takes it or not: of what is no cloud there is no pose either.
-        cloud = cloud_from_message(message)
-        self._publish_cloud(self._points, cloud, camera, stamp)
-        if self._preview.get_subscription_count():
-            few, _ = thinned(cloud, None, self._preview_columns)
-            self._publish_cloud(self._preview, few, camera, stamp)
-        frame = self._frame
-        self._camera_pose.publish(covariant_pose_message(camera, covariance, stamp, frame))
-        self._pose.publish(covariant_pose_message(tag.pose, tag.covariance, stamp, frame))
-        self._diagnostics.count('tagged')
-        deviations = np.sqrt(np.diag(covariance))
-        self._diagnostics.notes(
-            {
-                'camera within, across (mm)': f'{1e3 * deviations[:2].max():.0f}',
-                'camera within, up (mm)': f'{1e3 * deviations[2]:.0f}',
-                'camera within (deg)': f'{np.degrees(deviations[3:].max()):.2f}',
-            }
-        )
-
-    def _publish_cloud(self, publisher: Publisher, cloud: Cloud, camera: Pose, stamp: int) -> None:
-        if publisher.get_subscription_count():
-            in_map = cloud.transformed(camera)
-            publisher.publish(cloud_to_message(in_map, stamp, self._frame))
+            self._node.diagnostics.refuse('no photograph', f'camera_capture: {reason}')
 
 
 class MavlinkBridge(PayloadNode[MavlinkBridgeSettings]):
@@ -299,58 +219,63 @@ class MavlinkBridge(PayloadNode[MavlinkBridgeSettings]):
     def __init__(self, **options: Any) -> None:
         super().__init__('mavlink_bridge', **options)
         given = self.given
-        self._earth = None
-        if given.earth:
-            self._earth = self.create_publisher(NavSatFix, 'earth', LATCHED)
         self._origin: Origin | None = None
-        mount = Pose.from_rpy(given.rpy, given.translation)
+        self._mount = Pose.from_rpy(given.rpy, given.translation)
+        self._mount_covariance = pose_covariance.of_mount(
+            given.translation_uncertainty, given.rotation_uncertainty
+        )
         self.diagnostics.hardware_id = given.address
         self._waiting: deque[Waiting] = deque()
         self._said: tuple[str, str] | None = None
-        self._poses = self.create_publisher(PoseStamped, 'mavlink/pose', POSES)
-        self._transforms = TransformPublisher(self) if given.publish_tf else None
-        if self._transforms is not None:
-            frames = given.base_frame, given.camera_frame
-            self._transforms.publish(mount, *frames, self.now_ns(), static=True)
-        self._tags = BridgeTags(self, mount)
-        self.create_subscription(
-            PointCloud2, 'points', self._on_points, CLOUDS, qos_overriding_options=OVERRIDABLE
+        # Clouds that waited for one report are published in one breath: a shorter history would
+        # throw those away that nobody has fetched yet.
+        depth = max(POSES.depth, given.queue_size)
+        history = QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE)
+        self._points = self.create_publisher(
+            PointCloud2, 'tagged/points', history, qos_overriding_options=OVERRIDABLE
         )
+        self._preview = self.create_publisher(
+            PointCloud2, 'tagged/preview', PREVIEWS, qos_overriding_options=OVERRIDABLE
+        )
+        self._pose = self.create_publisher(PoseWithCovarianceStamped, 'tagged/pose', history)
+        self._camera_pose = self.create_publisher(
+            PoseWithCovarianceStamped, 'tagged/camera_pose', history
+        )
+        self._earth = self.create_publisher(NavSatFix, 'earth', LATCHED) if given.earth else None
+        self._poses = self.create_publisher(PoseStamped, 'mavlink/pose', POSES)
+        self._transforms = TransformPublisher(self, given.publish_tf)
+        frames = given.base_frame, given.camera_frame
+        self._transforms.publish(self._mount, *frames, self.now_ns(), static=True)
+        self.hear(PointCloud2, 'points', self._on_points, CLOUDS)
         self._news = self.create_guard_condition(self._settle)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(0.1, self._settle, clock=steady)
         self.create_timer(1.0, self._send_heartbeat, clock=steady)
-        self._mavlink_camera = BridgeCamera(self, mount) if given.is_camera else None
-        # Of each photograph it is told where on the earth it was taken.
-        settings = replace(given.vehicle(), earth=given.earth or given.is_camera)
+        self._mavlink_camera = BridgeCamera(self, self._mount) if given.is_camera else None
         # Last, for its thread must not be left behind if something above fails.
-        self._link = Link(
+        self.link = Link(
             given.address,
             given.baud,
-            settings,
+            # Of each photograph it is told where on the earth it was taken.
+            replace(given, earth=given.earth or given.is_camera),
             self.now_ns,
             self._on_link_poses,
             given.signing_key or b'',
             self._on_link_command,
         )
-
-    def destroy_node(self) -> None:
-        """Close the link first."""
-        self._link.close()
-        super().destroy_node()
+        self.ending.callback(self.link.close)
 
     def _send_heartbeat(self) -> None:
-        self._link.send_heartbeat()
+        self.link.send_heartbeat()
         if self._mavlink_camera is not None:
-            self._mavlink_camera.send_heartbeat(self._link)
+            self._mavlink_camera.send_heartbeat()
 
     def _on_link_poses(self, poses: list[tuple[int, Pose]]) -> None:
         """Publish, in the link's thread: fifty wake-ups a second of an executor are dear."""
         for stamp, pose in poses:
             self.diagnostics.count('poses')
             self._poses.publish(pose_stamped_message(pose, stamp, self.given.map_frame))
-            if self._transforms is not None:
-                self._transforms.publish(pose, self.given.map_frame, self.given.base_frame, stamp)
+            self._transforms.publish(pose, self.given.map_frame, self.given.base_frame, stamp)
         if self._waiting:
             self._news.trigger()
 
@@ -379,11 +304,11 @@ class MavlinkBridge(PayloadNode[MavlinkBridgeSettings]):
         """Tag or refuse each waiting cloud for which that can be said by now."""
         timeout = self.settings['pose_timeout']
         if self._mavlink_camera is not None:
-            self._mavlink_camera.settle(self._link, self.now_ns(), timeout)
+            self._mavlink_camera.settle(timeout)
         self._tag_settled(self._waiting, timeout)
 
     def _tag_settled(self, waiting: deque[Waiting], timeout: float) -> None:
-        for cloud, found in settled(waiting, self._link, timeout):
+        for cloud, found in settled(waiting, self.link, timeout):
             if isinstance(found, PoseError):
                 age, waited = self.now_ns() - cloud.stamp, time.monotonic() - cloud.arrival
                 self.diagnostics.refuse(
@@ -393,11 +318,37 @@ class MavlinkBridge(PayloadNode[MavlinkBridgeSettings]):
                 )
                 continue
             with self.diagnostics.guarded('a cloud could not be tagged'):
-                self._tags.publish(cloud.message, cloud.stamp, found)
-                self.diagnostics.measure('waited', time.monotonic() - cloud.arrival)
+                self._publish(cloud, found)
+
+    def _publish(self, waited: Waiting, tag: Tag) -> None:
+        """Publish a cloud and its poses: all or none, but for clouds that nobody subscribes to."""
+        stamp, frame = waited.stamp, self.given.map_frame
+        camera = tag.pose @ self._mount
+        covariance = pose_covariance.of_mounted(
+            tag.covariance, tag.pose, self._mount, self._mount_covariance
+        )
+        # Read whether somebody takes it or not: of what is no cloud there is no pose either.
+        cloud = cloud_from_message(waited.message)
+        if self._points.get_subscription_count():
+            self._points.publish(cloud_to_message(cloud.transformed(camera), stamp, frame))
+        if self._preview.get_subscription_count():
+            few, _ = thinned(cloud, None, self.given.preview_columns)
+            self._preview.publish(cloud_to_message(few.transformed(camera), stamp, frame))
+        self._camera_pose.publish(covariant_pose_message(camera, covariance, stamp, frame))
+        self._pose.publish(covariant_pose_message(tag.pose, tag.covariance, stamp, frame))
+        self.diagnostics.count('tagged')
+        self.diagnostics.measure('waited', time.monotonic() - waited.arrival)
+        deviations = np.sqrt(np.diag(covariance))
+        self.diagnostics.notes(
+            {
+                'camera within, across (mm)': f'{1e3 * deviations[:2].max():.0f}',
+                'camera within, up (mm)': f'{1e3 * deviations[2]:.0f}',
+                'camera within (deg)': f'{np.degrees(deviations[3:].max()):.2f}',
+            }
+        )
 
     def _judge(self) -> tuple[bytes, str]:
-        state = self._link.state()
+        state = self.link.state()
         self.diagnostics.notes(state.figures)
         self.diagnostics.note('clouds waiting', len(self._waiting))
         self._follow_origin(state.origin)
@@ -426,19 +377,18 @@ class MavlinkBridge(PayloadNode[MavlinkBridgeSettings]):
             )
         self._origin = origin
         if self._earth is not None:
-            self._earth.publish(fix_message(origin, self.now_ns(), self.given.map_frame))
-
-
-def fix_message(origin: Origin, stamp_ns: int, frame_id: str) -> NavSatFix:
-    """sensor_msgs/NavSatFix of the origin of the frame `frame_id`."""
-    return NavSatFix(
-        header=make_header(stamp_ns, frame_id),
-        status=NavSatStatus(status=NavSatStatus.STATUS_FIX, service=NavSatStatus.SERVICE_GPS),
-        latitude=origin.latitude,
-        longitude=origin.longitude,
-        altitude=origin.altitude,
-        position_covariance_type=NavSatFix.COVARIANCE_TYPE_UNKNOWN,
-    )
+            self._earth.publish(
+                NavSatFix(
+                    header=make_header(self.now_ns(), self.given.map_frame),
+                    status=NavSatStatus(
+                        status=NavSatStatus.STATUS_FIX, service=NavSatStatus.SERVICE_GPS
+                    ),
+                    latitude=origin.latitude,
+                    longitude=origin.longitude,
+                    altitude=origin.altitude,
+                    position_covariance_type=NavSatFix.COVARIANCE_TYPE_UNKNOWN,
+                )
+            )
 
 
 #: Run the node as a process.

@@ -52,19 +52,16 @@ class PatternPublisher(PayloadNode[PatternPublisherSettings]):
         if given.shows:
             size = self._pattern.width, self._pattern.height
             self._display = Window(given.x, given.y, size)
+            self.ending.callback(self._display.close)
             self.create_timer(0.1, self._display.refresh)
             self.create_timer(_TICK, self._show)
         self._shown_until: float | None = None
-        self.create_subscription(Image, 'projector/show', self._on_show, LATCHED_INPUT)
+        self.hear(
+            Image, 'projector/show', self._on_show, LATCHED_INPUT, 'an image could not be shown'
+        )
         self.create_timer(0.5, self._return)
         self.settings.on_change(self._change)
         self._publish()
-
-    def destroy_node(self) -> None:
-        """Close the window, too."""
-        if self._display:
-            self._display.close()
-        super().destroy_node()
 
     def _make(self, period_px: float, stripe_center_px: float, code: str) -> Pattern:
         """Pattern of the file or the rig's projector, with these values where they are given."""
@@ -128,19 +125,14 @@ class PatternPublisher(PayloadNode[PatternPublisherSettings]):
             self._shown_until = time.monotonic()
             self._return()
             return
-        with self.diagnostics.guarded('an image could not be shown'):
-            image = image_from_message(message)
-            size = self._pattern.width, self._pattern.height
-            if image.shape[1::-1] != size:
-                raise ImageError(
-                    f'an image of {image.shape[1]}x{image.shape[0]} pixels was to be shown by a '
-                    f'projector of {size[0]}x{size[1]}'
-                )
-            self._show_instead(image)
-
-    def _show_instead(self, image: NDArray[np.uint8]) -> None:
-        # Seconds after which an image of projector/show that nothing follows gives way to the
-        # pattern.
+        image = image_from_message(message)
+        size = self._pattern.width, self._pattern.height
+        if image.shape[1::-1] != size:
+            raise ImageError(
+                f'an image of {image.shape[1]}x{image.shape[0]} pixels was to be shown by a '
+                f'projector of {size[0]}x{size[1]}'
+            )
+        # Seconds after which an image that nothing follows gives way to the pattern.
         self._shown_until = time.monotonic() + 30.0
         self._put(image, self.now_ns())
         self.diagnostics.count('images shown')

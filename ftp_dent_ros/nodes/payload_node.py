@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import ExitStack
 from typing import Any, Generic, TypeVar
 
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 
 from ftp_dent_ros.nodes.declarations import names_of_all
 from ftp_dent_ros.nodes.settings import OF_NODES, read
 from ftp_dent_ros.ros.diagnostics import Diagnostics
+from ftp_dent_ros.ros.node import NewestWorker
 from ftp_dent_ros.ros.parameters import Parameters
+from ftp_dent_ros.ros.qos import OVERRIDABLE
 
 Settings = TypeVar('Settings')
 
@@ -38,10 +43,48 @@ class PayloadNode(Node, Generic[Settings]):
         self.given = read(OF_NODES[name], self.settings)
         self.settings.close(names_of_all)
         self.diagnostics = Diagnostics(self, self._judge)
+        #: Ends what the node holds (threads, devices, sockets), the last one first.
+        self.ending = ExitStack()
+
+    def destroy_node(self) -> None:
+        """End what the node holds first."""
+        self.ending.close()
+        super().destroy_node()
 
     def now_ns(self) -> int:
         """ROS time, nanoseconds."""
         return self.get_clock().now().nanoseconds
+
+    def hear(
+        self,
+        kind: Any,
+        topic: str,
+        take: Callable[[Any], None],
+        qos: QoSProfile,
+        what: str = '',
+        reason: str = '',
+        **options: Any,
+    ) -> None:
+        """Subscribe to a topic; what `take` raises is told and ends nothing.
+
+        `what` and `reason` are those of `Diagnostics.guarded`.
+        """
+
+        def guarded(message: Any) -> None:
+            with self.diagnostics.guarded(what or f'{topic} could not be taken', reason):
+                take(message)
+
+        self.create_subscription(
+            kind, topic, guarded, qos, qos_overriding_options=OVERRIDABLE, **options
+        )
+
+    def worker(
+        self, work: Callable[[Any], None], what: str, finish: bool = False, **options: Any
+    ) -> NewestWorker[Any]:
+        """A `NewestWorker` of the node's, which ends with it, after what waits if asked to."""
+        made = NewestWorker(self.diagnostics, work, what, **options)
+        self.ending.callback(made.stop, finish)
+        return made
 
     def _judge(self) -> tuple[bytes, str]:
         """Level and message of the moment, for the diagnostics."""

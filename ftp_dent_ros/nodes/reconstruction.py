@@ -16,8 +16,6 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 from ftp_dent_ros.cloud.coverage import NOTED_STAMP, Coverage
@@ -45,7 +43,7 @@ from ftp_dent_ros.ros.messages import (
     photograph_from_message,
     stamp_to_ns,
 )
-from ftp_dent_ros.ros.node import NewestWorker, run
+from ftp_dent_ros.ros.node import run
 from ftp_dent_ros.ros.qos import CLOUDS, IMAGES, OVERRIDABLE, PATTERNS, AnySubscription
 
 
@@ -55,8 +53,6 @@ class Reconstruction(PayloadNode[ReconstructionSettings]):
     def __init__(self, **options: Any) -> None:
         super().__init__('reconstruction', **options)
         given = self.given
-        self.settings.on_change(self._change)
-        self._choices = {name: getattr(given, name) for name in given.choices}
         self._patterns = PatternHistory(round(1e9 * given.pattern_settling))
         self._prepared: dict[tuple[Pattern, Settings], Reconstructor] = {}
         self._points = self.create_publisher(
@@ -65,15 +61,18 @@ class Reconstruction(PayloadNode[ReconstructionSettings]):
         self._skin = self.create_publisher(
             Image, 'skin', CLOUDS, qos_overriding_options=OVERRIDABLE
         )
-        self.diagnostics.expect_one('camera/image_raw')
-        self._watch = RigWatch(
-            given.rig, given.camera_info_tolerance, self.diagnostics, self.get_logger()
-        )
+        self._watch = RigWatch(self)
         self._covered: deque[tuple[int, Coverage]] = deque(maxlen=100)  # of a second
-        self._worker = NewestWorker(
-            self.diagnostics, self._reconstruct, 'an image could not be reconstructed'
+        self._worker = self.worker(self._reconstruct, 'an image could not be reconstructed')
+        # No image at all tells nothing of what is projected.
+        self.hear(
+            Image,
+            'projector/image_raw',
+            self._on_pattern,
+            PATTERNS,
+            'a pattern could not be read',
+            'wrong pattern',
         )
-        self.create_subscription(Image, 'projector/image_raw', self._on_pattern, PATTERNS)
         AnySubscription(
             self, CameraInfo, 'camera/camera_info', self._watch.on_info, IMAGES, OVERRIDABLE
         )
@@ -82,23 +81,9 @@ class Reconstruction(PayloadNode[ReconstructionSettings]):
         )
         self._last_stamp_ns = 0
 
-    def destroy_node(self) -> None:
-        """Finish the image in work first."""
-        self._worker.stop()
-        self._watch.end()
-        super().destroy_node()
-
-    def _change(self, values: dict[str, Any]) -> None:
-        # Options of the other methods wait until one of them is chosen.
-        self._choices = {**self._choices, **values}
-
     def _on_pattern(self, message: Image) -> None:
-        # No image at all tells nothing of what is projected.
-        with self.diagnostics.guarded('a pattern could not be read', 'wrong pattern'):
-            self._learn(image_from_message(message), stamp_to_ns(message.header.stamp))
-
-    def _learn(self, image: NDArray[np.uint8], stamp_ns: int) -> None:
         """Learn what is projected from a time on."""
+        image, stamp_ns = image_from_message(message), stamp_to_ns(message.header.stamp)
         try:
             pattern = pattern_from_image(image)
             if stamp_ns == 0:
@@ -131,31 +116,29 @@ class Reconstruction(PayloadNode[ReconstructionSettings]):
 
     def _reconstruct(self, message: Image) -> None:
         """Reconstruct one image, in the worker's thread."""
-        stamp_ns = stamp_to_ns(message.header.stamp)
-        self._check_stamp(stamp_ns)
-        pattern = self._pattern_at(stamp_ns)
-        reconstructor = self._reconstructor(pattern)
-        started_ns = self.now_ns()
-        photograph = photograph_from_message(message, self.given.bits)
-        measurement = reconstructor.measure(photograph, self._skin.get_subscription_count() > 0)
-        cloud = measurement.cloud
-        if not cloud.valid.any():
-            reasons = '; '.join(measurement.coverage.remarks)
-            raise NoFringesError(f'the photograph gives no point: {reasons}')
-        # The message of a change may have come meanwhile, later than the photograph.
-        if self._pattern_at(stamp_ns) != pattern:
-            raise PatternChangeError(
-                'the pattern that was shown came to be known only after the photograph had been '
-                'reconstructed: take photographs later after a change'
+        stamp_ns, frame_id = stamp_to_ns(message.header.stamp), message.header.frame_id
+        with self.diagnostics.timed('clouds', stamp_ns):
+            self._check_stamp(stamp_ns)
+            pattern = self._pattern_at(stamp_ns)
+            photograph = photograph_from_message(message, self.given.bits)
+            measurement = self._reconstructor(pattern).measure(
+                photograph, self._skin.get_subscription_count() > 0
             )
-        # First, so that who has the cloud has its skin.
-        if cloud.skin.any():
-            self._skin.publish(image_to_message(cloud.skin, stamp_ns, message.header.frame_id))
-        self._points.publish(cloud_to_message(cloud, stamp_ns, message.header.frame_id))
+            cloud = measurement.cloud
+            if not cloud.valid.any():
+                reasons = '; '.join(measurement.coverage.remarks)
+                raise NoFringesError(f'the photograph gives no point: {reasons}')
+            # The message of a change may have come meanwhile, later than the photograph.
+            if self._pattern_at(stamp_ns) != pattern:
+                raise PatternChangeError(
+                    'the pattern that was shown came to be known only after the photograph had '
+                    'been reconstructed: take photographs later after a change'
+                )
+            # First, so that who has the cloud has its skin.
+            if cloud.skin.any():
+                self._skin.publish(image_to_message(cloud.skin, stamp_ns, frame_id))
+            self._points.publish(cloud_to_message(cloud, stamp_ns, frame_id))
         self._last_stamp_ns = stamp_ns
-        self.diagnostics.count('clouds')
-        self.diagnostics.measure('computation', (self.now_ns() - started_ns) / 1e9)
-        self.diagnostics.measure_latency(stamp_ns)
         self.diagnostics.note('valid points', f'{100 * cloud.valid.mean():.1f} %')
         self._watch.look(pattern, photograph, measurement)
         self._covered.append((stamp_ns, measurement.coverage))
@@ -187,7 +170,9 @@ class Reconstruction(PayloadNode[ReconstructionSettings]):
         """Reconstructor for a pattern and the settings of the moment; made when they change."""
         if self.given.rig is None:
             raise NoCalibrationError('no rig is set: set the parameter rig to its rig.yaml')
-        key, prepared = (pattern, Settings.chosen(**self._choices)), self._prepared
+        # Options of the other methods wait until one of them is chosen.
+        chosen = Settings.chosen(**{name: self.settings[name] for name in self.given.choices})
+        key, prepared = (pattern, chosen), self._prepared
         if key not in prepared:
             # Two are kept with their tables: of the patterns before and after a change.
             kept = list(prepared.items())[-1:]
@@ -218,6 +203,12 @@ class Reconstruction(PayloadNode[ReconstructionSettings]):
             return WARN, (
                 f'camera/image_raw is published with best effort, {self._images.lost} images were '
                 'lost on the way: publish it reliably'
+            )
+        publishers = self.count_publishers('camera/image_raw')
+        if publishers > 1:
+            return WARN, (
+                f'camera/image_raw has {publishers} publishers, whose messages mix: end all but '
+                'one (one that was killed counts for 5 s)'
             )
         if self._points.get_subscription_count() == 0:
             return OK, 'idle: nobody subscribes to points'

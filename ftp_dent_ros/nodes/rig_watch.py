@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections import deque
 from typing import Any
 
@@ -13,6 +12,8 @@ from sensor_msgs.msg import CameraInfo
 
 from ftp_dent_ros.calibration.rig_check import CheckAside
 from ftp_dent_ros.errors import CalibrationError, RigError
+from ftp_dent_ros.nodes.payload_node import PayloadNode
+from ftp_dent_ros.nodes.settings import ReconstructionSettings
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.profilometry.epipolar_check import EpipolarCheck
@@ -21,11 +22,9 @@ from ftp_dent_ros.profilometry.flicker import MUCH, fall_of_light, flicker, ligh
 from ftp_dent_ros.profilometry.measurement import Measurement
 from ftp_dent_ros.profilometry.rig_alarm import LAST, rig_alarm
 from ftp_dent_ros.rig.rig import Lens, Rig
-from ftp_dent_ros.ros.diagnostics import Diagnostics
 from ftp_dent_ros.ros.messages import lens_from_message
-from ftp_dent_ros.ros.node import NewestWorker
 
-# Seconds between checks of the rig's turn: each takes a second of the processor, aside.
+# Seconds between checks of the rig's turn at least: each takes one of the processor, aside.
 _CHECK_PERIOD = 30.0
 
 
@@ -34,12 +33,8 @@ class RigWatch:
 
     Parameters
     ----------
-    rig : Rig, optional
-        Without one there is nothing to watch.
-    tolerance_px : float
-        Pixels by which a ray may differ between camera_info and the rig's camera.
-    diagnostics : Diagnostics
-    logger : rclpy logger
+    node : PayloadNode
+        Without a rig there is nothing to watch.
 
     Attributes
     ----------
@@ -47,23 +42,21 @@ class RigWatch:
         How camera_info contradicts the rig; empty if it does not.
     """
 
-    def __init__(
-        self, rig: Rig | None, tolerance_px: float, diagnostics: Diagnostics, logger: Any
-    ) -> None:
-        self._rig, self._tolerance_px = rig, tolerance_px
-        self._diagnostics, self._logger = diagnostics, logger
+    def __init__(self, node: PayloadNode[ReconstructionSettings]) -> None:
+        self._rig, self._tolerance_px = node.given.rig, node.given.camera_info_tolerance
+        self._diagnostics, self._logger = node.diagnostics, node.get_logger()
         self.wrong_calibration = ''
         self._camera_info: tuple[Any, ...] = ()
         self._info_came = False
         self._epipolar: deque[EpipolarCheck] = deque(maxlen=LAST)
         self._lights: deque[NDArray] = deque(maxlen=FLICKER_LAST)
         self._epipolar_trouble, self._turned = '', ''
-        self._check_due = 0.0
         self._aside = CheckAside()
-        self._worker = NewestWorker(
-            diagnostics, self._check_turn, 'the rig could not be checked', room=1, counts=False
+        self._worker = node.worker(
+            self._check_turn, 'the rig could not be checked', rest=_CHECK_PERIOD
         )
-        diagnostics.note('rig', rig.id if rig else 'none')
+        node.ending.callback(self._aside.end)
+        self._diagnostics.note('rig', self._rig.id if self._rig else 'none')
 
     @property
     def trouble(self) -> str:
@@ -87,17 +80,9 @@ class RigWatch:
             return
         self._camera_info = values
         self._diagnostics.note('camera_info', 'comes')
-        try:
-            self.wrong_calibration = ''
-            if lens is not None:
-                _compare(lens, self._rig.camera, self._tolerance_px)
-        except RigError as error:
-            self.wrong_calibration = str(error)
-
-    def end(self) -> None:
-        """End the check under way."""
-        self._aside.end()
-        self._worker.stop()
+        self.wrong_calibration = (
+            '' if lens is None else _difference(lens, self._rig.camera, self._tolerance_px)
+        )
 
     def pattern_changed(self) -> None:
         """Forget what clouds of another pattern told: of this rig, but not by these rows."""
@@ -105,24 +90,19 @@ class RigWatch:
 
     def look(self, pattern: Pattern, photograph: Photograph, measurement: Measurement) -> None:
         """Look at another photograph and its cloud."""
-        if not self._info_came:
-            self._warn_of_no_info()
-        self._note_flicker(photograph, measurement.cloud.points)
-        self._note_epipolar(measurement.epipolar)
-        if self._rig is not None and time.monotonic() >= self._check_due:
-            self._check_due = time.monotonic() + _CHECK_PERIOD
-            self._worker.put((self._rig, pattern, photograph, measurement.cloud.points))
-
-    def _warn_of_no_info(self) -> None:
-        without = "none came: the rig's own camera is believed"
-        self._diagnostics.note('camera_info', without)
-        self._logger.warning(f'camera_info: {without}', once=True)
-
-    def _note_flicker(self, photograph: Photograph, points: NDArray) -> None:
-        """Say how the light changes from photograph to photograph, and what to do if it does."""
         if self._rig is None:
             return
-        fall = fall_of_light(points, self._rig.projector_centre)
+        if not self._info_came:
+            without = "none came: the rig's own camera is believed"
+            self._diagnostics.note('camera_info', without)
+            self._logger.warning(f'camera_info: {without}', once=True)
+        self._note_flicker(self._rig, photograph, measurement.cloud.points)
+        self._note_epipolar(measurement.epipolar)
+        self._worker.put((self._rig, pattern, photograph, measurement.cloud.points))
+
+    def _note_flicker(self, rig: Rig, photograph: Photograph, points: NDArray) -> None:
+        """Say how the light changes from photograph to photograph, and what to do if it does."""
+        fall = fall_of_light(points, rig.projector_centre)
         self._lights.append(light_of(photograph) / fall)
         found = flicker(self._lights)
         if found is not None:
@@ -156,10 +136,10 @@ class RigWatch:
         self._turned = '' if found.holds else found.sentence
 
 
-def _compare(given: Lens, camera: Lens, tolerance_px: float) -> None:
-    """Raise `RigError` where camera_info's lens is another than the rig's."""
+def _difference(given: Lens, camera: Lens, tolerance_px: float) -> str:
+    """How camera_info's lens contradicts the rig's; empty if it does not."""
     if (given.width, given.height) != (camera.width, camera.height):
-        raise RigError(
+        return (
             f'camera_info says {given.width}x{given.height} pixels, the rig '
             f'{camera.width}x{camera.height}: use the rig of this camera'
         )
@@ -167,8 +147,9 @@ def _compare(given: Lens, camera: Lens, tolerance_px: float) -> None:
     pixels = np.stack([u, v], axis=-1)
     with np.errstate(all='ignore'):
         shift = np.abs(given.project(camera.rays(pixels)) - pixels).max()
-    if not shift <= tolerance_px:
-        raise RigError(
-            f"camera_info differs from the rig's camera by up to {shift:.1f} pixels "
-            f'(camera_info_tolerance is {tolerance_px:g}): use the rig of this camera'
-        )
+    if shift <= tolerance_px:
+        return ''
+    return (
+        f"camera_info differs from the rig's camera by up to {shift:.1f} pixels "
+        f'(camera_info_tolerance is {tolerance_px:g}): use the rig of this camera'
+    )

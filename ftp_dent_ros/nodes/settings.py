@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar
 
 from ftp_dent_ros.capture.aravis import GenicamSettings
 from ftp_dent_ros.capture.device import DeviceSettings
@@ -356,7 +356,7 @@ class ReconstructionSettings:
 
 
 @dataclass(frozen=True)
-class MavlinkBridgeSettings:
+class MavlinkBridgeSettings(VehicleSettings):
     """Of mavlink_bridge; `pose_timeout` changes while it runs."""
 
     address: str = setting(
@@ -454,7 +454,7 @@ class MavlinkBridgeSettings:
     earth: bool = setting(
         VehicleSettings.earth, "Whether the map's origin on the earth goes to the topic earth."
     )
-    position_source: str = setting(
+    position_source: Literal['gps', 'other'] = setting(
         VehicleSettings.position_source,
         'What the autopilot navigates by: gps, which is watched then (no tag without a new '
         'and good fix), or other (vision, motion capture).',
@@ -484,11 +484,6 @@ class MavlinkBridgeSettings:
         minimum=16,
         maximum=1920,
     )
-
-    def vehicle(self) -> VehicleSettings:
-        """Whom to believe and what to ask for."""
-        names = [each.name for each in fields(VehicleSettings)]
-        return VehicleSettings(**{name: getattr(self, name) for name in names})
 
 
 @dataclass(frozen=True)

@@ -243,16 +243,18 @@ def _usable(message: Message, content: Any) -> Any:
 
 
 def _bag_cloud(stamp_ns: int, parts: dict[str, Any]) -> BagCloud:
-    skin = parts.get(SKIN)
-    others = {'photograph': parts.get(PHOTOGRAPHS), 'skin': skin}
-    cloud, frame_id = parts[TAGGED if TAGGED in parts else POINTS]
-    cloud = cloud.with_skin(skin)
-    if TAGGED in parts:
-        vehicle, covariance, _ = parts[POSE]
-        return BagCloud(
-            stamp_ns, cloud, frame_id, False, vehicle=vehicle, covariance=covariance, **others
-        )
-    if CAMERA_POSE in parts:
-        pose, covariance, frame_id = parts[CAMERA_POSE]
-        return BagCloud(stamp_ns, cloud, frame_id, True, pose, pose, covariance, **others)
-    return BagCloud(stamp_ns, cloud, frame_id, True, **others)
+    in_camera = TAGGED not in parts
+    cloud, frame_id = parts[POINTS if in_camera else TAGGED]
+    located = parts.get(CAMERA_POSE if in_camera else POSE)
+    vehicle, covariance, frame = located or (None, None, frame_id)
+    return BagCloud(
+        stamp_ns,
+        cloud.with_skin(parts.get(SKIN)),
+        frame if in_camera else frame_id,
+        in_camera,
+        pose=vehicle if in_camera else None,
+        vehicle=vehicle,
+        covariance=covariance,
+        photograph=parts.get(PHOTOGRAPHS),
+        skin=parts.get(SKIN),
+    )

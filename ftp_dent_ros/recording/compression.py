@@ -27,6 +27,7 @@ from ftp_dent_ros.recording.topic import (
     CODED,
     Message,
     RecordedTopic,
+    deserialise,
     find_definition,
     type_hash,
     typestore,
@@ -51,7 +52,7 @@ class CompressedBagWriter(BagWriter):
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
         self._given: dict[str, RecordedTopic] = {}
-        self._lenses: dict[str, Lens] = {}
+        self._lenses: dict[str, Lens | None] = {}
 
     def add_topic(self, topic: RecordedTopic) -> None:
         """As `BagWriter.add_topic`; how a cloud or picture is stored its messages say."""
@@ -65,17 +66,19 @@ class CompressedBagWriter(BagWriter):
         super().write(map(self._coded, messages))
 
     def _coded(self, message: Message) -> Message:
-        if message.type == _INFO:
-            self._learn(message)
         topic = self._given.get(message.topic)
-        if topic is None:
-            return message
         try:
-            given: Any = typestore().deserialize_cdr(message.data, message.type)
+            if message.type == _INFO:
+                info = deserialise(message.data, _INFO)
+                self._lenses[info.header.frame_id] = lens_from_message(info)
+            if topic is None:
+                return message
+            given = deserialise(message.data, message.type)
             code = self._code_cloud if message.type == _CLOUD else self._code_picture
             form, data = code(given)
         except (InputError, ValueError, TypeError, AssertionError, KeyError, cv2.error):
-            super().add_topic(topic)
+            if topic is not None:
+                super().add_topic(topic)
             return message
         store = typestore()
         coded = store.types[_CODED](
@@ -85,15 +88,6 @@ class CompressedBagWriter(BagWriter):
         super().add_topic(_topic(name, _CODED, topic))
         raw = bytes(store.serialize_cdr(coded, _CODED))
         return message._replace(topic=name, type=_CODED, data=raw)
-
-    def _learn(self, message: Message) -> None:
-        info: Any = typestore().deserialize_cdr(message.data, _INFO)
-        try:
-            lens = lens_from_message(info)
-        except InputError:
-            return
-        if lens is not None:
-            self._lenses[info.header.frame_id] = lens
 
     def _code_cloud(self, message: Any) -> tuple[str, bytes]:
         count = len(message.fields)
@@ -152,7 +146,7 @@ def decoded(message: Message, name: str) -> Message:
     """
     store = typestore()
     try:
-        given: Any = store.deserialize_cdr(message.data, _CODED)
+        given = deserialise(message.data, _CODED)
         match = _FORMAT.fullmatch(given.format)
         if match is None:
             raise BagError(f'{message.topic} holds {given.format!r}, which is not known here')

@@ -11,23 +11,40 @@ import os
 from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from mcap.reader import SeekingReader
 from mcap.records import Channel, Schema
+from mcap.writer import MCAP0_MAGIC as MAGIC
 
 from ftp_dent_ros.errors import BagError
 from ftp_dent_ros.recording.topic import CODED, Message, RecordedTopic, deserialise, qos_from
-from ftp_dent_ros.recording.writer import (
-    MAGIC,
-    METADATA_FILE,
-    NO_TIME_NS,
-    BagFile,
-    BagMetadata,
-)
+from ftp_dent_ros.recording.writer import METADATA_FILE, NO_TIME_NS
 from ftp_dent_ros.yaml_file import read_yaml
+
+
+@dataclass(frozen=True)
+class BagMetadata:
+    """What a bag says about itself.
+
+    A topic's name is there twice if messages of two types were recorded of it.
+
+    Attributes
+    ----------
+    topics : tuple of RecordedTopic
+    message_counts : mapping of str to int
+        By topic.
+    start_ns : int
+        Log time of the first message, ns since the epoch; `NO_TIME_NS` if there is none.
+    custom_data : mapping of str to str
+    """
+
+    topics: tuple[RecordedTopic, ...]
+    message_counts: Mapping[str, int]
+    start_ns: int = NO_TIME_NS
+    custom_data: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -113,8 +130,8 @@ def open_bag(path: str | os.PathLike[str]) -> Bag:
     path = Path(path)
     if not path.exists():
         raise BagError(f'{path}: no such bag: check the path')
-    files, distro, custom = ([path], '', {}) if not path.is_dir() else _read_metadata(path)
-    metadata = replace(_metadata(files), ros_distro=distro, custom_data=custom)
+    files, custom = _read_metadata(path) if path.is_dir() else ([path], {})
+    metadata = replace(_metadata(files), custom_data=custom)
     coded: Mapping[str, str] = {}
     if any(topic.name.endswith(CODED) for topic in metadata.topics):
         from ftp_dent_ros.recording.compression import plain_topics
@@ -158,8 +175,8 @@ def topic_from(channel: Channel, schema: Schema | None) -> RecordedTopic:
     )
 
 
-def _read_metadata(folder: Path) -> tuple[list[Path], str, dict[str, str]]:
-    """Files of a bag's folder, the ROS distribution that wrote it, and its custom data."""
+def _read_metadata(folder: Path) -> tuple[list[Path], dict[str, str]]:
+    """Files of a bag's folder, and its custom data."""
     path = folder / METADATA_FILE
     if not path.is_file():
         if not any(folder.glob('*.mcap')):
@@ -174,8 +191,7 @@ def _read_metadata(folder: Path) -> tuple[list[Path], str, dict[str, str]]:
         storage, mode = information['storage_identifier'], information.get('compression_mode', '')
         # Before version 4 the names included the bag's own folder.
         files = [folder / Path(name).name for name in information['relative_file_paths']]
-        distro = str(information.get('ros_distro') or '')
-        custom = dict(information.get('custom_data') or {})
+        given = dict(information.get('custom_data') or {})
     except (KeyError, TypeError, ValueError, AttributeError) as reason:
         raise BagError(
             f'{path}: not a rosbag2 metadata file ({type(reason).__name__}: {reason}): '
@@ -186,14 +202,14 @@ def _read_metadata(folder: Path) -> tuple[list[Path], str, dict[str, str]]:
             f'{folder}: stored as {storage} {mode}'.rstrip()
             + ', and only MCAP is read here: convert it with `ros2 bag convert`'
         )
-    return files, distro, {str(name): str(value) for name, value in custom.items()}
+    return files, {str(name): str(value) for name, value in given.items()}
 
 
 def _metadata(files: Sequence[Path]) -> BagMetadata:
     """What the ends of the files say."""
     counts: dict[str, int] = defaultdict(int)
     topics: dict[tuple[str, str], RecordedTopic] = {}
-    described = []
+    start_ns = NO_TIME_NS
     for path in files:
         with _whole_file(path) as reader:
             summary = reader.get_summary()
@@ -203,11 +219,9 @@ def _metadata(files: Sequence[Path]) -> BagMetadata:
                 topic = topic_from(channel, summary.schemas.get(channel.schema_id))
                 topics.setdefault((topic.name, topic.type), topic)
                 counts[topic.name] += summary.statistics.channel_message_counts.get(channel.id, 0)
-        count = summary.statistics.message_count
-        start_ns = summary.statistics.message_start_time
-        duration_ns = summary.statistics.message_end_time - start_ns
-        described.append(BagFile(path.name, start_ns if count else NO_TIME_NS, duration_ns, count))
-    return BagMetadata(tuple(described), tuple(topics.values()), dict(counts))
+        if summary.statistics.message_count:
+            start_ns = min(start_ns, summary.statistics.message_start_time)
+    return BagMetadata(tuple(topics.values()), dict(counts), start_ns)
 
 
 @contextmanager
@@ -222,11 +236,8 @@ def _whole_file(path: Path) -> Iterator[SeekingReader]:
         if head != MAGIC:
             what = 'not an MCAP file' if head else 'an empty file'
             raise BagError(f'{path}: {what}: there is nothing to read in it')
-        stream.seek(-len(MAGIC), os.SEEK_END)
+        stream.seek(0)
         try:
-            if stream.read() != MAGIC:
-                raise ValueError('it has no end')
-            stream.seek(0)
             size = path.stat().st_size
             yield SeekingReader(stream, validate_crcs=True, record_size_limit=size)
         except BagError as error:

@@ -16,11 +16,12 @@ from pathlib import Path
 from mcap.records import Channel, Chunk, Footer, McapRecord, Schema
 from mcap.records import Message as MessageRecord
 from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.writer import MCAP0_MAGIC as MAGIC
 
 from ftp_dent_ros.errors import BagError
 from ftp_dent_ros.recording.reader import topic_from
 from ftp_dent_ros.recording.topic import Message, RecordedTopic
-from ftp_dent_ros.recording.writer import MAGIC, BagWriter
+from ftp_dent_ros.recording.writer import BagWriter
 
 
 @dataclass

@@ -1,10 +1,10 @@
-"""What a bag holds: messages, topics with type and quality of service, and which are wanted."""
+"""What a bag holds: messages, and topics with name, type and quality of service."""
 
 from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -194,53 +194,23 @@ def _names_in(field: Any) -> Iterator[str]:
         yield from _names_in(content[0])
 
 
-@dataclass(frozen=True)
-class Selection:
-    """Topics chosen by name or by regular expression, as ``ros2 bag`` does it.
-
-    Attributes
-    ----------
-    names : tuple of str
-        Wanted in any case; a name without a leading slash is taken from the root namespace.
-    everything : bool
-        All topics, but not hidden ones (a part of the name begins with ``_``).
-    regex : str
-        Searched for in the names of topics that are not hidden; '' for none.
+def absolute_names(names: Iterable[str]) -> tuple[str, ...]:
+    """Names of topics, each once; one without a leading slash is taken from the root namespace.
 
     Raises
     ------
     ConfigurationError
-        A name or an expression is malformed.
+        One is no name of a topic.
     """
-
-    names: tuple[str, ...] = ()
-    everything: bool = False
-    regex: str = ''
-
-    def __post_init__(self) -> None:
-        try:
-            re.compile(self.regex)
-        except re.error as reason:
+    absolute = [name if name.startswith('/') else f'/{name}' for name in names]
+    for name in absolute:
+        if not _NAME.fullmatch(name):
             raise ConfigurationError(
-                f'{self.regex!r} is no regular expression ({reason}): correct it'
-            ) from None
+                f'{name!r} is no name of a topic: give letters, digits, _ and / alone'
+            )
+    return tuple(dict.fromkeys(absolute))
 
-    @classmethod
-    def of(cls, names: Sequence[str], **others: bool | str) -> Selection:
-        """Selection with the names made absolute."""
-        absolute = [name if name.startswith('/') else f'/{name}' for name in names]
-        for name in absolute:
-            if not _NAME.fullmatch(name):
-                raise ConfigurationError(
-                    f'{name!r} is no name of a topic: give letters, digits, _ and / alone, or a '
-                    'regular expression with --regex'
-                )
-        return cls(tuple(dict.fromkeys(absolute)), **others)  # type: ignore[arg-type]
 
-    def wants(self, topic: str) -> bool:
-        """Whether a topic is chosen."""
-        if topic in self.names:
-            return True
-        hidden = any(part.startswith('_') for part in topic.split('/'))
-        matches = self.everything or bool(self.regex and re.search(self.regex, topic))
-        return matches and not hidden
+def is_hidden(name: str) -> bool:
+    """Whether ROS hides a topic: a part of the name begins with ``_``."""
+    return any(part.startswith('_') for part in name.split('/'))

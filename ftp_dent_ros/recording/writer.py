@@ -10,11 +10,9 @@ import os
 import threading
 import time
 from collections import defaultdict, deque
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import yaml
@@ -25,7 +23,6 @@ from ftp_dent_ros.errors import BagError
 from ftp_dent_ros.files import write_atomically
 from ftp_dent_ros.recording.topic import Message, RecordedTopic, qos_to_list
 
-MAGIC = b'\x89MCAP0\r\n'
 METADATA_FILE = 'metadata.yaml'
 # rosbag2 gives a bag without messages this starting time.
 NO_TIME_NS = 2**63 - 1
@@ -33,84 +30,7 @@ NO_TIME_NS = 2**63 - 1
 _CHUNK = 1 << 20
 
 
-@dataclass(frozen=True)
-class BagFile:
-    """One file of a bag: its name in the bag's folder, and its part of the time."""
-
-    path: str
-    start_ns: int
-    duration_ns: int
-    message_count: int
-
-
-@dataclass(frozen=True)
-class BagMetadata:
-    """What a bag says about itself.
-
-    A topic's name is there twice if messages of two types were recorded of it.
-    """
-
-    files: tuple[BagFile, ...]
-    topics: tuple[RecordedTopic, ...]
-    message_counts: Mapping[str, int]
-    ros_distro: str = ''
-    custom_data: Mapping[str, str] = field(default_factory=dict)
-
-    @property
-    def message_count(self) -> int:
-        """Number of messages in all files."""
-        return sum(file.message_count for file in self.files)
-
-    @property
-    def start_ns(self) -> int:
-        """Log time of the first message, in ns since the epoch (`NO_TIME_NS` if none)."""
-        return min((file.start_ns for file in self.files), default=NO_TIME_NS)
-
-    @property
-    def duration_ns(self) -> int:
-        """Time from the first message to the last."""
-        ends = [file.start_ns + file.duration_ns for file in self.files if file.message_count]
-        return max(ends) - self.start_ns if ends else 0
-
-    def to_mapping(self) -> dict[str, Any]:
-        """Content of ``rosbag2_bagfile_information``, version 9 (ROS 2 Jazzy)."""
-        return {
-            'version': 9,
-            'storage_identifier': 'mcap',
-            'duration': {'nanoseconds': self.duration_ns},
-            'starting_time': {'nanoseconds_since_epoch': self.start_ns},
-            'message_count': self.message_count,
-            'topics_with_message_count': [
-                {
-                    'topic_metadata': {
-                        'name': topic.name,
-                        'type': topic.type,
-                        'serialization_format': 'cdr',
-                        'offered_qos_profiles': qos_to_list(topic.offered_qos),
-                        'type_description_hash': topic.type_hash,
-                    },
-                    'message_count': self.message_counts.get(topic.name, 0),
-                }
-                for topic in self.topics
-            ],
-            'compression_format': '',
-            'compression_mode': '',
-            'relative_file_paths': [file.path for file in self.files],
-            'files': [
-                {
-                    'path': file.path,
-                    'starting_time': {'nanoseconds_since_epoch': file.start_ns},
-                    'duration': {'nanoseconds': file.duration_ns},
-                    'message_count': file.message_count,
-                }
-                for file in self.files
-            ],
-            'custom_data': dict(self.custom_data) or None,
-            'ros_distro': self.ros_distro,
-        }
-
-
-class BagWriter:
+class BagWriter(AbstractContextManager['BagWriter']):
     """Writes a new bag: ``FOLDER/NAME_0.mcap``, at last ``FOLDER/metadata.yaml``.
 
     The file is of profile ``ros2``, uncompressed, with checksums and an index. Every message that
@@ -188,11 +108,13 @@ class BagWriter:
     def write(self, messages: Iterable[Message]) -> None:
         """Write messages of known topics; when it returns, the kernel has them."""
         batch: list[Message] = []
+        size = 0
         for message in messages:
             batch.append(message)
-            if sum(len(each.data) for each in batch) >= _CHUNK:
+            size += len(message.data)
+            if size >= _CHUNK:
                 self._write(batch)
-                batch = []
+                batch, size = [], 0
         if batch:
             self._write(batch)
 
@@ -201,32 +123,22 @@ class BagWriter:
         with self._disk():
             self._stream.sync()
 
-    def close(self) -> BagMetadata:
+    def close(self) -> None:
         """Close the file and write ``metadata.yaml``: the bag is whole."""
         with self._disk():
             for topic in self.topics:
                 self._channel(topic)
-            metadata = self._metadata()
-            content = {'rosbag2_bagfile_information': metadata.to_mapping()}
-            serialised = _yaml(metadata.to_mapping())
-            self._writer.add_metadata('rosbag2', {'serialized_metadata': serialised})
+            information = self._information()
+            self._writer.add_metadata('rosbag2', {'serialized_metadata': _yaml(information)})
             self._writer.finish()
             self._stream.flush()
             self._stream.sync()
             self._stream.close()
             with write_atomically(self.folder / METADATA_FILE) as path:
-                path.write_text(_yaml(content), encoding='utf-8')
-        return metadata
+                content = _yaml({'rosbag2_bagfile_information': information})
+                path.write_text(content, encoding='utf-8')
 
-    def __enter__(self) -> BagWriter:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is None:
             self.close()
         else:
@@ -264,13 +176,38 @@ class BagWriter:
             )
         return self._channels[topic.name]
 
-    def _metadata(self) -> BagMetadata:
-        # Where no ROS is sourced it is that of the wheels.
-        distro = os.environ.get('ROS_DISTRO') or 'jazzy'
-        duration_ns = max(0, self._end_ns - self._start_ns)
-        file = BagFile(self._path.name, self._start_ns, duration_ns, self.message_count)
-        counts = dict(self.message_counts)
-        return BagMetadata((file,), self.topics, counts, distro, self.custom_data)
+    def _information(self) -> dict[str, Any]:
+        """Content of ``rosbag2_bagfile_information``, version 9 (ROS 2 Jazzy)."""
+        times = {
+            'starting_time': {'nanoseconds_since_epoch': self._start_ns},
+            'duration': {'nanoseconds': max(0, self._end_ns - self._start_ns)},
+            'message_count': self.message_count,
+        }
+        return {
+            'version': 9,
+            'storage_identifier': 'mcap',
+            **times,
+            'topics_with_message_count': [
+                {
+                    'topic_metadata': {
+                        'name': topic.name,
+                        'type': topic.type,
+                        'serialization_format': 'cdr',
+                        'offered_qos_profiles': qos_to_list(topic.offered_qos),
+                        'type_description_hash': topic.type_hash,
+                    },
+                    'message_count': self.message_counts[topic.name],
+                }
+                for topic in self.topics
+            ],
+            'compression_format': '',
+            'compression_mode': '',
+            'relative_file_paths': [self._path.name],
+            'files': [{'path': self._path.name, **times}],
+            'custom_data': self.custom_data or None,
+            # Where no ROS is sourced it is that of the wheels.
+            'ros_distro': os.environ.get('ROS_DISTRO') or 'jazzy',
+        }
 
     @contextmanager
     def _disk(self) -> Iterator[None]:

@@ -31,13 +31,15 @@ _POINT = np.dtype([(name, '<f4') for name in _FLOATS] + [(name, '<u4') for name 
 
 # By kind; RViz needs an alpha.
 _COLOURS = {
-    'dent': (0.88, 0.08, 0.16, 1.0),
-    'bump': (0.1, 0.4, 0.8, 1.0),
-    'step': (0.5, 0.5, 0.5, 1.0),
-    'crease': (0.8, 0.1, 0.7, 1.0),
-    'gouge': (0.9, 0.5, 0.0, 1.0),
-    'other': (0.6, 0.6, 0.1, 1.0),
+    'dent': ColorRGBA(r=0.88, g=0.08, b=0.16, a=1.0),
+    'bump': ColorRGBA(r=0.1, g=0.4, b=0.8, a=1.0),
+    'step': ColorRGBA(r=0.5, g=0.5, b=0.5, a=1.0),
+    'crease': ColorRGBA(r=0.8, g=0.1, b=0.7, a=1.0),
+    'gouge': ColorRGBA(r=0.9, g=0.5, b=0.0, a=1.0),
+    'other': ColorRGBA(r=0.6, g=0.6, b=0.1, a=1.0),
 }
+_MEASURED = ColorRGBA(r=0.1, g=0.65, b=0.3, a=0.45)
+_GAP = ColorRGBA(r=0.95, g=0.1, b=0.1, a=0.9)
 
 
 def dents_to_message(entries: Sequence[ListedDent], stamp_ns: int, frame_id: str) -> PointCloud2:
@@ -108,7 +110,7 @@ def dents_to_markers(entries: Sequence[ListedDent], stamp_ns: int, frame_id: str
         dent = entry.dent
         if len(dent.outline):
             outline = _marker(header, 'outlines', entry.number, Marker.LINE_STRIP)
-            outline.color = _colour(_COLOURS[dent.kind])
+            outline.color = _COLOURS[dent.kind]
             # Metres: as wide, and as far above the skin.
             outline.scale.x = 0.0015
             closed = np.concatenate([dent.outline, dent.outline[:1]])
@@ -117,7 +119,7 @@ def dents_to_markers(entries: Sequence[ListedDent], stamp_ns: int, frame_id: str
         text = f'{entry.number}: {dent.depth.value * 1e3:.2f} mm'
         text += '' if dent.kind == 'dent' else f' ({dent.kind})'
         label = _marker(header, 'depths', entry.number, Marker.TEXT_VIEW_FACING, text, 0.02)
-        label.color = _colour(_COLOURS[dent.kind])
+        label.color = _COLOURS[dent.kind]
         label.pose.position = _point(dent.position + 0.02 * dent.normal)
         markers.append(label)
     return MarkerArray(markers=markers)
@@ -128,24 +130,24 @@ def coverage_to_markers(seen: SeenSkin, stamp_ns: int, frame_id: str) -> MarkerA
 
     Its first marker deletes all that were there before; of the gaps, the 20 largest have a label.
     """
-    header, red = make_header(stamp_ns, frame_id), (0.95, 0.1, 0.1, 0.9)
+    header = make_header(stamp_ns, frame_id)
     markers = [Marker(header=header, action=Marker.DELETEALL)]
     for name, mask, colour in (
-        ('measured', seen.measured, (0.1, 0.65, 0.3, 0.45)),
-        ('gaps', seen.gap_mask(), red),
+        ('measured', seen.measured, _MEASURED),
+        ('gaps', seen.gap_mask(), _GAP),
     ):
         corners = seen.strips(mask)
         if len(corners):
             marker = _marker(header, name, 0, Marker.TRIANGLE_LIST)
             marker.scale = Vector3(x=1.0, y=1.0, z=1.0)
-            marker.color = _colour(colour)
+            marker.color = colour
             # Two triangles of a strip's four corners.
             marker.points = [_point(e) for e in corners[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)]
             markers.append(marker)
     for number, gap in enumerate(seen.gaps[:20]):
         text = 'not measured: {:.0f} x {:.0f} mm'.format(*(gap.size * 1e3))
         label = _marker(header, 'sizes', number, Marker.TEXT_VIEW_FACING, text, 0.03)
-        label.color = _colour(red)
+        label.color = _GAP
         label.pose.position = _point(seen.skin.points(gap.place, 0.03))
         markers.append(label)
     return MarkerArray(markers=markers)
@@ -159,11 +161,6 @@ def _marker(
     marker.scale.z = height
     marker.pose.orientation.w = 1.0
     return marker
-
-
-def _colour(values: tuple[float, float, float, float]) -> ColorRGBA:
-    red, green, blue, alpha = values
-    return ColorRGBA(r=red, g=green, b=blue, a=alpha)
 
 
 def _point(values: NDArray) -> Point:

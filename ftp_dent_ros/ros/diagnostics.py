@@ -98,16 +98,11 @@ class Diagnostics:
         self._statistics, self._troubles = Statistics(), Statistics()
         self._troubles.totals.update(refused=0, failed=0)
         self._notes: dict[str, str] = {}
-        self._sources: list[str] = []
         self._last = {'refused': '', 'failed': ''}
         self._logged: dict[str, float] = {}
         self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS)
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = node.create_timer(1.0, self._publish, clock=clock)
-
-    def expect_one(self, topic: str) -> None:
-        """Warn from now on where a topic has several publishers, whose messages would mix."""
-        self._sources.append(topic)
 
     def count(self, name: str) -> None:
         """Count one `name` ('images', say): its total and rate are shown."""
@@ -117,8 +112,16 @@ class Diagnostics:
         """Add a duration ('latency', say): its median and maximum are shown."""
         self._statistics.add(name, seconds)
 
-    def measure_latency(self, stamp_ns: int) -> None:
-        """Add the time since an exposure, by the node's clock, unless it is of a recording."""
+    @contextmanager
+    def timed(self, done: str, stamp_ns: int) -> Iterator[None]:
+        """Count what the block has `done`, how long it took, and how long ago its exposure was.
+
+        Nothing is counted of what raises.
+        """
+        started = time.monotonic()
+        yield
+        self.count(done)
+        self.measure('computation', time.monotonic() - started)
         latency = (self._node.get_clock().now().nanoseconds - stamp_ns) / 1e9
         if 0 <= latency < _LONGEST_LATENCY:
             self.measure('latency', latency)
@@ -138,10 +141,6 @@ class Diagnostics:
         self._last['refused'] = f'{reason}: {sentence}'
         if self._is_due(reason):
             self._node.get_logger().warning(f'refused, {reason}: {sentence}')
-
-    def drop(self) -> None:
-        """Something that came was not worked on, as something newer was there before its turn."""
-        self.count('dropped')
 
     def fail(self, sentence: str) -> None:
         """Something does not work; the level is ERROR for ten seconds."""
@@ -168,18 +167,11 @@ class Diagnostics:
         except CameraError as error:
             self.fail(str(error))
         except Exception as error:
-            self.fail_by_defect(what, error)
-
-    def fail_by_defect(self, what: str, error: Exception) -> None:
-        """Something could not be done, though nothing that was given is wrong with it.
-
-        To be called while the error is handled: where it comes from goes into the log.
-        """
-        self.fail(
-            f'{what}, by a defect of the software ({type(error).__name__}: {error}): report it '
-            'with the log'
-        )
-        self._node.get_logger().debug(traceback.format_exc())
+            self.fail(
+                f'{what}, by a defect of the software ({type(error).__name__}: {error}): report '
+                'it with the log'
+            )
+            self._node.get_logger().debug(traceback.format_exc())
 
     def recent(self, name: str) -> int:
         """How many `name` there were in the last ten seconds."""
@@ -201,14 +193,6 @@ class Diagnostics:
                     f'{drops} dropped in 10 s: more comes than there is time for, lower its rate'
                 )
             message = '; '.join(troubles)
-        for topic in self._sources if level == OK else ():
-            publishers = self._node.count_publishers(topic)
-            if publishers > 1:
-                level = WARN
-                message = (
-                    f'{topic} has {publishers} publishers, whose messages mix: end all but one '
-                    '(one that was killed counts for 5 s)'
-                )
         troubles_ever = {name: str(total) for name, total in list(self._troubles.totals.items())}
         values = {**self._notes, **self._statistics.shown(), **troubles_ever}
         return DiagnosticStatus(

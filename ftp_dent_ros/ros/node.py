@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import sys
 import threading
+import time
 import traceback
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from contextlib import ExitStack
 from typing import Generic, TypeVar
 
 import rclpy
-from rclpy.executors import Executor, MultiThreadedExecutor, SingleThreadedExecutor
+from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
@@ -36,12 +38,7 @@ class ThreadedExecutor(MultiThreadedExecutor):
         return bool(super().shutdown(0)) and not ended.is_alive()
 
 
-def run(
-    make_node: Callable[[], Node],
-    name: str,
-    arguments: Sequence[str] | None = None,
-    threads: int = 1,
-) -> int:
+def run(make_node: Callable[[], Node], name: str, threads: int = 1) -> int:
     """Run a node until SIGINT, SIGTERM or SIGHUP.
 
     An exception of a callback is logged and the node goes on: a message from anywhere must not
@@ -53,8 +50,6 @@ def run(
         The node's class.
     name : str
         Name of the executable, for messages.
-    arguments : sequence of str, optional
-        ``sys.argv`` by default.
     threads : int
         More than one for a node with a callback that waits.
 
@@ -65,16 +60,22 @@ def run(
         stderr).
     """
     stop = stop_event()
-    node: Node | None = None
-    executor: Executor | None = None
-    try:
-        # Not rclpy's own handlers: they end the context while threads still publish.
-        rclpy.init(
-            args=None if arguments is None else list(arguments),
-            signal_handler_options=SignalHandlerOptions.NO,
-        )
+    with ExitStack() as ending:
+        try:
+            # Not rclpy's own handlers: they end the context while threads still publish.
+            rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+            ending.callback(rclpy.try_shutdown)
+            node = make_node()
+        except Exception as error:
+            # Of ours, or rclpy's: of arguments, of a QoS override or of the environment.
+            known = isinstance(error, (FtpDentError, RuntimeError))
+            if not known and not type(error).__module__.startswith('rclpy'):
+                raise
+            print(f'{name}: {str(error).splitlines()[0]}', file=sys.stderr)
+            return 2
+        ending.callback(node.destroy_node)
         executor = SingleThreadedExecutor() if threads == 1 else ThreadedExecutor(threads)
-        node = make_node()
+        ending.callback(executor.shutdown, 2.0)  # for a callback that waits
         executor.add_node(node)
         while rclpy.ok() and not stop.is_set():
             try:
@@ -83,26 +84,7 @@ def run(
                 node.get_logger().error(
                     f'unexpected {type(error).__name__}: {error}\n{traceback.format_exc()}'
                 )
-    except FtpDentError as error:
-        print(f'{name}: {error}', file=sys.stderr)
-        return 2
-    except Exception as error:
-        if node is not None or not _is_of_rclpy(error):
-            raise
-        print(f'{name}: {str(error).splitlines()[0]}', file=sys.stderr)
-        return 2
-    finally:
-        if executor is not None:
-            executor.shutdown(2.0)  # for a callback that waits
-        if node is not None:
-            node.destroy_node()
-        rclpy.try_shutdown()
     return 0
-
-
-def _is_of_rclpy(error: Exception) -> bool:
-    """Whether rclpy complains: of arguments, of a QoS override or of the environment."""
-    return isinstance(error, RuntimeError) or type(error).__module__.startswith('rclpy')
 
 
 class NewestWorker(Generic[Item]):
@@ -111,14 +93,16 @@ class NewestWorker(Generic[Item]):
     Parameters
     ----------
     diagnostics : Diagnostics
-        Told what the function raises.
+        Told what is dropped, and what the function raises.
     work : callable
     what : str
         Could not be done, in a sentence on a defect of the software.
     room : int
         How many may wait.
-    counts : bool
-        Whether what is dropped is told, too.
+    rest : float
+        Seconds from one item to the next at least, for what grows with a flight and is made of
+        the newest state alone: that rests for 20 times as long as it worked, too, and what is
+        replaced meanwhile is no loss. 0 for every item in its turn.
     """
 
     def __init__(
@@ -127,13 +111,12 @@ class NewestWorker(Generic[Item]):
         work: Callable[[Item], None],
         what: str,
         room: int = WAITING,
-        *,
-        counts: bool = True,
+        rest: float = 0.0,
     ) -> None:
         self._diagnostics, self._work, self._what = diagnostics, work, what
-        self._counts = counts
+        self._rest = rest
         self._changed = threading.Condition()
-        self._waiting: deque[tuple[int, Item]] = deque(maxlen=room)
+        self._waiting: deque[tuple[int, Item]] = deque(maxlen=1 if rest else room)
         self._last = 0
         self._working: int | None = None
         self._stopped = self._finishing = False
@@ -147,8 +130,8 @@ class NewestWorker(Generic[Item]):
     def put(self, item: Item) -> None:
         """Hand over an item; the oldest that nobody had taken may be dropped for it."""
         with self._changed:
-            if self._counts and len(self._waiting) == self._waiting.maxlen:
-                self._diagnostics.drop()
+            if len(self._waiting) == self._waiting.maxlen and not self._rest:
+                self._diagnostics.count('dropped')
             self._last += 1
             self._waiting.append((self._last, item))
             self._changed.notify_all()
@@ -173,13 +156,18 @@ class NewestWorker(Generic[Item]):
         return self._waiting[0][0] if self._waiting else self._last + 1
 
     def _run(self) -> None:
+        rest = 0.0
         while True:
             with self._changed:
                 self._working = None
                 self._changed.notify_all()
+                self._changed.wait_for(lambda: self._stopped, rest)
                 self._changed.wait_for(lambda: self._waiting or self._stopped)
                 if self._stopped and not (self._finishing and self._waiting):
                     return
                 self._working, item = self._waiting.popleft()
+            started = time.monotonic()
             with self._diagnostics.guarded(self._what):
                 self._work(item)
+            if self._rest:
+                rest = max(self._rest, 20 * (time.monotonic() - started))

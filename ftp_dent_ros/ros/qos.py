@@ -3,8 +3,8 @@
 Everything is reliable: with best effort most messages above half a megabyte are lost between
 processes. Images and clouds keep the newest eight: a process of a busy computer stands still for
 a second now and then, and what has been replaced before it was sent or taken is lost for good.
-Nodes that are too slow leave out by themselves what is too old, and say so. Each can be
-changed by parameters named ``qos_overrides.TOPIC...`` where the topic is made with `OVERRIDABLE`.
+Nodes that are too slow leave out by themselves what is too old, and say so. What a node hears, and
+the images and clouds that it publishes, can be changed by parameters ``qos_overrides.TOPIC...``.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
@@ -44,6 +44,7 @@ def session(name: str, arguments: Sequence[str] = ()) -> Iterator[tuple[Node, th
         stop_event_meanwhile() as stop,
         transport.profile() as variables,
         transport.environment_of(variables),
+        ExitStack() as ending,
     ):
         try:
             rclpy.init(
@@ -54,14 +55,10 @@ def session(name: str, arguments: Sequence[str] = ()) -> Iterator[tuple[Node, th
             raise ConfigurationError(
                 f'{" ".join(arguments)}: not understood by ROS ({why}): correct it'
             ) from None
-        try:
-            node = Node(name, enable_rosout=False, start_parameter_services=False)
-            try:
-                yield node, stop
-            finally:
-                node.destroy_node()
-        finally:
-            rclpy.try_shutdown()
+        ending.callback(rclpy.try_shutdown)
+        node = Node(name, enable_rosout=False, start_parameter_services=False)
+        ending.callback(node.destroy_node)
+        yield node, stop
 
 
 def check_parameters(entries: Iterable[NodeEntry]) -> None:
@@ -121,17 +118,13 @@ def alive(names: Collection[str]) -> set[str]:
         executor.add_node(node)
         start = time.monotonic()
         longest = 2.0  # in which participants on one network find each other
-        try:
-            while not stop.is_set() and time.monotonic() < start + longest:
-                executor.spin_once(timeout_sec=0.1)
-                if heard & wanted:
-                    break
-                found = node.get_node_names_and_namespaces()
-                if wanted & {f'{namespace}/{name}'.strip('/') for name, namespace in found}:
-                    # A node that lives states so every second; a killed one is named for longer.
-                    longest = 3.0
-        finally:
-            executor.shutdown()
+        while not (stop.is_set() or heard & wanted) and time.monotonic() < start + longest:
+            executor.spin_once(timeout_sec=0.1)
+            found = node.get_node_names_and_namespaces()
+            if wanted & {f'{namespace}/{name}'.strip('/') for name, namespace in found}:
+                # A node that lives states so every second; a killed one is named for longer.
+                longest = 3.0
+        executor.shutdown()
         if stop.is_set():
             raise KeyboardInterrupt
     return heard & wanted

@@ -10,10 +10,9 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import TextIO
 
 from ftp_dent_ros.errors import ConfigurationError
@@ -46,7 +45,7 @@ class EndedProgram:
         return f'{self.program.name} ended with status {self.status}'
 
 
-class Processes:
+class Processes(AbstractContextManager['Processes']):
     """Running programs, each in a process group of its own, so that Ctrl-C reaches us alone.
 
     Leaving the ``with`` block stops all. If this process dies in whatever way, the kernel sends
@@ -74,10 +73,6 @@ class Processes:
     def names(self) -> tuple[str, ...]:
         """Names of the programs that run, or ended without having been reported yet."""
         return tuple(self._running)
-
-    def pid(self, name: str) -> int:
-        """Process id of a program in `names`."""
-        return self._running[name].process.pid
 
     def start(self, program: Program) -> None:
         """Start a program; no other of its name may be running."""
@@ -143,15 +138,7 @@ class Processes:
             running.close()
         return {each.program.name: each.process.wait() for each in asked}
 
-    def __enter__(self) -> Processes:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.stop()
 
     def _read(self, program: Program, process: subprocess.Popen[str]) -> None:
@@ -179,32 +166,33 @@ class _Running:
             self.process.stdout.close()
 
 
-class Respawn:
-    """Policy for one process: restarted however it ends, but not with wrong parameters.
+def respawn_delay(
+    status: int, seconds: float, before: float = 0.0, first: float = 1.0
+) -> float | None:
+    """When a process that has ended is restarted: however it ends, but not with wrong parameters.
 
     What ran for longer than ten seconds is restarted at once: it had what it needed, and the
     flight goes on without it meanwhile. What ends sooner waits, twice as long each time, up to
     half a minute.
+
+    Parameters
+    ----------
+    status : int
+    seconds : float
+        That it ran for.
+    before, first : float
+        The delay of its last restart, and that of the first of several.
+
+    Returns
+    -------
+    float or None
+        Seconds; None if it is not started again, for it would end in the same way.
     """
-
-    def __init__(self, first_delay: float = 1.0) -> None:
-        self._first = self._next = first_delay
-
-    def delay(self, status: int, seconds: float) -> float | None:
-        """Seconds until a process that ended after running for `seconds` is started again.
-
-        Returns
-        -------
-        float or None
-            None if it is not: it would end in the same way.
-        """
-        if status == WRONG_PARAMETERS:
-            return None
-        if seconds > 10.0:
-            self._next = self._first
-            return 0.0
-        delay, self._next = self._next, min(2.0 * self._next, 30.0)
-        return delay
+    if status == WRONG_PARAMETERS:
+        return None
+    if seconds > 10.0:
+        return 0.0
+    return min(2.0 * before, 30.0) if before else first
 
 
 def verdict(delay: float | None) -> str:
@@ -230,18 +218,20 @@ def keep_running(
     """
     # When to start, on the monotonic clock.
     due = dict.fromkeys(programs, 0.0)
-    respawns = {program: Respawn(first_delay) for program in programs}
+    delays: dict[Program, float] = {}
     status = 0
     while not stopping():
         for program in [each for each, when in due.items() if when <= time.monotonic()]:
             del due[program]
             processes.start(program)
         for end in processes.ended(timeout=0.2):
-            delay = respawns[end.program].delay(end.status, end.seconds)
+            before = delays.get(end.program, 0.0)
+            delay = respawn_delay(end.status, end.seconds, before, first_delay)
             say(f'{end}: {verdict(delay)}')
             if delay is None:
                 status = WRONG_PARAMETERS
             else:
+                delays[end.program] = delay
                 due[end.program] = time.monotonic() + delay
         if not due and not processes.names:
             say('no node is left to run')
@@ -254,7 +244,7 @@ def keep_running(
     return status
 
 
-class ProcessLog:
+class ProcessLog(AbstractContextManager['ProcessLog']):
     """Lines of several programs on one terminal, each behind its program's name.
 
     Parameters
@@ -306,9 +296,6 @@ class ProcessLog:
     def say(self, line: str) -> None:
         """Print a line of our own."""
         self.show('up', line)
-
-    def __enter__(self) -> ProcessLog:
-        return self
 
     def __exit__(self, *_: object) -> None:
         for file in self._files.values():

@@ -18,7 +18,7 @@ import socket
 import struct
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from ftp_dent_ros import files
@@ -87,22 +87,19 @@ def address_of(interface: str) -> str:
         This computer has none of it.
     """
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
+        with suppress(ipaddress.AddressValueError, OSError):
             address = str(ipaddress.IPv4Address(interface))
             probe.bind((address, 0))
             return address
-        except (ipaddress.AddressValueError, OSError):
-            pass
-        try:
+        with suppress(OSError):
             request = struct.pack('256s', interface.encode()[:15])
             get_address = 0x8915  # SIOCGIFADDR of linux/sockios.h
             return socket.inet_ntoa(fcntl.ioctl(probe, get_address, request)[20:24])
-        except OSError:
-            names = ', '.join(name for _, name in socket.if_nameindex())
-            raise ConfigurationError(
-                f'{interface}: no interface of this computer has that name or IPv4 address: '
-                f'give one of {names}, or the address of one'
-            ) from None
+    names = ', '.join(name for _, name in socket.if_nameindex())
+    raise ConfigurationError(
+        f'{interface}: no interface of this computer has that name or IPv4 address: '
+        f'give one of {names}, or the address of one'
+    )
 
 
 @contextmanager

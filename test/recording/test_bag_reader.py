@@ -55,8 +55,7 @@ def test_everything_comes_back(bag):
     assert metadata.topics == alone.topics
     assert metadata.topics[0] == WORDS
     assert metadata.message_counts == {'/words': 10, '/poses': 10, '/silent': 0}
-    assert (metadata.start_ns, metadata.duration_ns) == (START_NS, 190_000_000)
-    assert metadata.ros_distro == 'jazzy'
+    assert metadata.start_ns == START_NS
 
 
 def test_topics_and_times_are_chosen(bag):

@@ -5,9 +5,10 @@ from bag_samples import POSE, pose_data
 from ftp_dent_ros.errors import BagError, ConfigurationError
 from ftp_dent_ros.recording.topic import (
     Qos,
-    Selection,
+    absolute_names,
     deserialise,
     find_definition,
+    is_hidden,
     qos_from,
     qos_to_list,
 )
@@ -60,24 +61,13 @@ def test_deserialise_refuses_what_it_cannot_read():
         deserialise(pose_data(5)[:20], POSE)
 
 
-def test_selection_by_name_and_expression():
-    named = Selection.of(['points', '/a/b', '/_hidden'])
-    assert [named.wants(name) for name in ('/points', '/a/b', '/_hidden', '/c')] == [
-        True,
-        True,
-        True,
-        False,
-    ]
-    every = Selection.of([], everything=True)
-    assert every.wants('/points')
-    assert not every.wants('/a/_action/status')
-    some = Selection.of([], regex='^/camera/')
-    assert some.wants('/camera/image_raw')
-    assert not some.wants('/points')
-    assert not Selection().wants('/points')
+def test_names_are_made_absolute_and_some_are_hidden():
+    names = absolute_names(['points', '/a/b', '/points'])
+    assert names == ('/points', '/a/b')
+    assert not any(map(is_hidden, names)) and is_hidden('/a/_action/status')
 
 
 @pytest.mark.parametrize('name', ['a b', '', '/a//b', '/a/', '/1a', 'a-b'])
-def test_selection_refuses_what_no_topic_is_called(name):
+def test_what_no_topic_is_called_is_refused(name):
     with pytest.raises(ConfigurationError, match='is no name of a topic'):
-        Selection.of([name])
+        absolute_names([name])

@@ -156,6 +156,20 @@ def test_what_is_no_organised_cloud_is_stored_as_it_is(tmp_path, view):
     assert bytes(bag.deserialise(message).data) == bytes(one_row.data) and not bag.coded
 
 
+def test_what_cannot_be_read_is_stored_as_it_is_and_ends_no_recording(tmp_path):
+    kinds = {'/points': CLOUD, '/camera/image_raw': IMAGE, '/camera/camera_info': INFO}
+    messages = [
+        Message(name, kind, stamp, stamp, data)
+        for stamp, data in enumerate((b'', b'\0\1\0\0short', b'\0\1\0\0' + b'\xff' * 60))
+        for name, kind in kinds.items()
+    ]
+    with CompressedBagWriter(tmp_path / 'bag') as writer:
+        for name, kind in kinds.items():
+            writer.add_topic(RecordedTopic(name, kind))
+        writer.write(messages)
+    assert list(open_bag(tmp_path / 'bag').messages()) == messages
+
+
 def test_damage_is_told():
     image = made(
         'sensor_msgs/msg/CompressedImage', header=header(), format='', data=np.zeros(9, 'u1')

@@ -68,6 +68,10 @@ class Process:
         """Its own lines: Fast DDS has a word of its own on ports that killed processes left."""
         return [line for line in self.output.splitlines() if '[RTPS_' not in _plain(line)]
 
+    def told(self, sentence: str) -> bool:
+        """Whether it has ended with status 2 and this sentence in its only line."""
+        return self.wait() == 2 and len(self.said) == 1 and sentence in self.output
+
     @property
     def alive(self) -> bool:
         return self._popen.poll() is None
@@ -139,10 +143,16 @@ class Ros:
             text = str(value).lower() if isinstance(value, bool) else str(value)
             text = "''" if text == '' else text
             words += ['-p', f'{key.replace("__", ".")}:={text}']
+        return self._run(name, module or f'ftp_dent_ros.nodes.{name}', *words, *arguments)
+
+    def command(self, *words: Any) -> Process:
+        """Start a command of the package."""
+        return self._run(str(words[0]), 'ftp_dent_ros.cli.main', *map(str, words))
+
+    def _run(self, name: str, module: str, *arguments: str) -> Process:
         log = self._folder / f'{name}{len(self._processes)}.log'
-        process = Process(module or f'ftp_dent_ros.nodes.{name}', [*words, *arguments], log)
-        self._processes.append(process)
-        return process
+        self._processes.append(Process(module, [*arguments], log))
+        return self._processes[-1]
 
     def collect(self, message_type: Any, topic: str, qos: Any = 100) -> list[Any]:
         """List to which the messages of a topic are appended as they come."""
@@ -173,20 +183,9 @@ class Ros:
 
         self.call(ListParameters, f'{name}/list_parameters', ListParameters.Request())
 
-    def diagnostics(self, name: str) -> Callable[[], Any]:
-        """Function that gives the last diagnostic status of a node of this namespace, or None."""
-        from diagnostic_msgs.msg import DiagnosticArray
-
-        arrays = self.collect(DiagnosticArray, '/diagnostics')
-        full_name = f'{self.namespace}/{name}'.lstrip('/')
-
-        def last() -> Any:
-            found = [
-                status for array in arrays for status in array.status if status.name == full_name
-            ]
-            return found[-1] if found else None
-
-        return last
+    def diagnostics(self, name: str) -> State:
+        """What a node of this namespace says of itself."""
+        return State(self, f'{self.namespace}/{name}'.lstrip('/'))
 
     def close(self) -> None:
         for process in self._processes:
@@ -194,6 +193,41 @@ class Ros:
         self.executor.shutdown()
         self.node.destroy_node()
         self.context.try_shutdown()
+
+
+class State:
+    """The last diagnostic status of a node; None, '' or nothing before the first."""
+
+    def __init__(self, ros: Ros, name: str) -> None:
+        from diagnostic_msgs.msg import DiagnosticArray
+
+        self._ros, self._name = ros, name
+        self._arrays = ros.collect(DiagnosticArray, '/diagnostics')
+
+    def __call__(self) -> Any:
+        found = [
+            status
+            for array in self._arrays
+            for status in array.status
+            if status.name == self._name
+        ]
+        return found[-1] if found else None
+
+    @property
+    def message(self) -> str:
+        return self().message if self() else ''
+
+    def value(self, key: str) -> str | None:
+        values = self().values if self() else ()
+        return next((item.value for item in values if item.key == key), None)
+
+    def says(self, words: str) -> None:
+        """Wait until the message begins so."""
+        self._ros.until(lambda: self.message.startswith(words))
+
+    def shows(self, key: str, value: Any) -> None:
+        """Wait until a value is that."""
+        self._ros.until(lambda: self.value(key) == str(value))
 
 
 @pytest.fixture(scope='session')

@@ -6,6 +6,8 @@ import cv2
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, Image
 from std_srvs.srv import Trigger
 
@@ -25,10 +27,6 @@ def photographs(tmp_path, rig):
 
 def red(message: Image) -> int:
     return int(image_from_message(message)[0, 0, 0])
-
-
-def values_of(status) -> dict[str, str]:
-    return {item.key: item.value for item in status.values}
 
 
 def test_files_are_published_with_their_camera_info(ros, rig, rig_file, photographs):
@@ -55,37 +53,36 @@ def test_files_are_published_with_their_camera_info(ros, rig, rig_file, photogra
     assert process.stop() == 0
 
 
-def test_without_loop_each_file_comes_once_and_the_node_lives_on(ros, photographs):
+def test_photographs_on_demand_then_at_a_rate_until_there_are_no_more(ros, photographs):
     images = ros.collect(Image, 'camera/image_raw')
     infos = ros.collect(CameraInfo, 'camera/camera_info')
     state = ros.diagnostics('camera_capture')
-    ros.start(
-        'camera_capture', source='files', files__path=photographs, files__loop=False, rate=50
-    )
-    ros.until(lambda: state() and state().message == 'all images have been published')
-    # What it says may overtake what it shows.
-    ros.until(lambda: len(images) == 3 and infos)
-    assert [red(message) for message in images] == [50, 100, 150]
-    assert infos[0].k[0] == 0.0, 'no rig: uncalibrated'
-    response = ros.call(Trigger, 'camera_capture/capture', Trigger.Request())
-    assert not response.success and 'no more images' in response.message
-
-
-def test_a_photograph_on_demand(ros, photographs, rig_file):
-    images = ros.collect(Image, 'camera/image_raw')
-    ros.start('camera_capture', source='files', files__path=photographs, rig=rig_file, rate=0)
-    state = ros.diagnostics('camera_capture')
-    ros.until(lambda: state() and state().message == 'waiting for a call of ~/capture')
+    once = {'files__path': photographs, 'files__loop': False}
+    ros.start('camera_capture', source='files', rate=50, continuous=False, **once)
+    state.says('waiting for a call of ~/capture')
     ros.met_by('camera_capture')
     assert images == []
-    for count, level in enumerate((50, 100), start=1):
-        response = ros.call(Trigger, 'camera_capture/capture', Trigger.Request())
-        assert response.success and response.message.startswith('photograph taken at ')
-        ros.until(lambda count=count: len(images) == count)
-        assert red(images[-1]) == level
-        stamp = images[-1].header.stamp
-        assert response.message.endswith(f'{stamp.sec}.{stamp.nanosec:09d}')
-    ros.until(lambda: values_of(state()).get('images') == '2')
+
+    def capture():
+        return ros.call(Trigger, 'camera_capture/capture', Trigger.Request())
+
+    response = capture()
+    assert response.success
+    ros.until(lambda: images and infos)
+    stamp = images[0].header.stamp
+    assert response.message == f'photograph taken at {stamp.sec}.{stamp.nanosec:09d}'
+    assert infos[0].k[0] == 0.0, 'no rig: uncalibrated'
+    state.shows('images', 1)
+    parameters = [Parameter('continuous', value=True).to_parameter_msg()]
+    request = SetParameters.Request(parameters=parameters)
+    (result,) = ros.call(SetParameters, 'camera_capture/set_parameters', request).results
+    assert result.successful
+    state.says('all images have been published')
+    # What it says may overtake what it shows.
+    ros.until(lambda: len(images) == 3)
+    assert [red(message) for message in images] == [50, 100, 150]
+    response = capture()
+    assert not response.success and 'no more images' in response.message
 
 
 def test_wrong_files_are_refused_and_nothing_is_read_while_nobody_listens(
@@ -97,13 +94,13 @@ def test_wrong_files_are_refused_and_nothing_is_read_while_nobody_listens(
         'camera_capture', source='files', files__path=photographs, rig=rig_file, rate=5
     )
     state = ros.diagnostics('camera_capture')
-    ros.until(lambda: state() and state().message == 'idle: nobody subscribes to the images')
-    assert 'images' not in values_of(state()) and values_of(state())['refused'] == '0'
+    state.says('idle: nobody subscribes to the images')
+    assert state.value('images') is None and state.value('refused') == '0'
     images = ros.collect(Image, 'camera/image_raw')
     ros.until(lambda: len(images) >= 2)
     assert {red(message) for message in images} == {150}
     assert '0.png: not an image that can be read' in process.output
-    ros.until(lambda: int(values_of(state())['refused']) >= 2)
+    ros.until(lambda: int(state.value('refused')) >= 2)
     assert state().level == DiagnosticStatus.WARN
 
 
@@ -112,9 +109,8 @@ def test_a_missing_camera_is_an_error_and_the_node_goes_on_trying(ros):
     process = ros.start(
         'camera_capture', device__path='/dev/video99', device__width=640, device__height=480
     )
-    ros.until(lambda: state() and state().level == DiagnosticStatus.ERROR)
-    assert state().message.startswith('/dev/video99 does not exist: plug the camera in')
-    assert state().hardware_id == '/dev/video99'
+    state.says('/dev/video99 does not exist: plug the camera in')
+    assert (state().level, state().hardware_id) == (DiagnosticStatus.ERROR, '/dev/video99')
     response = ros.call(Trigger, 'camera_capture/capture', Trigger.Request())
     assert not response.success and '/dev/video99 does not exist' in response.message
     assert process.alive

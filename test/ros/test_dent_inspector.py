@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from array import array
 from collections import Counter
 from dataclasses import replace
@@ -11,7 +12,8 @@ import numpy as np
 import pytest
 from dent_samples import DENTED, gouged_cloud, noisy_cloud
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import PoseStamped, PoseWithCovariance, PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from located import located
 from nav_msgs.msg import Path
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Image, PointCloud2
@@ -47,6 +49,10 @@ CAMERA_POSES = [
 ]
 
 
+# Of an autopilot that knows its place.
+SURE = np.diag([1e-6] * 3 + [1e-8] * 3)
+
+
 class Bench:
     """An inspecting process, and what comes out of it."""
 
@@ -54,20 +60,16 @@ class Bench:
         self.ros = ros
         self.process = ros.start('dent_inspector', **parameters)
         self.state = ros.diagnostics('dent_inspector')
-        tagged = parameters.get('source') == 'tagged'
+        self.value = self.state.value
         self.points = ros.publisher(PointCloud2, 'points', CLOUDS)
-        if tagged:
+        if parameters.get('source') == 'tagged':
             self.poses = ros.publisher(PoseWithCovarianceStamped, 'tagged/camera_pose', POSES)
-
-    def value(self, key):
-        values = self.state().values if self.state() else ()
-        return next((item.value for item in values if item.key == key), None)
-
-    def says(self, words):
-        self.ros.until(lambda: self.state() and self.state().message.startswith(words))
 
     def show(self, cloud, stamp_ns, frame_id=CAMERA):
         self.points.publish(cloud_to_message(cloud, stamp_ns, frame_id))
+
+    def tag(self, stamp_ns, pose, covariance=SURE, frame_id='map'):
+        self.poses.publish(located(stamp_ns, pose, covariance, frame_id))
 
     def take(self):
         answer = self.ros.call(Trigger, 'dent_inspector/take_list', Trigger.Request())
@@ -82,7 +84,7 @@ def cloud():
 
 def test_a_cloud_becomes_its_dents_and_nothing_is_computed_unasked(ros, cloud):
     bench = Bench(ros)
-    bench.says('idle: nobody subscribes')
+    bench.state.says('idle: nobody subscribes')
     bench.show(cloud, 5)
     ros.until(lambda: bench.value('clouds') == '1')
     assert bench.value('inspected') is None
@@ -117,20 +119,41 @@ def test_a_cloud_becomes_its_dents_and_nothing_is_computed_unasked(ros, cloud):
     assert bench.process.stop() == 0
 
 
-def test_a_cloud_with_its_skin_gives_the_gouges_that_the_command_gives(ros):
+def test_with_its_skin_a_cloud_gives_the_gouges_of_the_command_and_what_is_wrong_is_refused(
+    ros, cloud
+):
     bench = Bench(ros)
     dents, skins = ros.collect(PointCloud2, 'dents'), ros.publisher(Image, 'skin', CLOUDS)
-    cloud = gouged_cloud()
     ros.met_by('dent_inspector')
+    gouged, skin = gouged_cloud(), np.full(cloud.valid.shape, 9, np.uint8)
     # The skin comes first, as the reconstruction publishes it.
-    skins.publish(image_to_message(cloud.skin, 7, CAMERA))
-    bench.show(cloud, 7)
+    skins.publish(image_to_message(gouged.skin, 7, CAMERA))
+    bench.show(gouged, 7)
     ros.until(lambda: dents)
-    found = inspect(cloud)
+    found = inspect(gouged)
     assert [dent.kind for dent in found.others] == ['gouge']
     alone = DentList()
     alone.add(1, [*found.dents, *found.others], IDENTITY, EXACT)
     assert bytes(dents[0].data) == bytes(dents_to_message(alone.entries, 7, CAMERA).data)
+
+    def show(seen, stamp_ns, skin):
+        skins.publish(image_to_message(skin, stamp_ns, CAMERA))
+        bench.show(seen, stamp_ns)
+
+    show(Cloud(np.full((60, 80, 3), np.nan, np.float32), np.zeros((60, 80), np.float32)), 8, skin)
+    bench.state.shows('refused: wrong cloud', 1)
+    show(replace(cloud, resolution=np.full_like(cloud.intensity, 1e12)), 9, skin)
+    bench.state.shows('refused: wrong cloud', 2)
+    assert 'resolution of 1e+12 m' in bench.state.message
+    skins.publish(image_to_message(skin, 0, CAMERA))
+    bench.points.publish(PointCloud2(height=1, width=2, data=array('B', bytes(3))))
+    bench.state.shows('refused: wrong cloud', 3)
+    assert bench.state().level == DiagnosticStatus.WARN
+    # A skin that does not fit is left out, and said.
+    show(cloud, 10, gouged.skin[:7])
+    ros.until(lambda: len(dents) == 2)
+    bench.state.shows('refused: wrong skin', 1)
+    assert bench.value('failed') == '0'
     assert bench.process.stop() == 0
 
 
@@ -154,12 +177,9 @@ def recorded(folder, messages):
 def test_tagged_clouds_become_one_list_that_the_service_takes(ros, cloud, tmp_path):
     messages = []
     bench = Bench(ros, source='tagged', always=True, rules='shipped:example_rules.yaml')
-    covariance = np.diag([1e-6] * 3 + [1e-8] * 3).ravel()
     for number, pose in enumerate(CAMERA_POSES, start=1):
         seen = noisy_cloud(DENTED.transformed(pose.inverse() @ CAMERA_POSES[0]), number)
-        header = make_header(number * 10**9, 'map')
-        tag = PoseWithCovariance(pose=pose_to_message(pose), covariance=covariance)
-        stamped = PoseWithCovarianceStamped(header=header, pose=tag)
+        stamped = located(number * 10**9, pose, SURE)
         messages += [
             ('/points', cloud_to_message(seen, number * 10**9, CAMERA)),
             ('/tagged/camera_pose', stamped),
@@ -171,7 +191,7 @@ def test_tagged_clouds_become_one_list_that_the_service_takes(ros, cloud, tmp_pa
         ]
         for publish in parts if number % 2 else reversed(parts):
             publish()
-        ros.until(lambda: bench.value('inspected') == str(number))  # noqa: B023
+        bench.state.shows('inspected', number)
     markers = ros.collect(MarkerArray, 'dents/markers', LATCHED)
     listed = ros.collect(PointCloud2, 'dents/list', LATCHED)
     ros.until(lambda: listed and markers)
@@ -204,11 +224,6 @@ def test_the_survey_places_the_dents_and_corrects_their_list(ros, cloud):
     listed = ros.collect(PointCloud2, 'dents/list', LATCHED)
     # It waits for no pose of a survey that it has not met.
     ros.met_by('dent_inspector')
-    covariance = np.diag([1e-4] * 3 + [1e-6] * 3).ravel()
-
-    def pose_message(stamp_ns, pose):
-        tag = PoseWithCovariance(pose=pose_to_message(pose), covariance=covariance)
-        return PoseWithCovarianceStamped(header=make_header(stamp_ns, 'map'), pose=tag)
 
     def off(pose, *shift):
         return Pose(pose.rotation, pose.translation + shift)
@@ -220,55 +235,58 @@ def test_the_survey_places_the_dents_and_corrects_their_list(ros, cloud):
     truth = [CAMERA_POSES[0].apply(true.position) for true in true_dents(DENTED)]
     for number, pose in enumerate(CAMERA_POSES, start=1):
         seen = noisy_cloud(DENTED.transformed(pose.inverse() @ CAMERA_POSES[0]), number)
-        bench.poses.publish(pose_message(number, off(pose, 0.3, 0, 0)))
+        bench.tag(number, off(pose, 0.3, 0, 0), 100 * SURE)
         bench.show(seen, number)
         # The second one is lost, and waits for nothing longer than until the next.
         if number != 2:
-            surveyed.publish(pose_message(number, off(pose, 0, 0.03, 0)))
-            ros.until(lambda: bench.value('inspected') == str(number))  # noqa: B023
+            surveyed.publish(located(number, off(pose, 0, 0.03, 0), 100 * SURE))
+            bench.state.shows('inspected', number)
     assert bench.value('placed by the survey') == '2'
     ros.until(lambda: len(dents_from_message(listed[-1])) == 4)
     np.testing.assert_allclose(places()[:2], np.add(truth, [0, 0.03, 0]), atol=2e-3)
 
-    def path(shift, frame_id='map'):
+    def path(shift, frame_id='map', flown=CAMERA_POSES):
         poses = [
             PoseStamped(header=make_header(number, 'map'), pose=pose_to_message(off(pose, *shift)))
-            for number, pose in enumerate(CAMERA_POSES, start=1)
+            for number, pose in enumerate(flown, start=1)
         ]
         return Path(header=make_header(3, frame_id), poses=poses)
 
     paths.publish(path((0, 0, 0), 'odom'))
-    ros.until(lambda: bench.value('refused: wrong frame') == '1')
+    bench.state.shows('refused: wrong frame', 1)
     paths.publish(path((0, 0, 0)))
     # The dents of the lost pose are the others, after all.
     ros.until(lambda: dents_from_message(listed[-1])['sightings'].tolist() == [3, 3])
     np.testing.assert_allclose(places(), truth, atol=1e-3)
     assert dents_from_message(listed[-1])['number'].tolist() == [1, 2]
+    # What another frame's path says of a cloud that comes later is not believed either.
+    paths.publish(path((9, 0, 0), 'odom', [*CAMERA_POSES, CAMERA_POSES[0]]))
+    bench.state.shows('refused: wrong frame', 2)
+    surveyed.publish(located(4, CAMERA_POSES[0], 100 * SURE))
+    bench.show(cloud, 4)
+    ros.until(lambda: dents_from_message(listed[-1])['sightings'].tolist() == [4, 4])
     assert bench.value('failed') == '0'
     assert bench.process.stop() == 0
 
 
 def test_what_is_not_plausible_changes_nothing_in_the_list(ros, cloud):
     bench = Bench(ros, source='tagged', always=True)
-    at, covariance = CAMERA_POSES[0], np.diag([1e-6] * 3 + [1e-8] * 3)
     listed = ros.collect(PointCloud2, 'dents/list', LATCHED)
 
-    def send(stamp, points, pose, matrix=covariance, frames=(CAMERA, 'map')):
-        tag = PoseWithCovariance(pose=pose, covariance=matrix.ravel())
-        header = make_header(stamp, frames[1])
-        bench.poses.publish(PoseWithCovarianceStamped(header=header, pose=tag))
+    def send(stamp, points, pose, covariance=SURE, frames=(CAMERA, 'map')):
+        bench.tag(stamp, pose, covariance, frames[1])
         bench.show(points, stamp, frames[0])
 
     def moved(x):
-        message = pose_to_message(at)
+        message = pose_to_message(CAMERA_POSES[0])
         message.position.x = x
         return message
 
-    good, pose = cloud, pose_to_message(at)
+    good, pose = cloud, CAMERA_POSES[0]
     nothing = Cloud(np.zeros((60, 80, 3), np.float32), np.zeros((60, 80), np.float32))
     # Nor does a frame of its own make a list of it.
-    send(100, good, pose, covariance, (CAMERA, 'odom'))
-    ros.until(lambda: bench.value('refused: wrong frame') == '1')
+    send(100, good, pose, SURE, (CAMERA, 'odom'))
+    bench.state.shows('refused: wrong frame', 1)
     send(1, good, pose)
     ros.until(lambda: bench.value('inspected') == '1' and listed)
     hostile = [
@@ -277,19 +295,19 @@ def test_what_is_not_plausible_changes_nothing_in_the_list(ros, cloud):
         ('wrong pose', (2, good, moved(1e300))),
         ('wrong pose', (3, good, moved(float('nan')))),
         ('wrong pose', (5, good, pose, 1e300 * np.eye(6))),
-        ('wrong pose', (6, good, pose, -covariance)),
+        ('wrong pose', (6, good, pose, -SURE)),
         ('wrong pose', (7, good, pose, np.full((6, 6), np.nan))),
         ('wrong cloud', (8, nothing, pose)),
-        ('wrong frame', (9, good, pose, covariance, ('map', 'map'))),
-        ('wrong frame', (10, good, pose, covariance, (CAMERA, 'odom'))),
+        ('wrong frame', (9, good, pose, SURE, ('map', 'map'))),
+        ('wrong frame', (10, good, pose, SURE, (CAMERA, 'odom'))),
     ]
     refused = Counter({'wrong frame': 1})
     for reason, words in hostile:
         send(*words)
         refused[reason] += 1
-        ros.until(lambda: bench.value(f'refused: {reason}') == str(refused[reason]))  # noqa: B023
+        bench.state.shows(f'refused: {reason}', refused[reason])
     send(11, good, pose)
-    ros.until(lambda: bench.value('inspected') == '2')
+    bench.state.shows('inspected', 2)
     ros.until(lambda: dents_from_message(listed[-1])['sightings'].tolist() == [2, 2])
     assert bench.value('failed') == '0'
     taken = bench.take()
@@ -297,91 +315,42 @@ def test_what_is_not_plausible_changes_nothing_in_the_list(ros, cloud):
     assert [dent['sightings'] for dent in taken['dents']] == [2, 2]
 
 
-def test_the_list_survives_a_restart_of_its_node(ros, cloud, tmp_path):
-    kept = tmp_path / 'dents.jsonl'
-    tag = PoseWithCovariance(
-        pose=pose_to_message(CAMERA_POSES[0]),
-        covariance=np.diag([1e-6] * 3 + [1e-8] * 3).ravel(),
-    )
-
-    def show(bench, stamp):
-        header = make_header(stamp, 'map')
-        bench.poses.publish(PoseWithCovarianceStamped(header=header, pose=tag))
-        bench.show(cloud, stamp)
-
-    first = Bench(ros, source='tagged', always=True, list_file=str(kept))
-    show(first, 1)
-    ros.until(lambda: first.value('inspected') == '1')
-    assert first.process.stop() == 0
-    # As if the power had failed while the next cloud was written.
-    kept.write_bytes(kept.read_bytes() + b'{"frame_id": "ma')
-
-    again = Bench(ros, source='tagged', always=True, list_file=str(kept))
-    listed = ros.collect(PointCloud2, 'dents/list', LATCHED)
-    ros.until(lambda: listed)
-    assert dents_from_message(listed[-1])['sightings'].tolist() == [1, 1]
-    show(again, 2)
-    ros.until(lambda: dents_from_message(listed[-1])['sightings'].tolist() == [2, 2])
-    assert again.take()['clouds'] == 2
-    assert kept.read_bytes() == b''
-    assert again.process.stop() == 0
-
-
-def test_what_cannot_be_inspected_is_refused_with_its_reason_and_ends_nothing(ros, cloud):
-    bench = Bench(ros)
-    dents = ros.collect(PointCloud2, 'dents')
-    ros.met_by('dent_inspector')
-    empty = Cloud(np.full((60, 80, 3), np.nan, np.float32), np.zeros((60, 80), np.float32))
-    bench.show(empty, 1)
-    ros.until(lambda: bench.value('refused: wrong cloud') == '1')
-    bench.points.publish(PointCloud2(height=1, width=2, data=array('B', bytes(3))))
-    ros.until(lambda: bench.value('refused: wrong cloud') == '2')
-    assert bench.state().level == DiagnosticStatus.WARN
-    bench.show(cloud, 3)
-    ros.until(lambda: dents)
-    assert bench.value('failed') == '0'
-    assert bench.process.stop() == 0
-
-
-def test_wrong_parameters_end_it_with_one_line(ros, tmp_path):
-    rules = tmp_path / 'rules.yaml'
-    rules.write_text('limits: none')
-    process = ros.start('dent_inspector', rules=rules)
-    assert process.wait() == 2
-    (line,) = process.said
-    assert line.startswith('dent_inspector: ') and 'limits' in line
-
-
-def test_a_list_is_taken_with_all_clouds_before_and_none_is_lost_at_the_end(ros, tmp_path):
-    kept = tmp_path / 'dents.jsonl'
-    bench = Bench(ros, source='tagged', always=True, list_file=str(kept))
+def test_a_list_is_taken_with_all_clouds_before_and_survives_a_restart(ros, cloud, tmp_path):
+    kept = tmp_path / 'kept' / 'dents.jsonl'
+    given = {'source': 'tagged', 'always': True, 'list_file': str(kept)}
+    bench = Bench(ros, **given)
     # Each takes a second or so, and the counts come once a second.
     rays = Lens(960, 720, np.diag([1200.0, 1200, 1]) + 0.0, np.zeros(5))
     rays = rays.rays(rays.pixel_grid() - np.array([479.5, 359.5]))
     points = (rays * DENTED.intersect(rays)[..., None]).astype(np.float32)
     large = Cloud(points, np.ones(points.shape[:2], np.float32))
-    covariance = np.diag([1e-6] * 3 + [1e-8] * 3).ravel()
-    tag = PoseWithCovariance(pose=pose_to_message(CAMERA_POSES[0]), covariance=covariance)
 
-    def show(stamps):
+    def show(bench, seen, *stamps):
         for stamp in stamps:
-            header = make_header(stamp, 'map')
-            bench.poses.publish(PoseWithCovarianceStamped(header=header, pose=tag))
-            bench.show(large, stamp)
+            bench.tag(stamp, CAMERA_POSES[0])
+            bench.show(seen, stamp)
 
-    show((1, 2))
-    ros.until(lambda: bench.value('clouds') == '2')
+    show(bench, large, 1, 2)
+    bench.state.shows('clouds', 2)
     assert bench.take()['clouds'] == 2
-    show((3, 4))
-    ros.until(lambda: bench.value('clouds') == '4')
-    assert bench.process.stop() == 0
+    show(bench, large, 3, 4)
+    bench.state.shows('clouds', 4)
+    assert bench.process.stop() == 0, 'no cloud that came is lost at the end'
     assert len(kept.read_text().splitlines()) == 2
+    # As if the power had failed while the next cloud was written.
+    kept.write_bytes(kept.read_bytes() + b'{"frame_id": "ma')
 
-
-def test_a_resolution_that_cannot_be_is_refused(ros, cloud):
-    bench = Bench(ros, always=True)
-    bench.show(replace(cloud, resolution=np.full_like(cloud.intensity, 1e12)), 1)
-    ros.until(lambda: bench.value('refused: wrong cloud') == '1')
-    assert 'resolution of 1e+12 m' in bench.state().message
-    assert bench.value('failed') == '0'
-    assert bench.process.stop() == 0
+    again = Bench(ros, **given)
+    listed = ros.collect(PointCloud2, 'dents/list', LATCHED)
+    ros.until(lambda: listed)
+    assert dents_from_message(listed[-1])['sightings'].tolist() == [2, 2]
+    show(again, cloud, 5)
+    ros.until(lambda: dents_from_message(listed[-1])['sightings'].tolist() == [3, 3])
+    assert again.take()['clouds'] == 3
+    assert kept.read_bytes() == b''
+    # Where the disk fails the list goes on in memory, and is taken all the same.
+    shutil.rmtree(kept.parent)
+    show(again, cloud, 6)
+    again.state.says('the list is not kept on disk (No such file or directory)')
+    assert again.take()['clouds'] == 1
+    assert again.process.stop() == 0

@@ -2,12 +2,14 @@ from __future__ import annotations
 
 import time
 from array import array
+from functools import cached_property
 
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 from ftp_dent_ros.calibration.rig_check import turned
@@ -49,15 +51,19 @@ def photograph(render):
 class Bench:
     """A reconstruction process with everything that it needs, and what comes out of it."""
 
-    def __init__(self, ros, **parameters):
+    def __init__(self, ros, camera=IMAGES, **parameters):
         self.ros = ros
         parameters = {'pattern_settling': 0.0, **parameters}
         self.process = ros.start('reconstruction', **parameters)
         self.state = ros.diagnostics('reconstruction')
+        self.value, self.says = self.state.value, self.state.says
         self.clouds = []
         self.pattern = ros.publisher(Image, 'projector/image_raw', PATTERNS)
-        self.camera = ros.publisher(Image, 'camera/image_raw', IMAGES)
-        self.info = ros.publisher(CameraInfo, 'camera/camera_info', IMAGES)
+        self.camera = ros.publisher(Image, 'camera/image_raw', camera)
+
+    @cached_property
+    def info(self):
+        return self.ros.publisher(CameraInfo, 'camera/camera_info', IMAGES)
 
     def listen(self):
         self.clouds = self.ros.collect(PointCloud2, 'points')
@@ -71,15 +77,7 @@ class Bench:
 
     @property
     def message(self):
-        return self.state().message if self.state() else ''
-
-    def value(self, key):
-        values = self.state().values if self.state() else ()
-        return next((item.value for item in values if item.key == key), None)
-
-    def says(self, words):
-        """Wait until the state's message begins so."""
-        self.ros.until(lambda: self.message.startswith(words))
+        return self.state.message
 
     def takes_back(self, words):
         """Wait until the state's message does not begin so any more."""
@@ -110,7 +108,7 @@ def test_a_photograph_becomes_the_cloud_that_the_library_gives(ros, rig, rig_fil
     bench.project(PATTERN.draw())
     bench.says('idle: nobody subscribes to points')
     bench.show(photograph)
-    ros.until(lambda: bench.value('images') == '1')
+    bench.state.shows('images', 1)
     assert bench.value('clouds') is None, 'nothing is computed without subscribers'
 
     bench.clouds = ros.collect(PointCloud2, 'points')
@@ -127,24 +125,28 @@ def test_a_photograph_becomes_the_cloud_that_the_library_gives(ros, rig, rig_fil
     assert np.abs(SKIN.distance(cloud.points[cloud.valid])).mean() < 0.2e-3
     again = bench.cloud_of(photograph, 2)
     assert again.data == message.data, 'the same image gives the same cloud, bit for bit'
-    ros.until(lambda: bench.value('clouds') == '2')
+    bench.state.shows('clouds', 2)
     assert bench.state().level == DiagnosticStatus.OK
     assert float(bench.value('computation median (ms)')) > 0
     assert float(bench.value('lit but not tied to the red stripe').rstrip('%')) < 10
 
-
-def test_the_skin_comes_before_its_cloud_to_who_subscribes(ros, rig, rig_file, photograph):
-    bench = Bench(ros, rig=rig_file, stride=2)
-    bench.project(PATTERN.draw())
+    # The skin comes before its cloud to who subscribes.
     skins = ros.collect(Image, 'skin')
-    bench.listen()
-    ros.until(lambda: bench.cloud_of(photograph, 7) is not None and skins)
-    expected = Reconstructor(rig, PATTERN, Settings(stride=2)).measure(photograph, skin=True)
-    message = skins[-1]
+    ros.met_by('reconstruction')
+    bench.cloud_of(photograph, 7)
+    (message,) = ros.until(lambda: skins)
     assert (message.encoding, message.header.frame_id) == ('mono8', 'eye')
     assert stamp_to_ns(message.header.stamp) == 7
     image = np.frombuffer(message.data, np.uint8).reshape(message.height, message.width)
+    expected = Reconstructor(rig, PATTERN, Settings(stride=2)).measure(photograph, skin=True)
     np.testing.assert_array_equal(image, expected.cloud.skin)
+
+    # What is not tied to the stripe is left out, and said.
+    near = Panel(Pose.from_rpy([0, 0, 0], [0, 0, 0.65]), (-0.2, 0.07, -0.2, 0.2))
+    far = Panel(Pose.from_rpy([0, 0, 0], [0, 0, 0.662]), (0.085, 0.25, -0.2, 0.2))
+    bench.cloud_of(Renderer(rig, PATTERN.draw(), Photometry()).render(Surface((near, far))), 8)
+    ros.until(lambda: 'not tied to the red stripe' in (bench.value('remarks') or ''))
+    assert float(bench.value('lit but not tied to the red stripe').rstrip('%')) > 10
 
     assert all(result.successful for result in bench.set(stride=4, method='direct'))
     changed = bench.cloud_of(photograph, 3)
@@ -174,7 +176,7 @@ def test_each_bad_photograph_is_refused_with_its_reason(ros, rig, rig_file, rend
     bench.refused('saturated')
     bench.show(photograph[:-2])
     bench.refused('wrong image')
-    ros.until(lambda: bench.value('refused') == '4')
+    bench.state.shows('refused', 4)
     assert bench.state().level == DiagnosticStatus.WARN
     assert bench.message.startswith('4 refused in 10 s, last wrong image: ')
     assert '400x258' in bench.message and '400x260' in bench.message
@@ -193,44 +195,23 @@ def test_each_bad_photograph_is_refused_with_its_reason(ros, rig, rig_file, rend
     bench.cloud_of(photograph, 8)
 
     bench.project(Pattern(640, 400, 16.0, 320.0).draw())
-    ros.until(lambda: bench.value('period (px)') == '16')
+    bench.state.shows('period (px)', 16)
     bench.show(photograph)
-    ros.until(lambda: bench.value('refused: wrong pattern') == '1')
-    assert 'the pattern is 640x400, the projector 320x200' in bench.state().message
-    assert (len(bench.clouds), bench.value('failed')) == (2, '0')
-
-
-def test_stamps_of_the_future_and_repeated_ones_are_refused(ros, rig_file, photograph):
-    bench = Bench(ros, rig=rig_file)
+    bench.state.shows('refused: wrong pattern', 1)
+    assert 'the pattern is 640x400, the projector 320x200' in bench.message
     bench.project(PATTERN.draw())
-    bench.says('idle')
-    bench.listen()
+    bench.cloud_of(photograph, 9)
+    # Stamps of the future, and repeated ones.
     for ahead_s in (2, 3600):
-        bench.show(photograph, time.time_ns() + ahead_s * 1_000_000_000)
-    ros.until(lambda: bench.value('refused: wrong stamp') == '2')
+        bench.show(photograph, time.time_ns() + ahead_s * SECOND)
+    bench.state.shows('refused: wrong stamp', 2)
     assert 's in the future: stamp it with the middle of its exposure' in bench.message
-    bench.cloud_of(photograph, 7)
     for _ in range(2):
-        bench.show(photograph, 7)
-    ros.until(lambda: bench.value('refused: wrong stamp') == '4')
+        bench.show(photograph, 9)
+    bench.state.shows('refused: wrong stamp', 4)
     assert 'has the stamp of the one before' in bench.message
-    assert bench.state().level == DiagnosticStatus.WARN
-    bench.cloud_of(photograph, 8)
-    assert len(bench.clouds) == 2
-
-
-def test_what_is_not_tied_to_the_stripe_is_left_out_and_said(ros, rig, rig_file):
-    near = Panel(Pose.from_rpy([0, 0, 0], [0, 0, 0.65]), (-0.2, 0.07, -0.2, 0.2))
-    far = Panel(Pose.from_rpy([0, 0, 0], [0, 0, 0.662]), (0.085, 0.25, -0.2, 0.2))
-    seen = Renderer(rig, PATTERN.draw(), Photometry()).render(Surface((near, far)))
-    bench = Bench(ros, rig=rig_file, stride=2)
-    bench.project(PATTERN.draw())
-    bench.listen()
-    bench.cloud_of(seen, 1)
-    ros.until(lambda: bench.value('remarks'))
-    assert 'not tied to the red stripe' in bench.value('remarks')
-    assert float(bench.value('lit but not tied to the red stripe').rstrip('%')) > 10
-    assert bench.process.stop() == 0
+    bench.cloud_of(photograph, 10)
+    assert (len(bench.clouds), bench.value('failed')) == (4, '0')
 
 
 def test_without_a_rig_every_photograph_is_refused(ros, photograph):
@@ -356,3 +337,33 @@ def test_a_rig_that_has_moved_is_told_by_three_clouds_of_coded_fringes(ros, tmp_
     assert float(bench.value('its uncertainty (px)')) < 0.05
     ros.until(lambda: bench.value('rig check'))
     assert bench.value('rig check').startswith('the rig does not hold: the projector has turned')
+
+
+BEST_EFFORT = QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+def test_a_camera_of_another_make_is_heard_and_what_it_lacks_is_said(
+    ros, rig, rig_file, photograph
+):
+    bench = Bench(ros, BEST_EFFORT, rig=rig_file)
+    bench.project(PATTERN.draw())
+    bench.clouds = ros.collect(PointCloud2, 'points')
+    stamps = iter(range(1, SECOND))
+    ros.until(lambda: bench.show(photograph, next(stamps)) or bench.clouds)
+    ros.until(lambda: "none came: the rig's own camera" in (bench.value('camera_info') or ''))
+    # Once it comes, the warning ends.
+    bench.info.publish(camera_info_message(rig.camera, (400, 260), 1, 'eye'))
+    bench.state.shows('camera_info', 'comes')
+    name = bench.camera.topic_name
+
+    def heard():
+        infos = ros.node.get_subscriptions_info_by_topic(name)
+        return [ReliabilityPolicy(info.qos_profile.reliability).name for info in infos]
+
+    assert heard() == ['BEST_EFFORT']
+    bench.says('camera/image_raw is published with best effort')
+    ros.node.destroy_publisher(bench.camera)
+    for _ in range(2):
+        ros.publisher(Image, 'camera/image_raw', IMAGES)
+    ros.until(lambda: heard() == ['RELIABLE'])
+    bench.says('camera/image_raw has 2 publishers, whose messages mix')

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from flown_skin import COLUMNS, ROWS, SPACING, STATED, FlownSkin, erring
-from geometry_msgs.msg import PoseWithCovariance, PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from located import located
 from nav_msgs.msg import Path
 from sensor_msgs.msg import Image, PointCloud2
 from visualization_msgs.msg import MarkerArray
@@ -18,7 +19,6 @@ from ftp_dent_ros.ros.messages import (
     cloud_to_message,
     covariance_from_message,
     image_to_message,
-    make_header,
     pose_from_message,
     pose_to_message,
     stamp_to_ns,
@@ -33,36 +33,23 @@ WARN = DiagnosticStatus.WARN
 class Bench:
     """A surveying process, what goes into it and what comes out."""
 
-    def __init__(self, ros, has_skin=True, **parameters):
+    def __init__(self, ros):
         self.ros = ros
-        self.process = ros.start('survey', **parameters)
+        self.process = ros.start('survey')
         self.state = ros.diagnostics('survey')
         self.found = ros.collect(PoseWithCovarianceStamped, 'survey/pose', POSES)
-        self.skins = ros.publisher(Image, 'skin', CLOUDS) if has_skin else None
+        self.skins = ros.publisher(Image, 'skin', CLOUDS)
         self.points = ros.publisher(PointCloud2, 'points', CLOUDS)
         self.poses = ros.publisher(PoseWithCovarianceStamped, 'tagged/camera_pose', POSES)
-        waiting = 'waiting for clouds' if has_skin else 'waiting for clouds and their skin'
-        ros.until(lambda: self.state() and self.state().message == waiting)
+        self.state.says('waiting for clouds')
         ros.met_by('survey')
-
-    def value(self, key):
-        values = self.state().values if self.state() else ()
-        return next((item.value for item in values if item.key == key), None)
-
-    def waits(self, key, value):
-        self.ros.until(lambda: self.value(key) == str(value))
 
     def show(self, number, cloud, skin, pose, covariance=STATED, frame_id='map'):
         """Send what there is of one stamp; `pose` is one or a message of one."""
         stamp_ns = (number + 1) * HALF_S
-        if skin is not None:
-            self.skins.publish(image_to_message(skin, stamp_ns, CAMERA))
+        self.skins.publish(image_to_message(skin, stamp_ns, CAMERA))
         self.points.publish(cloud_to_message(cloud, stamp_ns, CAMERA))
-        if pose is not None:
-            content = pose_to_message(pose) if hasattr(pose, 'translation') else pose
-            tag = PoseWithCovariance(pose=content, covariance=covariance.ravel())
-            header = make_header(stamp_ns, frame_id)
-            self.poses.publish(PoseWithCovarianceStamped(header=header, pose=tag))
+        self.poses.publish(located(stamp_ns, pose, covariance, frame_id))
 
 
 @pytest.fixture(scope='module')
@@ -95,7 +82,7 @@ def test_clouds_of_a_flight_get_poses_that_agree_with_each_other(ros, flight):
         bench.show(number, cloud, skin, pose)
         ros.until(lambda: len(bench.found) > number)  # noqa: B023
     ros.until(lambda: paths and len(paths[-1].poses) == len(poses))
-    bench.waits('joined', len(poses))
+    bench.state.shows('joined', len(poses))
     # As much as the clouds cover of the skin, whose true poses differ by millimetres.
     area = (5 * 0.05 + COLUMNS * SPACING) * ROWS * SPACING
     ros.until(lambda: drawn and _area(drawn[-1]) == pytest.approx(area, rel=0.06))
@@ -115,10 +102,10 @@ def test_clouds_of_a_flight_get_poses_that_agree_with_each_other(ros, flight):
     off = pose_from_message(newest.pose).translation - poses[-1].translation
     assert off @ np.linalg.solve(covariance[:3, :3], off) / 3 < 4
     assert 0.005 < np.sqrt(covariance[0, 0]) <= np.sqrt(STATED[0, 0]) * 1.001
-    assert int(bench.value('pairs')) >= len(poses) - 1
-    assert bench.value('pairs left out') == bench.value('pairs without ties') == '0'
-    assert float(bench.value('computation median (ms)')) > 0
-    assert bench.value('refused') == bench.value('failed') == '0'
+    assert int(bench.state.value('pairs')) >= len(poses) - 1
+    assert bench.state.value('pairs left out') == bench.state.value('pairs without ties') == '0'
+    assert float(bench.state.value('computation median (ms)')) > 0
+    assert bench.state.value('refused') == bench.state.value('failed') == '0'
     assert bench.process.stop() == 0
 
 
@@ -148,10 +135,10 @@ def test_what_cannot_be_joined_is_told_with_its_reason_and_ends_nothing(ros, fli
         bench.show(20 + number, *seen[number % 6], stated[number % 6])
         stamp_ns = (21 + number) * HALF_S
         ros.until(lambda: stamp_to_ns(bench.found[-1].header.stamp) == stamp_ns)  # noqa: B023
-    bench.waits('joined', 9)
+    bench.state.shows('joined', 9)
     for reason in hostile:
-        assert int(bench.value(f'refused: {reason}')) >= 1, reason
-    assert bench.value('clouds without skin') == '1'
-    assert bench.value('failed') == '0' and bench.state().level == WARN
+        assert int(bench.state.value(f'refused: {reason}')) >= 1, reason
+    assert bench.state.value('clouds without skin') == '1'
+    assert bench.state.value('failed') == '0' and bench.state().level == WARN
     assert bench.process.stop() == 0
     assert 'their heights differ' in bench.process.output

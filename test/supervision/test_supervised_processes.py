@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from ftp_dent_ros.supervision.processes import Processes, Program
+from ftp_dent_ros.supervision.processes import Processes, Program, respawn_delay
 
 # `-I -S`: a bare interpreter that starts at once.
 BARE = (sys.executable, '-I', '-S', '-c')
-WAIT = 'import signal\nprint("ready", flush=True)\nwhile True: signal.pause()'
+WAIT = 'import os, signal\nprint(os.getpid(), flush=True)\nwhile True: signal.pause()'
 
 
 def script(name, text):
@@ -56,7 +56,8 @@ def test_tells_a_status_from_a_signal(lines):
         end = one_that_ends(processes)
         assert (end.status, str(end)) == (3, 'a ended with status 3')
         processes.start(script('a', WAIT))
-        os.kill(processes.pid('a'), signal.SIGKILL)
+        until(lambda: lines)
+        os.kill(int(lines[0][1]), signal.SIGKILL)
         assert str(one_that_ends(processes)) == 'a was killed by SIGKILL'
         assert processes.names == ()
 
@@ -94,11 +95,10 @@ def test_takes_grandchildren_along(lines):
 def test_leaves_no_orphan_when_it_is_killed():
     starter = f"""
 import time
-from ftp_dent_ros.supervision.processes import Processes, Program
-processes = Processes(lambda name, line: None)
+from ftp_dent_ros.supervision.processes import Processes, Program, respawn_delay
+processes = Processes(lambda name, line: print(line, flush=True))
 for name in 'ab':
     processes.start(Program(name, {(*BARE, WAIT)!r}))
-    print(processes.pid(name), flush=True)
 time.sleep(1000)
 """
     with subprocess.Popen(
@@ -108,3 +108,12 @@ time.sleep(1000)
         assert all(map(is_alive, children))
         parent.kill()
         until(lambda: not any(map(is_alive, children)))
+
+
+def test_what_ends_soon_waits_longer_each_time_and_what_ran_well_does_not_wait():
+    delays = [0.0]
+    for _ in range(7):
+        delays.append(respawn_delay(1, 5.0, delays[-1]))
+    assert delays[1:] == [1, 2, 4, 8, 16, 30, 30]
+    assert respawn_delay(-9, 61.0, 30.0) == 0
+    assert respawn_delay(2, 61.0, 30.0) is None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from collections import deque
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import cv2
@@ -22,6 +23,7 @@ from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig.rig import Lens
 from ftp_dent_ros.robust import deviation
 
+_LIST = 'dents/list'
 # Poses and areas seen that are kept: half an hour of two photographs a second.
 _KEPT = 4000
 
@@ -80,28 +82,38 @@ def message_of(item: Item) -> Any:
 
 def path_of(message: Any) -> tuple[int, list[list[float]]]:
     """Stamp of a Path (ns), and its places, metres."""
-    places = [_checked(each.pose.position) for each in message.poses]
-    return stamp_to_ns(message.header.stamp), np.round(places, 3).tolist()
+    places = _places([each.pose.position for each in message.poses])
+    return stamp_to_ns(message.header.stamp), places.tolist()
 
 
 def coverage_of(message: Any) -> tuple[int, dict[str, list[list[list[float]]]]]:
     """Stamp of a coverage (ns), and its strips: ``measured`` and ``gaps``, four corners each."""
-    strips: dict[str, list[list[list[float]]]] = {'measured': [], 'gaps': []}
-    for marker in message.markers:
-        if marker.ns in strips:
-            corners = [np.round(_checked(at), 3).tolist() for at in marker.points]
-            # Two triangles each: of the second only the last corner is another.
-            strips[marker.ns] = [
-                [*corners[i : i + 3], corners[i + 5]] for i in range(0, len(corners) - 5, 6)
-            ]
+    # Two triangles each: of the second only the last corner is another.
+    strips = {
+        marker.ns: _places(marker.points).reshape(-1, 6, 3)[:, [0, 1, 2, 5]].tolist()
+        for marker in message.markers
+        if marker.ns in ('measured', 'gaps')
+    }
     return stamp_to_ns(message.markers[0].header.stamp), strips
 
 
-def _checked(at: Any) -> list[float]:
-    place = [at.x, at.y, at.z]
-    if not all(map(math.isfinite, place)):
-        raise ValueError
-    return place
+def _places(points: Sequence[Any]) -> NDArray[np.float64]:
+    """Points of a message, to the millimetre; ValueError if one is none."""
+    places: NDArray[np.float64] = np.asarray_chkfinite([[at.x, at.y, at.z] for at in points])
+    return np.round(places, 3)
+
+
+def statuses_of(message: Any) -> list[dict[str, Any]]:
+    """What the nodes of a DiagnosticArray say."""
+    return [
+        {
+            'name': status.name,
+            'level': int(status.level),
+            'message': status.message,
+            'values': {each.key: each.value for each in status.values},
+        }
+        for status in message.status
+    ]
 
 
 def dents_of(message: Any) -> list[dict[str, Any]]:
@@ -144,6 +156,13 @@ def _dent(value: Any) -> dict[str, Any]:
     }
 
 
+# How what the page shows as it was told last is read.
+_READERS: dict[str, Callable[[Any], Any]] = {
+    topics.DIAGNOSTICS: statuses_of,
+    _LIST: dents_of,
+    topics.SURVEY_PATH: path_of,
+    topics.SURVEY_COVERAGE: coverage_of,
+}
 # What reading a message of anything else may raise.
 _MALFORMED = (ValueError, LookupError, TypeError, AttributeError, PoseError, cv2.error)
 
@@ -160,12 +179,14 @@ class PageScene:
     def __init__(self) -> None:
         self.version = 0
         self._lock = threading.Lock()
-        self._dents: list[dict[str, Any]] = []
+        # By topic; a survey's with the stamp up to which it goes.
+        self._told: dict[str, Any] = {
+            topics.DIAGNOSTICS: [],
+            _LIST: [],
+            topics.SURVEY_PATH: (0, []),
+            topics.SURVEY_COVERAGE: (0, {}),
+        }
         self._areas: deque[tuple[int, list[list[float]]]] = deque(maxlen=_KEPT)
-        # By the survey, where it runs: with the stamp up to which it goes.
-        self._surveyed: tuple[int, list[list[float]]] = 0, []
-        self._coverage: tuple[int, dict[str, list[list[list[float]]]]] = 0, {}
-        self._statuses: list[dict[str, Any]] = []
         self._poses: dict[int, Pose] = {}
         self._lens: Lens | None = None
         self._picture: tuple[int, bytes, tuple[int, int]] | None = None
@@ -189,18 +210,18 @@ class PageScene:
     def state(self) -> dict[str, Any]:
         """What the page needs to know, for JSON."""
         with self._lock:
-            survey_end, places = self._surveyed
+            survey_end, places = self._told[topics.SURVEY_PATH]
             newer = [self._poses[each] for each in sorted(self._poses) if each > survey_end]
-            coverage_end, strips = self._coverage
+            coverage_end, strips = self._told[topics.SURVEY_COVERAGE]
             return {
                 'version': self.version,
-                'dents': self._dents,
+                'dents': self._told[_LIST],
                 # As the survey has them, and as clouds come from there on.
                 'path': places + [np.round(each.translation, 3).tolist() for each in newer],
                 'areas': strips.get('measured', [])
                 + [area for stamp, area in self._areas if stamp > coverage_end],
                 'gaps': strips.get('gaps', []),
-                'statuses': self._statuses,
+                'statuses': self._told[topics.DIAGNOSTICS],
                 'picture': self._drawn_picture(),
                 'cloud': None if self._cloud is None else str(self._cloud[0]),
             }
@@ -220,22 +241,8 @@ class PageScene:
             self._take_picture(item)
         elif item.kind == 'cloud':
             self._take_cloud(item)
-        elif item.topic == topics.DIAGNOSTICS:
-            self._statuses = [
-                {
-                    'name': status.name,
-                    'level': int(status.level),
-                    'message': status.message,
-                    'values': {each.key: each.value for each in status.values},
-                }
-                for status in message_of(item).status
-            ]
-        elif item.topic == 'dents/list':
-            self._dents = dents_of(message_of(item))
-        elif item.topic == topics.SURVEY_PATH:
-            self._surveyed = path_of(message_of(item))
-        elif item.topic == topics.SURVEY_COVERAGE:
-            self._coverage = coverage_of(message_of(item))
+        elif item.topic in _READERS:
+            self._told[item.topic] = _READERS[item.topic](message_of(item))
         elif item.topic == topics.CAMERA_POSE:
             self._poses[item.stamp_ns] = pose_from_message(message_of(item).pose.pose)
             if len(self._poses) > _KEPT:
@@ -272,7 +279,7 @@ class PageScene:
         outlines = []
         if stamp in self._poses and self._lens is not None:
             to_camera, scale = self._poses[stamp].inverse(), width / self._lens.width
-            for dent in self._dents:
+            for dent in self._told[_LIST]:
                 around = to_camera.apply(ring(dent))
                 if (around[:, 2] <= 0).any():
                     continue

@@ -290,8 +290,7 @@ class PageServer:
         if name not in COMMANDS:
             return _refuse(404, 'there is no such command')
         answer = await asyncio.to_thread(self._command, name)
-        text = json.dumps({'success': answer.success, 'message': answer.message})
-        return web.Response(text=text, content_type='application/json', headers=_HEADERS)
+        return web.Response(body=answer.pack(), content_type='application/json', headers=_HEADERS)
 
     async def _events(self, request: web.Request) -> web.StreamResponse:
         """Say every change, and once a second the link's state (server-sent events)."""

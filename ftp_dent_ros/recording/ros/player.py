@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import threading
 import time
+from collections import Counter
 from collections.abc import Iterator, Sequence
 
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from tqdm import tqdm
 
 from ftp_dent_ros.coding.messages import message_class
 from ftp_dent_ros.errors import BagError
 from ftp_dent_ros.recording.reader import Bag
-from ftp_dent_ros.recording.ros import say
+from ftp_dent_ros.recording.ros import quality, say
 from ftp_dent_ros.recording.topic import Message, Qos, RecordedTopic
 
 # Of each topic: long enough not to wait for each message, short enough for large ones.
@@ -59,16 +60,19 @@ class Player:
         self._stop = stop
         self._publishers: dict[str, Publisher] = {}
         self._types: dict[str, str] = {}
-        self._unacknowledged: dict[str, int] = {}
+        self._unacknowledged: Counter[str] = Counter()
         for topic in topics:
             if topic.name in self._publishers:
                 first = self._types[topic.name]
                 say(f'{topic.name}: its {topic.type} are not replayed: only its {first}')
                 continue
-            publisher = _make_publisher(node, topic)
-            if publisher is not None:
-                self._publishers[topic.name] = publisher
+            try:
+                self._publishers[topic.name] = node.create_publisher(
+                    message_class(topic.type), topic.name, offer_for(topic.offered_qos)
+                )
                 self._types[topic.name] = topic.type
+            except Exception as reason:  # an unknown type, or a name that is not ROS's
+                say(f'{topic.name}: not replayed: {str(reason).splitlines()[0].rstrip(":")}')
         if topics and not self._publishers:
             raise BagError(f'{bag.path}: none of its topics can be replayed here: see above')
 
@@ -121,7 +125,7 @@ class Player:
         name = message.topic
         self._publishers[name].publish(message.data)
         self.published += 1
-        self._unacknowledged[name] = self._unacknowledged.get(name, 0) + 1
+        self._unacknowledged[name] += 1
         # At the original times the subscribers keep up, as they did then.
         if hurried and self._unacknowledged[name] >= _DEPTH:
             self._wait_for_acknowledgement(name)
@@ -142,7 +146,7 @@ class Player:
             if publisher.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
         ]
         last: dict[str, Message] = {}
-        for message in self._bag.messages(latched) if latched else ():
+        for message in self._bag.messages(latched):
             if message.log_time_ns >= start_ns:
                 break
             if message.type == self._types[message.topic]:
@@ -157,18 +161,4 @@ def offer_for(recorded: Sequence[Qos]) -> QoSProfile:
     """
     reliable = not recorded or any(qos.reliability == 'reliable' for qos in recorded)
     latched = any(qos.durability == 'transient_local' for qos in recorded)
-    return QoSProfile(
-        depth=_DEPTH,
-        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-    )
-
-
-def _make_publisher(node: Node, topic: RecordedTopic) -> Publisher | None:
-    """Publisher for a topic; None, after saying why, if it cannot be published."""
-    try:
-        kind = message_class(topic.type)
-        return node.create_publisher(kind, topic.name, offer_for(topic.offered_qos))
-    except Exception as reason:  # an unknown type, or rclpy's own: a name that is not ROS's
-        say(f'{topic.name}: not replayed: {str(reason).splitlines()[0].rstrip(":")}')
-    return None
+    return quality(reliable, latched, _DEPTH)

@@ -11,13 +11,13 @@ from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from ftp_dent_ros.coding.messages import message_class
-from ftp_dent_ros.recording.ros import say
+from ftp_dent_ros.recording.ros import quality, say
 from ftp_dent_ros.recording.topic import (
     Message,
     Qos,
     RecordedTopic,
-    Selection,
     find_definition,
+    is_hidden,
     type_hash,
 )
 
@@ -35,8 +35,10 @@ class Recorder:
         Takes each topic before its first message.
     put : callable
         Takes each message.
-    selection : Selection
-        The topics wanted.
+    names : tuple of str
+        Topics wanted in any case, absolute.
+    everything : bool
+        Whether all that are not hidden are wanted, too.
 
     Attributes
     ----------
@@ -50,17 +52,18 @@ class Recorder:
         node: Node,
         add_topic: Callable[[RecordedTopic], None],
         put: Callable[[Message], bool],
-        selection: Selection,
+        names: tuple[str, ...],
+        everything: bool,
     ) -> None:
         self.received = 0
         self.lost = 0
         self._node = node
         self._add_topic = add_topic
         self._put = put
-        self._selection = selection
-        self._subscriptions: dict[str, Subscription] = {}
+        self._names, self._everything = names, everything
+        # Of each topic that was met; None where ROS refuses it.
+        self._subscriptions: dict[str, Subscription | None] = {}
         self._last_sequence: dict[str, int] = {}  # of topics with a single publisher
-        self._refused: set[str] = set()
         self._types: dict[str, str] = {}
         self._disputed: set[str] = set()  # topics that somebody publishes with another type
         node.create_timer(DISCOVERY_PERIOD_S, self.discover)
@@ -69,16 +72,16 @@ class Recorder:
     def discover(self) -> None:
         """Subscribe to new topics, and anew where a new publisher would not be heard."""
         for name, _ in self._node.get_topic_names_and_types():
-            if name in self._refused or not self._selection.wants(name):
-                continue
-            publishers = self._publishers(name)
+            wanted = name in self._names or (self._everything and not is_hidden(name))
+            publishers = self._publishers(name) if wanted else []
             if not publishers:
                 continue
             if len(publishers) > 1:
                 self._last_sequence.pop(name, None)
-            subscription = self._subscriptions.get(name)
-            if subscription is None:
+            if name not in self._subscriptions:
                 self._begin(name, publishers)
+            subscription = self._subscriptions[name]
+            if subscription is None:
                 continue
             request = _request_for(publishers, subscription.qos_profile.depth)
             current = subscription.qos_profile
@@ -93,8 +96,7 @@ class Recorder:
 
     def missing(self) -> list[str]:
         """Topics that were wanted by name and have not appeared."""
-        known = self._subscriptions.keys() | self._refused
-        return [name for name in self._selection.names if name not in known]
+        return [name for name in self._names if name not in self._subscriptions]
 
     def _publishers(self, name: str) -> list[TopicEndpointInfo]:
         """Those of a topic's own type, which is the first that it was met with."""
@@ -152,7 +154,7 @@ class Recorder:
                 raw=True,
             )
         except Exception as reason:  # an unknown type, or rclpy's own: a name that is not ROS's
-            self._refused.add(topic.name)
+            self._subscriptions[topic.name] = None
             say(f'{topic.name}: not recorded: {str(reason).splitlines()[0].rstrip(":")}')
             return
         self._add_topic(topic)
@@ -173,8 +175,4 @@ def _request_for(publishers: Sequence[TopicEndpointInfo], depth: int) -> QoSProf
     offers = [publisher.qos_profile for publisher in publishers]
     reliable = all(offer.reliability == ReliabilityPolicy.RELIABLE for offer in offers)
     latched = all(offer.durability == DurabilityPolicy.TRANSIENT_LOCAL for offer in offers)
-    return QoSProfile(
-        depth=depth,
-        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-    )
+    return quality(reliable, latched, depth)
