@@ -6,7 +6,6 @@ import pytest
 pytest.importorskip('zenoh', reason='Zenoh is not installed: the link to the ground is not tested')
 
 from free_address import free_address
-from skins import depths_of
 
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.coding.cloud_codec import RayGrid
