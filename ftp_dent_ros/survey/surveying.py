@@ -230,7 +230,7 @@ def join_bags(
     joining.finish()
     _require_ties(joining, bags)
     clouds = len(joining.stamps_ns)
-    unplaced = sum(node.stated is None for node in joining.graph.nodes)
+    unplaced = sum(node.covariance is None for node in joining.graph.nodes)
     if unplaced:
         say(
             f'{unplaced} of {clouds} clouds have no pose: they are placed by what they share with '
@@ -255,7 +255,7 @@ def _require_ties(joining: Joining, bags: Sequence[Bag]) -> None:
     parts: dict[int, set[int]] = {}
     for node, group in zip(nodes, joining.graph.groups(), strict=True):
         parts.setdefault(node.flight, set()).add(group)
-    placed = {node.flight for node in nodes if node.stated is not None}
+    placed = {node.flight for node in nodes if node.covariance is not None}
     # Without any poses, the first bag's skin is the frame of the others.
     for flight in sorted(parts.keys() - placed)[0 if placed else 1 :]:
         others = set().union(*(parts[each] for each in parts if each != flight))
@@ -277,7 +277,7 @@ def _tell_groups(joining: Joining, say: Callable[[str], Any]) -> None:
     sizes = np.bincount(groups)
     if len(sizes) == 1:
         return
-    placed = [node.stated is not None for node in joining.graph.nodes]
+    placed = [node.covariance is not None for node in joining.graph.nodes]
     adrift = len(sizes) - len(np.unique(groups[placed]))
     say(
         f'the clouds are not one skin but {len(sizes)} parts, the largest of {sizes.max()} '
