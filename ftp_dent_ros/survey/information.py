@@ -8,7 +8,6 @@ ways. Source: A. C. Cameron, D. L. Miller, Journal of Human Resources 50, 317 (2
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -16,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.rigid import moved_along, twist_between
 from ftp_dent_ros.survey.alignment import PairEquations
 
 Array = NDArray[np.float64]
@@ -33,31 +31,10 @@ _BEND, _STRETCH = 5e-5, 3e-5
 COMMON = np.diag(np.square([_BEND] * 3 + [_STRETCH] * 3))
 _FORMS = np.array([[[1.0, 0], [0, 0]], [[0, 1], [1, 0]], [[0, 0], [0, 1]]])
 
-# Metres that a turn of a radian is taken for: half of a patch.
-_ARM = 0.15
-_SCALE = np.array([1, 1, 1, 1 / _ARM, 1 / _ARM, 1 / _ARM])
 
-
-@dataclass(frozen=True, eq=False)
-class PairInformation:
-    """What a pair of patches says of its relative pose.
-
-    Attributes
-    ----------
-    step : ndarray, shape (6,)
-        To the pose by the patches alone: shift of the centre, and turn.
-    information : ndarray, shape (6, 6)
-        Inverse covariance; zero in directions that are not known.
-    rank : int
-        Directions known.
-    """
-
-    step: NDArray[np.float64]
-    information: NDArray[np.float64]
-    rank: int
-
-
-def pair_information(found: PairEquations, centre: Array, parallax: Array) -> PairInformation:
+def pair_information(
+    found: PairEquations, centre: Array, parallax: Array
+) -> tuple[Array, Array, int]:
     """What equations at their solution tell.
 
     Parameters
@@ -68,6 +45,15 @@ def pair_information(found: PairEquations, centre: Array, parallax: Array) -> Pa
     parallax : ndarray, shape (2,)
         Along x and y, how far a place moves between the two views for each metre that it lies
         below the skin.
+
+    Returns
+    -------
+    step : ndarray, shape (6,)
+        To the pose by the patches alone: shift of the centre, and turn.
+    information : ndarray, shape (6, 6)
+        Inverse covariance; zero in directions that are not known.
+    rank : int
+        Directions known.
     """
     # Turns are compared with shifts at the overlap's own size.
     arm = float(np.sqrt(np.mean(np.square(found.place - centre).sum(axis=1))))
@@ -84,7 +70,7 @@ def pair_information(found: PairEquations, centre: Array, parallax: Array) -> Pa
     ways = [_strips(found.place[:, axis]) for axis in (0, 1)]
     squares = np.unique(ways[0] + (ways[0].max() + 1) * ways[1])
     if not sure.any() or len(squares) < _LEAST_SQUARES:
-        return PairInformation(np.zeros(6), np.zeros((6, 6)), 0)
+        return np.zeros(6), np.zeros((6, 6)), 0
     own, other = own[:, sure], other[:, sure]
     weighted, pull = found.weight[:, None] * own, (found.weight * found.residual)[:, None]
     # All marks of a pair lie as deep, so that strips do not show it.
@@ -105,9 +91,7 @@ def pair_information(found: PairEquations, centre: Array, parallax: Array) -> Pa
         moves = np.linalg.solve(left, scores[..., None])[..., 0]
         covariance = covariance + (count - 1) / count * moves.T @ moves
     information = kept @ np.linalg.inv(covariance) @ kept.T
-    return PairInformation(
-        kept @ step * scale, information / np.outer(scale, scale), int(sure.sum())
-    )
+    return kept @ step * scale, information / np.outer(scale, scale), int(sure.sum())
 
 
 def _strips(place: Array) -> NDArray[np.intp]:
@@ -187,46 +171,3 @@ class RelativePose:
     rank: int
     remark: str = ''
     common: NDArray[np.float64] = field(default_factory=lambda: np.zeros((6, 6)))
-
-
-class UnlikePairError(Exception):
-    """Two clouds that do not lie on each other; the message says in what."""
-
-
-def slid_information(
-    pair: PairInformation,
-    pose: Pose,
-    centre: Array,
-    doubt: Array,
-    laid: Callable[[Pose, Array], Pose],
-) -> Array:
-    """Information on a pose by shape, shape (6, 6), wherever within its doubt the patches lie.
-
-    Parameters
-    ----------
-    pair : PairInformation
-        At the pose.
-    doubt : ndarray, shape (6, 6)
-        Covariance of the guess, of the shift of the centre and the turn.
-    laid : callable
-        Lays the patches on each other by their heights, from a pose on, held by a matrix.
-    """
-    if pair.rank in (0, 6):
-        return pair.information
-    both = np.outer(_SCALE, _SCALE)
-    values, directions = np.linalg.eigh(pair.information * both)
-    free, sure = directions[:, : 6 - pair.rank], directions[:, 6 - pair.rank :]
-    spread = np.linalg.inv(np.linalg.inv(doubt) * both + pair.information * both)
-    variances, ways = np.linalg.eigh(free.T @ spread @ free)
-    # By how much a patch that is slid may slide on while it is laid on the other, metres.
-    held = free @ free.T / both / 1e-5**2
-    covariance = np.diag(1 / values[6 - pair.rank :])
-    for step in (free @ ways * np.sqrt(variances)).T:
-        for sign in (1, -1):
-            try:
-                other = laid(moved_along(pose, sign * (step * _SCALE), centre), held)
-            except UnlikePairError:
-                continue
-            change = sure.T @ (twist_between(pose, other, centre) / _SCALE)
-            covariance += np.outer(change, change) / 2
-    return sure @ np.linalg.inv(covariance) @ sure.T / both

@@ -12,11 +12,11 @@ from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.pose import IDENTITY, Pose
 from ftp_dent_ros.rigid import about
 from ftp_dent_ros.survey.footprint import Footprint
-from ftp_dent_ros.survey.information import RelativePose, UnlikePairError
+from ftp_dent_ros.survey.information import RelativePose
 from ftp_dent_ros.survey.patch import FoldedPatch, SkinPatch, patch_of
 from ftp_dent_ros.survey.pose_graph import PoseGraph
 from ftp_dent_ros.survey.pose_terms import JITTER, Node, share_kept
-from ftp_dent_ros.survey.registration import register
+from ftp_dent_ros.survey.registration import UnlikePairError, register
 
 # Earlier clouds that each is laid on: the one before, and one some clouds back.
 _BACK = (1, 3)

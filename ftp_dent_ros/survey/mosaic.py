@@ -45,11 +45,9 @@ class Mosaic(Raster):
         )
         self._points = np.zeros((*self.shape, 3), np.float32)
         self._noise, self._findable = np.full((2, *self.shape), np.nan, np.float32)
-        self._best = np.full(self.shape, -1, np.int32)
 
     def add(
         self,
-        number: int,
         cloud: Cloud,
         pose: Pose,
         skin: NDArray[np.uint8] | None,
@@ -86,8 +84,6 @@ class Mosaic(Raster):
         chosen = tuple(each[better] for each in pixels)
         self._findable[chosen] = findable[better]
         self._noise[chosen] = found.noise[nearest][better]
-        self._best[chosen] = number
-        self._best[pixels] = np.where(self._best[pixels] < 0, number, self._best[pixels])
 
     @property
     def image(self) -> NDArray[np.uint8]:
@@ -119,9 +115,7 @@ class Mosaic(Raster):
             CELL,
             cloud.points[measured],
             _middle(self._findable)[measured],
-            cloud.sigma[measured],
             _by_cell(self.views).max(axis=-1)[measured].astype(np.int64),
-            _by_cell(self._best).max(axis=-1)[measured].astype(np.int64),
         )
 
     def measured(self) -> NDArray[np.bool_]:

@@ -17,15 +17,9 @@ from numpy.typing import NDArray
 from scipy.signal import correlate
 
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.rigid import about, moved
+from ftp_dent_ros.rigid import about, moved, moved_along, twist_between
 from ftp_dent_ros.survey.alignment import PairEquations, equations, of_paint
-from ftp_dent_ros.survey.information import (
-    RelativePose,
-    UnlikePairError,
-    in_common,
-    pair_information,
-    slid_information,
-)
+from ftp_dent_ros.survey.information import RelativePose, in_common, pair_information
 from ftp_dent_ros.survey.patch import Samples, SkinPatch
 from ftp_dent_ros.survey.raster import Grid
 
@@ -55,6 +49,10 @@ _FARTHEST = 0.2
 _TURN = 0.008
 # A peak's correlation, and that by the highest one's, from which on it may be the place.
 _RIVAL = 0.6
+
+
+class UnlikePairError(Exception):
+    """Two clouds that do not lie on each other; the message says in what."""
 
 
 def register(
@@ -95,26 +93,53 @@ def register(
     if found is None:
         found = equations(first, samples, best, centre, with_paint=False)
     _check(found, samples, remark)
-    pair = pair_information(found, centre, _parallax(first, second, best, centre))
+    parallax = _parallax(first, second, best, centre)
+    step, information, rank = pair_information(found, centre, parallax)
     # The result is that of the patches, without the guess.
-    best = moved(best, pair.step, centre)
-    information = pair.information
-    if remark:
-
-        def laid(pose: Pose, held: NDArray[np.float64]) -> Pose:
-            return _laid(first, few, pose, centre, held)
-
-        information = slid_information(pair, best, centre, near.doubt, laid)
+    best = moved(best, step, centre)
+    if remark and rank not in (0, 6):
+        information = _slid_information(first, few, best, near, information, rank)
     pose = first.frame @ best @ second.frame.inverse()
     turn = np.kron(np.eye(2), first.frame.rotation.as_matrix())
     return RelativePose(
         pose,
         first.frame.apply(centre),
         turn @ information @ turn.T,
-        pair.rank,
+        rank,
         remark,
         turn @ in_common(centre, best),
     )
+
+
+def _slid_information(
+    first: SkinPatch,
+    samples: Samples,
+    pose: Pose,
+    near: Guess,
+    information: Array,
+    rank: int,
+) -> Array:
+    """Information on a pose by shape, wherever within its doubt the patches lie, (6, 6)."""
+    # Turns as shifts: of a radian so many metres, half of a patch.
+    scale = np.array([1, 1, 1, 1 / 0.15, 1 / 0.15, 1 / 0.15])
+    both, centre = np.outer(scale, scale), near.centre
+    values, directions = np.linalg.eigh(information * both)
+    free, sure = directions[:, : 6 - rank], directions[:, 6 - rank :]
+    spread = np.linalg.inv((np.linalg.inv(near.doubt) + information) * both)
+    variances, ways = np.linalg.eigh(free.T @ spread @ free)
+    # By how much a patch that is slid may slide on while it is laid on the other, metres.
+    held = free @ free.T / both / 1e-5**2
+    covariance = np.diag(1 / values[6 - rank :])
+    for step in (free @ ways * np.sqrt(variances)).T:
+        for sign in (1, -1):
+            try:
+                beside = moved_along(pose, sign * (step * scale), centre)
+                other = _laid(first, samples, beside, centre, held)
+            except UnlikePairError:
+                continue
+            change = sure.T @ (twist_between(pose, other, centre) / scale)
+            covariance += np.outer(change, change) / 2
+    return sure @ np.linalg.inv(covariance) @ sure.T / both
 
 
 def _placed(

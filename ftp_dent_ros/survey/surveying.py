@@ -46,17 +46,15 @@ class Surveyed:
     ----------
     result : SurveyResult
     mosaic : Mosaic
+    joined : JoinedClouds
     remarks : tuple of str
         What could not be used, and why; what was assumed.
-    pairs, left_out : int
-        Relative poses, and how many of them contradict the others.
     """
 
     result: SurveyResult
     mosaic: Mosaic
+    joined: JoinedClouds
     remarks: tuple[str, ...]
-    pairs: int
-    left_out: int
 
 
 def survey_bags(
@@ -88,26 +86,23 @@ def survey_bags(
     """
     settings = settings or SmallestDent()
     joined = join_bags(bags, progress)
-    joining, poses = joined.joining, joined.poses
     skin = FusedSkin(bags, joined, progress)
     dents = DentList()
-    for raw in skin.clouds():
-        item, found = skin.prepared(raw), None
+    for item in map(skin.prepared, skin.clouds()):
+        found = None
         with contextlib.suppress(FtpDentError):
             found = inspect(check_resolution(item.cloud), settings)
-        skin.shown(item, found)
+        found = skin.completed(item, found)
         if found is not None and item.pose is not None:
-            found = skin.with_common_errors(item, found)
             seen = [each.transformed(item.pose) for each in (*found.dents, *found.others)]
             number = joined.numbers[item.stamp_ns]
             dents.add(number, seen, item.pose, item.covariance, stamp_ns=item.stamp_ns)
         progress()
-    covariances, mosaic = joined.covariances, skin.mosaic
     surveyed = tuple(
         SurveyedDent(
             each.number,
             replace(each.dent, reason=each.reason),
-            position_covariance(each.dent.position, poses[each.best], covariances[each.best]),
+            joined.position_covariance(each.dent.position, each.best),
             len(each.sightings),
             skin.relief(each.dent),
         )
@@ -116,20 +111,16 @@ def survey_bags(
     result = SurveyResult(
         name=name or bags[0].path.stem,
         sources=tuple(str(bag.path) for bag in bags),
-        taken_ns=min(joining.stamps_ns),
+        taken_ns=min(joined.numbers),
         frame_id=joined.frame_id,
         dents=surveyed,
-        stamps_ns=tuple(joining.stamps_ns),
-        poses=tuple(poses),
-        covariances=covariances,
-        coverage=mosaic.coverage(),
+        coverage=skin.mosaic.coverage(),
         settings=settings,
         rig_id=rig_id,
         software=__version__,
     )
     remarks = (*joined.remarks, *([sentence(dents.glass)] if dents.glass else []))
-    graph = joining.graph
-    return Surveyed(result, mosaic, remarks, len(graph.links), len(graph.left_out))
+    return Surveyed(result, skin.mosaic, joined, remarks)
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,6 +145,12 @@ class JoinedClouds:
         """Of the camera at each cloud."""
         return self.joining.graph.poses
 
+    @property
+    def pairs(self) -> tuple[int, int]:
+        """How many relative poses join them, and how many contradict those and are left out."""
+        graph = self.joining.graph
+        return len(graph.links) - len(graph.left_out), len(graph.left_out)
+
     @cached_property
     def numbers(self) -> dict[int, int]:
         """Number of each cloud, from 0, by its stamp (ns)."""
@@ -163,6 +160,10 @@ class JoinedClouds:
     def covariances(self) -> NDArray[np.float64]:
         """Of the poses in the map, shape (n, 6, 6), as in geometry_msgs/PoseWithCovariance."""
         return self.joining.graph.covariances()
+
+    def position_covariance(self, position: NDArray, number: int) -> NDArray[np.float64]:
+        """Of a place in the map that a cloud shows, shape (3, 3), square metres."""
+        return position_covariance(position, self.poses[number], self.covariances[number])
 
     @cached_property
     def covariances_among_them(self) -> NDArray[np.float64]:
@@ -349,17 +350,21 @@ class FusedSkin:
         heights = (self._fusion.heights(plane) - dent.position) @ dent.normal
         return DentRelief(spacing, heights.astype(np.float32))
 
-    def shown(self, item: BagCloud, found: Inspection | None) -> None:
-        """Draw a prepared cloud into the picture, with what its inspection tells."""
-        number = self._joined.numbers.get(item.stamp_ns)
-        if number is not None:
-            self.mosaic.add(number, item.cloud, self._joined.poses[number], item.skin, found)
+    def completed(self, item: BagCloud, found: Inspection | None) -> Inspection | None:
+        """Draw a prepared cloud into the picture, with what its inspection tells, if anything.
 
-    def with_common_errors(self, item: BagCloud, found: Inspection) -> Inspection:
-        """What is told of a prepared cloud: depths as uncertain as what all clouds may share."""
-        if item.pose is None or item.stamp_ns not in self._joined.numbers:
+        Returns
+        -------
+        Inspection or None
+            Depths as uncertain as what all clouds may have in common.
+        """
+        number = self._joined.numbers.get(item.stamp_ns)
+        if number is None:
             return found
-        pose = item.pose
+        pose = self._joined.poses[number]
+        self.mosaic.add(item.cloud, pose, item.skin, found)
+        if found is None:
+            return None
 
         def doubted(dent: MeasuredDent) -> MeasuredDent:
             part = self._fusion.shared(pose.apply(dent.position)) / abs(dent.depth.value)
@@ -403,42 +408,30 @@ def report_on_skin(
     """
     joined = join_bags([bag], progress)
     skin = FusedSkin([bag], joined, progress)
-
-    def completed(item: BagCloud, found: Inspection) -> Inspection:
-        skin.shown(item, found)
-        return skin.with_common_errors(item, found)
-
     report = survey_bag(
-        bag, inspect, rig, camera, rules, settings, progress, skin.prepared, completed
+        bag, inspect, rig, camera, rules, settings, progress, skin.prepared, skin.completed
     )
-    report = replace(_in_the_map(report, joined), frame_id=joined.frame_id)
-    dents = [
-        SurveyedDent(each.number, each.dent, each.position_covariance, len(each.sightings))
-        for each in report.entries
-    ]
-    links, left_out = joined.joining.graph.links, joined.joining.graph.left_out
-    facts = [
-        ('Joined by', f'{len(links) - len(left_out)} pairs of clouds, {len(left_out)} left out')
-    ]
-    return replace(report, skin=skin_of(skin.mosaic, dents, facts, joined.remarks)), joined
-
-
-def _in_the_map(report: InspectionReport, joined: JoinedClouds) -> InspectionReport:
-    """Places with what all of them have in common: the error of the autopilot's poses."""
-    frames = [
-        frame
-        if frame.stamp_ns not in joined.numbers
-        else replace(frame, covariance=joined.covariances[joined.numbers[frame.stamp_ns]])
-        for frame in report.frames
-    ]
-    by_number = {frame.number: frame for frame in frames}
-    entries = [
-        replace(
-            each,
-            position_covariance=position_covariance(
-                each.dent.position, by_number[each.best].pose, by_number[each.best].covariance
-            ),
+    # With what all places have in common: the error of the autopilot's poses.
+    numbers = {each.number: joined.numbers.get(each.stamp_ns or 0) for each in report.frames}
+    frames = tuple(
+        each
+        if (number := numbers[each.number]) is None
+        else replace(each, covariance=joined.covariances[number])
+        for each in report.frames
+    )
+    entries = tuple(
+        each
+        if (number := numbers[each.best]) is None
+        else replace(
+            each, position_covariance=joined.position_covariance(each.dent.position, number)
         )
         for each in report.entries
+    )
+    dents = [
+        SurveyedDent(each.number, each.dent, each.position_covariance, len(each.sightings))
+        for each in entries
     ]
-    return replace(report, frames=tuple(frames), entries=tuple(entries))
+    facts = [('Joined by', '{} pairs of clouds, {} left out'.format(*joined.pairs))]
+    shown = skin_of(skin.mosaic, dents, facts, joined.remarks)
+    report = replace(report, frames=frames, entries=entries, frame_id=joined.frame_id, skin=shown)
+    return report, joined

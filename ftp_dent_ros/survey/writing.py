@@ -85,7 +85,7 @@ def write_survey(
 
 def fields(survey: Surveyed, frame: AircraftFrame | None = None) -> dict[str, Any]:
     """All that is found, as JSON has it: metres but where the name says millimetres."""
-    result, mosaic = survey.result, survey.mosaic
+    result, mosaic, joined = survey.result, survey.mosaic, survey.joined
     cells = result.coverage
     skin = mosaic.skin
     half, most = _findable(cells) or (None, None)
@@ -96,7 +96,7 @@ def fields(survey: Surveyed, frame: AircraftFrame | None = None) -> dict[str, An
         'frame_id': result.frame_id,
         'software': result.software,
         'rig': result.rig_id,
-        'pairs': {'used': survey.pairs - survey.left_out, 'left_out': survey.left_out},
+        'pairs': dict(zip(('used', 'left_out'), joined.pairs, strict=True)),
         'remarks': list(survey.remarks),
         'poses': [
             {
@@ -106,7 +106,7 @@ def fields(survey: Surveyed, frame: AircraftFrame | None = None) -> dict[str, An
                 'covariance': covariance.ravel().tolist(),
             }
             for stamp_ns, pose, covariance in zip(
-                result.stamps_ns, result.poses, result.covariances, strict=True
+                joined.joining.stamps_ns, joined.poses, joined.covariances, strict=True
             )
         ],
         'unrolled': {
@@ -119,7 +119,7 @@ def fields(survey: Surveyed, frame: AircraftFrame | None = None) -> dict[str, An
         'dents': [_record(each, survey, frame) for each in result.dents],
         'coverage': {
             'cell_mm': PIXEL * PIXELS_A_CELL * 1e3,
-            'area_m2': len(cells.views) * cells.size**2,
+            'area_m2': cells.area,
             'findable_mm': {'median': half, 'p95': most},
             'gaps': [
                 {
@@ -195,10 +195,9 @@ def survey_page(survey: Surveyed, frame: AircraftFrame | None = None) -> str:
     """
     result = survey.result
     dents = [each for each in result.dents if each.dent.kind == 'dent']
-    used = survey.pairs - survey.left_out
     facts = [
-        ('Flown', f'{date_of(result.taken_ns)}, {len(result.stamps_ns)} clouds'),
-        ('Joined by', f'{used} pairs of clouds, {survey.left_out} left out'),
+        ('Flown', f'{date_of(result.taken_ns)}, {len(survey.joined.poses)} clouds'),
+        ('Joined by', '{} pairs of clouds, {} left out'.format(*survey.joined.pairs)),
         ('Frame', result.frame_id),
         ('Rig', result.rig_id or 'not known'),
     ]
@@ -374,14 +373,13 @@ def _findable(cells: CoverageCells) -> tuple[float, float] | None:
 
 def _coverage_facts(mosaic: Mosaic, cells: CoverageCells) -> list[tuple[str, str]]:
     gaps = mosaic.gaps()
-    area = len(cells.views) * cells.size**2
     missing = sum(gap.area for gap in gaps)
-    share = area / (area + missing) if area else 0.0
+    share = cells.area / (cells.area + missing) if cells.area else 0.0
     largest = ''
     if gaps:
         largest = ', the largest {:.0f} x {:.0f} mm'.format(*(gaps[0].size * 1e3))
     facts = [
-        ('Measured', f'{area:.3f} m², {100 * share:.2f} % of the skin without its rim'),
+        ('Measured', f'{cells.area:.3f} m², {100 * share:.2f} % of the skin without its rim'),
         ('Gaps', f'{len(gaps)}{largest}'),
     ]
     findable = _findable(cells)

@@ -11,9 +11,8 @@ from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rigid import twist_between
-from ftp_dent_ros.survey.information import UnlikePairError
 from ftp_dent_ros.survey.patch import patch_of
-from ftp_dent_ros.survey.registration import register
+from ftp_dent_ros.survey.registration import UnlikePairError, register
 
 DOUBT = STATED / 4
 
