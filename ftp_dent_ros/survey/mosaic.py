@@ -58,11 +58,11 @@ class Mosaic(Raster):
         A pixel is seen where the cloud has a point nearest to its middle: so what is measured ends
         where the points do, and clouds with fewer points than pixels leave no holes.
         """
-        valid, places = cloud.valid, self.places(cloud, pose)
-        window = self.window(places[valid])
-        at = None if window is None else self.in_cloud(places, valid, window)
-        if window is None or at is None:
+        valid = cloud.valid
+        laid = self.laid(cloud, pose, valid)
+        if laid is None:
             return
+        _, window, *at = laid
         column, row = (np.rint(each).astype(int) for each in at)
         inside = (column >= 0) & (row >= 0) & (column < valid.shape[1]) & (row < valid.shape[0])
         nearest = np.where(inside, row, 0), np.where(inside, column, 0)
@@ -99,13 +99,12 @@ class Mosaic(Raster):
 
     def cloud(self) -> Cloud:
         """Mean point of each cell, with the skin image as intensity and the noise as sigma."""
-        count = _by_cell(self.views.astype(np.float32)).sum(axis=-1)[..., None]
-        total = np.stack(
-            [_by_cell(each).sum(axis=-1) for each in np.moveaxis(self._points, -1, 0)], axis=-1
+        count, seen, light, *total = (
+            _by_cell(each).sum(axis=-1)
+            for each in (self.views, self._seen, self._image, *np.moveaxis(self._points, -1, 0))
         )
-        mean = total / np.maximum(count, 1) + self.skin.origin
-        points = np.where(count > 0, mean, np.nan).astype(np.float32)
-        seen, light = (_by_cell(each).sum(axis=-1) for each in (self._seen, self._image))
+        mean = np.stack(total, axis=-1) / np.maximum(count, 1)[..., None] + self.skin.origin
+        points = np.where(count[..., None] > 0, mean, np.nan).astype(np.float32)
         return Cloud(points, light / np.maximum(seen, 1), _middle(self._noise))
 
     def coverage(self) -> CoverageCells:
@@ -124,7 +123,7 @@ class Mosaic(Raster):
 
     def gaps(self) -> list[Gap]:
         """What was not measured between what was, the largest first."""
-        return find_gaps(self.measured(), self.low, CELL)
+        return find_gaps(self.measured(), self.low)
 
 
 def _by_cell(values: NDArray) -> NDArray:

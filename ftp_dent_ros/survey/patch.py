@@ -298,7 +298,7 @@ def _light(logarithm: Grid, known: NDArray[np.bool_]) -> Grid:
     place, values = np.stack([column, row], axis=-1).astype(float), logarithm[row, column]
     through = polynomial(place, values[:, None].astype(float))
     rows, columns = (np.arange(float(size)) for size in logarithm.shape)
-    return through(columns, rows)[0].astype(np.float32)
+    return through(columns, rows)[0].T.astype(np.float32)
 
 
 def _blurred(field: Grid, sigma: float) -> Grid:
