@@ -244,8 +244,8 @@ def comparison(name: str, seed: int, draw: int) -> dict[str, Figures]:
             right += each.status == true
             still_open += each.status != true and each.status in OPEN
             wrong += each.status != true and each.status not in OPEN
-            for change in each.changes:
-                truth = GROWTH * (grown[which] and change.quantity == 'depth')
+            for quantity, change in each.changes.items():
+                truth = GROWTH * (grown[which] and quantity == 'depth')
                 ratios.append((change.estimate.value - truth) / change.half)
         inside = float(np.mean(np.abs(ratios) < 1))
         figures |= {'right': right, 'open': still_open, 'wrong': wrong, 'within_95': inside}

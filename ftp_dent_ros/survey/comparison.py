@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from ftp_dent_ros import __version__
-from ftp_dent_ros.dents.dent import COVERAGE, Estimate, MeasuredDent
+from ftp_dent_ros.dents.dent import COVERAGE, MeasuredDent
 from ftp_dent_ros.dents.rules import Judgement, Rules, clearance, verdict, width_to_depth
 from ftp_dent_ros.dents.sightings import agreement
 from ftp_dent_ros.pages.drawing import scale_bar
@@ -23,7 +23,7 @@ from ftp_dent_ros.pages.page import render
 from ftp_dent_ros.pages.words import date_of, finite, interval, position_interval, spread
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.survey.aircraft_frame import AircraftFrame
-from ftp_dent_ros.survey.growth import Change, CommonFactor, Growth, changes_of, depth_growth
+from ftp_dent_ros.survey.growth import Change, CommonFactor, changes_of, depth_growth
 from ftp_dent_ros.survey.matching import PLACE, DentMatching, match
 from ftp_dent_ros.survey.result import SurveyedDent, SurveyResult
 
@@ -75,8 +75,8 @@ class ComparedDent:
     status : str
         One of `STATUSES`.
     earlier, later : SurveyedDent, optional
-    changes : tuple of Change
-        Of one that is whole in both.
+    changes : mapping of str to Change
+        By the quantity: of one that is whole in both.
     reason : str
         Why nothing more can be said.
     """
@@ -84,7 +84,7 @@ class ComparedDent:
     status: Status
     earlier: SurveyedDent | None
     later: SurveyedDent | None
-    changes: tuple[Change, ...] = ()
+    changes: Mapping[str, Change]
     reason: str = ''
 
     @property
@@ -105,14 +105,15 @@ class Comparison:
     dents : tuple of ComparedDent
         In the order of `STATUSES`, the deepest first.
     matching : DentMatching
-    scales : tuple of CommonFactor
+    scales : mapping of str to CommonFactor
+        By the quantity.
     """
 
     earlier: SurveyResult
     later: SurveyResult
     dents: tuple[ComparedDent, ...]
     matching: DentMatching
-    scales: tuple[CommonFactor, ...]
+    scales: Mapping[str, CommonFactor]
 
 
 def compare(earlier: SurveyResult, later: SurveyResult) -> Comparison:
@@ -133,7 +134,7 @@ def compare(earlier: SurveyResult, later: SurveyResult) -> Comparison:
     found = []
     for (a, b), change in zip(same, changes, strict=True):
         if a.dent.kind in DAMAGE or b.dent.kind in DAMAGE:
-            status = _BY_SIGNS[frozenset(each.verdict for each in change) - {0}]
+            status = _BY_SIGNS[frozenset(each.verdict for each in change.values()) - {0}]
             cut = '' if change else 'cut by the edge of what was measured: not compared'
             found.append(ComparedDent(status, a, b, change, cut))
     gone, come = (
@@ -152,7 +153,9 @@ def compare(earlier: SurveyResult, later: SurveyResult) -> Comparison:
     return Comparison(earlier, later, tuple(found), matching, scales)
 
 
-def _deeper(earlier: SurveyedDent, later: SurveyedDent, matching: DentMatching) -> Growth | None:
+def _deeper(
+    earlier: SurveyedDent, later: SurveyedDent, matching: DentMatching
+) -> NDArray[np.float64]:
     """How much deeper a dent is by the skin about it."""
     turn = matching.motion.rotation.inv()
     places, _ = matching.in_later(earlier.dent.position[None])
@@ -171,8 +174,8 @@ def _alone(
     normal = turn.apply(dent.dent.normal)
     reason = _why_not_found(dent, other, places[0], normal, float(spread[0]))
     if is_gone:
-        return ComparedDent('not seen' if reason else 'repaired', dent, None, (), reason)
-    return ComparedDent('first seen' if reason else 'new', None, dent, (), reason)
+        return ComparedDent('not seen' if reason else 'repaired', dent, None, {}, reason)
+    return ComparedDent('first seen' if reason else 'new', None, dent, {}, reason)
 
 
 def _with_doubts(
@@ -201,7 +204,7 @@ def _with_doubts(
                 f'may be number {before[i].number} of before: {away:.0f} mm from it, where '
                 f'the places are known within {position_interval(both[i, j])}'
             )
-            doubts.append(ComparedDent('in doubt', before[i], after[j], (), reason))
+            doubts.append(ComparedDent('in doubt', before[i], after[j], {}, reason))
     taken = {id(each) for doubt in doubts for each in (doubt.earlier, doubt.later)}
     return [*(each for each in (*gone, *come) if id(each.shown) not in taken), *doubts]
 
@@ -327,9 +330,9 @@ def chart_record(row: ChartRow, on_aircraft: bool) -> dict[str, Any]:
         record[f'{name}{unit}'] = estimate.value * factor
         record[f'{name}_uncertainty{unit}'] = estimate.uncertainty * factor
     for quantity in ('depth', 'length', 'width'):
-        growth = growth_of(row, quantity)
-        record[f'{quantity}_growth_mm'] = growth and growth[0].value * 1e3
-        record[f'{quantity}_growth_95_percent_mm'] = growth and growth[1] * 1e3
+        change = compared.changes.get(quantity)
+        record[f'{quantity}_growth_mm'] = change and change.estimate.value * 1e3
+        record[f'{quantity}_growth_95_percent_mm'] = change and change.half * 1e3
     worst = verdict(row.findings)
     record |= {
         'date_first_seen': row.first_seen,
@@ -352,12 +355,6 @@ def chart_csv(rows: list[ChartRow], on_aircraft: bool) -> str:
     writer.writeheader()
     writer.writerows(records)
     return text.getvalue()
-
-
-def growth_of(row: ChartRow, quantity: str = 'depth') -> tuple[Estimate, float] | None:
-    """Change of a quantity and half its 95 % interval, metres; None where it is not compared."""
-    changes = row.compared.changes
-    return next(((c.estimate, c.half) for c in changes if c.quantity == quantity), None)
 
 
 def comparison_page(
@@ -396,9 +393,8 @@ def _facts(comparison: Comparison, frame: AircraftFrame | None) -> list[tuple[st
     matching = comparison.matching
     walk = math.sqrt(matching.forward.walk) * 1e3
     scales = ', '.join(
-        f'{each.quantity} {100 * (each.factor - 1):+.2f} '
-        f'± {100 * COVERAGE * each.uncertainty:.2f} %'
-        for each in comparison.scales
+        f'{quantity} {100 * (each.factor - 1):+.2f} ± {100 * COVERAGE * each.uncertainty:.2f} %'
+        for quantity, each in comparison.scales.items()
     )
     facts = [
         ('Earlier survey', _survey(comparison.earlier)),
@@ -421,9 +417,9 @@ def _survey(survey: SurveyResult) -> str:
 
 
 def _cells(row: ChartRow) -> dict[str, Any]:
-    dent, growth, signed = row.dent, growth_of(row), ('–', '')
-    if growth and math.isfinite(growth[0].value) and math.isfinite(growth[1]):
-        signed = f'{growth[0].value * 1e3:+.3f}', f'± {growth[1] * 1e3:.3f}'
+    dent, change, signed = row.dent, row.compared.changes.get('depth'), ('–', '')
+    if change and change.estimate.is_measured and math.isfinite(change.half):
+        signed = f'{change.estimate.value * 1e3:+.3f}', f'± {change.half * 1e3:.3f}'
     return {
         'number': row.number,
         'before': '' if row.compared.earlier is None else str(row.compared.earlier.number),
@@ -440,9 +436,9 @@ def _cells(row: ChartRow) -> dict[str, Any]:
         'verdict': verdict(row.findings),
         'cut': dent.is_cut,
         'others': '; '.join(
-            f'{each.quantity} {each.estimate.value * 1e3:+.2f} ± {each.half * 1e3:.2f} mm'
-            for each in row.compared.changes
-            if each.quantity != 'depth' and each.verdict
+            f'{quantity} {each.estimate.value * 1e3:+.2f} ± {each.half * 1e3:.2f} mm'
+            for quantity, each in row.compared.changes.items()
+            if quantity != 'depth' and each.verdict
         ),
         'reason': row.compared.reason,
     }

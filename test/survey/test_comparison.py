@@ -30,7 +30,7 @@ def test_each_dent_is_told_right_wherever_the_aircraft_stands():
     }
     grown = comparison.dents[0]
     assert grown.status == 'grown'
-    depth = grown.changes[0]
+    depth = grown.changes['depth']
     assert abs(depth.estimate.value - 5e-5) < 2 * depth.half
     places, spread = comparison.matching.in_earlier(ELSEWHERE.apply(np.array([[0.6, 0.3, 0.0]])))
     np.testing.assert_allclose(places[0], [0.6, 0.3, 0.0], atol=4 * spread[0])
