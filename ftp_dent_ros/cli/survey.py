@@ -101,7 +101,7 @@ def run(arguments: argparse.Namespace) -> int:
         x, y = gap.place
         width, height = gap.size * 1e3
         print(f'  not measured: {width:.0f} mm by {height:.0f} mm at x {x:.3f} m, y {y:.3f} m')
-    for path in files.values():
+    for path in files:
         print(path)
     return 0
 

@@ -13,12 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 from scipy.special import logsumexp
 
 from ftp_dent_ros.dents.dent import MeasuredDent
-from ftp_dent_ros.dents.sightings import agreement, coincidence
+from ftp_dent_ros.dents.sightings import agreement, assigned, coincidence
 from ftp_dent_ros.pose import IDENTITY, Pose
 from ftp_dent_ros.rigid import about, fit_move, move_about
 
@@ -170,10 +169,7 @@ def _judged(a, b, agree, possible, place, angle, move, shift, turn, tried):
     for attempt in range(2):
         off = b[None, :, :2] - (_turned(a[:, :2], angle) + move)[:, None]
         square = (off**2).sum(axis=-1) / place**2
-        cost = np.where(possible & (square < 2 * _NEAR**2), square + agree, 1e6)
-        i, j = linear_sum_assignment(cost)
-        held = cost[i, j] < 1e6
-        i, j = i[held], j[held]
+        i, j = assigned(np.where(possible & (square < 2 * _NEAR**2), square + agree, np.inf))
         if not len(i):
             return None
         pairs = tuple(zip(i.tolist(), j.tolist(), strict=True))

@@ -148,6 +148,11 @@ class MeasuredDent:
     clearance: float = float('inf')
 
     @property
+    def closed_outline(self) -> Points:
+        """The outline, shape (n, 3); its place alone if it has none."""
+        return self.outline if len(self.outline) else self.position[None]
+
+    @property
     def width_to_depth(self) -> float:
         """Width over depth, as repair manuals limit it."""
         return self.width.value / self.depth.value
@@ -264,7 +269,7 @@ def with_clearances(dents: Sequence[MeasuredDent]) -> tuple[MeasuredDent, ...]:
     """The dents, each with its clearance to the nearest of kind ``'dent'``."""
     from scipy.spatial.distance import cdist  # what only names dents does without
 
-    outlines = [d.outline if len(d.outline) else d.position[None] for d in dents]
+    outlines = [dent.closed_outline for dent in dents]
     centres = np.array([outline.mean(axis=0) for outline in outlines]).reshape(-1, 3)
     reach = np.array(
         [

@@ -8,13 +8,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
 
 from ftp_dent_ros.dents.constellation import expected_move, groups_shown
 from ftp_dent_ros.dents.dent import MeasuredDent, with_clearances
 from ftp_dent_ros.dents.glass import Glass, Seen, Spot
-from ftp_dent_ros.dents.sightings import ListedDent, Sighting, agreement, listed
+from ftp_dent_ros.dents.sightings import ListedDent, Sighting, agreement, assigned, listed
 from ftp_dent_ros.pose import IDENTITY, Pose
 from ftp_dent_ros.rigid import about
 
@@ -368,8 +367,7 @@ def paired(
             entry = nearby[column]
             within = reach[row, column] if entry.group == group else None
             cost[row, column] = _misfit(dent, sighting, entry, within)
-    rows, columns = linear_sum_assignment(np.minimum(cost, 1.0))
-    return [(int(i), near[int(j)]) for i, j in zip(rows, columns, strict=True) if cost[i, j] < 1.0]
+    return [(int(i), near[int(j)]) for i, j in zip(*assigned(cost, 1.0), strict=True)]
 
 
 def _free(dents: Sequence[MeasuredDent]) -> NDArray[np.float64]:

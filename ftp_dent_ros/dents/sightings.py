@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
 
 from ftp_dent_ros.dents.dent import Estimate, MeasuredDent
 
@@ -187,6 +188,16 @@ def agreement(seen: Sequence[MeasuredDent], known: Sequence[MeasuredDent]) -> Fi
         off = difference / spread
         result += np.where(off < _AGREE, off**2, np.inf)
     return result
+
+
+def assigned(cost: Field, most: float = 1e6) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Rows and columns of pairs, one of each at most, that cost the least together.
+
+    A pair that costs `most` or more is none.
+    """
+    rows, columns = linear_sum_assignment(np.minimum(cost, most))
+    paired = cost[rows, columns] < most
+    return rows[paired], columns[paired]
 
 
 def coincidence(

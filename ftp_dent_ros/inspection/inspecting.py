@@ -22,7 +22,13 @@ from ftp_dent_ros.dents.rules import Rules
 from ftp_dent_ros.dents.sightings import ListedDent
 from ftp_dent_ros.errors import FtpDentError
 from ftp_dent_ros.inspection.repeatability import halves, repeats_of, study
-from ftp_dent_ros.inspection.report import DrawnCloud, InspectionReport, Mesh, ReportedCloud
+from ftp_dent_ros.inspection.report import (
+    DrawnCloud,
+    InspectionReport,
+    Mesh,
+    ReportedCloud,
+    findable_shares,
+)
 from ftp_dent_ros.pages.drawing import jpeg
 from ftp_dent_ros.pose import IDENTITY, Pose
 from ftp_dent_ros.rig.rig import Lens
@@ -198,7 +204,7 @@ def _frame(
         stamp_ns=observation.stamp_ns,
         area=_area(cloud.points),
         noise=float(np.median(noise)) if len(noise) else float('nan'),
-        findable=_shares(found.findable),
+        findable=findable_shares(found.findable),
         waviness=found.waviness,
         dents=len(found.dents),
         others=len(found.others),
@@ -220,14 +226,6 @@ def _view(observation: SeenCloud, found: Inspection) -> DrawnCloud:
         None if photograph is None else jpeg(photograph),
         (0, 0) if photograph is None else (photograph.shape[1], photograph.shape[0]),
     )
-
-
-def _shares(findable: NDArray[np.float32]) -> tuple[float, float]:
-    """Median and 95th percentile of what is known."""
-    known = findable[np.isfinite(findable)]
-    if not len(known):
-        return math.nan, math.nan
-    return float(np.median(known)), float(np.percentile(known, 95))
 
 
 def _area(points: NDArray[np.float32]) -> float:

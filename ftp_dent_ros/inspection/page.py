@@ -295,7 +295,7 @@ def pictures_of(frame: ReportedCloud, report: InspectionReport, limit: float) ->
         if any(sighting.frame == frame.number for sighting in entry.sightings)
     ]
     rows, columns = view.deviation.shape
-    lines = [closed_outline(entry) for entry in shown]
+    lines = [entry.dent.closed_outline for entry in shown]
     places = [on_grid(line, view) for line in lines]
     heat = [_outline(entry, place) for entry, place in zip(shown, places, strict=True)]
     photograph = None
@@ -322,11 +322,6 @@ def pictures_of(frame: ReportedCloud, report: InspectionReport, limit: float) ->
         },
         'photograph': photograph,
     }
-
-
-def closed_outline(entry: ListedDent) -> NDArray[np.float64]:
-    """A dent's outline, shape (n, 3); its place alone if it has none."""
-    return entry.dent.outline if len(entry.dent.outline) else entry.dent.position[None]
 
 
 def _outline(entry: ListedDent, pixels: NDArray[np.float64]) -> dict[str, Any]:
@@ -380,7 +375,7 @@ def scene_of(report: InspectionReport, limit: float) -> dict[str, Any]:
                 'number': entry.number,
                 'kind': entry.dent.kind,
                 'position': (entry.dent.position - origin).tolist(),
-                'outline': np.round(closed_outline(entry) - origin, 5).ravel().tolist(),
+                'outline': np.round(entry.dent.closed_outline - origin, 5).ravel().tolist(),
                 'normal': entry.dent.normal.tolist(),
             }
             for entry in (*report.dents, *report.others)

@@ -252,5 +252,13 @@ class Mesh:
         }
 
 
+def findable_shares(findable: NDArray[np.float32]) -> tuple[float, float]:
+    """Median and 95th percentile of findable depths, metres; NaN where none is known."""
+    known = findable[np.isfinite(findable)]
+    if not len(known):
+        return math.nan, math.nan
+    return float(np.median(known)), float(np.percentile(known, 95))
+
+
 def _text(values: NDArray) -> str:
     return base64.b64encode(values.tobytes()).decode('ascii')

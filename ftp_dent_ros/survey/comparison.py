@@ -12,16 +12,14 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from ftp_dent_ros import __version__
 from ftp_dent_ros.dents.dent import COVERAGE, MeasuredDent
 from ftp_dent_ros.dents.rules import Judgement, Rules, clearance, verdict, width_to_depth
-from ftp_dent_ros.dents.sightings import agreement
+from ftp_dent_ros.dents.sightings import agreement, assigned
 from ftp_dent_ros.pages.drawing import scale_bar
 from ftp_dent_ros.pages.page import render
 from ftp_dent_ros.pages.words import date_of, finite, interval, position_interval, spread
-from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.survey.aircraft_frame import AircraftFrame
 from ftp_dent_ros.survey.growth import Change, CommonFactor, changes_of, depth_growth
 from ftp_dent_ros.survey.matching import PLACE, DentMatching, match
@@ -129,7 +127,7 @@ def compare(earlier: SurveyResult, later: SurveyResult) -> Comparison:
     )
     matching = match([each.dent for each in before], [each.dent for each in after])
     same = [(before[i], after[j]) for i, j in matching.pairs]
-    deeper = [_deeper(a, b, matching) for a, b in same]
+    deeper = [depth_growth(a, b, matching.near(a.dent.position)) for a, b in same]
     changes, scales = changes_of([a.dent for a, _ in same], [b.dent for _, b in same], deeper)
     found = []
     for (a, b), change in zip(same, changes, strict=True):
@@ -151,16 +149,6 @@ def compare(earlier: SurveyResult, later: SurveyResult) -> Comparison:
     depths = {id(each): np.nan_to_num(abs(each.shown.dent.depth.value)) for each in found}
     found.sort(key=lambda each: (order.index(each.status), -depths[id(each)]))
     return Comparison(earlier, later, tuple(found), matching, scales)
-
-
-def _deeper(
-    earlier: SurveyedDent, later: SurveyedDent, matching: DentMatching
-) -> NDArray[np.float64]:
-    """How much deeper a dent is by the skin about it."""
-    turn = matching.motion.rotation.inv()
-    places, _ = matching.in_later(earlier.dent.position[None])
-    to_later = Pose(turn, places[0] - turn.apply(earlier.dent.position))
-    return depth_growth(earlier, later, to_later)
 
 
 def _alone(
@@ -195,16 +183,14 @@ def _with_doubts(
     both = known[:, None] + np.stack([each.position_covariance for each in after])
     far = np.sqrt((apart * np.linalg.solve(both, apart[..., None])[..., 0]).sum(axis=-1))
     alike = np.isfinite(agreement([each.dent for each in before], [each.dent for each in after]))
-    far = np.where(alike & (far < _AROUND), far, 1e6)
     doubts = []
-    for i, j in zip(*linear_sum_assignment(far), strict=True):
-        if far[i, j] < 1e6:
-            away = 1e3 * float(np.linalg.norm(apart[i, j]))
-            reason = (
-                f'may be number {before[i].number} of before: {away:.0f} mm from it, where '
-                f'the places are known within {position_interval(both[i, j])}'
-            )
-            doubts.append(ComparedDent('in doubt', before[i], after[j], {}, reason))
+    for i, j in zip(*assigned(np.where(alike & (far < _AROUND), far, np.inf)), strict=True):
+        away = 1e3 * float(np.linalg.norm(apart[i, j]))
+        reason = (
+            f'may be number {before[i].number} of before: {away:.0f} mm from it, where '
+            f'the places are known within {position_interval(both[i, j])}'
+        )
+        doubts.append(ComparedDent('in doubt', before[i], after[j], {}, reason))
     taken = {id(each) for doubt in doubts for each in (doubt.earlier, doubt.later)}
     return [*(each for each in (*gone, *come) if id(each.shown) not in taken), *doubts]
 

@@ -14,14 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
-from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 from scipy.stats import poisson
 
 from ftp_dent_ros.dents.dent import MeasuredDent
-from ftp_dent_ros.dents.sightings import agreement
+from ftp_dent_ros.dents.sightings import agreement, assigned
 from ftp_dent_ros.errors import InputError
 from ftp_dent_ros.pose import Pose
 
@@ -77,6 +76,12 @@ class DentMatching:
         """Places of the earlier survey in the later one, and their standard deviation."""
         shift, spread = self.backward.shift(places)
         return self.motion.inverse().apply(places + shift), spread
+
+    def near(self, place: Array) -> Pose:
+        """Of the earlier survey's frame in the later one's, about a place of the earlier one."""
+        turn = self.motion.rotation.inv()
+        places, _ = self.in_later(place[None])
+        return Pose(turn, places[0] - turn.apply(place))
 
 
 class NoMatchError(InputError):
@@ -190,12 +195,10 @@ def _followed_pairs(
         off = cdist(there, moved + shift)
         sigma = np.hypot(spread, math.sqrt(2) * place)
         reach = np.minimum(_GATE * sigma + half, np.maximum(free, _GATE * place))
-        cost = np.where(alike & (off < reach), off / sigma, 1e6)
-        rows, columns = linear_sum_assignment(cost)
-        found = cost[rows, columns] < 1e6
-        if found.sum() <= len(i):
+        found = assigned(np.where(alike & (off < reach), off / sigma, np.inf))
+        if len(found[0]) <= len(i):
             return pairs
-        pairs = rows[found], columns[found]
+        pairs = found
 
 
 def _motions_between(
