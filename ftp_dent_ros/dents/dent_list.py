@@ -57,24 +57,24 @@ class DentList:
     """
 
     def __init__(self, first: int = 1) -> None:
-        self._entries: list[TrackedDent] = []
-        self._frames: set[tuple[str, int]] = set()
+        #: What was added, where it lies now.
+        self.clouds: list[SeenDents] = []
+        self._entries: list[ListedDent] = []
+        self._stamps: set[int] = set()
         self._numbers, self._groups = first - 1, 0
         self._begun: dict[tuple[int, int], int] = {}
         self._error: NDArray[np.float64] | None = None
         self._placed: list[_Placed] = []
         self._glass, self._of_glass = Glass(), frozenset[Seen]()
-        self._given: list[GivenCloud] = []
-        self._base = IDENTITY
 
     @property
     def entries(self) -> tuple[ListedDent, ...]:
         """All that was found on the skin, with the clearances of this list."""
-        known = sorted(without_parts(self._entries), key=lambda entry: entry.listed.number)
+        known = sorted(without_parts(self._entries), key=lambda entry: entry.number)
         shifts = {entry.group: self._shift(entry.group) for entry in known}
         dents = with_clearances([_shifted(e.dent, shifts[e.group]) for e in known])
         return tuple(
-            replace(each.listed, dent=dent, maybe=maybe)
+            replace(each, dent=dent, maybe=maybe)
             for each, dent, maybe in zip(known, dents, doubles(dents, known), strict=True)
         )
 
@@ -94,9 +94,17 @@ class DentList:
         other.__dict__.update({name: copy(value) for name, value in self.__dict__.items()})
         return other
 
-    def moved(self, move: Pose) -> DentList:
-        """The same list, moved as one."""
+    def moved(self, move: Pose, clouds: Sequence[SeenDents]) -> DentList:
+        """The same list, moved as one.
+
+        Parameters
+        ----------
+        move : Pose
+        clouds : sequence of SeenDents
+            What it is made of, where that lies then.
+        """
         other = self.copy()
+        other.clouds = list(clouds)
         if move is IDENTITY:
             return other
         other._entries = [each.moved(move, each.group) for each in self._entries]
@@ -104,7 +112,7 @@ class DentList:
             _Placed(each.group, move.apply(each.stated), move.apply(each.found))
             for each in self._placed
         ]
-        other._glass, other._base = self._glass.moved(move), move @ self._base
+        other._glass = self._glass.moved(move)
         if self._error is not None:
             turned = move.rotation.apply(self._error.reshape(2, 3))
             other._error = turned.ravel()
@@ -142,49 +150,40 @@ class DentList:
         repeats : sequence of tuple of MeasuredDent, optional
             For each dent its measurements on parts of the cloud.
         stamp_ns : int, optional
-            Of the exposure: the same one is the same frame, whatever its number.
+            Of the exposure: the same one is the same frame, whatever its number. The number by
+            default.
         """
-        key = ('frame', frame) if stamp_ns is None else ('stamp', stamp_ns)
-        if key in self._frames:
+        stamp_ns = frame if stamp_ns is None else stamp_ns
+        if stamp_ns in self._stamps:
             return False
-        before = {name: copy(value) for name, value in self.__dict__.items()}
-        try:
-            self._add(frame, dents, pose, covariance, repeats or [()] * len(dents))
-        except BaseException:
-            # What cannot be added changes nothing.
-            self.__dict__.update(before)
-            raise
-        self._frames.add(key)
+        cloud = SeenDents(frame, dents, pose, covariance, repeats or [()] * len(dents), stamp_ns)
+        # What cannot be added changes nothing.
+        after = self.copy()
+        after._add(cloud)
+        after._stamps.add(stamp_ns)
+        self.__dict__.update(after.__dict__)
         return True
 
-    def _add(
-        self,
-        frame: int,
-        dents: Sequence[MeasuredDent],
-        pose: Pose | None,
-        covariance: NDArray[np.float64] | None,
-        repeats: Sequence[tuple[MeasuredDent, ...]],
-    ) -> None:
-        if pose is not None:
-            stated = known_covariance(covariance)
-            self._glass = self._glass.with_frame(frame, dents, pose, stated)
-        given = GivenCloud(frame, dents, pose, covariance, repeats, self._base)
-        self._given.append(given)
+    def _add(self, cloud: SeenDents) -> None:
+        self.clouds.append(cloud)
+        if cloud.pose is not None:
+            stated = known_covariance(cloud.covariance)
+            self._glass = self._glass.with_frame(cloud.frame, cloud.dents, cloud.pose, stated)
         before, self._of_glass = self._of_glass, self._glass.of_marks
-        if {each for each in self._of_glass if each[0] != frame} == before:
-            self._place(given)
+        if {each for each in self._of_glass if each[0] != cloud.frame} == before:
+            self._place(cloud)
             return
         # What is of a glass has had a say in where frames lie: once more without it.
         self._entries, self._placed, self._groups, self._error = [], [], 0, None
-        for each in self._given:
-            self._place(each.moved(self._base))
+        for each in self.clouds:
+            self._place(each)
 
-    def _place(self, given: GivenCloud) -> None:
+    def _place(self, cloud: SeenDents) -> None:
         """Put a frame in its place, and pair what it shows of the skin with what is known."""
-        frame, pose, covariance = given.frame, given.pose, given.covariance
-        kept = [i for i in range(len(given.dents)) if (frame, i) not in self._of_glass]
-        dents = [given.dents[index] for index in kept]
-        repeats = [given.repeats[index] for index in kept]
+        frame, pose, covariance = cloud.frame, cloud.pose, cloud.covariance
+        kept = [i for i in range(len(cloud.dents)) if (frame, i) not in self._of_glass]
+        dents = [cloud.dents[index] for index in kept]
+        repeats = [cloud.repeats[index] for index in kept]
         pivot = np.zeros(3) if pose is None else pose.translation
         doubt = known_covariance(covariance)
         expected = expected_move(self._error, pivot)
@@ -209,11 +208,10 @@ class DentList:
             self._placed.append(_Placed(group, stated, move.apply(stated)))
         pairs = paired([item.dent for item in seen], seen, self._entries, group)
         for index, at in pairs:
-            self._entries[at] = self._entries[at].with_sightings(seen[index])
+            self._entries[at] = self._entries[at].with_sightings([seen[index]])
         for index in sorted(set(range(len(seen))) - {index for index, _ in pairs}):
-            self._entries.append(
-                TrackedDent(group, listed(self._number(frame, kept[index]), (seen[index],)))
-            )
+            number = self._number(frame, kept[index])
+            self._entries.append(listed(number, (seen[index],), group))
 
     def _number(self, frame: int, index: int) -> int:
         """Number of the dent that a frame's dent begins."""
@@ -239,15 +237,14 @@ class DentList:
                 else each
                 for each in self._placed
             ]
-            sightings = [each.listed.sightings[0] for each in moved]
+            sightings = [each.sightings[0] for each in moved]
             pairs = dict(paired([e.dent for e in moved], sightings, self._entries, group))
             for index, each in enumerate(moved):
-                at = pairs.get(index)
-                if at is None:
-                    self._entries.append(each)
+                if index in pairs:
+                    known = self._entries[pairs[index]]
+                    self._entries[pairs[index]] = known.with_sightings(each.sightings)
                 else:
-                    together = self._entries[at].with_sightings(*each.listed.sightings)
-                    self._entries[at] = together
+                    self._entries.append(each)
         return group
 
 
@@ -280,20 +277,21 @@ def error_of(move: Pose, pivot: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 @dataclass(frozen=True, eq=False)
-class GivenCloud:
-    """What was added of a frame.
+class SeenDents:
+    """What one cloud shows.
 
     Attributes
     ----------
     frame : int
         Its number.
     dents : sequence of MeasuredDent
+        Where the pose puts them.
     pose : Pose, optional
     covariance : ndarray, shape (6, 6), optional
     repeats : sequence of tuple of MeasuredDent
         For each dent its measurements on parts of the cloud.
-    base : Pose
-        How the list had been moved by then.
+    stamp_ns : int
+        Of the exposure, or its number.
     """
 
     frame: int
@@ -301,51 +299,30 @@ class GivenCloud:
     pose: Pose | None
     covariance: NDArray[np.float64] | None
     repeats: Sequence[tuple[MeasuredDent, ...]]
-    base: Pose
+    stamp_ns: int
 
-    def moved(self, base: Pose) -> GivenCloud:
-        """The same where the list is now."""
-        if base is self.base:
+    @property
+    def places(self) -> NDArray[np.float64]:
+        """Of its dents, shape (n, 3)."""
+        return np.array([dent.position for dent in self.dents]).reshape(-1, 3)
+
+    def placed(self, pose: Pose) -> SeenDents:
+        """The same where another pose puts it."""
+        if self.pose is None or pose is self.pose:
             return self
-        move = base @ self.base.inverse()
+        move = pose @ self.pose.inverse()
         return replace(
             self,
             dents=[each.transformed(move) for each in self.dents],
-            pose=None if self.pose is None else move @ self.pose,
+            pose=pose,
             repeats=[tuple(one.transformed(move) for one in each) for each in self.repeats],
-            base=base,
         )
-
-
-@dataclass(frozen=True, eq=False)
-class TrackedDent:
-    """One dent, and the group of dents among which its place is known exactly."""
-
-    group: int
-    listed: ListedDent
-
-    @property
-    def dent(self) -> MeasuredDent:
-        """The dent as it is listed, from all its sightings."""
-        return self.listed.dent
-
-    def with_sightings(self, *more: Sighting) -> TrackedDent:
-        """The same dent, seen more often."""
-        sightings = sorted((*self.listed.sightings, *more), key=lambda item: item.frame)
-        return replace(self, listed=listed(self.listed.number, tuple(sightings)))
-
-    def moved(self, move: Pose, group: int) -> TrackedDent:
-        """The same dent in its place in another group."""
-        sightings = tuple(
-            replace(item, dent=item.dent.transformed(move)) for item in self.listed.sightings
-        )
-        return TrackedDent(group, listed(self.listed.number, sightings))
 
 
 def paired(
     dents: Sequence[MeasuredDent],
     sightings: Sequence[Sighting],
-    entries: Sequence[TrackedDent],
+    entries: Sequence[ListedDent],
     group: int,
 ) -> Indices:
     """Which dents, in their places, are which entries: one of the other at most."""
@@ -377,7 +354,7 @@ def _free(dents: Sequence[MeasuredDent]) -> NDArray[np.float64]:
 
 
 def _thinkable(
-    dents: Sequence[MeasuredDent], entries: Sequence[TrackedDent], group: int
+    dents: Sequence[MeasuredDent], entries: Sequence[ListedDent], group: int
 ) -> NDArray[np.bool_]:
     """Mask of the pairs that may be one dent by their places alone, shape (dents, entries)."""
     known = [entry.dent for entry in entries]
@@ -399,7 +376,7 @@ def _thinkable(
 
 
 def _misfit(
-    dent: MeasuredDent, sighting: Sighting, entry: TrackedDent, reach: float | None
+    dent: MeasuredDent, sighting: Sighting, entry: ListedDent, reach: float | None
 ) -> float:
     """How far a dent lies from an entry; 1 at the gate.
 
@@ -422,12 +399,12 @@ def _misfit(
         return float(np.linalg.norm(apart)) / (gate + own)
     if not partly:
         return np.inf
-    spread = entry.listed.position_covariance + sighting.position_covariance
+    spread = entry.position_covariance + sighting.position_covariance
     spread = spread + np.eye(3) * (own / GATE) ** 2
     return float(np.sqrt(apart @ np.linalg.solve(spread, apart)) / GATE)
 
 
-def without_parts(entries: Sequence[TrackedDent]) -> list[TrackedDent]:
+def without_parts(entries: Sequence[ListedDent]) -> list[ListedDent]:
     """Entries but for those that lie in a dent which more clouds show whole than show them.
 
     A cloud at the rim of which a dent lies may take it for two that overlap. Each cloud's dents
@@ -440,13 +417,13 @@ def without_parts(entries: Sequence[TrackedDent]) -> list[TrackedDent]:
     ]
 
 
-def _is_part(each: TrackedDent, other: TrackedDent) -> bool:
+def _is_part(each: ListedDent, other: ListedDent) -> bool:
     """Whether an entry that no cloud shows whole lies in another one."""
     dent = other.dent
-    whole = sum(not sighting.dent.is_cut for sighting in other.listed.sightings)
+    whole = sum(not sighting.dent.is_cut for sighting in other.sightings)
     if (
         not (other.group == each.group or _is_known(each, other))
-        or whole <= len(each.listed.sightings)
+        or whole <= len(each.sightings)
         or each.dent.kind == 'step'
         or dent.depth.value * each.dent.depth.value < 0
     ):
@@ -457,17 +434,15 @@ def _is_part(each: TrackedDent, other: TrackedDent) -> bool:
     return bool(np.hypot(2 * along / dent.length.value, 2 * across / dent.width.value) < 1)
 
 
-def _is_known(each: TrackedDent, other: TrackedDent) -> bool:
+def _is_known(each: ListedDent, other: ListedDent) -> bool:
     """Whether poses tell where one entry lies to the other, as those of a survey do."""
-    spread = each.listed.position_covariance + other.listed.position_covariance
+    spread = each.position_covariance + other.position_covariance
     # Of a dent's width: better than that a place must be known to lie in it, where poses alone
     # tell.
     return bool(np.sqrt(np.linalg.eigvalsh(spread)[-1]) < 0.25 * other.dent.width.value)
 
 
-def doubles(
-    dents: Sequence[MeasuredDent], entries: Sequence[TrackedDent]
-) -> list[tuple[int, ...]]:
+def doubles(dents: Sequence[MeasuredDent], entries: Sequence[ListedDent]) -> list[tuple[int, ...]]:
     """Numbers of those that each entry may be, though neither dents nor poses are sure of it.
 
     Within a part of a flight dents tell each other apart, and what fits is one entry already.
@@ -478,13 +453,13 @@ def doubles(
     ----------
     dents : sequence of MeasuredDent
         Of the entries, where the list has them.
-    entries : sequence of TrackedDent
+    entries : sequence of ListedDent
     """
     groups = np.array([entry.group for entry in entries])
     if len(set(groups.tolist())) < 2:
         return [()] * len(entries)
     places = np.stack([dent.position for dent in dents])
-    spreads = np.stack([entry.listed.position_covariance for entry in entries])
+    spreads = np.stack([entry.position_covariance for entry in entries])
     # What is cut has its centre anywhere in it.
     halves = np.array([np.nan_to_num(dent.length.value) / 2 * dent.is_cut for dent in dents])
     possible = (groups[:, None] != groups) & np.isfinite(agreement(dents, dents))
@@ -496,5 +471,5 @@ def doubles(
         spread = spreads[others] + spreads[index] + cut[:, None, None] ** 2 * np.eye(3)
         far = np.einsum('ni,ni->n', apart, np.linalg.solve(spread, apart[..., None])[..., 0])
         near = others[far < GATE**2]
-        result.append(tuple(sorted(entries[other].listed.number for other in near)))
+        result.append(tuple(sorted(entries[other].number for other in near)))
     return result

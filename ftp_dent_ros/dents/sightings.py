@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from ftp_dent_ros.dents.dent import Estimate, MeasuredDent
+from ftp_dent_ros.pose import Pose
 
 _ESTIMATES = ('depth', 'length', 'width', 'model_length', 'model_width', 'area', 'volume')
 _NONE = np.zeros((0, 3))
@@ -68,6 +69,8 @@ class ListedDent:
         Number of the frame that shows it best.
     maybe : tuple of int
         Numbers of dents of other parts of the flight that may be the same one.
+    group : int
+        Of dents among which its place is known exactly.
     """
 
     number: int
@@ -76,6 +79,19 @@ class ListedDent:
     sightings: tuple[Sighting, ...]
     best: int
     maybe: tuple[int, ...] = ()
+    group: int = 0
+
+    def with_sightings(self, more: Sequence[Sighting]) -> ListedDent:
+        """The same dent, seen more often."""
+        sightings = sorted((*self.sightings, *more), key=lambda item: item.frame)
+        return listed(self.number, tuple(sightings), self.group)
+
+    def moved(self, move: Pose, group: int) -> ListedDent:
+        """The same dent in its place in another group."""
+        sightings = tuple(
+            replace(item, dent=item.dent.transformed(move)) for item in self.sightings
+        )
+        return listed(self.number, sightings, group)
 
     @property
     def reason(self) -> str:
@@ -90,7 +106,7 @@ class ListedDent:
         return '; '.join(filter(None, (self.dent.reason, twice)))
 
 
-def listed(number: int, sightings: tuple[Sighting, ...]) -> ListedDent:
+def listed(number: int, sightings: tuple[Sighting, ...], group: int = 0) -> ListedDent:
     """One dent from all its sightings; of cut ones only if it is nowhere whole."""
     whole = [item for item in sightings if not item.dent.is_cut]
     if whole:
@@ -130,7 +146,7 @@ def listed(number: int, sightings: tuple[Sighting, ...]) -> ListedDent:
         **values,
     )
     kept = tuple(item if item is best else _without_curves(item) for item in sightings)
-    return ListedDent(number, dent, covariance, kept, best.frame)
+    return ListedDent(number, dent, covariance, kept, best.frame, group=group)
 
 
 def combined(estimates: Sequence[Estimate]) -> Estimate:
