@@ -9,11 +9,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
 
 from ftp_dent_ros.dents.constellation import expected_move, groups_shown
 from ftp_dent_ros.dents.dent import MeasuredDent, with_clearances
 from ftp_dent_ros.dents.glass import Glass, Seen, Spot
-from ftp_dent_ros.dents.sightings import ListedDent, Sighting, agreement, assigned, listed
+from ftp_dent_ros.dents.sightings import (
+    ListedDent,
+    Sighting,
+    agreement,
+    assigned,
+    listed,
+    sigmas_apart,
+)
 from ftp_dent_ros.pose import IDENTITY, Pose
 from ftp_dent_ros.rigid import about
 
@@ -30,8 +38,6 @@ GATE = 3.75
 # Or farther, where its sizes agree, but no farther than this part of the way to the next dent:
 # frames that were put to each other over many others have drifted, metres.
 _FREE, _FARTHEST = 0.4, 20e-3
-
-Indices = list[tuple[int, int]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,12 +212,14 @@ class DentList:
         if len(dents):
             stated = np.mean([dent.position for dent in dents], axis=0)
             self._placed.append(_Placed(group, stated, move.apply(stated)))
-        pairs = paired([item.dent for item in seen], seen, self._entries, group)
-        for index, at in pairs:
-            self._entries[at] = self._entries[at].with_sightings([seen[index]])
-        for index in sorted(set(range(len(seen))) - {index for index, _ in pairs}):
-            number = self._number(frame, kept[index])
-            self._entries.append(listed(number, (seen[index],), group))
+        pairs = paired(seen, self._entries, group)
+        for index, each in enumerate(seen):
+            if index in pairs:
+                known_as = self._entries[pairs[index]]
+                self._entries[pairs[index]] = known_as.with_sightings([each])
+            else:
+                number = self._number(frame, kept[index])
+                self._entries.append(listed(number, (each,), group))
 
     def _number(self, frame: int, index: int) -> int:
         """Number of the dent that a frame's dent begins."""
@@ -237,8 +245,7 @@ class DentList:
                 else each
                 for each in self._placed
             ]
-            sightings = [each.sightings[0] for each in moved]
-            pairs = dict(paired([e.dent for e in moved], sightings, self._entries, group))
+            pairs = paired(moved, self._entries, group)
             for index, each in enumerate(moved):
                 if index in pairs:
                     known = self._entries[pairs[index]]
@@ -320,88 +327,81 @@ class SeenDents:
 
 
 def paired(
-    dents: Sequence[MeasuredDent],
-    sightings: Sequence[Sighting],
+    seen: Sequence[Sighting | ListedDent], entries: Sequence[ListedDent], group: int
+) -> dict[int, int]:
+    """Which entry each dent is that was seen, by their indices: one of the other at most.
+
+    Parameters
+    ----------
+    seen : sequence of Sighting or ListedDent
+        In their places in the group.
+    entries : sequence of ListedDent
+    group : int
+    """
+    if not (len(seen) and len(entries)):
+        return {}
+    places, there = (np.stack([e.dent.position for e in each]) for each in (seen, entries))
+    # Farther from each other than this no pose puts one dent, and its length; metres.
+    near = cdist(places, there) <= 1.0 + _longest(seen, entries)
+    # All else is of those nearby: it costs the same however many there are.
+    at = np.flatnonzero(near.any(axis=0))
+    if not len(at):
+        return {}
+    free = _FREE * np.minimum(_free(places)[:, None], _free(there)[at])
+    misfits = _misfits(seen, [entries[k] for k in at.tolist()], group, free)
+    rows, columns = assigned(np.where(near[:, at], misfits, np.inf), 1.0)
+    return dict(zip(rows.tolist(), at[columns].tolist(), strict=True))
+
+
+def _misfits(
+    seen: Sequence[Sighting | ListedDent],
     entries: Sequence[ListedDent],
     group: int,
-) -> Indices:
-    """Which dents, in their places, are which entries: one of the other at most."""
-    if not (len(dents) and len(entries)):
-        return []
-    free = _free([entry.dent for entry in entries])
-    thinkable = _thinkable(dents, entries, group)
-    # All else is of those nearby: it costs the same however many there are.
-    near = np.flatnonzero(thinkable.any(axis=0)).tolist()
-    nearby, thinkable = [entries[k] for k in near], thinkable[:, near]
-    cost = np.full(thinkable.shape, np.inf)
-    if not cost.size:
-        return []
-    reach = np.minimum(_FARTHEST, _FREE * np.minimum(_free(dents)[:, None], free[near]))
-    alike = np.isfinite(agreement(dents, [entry.dent for entry in nearby]))
-    reach = np.where(alike, reach, 0.0)
-    for row, (dent, sighting) in enumerate(zip(dents, sightings, strict=True)):
-        for column in np.flatnonzero(thinkable[row]).tolist():
-            entry = nearby[column]
-            within = reach[row, column] if entry.group == group else None
-            cost[row, column] = _misfit(dent, sighting, entry, within)
-    return [(int(i), near[int(j)]) for i, j in zip(*assigned(cost, 1.0), strict=True)]
+    free: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """How far dents lie from entries; 1 at the gate, infinite of those that are no pair.
 
-
-def _free(dents: Sequence[MeasuredDent]) -> NDArray[np.float64]:
-    """Distance of each dent's centre to the next one's, metres."""
-    places = np.stack([dent.position for dent in dents])
-    return cKDTree(places).query(places, k=2)[0][:, 1]
-
-
-def _thinkable(
-    dents: Sequence[MeasuredDent], entries: Sequence[ListedDent], group: int
-) -> NDArray[np.bool_]:
-    """Mask of the pairs that may be one dent by their places alone, shape (dents, entries)."""
-    known = [entry.dent for entry in entries]
-    places, there = (np.stack([dent.position for dent in each]) for each in (dents, known))
-    sizes, others = (
-        np.nan_to_num([dent.length.value for dent in each]) for each in (dents, known)
-    )
-    longest = np.maximum(sizes[:, None], others)
-    apart = places[:, None] - there
+    `free` is how far a dent whose sizes agree may lie within the group at most, metres.
+    """
+    dents, known = [each.dent for each in seen], [each.dent for each in entries]
+    apart = np.stack([d.position for d in dents])[:, None] - [d.position for d in known]
+    cut = np.array([d.is_cut for d in dents])[:, None] | np.array([d.is_cut for d in known])
+    # Of a cut dent only a part is seen, with its centre anywhere in the dent.
+    own = np.where(cut, _longest(seen, entries) / 2, 0.0)
+    # Along the skin: the pose's error across it is not matched.
     normals = np.stack([dent.normal for dent in dents])[:, None]
     along = apart - (apart * normals).sum(axis=-1, keepdims=True) * normals
-    # Somewhat more than the largest gate of `_misfit`.
-    near = np.linalg.norm(along, axis=-1) < 1.1 * _FARTHEST + 0.6 * longest
-    cut = np.array([d.is_cut for d in dents])[:, None] | np.array([d.is_cut for d in known])
-    same = np.array([entry.group == group for entry in entries])
-    # Farther from each other than this no pose puts one dent, and its length; metres.
-    far = np.linalg.norm(apart, axis=-1) > 1.0 + longest
-    return np.where(same, near, cut) & ~far
+    widths, others = (np.array([d.width.value for d in each]) for each in (dents, known))
+    width = np.nan_to_num(np.minimum(widths[:, None], others))
+    reach = np.where(np.isfinite(agreement(dents, known)), np.minimum(_FARTHEST, free), 0.0)
+    # Off a known dent within a frame that is matched, metres, and as a part of the width.
+    gate = np.maximum(np.hypot(2e-3, 0.06 * width), reach)
+    misfits = np.linalg.norm(along, axis=-1) / (gate + own)
+    # In another group poses tell where they lie, which do for what is cut alone.
+    elsewhere = np.array([each.group != group for each in entries])
+    misfits[:, elsewhere] = np.inf
+    i, j = np.nonzero(cut & elsewhere)
+    ours, theirs = (np.stack([e.position_covariance for e in each]) for each in (seen, entries))
+    spread = ours[i] + theirs[j] + np.square(own[i, j] / GATE)[:, None, None] * np.eye(3)
+    misfits[i, j] = sigmas_apart(apart[i, j], spread) / GATE
+    signs = [np.array([np.sign(d.depth.value) for d in each]) for each in (dents, known)]
+    steps = [np.array([d.kind == 'step' for d in each]) for each in (dents, known)]
+    misfits[signs[0][:, None] * signs[1] < 0] = np.inf
+    misfits[steps[0][:, None] != steps[1]] = np.inf
+    return misfits
 
 
-def _misfit(
-    dent: MeasuredDent, sighting: Sighting, entry: ListedDent, reach: float | None
-) -> float:
-    """How far a dent lies from an entry; 1 at the gate.
+def _longest(
+    seen: Sequence[Sighting | ListedDent], entries: Sequence[ListedDent]
+) -> NDArray[np.float64]:
+    """The longer of each two lengths, metres; 0 where neither is known."""
+    ours, theirs = (np.nan_to_num([e.dent.length.value for e in each]) for each in (seen, entries))
+    return np.maximum(ours[:, None], theirs)
 
-    `reach` is how far it may lie within a group, metres, and None where it is in another.
-    """
-    other = entry.dent
-    if dent.depth.value * other.depth.value < 0 or (dent.kind == 'step') != (other.kind == 'step'):
-        return np.inf
-    sizes = [d.length.value for d in (dent, other) if np.isfinite(d.length.value)] or [0.0]
-    partly = dent.is_cut or other.is_cut
-    # Of a cut dent only a part is seen, with its centre anywhere in the dent.
-    own = max(sizes) / 2 if partly else 0.0
-    apart = dent.position - other.position
-    if reach is not None:
-        # Along the skin: the pose's error across it is not matched.
-        apart = apart - dent.normal * (apart @ dent.normal)
-        width = np.nan_to_num(min(dent.width.value, other.width.value))
-        # Off a known dent within a frame that is matched, metres, and as a part of the width.
-        gate = max(float(np.hypot(2e-3, 0.06 * width)), reach)
-        return float(np.linalg.norm(apart)) / (gate + own)
-    if not partly:
-        return np.inf
-    spread = entry.position_covariance + sighting.position_covariance
-    spread = spread + np.eye(3) * (own / GATE) ** 2
-    return float(np.sqrt(apart @ np.linalg.solve(spread, apart)) / GATE)
+
+def _free(places: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Distance of each of some places to the next one, metres."""
+    return cKDTree(places).query(places, k=2)[0][:, 1]
 
 
 def without_parts(entries: Sequence[ListedDent]) -> list[ListedDent]:
@@ -469,7 +469,6 @@ def doubles(dents: Sequence[MeasuredDent], entries: Sequence[ListedDent]) -> lis
         apart = places[others] - places[index]
         cut = np.hypot(halves[others], halves[index]) / GATE
         spread = spreads[others] + spreads[index] + cut[:, None, None] ** 2 * np.eye(3)
-        far = np.einsum('ni,ni->n', apart, np.linalg.solve(spread, apart[..., None])[..., 0])
-        near = others[far < GATE**2]
+        near = others[sigmas_apart(apart, spread) < GATE]
         result.append(tuple(sorted(entries[other].number for other in near)))
     return result

@@ -68,10 +68,6 @@ class Glass:
     spots : tuple of Spot
     cameras : tuple of ndarray
         Where the camera was, each elsewhere than the one before.
-    low, high : ndarray, shape (2,)
-        Least and largest bearings of all that was seen.
-    frames, items : int
-        How many clouds, and how much was seen in them.
     shown : tuple of (int, ndarray)
         Frame, and of all that was seen in it the bearings and half the length, radians, shape
         (n, 3).
@@ -81,10 +77,6 @@ class Glass:
 
     spots: tuple[Spot, ...] = ()
     cameras: tuple[NDArray[np.float64], ...] = ()
-    low: NDArray[np.float64] | None = None
-    high: NDArray[np.float64] | None = None
-    frames: int = 0
-    items: int = 0
     shown: tuple[tuple[int, NDArray[np.float64]], ...] = ()
     of_marks: frozenset[Seen] = frozenset()
 
@@ -104,10 +96,6 @@ class Glass:
             cameras = (*cameras, here)
         places = pose.inverse().apply(np.array([each.position for each in dents]).reshape(-1, 3))
         bearings = places[:, :2] / np.maximum(np.abs(places[:, 2:]), _ELSEWHERE)
-        low, high = self.low, self.high
-        if len(dents):
-            low = bearings.min(axis=0) if low is None else np.minimum(low, bearings.min(axis=0))
-            high = bearings.max(axis=0) if high is None else np.maximum(high, bearings.max(axis=0))
         spots, known = list(self.spots), self._known
         halves = [each.length.value / 2 for each in dents] / np.maximum(places[:, 2], _ELSEWHERE)
         for index, (dent, bearing) in enumerate(zip(dents, bearings, strict=True)):
@@ -121,17 +109,8 @@ class Glass:
             apart = np.linalg.norm(known - place, axis=1)
             at = int(apart.argmin()) if len(apart) else 0
             if not len(apart) or apart[at] > _STRAYS:
-                new = Spot(
-                    bearing,
-                    sign,
-                    frozenset({(frame, index)}),
-                    (here,),
-                    len(cameras),
-                    halves[index],
-                )
-                spots.append(new)
-                known = np.vstack([known, place])
-                continue
+                at, known = len(spots), np.vstack([known, place])
+                spots.append(Spot(bearing, sign, frozenset(), (), len(cameras), 0.0))
             spot, count = spots[at], len(spots[at].seen)
             elsewhere = all(np.linalg.norm(each - here) > gate for each in spot.cameras)
             spots[at] = replace(
@@ -141,9 +120,8 @@ class Glass:
                 cameras=(*spot.cameras, here) if elsewhere else spot.cameras,
                 half=(count * spot.half + halves[index]) / (count + 1),
             )
-        items = self.items + len(dents)
         shown = (*self.shown, (frame, np.column_stack([bearings, halves])))
-        after = Glass(tuple(spots), cameras, low, high, self.frames + 1, items, shown)
+        after = Glass(tuple(spots), cameras, shown)
         # Of frames before, what was seen through a mark is asked once, when it is known for one.
         is_new = after._are_marks != self._are_marks
         asked = shown if is_new else shown[-1:]
@@ -176,6 +154,11 @@ class Glass:
         return replace(self, spots=spots, cameras=tuple(map(move.apply, self.cameras)))
 
     @cached_property
+    def _bearings(self) -> NDArray[np.float64]:
+        """Of all that was seen, shape (n, 2)."""
+        return np.concatenate([seen[:, :2] for _, seen in self.shown])
+
+    @cached_property
     def _are_marks(self) -> tuple[int, ...]:
         """Numbers of the spots at which chance alone would not have shown so much."""
         return tuple(n for n, each in enumerate(self.spots) if self._is_mark(each))
@@ -188,11 +171,12 @@ class Glass:
     def _is_mark(self, spot: Spot) -> bool:
         hits, places = len(spot.cameras), len(self.cameras) - spot.first + 1
         # Part of the camera's places at which a mark is seen, at least.
-        if hits < max(3, 0.5 * places) or self.low is None or self.high is None:
+        if hits < max(3, 0.5 * places):
             return False
+        bearings = self._bearings
         # The smallest picture of which the chance is reckoned, square radians.
-        picture = max(float(np.prod(self.high - self.low)), 0.03)
-        others = (self.items - len(spot.seen)) / self.frames
+        picture = max(float(np.prod(np.ptp(bearings, axis=0))), 0.03)
+        others = (len(bearings) - len(spot.seen)) / len(self.shown)
         chance = min(others * math.pi * _STRAYS**2 / picture, 0.9)
         by_chance = float(bdtrc(hits - 2, max(places, hits) - 1, chance))
         # Marks that chance alone may tell, a flight.

@@ -216,6 +216,12 @@ def assigned(cost: Field, most: float = 1e6) -> tuple[NDArray[np.intp], NDArray[
     return rows[paired], columns[paired]
 
 
+def sigmas_apart(apart: Field, covariance: Field) -> Field:
+    """Lengths of vectors, shape (..., 3), in standard deviations of them, (..., 3, 3)."""
+    whitened = np.linalg.solve(covariance, apart[..., None])[..., 0]
+    return np.sqrt((apart * whitened).sum(axis=-1))
+
+
 def coincidence(
     seen: Sequence[MeasuredDent],
     known: Sequence[MeasuredDent],

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ftp_dent_ros import __version__
 from ftp_dent_ros.dents.dent import COVERAGE, MeasuredDent
 from ftp_dent_ros.dents.rules import Judgement, Rules, clearance, verdict, width_to_depth
-from ftp_dent_ros.dents.sightings import agreement, assigned
+from ftp_dent_ros.dents.sightings import agreement, assigned, sigmas_apart
 from ftp_dent_ros.pages.drawing import scale_bar
 from ftp_dent_ros.pages.page import render
 from ftp_dent_ros.pages.words import date_of, finite, interval, position_interval, spread
@@ -181,7 +181,7 @@ def _with_doubts(
     known = np.stack([turn @ each.position_covariance @ turn.T for each in before])
     known = known + np.square(spread)[:, None, None] * np.eye(3)
     both = known[:, None] + np.stack([each.position_covariance for each in after])
-    far = np.sqrt((apart * np.linalg.solve(both, apart[..., None])[..., 0]).sum(axis=-1))
+    far = sigmas_apart(apart, both)
     alike = np.isfinite(agreement([each.dent for each in before], [each.dent for each in after]))
     doubts = []
     for i, j in zip(*assigned(np.where(alike & (far < _AROUND), far, np.inf)), strict=True):
