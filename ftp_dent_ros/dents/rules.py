@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Annotated
 
 import numpy as np
 
-from ftp_dent_ros.dents.dent import COVERAGE, Estimate, MeasuredDent
+from ftp_dent_ros.dents.dent import COVERAGE, MeasuredDent
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.fields import Fields, Limits
 from ftp_dent_ros.yaml_file import read_yaml
@@ -25,32 +25,10 @@ _DENSITY = 'dents_per_area'
 _GROWING = ('depth_mm', 'length_mm', 'width_mm', 'area_mm2', 'volume_mm3')
 
 
-def width_to_depth(dent: MeasuredDent) -> Estimate:
-    """Width over depth, with the uncertainties of both."""
-    width, depth = dent.width, dent.depth
-    if not depth.value:
-        return Estimate(float('nan'), float('nan'))
-    relative = math.hypot(width.uncertainty / width.value, depth.uncertainty / depth.value)
-    return Estimate(dent.width_to_depth, abs(dent.width_to_depth) * relative)
-
-
-def clearance(dent: MeasuredDent) -> Estimate:
-    """Distance to the next dent; its outline is as uncertain as half the length."""
-    # The other outline is about as uncertain as this one.
-    return Estimate(dent.clearance, dent.length.uncertainty / 2 * math.sqrt(2))
-
-
-# Quantity and factor from SI to the unit in the name.
-_MEASURES: dict[str, tuple[Callable[[MeasuredDent], Estimate], float]] = {
-    'depth_mm': (lambda dent: dent.depth, 1e3),
-    'length_mm': (lambda dent: dent.length, 1e3),
-    'width_mm': (lambda dent: dent.width, 1e3),
-    'width_to_depth': (width_to_depth, 1.0),
-    'area_mm2': (lambda dent: dent.area, 1e6),
-    'volume_mm3': (lambda dent: dent.volume, 1e9),
-    'clearance_mm': (clearance, 1e3),
-}
-MEASURES = (*_MEASURES, _DENSITY)
+MEASURES = (
+    *('depth_mm', 'length_mm', 'width_mm', 'width_to_depth', 'area_mm2', 'volume_mm3'),
+    *('clearance_mm', _DENSITY),
+)
 
 
 @dataclass(frozen=True)
@@ -168,9 +146,8 @@ def _finding(limit: Limit, dent: MeasuredDent, dents: Sequence[MeasuredDent]) ->
     if limit.measure == _DENSITY:
         count = float(_most_within(limit.area_m2, dent, dents))
         return Judgement(limit, count, 0.0, _verdict(limit, count, 0.0))
-    measure, factor = _MEASURES[limit.measure]
-    estimate = measure(dent)
-    value, sigma = estimate.value * factor, estimate.uncertainty * factor
+    estimate = dent.figure(limit.measure)
+    value, sigma = estimate.value, estimate.uncertainty
     decided = _verdict(limit, value, sigma)
     if dent.is_cut and limit.measure != 'clearance_mm':
         certain = limit.measure in _GROWING and value - COVERAGE * sigma > limit.maximum

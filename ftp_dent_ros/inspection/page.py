@@ -17,15 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ftp_dent_ros.dents.dent import COVERAGE, Estimate, MeasuredDent
-from ftp_dent_ros.dents.rules import (
-    EXCEEDS,
-    UNDECIDED,
-    WITHIN,
-    Judgement,
-    clearance,
-    verdict,
-    width_to_depth,
-)
+from ftp_dent_ros.dents.rules import EXCEEDS, UNDECIDED, WITHIN, Judgement, verdict
 from ftp_dent_ros.dents.sightings import ListedDent
 from ftp_dent_ros.files import write_all_atomically
 from ftp_dent_ros.inspection.measuring.places.kinds import AT_RIM
@@ -128,12 +120,12 @@ def _dent(entry: ListedDent, findings: Sequence[Judgement], limit: float) -> dic
         'depth': interval(dent.depth, finest=3),
         'length': interval(dent.length),
         'width': interval(dent.width),
-        'ratio': interval(width_to_depth(dent), 1.0),
+        'ratio': interval(dent.width_to_depth, 1.0),
         'orientation': interval(dent.orientation, 180 / math.pi, 1),
         'area': interval(dent.area, 1e6, 0),
         'volume': interval(dent.volume, 1e9, 0),
         'model': (interval(dent.model_length), interval(dent.model_width)),
-        'clearance': interval(clearance(dent), finest=1),
+        'clearance': interval(dent.clearance_estimate, finest=1),
         'position': [f'{value:.3f}' for value in dent.position],
         'spread': position_interval(entry.position_covariance),
         'sightings': len(entry.sightings),
@@ -481,55 +473,26 @@ def _round_step(step: float) -> float:
 
 
 def on_grid(points: NDArray[np.float64], view: DrawnCloud) -> NDArray[np.float64]:
-    """Column and row of points of the report's frame on a cloud's grid, shape (n, 2)."""
-    points = view.pose.inverse().apply(np.asarray(points, float))
-    grid = view.points
-    if not len(points) or not np.isfinite(grid[..., 2]).any():
-        return np.full((len(points), 2), np.nan)
-    row, column = _nearest(points, grid)
-    # From the nearest point on, along the grid's own directions.
-    steps = []
-    for axis in (1, 0):
-        low, high = (
-            np.clip(np.stack([row, column], -1) + sign * np.array([axis == 0, axis == 1]), 0, None)
-            for sign in (-1, 1)
-        )
-        high = np.minimum(high, np.array(grid.shape[:2]) - 1)
-        change = _at(grid, high[:, 0], high[:, 1]) - _at(grid, low[:, 0], low[:, 1])
-        steps.append(change / np.maximum((high - low).sum(axis=1), 1)[:, None])
-    beyond = points - _at(grid, row, column)
-    basis = np.stack(steps, axis=-1)
-    gram = basis.transpose(0, 2, 1) @ basis
-    right = (basis.transpose(0, 2, 1) @ beyond[..., None])[..., 0]
-    found = np.stack([column, row], axis=-1).astype(float)
-    finite = np.isfinite(gram).all(axis=(1, 2))
-    usable = finite & (np.abs(np.linalg.det(np.where(finite[:, None, None], gram, 0))) > 0)
-    shift = np.zeros_like(found)
-    shift[usable] = np.linalg.solve(gram[usable], right[usable][..., None])[..., 0]
-    return found + np.clip(shift, -2, 2)
+    """Column and row of points of the report's frame on a cloud's grid, shape (n, 2).
 
-
-def _nearest(
-    points: NDArray[np.float64], grid: NDArray[np.float32]
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Rows and columns of the measured points that are nearest to some points, each shape (n,)."""
-    # Outlines lie on the measured skin, and so nearer than 20 mm to its points.
-    low, high = points.min(axis=0) - 0.02, points.max(axis=0) + 0.02
-    farthest = float(np.finfo(np.float32).max)
-    for bounds in ((low, high), (np.full(3, -farthest), np.full(3, farthest))):
+    Between the four points of the cloud that are nearest; NaN where it has fewer.
+    """
+    points, grid = view.pose.inverse().apply(np.asarray(points, float)), view.points
+    low, high = points.min(axis=0), points.max(axis=0)
+    # Outlines lie nearer than this to the cloud's points, metres, unless its pose errs by more.
+    for room in (0.02, 1e6):
         # Much faster than comparisons of a coordinate each; what is not a number lies nowhere.
-        rows, columns = np.nonzero(cv2.inRange(grid, *bounds))
-        if len(rows):
-            # Made in a third of the time of a balanced one, for a few questions.
-            tree = cKDTree(_at(grid, rows, columns), balanced_tree=False, compact_nodes=False)
-            distance, nearest = tree.query(points)
-            if distance.max() <= 0.02:
-                break
-    return rows[nearest], columns[nearest]
-
-
-def _at(grid: NDArray, rows: NDArray, columns: NDArray) -> NDArray[np.float64]:
-    return np.asarray(grid[rows, columns], float)
+        rows, columns = np.nonzero(cv2.inRange(grid, low - room, high + room))
+        if len(rows) < 4:
+            continue
+        # Made in a third of the time of a balanced one, for a few questions.
+        tree = cKDTree(grid[rows, columns], balanced_tree=False, compact_nodes=False)
+        distance, nearest = tree.query(points, k=4)
+        if distance.max() < room:
+            weight = 1 / np.maximum(distance, 1e-9) ** 2
+            places = np.stack([columns, rows], axis=-1)[nearest]
+            return (weight[..., None] * places).sum(axis=1) / weight.sum(axis=1, keepdims=True)
+    return np.full((len(points), 2), np.nan)
 
 
 def on_photograph(

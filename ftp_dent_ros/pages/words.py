@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import math
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime, timezone
 from typing import Any
 
@@ -45,6 +48,15 @@ def iso_time(nanoseconds: int) -> str:
 def date_of(nanoseconds: int) -> str:
     """UTC, ISO 8601."""
     return iso_time(nanoseconds)[:10]
+
+
+def table(rows: Iterable[Mapping[str, Any]], columns: Sequence[str]) -> str:
+    """Some columns of rows as CSV, under their names; None is an empty cell."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, columns, extrasaction='ignore', lineterminator='\n')
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()
 
 
 def finite(value: Any) -> Any:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections import Counter
 from collections.abc import Mapping
@@ -15,11 +13,11 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros import __version__
 from ftp_dent_ros.dents.dent import COVERAGE, MeasuredDent
-from ftp_dent_ros.dents.rules import Judgement, Rules, clearance, verdict, width_to_depth
+from ftp_dent_ros.dents.rules import Judgement, Rules, verdict
 from ftp_dent_ros.dents.sightings import agreement, assigned, sigmas_apart
 from ftp_dent_ros.pages.drawing import scale_bar
 from ftp_dent_ros.pages.page import render
-from ftp_dent_ros.pages.words import date_of, finite, interval, position_interval, spread
+from ftp_dent_ros.pages.words import date_of, finite, interval, position_interval, spread, table
 from ftp_dent_ros.survey.aircraft_frame import AircraftFrame
 from ftp_dent_ros.survey.growth import Change, CommonFactor, changes_of, depth_growth
 from ftp_dent_ros.survey.matching import PLACE, DentMatching, match
@@ -306,15 +304,7 @@ def chart_record(row: ChartRow, on_aircraft: bool) -> dict[str, Any]:
         **{f'{n}_mm': float(v) * 1e3 for n, v in zip(names, row.location, strict=True)},
         'location_uncertainty_mm': row.uncertainty * 1e3,
     }
-    for name, estimate, factor, unit in (
-        ('length', dent.length, 1e3, '_mm'),
-        ('width', dent.width, 1e3, '_mm'),
-        ('depth', dent.depth, 1e3, '_mm'),
-        ('width_to_depth', width_to_depth(dent), 1.0, ''),
-        ('clearance', clearance(dent), 1e3, '_mm'),
-    ):
-        record[f'{name}{unit}'] = estimate.value * factor
-        record[f'{name}_uncertainty{unit}'] = estimate.uncertainty * factor
+    record |= dent.figures(('length_mm', 'width_mm', 'depth_mm', 'width_to_depth', 'clearance_mm'))
     for quantity in ('depth', 'length', 'width'):
         change = compared.changes.get(quantity)
         record[f'{quantity}_growth_mm'] = change and change.estimate.value * 1e3
@@ -336,11 +326,7 @@ def chart_record(row: ChartRow, on_aircraft: bool) -> dict[str, Any]:
 def chart_csv(rows: list[ChartRow], on_aircraft: bool) -> str:
     """The chart, a line a dent; empty cells are not known."""
     records = [chart_record(row, on_aircraft) for row in rows]
-    text = io.StringIO()
-    writer = csv.DictWriter(text, list(records[0]), lineterminator='\n')
-    writer.writeheader()
-    writer.writerows(records)
-    return text.getvalue()
+    return table(records, list(records[0]) if records else [])
 
 
 def comparison_page(
@@ -413,8 +399,8 @@ def _cells(row: ChartRow) -> dict[str, Any]:
         'depth': interval(dent.depth, finest=3),
         'length': interval(dent.length),
         'width': interval(dent.width),
-        'ratio': interval(width_to_depth(dent), 1.0),
-        'clearance': interval(clearance(dent), finest=1),
+        'ratio': interval(dent.width_to_depth, 1.0),
+        'clearance': interval(dent.clearance_estimate, finest=1),
         'growth': signed,
         'location': [f'{value:.3f}' for value in row.location],
         'spread': spread(row.uncertainty),
