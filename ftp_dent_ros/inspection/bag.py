@@ -125,7 +125,5 @@ def _observation(item: BagCloud) -> SeenCloud:
         pose=IDENTITY if item.pose is None else item.pose,
         vehicle=item.vehicle,
         covariance=item.covariance,
-        # The bridge gives the pose at exactly the cloud's stamp.
-        pose_age=None if item.vehicle is None else 0.0,
         photograph=item.photograph,
     )

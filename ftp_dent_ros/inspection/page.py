@@ -25,7 +25,7 @@ from ftp_dent_ros.inspection.records import csv_text, report_record
 from ftp_dent_ros.inspection.report import DrawnCloud, InspectionReport, ReportedCloud
 from ftp_dent_ros.pages import drawing
 from ftp_dent_ros.pages.page import render
-from ftp_dent_ros.pages.words import interval, iso_time, position_interval
+from ftp_dent_ros.pages.words import deviation_of, interval, iso_time, position_interval
 from ftp_dent_ros.rig.rig import Lens
 
 # Of one profile's axes, in the drawing's units; the template puts the text around it.
@@ -176,7 +176,9 @@ def facts_of(report: InspectionReport) -> list[tuple[str, str]]:
         if stamps[-1] != stamps[0]:
             taken += f' to {iso_time(stamps[-1])}'
     noise = [frame.noise for frame in frames if math.isfinite(frame.noise)]
+    depth, width = report.settings.smallest_depth * 1e3, report.settings.smallest_width * 1e3
     area = 1e4 * sum(frame.area for frame in frames)
+    rig = ', '.join(filter(None, (report.rig_name, report.rig_id and f'id {report.rig_id}')))
     facts = [
         ('Inspected', report.source),
         ('Photographed', taken),
@@ -187,13 +189,13 @@ def facts_of(report: InspectionReport) -> list[tuple[str, str]]:
             + f'; {len(report.skipped)} messages skipped' * bool(report.skipped),
         ),
         ('Measured area', f'{area:.0f} cm²' + (', overlaps counted twice' * (len(frames) > 1))),
-        ('Looked for', _smallest(report)),
+        ('Looked for', f'dents of {depth:g} mm depth and {width:g} mm width, and larger'),
         ('Marks of gouges', _marks(frames)),
         ('Would have been found', _findable(frames, report.settings.smallest_depth)),
         ('Not measured', _not_measured(report)),
         ('Waviness', _waviness(frames)),
         ('Noise of a point', f'{np.median(noise) * 1e3:.3f} mm' if noise else 'not known'),
-        ('Rig', _rig(report)),
+        ('Rig', rig or 'not known'),
         ('Positions in', report.frame_id),
         ('Pose', _pose(frames)),
         ('Software', f'ftp_dent_ros {report.version}'),
@@ -203,18 +205,6 @@ def facts_of(report: InspectionReport) -> list[tuple[str, str]]:
     if report.rules:
         facts.append(('Limits', report.rules.title or report.rules.reference or 'given'))
     return facts
-
-
-def _rig(report: InspectionReport) -> str:
-    """File and id of the rig, as far as they are known."""
-    if not report.rig_id:
-        return 'not known'
-    return f'{report.rig_name}, id {report.rig_id}' if report.rig_name else f'id {report.rig_id}'
-
-
-def _smallest(report: InspectionReport) -> str:
-    depth, width = report.settings.smallest_depth, report.settings.smallest_width
-    return f'dents of {depth * 1e3:g} mm depth and {width * 1e3:g} mm width, and larger'
 
 
 def _marks(frames: Sequence[ReportedCloud]) -> str:
@@ -269,8 +259,8 @@ def _pose(frames: Sequence[ReportedCloud]) -> str:
     known = [frame.covariance for frame in posed if frame.covariance is not None]
     if not known:
         return f'of {len(posed)} clouds, its uncertainty not known'
-    spread = max(math.sqrt(float(np.trace(each[:3, :3])) / 3) for each in known)
-    turn = max(math.sqrt(float(np.trace(each[3:, 3:])) / 3) for each in known)
+    spread = max(deviation_of(each[:3, :3]) for each in known)
+    turn = max(deviation_of(each[3:, 3:]) for each in known)
     return (
         f'of {len(posed)} clouds, within ± {COVERAGE * spread * 1e3:.0f} mm '
         f'and ± {COVERAGE * math.degrees(turn):.2f}° an axis (95 %)'

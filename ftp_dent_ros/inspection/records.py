@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -12,7 +11,7 @@ from ftp_dent_ros.dents.dent import FIGURES, uncertain
 from ftp_dent_ros.dents.rules import Judgement, Rules, verdict
 from ftp_dent_ros.dents.sightings import ListedDent
 from ftp_dent_ros.inspection.report import InspectionReport, ReportedCloud
-from ftp_dent_ros.pages.words import finite, iso_time, table
+from ftp_dent_ros.pages.words import deviation_of, finite, iso_time, table
 
 _COLUMNS = (
     *('number', 'kind', 'x', 'y', 'z', 'position_uncertainty_mm'),
@@ -75,7 +74,7 @@ def dent_record(entry: ListedDent, findings: Sequence[Judgement] = ()) -> dict[s
         'number': entry.number,
         'kind': dent.kind,
         **{axis: float(value) for axis, value in zip('xyz', dent.position, strict=True)},
-        'position_uncertainty_mm': math.sqrt(float(np.trace(entry.position_covariance)) / 3) * 1e3,
+        'position_uncertainty_mm': deviation_of(entry.position_covariance) * 1e3,
         **{f'normal_{axis}': float(v) for axis, v in zip('xyz', dent.normal, strict=True)},
         **dent.figures(FIGURES),
         'bottom_radius_mm': float(dent.bottom_radius) * 1e3,
@@ -138,6 +137,5 @@ def _frame_record(frame: ReportedCloud) -> dict[str, Any]:
             'covariance': None
             if frame.covariance is None
             else [float(value) for value in np.ravel(frame.covariance)],
-            'age_s': frame.pose_age,
         },
     }

@@ -30,7 +30,12 @@ def interval(estimate: Estimate, factor: float = 1e3, finest: int = 2) -> tuple[
 
 def position_interval(covariance: NDArray[np.float64]) -> str:
     """Half the 95 % interval of a place of covariance (3, 3), along any axis in the mean."""
-    return spread(math.sqrt(float(np.trace(covariance)) / 3))
+    return spread(deviation_of(covariance))
+
+
+def deviation_of(covariance: NDArray[np.float64]) -> float:
+    """Standard deviation along any axis in the mean, of a covariance (3, 3)."""
+    return math.sqrt(float(np.trace(covariance)) / 3)
 
 
 def spread(uncertainty: float) -> str:
