@@ -9,7 +9,6 @@ ways. Source: A. C. Cameron, D. L. Miller, Journal of Human Resources 50, 317 (2
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,7 +71,8 @@ def pair_information(
     if not sure.any() or len(squares) < _LEAST_SQUARES:
         return np.zeros(6), np.zeros((6, 6)), 0
     own, other = own[:, sure], other[:, sure]
-    weighted, pull = found.weight[:, None] * own, (found.weight * found.residual)[:, None]
+    weighted = found.weight[:, None] * own
+    pull = (own + other) / 2 * (found.weight * found.residual)[:, None]
     # All marks of a pair lie as deep, so that strips do not show it.
     # Marks lie in relief that the fringes do not resolve (grooves about rivets, edges of paint),
     # so that they move against the skin with the direction they are seen from: its depth, metres.
@@ -81,8 +81,10 @@ def pair_information(
     # stands for nothing, beside what all strips tell.
     covariance = np.outer(moved, moved) + 1e-7**2 * np.eye(len(moved))
     for strips in ways:
-        part = _products(weighted, other, strips)
-        gradients = _summed((own + other) / 2 * pull, strips)
+        members = [strips == number for number in range(strips.max() + 1)]
+        products = np.array([weighted[each].T @ other[each] for each in members])
+        part = (products + np.swapaxes(products, 1, 2)) / 2
+        gradients = np.array([pull[each].sum(axis=0) for each in members])
         count, inner = len(part), part.sum(axis=0)
         step = -np.linalg.solve(inner, gradients.sum(axis=0))
         scores = gradients + part @ step
@@ -100,20 +102,6 @@ def _strips(place: Array) -> NDArray[np.intp]:
     # Width of a strip, metres: errors of clouds are alike over some windows of their fringes.
     count = max(_LEAST_STRIPS, round(size / 0.04))
     return np.minimum((place - low) / size * count, count - 1).astype(np.intp)
-
-
-def _products(own: Array, other: Array, strips: NDArray[np.intp]) -> Array:
-    """Symmetric sums of products of slopes in each strip, shape (strips, n, n)."""
-    # One product of matrices a strip takes a tenth of sums over all points for each element.
-    order = np.argsort(strips, kind='stable')
-    ends = np.searchsorted(strips[order], np.arange(strips.max() + 2))
-    own, other = own[order], other[order]
-    sums = np.array([own[a:b].T @ other[a:b] for a, b in pairwise(ends)])
-    return (sums + np.swapaxes(sums, 1, 2)) / 2
-
-
-def _summed(values: NDArray, strips: NDArray[np.intp]) -> NDArray[np.float64]:
-    return np.stack([np.bincount(strips, each) for each in values.T], axis=-1)
 
 
 def in_common(centre: Array, pose: Pose) -> Array:
