@@ -29,8 +29,6 @@ _LOGARITHMS = np.log(np.array([np.nan, *range(1, 256)], np.float32))
 # Logarithm of a paint that is this far from its surroundings tells no more by being farther.
 _MOST = 0.7
 
-# Cells a side that share one uncertainty in a folded patch.
-_SHARED = 4
 # Distances between the points whose heights, and of the squares of which one cell's paint each,
 # are compared, metres: at about this distance errors are independent.
 _HEIGHTS, _PAINT = 0.006, 0.004
@@ -189,9 +187,27 @@ class SkinPatch:
         return self
 
     def looked_up(self, layer: Grid, points: NDArray[np.float64]) -> Grid:
-        """Values of a layer below points of shape (n, 3), linearly; NaN beyond the grid."""
-        place = ((points[:, :2] - self.corner) / self.pitch).astype(np.float32)
-        return _sampled(layer, place[:, 0], place[:, 1])
+        """Values of a layer below points of shape (n, 3), linearly; NaN beyond the grid.
+
+        Exact: OpenCV 4 rounds positions to 1/32 of a cell.
+        """
+        u, v = ((points[:, :2] - self.corner) / self.pitch).astype(np.float32).T
+        rows, columns = layer.shape[:2]
+        inside = (u >= 0) & (v >= 0) & (u < columns - 1) & (v < rows - 1)
+        u, v = np.where(inside, u, np.float32(0)), np.where(inside, v, np.float32(0))
+        column, row = np.floor(u), np.floor(v)
+        a, b = (u - column)[:, None], (v - row)[:, None]
+        flat = layer.reshape(rows * columns, -1)
+        at = row.astype(np.intp) * columns + column.astype(np.intp)
+        # Whole rows taken, and sums in place: a quarter of the time of the same by indices.
+        low, low_next, high, high_next = (
+            flat.take(at + beside, axis=0) for beside in (0, 1, columns, columns + 1)
+        )
+        low += a * (low_next - low)
+        high += a * (high_next - high)
+        low += b * (high - low)
+        low[~inside] = np.nan
+        return low
 
 
 def patch_of(
@@ -259,29 +275,6 @@ def _spacing(points: Grid) -> float:
     return float(np.nanmedian(steps))
 
 
-def _sampled(layer: Grid, u: Grid, v: Grid) -> Grid:
-    """Linear interpolation at positions of shape (n,), NaN beyond the layer; exact, not to 1/32.
-
-    OpenCV 4 rounds positions to 1/32 of a cell.
-    """
-    rows, columns = layer.shape[:2]
-    inside = (u >= 0) & (v >= 0) & (u < columns - 1) & (v < rows - 1)
-    u, v = np.where(inside, u, np.float32(0)), np.where(inside, v, np.float32(0))
-    column, row = np.floor(u), np.floor(v)
-    a, b = (u - column)[:, None], (v - row)[:, None]
-    flat = layer.reshape(rows * columns, -1)
-    at = row.astype(np.intp) * columns + column.astype(np.intp)
-    # Whole rows taken, and sums in place: a quarter of the time of the same by indices.
-    low, low_next, high, high_next = (
-        flat.take(at + beside, axis=0) for beside in (0, 1, columns, columns + 1)
-    )
-    low += a * (low_next - low)
-    high += a * (high_next - high)
-    low += b * (high - low)
-    low[~inside] = np.nan
-    return low
-
-
 def slopes(field: Grid, pitch: float) -> tuple[Any, Any]:
     """Changes along x and y, central differences; 0 on the outermost cells."""
     scale = 1 / (2 * pitch)
@@ -316,7 +309,7 @@ def _mean(field: Any, sigma: float) -> Grid:
 
 @dataclass(frozen=True, eq=False)
 class FoldedPatch:
-    """A patch in a tenth of its memory: grids as pictures in small steps, one sigma of some."""
+    """A patch in a tenth of its memory: grids as pictures in small steps."""
 
     frame: Pose
     pitch: float
@@ -326,12 +319,9 @@ class FoldedPatch:
     @classmethod
     def of(cls, patch: SkinPatch) -> FoldedPatch:
         """Fold a patch."""
-        # Beside the rim, where heights end and not their uncertainty.
-        sigma = patch.sigma[::_SHARED, ::_SHARED]
-        sigma = np.where(np.isfinite(sigma), sigma, np.nanmax(sigma))
         # Least steps: of heights, metres, a quarter of what no pair is better than; of their
         # uncertainty, millimetres, and of the logarithm of light a tenth of a skin image's noise.
-        steps = (patch.height, 2.5e-7), (sigma, 1e-6), (patch.light, 5e-4)
+        steps = (patch.height, 2.5e-7), (patch.sigma, 1e-6), (patch.light, 5e-4)
         grids = tuple(None if grid is None else _folded(grid, least) for grid, least in steps)
         return cls(patch.frame, patch.pitch, patch.corner, grids)
 
@@ -340,8 +330,6 @@ class FoldedPatch:
         """The patch; the last ones are kept."""
         height, sigma, light = (None if each is None else _unfolded(*each) for each in self.grids)
         assert height is not None and sigma is not None
-        rows, columns = height.shape
-        sigma = sigma.repeat(_SHARED, axis=0).repeat(_SHARED, axis=1)[:rows, :columns]
         return SkinPatch(self.frame, self.pitch, self.corner, height, sigma, light)
 
 

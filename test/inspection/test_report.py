@@ -201,6 +201,9 @@ def test_a_map_cloud_is_looked_at_from_its_cameras_side():
     viewpoint = viewpoint_of(cloud)
     surface = SKIN.transformed(pose)
     assert surface.distance(viewpoint) < 0 and surface.distance(pose.translation) < 0
+    # A single line of points has no side.
+    line = Cloud(cloud.points[:1], cloud.intensity[:1])
+    np.testing.assert_array_equal(viewpoint_of(line), 0)
 
 
 def test_a_folder_that_cannot_be_written_is_named(tmp_path, report):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from survey_samples import COUNT, ELSEWHERE, GROWN, NEW, REPAIRED, UNSEEN, pair
 
-from ftp_dent_ros.survey.comparison import compare
+from ftp_dent_ros.survey.comparison import chart, chart_csv, compare, comparison_page
 from ftp_dent_ros.survey.matching import NoMatchError, match
 from ftp_dent_ros.survey.result import CoverageCells
 
@@ -35,6 +35,20 @@ def test_each_dent_is_told_right_wherever_the_aircraft_stands():
     places, spread = comparison.matching.in_earlier(ELSEWHERE.apply(np.array([[0.6, 0.3, 0.0]])))
     np.testing.assert_allclose(places[0], [0.6, 0.3, 0.0], atol=4 * spread[0])
     assert spread[0] < 1e-3
+
+
+def test_surveys_of_bumps_alone_have_nothing_to_chart():
+    bumps = (
+        replace(
+            survey,
+            dents=tuple(replace(d, dent=replace(d.dent, kind='bump')) for d in survey.dents),
+        )
+        for survey in pair()
+    )
+    comparison = compare(*bumps)
+    rows = chart(comparison)
+    assert rows == [] and chart_csv(rows, False).strip() == ''
+    assert 'No dents' in comparison_page(comparison, rows)
 
 
 def test_a_dent_that_would_hardly_have_been_found_is_not_new():
