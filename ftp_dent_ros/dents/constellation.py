@@ -16,7 +16,7 @@ from scipy.spatial.distance import cdist
 from scipy.special import logsumexp
 
 from ftp_dent_ros.dents.dent import MeasuredDent
-from ftp_dent_ros.dents.sightings import agreement, assigned, coincidence
+from ftp_dent_ros.dents.sightings import agreement, assigned, centre_deviations, coincidence
 from ftp_dent_ros.pose import IDENTITY, Pose
 from ftp_dent_ros.rigid import about, fit_move, move_about
 
@@ -85,9 +85,7 @@ def find_match(
     possible &= np.isfinite(agree)
     # Sightings of what the frame cuts have their centre anywhere.
     whole = np.array([not d.is_cut for d in seen])[:, None] & [not d.is_cut for d in nearby]
-    sizes = np.array([d.width.value for d in seen]), np.array([d.width.value for d in nearby])
-    # Standard deviation of a dent's centre within its frame: metres, and part of its width.
-    place = np.hypot(4e-4, 0.015 * np.nan_to_num(np.minimum(sizes[0][:, None], sizes[1])))
+    place = centre_deviations(seen, nearby)
     rows, columns = np.nonzero(possible & whole)
     judged: list[tuple[float, tuple[tuple[int, int], ...]]] = []
     tried: set[tuple[tuple[int, int], ...]] = set()

@@ -30,14 +30,8 @@ from ftp_dent_ros.rigid import about
 UNKNOWN_POSITION, UNKNOWN_ANGLE = 0.02, 0.01
 # Of a pose that nothing is uncertain about: a cloud in its own frame.
 EXACT = np.eye(6) * 1e-12
-# What no pose is better than: 1 mm, 0.5 mrad.
-_NEVER_BETTER = np.diag([1e-3**2] * 3 + [5e-4**2] * 3)
-
 # Chi of three axes that holds 99.7 %.
 GATE = 3.75
-# Or farther, where its sizes agree, but no farther than this part of the way to the next dent:
-# frames that were put to each other over many others have drifted, metres.
-_FREE, _FARTHEST = 0.4, 20e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -275,7 +269,8 @@ def known_covariance(covariance: NDArray[np.float64] | None) -> NDArray[np.float
     """The covariance of a pose's error, shape (6, 6), also where it was not told."""
     if covariance is None or not np.any(covariance):
         return np.diag([UNKNOWN_POSITION**2] * 3 + [UNKNOWN_ANGLE**2] * 3)
-    return np.asarray(covariance, float).reshape(6, 6) + _NEVER_BETTER
+    # No pose is better than 1 mm, 0.5 mrad.
+    return np.reshape(covariance, (6, 6)) + np.diag([1e-3**2] * 3 + [5e-4**2] * 3)
 
 
 def error_of(move: Pose, pivot: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -347,7 +342,8 @@ def paired(
     at = np.flatnonzero(near.any(axis=0))
     if not len(at):
         return {}
-    free = _FREE * np.minimum(_free(places)[:, None], _free(there)[at])
+    # Part of the way to the next dent.
+    free = 0.4 * np.minimum(_free(places)[:, None], _free(there)[at])
     misfits = _misfits(seen, [entries[k] for k in at.tolist()], group, free)
     rows, columns = assigned(np.where(near[:, at], misfits, np.inf), 1.0)
     return dict(zip(rows.tolist(), at[columns].tolist(), strict=True))
@@ -373,7 +369,8 @@ def _misfits(
     along = apart - (apart * normals).sum(axis=-1, keepdims=True) * normals
     widths, others = (np.array([d.width.value for d in each]) for each in (dents, known))
     width = np.nan_to_num(np.minimum(widths[:, None], others))
-    reach = np.where(np.isfinite(agreement(dents, known)), np.minimum(_FARTHEST, free), 0.0)
+    # Frames that were put to each other over many others have drifted, metres.
+    reach = np.where(np.isfinite(agreement(dents, known)), np.minimum(20e-3, free), 0.0)
     # Off a known dent within a frame that is matched, metres, and as a part of the width.
     gate = np.maximum(np.hypot(2e-3, 0.06 * width), reach)
     misfits = np.linalg.norm(along, axis=-1) / (gate + own)

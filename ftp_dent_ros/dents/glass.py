@@ -25,8 +25,8 @@ from ftp_dent_ros.pose import Pose
 # How far what is seen of one mark strays in the picture, radians: its sizes are told otherwise in
 # each cloud, and a mark on the projector's glass moves with the distance.
 _STRAYS = 0.012
-# The camera is elsewhere if it has moved by so many of its standard deviations, and so far (m).
-_CERTAIN, _ELSEWHERE = 4.0, 0.03
+# So far the camera has moved at least if it is elsewhere, metres.
+_ELSEWHERE = 0.03
 
 Seen = tuple[int, int]
 
@@ -89,7 +89,8 @@ class Glass:
     ) -> Glass:
         """The same with what another cloud shows, in the map, by the camera's stated pose."""
         spread = math.sqrt(max(float(np.linalg.eigvalsh(covariance[:3, :3])[-1]), 0.0))
-        gate = max(math.sqrt(2) * _CERTAIN * spread, _ELSEWHERE)
+        # Four standard deviations of a difference.
+        gate = max(math.sqrt(2) * 4.0 * spread, _ELSEWHERE)
         here = pose.translation
         cameras = self.cameras
         if not cameras or np.linalg.norm(cameras[-1] - here) > gate:

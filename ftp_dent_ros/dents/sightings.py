@@ -16,11 +16,9 @@ from ftp_dent_ros.dents.dent import Estimate, MeasuredDent
 from ftp_dent_ros.pose import Pose
 
 _ESTIMATES = ('depth', 'length', 'width', 'model_length', 'model_width', 'area', 'volume')
-_NONE = np.zeros((0, 3))
-_NO_PROFILE = np.zeros((0, 2))
 
-# Sizes agree within so many standard uncertainties, to which a part of the size is added.
-_AGREE, _OF_SIZE = 4.0, 0.08
+#: Standard deviation of a narrow dent's centre among its neighbours, metres.
+CENTRE = 4e-4
 # Natural logarithm of the range over which other dents' sizes lie, at most: hail's, which is the
 # most alike (depths of 1 to 4, lengths of 1 to 2.5). Widths tell little that lengths do not.
 _RANGES = {'depth': 1.4, 'length': 0.9}
@@ -184,12 +182,9 @@ def _mean_direction(vectors: list[NDArray], like: NDArray) -> NDArray[np.float64
 
 def _without_curves(item: Sighting) -> Sighting:
     """A long flight has many sightings, and only the best one's curves are shown."""
-    curves: dict[str, Any] = {
-        'outline': _NONE,
-        'length_profile': _NO_PROFILE,
-        'width_profile': _NO_PROFILE,
-    }
-    return replace(item, dent=replace(item.dent, **curves))
+    none: Any = np.zeros((0, 3)), np.zeros((0, 2))
+    dent = replace(item.dent, outline=none[0], length_profile=none[1], width_profile=none[1])
+    return replace(item, dent=dent)
 
 
 def agreement(seen: Sequence[MeasuredDent], known: Sequence[MeasuredDent]) -> Field:
@@ -202,8 +197,15 @@ def agreement(seen: Sequence[MeasuredDent], known: Sequence[MeasuredDent]) -> Fi
     for name in ('depth', 'length', 'width'):
         difference, spread, _ = _compared(name, seen, known)
         off = difference / spread
-        result += np.where(off < _AGREE, off**2, np.inf)
+        # Sizes agree within so many standard uncertainties.
+        result += np.where(off < 4.0, off**2, np.inf)
     return result
+
+
+def centre_deviations(seen: Sequence[MeasuredDent], known: Sequence[MeasuredDent]) -> Field:
+    """Standard deviation of a dent's centre among its neighbours, metres; shape (seen, known)."""
+    widths = [np.nan_to_num([dent.width.value for dent in each]) for each in (seen, known)]
+    return np.hypot(CENTRE, 0.015 * np.minimum(widths[0][:, None], widths[1]))
 
 
 def assigned(cost: Field, most: float = 1e6) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -260,7 +262,8 @@ def _compared(
     values = np.array([e.value for e in one])[:, None], np.array([e.value for e in other])
     sigma = [np.nan_to_num([e.uncertainty for e in each]) for each in (one, other)]
     size = np.minimum(np.abs(values[0]), np.abs(values[1]))
-    spread = np.hypot(np.hypot(sigma[0][:, None], sigma[1]), _OF_SIZE * np.nan_to_num(size))
+    # A part of the size is added.
+    spread = np.hypot(np.hypot(sigma[0][:, None], sigma[1]), 0.08 * np.nan_to_num(size))
     cut = np.array([d.is_cut for d in seen])[:, None] | np.array([d.is_cut for d in known])
     told = ~cut & np.isfinite(size)
     difference = np.where(told, np.abs(values[0] - values[1]), 0.0)

@@ -19,9 +19,6 @@ from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.robust import cauchy, deviation
 from ftp_dent_ros.survey.patch import Samples, SkinPatch
 
-# No two clouds fit each other better: a height's and a paint's standard deviation.
-_LEAST_HEIGHT, _LEAST_PAINT = 2e-6, 1e-3
-
 Array = NDArray[np.float64]
 
 
@@ -88,7 +85,8 @@ def _of_heights(first: SkinPatch, second: Samples, pose: Pose, centre: Array) ->
     own, other = (np.column_stack([-each[:, 1:3], np.ones(len(each))]) for each in (here, there))
     other = other @ pose.rotation.as_matrix().T
     own, other = (each / np.linalg.norm(each, axis=1, keepdims=True) for each in (own, other))
-    sigma = np.maximum(np.hypot(here[:, 3], there[:, 3]), _LEAST_HEIGHT)
+    # No two clouds fit each other better, metres.
+    sigma = np.maximum(np.hypot(here[:, 3], there[:, 3]), 2e-6)
     off = (place[:, 2] - here[:, 0]) * own[:, 2] / sigma
     # Clouds may be surer of themselves than they fit.
     spread = max(1.0, deviation(off) if len(off) else 1.0)
@@ -108,7 +106,8 @@ def of_paint(
     met = (here[:, 3] > 0.99) & (values[:, 3] > 0)
     place, here, there = place[met], here[met].astype(float), values[met].astype(float)
     off = here[:, 0] - there[:, 0]
-    spread = max(deviation(off) if len(off) else 1.0, _LEAST_PAINT)
+    # No two paints fit each other better.
+    spread = max(deviation(off) if len(off) else 1.0, 1e-3)
     there = there[:, 1:3] @ pose.rotation.as_matrix()[:, :2].T
     slopes = [each / spread for each in (here[:, 1:3] @ np.eye(2, 3), there)]
     return _linearised(off / spread, slopes, place - centre, place, spread, 0)

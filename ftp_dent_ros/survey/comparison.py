@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from ftp_dent_ros import __version__
 from ftp_dent_ros.dents.dent import COVERAGE, MeasuredDent
 from ftp_dent_ros.dents.rules import Judgement, Rules, verdict
-from ftp_dent_ros.dents.sightings import agreement, assigned, sigmas_apart
+from ftp_dent_ros.dents.sightings import CENTRE, agreement, assigned, sigmas_apart
 from ftp_dent_ros.pages.drawing import scale_bar
 from ftp_dent_ros.pages.page import render
 from ftp_dent_ros.pages.words import date_of, finite, interval, position_interval, spread, table
 from ftp_dent_ros.survey.aircraft_frame import AircraftFrame
 from ftp_dent_ros.survey.growth import Change, CommonFactor, changes_of, depth_growth
-from ftp_dent_ros.survey.matching import PLACE, DentMatching, match
+from ftp_dent_ros.survey.matching import DentMatching, match
 from ftp_dent_ros.survey.result import SurveyedDent, SurveyResult
 
 Status = Literal[
@@ -275,10 +275,10 @@ def _row(
     findings: tuple[Judgement, ...],
 ) -> ChartRow:
     shown = each.shown
-    place, among = shown.dent.position, PLACE
+    place, among = shown.dent.position, CENTRE
     if each.later is None:
         places, spread = comparison.matching.in_later(place[None])
-        place, among = places[0], math.hypot(PLACE, float(spread[0]))
+        place, among = places[0], math.hypot(CENTRE, float(spread[0]))
     covariance = shown.position_covariance
     if frame is not None:
         place, covariance = frame.place(place, np.eye(3) * among**2)

@@ -25,14 +25,12 @@ from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.robust import NORMAL_SPREAD, median
 from ftp_dent_ros.survey.result import SurveyedDent
 
-# Chance that a comparison shows any change where there is none, and how it is shared out: depth is
-# what grows first, and what manuals limit.
-_FALSE_ALARM = 5e-3
-_SHARE = {'depth': 0.9, 'length': 0.05, 'width': 0.05}
+# Chance that a comparison shows a change where there is none, 0.005 in all: depth is what grows
+# first, and what manuals limit.
+_FALSE_ALARM = {'depth': 5e-3 * 0.9, 'length': 5e-3 * 0.05, 'width': 5e-3 * 0.05}
 # What is known of the factor on stated uncertainties before there are dents, in degrees of freedom
-# (it is 1, within a factor of two), and as how many at most all dents count: errors are not
-# quite Gaussian far out.
-_TRUST, _MOST = 4.0, 40.0
+# (it is 1, within a factor of two).
+_TRUST = 4.0
 # Two calibrations' common factor on sizes, before there are dents: within 1 %.
 _SCALE = 0.01
 
@@ -94,7 +92,7 @@ def changes_of(
     usable = np.array([not (a.is_cut or b.is_cut) for a, b in zip(earlier, later, strict=True)])
     changes: list[dict[str, Change]] = [{} for _ in earlier]
     factors = {}
-    for quantity in _SHARE:
+    for quantity, chance in _FALSE_ALARM.items():
         before, after = (
             np.array([[abs(e.value), e.uncertainty] for e in (getattr(d, quantity) for d in each)])
             for each in (earlier, later)
@@ -102,14 +100,14 @@ def changes_of(
         given = np.reshape(deeper, (-1, 4))
         if quantity != 'depth':
             given = np.full_like(given, np.nan)
-        factors[quantity], found = _changes(_SHARE[quantity], before, after, given, usable)
+        factors[quantity], found = _changes(chance, before, after, given, usable)
         for index, change in found.items():
             changes[index][quantity] = change
     return changes, factors
 
 
 def _changes(
-    share: float, earlier: Array, later: Array, given: Array, usable: NDArray[np.bool_]
+    false_alarm: float, earlier: Array, later: Array, given: Array, usable: NDArray[np.bool_]
 ) -> tuple[CommonFactor, dict[int, Change]]:
     """Changes of values and their uncertainties, shape (n, 2), by the number of the dent."""
     before, after = earlier[:, 0], later[:, 0]
@@ -135,7 +133,7 @@ def _changes(
         factors.append(common)
     whole = np.flatnonzero(usable)
     chances = 2 * student.sf(np.abs(change[whole]) / uncertainty[whole], freedom[whole])
-    significant = whole[_holm(np.nan_to_num(chances, nan=1.0), _FALSE_ALARM * share)]
+    significant = whole[_holm(np.nan_to_num(chances, nan=1.0), false_alarm)]
     # A growth is as uncertain as its dent's depth is, too: windows take of both alike.
     scale = np.where(by_skin, change * earlier[:, 1] / before, 0.0)
     uncertainty = np.hypot(uncertainty, scale)
@@ -161,7 +159,8 @@ def _common_factor(before: Array, after: Array, stated: Array) -> CommonFactor:
         unchanged = np.abs(off) < 3.0 * max(NORMAL_SPREAD * float(np.median(np.abs(off))), 0.1)
         count = int(unchanged.sum())
         noise = float(np.sqrt((_TRUST + (off[unchanged] ** 2).sum()) / (_TRUST + count)))
-        freedom = min(_TRUST + count, _MOST)
+        # As how many at most all dents count: errors are not quite Gaussian far out.
+        freedom = min(_TRUST + count, 40.0)
         # Those that have grown are far off, and weigh little.
         weight = 1 / ((noise * stated) ** 2 * (1 + (off / noise) ** 2 / 4))
         information = float((weight * before**2).sum()) + _SCALE**-2

@@ -18,16 +18,12 @@ from ftp_dent_ros.survey.alignment import PairEquations
 
 Array = NDArray[np.float64]
 
-# Strips each way, and squares as wide as a strip, that a direction takes at least to be known.
-_LEAST_STRIPS, _LEAST_SQUARES = 3, 12
-
 # Standard deviations of what calibrations leave (20 rendered rigs): focal lengths and
 # baselines are off by 0.003 %, which stretches; 0.002 px that the camera or the projector is off
 # at its rim are 3 micrometres of height 0.25 m from the middle, which bends, in 1/m.
-_BEND, _STRETCH = 5e-5, 3e-5
-#: Covariance of the six: of x^2, 2 x y and y^2 in the height, and of the stretch along x, in
-#: shear, and along y; x and y are a patch's.
-COMMON = np.diag(np.square([_BEND] * 3 + [_STRETCH] * 3))
+# Covariance of the six: of x^2, 2 x y and y^2 in the height, and of the stretch along x, in
+# shear, and along y; x and y are a patch's.
+COMMON = np.diag(np.square([5e-5] * 3 + [3e-5] * 3))
 _FORMS = np.array([[[1.0, 0], [0, 0]], [[0, 1], [1, 0]], [[0, 0], [0, 1]]])
 
 
@@ -68,7 +64,8 @@ def pair_information(
     kept = directions[:, sure]
     ways = [_strips(found.place[:, axis]) for axis in (0, 1)]
     squares = np.unique(ways[0] + (ways[0].max() + 1) * ways[1])
-    if not sure.any() or len(squares) < _LEAST_SQUARES:
+    # Squares as wide as a strip that a direction takes at least to be known.
+    if not sure.any() or len(squares) < 12:
         return np.zeros(6), np.zeros((6, 6)), 0
     own, other = own[:, sure], other[:, sure]
     weighted = found.weight[:, None] * own
@@ -99,8 +96,9 @@ def pair_information(
 def _strips(place: Array) -> NDArray[np.intp]:
     """Number of each point's strip: they are alike in width."""
     low, size = place.min(), max(float(np.ptp(place)), 1e-9)
-    # Width of a strip, metres: errors of clouds are alike over some windows of their fringes.
-    count = max(_LEAST_STRIPS, round(size / 0.04))
+    # Width of a strip, metres: errors of clouds are alike over some windows of their fringes. And
+    # so many that a direction takes at least to be known.
+    count = max(3, round(size / 0.04))
     return np.minimum((place - low) / size * count, count - 1).astype(np.intp)
 
 

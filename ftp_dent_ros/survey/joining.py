@@ -20,13 +20,6 @@ from ftp_dent_ros.survey.registration import UnlikePairError, register
 
 # Earlier clouds that each is laid on: the one before, and one some clouds back.
 _BACK = (1, 3)
-# Share of an autopilot's error below which it is taken for another one: one in twenty.
-_ANOTHER = 0.05
-
-# So many passes, which are others from so many clouds on; and no farther apart than this part of
-# both patches' sizes.
-_PASSES, _APART, _NEAR = 2, 8, 0.6
-
 # Clouds before the newest, and about another, by which the doubt of these two is known.
 _NEARBY = 4
 
@@ -177,9 +170,10 @@ class Joining:
         if relative is None:
             return
         nodes, last = self.graph.nodes, self._last_slid
+        # Share of an autopilot's error below which it is taken for another one: one in twenty.
         if relative.rank == 6:
             self._last_closed = second
-        elif last in (-1, second) or share_kept(nodes[last], nodes[second]) < _ANOTHER:
+        elif last in (-1, second) or share_kept(nodes[last], nodes[second]) < 0.05:
             self._last_slid = second
         else:
             return
@@ -224,15 +218,16 @@ class Joining:
         sizes = np.array([self._sizes[each] for each in both])
         middles = self.graph.placed(both, seen)
         apart = np.linalg.norm(middles[:-1] - middles[-1], axis=1)
-        near = np.flatnonzero(apart < _NEAR * (sizes[:-1] + sizes[-1]))
+        # No farther apart than this part of both patches' sizes.
+        near = np.flatnonzero(apart < 0.6 * (sizes[:-1] + sizes[-1]))
         chosen: list[int] = []
         for index in near[np.argsort(apart[near], kind='stable')]:
             if all(self._are_passes(others[index], each) for each in chosen):
                 chosen.append(others[index])
-        return chosen[:_PASSES]
+        return chosen[:2]
 
     def _are_passes(self, one: int, other: int) -> bool:
-        return abs(one - other) >= _APART or self._flight(one) != self._flight(other)
+        return abs(one - other) >= 8 or self._flight(one) != self._flight(other)
 
     def _is_same_skin(self, number: int) -> bool:
         """Whether another pass shows hardly more than the last that was laid on another."""

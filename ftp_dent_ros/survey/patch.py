@@ -21,19 +21,8 @@ from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.survey.raster import Grid, cells, polynomial, remap, some_of
 
-# Points that tell a plane and the way back to the cloud's grid.
-_LEAST_POINTS = 500
 # Of grey levels; 0 is no skin.
 _LOGARITHMS = np.log(np.array([np.nan, *range(1, 256)], np.float32))
-
-# Logarithm of a paint that is this far from its surroundings tells no more by being farther.
-_MOST = 0.7
-
-# Distances between the points whose heights, and of the squares of which one cell's paint each,
-# are compared, metres: at about this distance errors are independent.
-_HEIGHTS, _PAINT = 0.006, 0.004
-# Of either, at most: more cost time and tell no more.
-_MOST_HEIGHTS, _MOST_PAINT = 3000, 4000
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +128,8 @@ class SkinPatch:
         light = 0.006 / self.pitch
         window = _mean(share, light)
         around = _mean(values, light) / np.maximum(window, np.float32(1e-3))
-        rest = np.clip((values - around) * share, -_MOST, _MOST)
+        # Paint that is so far from its surroundings tells no more by being farther.
+        rest = np.clip((values - around) * share, -0.7, 0.7)
         # Of the window, that must be known: at a rim, to one side of which the skin and its
         # image's own windows end, light would be taken for paint.
         return rest, share, (share * (window > 0.93)).astype(np.uint8)
@@ -147,11 +137,13 @@ class SkinPatch:
     @cached_property
     def samples(self) -> Samples:
         """Heights on a regular grid; of the paint, in every square, the cell that changes most."""
-        step = max(1, round(_HEIGHTS / self.pitch))
+        # Distance of heights, metres, and side of the squares: at about this distance errors are
+        # independent. And how many at most: more cost time and tell no more.
+        step = max(1, round(0.006 / self.pitch))
         row, column = step * np.array(np.nonzero(self.known[::step, ::step]))
-        some = slice(None, None, -(-len(row) // _MOST_HEIGHTS) or 1)
+        some = slice(None, None, -(-len(row) // 3000) or 1)
         row, column = row[some], column[some]
-        side = max(1, round(_PAINT / self.pitch))
+        side = max(1, round(0.004 / self.pitch))
         rows, columns = (size // side for size in self.height.shape)
         change = np.square(self.paint[..., 1:3]).sum(axis=-1) * self.known
         squares = change[: rows * side, : columns * side].reshape(rows, side, columns, side)
@@ -159,7 +151,7 @@ class SkinPatch:
         inside = squares.argmax(axis=1)
         strength = squares.max(axis=1)
         # Those that change most tell most, and grain least.
-        chosen = np.sort(np.argsort(-strength, kind='stable')[:_MOST_PAINT])
+        chosen = np.sort(np.argsort(-strength, kind='stable')[:4000])
         chosen = chosen[strength[chosen] > 0]
         across = chosen % columns * side + inside[chosen] % side
         down = chosen // columns * side + inside[chosen] // side
@@ -230,7 +222,8 @@ def patch_of(
     """
     valid = cloud.valid
     points = np.count_nonzero(valid)
-    if points < _LEAST_POINTS:
+    # That tell a plane and the way back to the cloud's grid.
+    if points < 500:
         raise CloudError(
             f'the cloud has only {points} points, too few to lay it on another: '
             'come closer, or light more'

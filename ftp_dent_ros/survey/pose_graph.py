@@ -20,10 +20,6 @@ from ftp_dent_ros.rigid import motions, spread_of_shift
 from ftp_dent_ros.survey.information import COMMON, RelativePose
 from ftp_dent_ros.survey.pose_terms import HALF, Array, Node, PairLink, Terms
 
-# The step that is small enough, and the one from which on pairs are weighed apart: metres and
-# radians. And the gain of a step, in variances, that is none.
-_DONE, _COARSE, _NO_GAIN = 1e-7, 1e-4, 1e-4
-
 
 class PoseGraph:
     """Poses of cameras, and what joins them; all that is told is relative or the autopilot's.
@@ -240,11 +236,13 @@ def _stepped(
                 (turns, places), errors = there, off
                 break
             step /= 2
-        size = np.abs(step).max()
-        if tolerance == 1 and (size < _DONE or gain < _NO_GAIN):
+        # Metres and radians; and variances that are no gain.
+        size, is_gain = np.abs(step).max(), gain > 1e-4
+        if tolerance == 1 and (size < 1e-7 or not is_gain):
             break
         if math.isinf(tolerance):
-            if gain > _NO_GAIN and size > _COARSE:
+            # Before pairs are weighed apart.
+            if is_gain and size > 1e-4:
                 continue
             misfits = terms.misfits(errors)
             tolerance = float(misfits[~doubted].max(initial=0.0)) / HALF

@@ -25,9 +25,6 @@ from ftp_dent_ros.survey.raster import Grid
 
 # Share of the second cloud that has to lie on the first, and points; of the few that find the way.
 LEAST_OVERLAP, _LEAST_POINTS, _LEAST_FEW = 0.15, 200, 50
-# Steps of least squares by few points, and the step that is small enough, metres and radians; the
-# last step is by all of them, and comes with its information.
-_STEPS, _SHAPE_STEPS, _DONE = 8, 2, 5e-5
 _NO_PAINT = 'without a skin image: laid on each other by their shape alone'
 _NOWHERE = 'its paint is found nowhere on the other: by their shape alone'
 _AMBIGUOUS = 'its marks fit in more places than one: by their shape alone'
@@ -43,8 +40,6 @@ Array = NDArray[np.float64]
 _CELL = 0.003
 # Standard deviations of the guess within which the truth lies: all but 3e-4, along the skin.
 _WITHIN = 4.0
-# As far as is looked for at most, metres: most of what a cloud sees.
-_FARTHEST = 0.2
 # About the normal: what moves no mark farther than it is wide, radians.
 _TURN = 0.008
 # A peak's correlation, and that by the highest one's, from which on it may be the place.
@@ -218,7 +213,7 @@ def _solved(
     centre: NDArray[np.float64],
     prior: NDArray[np.float64],
     with_paint: bool = True,
-    steps: int = _STEPS,
+    steps: int = 8,
 ) -> Pose:
     """Pose of least squares, held by the guess where the patches do not tell."""
     off = np.zeros(6)
@@ -229,14 +224,15 @@ def _solved(
         normal = found.both.T @ (found.both * found.weight[:, None]) + prior
         step = -np.linalg.solve(normal, found.gradient + prior @ off)
         pose, off = moved(pose, step, centre), off + step
-        if np.abs(step[:3]).max() < _DONE and np.abs(step[3:]).max() < _DONE:
+        # Metres and radians; the last step is by all points, and comes with its information.
+        if np.abs(step).max() < 5e-5:
             break
     return pose
 
 
 def _laid(first, few, pose, centre, prior):
     """Pose by the shape alone."""
-    return _solved(first, few, pose, centre, prior, with_paint=False, steps=_SHAPE_STEPS)
+    return _solved(first, few, pose, centre, prior, with_paint=False, steps=2)
 
 
 def _centre(first: SkinPatch, samples: Samples, pose: Pose) -> NDArray[np.float64]:
@@ -419,7 +415,8 @@ def candidates(
         About whose centre it may be off, and by how much.
     """
     across, centre = np.sqrt(np.diag(near.doubt)), near.centre
-    reach = np.clip(_WITHIN * across[:2], 2 * _CELL, _FARTHEST)
+    # As far as is looked for at most, metres: most of what a cloud sees.
+    reach = np.clip(_WITHIN * across[:2], 2 * _CELL, 0.2)
     turns = np.arange(-3, 4) * _TURN
     turns = turns[np.abs(turns) <= max(_WITHIN * across[5], _TURN / 2)]
     turns = turns[np.argsort(np.abs(turns), kind='stable')]
