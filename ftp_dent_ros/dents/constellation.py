@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 from scipy.special import logsumexp
 
-from ftp_dent_ros.dents.dent import MeasuredDent
+from ftp_dent_ros.dents.dent import MeasuredDent, tangent_axes
 from ftp_dent_ros.dents.sightings import agreement, assigned, centre_deviations, coincidence
 from ftp_dent_ros.pose import IDENTITY, Pose
 from ftp_dent_ros.rigid import about, fit_move, move_about
@@ -60,7 +60,7 @@ def find_match(
     places = np.stack([dent.position for dent in seen])
     normal = np.mean([dent.normal for dent in seen], axis=0)
     # Moves are looked for along the skin's tangent plane at the frame.
-    middle, axes = places.mean(axis=0), _tangent(normal)
+    middle, axes = places.mean(axis=0), tangent_axes(normal)
     there = np.stack([dent.position for dent in known])
     turned = about(middle - pivot)
     spread = axes @ (turned @ covariance @ turned.T) @ axes.T
@@ -184,15 +184,6 @@ def _near(seen: Sequence[MeasuredDent], where: Field, pivot: Field, covariance: 
     extent = float(np.linalg.norm(places - middle, axis=1).max())
     reach = 1.01 * _GATE * (2 * most + extent * turn * most / least) + 0.01
     return cdist(where, places).min(axis=1) < reach
-
-
-def _tangent(normal: Field) -> Field:
-    """Axes along a plane, and its normal, shape (3, 3)."""
-    normal = normal / np.linalg.norm(normal)
-    along = np.eye(3)[int(np.argmin(np.abs(normal)))]
-    along = along - normal * (along @ normal)
-    along /= np.linalg.norm(along)
-    return np.stack([along, np.cross(normal, along), normal])
 
 
 def _turned(places: Field, angle: float) -> Field:

@@ -213,6 +213,15 @@ def uncertain(name: str) -> str:
     return re.sub(r'((_mm|_deg)\d?)?$', r'_uncertainty\1', name, count=1)
 
 
+def tangent_axes(normal: Vector) -> NDArray[np.float64]:
+    """Two axes along a plane, and its unit normal, shape (3, 3)."""
+    normal = normal / np.linalg.norm(normal)
+    along = np.eye(3)[int(np.argmin(np.abs(normal)))]
+    along = along - normal * (along @ normal)
+    along /= np.linalg.norm(along)
+    return np.stack([along, np.cross(normal, along), normal])
+
+
 def orientation_of(normal: Vector, axis: Vector) -> float:
     """Angle about the normal from the frame's x axis, as it lies on the skin, to the axis."""
     x = np.array([1.0, 0, 0]) - normal * normal[0]

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -68,17 +68,16 @@ class Glass:
     spots : tuple of Spot
     cameras : tuple of ndarray
         Where the camera was, each elsewhere than the one before.
-    shown : tuple of (int, ndarray)
-        Frame, and of all that was seen in it the bearings and half the length, radians, shape
-        (n, 3).
-    of_marks : frozenset of (int, int)
-        Frame, and index in it, of all that is of a mark, or was seen through one.
+    shown : ndarray, shape (n, 5)
+        Of all that was seen its frame, index in it, bearing (2) and half the length, radians.
+    frames : int
+        How many clouds were seen.
     """
 
     spots: tuple[Spot, ...] = ()
     cameras: tuple[NDArray[np.float64], ...] = ()
-    shown: tuple[tuple[int, NDArray[np.float64]], ...] = ()
-    of_marks: frozenset[Seen] = frozenset()
+    shown: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 5)))
+    frames: int = 0
 
     def with_frame(
         self,
@@ -97,7 +96,8 @@ class Glass:
             cameras = (*cameras, here)
         places = pose.inverse().apply(np.array([each.position for each in dents]).reshape(-1, 3))
         bearings = places[:, :2] / np.maximum(np.abs(places[:, 2:]), _ELSEWHERE)
-        spots, known = list(self.spots), self._known
+        spots = list(self.spots)
+        known = np.array([[*each.bearing, each.sign] for each in spots]).reshape(-1, 3)
         halves = [each.length.value / 2 for each in dents] / np.maximum(places[:, 2], _ELSEWHERE)
         for index, (dent, bearing) in enumerate(zip(dents, bearings, strict=True)):
             # What is so many times longer than wide may keep its middle in the picture as a seam
@@ -121,31 +121,20 @@ class Glass:
                 cameras=(*spot.cameras, here) if elsewhere else spot.cameras,
                 half=(count * spot.half + halves[index]) / (count + 1),
             )
-        shown = (*self.shown, (frame, np.column_stack([bearings, halves])))
-        after = Glass(tuple(spots), cameras, shown)
-        # Of frames before, what was seen through a mark is asked once, when it is known for one.
-        is_new = after._are_marks != self._are_marks
-        asked = shown if is_new else shown[-1:]
-        through = after._through(asked) | (frozenset() if is_new else self.of_marks)
-        return replace(after, of_marks=through.union(*(each.seen for each in after.marks)))
+        count = len(dents)
+        new = np.column_stack([np.full(count, frame), np.arange(count), bearings, halves])
+        return Glass(tuple(spots), cameras, np.vstack([self.shown, new]), self.frames + 1)
 
-    def _through(self, shown: Sequence[tuple[int, NDArray[np.float64]]]) -> frozenset[Seen]:
-        """Frame, and index in it, of what was seen inside a mark and is no longer than that."""
-        marks = self.marks
-        return frozenset(
-            (frame, int(index))
-            for frame, seen in (shown if marks else ())
-            for mark in marks
-            for index in np.flatnonzero(
-                (np.linalg.norm(seen[:, :2] - mark.bearing, axis=1) < mark.half)
-                & (seen[:, 2] < mark.half)
-            )
-        )
-
-    @property
-    def _known(self) -> NDArray[np.float64]:
-        """Bearings and signs of the spots, shape (n, 3)."""
-        return np.array([[*each.bearing, each.sign] for each in self.spots]).reshape(-1, 3)
+    @cached_property
+    def of_marks(self) -> frozenset[Seen]:
+        """Frame, and index in it, of all that is of a mark, or was seen through one."""
+        found = set[Seen]()
+        for mark in self.marks:
+            # Inside the mark, and no longer than that.
+            inside = np.linalg.norm(self.shown[:, 2:4] - mark.bearing, axis=1) < mark.half
+            through = self.shown[inside & (self.shown[:, 4] < mark.half), :2]
+            found |= mark.seen | {(int(of_frame), int(index)) for of_frame, index in through}
+        return frozenset(found)
 
     def moved(self, move: Pose) -> Glass:
         """The same in a map that has been moved."""
@@ -155,29 +144,18 @@ class Glass:
         return replace(self, spots=spots, cameras=tuple(map(move.apply, self.cameras)))
 
     @cached_property
-    def _bearings(self) -> NDArray[np.float64]:
-        """Of all that was seen, shape (n, 2)."""
-        return np.concatenate([seen[:, :2] for _, seen in self.shown])
-
-    @cached_property
-    def _are_marks(self) -> tuple[int, ...]:
-        """Numbers of the spots at which chance alone would not have shown so much."""
-        return tuple(n for n, each in enumerate(self.spots) if self._is_mark(each))
-
-    @property
     def marks(self) -> tuple[Spot, ...]:
         """Places at which chance alone would not have shown so much."""
-        return tuple(self.spots[number] for number in self._are_marks)
+        return tuple(each for each in self.spots if self._is_mark(each))
 
     def _is_mark(self, spot: Spot) -> bool:
         hits, places = len(spot.cameras), len(self.cameras) - spot.first + 1
         # Part of the camera's places at which a mark is seen, at least.
         if hits < max(3, 0.5 * places):
             return False
-        bearings = self._bearings
         # The smallest picture of which the chance is reckoned, square radians.
-        picture = max(float(np.prod(np.ptp(bearings, axis=0))), 0.03)
-        others = (len(bearings) - len(spot.seen)) / len(self.shown)
+        picture = max(float(np.prod(np.ptp(self.shown[:, 2:4], axis=0))), 0.03)
+        others = (len(self.shown) - len(spot.seen)) / self.frames
         chance = min(others * math.pi * _STRAYS**2 / picture, 0.9)
         by_chance = float(bdtrc(hits - 2, max(places, hits) - 1, chance))
         # Marks that chance alone may tell, a flight.

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.robust import cauchy, deviation
 from ftp_dent_ros.survey.patch import Samples, SkinPatch
+from ftp_dent_ros.survey.raster import Grid
 
 Array = NDArray[np.float64]
 
@@ -94,22 +95,29 @@ def _of_heights(first: SkinPatch, second: Samples, pose: Pose, centre: Array) ->
     return _linearised(off / spread, slopes, place - centre, place, spread, len(off))
 
 
+def paints(
+    first: SkinPatch, second: Samples, pose: Pose, coarse: bool
+) -> tuple[Grid, Grid, NDArray[np.bool_]]:
+    """Paint below samples, their own, both of shape (n, 4), and where both are known, (n,)."""
+    layer, values = (
+        (first.coarse, second.coarse_values) if coarse else (first.paint, second.paint_values)
+    )
+    below = first.looked_up(layer, pose.apply(second.paint))
+    return below, values, (below[:, 3] > 0.99) & (values[:, 3] > 0)
+
+
 def of_paint(
     first: SkinPatch, second: Samples, pose: Pose, centre: Array, coarse: bool = False
 ) -> PairEquations:
     """Equations of the paint alone, or of the coarse paint."""
-    layer, values = (
-        (first.coarse, second.coarse_values) if coarse else (first.paint, second.paint_values)
-    )
-    place = pose.apply(second.paint)
-    here = first.looked_up(layer, place)
-    met = (here[:, 3] > 0.99) & (values[:, 3] > 0)
-    place, here, there = place[met], here[met].astype(float), values[met].astype(float)
-    off = here[:, 0] - there[:, 0]
+    here, there, met = paints(first, second, pose, coarse)
+    place = pose.apply(second.paint)[met]
+    ours, theirs = here[met].astype(float), there[met].astype(float)
+    off = ours[:, 0] - theirs[:, 0]
     # No two paints fit each other better.
     spread = max(deviation(off) if len(off) else 1.0, 1e-3)
-    there = there[:, 1:3] @ pose.rotation.as_matrix()[:, :2].T
-    slopes = [each / spread for each in (here[:, 1:3] @ np.eye(2, 3), there)]
+    theirs = theirs[:, 1:3] @ pose.rotation.as_matrix()[:, :2].T
+    slopes = [each / spread for each in (ours[:, 1:3] @ np.eye(2, 3), theirs)]
     return _linearised(off / spread, slopes, place - centre, place, spread, 0)
 
 

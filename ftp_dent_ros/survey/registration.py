@@ -18,7 +18,7 @@ from scipy.signal import correlate
 
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rigid import about, moved, moved_along, twist_between
-from ftp_dent_ros.survey.alignment import PairEquations, equations, of_paint
+from ftp_dent_ros.survey.alignment import PairEquations, equations, of_paint, paints
 from ftp_dent_ros.survey.information import RelativePose, in_common, pair_information
 from ftp_dent_ros.survey.patch import Samples, SkinPatch
 from ftp_dent_ros.survey.raster import Grid
@@ -322,11 +322,7 @@ class Place:
         cls, first: SkinPatch, samples: Samples, pose: Pose, near: Guess, rough: bool = False
     ) -> Place:
         """Look up what lies below the samples; roughly: by the coarse paint alone."""
-        layer, values = (
-            (first.coarse, samples.coarse_values) if rough else (first.paint, samples.paint_values)
-        )
-        below = first.looked_up(layer, pose.apply(samples.paint))
-        met = (below[:, 3] > 0.99) & (values[:, 3] > 0)
+        below, values, met = paints(first, samples, pose, rough)
         misfits = [np.where(met, np.abs(below[:, 0] - values[:, 0]), np.nan)]
         if not rough:
             place = pose.apply(samples.heights)

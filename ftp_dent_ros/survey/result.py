@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from ftp_dent_ros.dents.dent import MeasuredDent, SmallestDent
+from ftp_dent_ros.dents.dent import MeasuredDent, SmallestDent, tangent_axes
 from ftp_dent_ros.survey.raster import remap
 
 Array = NDArray[np.float64]
@@ -126,15 +126,13 @@ class CoverageCells:
         # To the height of the skin there: two maps may differ by more than a cell.
         _, nearest = self._tree.query(place)
         place = place + normal * float((self.positions[nearest] - place) @ normal)
-        side = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
-        side /= np.linalg.norm(side)
         steps = np.arange(-np.ceil(radius / self.size), np.ceil(radius / self.size) + 1)
         a, b = np.meshgrid(steps * self.size, steps * self.size)
         disc = np.hypot(a, b) <= max(radius, 0.5 * self.size)
         angles = np.linspace(0, 2 * np.pi, 32, endpoint=False)
         a = np.concatenate([a[disc], radius * np.cos(angles)])
         b = np.concatenate([b[disc], radius * np.sin(angles)])
-        places = place + np.outer(a, side) + np.outer(b, np.cross(normal, side))
+        places = place + np.stack([a, b], axis=-1) @ tangent_axes(normal)[:2]
         # Half a cell's diagonal is 0.7 of its side; the rest is for the skin's curve.
         _, index = self._tree.query(places, distance_upper_bound=self.size)
         # One more for what was not measured.
