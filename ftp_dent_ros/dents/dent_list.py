@@ -217,10 +217,9 @@ class DentList:
 
     def _number(self, frame: int, index: int) -> int:
         """Number of the dent that a frame's dent begins."""
-        if (frame, index) not in self._begun:
-            self._numbers += 1
-            self._begun[frame, index] = self._numbers
-        return self._begun[frame, index]
+        number = self._begun.setdefault((frame, index), self._numbers + 1)
+        self._numbers = max(self._numbers, number)
+        return number
 
     def _joined(self, matches: list[tuple[int, Pose]]) -> int:
         """The group that a frame belongs to, after it has made one of all those that it shows."""

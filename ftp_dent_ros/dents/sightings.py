@@ -108,12 +108,12 @@ def listed(number: int, sightings: tuple[Sighting, ...], group: int = 0) -> List
     """One dent from all its sightings; of cut ones only if it is nowhere whole."""
     whole = [item for item in sightings if not item.dent.is_cut]
     if whole:
-        best = min(whole, key=lambda item: _rank(item.dent.depth.uncertainty))
+        best = min(whole, key=lambda item: np.nan_to_num(item.dent.depth.uncertainty, nan=np.inf))
     else:
         # What most take it for: one that runs into something else may be the longest.
         often = Counter(item.dent.kind for item in sightings)
         usual = [item for item in sightings if often[item.dent.kind] == max(often.values())]
-        best = max(usual, key=lambda item: _rank(item.dent.length.value, -1.0))
+        best = max(usual, key=lambda item: np.nan_to_num(item.dent.length.value, nan=-1.0))
     used = whole or [best]
     dents = [item.dent for item in used]
     spreads = np.stack([item.position_covariance for item in used]) + np.eye(3) * 1e-12
@@ -169,10 +169,6 @@ def combined(estimates: Sequence[Estimate]) -> Estimate:
         scatter = np.average((values - mean) ** 2, weights=weights) * len(values)
         scatter /= len(values) - 1
     return Estimate(mean, math.sqrt(scatter / len(values) + max(stated - scatter, 0.0)))
-
-
-def _rank(value: float, unknown: float = float('inf')) -> float:
-    return value if np.isfinite(value) else unknown
 
 
 def _mean_direction(vectors: list[NDArray], like: NDArray) -> NDArray[np.float64]:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.dents.dent import Inspection
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.survey.raster import Raster
+from ftp_dent_ros.survey.raster import Raster, remap
 from ftp_dent_ros.survey.result import CoverageCells
 from ftp_dent_ros.survey.unrolled import CELL, Gap, Unrolled, find_gaps
 
@@ -58,32 +59,30 @@ class Mosaic(Raster):
         A pixel is seen where the cloud has a point nearest to its middle: so what is measured ends
         where the points do, and clouds with fewer points than pixels leave no holes.
         """
-        valid = cloud.valid
-        laid = self.laid(cloud, pose, valid)
+        laid = self.laid(cloud, pose, cloud.valid)
         if laid is None:
             return
-        _, window, *at = laid
-        column, row = (np.rint(each).astype(int) for each in at)
-        inside = (column >= 0) & (row >= 0) & (column < valid.shape[1]) & (row < valid.shape[0])
-        nearest = np.where(inside, row, 0), np.where(inside, column, 0)
-        inside &= valid[nearest]
-        pixels = tuple(np.nonzero(inside) + np.array([[each.start] for each in window]))
-        nearest = tuple(each[inside] for each in nearest)
-        self.views[pixels] += 1
-        self._points[pixels] += pose.apply(cloud.points[nearest].astype(float)) - self.skin.origin
+        _, window, u, v = laid
+        points = remap(cloud.points, u, v, cv2.INTER_NEAREST)
+        seen = np.isfinite(points).all(axis=-1)
+        places = pose.apply(points.astype(float)) - self.skin.origin
+        self.views[window] += seen
+        self._points[window] += np.where(seen[..., None], places, 0)
         if skin is not None:
-            light = skin[nearest]
-            self._image[pixels] += light
-            self._seen[pixels] += light > 0
+            light = np.where(seen, remap(skin, u, v, cv2.INTER_NEAREST), 0)
+            self._image[window] += light
+            self._seen[window] += light > 0
         if found is None:
             return
-        deviation, findable = found.deviation[nearest], found.findable[nearest]
-        self._deviation[pixels] += np.nan_to_num(deviation)
-        self._weight[pixels] += np.isfinite(deviation)
-        better = np.isfinite(findable) & ~(self._findable[pixels] <= findable)
-        chosen = tuple(each[better] for each in pixels)
-        self._findable[chosen] = findable[better]
-        self._noise[chosen] = found.noise[nearest][better]
+        deviation, findable, noise = (
+            np.where(seen, remap(each, u, v, cv2.INTER_NEAREST), np.nan)
+            for each in (found.deviation, found.findable, found.noise)
+        )
+        self._deviation[window] += np.nan_to_num(deviation)
+        self._weight[window] += np.isfinite(deviation)
+        better = np.isfinite(findable) & ~(self._findable[window] <= findable)
+        np.copyto(self._findable[window], findable, where=better, casting='same_kind')
+        np.copyto(self._noise[window], noise, where=better, casting='same_kind')
 
     @property
     def image(self) -> NDArray[np.uint8]:

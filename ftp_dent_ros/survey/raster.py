@@ -180,7 +180,7 @@ def cells(
     return u, v
 
 
-def remap(field: Grid, u: Grid, v: Grid, how: int = cv2.INTER_LINEAR) -> Grid:
+def remap(field: NDArray[Any], u: Grid, v: Grid, how: int = cv2.INTER_LINEAR) -> Grid:
     """Values of a field at columns `u` and rows `v`, as OpenCV interpolates; NaN beyond it."""
     result: Any = cv2.remap(
         field.astype(np.float32, copy=False),

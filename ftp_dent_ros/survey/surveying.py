@@ -229,7 +229,7 @@ def join_bags(
     if not joining.stamps_ns:
         raise CloudError(f'{bags[0].path}: no cloud in it can be used: check the clouds')
     joining.finish()
-    _require_ties(joining, bags)
+    of_parts = _ties(joining, bags)
     clouds = len(joining.stamps_ns)
     unplaced = sum(node.covariance is None for node in joining.graph.nodes)
     if unplaced:
@@ -245,46 +245,44 @@ def join_bags(
             f'{joining.without_skin} of {clouds} clouds have no image of the skin: along the skin '
             f'only {known_by} tells where they lie; record /skin too'
         )
-    _tell_groups(joining, say)
     # The frame of a survey that no autopilot has placed.
-    return JoinedClouds(joining, frame_id or 'survey', tuple(remarks))
+    return JoinedClouds(joining, frame_id or 'survey', (*remarks, *of_parts))
 
 
-def _require_ties(joining: Joining, bags: Sequence[Bag]) -> None:
-    """Refuse what nothing places: a bag that shares no skin, or clouds by guess alone."""
-    nodes = joining.graph.nodes
-    parts: dict[int, set[int]] = {}
-    for node, group in zip(nodes, joining.graph.groups(), strict=True):
-        parts.setdefault(node.flight, set()).add(group)
-    placed = {node.flight for node in nodes if node.covariance is not None}
+def _ties(joining: Joining, bags: Sequence[Bag]) -> list[str]:
+    """What is to be said if the clouds are no one skin.
+
+    Raises
+    ------
+    CloudError
+        Nothing places some of them: a bag that shares no skin, or clouds by guess alone.
+    """
+    nodes, groups = joining.graph.nodes, np.array(joining.graph.groups())
+    flights = np.array([node.flight for node in nodes])
+    told = np.array([node.covariance is not None for node in nodes])
+    unplaced = np.setdiff1d(flights, flights[told]).tolist()
     # Without any poses, the first bag's skin is the frame of the others.
-    for flight in sorted(parts.keys() - placed)[0 if placed else 1 :]:
-        others = set().union(*(parts[each] for each in parts if each != flight))
-        if not parts[flight] & others:
+    for flight in unplaced[0 if told.any() else 1 :]:
+        own = flights == flight
+        if not np.isin(groups[own], groups[~own]).any():
             raise CloudError(
                 f'{bags[flight].path}: has no poses, and shares no skin with the other bags, so '
                 'that nothing tells where it lies: survey it by itself'
             )
-    blind = not placed and joining.without_skin == len(nodes)
-    if blind and len(set().union(*parts.values())) > 1:
+    sizes = np.bincount(groups)
+    if len(sizes) == 1:
+        return []
+    if not told.any() and joining.without_skin == len(nodes):
         raise CloudError(
             f'{bags[0].path}: has neither poses nor images of the skin, and its shape alone does '
             'not tell how the clouds lie: record /skin and /tagged/camera_pose too'
         )
-
-
-def _tell_groups(joining: Joining, say: Callable[[str], Any]) -> None:
-    groups = np.array(joining.graph.groups())
-    sizes = np.bincount(groups)
-    if len(sizes) == 1:
-        return
-    placed = [node.covariance is not None for node in joining.graph.nodes]
-    adrift = len(sizes) - len(np.unique(groups[placed]))
-    say(
+    adrift = len(sizes) - len(np.unique(groups[told]))
+    return [
         f'the clouds are not one skin but {len(sizes)} parts, the largest of {sizes.max()} '
         'clouds: only the autopilot tells how these lie to each other'
         + (f', and {adrift} of them have no poses: they lie there by guess' if adrift else '')
-    )
+    ]
 
 
 class FusedSkin:
