@@ -81,10 +81,7 @@ def _limit(report: InspectionReport) -> float:
     depths += [5 * frame.noise for frame in report.frames]
     largest = max((depth for depth in depths if math.isfinite(depth)), default=0.0)
     largest = max(largest, 1e-4)
-    power = 10.0 ** math.floor(math.log10(largest))
-    return next(
-        step * power for step in (1, 1.5, 2, 3, 5, 7, 10) if 1.05 * step * power >= largest
-    )
+    return _round_up(largest / 1.05, (1, 1.5, 2, 3, 5, 7, 10))
 
 
 def _headline(
@@ -386,7 +383,7 @@ class _Axis:
 
     def marks(self, about: int) -> list[dict[str, Any]]:
         """Round values on the axis."""
-        step = _round_step((self.high - self.low) / about)
+        step = _round_up(0.999 * (self.high - self.low) / about, (1, 2, 5, 10))
         values = step * np.arange(math.ceil(self.low / step), math.floor(self.high / step) + 1)
         places = max(0, -math.floor(math.log10(step)))
         return [
@@ -397,7 +394,9 @@ class _Axis:
 
 def sections_of(dent: MeasuredDent, limit: float) -> dict[str, Any]:
     """Both profiles on one scale of depth; `limit` is its end, metres."""
-    down = _Axis(min(-0.15 * limit, _lowest(dent)) * 1e3, limit * 1e3, HEIGHT)
+    depths = np.concatenate([dent.length_profile, dent.width_profile])[:, 1]
+    lowest = float(np.nanmin(depths, initial=-0.15 * limit))
+    down = _Axis(lowest * 1e3, limit * 1e3, HEIGHT)
     return {
         'width': WIDTH,
         'height': HEIGHT,
@@ -451,15 +450,10 @@ def _parts(profile: NDArray[np.float64], along: _Axis, down: _Axis) -> list[dict
     return parts
 
 
-def _lowest(dent: MeasuredDent) -> float:
-    both = np.concatenate([dent.length_profile, dent.width_profile])
-    return float(np.nanmin(both[:, 1])) if len(both) and np.isfinite(both[:, 1]).any() else 0.0
-
-
-def _round_step(step: float) -> float:
-    """The next round number: 1, 2 or 5 times a power of ten."""
-    power = 10.0 ** math.floor(math.log10(step))
-    return next(each * power for each in (1, 2, 5, 10) if each * power >= 0.999 * step)
+def _round_up(value: float, rounds: Sequence[float]) -> float:
+    """The next of some round numbers times a power of ten."""
+    power = 10.0 ** math.floor(math.log10(value))
+    return next(each * power for each in rounds if each * power >= value)
 
 
 def on_grid(points: NDArray[np.float64], view: DrawnCloud) -> NDArray[np.float64]:

@@ -64,7 +64,7 @@ class Mosaic(Raster):
             return
         _, window, u, v = laid
         points = remap(cloud.points, u, v, cv2.INTER_NEAREST)
-        seen = np.isfinite(points).all(axis=-1)
+        seen = np.isfinite(points[..., 0])
         places = pose.apply(points.astype(float)) - self.skin.origin
         self.views[window] += seen
         self._points[window] += np.where(seen[..., None], places, 0)
