@@ -107,27 +107,22 @@ def find_match(
 
 def _moves(a, b, rows, columns, place, turn):
     """Turns and shifts that bring one or two dents onto known ones, the safest first."""
-    pairs = []
-    count = len(rows)
-    if count > 1:
-        first, second = np.triu_indices(count, 1)
-        i, j, k, m = rows[first], columns[first], rows[second], columns[second]
-        ours, theirs = a[k, :2] - a[i, :2], b[m, :2] - b[j, :2]
-        length, other = np.linalg.norm(ours, axis=1), np.linalg.norm(theirs, axis=1)
-        tolerance = _NEAR * np.hypot(place[i, j], place[k, m])
-        good = (i != k) & (j != m) & (np.abs(length - other) < tolerance)
-        cross = ours[:, 0] * theirs[:, 1] - ours[:, 1] * theirs[:, 0]
-        angle = np.arctan2(cross, (ours * theirs).sum(axis=1))
-        good &= np.abs(angle) < _GATE * turn + tolerance / np.maximum(length, 1e-3)
-        at = np.flatnonzero(good)
-        at = at[np.argsort(-length[at], kind='stable')][:_TRIED]
-        for index in at:
-            middle = (a[i[index], :2] + a[k[index], :2]) / 2
-            there = (b[j[index], :2] + b[m[index], :2]) / 2
-            pairs.append((float(angle[index]), there - _turned(middle, angle[index])))
-    for i, j in zip(rows[:_TRIED], columns[:_TRIED], strict=True):
-        pairs.append((0.0, b[j, :2] - a[i, :2]))
-    return pairs
+    first, second = np.triu_indices(len(rows), 1)
+    i, j, k, m = rows[first], columns[first], rows[second], columns[second]
+    ours, theirs = a[k, :2] - a[i, :2], b[m, :2] - b[j, :2]
+    length, other = np.linalg.norm(ours, axis=1), np.linalg.norm(theirs, axis=1)
+    tolerance = _NEAR * np.hypot(place[i, j], place[k, m])
+    good = (i != k) & (j != m) & (np.abs(length - other) < tolerance)
+    cross = ours[:, 0] * theirs[:, 1] - ours[:, 1] * theirs[:, 0]
+    angle = np.arctan2(cross, (ours * theirs).sum(axis=1))
+    good &= np.abs(angle) < _GATE * turn + tolerance / np.maximum(length, 1e-3)
+    moves = []
+    for at in np.flatnonzero(good)[np.argsort(-length[good], kind='stable')][:_TRIED]:
+        middle = (a[i[at], :2] + a[k[at], :2]) / 2
+        there = (b[j[at], :2] + b[m[at], :2]) / 2
+        moves.append((float(angle[at]), there - _turned(middle, angle[at])))
+    alone = b[columns[:_TRIED], :2] - a[rows[:_TRIED], :2]
+    return moves + [(0.0, shift) for shift in alone]
 
 
 def _judged(a, b, agree, possible, place, angle, move, shift, turn, tried):

@@ -148,7 +148,7 @@ class RelativePose:
         What could not be used, and why; empty if all could.
     common : ndarray, shape (6, 6)
         How the twist changes with the errors that all clouds of the rig have in common, as
-        `common_errors` has them.
+        `in_common` tells.
     """
 
     pose: Pose
