@@ -13,7 +13,7 @@ from scipy.spatial.distance import cdist
 
 from ftp_dent_ros.dents.constellation import expected_move, groups_shown
 from ftp_dent_ros.dents.dent import MeasuredDent, with_clearances
-from ftp_dent_ros.dents.glass import Glass, Seen, Spot
+from ftp_dent_ros.dents.glass import Glass, Spot
 from ftp_dent_ros.dents.sightings import (
     ListedDent,
     Sighting,
@@ -65,7 +65,7 @@ class DentList:
         self._begun: dict[tuple[int, int], int] = {}
         self._error: NDArray[np.float64] | None = None
         self._placed: list[_Placed] = []
-        self._glass, self._of_glass = Glass(), frozenset[Seen]()
+        self._glass = Glass()
 
     @property
     def entries(self) -> tuple[ListedDent, ...]:
@@ -166,11 +166,11 @@ class DentList:
 
     def _add(self, cloud: SeenDents) -> None:
         self.clouds.append(cloud)
+        before = self._glass.of_marks
         if cloud.pose is not None:
             stated = known_covariance(cloud.covariance)
             self._glass = self._glass.with_frame(cloud.frame, cloud.dents, cloud.pose, stated)
-        before, self._of_glass = self._of_glass, self._glass.of_marks
-        if {each for each in self._of_glass if each[0] != cloud.frame} == before:
+        if {each for each in self._glass.of_marks if each[0] != cloud.frame} == before:
             self._place(cloud)
             return
         # What is of a glass has had a say in where frames lie: once more without it.
@@ -181,7 +181,8 @@ class DentList:
     def _place(self, cloud: SeenDents) -> None:
         """Put a frame in its place, and pair what it shows of the skin with what is known."""
         frame, pose, covariance = cloud.frame, cloud.pose, cloud.covariance
-        kept = [i for i in range(len(cloud.dents)) if (frame, i) not in self._of_glass]
+        of_marks = self._glass.of_marks
+        kept = [i for i in range(len(cloud.dents)) if (frame, i) not in of_marks]
         dents = [cloud.dents[index] for index in kept]
         repeats = [cloud.repeats[index] for index in kept]
         pivot = np.zeros(3) if pose is None else pose.translation
