@@ -410,19 +410,24 @@ def report_on_skin(
         bag, inspect, rig, camera, rules, settings, progress, skin.prepared, skin.completed
     )
     # With what all places have in common: the error of the autopilot's poses.
-    numbers = {each.number: joined.numbers.get(each.stamp_ns or 0) for each in report.frames}
+    numbers = {
+        each.number: joined.numbers[each.stamp_ns]
+        for each in report.frames
+        if each.stamp_ns is not None and each.stamp_ns in joined.numbers
+    }
     frames = tuple(
-        each
-        if (number := numbers[each.number]) is None
-        else replace(each, covariance=joined.covariances[number])
+        replace(each, covariance=joined.covariances[numbers[each.number]])
+        if each.number in numbers
+        else each
         for each in report.frames
     )
+    places = {
+        each.number: joined.position_covariance(each.dent.position, numbers[each.best])
+        for each in report.entries
+        if each.best in numbers
+    }
     entries = tuple(
-        each
-        if (number := numbers[each.best]) is None
-        else replace(
-            each, position_covariance=joined.position_covariance(each.dent.position, number)
-        )
+        replace(each, position_covariance=places.get(each.number, each.position_covariance))
         for each in report.entries
     )
     dents = [
