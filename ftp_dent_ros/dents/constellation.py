@@ -20,8 +20,10 @@ from ftp_dent_ros.dents.sightings import agreement, assigned, centre_deviations,
 from ftp_dent_ros.pose import IDENTITY, Pose
 from ftp_dent_ros.rigid import about, fit_move, move_about
 
-# Standard deviations that a pose may be off, and a place within a frame.
-_GATE, _NEAR = 3.75, 4.0
+#: Standard deviations that a pose may be off: chi of three axes that holds 99.7 %.
+GATE = 3.75
+# Standard deviations that a place may be off within a frame.
+_NEAR = 4.0
 # Moves that are tried, at most.
 _TRIED = 400
 
@@ -69,11 +71,11 @@ def find_match(
     a, b = (places - middle) @ axes.T, (there - middle) @ axes.T
     offset = b[None, :, :2] - a[:, None, :2]
     far = np.einsum('ijk,kl,ijl->ij', offset, np.linalg.inv(shift), offset)
-    reach = np.linalg.norm(a[:, :2], axis=1)[:, None] * _GATE * turn
+    reach = np.linalg.norm(a[:, :2], axis=1)[:, None] * GATE * turn
     slack = (reach / math.sqrt(np.linalg.eigvalsh(shift)[0])) if len(a) > 1 else 0.0
-    possible = np.sqrt(far) < _GATE + slack
+    possible = np.sqrt(far) < GATE + slack
     # What stands out and what is pushed in lie at about one height.
-    possible &= np.abs(b[None, :, 2] - a[:, None, 2]) < _GATE * math.sqrt(spread[2, 2]) + 0.01
+    possible &= np.abs(b[None, :, 2] - a[:, None, 2]) < GATE * math.sqrt(spread[2, 2]) + 0.01
     # All else is of the known ones nearby: it costs the same however many there are.
     near = np.flatnonzero(possible.any(axis=0))
     if not len(near):
@@ -115,7 +117,7 @@ def _moves(a, b, rows, columns, place, turn):
     good = (i != k) & (j != m) & (np.abs(length - other) < tolerance)
     cross = ours[:, 0] * theirs[:, 1] - ours[:, 1] * theirs[:, 0]
     angle = np.arctan2(cross, (ours * theirs).sum(axis=1))
-    good &= np.abs(angle) < _GATE * turn + tolerance / np.maximum(length, 1e-3)
+    good &= np.abs(angle) < GATE * turn + tolerance / np.maximum(length, 1e-3)
     moves = []
     for at in np.flatnonzero(good)[np.argsort(-length[good], kind='stable')][:_TRIED]:
         middle = (a[i[at], :2] + a[k[at], :2]) / 2
@@ -177,7 +179,7 @@ def _near(seen: Sequence[MeasuredDent], where: Field, pivot: Field, covariance: 
     least, _, most = np.sqrt(np.linalg.eigvalsh(turned @ covariance @ turned.T).clip(1e-12))
     turn = math.sqrt(np.linalg.eigvalsh(covariance[3:, 3:])[-1]) + 1e-6
     extent = float(np.linalg.norm(places - middle, axis=1).max())
-    reach = 1.01 * _GATE * (2 * most + extent * turn * most / least) + 0.01
+    reach = 1.01 * GATE * (2 * most + extent * turn * most / least) + 0.01
     return cdist(where, places).min(axis=1) < reach
 
 

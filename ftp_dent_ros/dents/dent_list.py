@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
-from ftp_dent_ros.dents.constellation import expected_move, groups_shown
+from ftp_dent_ros.dents.constellation import GATE, expected_move, groups_shown
 from ftp_dent_ros.dents.dent import MeasuredDent, with_clearances
 from ftp_dent_ros.dents.glass import Glass, Spot
 from ftp_dent_ros.dents.sightings import (
@@ -30,8 +30,6 @@ from ftp_dent_ros.rigid import about
 UNKNOWN_POSITION, UNKNOWN_ANGLE = 0.02, 0.01
 # Of a pose that nothing is uncertain about: a cloud in its own frame.
 EXACT = np.eye(6) * 1e-12
-# Chi of three axes that holds 99.7 %.
-GATE = 3.75
 
 
 @dataclass(frozen=True, eq=False)
