@@ -244,8 +244,8 @@ def comparison(name: str, seed: int, draw: int) -> dict[str, Figures]:
             right += each.status == true
             still_open += each.status != true and each.status in OPEN
             wrong += each.status != true and each.status not in OPEN
-            for change in each.changes:
-                truth = GROWTH * (grown[which] and change.quantity == 'depth')
+            for quantity, change in each.changes.items():
+                truth = GROWTH * (grown[which] and quantity == 'depth')
                 ratios.append((change.estimate.value - truth) / change.half)
         inside = float(np.mean(np.abs(ratios) < 1))
         figures |= {'right': right, 'open': still_open, 'wrong': wrong, 'within_95': inside}
@@ -277,10 +277,8 @@ def _survey(
     grid = np.stack(np.meshgrid(*sides, indexing='ij'), -1).reshape(-1, 2)
     grid = grid[np.abs(grid[:, 0] - missed) > 0.05]
     cells = pose.apply(_on_fuselage(grid)[0] + walk(grid)).astype(np.float32)
-    of_all = [np.full(len(cells), value, np.float32) for value in (FINDABLE, 1e-5)]
-    coverage = CoverageCells(
-        CELL, cells, *of_all, np.full(len(cells), 3), np.zeros(len(cells), int)
-    )
+    findable = np.full(len(cells), FINDABLE, np.float32)
+    coverage = CoverageCells(CELL, cells, findable, np.full(len(cells), 3))
     return SurveyResult(name, (), 0, 'map', tuple(dents), coverage=coverage)
 
 

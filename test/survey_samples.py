@@ -69,7 +69,5 @@ def cells(pose, gaps, size=0.01):
         size,
         positions,
         (1e-4 * ones).astype(np.float32),
-        (1e-5 * ones).astype(np.float32),
         3 * ones.astype(int),
-        0 * ones.astype(int),
     )

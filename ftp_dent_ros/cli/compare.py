@@ -16,7 +16,6 @@ from ftp_dent_ros.survey.comparison import (
     chart_csv,
     compare,
     comparison_page,
-    growth_of,
 )
 from ftp_dent_ros.survey.result import SurveyResult
 from ftp_dent_ros.survey.store import SurveyStore
@@ -80,9 +79,9 @@ def summary(rows: list[ChartRow]) -> str:
         if row.compared.status == 'known':
             continue
         line = f'{row.number:>6}  {row.compared.status}, depth {row.dent.depth.value * 1e3:.3f} mm'
-        growth = growth_of(row)
+        growth = row.compared.changes.get('depth')
         if growth is not None:
-            line += f', growth {growth[0].value * 1e3:+.3f} ± {growth[1] * 1e3:.3f} mm'
+            line += f', growth {growth.estimate.value * 1e3:+.3f} ± {growth.half * 1e3:.3f} mm'
         lines.append(line + (f': {row.compared.reason}' if row.compared.reason else ''))
     return '\n'.join(lines)
 

@@ -80,8 +80,8 @@ def run(arguments: argparse.Namespace) -> int:
     files = write_survey(arguments.output, survey, frame)
     if store:
         store.add(result)
-    used = survey.pairs - survey.left_out
-    print(f'{len(result.stamps_ns)} clouds, joined by {used} pairs; {survey.left_out} left out')
+    used, left_out = survey.joined.pairs
+    print(f'{len(survey.joined.poses)} clouds, joined by {used} pairs; {left_out} left out')
     for text in survey.remarks[:_REMARKS]:
         print(f'  {text}')
     if len(survey.remarks) > _REMARKS:
@@ -96,13 +96,12 @@ def run(arguments: argparse.Namespace) -> int:
             f'length {dent.length.value * 1e3:.1f} mm, width {dent.width.value * 1e3:.1f} mm, '
             f'seen {each.sightings} times' + (f', {dent.reason}' if dent.reason else '')
         )
-    area = len(result.coverage.views) * result.coverage.size**2
-    print(f'{area:.3f} m2 of the skin were measured')
+    print(f'{result.coverage.area:.3f} m2 of the skin were measured')
     for gap in survey.mosaic.gaps()[:_GAPS]:
         x, y = gap.place
         width, height = gap.size * 1e3
         print(f'  not measured: {width:.0f} mm by {height:.0f} mm at x {x:.3f} m, y {y:.3f} m')
-    for path in files.values():
+    for path in files:
         print(path)
     return 0
 

@@ -9,21 +9,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 from scipy.special import logsumexp
 
-from ftp_dent_ros.dents.dent import MeasuredDent
-from ftp_dent_ros.dents.sightings import agreement, coincidence
+from ftp_dent_ros.dents.dent import MeasuredDent, tangent_axes
+from ftp_dent_ros.dents.sightings import agreement, assigned, centre_deviations, coincidence
 from ftp_dent_ros.pose import IDENTITY, Pose
 from ftp_dent_ros.rigid import about, fit_move, move_about
 
-# Standard deviations that a pose may be off, and a place within a frame.
-_GATE, _NEAR = 3.75, 4.0
+#: Standard deviations that a pose may be off: chi of three axes that holds 99.7 %.
+GATE = 3.75
+# Standard deviations that a place may be off within a frame.
+_NEAR = 4.0
 # Moves that are tried, at most.
 _TRIED = 400
 
@@ -33,43 +33,12 @@ Field = NDArray[np.float64]
 _SHARED = 0.8
 
 
-@dataclass(frozen=True, eq=False)
-class Match:
-    """A frame found among known dents.
-
-    Attributes
-    ----------
-    move : Pose
-        From where the frame's pose has its dents to where they lie.
-    pairs : tuple of (int, int)
-        Index in the frame, and among the known.
-    odds : float
-        Natural logarithm, for this move against none.
-    """
-
-    move: Pose
-    pairs: tuple[tuple[int, int], ...]
-    odds: float
-
-
-@dataclass(frozen=True, eq=False)
-class _Plane:
-    """The skin's tangent plane at a frame: moves are looked for along it."""
-
-    origin: Field
-    axes: Field
-
-    def flat(self, places: Field) -> Field:
-        """Coordinates along the plane and out of it, shape (n, 3)."""
-        return (places - self.origin) @ self.axes.T
-
-
 def find_match(
     seen: Sequence[MeasuredDent],
     known: Sequence[MeasuredDent],
     pivot: Field,
     covariance: Field,
-) -> Match | None:
+) -> tuple[float, Pose] | None:
     """The move that puts a frame's dents onto known ones, likelier than chance and than others.
 
     Parameters
@@ -80,89 +49,82 @@ def find_match(
         Place of the frame's pose, about which its error turns.
     covariance : ndarray, shape (6, 6)
         Of the error, as in geometry_msgs/PoseWithCovariance.
+
+    Returns
+    -------
+    odds : float
+        Natural logarithm, for this move against none.
+    move : Pose
+        From where the frame's pose has its dents to where they lie. None at all of no such move.
     """
     if not len(seen) or not len(known):
         return None
     places = np.stack([dent.position for dent in seen])
     normal = np.mean([dent.normal for dent in seen], axis=0)
-    plane = _tangent(places.mean(axis=0), normal)
+    # Moves are looked for along the skin's tangent plane at the frame.
+    middle, axes = places.mean(axis=0), tangent_axes(normal)
     there = np.stack([dent.position for dent in known])
-    turned = about(places.mean(axis=0) - pivot)
-    spread = plane.axes @ (turned @ covariance @ turned.T) @ plane.axes.T
+    turned = about(middle - pivot)
+    spread = axes @ (turned @ covariance @ turned.T) @ axes.T
     shift, turn = spread[:2, :2] + 1e-12 * np.eye(2), float(normal @ covariance[3:, 3:] @ normal)
     turn = math.sqrt(turn / (normal @ normal)) + 1e-6
-    a, b = plane.flat(places), plane.flat(there)
+    a, b = (places - middle) @ axes.T, (there - middle) @ axes.T
     offset = b[None, :, :2] - a[:, None, :2]
     far = np.einsum('ijk,kl,ijl->ij', offset, np.linalg.inv(shift), offset)
-    reach = np.linalg.norm(a[:, :2], axis=1)[:, None] * _GATE * turn
+    reach = np.linalg.norm(a[:, :2], axis=1)[:, None] * GATE * turn
     slack = (reach / math.sqrt(np.linalg.eigvalsh(shift)[0])) if len(a) > 1 else 0.0
-    possible = np.sqrt(far) < _GATE + slack
+    possible = np.sqrt(far) < GATE + slack
     # What stands out and what is pushed in lie at about one height.
-    possible &= np.abs(b[None, :, 2] - a[:, None, 2]) < _GATE * math.sqrt(spread[2, 2]) + 0.01
+    possible &= np.abs(b[None, :, 2] - a[:, None, 2]) < GATE * math.sqrt(spread[2, 2]) + 0.01
     # All else is of the known ones nearby: it costs the same however many there are.
     near = np.flatnonzero(possible.any(axis=0))
     if not len(near):
         return None
-    nearby, there, b, possible = (
-        [known[int(k)] for k in near],
-        there[near],
-        b[near],
-        possible[:, near],
-    )
+    nearby = [known[int(k)] for k in near]
+    there, b, possible = there[near], b[near], possible[:, near]
     # Twice the logarithm of how much less likely the sizes are of one dent than of two.
     agree = agreement(seen, nearby) - 2 * coincidence(seen, nearby, known)
     possible &= np.isfinite(agree)
     # Sightings of what the frame cuts have their centre anywhere.
     whole = np.array([not d.is_cut for d in seen])[:, None] & [not d.is_cut for d in nearby]
-    sizes = np.array([d.width.value for d in seen]), np.array([d.width.value for d in nearby])
-    # Standard deviation of a dent's centre within its frame: metres, and part of its width.
-    place = np.hypot(4e-4, 0.015 * np.nan_to_num(np.minimum(sizes[0][:, None], sizes[1])))
+    place = centre_deviations(seen, nearby)
     rows, columns = np.nonzero(possible & whole)
-    judged: list[Match] = []
+    judged: list[tuple[float, tuple[tuple[int, int], ...]]] = []
     tried: set[tuple[tuple[int, int], ...]] = set()
     for angle, move in _moves(a, b, rows, columns, place, turn):
         found = _judged(a, b, agree, possible, place, angle, move, shift, turn, tried)
         if found is not None:
-            judged.append(Match(IDENTITY, found[1], found[0]))
-    best = max(judged, key=lambda each: each.odds, default=None)
+            judged.append(found)
+    odds, pairs = max(judged, key=lambda each: each[0], default=(0.0, ()))
     # Natural logarithm of the odds from which on a match is believed: against none, and against
     # all others that put every dent elsewhere (20 to 1).
-    if best is None or best.odds <= 0.0:
+    if odds <= 0.0:
         return None
-    rivals = [each.odds for each in judged if not set(each.pairs) & set(best.pairs)]
-    if rivals and best.odds - logsumexp(rivals) < 3.0:
+    rivals = [other for other, others in judged if not set(others) & set(pairs)]
+    if rivals and odds - logsumexp(rivals) < 3.0:
         return None
-    i, j = np.array(best.pairs).T
-    return Match(
-        fit_move(places[i], there[j], place[i, j], pivot, covariance),
-        tuple(zip(i.tolist(), near[j].tolist(), strict=True)),
-        best.odds,
-    )
+    i, j = np.array(pairs).T
+    return odds, fit_move(places[i], there[j], place[i, j], pivot, covariance)
 
 
 def _moves(a, b, rows, columns, place, turn):
     """Turns and shifts that bring one or two dents onto known ones, the safest first."""
-    pairs = []
-    count = len(rows)
-    if count > 1:
-        first, second = np.triu_indices(count, 1)
-        i, j, k, m = rows[first], columns[first], rows[second], columns[second]
-        ours, theirs = a[k, :2] - a[i, :2], b[m, :2] - b[j, :2]
-        length, other = np.linalg.norm(ours, axis=1), np.linalg.norm(theirs, axis=1)
-        tolerance = _NEAR * np.hypot(place[i, j], place[k, m])
-        good = (i != k) & (j != m) & (np.abs(length - other) < tolerance)
-        cross = ours[:, 0] * theirs[:, 1] - ours[:, 1] * theirs[:, 0]
-        angle = np.arctan2(cross, (ours * theirs).sum(axis=1))
-        good &= np.abs(angle) < _GATE * turn + tolerance / np.maximum(length, 1e-3)
-        at = np.flatnonzero(good)
-        at = at[np.argsort(-length[at], kind='stable')][:_TRIED]
-        for index in at:
-            middle = (a[i[index], :2] + a[k[index], :2]) / 2
-            there = (b[j[index], :2] + b[m[index], :2]) / 2
-            pairs.append((float(angle[index]), there - _turned(middle, angle[index])))
-    for i, j in zip(rows[:_TRIED], columns[:_TRIED], strict=True):
-        pairs.append((0.0, b[j, :2] - a[i, :2]))
-    return pairs
+    first, second = np.triu_indices(len(rows), 1)
+    i, j, k, m = rows[first], columns[first], rows[second], columns[second]
+    ours, theirs = a[k, :2] - a[i, :2], b[m, :2] - b[j, :2]
+    length, other = np.linalg.norm(ours, axis=1), np.linalg.norm(theirs, axis=1)
+    tolerance = _NEAR * np.hypot(place[i, j], place[k, m])
+    good = (i != k) & (j != m) & (np.abs(length - other) < tolerance)
+    cross = ours[:, 0] * theirs[:, 1] - ours[:, 1] * theirs[:, 0]
+    angle = np.arctan2(cross, (ours * theirs).sum(axis=1))
+    good &= np.abs(angle) < GATE * turn + tolerance / np.maximum(length, 1e-3)
+    moves = []
+    for at in np.flatnonzero(good)[np.argsort(-length[good], kind='stable')][:_TRIED]:
+        middle = (a[i[at], :2] + a[k[at], :2]) / 2
+        there = (b[j[at], :2] + b[m[at], :2]) / 2
+        moves.append((float(angle[at]), there - _turned(middle, angle[at])))
+    alone = b[columns[:_TRIED], :2] - a[rows[:_TRIED], :2]
+    return moves + [(0.0, shift) for shift in alone]
 
 
 def _judged(a, b, agree, possible, place, angle, move, shift, turn, tried):
@@ -170,10 +132,7 @@ def _judged(a, b, agree, possible, place, angle, move, shift, turn, tried):
     for attempt in range(2):
         off = b[None, :, :2] - (_turned(a[:, :2], angle) + move)[:, None]
         square = (off**2).sum(axis=-1) / place**2
-        cost = np.where(possible & (square < 2 * _NEAR**2), square + agree, 1e6)
-        i, j = linear_sum_assignment(cost)
-        held = cost[i, j] < 1e6
-        i, j = i[held], j[held]
+        i, j = assigned(np.where(possible & (square < 2 * _NEAR**2), square + agree, np.inf))
         if not len(i):
             return None
         pairs = tuple(zip(i.tolist(), j.tolist(), strict=True))
@@ -220,16 +179,8 @@ def _near(seen: Sequence[MeasuredDent], where: Field, pivot: Field, covariance: 
     least, _, most = np.sqrt(np.linalg.eigvalsh(turned @ covariance @ turned.T).clip(1e-12))
     turn = math.sqrt(np.linalg.eigvalsh(covariance[3:, 3:])[-1]) + 1e-6
     extent = float(np.linalg.norm(places - middle, axis=1).max())
-    reach = 1.01 * _GATE * (2 * most + extent * turn * most / least) + 0.01
+    reach = 1.01 * GATE * (2 * most + extent * turn * most / least) + 0.01
     return cdist(where, places).min(axis=1) < reach
-
-
-def _tangent(origin: Field, normal: Field) -> _Plane:
-    normal = normal / np.linalg.norm(normal)
-    along = np.eye(3)[int(np.argmin(np.abs(normal)))]
-    along = along - normal * (along @ normal)
-    along /= np.linalg.norm(along)
-    return _Plane(origin, np.stack([along, np.cross(normal, along), normal]))
 
 
 def _turned(places: Field, angle: float) -> Field:
@@ -281,25 +232,18 @@ def groups_shown(
     expected : Pose, optional
         As of `expected_move`.
     """
-    found = []
     # This pose errs nearly as the one before; or both err, each by itself.
     ways = [(expected, (1 - _SHARED**2) * doubt)] if expected is not None else []
     ways.append((IDENTITY, 2 * doubt))
-    groups = sorted(known)
-    where = np.array([dent.position for group in groups for dent in known[group]]).reshape(-1, 3)
-    ends = np.cumsum([0, *(len(known[group]) for group in groups)])
-    starts = [
-        (moved, start, spread, _near(moved, where, pivot, spread))
-        for start, spread in ways
-        for moved in [dents if start is IDENTITY else [dent.transformed(start) for dent in dents]]
-    ]
-    for group, first, last in zip(groups, ends[:-1], ends[1:], strict=True):
-        for moved, start, spread, near in starts:
-            if near[first:last].any():
-                match = find_match(moved, known[group], pivot, spread)
-                if match is not None:
-                    found.append((match.odds, group, match.move @ start))
-    best = {group: max(o for o, g, _ in found if g == group) for _, group, _ in found}
-    found = [each for each in found if each[0] == best[each[1]]]
-    found.sort(key=lambda each: -each[0])
-    return [(group, move) for _, group, move in found]
+    where = np.array([dent.position for each in known.values() for dent in each]).reshape(-1, 3)
+    of_group = np.repeat(list(known), [len(each) for each in known.values()])
+    found: dict[int, tuple[float, Pose]] = {}
+    for start, spread in ways:
+        moved = dents if start is IDENTITY else [dent.transformed(start) for dent in dents]
+        near = _near(moved, where, pivot, spread)
+        for group in np.unique(of_group[near]).tolist():
+            match = find_match(moved, known[group], pivot, spread)
+            if match is not None and (group not in found or match[0] > found[group][0]):
+                found[group] = match[0], match[1] @ start
+    surest = sorted(found.items(), key=lambda item: (-item[1][0], item[0]))
+    return [(group, move) for group, (_, move) in surest]

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import re
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cache
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.fields import Checked, Limits
 from ftp_dent_ros.pose import Pose
 
 # Metres: below, nothing is resolved by any camera; beyond, it is no dent or fills the view.
@@ -27,7 +28,7 @@ Points = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class SmallestDent:
+class SmallestDent(Checked):
     """The smallest dent that is looked for.
 
     Attributes
@@ -44,17 +45,8 @@ class SmallestDent:
         A value is no number, or outside `RANGES`.
     """
 
-    smallest_depth: float = 1e-4
-    smallest_width: float = 0.01
-
-    def __post_init__(self) -> None:
-        for name, (least, most) in RANGES.items():
-            value = getattr(self, name)
-            number = isinstance(value, (int, float)) and not isinstance(value, bool)
-            if not number or not least <= value <= most:
-                raise ConfigurationError(
-                    f'{name} is {value!r}: give metres, {least:g} to {most:g}'
-                )
+    smallest_depth: Annotated[float, Limits(*RANGES['smallest_depth'])] = 1e-4
+    smallest_width: Annotated[float, Limits(*RANGES['smallest_width'])] = 0.01
 
 
 @dataclass(frozen=True)
@@ -148,9 +140,45 @@ class MeasuredDent:
     clearance: float = float('inf')
 
     @property
-    def width_to_depth(self) -> float:
-        """Width over depth, as repair manuals limit it."""
-        return self.width.value / self.depth.value
+    def closed_outline(self) -> Points:
+        """The outline, shape (n, 3); its place alone if it has none."""
+        return self.outline if len(self.outline) else self.position[None]
+
+    @property
+    def width_to_depth(self) -> Estimate:
+        """Width over depth, as repair manuals limit it, with the uncertainties of both."""
+        width, depth = self.width, self.depth
+        if not depth.value:
+            return Estimate(math.nan, math.nan)
+        relative = math.hypot(width.uncertainty / width.value, depth.uncertainty / depth.value)
+        ratio = width.value / depth.value
+        return Estimate(ratio, abs(ratio) * relative)
+
+    @property
+    def clearance_estimate(self) -> Estimate:
+        """Distance to the next dent; each outline is as uncertain as half its dent's length."""
+        # The other outline is about as uncertain as this one.
+        return Estimate(self.clearance, self.length.uncertainty / 2 * math.sqrt(2))
+
+    def figures(self, names: Iterable[str]) -> dict[str, float]:
+        """Estimates by their names in files, each with its standard uncertainty.
+
+        Parameters
+        ----------
+        names : iterable of str
+            Of `FIGURES`.
+        """
+        record = {}
+        for name in names:
+            record[name] = self.figure(name).value
+            record[uncertain(name)] = self.figure(name).uncertainty
+        return record
+
+    def figure(self, name: str) -> Estimate:
+        """One of `FIGURES`, in the unit of its name."""
+        attribute, factor = FIGURES[name]
+        estimate = getattr(self, attribute)
+        return Estimate(estimate.value * factor, estimate.uncertainty * factor)
 
     def transformed(self, pose: Pose) -> MeasuredDent:
         """The same dent in the parent frame of `pose`, the orientation from its x axis."""
@@ -163,6 +191,35 @@ class MeasuredDent:
             orientation=replace(self.orientation, value=orientation_of(normal, axis)),
             outline=pose.apply(self.outline),
         )
+
+
+#: Names of a dent's estimates in files: attribute of `MeasuredDent`, and factor from SI units.
+FIGURES = {
+    'length_mm': ('length', 1e3),
+    'width_mm': ('width', 1e3),
+    'depth_mm': ('depth', 1e3),
+    'width_to_depth': ('width_to_depth', 1.0),
+    'orientation_deg': ('orientation', 180 / math.pi),
+    'area_mm2': ('area', 1e6),
+    'volume_mm3': ('volume', 1e9),
+    'model_length_mm': ('model_length', 1e3),
+    'model_width_mm': ('model_width', 1e3),
+    'clearance_mm': ('clearance_estimate', 1e3),
+}
+
+
+def uncertain(name: str) -> str:
+    """Name of the standard uncertainty of one of `FIGURES`: before the unit."""
+    return re.sub(r'((_mm|_deg)\d?)?$', r'_uncertainty\1', name, count=1)
+
+
+def tangent_axes(normal: Vector) -> NDArray[np.float64]:
+    """Two axes along a plane, and its unit normal, shape (3, 3)."""
+    normal = normal / np.linalg.norm(normal)
+    along = np.eye(3)[int(np.argmin(np.abs(normal)))]
+    along = along - normal * (along @ normal)
+    along /= np.linalg.norm(along)
+    return np.stack([along, np.cross(normal, along), normal])
 
 
 def orientation_of(normal: Vector, axis: Vector) -> float:
@@ -264,7 +321,7 @@ def with_clearances(dents: Sequence[MeasuredDent]) -> tuple[MeasuredDent, ...]:
     """The dents, each with its clearance to the nearest of kind ``'dent'``."""
     from scipy.spatial.distance import cdist  # what only names dents does without
 
-    outlines = [d.outline if len(d.outline) else d.position[None] for d in dents]
+    outlines = [dent.closed_outline for dent in dents]
     centres = np.array([outline.mean(axis=0) for outline in outlines]).reshape(-1, 3)
     reach = np.array(
         [

@@ -8,13 +8,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
 
-from ftp_dent_ros.dents.constellation import expected_move, groups_shown
+from ftp_dent_ros.dents.constellation import GATE, expected_move, groups_shown
 from ftp_dent_ros.dents.dent import MeasuredDent, with_clearances
-from ftp_dent_ros.dents.glass import Glass, Seen, Spot
-from ftp_dent_ros.dents.sightings import ListedDent, Sighting, agreement, listed
+from ftp_dent_ros.dents.glass import Glass, Spot
+from ftp_dent_ros.dents.sightings import (
+    ListedDent,
+    Sighting,
+    agreement,
+    assigned,
+    listed,
+    sigmas_apart,
+)
 from ftp_dent_ros.pose import IDENTITY, Pose
 from ftp_dent_ros.rigid import about
 
@@ -23,16 +30,6 @@ from ftp_dent_ros.rigid import about
 UNKNOWN_POSITION, UNKNOWN_ANGLE = 0.02, 0.01
 # Of a pose that nothing is uncertain about: a cloud in its own frame.
 EXACT = np.eye(6) * 1e-12
-# What no pose is better than: 1 mm, 0.5 mrad.
-_NEVER_BETTER = np.diag([1e-3**2] * 3 + [5e-4**2] * 3)
-
-# Chi of three axes that holds 99.7 %.
-GATE = 3.75
-# Or farther, where its sizes agree, but no farther than this part of the way to the next dent:
-# frames that were put to each other over many others have drifted, metres.
-_FREE, _FARTHEST = 0.4, 20e-3
-
-Indices = list[tuple[int, int]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,24 +55,24 @@ class DentList:
     """
 
     def __init__(self, first: int = 1) -> None:
-        self._entries: list[TrackedDent] = []
-        self._frames: set[tuple[str, int]] = set()
+        #: What was added, where it lies now.
+        self.clouds: list[SeenDents] = []
+        self._entries: list[ListedDent] = []
+        self._stamps: set[int] = set()
         self._numbers, self._groups = first - 1, 0
         self._begun: dict[tuple[int, int], int] = {}
         self._error: NDArray[np.float64] | None = None
         self._placed: list[_Placed] = []
-        self._glass, self._of_glass = Glass(), frozenset[Seen]()
-        self._given: list[GivenCloud] = []
-        self._base = IDENTITY
+        self._glass = Glass()
 
     @property
     def entries(self) -> tuple[ListedDent, ...]:
         """All that was found on the skin, with the clearances of this list."""
-        known = sorted(without_parts(self._entries), key=lambda entry: entry.listed.number)
+        known = sorted(without_parts(self._entries), key=lambda entry: entry.number)
         shifts = {entry.group: self._shift(entry.group) for entry in known}
         dents = with_clearances([_shifted(e.dent, shifts[e.group]) for e in known])
         return tuple(
-            replace(each.listed, dent=dent, maybe=maybe)
+            replace(each, dent=dent, maybe=maybe)
             for each, dent, maybe in zip(known, dents, doubles(dents, known), strict=True)
         )
 
@@ -95,9 +92,17 @@ class DentList:
         other.__dict__.update({name: copy(value) for name, value in self.__dict__.items()})
         return other
 
-    def moved(self, move: Pose) -> DentList:
-        """The same list, moved as one."""
+    def moved(self, move: Pose, clouds: Sequence[SeenDents]) -> DentList:
+        """The same list, moved as one.
+
+        Parameters
+        ----------
+        move : Pose
+        clouds : sequence of SeenDents
+            What it is made of, where that lies then.
+        """
         other = self.copy()
+        other.clouds = list(clouds)
         if move is IDENTITY:
             return other
         other._entries = [each.moved(move, each.group) for each in self._entries]
@@ -105,7 +110,7 @@ class DentList:
             _Placed(each.group, move.apply(each.stated), move.apply(each.found))
             for each in self._placed
         ]
-        other._glass, other._base = self._glass.moved(move), move @ self._base
+        other._glass = self._glass.moved(move)
         if self._error is not None:
             turned = move.rotation.apply(self._error.reshape(2, 3))
             other._error = turned.ravel()
@@ -143,49 +148,41 @@ class DentList:
         repeats : sequence of tuple of MeasuredDent, optional
             For each dent its measurements on parts of the cloud.
         stamp_ns : int, optional
-            Of the exposure: the same one is the same frame, whatever its number.
+            Of the exposure: the same one is the same frame, whatever its number. The number by
+            default.
         """
-        key = ('frame', frame) if stamp_ns is None else ('stamp', stamp_ns)
-        if key in self._frames:
+        stamp_ns = frame if stamp_ns is None else stamp_ns
+        if stamp_ns in self._stamps:
             return False
-        before = {name: copy(value) for name, value in self.__dict__.items()}
-        try:
-            self._add(frame, dents, pose, covariance, repeats or [()] * len(dents))
-        except BaseException:
-            # What cannot be added changes nothing.
-            self.__dict__.update(before)
-            raise
-        self._frames.add(key)
+        cloud = SeenDents(frame, dents, pose, covariance, repeats or [()] * len(dents), stamp_ns)
+        # What cannot be added changes nothing.
+        after = self.copy()
+        after._add(cloud)
+        after._stamps.add(stamp_ns)
+        self.__dict__.update(after.__dict__)
         return True
 
-    def _add(
-        self,
-        frame: int,
-        dents: Sequence[MeasuredDent],
-        pose: Pose | None,
-        covariance: NDArray[np.float64] | None,
-        repeats: Sequence[tuple[MeasuredDent, ...]],
-    ) -> None:
-        if pose is not None:
-            stated = known_covariance(covariance)
-            self._glass = self._glass.with_frame(frame, dents, pose, stated)
-        given = GivenCloud(frame, dents, pose, covariance, repeats, self._base)
-        self._given.append(given)
-        before, self._of_glass = self._of_glass, self._glass.of_marks
-        if {each for each in self._of_glass if each[0] != frame} == before:
-            self._place(given)
+    def _add(self, cloud: SeenDents) -> None:
+        self.clouds.append(cloud)
+        before = self._glass.of_marks
+        if cloud.pose is not None:
+            stated = known_covariance(cloud.covariance)
+            self._glass = self._glass.with_frame(cloud.frame, cloud.dents, cloud.pose, stated)
+        if {each for each in self._glass.of_marks if each[0] != cloud.frame} == before:
+            self._place(cloud)
             return
         # What is of a glass has had a say in where frames lie: once more without it.
         self._entries, self._placed, self._groups, self._error = [], [], 0, None
-        for each in self._given:
-            self._place(each.moved(self._base))
+        for each in self.clouds:
+            self._place(each)
 
-    def _place(self, given: GivenCloud) -> None:
+    def _place(self, cloud: SeenDents) -> None:
         """Put a frame in its place, and pair what it shows of the skin with what is known."""
-        frame, pose, covariance = given.frame, given.pose, given.covariance
-        kept = [i for i in range(len(given.dents)) if (frame, i) not in self._of_glass]
-        dents = [given.dents[index] for index in kept]
-        repeats = [given.repeats[index] for index in kept]
+        frame, pose, covariance = cloud.frame, cloud.pose, cloud.covariance
+        of_marks = self._glass.of_marks
+        kept = [i for i in range(len(cloud.dents)) if (frame, i) not in of_marks]
+        dents = [cloud.dents[index] for index in kept]
+        repeats = [cloud.repeats[index] for index in kept]
         pivot = np.zeros(3) if pose is None else pose.translation
         doubt = known_covariance(covariance)
         expected = expected_move(self._error, pivot)
@@ -208,20 +205,20 @@ class DentList:
         if len(dents):
             stated = np.mean([dent.position for dent in dents], axis=0)
             self._placed.append(_Placed(group, stated, move.apply(stated)))
-        pairs = paired([item.dent for item in seen], seen, self._entries, group)
-        for index, at in pairs:
-            self._entries[at] = self._entries[at].with_sightings(seen[index])
-        for index in sorted(set(range(len(seen))) - {index for index, _ in pairs}):
-            self._entries.append(
-                TrackedDent(group, listed(self._number(frame, kept[index]), (seen[index],)))
-            )
+        pairs = paired(seen, self._entries, group)
+        for index, each in enumerate(seen):
+            if index in pairs:
+                known_as = self._entries[pairs[index]]
+                self._entries[pairs[index]] = known_as.with_sightings([each])
+            else:
+                number = self._number(frame, kept[index])
+                self._entries.append(listed(number, (each,), group))
 
     def _number(self, frame: int, index: int) -> int:
         """Number of the dent that a frame's dent begins."""
-        if (frame, index) not in self._begun:
-            self._numbers += 1
-            self._begun[frame, index] = self._numbers
-        return self._begun[frame, index]
+        number = self._begun.setdefault((frame, index), self._numbers + 1)
+        self._numbers = max(self._numbers, number)
+        return number
 
     def _joined(self, matches: list[tuple[int, Pose]]) -> int:
         """The group that a frame belongs to, after it has made one of all those that it shows."""
@@ -240,15 +237,13 @@ class DentList:
                 else each
                 for each in self._placed
             ]
-            sightings = [each.listed.sightings[0] for each in moved]
-            pairs = dict(paired([e.dent for e in moved], sightings, self._entries, group))
+            pairs = paired(moved, self._entries, group)
             for index, each in enumerate(moved):
-                at = pairs.get(index)
-                if at is None:
-                    self._entries.append(each)
+                if index in pairs:
+                    known = self._entries[pairs[index]]
+                    self._entries[pairs[index]] = known.with_sightings(each.sightings)
                 else:
-                    together = self._entries[at].with_sightings(*each.listed.sightings)
-                    self._entries[at] = together
+                    self._entries.append(each)
         return group
 
 
@@ -272,7 +267,8 @@ def known_covariance(covariance: NDArray[np.float64] | None) -> NDArray[np.float
     """The covariance of a pose's error, shape (6, 6), also where it was not told."""
     if covariance is None or not np.any(covariance):
         return np.diag([UNKNOWN_POSITION**2] * 3 + [UNKNOWN_ANGLE**2] * 3)
-    return np.asarray(covariance, float).reshape(6, 6) + _NEVER_BETTER
+    # No pose is better than 1 mm, 0.5 mrad.
+    return np.reshape(covariance, (6, 6)) + np.diag([1e-3**2] * 3 + [5e-4**2] * 3)
 
 
 def error_of(move: Pose, pivot: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -281,20 +277,21 @@ def error_of(move: Pose, pivot: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 @dataclass(frozen=True, eq=False)
-class GivenCloud:
-    """What was added of a frame.
+class SeenDents:
+    """What one cloud shows.
 
     Attributes
     ----------
     frame : int
         Its number.
     dents : sequence of MeasuredDent
+        Where the pose puts them.
     pose : Pose, optional
     covariance : ndarray, shape (6, 6), optional
     repeats : sequence of tuple of MeasuredDent
         For each dent its measurements on parts of the cloud.
-    base : Pose
-        How the list had been moved by then.
+    stamp_ns : int
+        Of the exposure, or its number.
     """
 
     frame: int
@@ -302,134 +299,107 @@ class GivenCloud:
     pose: Pose | None
     covariance: NDArray[np.float64] | None
     repeats: Sequence[tuple[MeasuredDent, ...]]
-    base: Pose
+    stamp_ns: int
 
-    def moved(self, base: Pose) -> GivenCloud:
-        """The same where the list is now."""
-        if base is self.base:
+    @property
+    def places(self) -> NDArray[np.float64]:
+        """Of its dents, shape (n, 3)."""
+        return np.array([dent.position for dent in self.dents]).reshape(-1, 3)
+
+    def placed(self, pose: Pose) -> SeenDents:
+        """The same where another pose puts it."""
+        if self.pose is None or pose is self.pose:
             return self
-        move = base @ self.base.inverse()
+        move = pose @ self.pose.inverse()
         return replace(
             self,
             dents=[each.transformed(move) for each in self.dents],
-            pose=None if self.pose is None else move @ self.pose,
+            pose=pose,
             repeats=[tuple(one.transformed(move) for one in each) for each in self.repeats],
-            base=base,
         )
-
-
-@dataclass(frozen=True, eq=False)
-class TrackedDent:
-    """One dent, and the group of dents among which its place is known exactly."""
-
-    group: int
-    listed: ListedDent
-
-    @property
-    def dent(self) -> MeasuredDent:
-        """The dent as it is listed, from all its sightings."""
-        return self.listed.dent
-
-    def with_sightings(self, *more: Sighting) -> TrackedDent:
-        """The same dent, seen more often."""
-        sightings = sorted((*self.listed.sightings, *more), key=lambda item: item.frame)
-        return replace(self, listed=listed(self.listed.number, tuple(sightings)))
-
-    def moved(self, move: Pose, group: int) -> TrackedDent:
-        """The same dent in its place in another group."""
-        sightings = tuple(
-            replace(item, dent=item.dent.transformed(move)) for item in self.listed.sightings
-        )
-        return TrackedDent(group, listed(self.listed.number, sightings))
 
 
 def paired(
-    dents: Sequence[MeasuredDent],
-    sightings: Sequence[Sighting],
-    entries: Sequence[TrackedDent],
-    group: int,
-) -> Indices:
-    """Which dents, in their places, are which entries: one of the other at most."""
-    if not (len(dents) and len(entries)):
-        return []
-    free = _free([entry.dent for entry in entries])
-    thinkable = _thinkable(dents, entries, group)
+    seen: Sequence[Sighting | ListedDent], entries: Sequence[ListedDent], group: int
+) -> dict[int, int]:
+    """Which entry each dent is that was seen, by their indices: one of the other at most.
+
+    Parameters
+    ----------
+    seen : sequence of Sighting or ListedDent
+        In their places in the group.
+    entries : sequence of ListedDent
+    group : int
+    """
+    if not (len(seen) and len(entries)):
+        return {}
+    places, there = (np.stack([e.dent.position for e in each]) for each in (seen, entries))
+    # Farther from each other than this no pose puts one dent, and its length; metres.
+    near = cdist(places, there) <= 1.0 + _longest(seen, entries)
     # All else is of those nearby: it costs the same however many there are.
-    near = np.flatnonzero(thinkable.any(axis=0)).tolist()
-    nearby, thinkable = [entries[k] for k in near], thinkable[:, near]
-    cost = np.full(thinkable.shape, np.inf)
-    if not cost.size:
-        return []
-    reach = np.minimum(_FARTHEST, _FREE * np.minimum(_free(dents)[:, None], free[near]))
-    alike = np.isfinite(agreement(dents, [entry.dent for entry in nearby]))
-    reach = np.where(alike, reach, 0.0)
-    for row, (dent, sighting) in enumerate(zip(dents, sightings, strict=True)):
-        for column in np.flatnonzero(thinkable[row]).tolist():
-            entry = nearby[column]
-            within = reach[row, column] if entry.group == group else None
-            cost[row, column] = _misfit(dent, sighting, entry, within)
-    rows, columns = linear_sum_assignment(np.minimum(cost, 1.0))
-    return [(int(i), near[int(j)]) for i, j in zip(rows, columns, strict=True) if cost[i, j] < 1.0]
+    at = np.flatnonzero(near.any(axis=0))
+    if not len(at):
+        return {}
+    # Part of the way to the next dent.
+    free = 0.4 * np.minimum(_free(places)[:, None], _free(there)[at])
+    misfits = _misfits(seen, [entries[k] for k in at.tolist()], group, free)
+    rows, columns = assigned(np.where(near[:, at], misfits, np.inf), 1.0)
+    return dict(zip(rows.tolist(), at[columns].tolist(), strict=True))
 
 
-def _free(dents: Sequence[MeasuredDent]) -> NDArray[np.float64]:
-    """Distance of each dent's centre to the next one's, metres."""
-    places = np.stack([dent.position for dent in dents])
+def _misfits(
+    seen: Sequence[Sighting | ListedDent],
+    entries: Sequence[ListedDent],
+    group: int,
+    free: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """How far dents lie from entries; 1 at the gate, infinite of those that are no pair.
+
+    `free` is how far a dent whose sizes agree may lie within the group at most, metres.
+    """
+    dents, known = [each.dent for each in seen], [each.dent for each in entries]
+    apart = np.stack([d.position for d in dents])[:, None] - [d.position for d in known]
+    cut = np.array([d.is_cut for d in dents])[:, None] | np.array([d.is_cut for d in known])
+    # Of a cut dent only a part is seen, with its centre anywhere in the dent.
+    own = np.where(cut, _longest(seen, entries) / 2, 0.0)
+    # Along the skin: the pose's error across it is not matched.
+    normals = np.stack([dent.normal for dent in dents])[:, None]
+    along = apart - (apart * normals).sum(axis=-1, keepdims=True) * normals
+    widths, others = (np.array([d.width.value for d in each]) for each in (dents, known))
+    width = np.nan_to_num(np.minimum(widths[:, None], others))
+    # Frames that were put to each other over many others have drifted, metres.
+    reach = np.where(np.isfinite(agreement(dents, known)), np.minimum(20e-3, free), 0.0)
+    # Off a known dent within a frame that is matched, metres, and as a part of the width.
+    gate = np.maximum(np.hypot(2e-3, 0.06 * width), reach)
+    misfits = np.linalg.norm(along, axis=-1) / (gate + own)
+    # In another group poses tell where they lie, which do for what is cut alone.
+    elsewhere = np.array([each.group != group for each in entries])
+    misfits[:, elsewhere] = np.inf
+    i, j = np.nonzero(cut & elsewhere)
+    ours, theirs = (np.stack([e.position_covariance for e in each]) for each in (seen, entries))
+    spread = ours[i] + theirs[j] + np.square(own[i, j] / GATE)[:, None, None] * np.eye(3)
+    misfits[i, j] = sigmas_apart(apart[i, j], spread) / GATE
+    signs = [np.array([np.sign(d.depth.value) for d in each]) for each in (dents, known)]
+    steps = [np.array([d.kind == 'step' for d in each]) for each in (dents, known)]
+    misfits[signs[0][:, None] * signs[1] < 0] = np.inf
+    misfits[steps[0][:, None] != steps[1]] = np.inf
+    return misfits
+
+
+def _longest(
+    seen: Sequence[Sighting | ListedDent], entries: Sequence[ListedDent]
+) -> NDArray[np.float64]:
+    """The longer of each two lengths, metres; 0 where neither is known."""
+    ours, theirs = (np.nan_to_num([e.dent.length.value for e in each]) for each in (seen, entries))
+    return np.maximum(ours[:, None], theirs)
+
+
+def _free(places: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Distance of each of some places to the next one, metres."""
     return cKDTree(places).query(places, k=2)[0][:, 1]
 
 
-def _thinkable(
-    dents: Sequence[MeasuredDent], entries: Sequence[TrackedDent], group: int
-) -> NDArray[np.bool_]:
-    """Mask of the pairs that may be one dent by their places alone, shape (dents, entries)."""
-    known = [entry.dent for entry in entries]
-    places, there = (np.stack([dent.position for dent in each]) for each in (dents, known))
-    sizes, others = (
-        np.nan_to_num([dent.length.value for dent in each]) for each in (dents, known)
-    )
-    longest = np.maximum(sizes[:, None], others)
-    apart = places[:, None] - there
-    normals = np.stack([dent.normal for dent in dents])[:, None]
-    along = apart - (apart * normals).sum(axis=-1, keepdims=True) * normals
-    # Somewhat more than the largest gate of `_misfit`.
-    near = np.linalg.norm(along, axis=-1) < 1.1 * _FARTHEST + 0.6 * longest
-    cut = np.array([d.is_cut for d in dents])[:, None] | np.array([d.is_cut for d in known])
-    same = np.array([entry.group == group for entry in entries])
-    # Farther from each other than this no pose puts one dent, and its length; metres.
-    far = np.linalg.norm(apart, axis=-1) > 1.0 + longest
-    return np.where(same, near, cut) & ~far
-
-
-def _misfit(
-    dent: MeasuredDent, sighting: Sighting, entry: TrackedDent, reach: float | None
-) -> float:
-    """How far a dent lies from an entry; 1 at the gate.
-
-    `reach` is how far it may lie within a group, metres, and None where it is in another.
-    """
-    other = entry.dent
-    if dent.depth.value * other.depth.value < 0 or (dent.kind == 'step') != (other.kind == 'step'):
-        return np.inf
-    sizes = [d.length.value for d in (dent, other) if np.isfinite(d.length.value)] or [0.0]
-    partly = dent.is_cut or other.is_cut
-    # Of a cut dent only a part is seen, with its centre anywhere in the dent.
-    own = max(sizes) / 2 if partly else 0.0
-    apart = dent.position - other.position
-    if reach is not None:
-        # Along the skin: the pose's error across it is not matched.
-        apart = apart - dent.normal * (apart @ dent.normal)
-        width = np.nan_to_num(min(dent.width.value, other.width.value))
-        # Off a known dent within a frame that is matched, metres, and as a part of the width.
-        gate = max(float(np.hypot(2e-3, 0.06 * width)), reach)
-        return float(np.linalg.norm(apart)) / (gate + own)
-    if not partly:
-        return np.inf
-    spread = entry.listed.position_covariance + sighting.position_covariance
-    spread = spread + np.eye(3) * (own / GATE) ** 2
-    return float(np.sqrt(apart @ np.linalg.solve(spread, apart)) / GATE)
-
-
-def without_parts(entries: Sequence[TrackedDent]) -> list[TrackedDent]:
+def without_parts(entries: Sequence[ListedDent]) -> list[ListedDent]:
     """Entries but for those that lie in a dent which more clouds show whole than show them.
 
     A cloud at the rim of which a dent lies may take it for two that overlap. Each cloud's dents
@@ -442,13 +412,13 @@ def without_parts(entries: Sequence[TrackedDent]) -> list[TrackedDent]:
     ]
 
 
-def _is_part(each: TrackedDent, other: TrackedDent) -> bool:
+def _is_part(each: ListedDent, other: ListedDent) -> bool:
     """Whether an entry that no cloud shows whole lies in another one."""
     dent = other.dent
-    whole = sum(not sighting.dent.is_cut for sighting in other.listed.sightings)
+    whole = sum(not sighting.dent.is_cut for sighting in other.sightings)
     if (
         not (other.group == each.group or _is_known(each, other))
-        or whole <= len(each.listed.sightings)
+        or whole <= len(each.sightings)
         or each.dent.kind == 'step'
         or dent.depth.value * each.dent.depth.value < 0
     ):
@@ -459,17 +429,15 @@ def _is_part(each: TrackedDent, other: TrackedDent) -> bool:
     return bool(np.hypot(2 * along / dent.length.value, 2 * across / dent.width.value) < 1)
 
 
-def _is_known(each: TrackedDent, other: TrackedDent) -> bool:
+def _is_known(each: ListedDent, other: ListedDent) -> bool:
     """Whether poses tell where one entry lies to the other, as those of a survey do."""
-    spread = each.listed.position_covariance + other.listed.position_covariance
+    spread = each.position_covariance + other.position_covariance
     # Of a dent's width: better than that a place must be known to lie in it, where poses alone
     # tell.
     return bool(np.sqrt(np.linalg.eigvalsh(spread)[-1]) < 0.25 * other.dent.width.value)
 
 
-def doubles(
-    dents: Sequence[MeasuredDent], entries: Sequence[TrackedDent]
-) -> list[tuple[int, ...]]:
+def doubles(dents: Sequence[MeasuredDent], entries: Sequence[ListedDent]) -> list[tuple[int, ...]]:
     """Numbers of those that each entry may be, though neither dents nor poses are sure of it.
 
     Within a part of a flight dents tell each other apart, and what fits is one entry already.
@@ -480,13 +448,13 @@ def doubles(
     ----------
     dents : sequence of MeasuredDent
         Of the entries, where the list has them.
-    entries : sequence of TrackedDent
+    entries : sequence of ListedDent
     """
     groups = np.array([entry.group for entry in entries])
     if len(set(groups.tolist())) < 2:
         return [()] * len(entries)
     places = np.stack([dent.position for dent in dents])
-    spreads = np.stack([entry.listed.position_covariance for entry in entries])
+    spreads = np.stack([entry.position_covariance for entry in entries])
     # What is cut has its centre anywhere in it.
     halves = np.array([np.nan_to_num(dent.length.value) / 2 * dent.is_cut for dent in dents])
     possible = (groups[:, None] != groups) & np.isfinite(agreement(dents, dents))
@@ -496,7 +464,6 @@ def doubles(
         apart = places[others] - places[index]
         cut = np.hypot(halves[others], halves[index]) / GATE
         spread = spreads[others] + spreads[index] + cut[:, None, None] ** 2 * np.eye(3)
-        far = np.einsum('ni,ni->n', apart, np.linalg.solve(spread, apart[..., None])[..., 0])
-        near = others[far < GATE**2]
-        result.append(tuple(sorted(entries[other].listed.number for other in near)))
+        near = others[sigmas_apart(apart, spread) < GATE]
+        result.append(tuple(sorted(entries[other].number for other in near)))
     return result

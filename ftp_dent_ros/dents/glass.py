@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -25,8 +25,8 @@ from ftp_dent_ros.pose import Pose
 # How far what is seen of one mark strays in the picture, radians: its sizes are told otherwise in
 # each cloud, and a mark on the projector's glass moves with the distance.
 _STRAYS = 0.012
-# The camera is elsewhere if it has moved by so many of its standard deviations, and so far (m).
-_CERTAIN, _ELSEWHERE = 4.0, 0.03
+# So far the camera has moved at least if it is elsewhere, metres.
+_ELSEWHERE = 0.03
 
 Seen = tuple[int, int]
 
@@ -68,25 +68,16 @@ class Glass:
     spots : tuple of Spot
     cameras : tuple of ndarray
         Where the camera was, each elsewhere than the one before.
-    low, high : ndarray, shape (2,)
-        Least and largest bearings of all that was seen.
-    frames, items : int
-        How many clouds, and how much was seen in them.
-    shown : tuple of (int, ndarray)
-        Frame, and of all that was seen in it the bearings and half the length, radians, shape
-        (n, 3).
-    of_marks : frozenset of (int, int)
-        Frame, and index in it, of all that is of a mark, or was seen through one.
+    shown : ndarray, shape (n, 5)
+        Of all that was seen its frame, index in it, bearing (2) and half the length, radians.
+    frames : int
+        How many clouds were seen.
     """
 
     spots: tuple[Spot, ...] = ()
     cameras: tuple[NDArray[np.float64], ...] = ()
-    low: NDArray[np.float64] | None = None
-    high: NDArray[np.float64] | None = None
+    shown: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 5)))
     frames: int = 0
-    items: int = 0
-    shown: tuple[tuple[int, NDArray[np.float64]], ...] = ()
-    of_marks: frozenset[Seen] = frozenset()
 
     def with_frame(
         self,
@@ -97,18 +88,16 @@ class Glass:
     ) -> Glass:
         """The same with what another cloud shows, in the map, by the camera's stated pose."""
         spread = math.sqrt(max(float(np.linalg.eigvalsh(covariance[:3, :3])[-1]), 0.0))
-        gate = max(math.sqrt(2) * _CERTAIN * spread, _ELSEWHERE)
+        # Four standard deviations of a difference.
+        gate = max(math.sqrt(2) * 4.0 * spread, _ELSEWHERE)
         here = pose.translation
         cameras = self.cameras
         if not cameras or np.linalg.norm(cameras[-1] - here) > gate:
             cameras = (*cameras, here)
         places = pose.inverse().apply(np.array([each.position for each in dents]).reshape(-1, 3))
         bearings = places[:, :2] / np.maximum(np.abs(places[:, 2:]), _ELSEWHERE)
-        low, high = self.low, self.high
-        if len(dents):
-            low = bearings.min(axis=0) if low is None else np.minimum(low, bearings.min(axis=0))
-            high = bearings.max(axis=0) if high is None else np.maximum(high, bearings.max(axis=0))
-        spots, known = list(self.spots), self._known
+        spots = list(self.spots)
+        known = np.array([[*each.bearing, each.sign] for each in spots]).reshape(-1, 3)
         halves = [each.length.value / 2 for each in dents] / np.maximum(places[:, 2], _ELSEWHERE)
         for index, (dent, bearing) in enumerate(zip(dents, bearings, strict=True)):
             # What is so many times longer than wide may keep its middle in the picture as a seam
@@ -121,17 +110,8 @@ class Glass:
             apart = np.linalg.norm(known - place, axis=1)
             at = int(apart.argmin()) if len(apart) else 0
             if not len(apart) or apart[at] > _STRAYS:
-                new = Spot(
-                    bearing,
-                    sign,
-                    frozenset({(frame, index)}),
-                    (here,),
-                    len(cameras),
-                    halves[index],
-                )
-                spots.append(new)
-                known = np.vstack([known, place])
-                continue
+                at, known = len(spots), np.vstack([known, place])
+                spots.append(Spot(bearing, sign, frozenset(), (), len(cameras), 0.0))
             spot, count = spots[at], len(spots[at].seen)
             elsewhere = all(np.linalg.norm(each - here) > gate for each in spot.cameras)
             spots[at] = replace(
@@ -141,32 +121,20 @@ class Glass:
                 cameras=(*spot.cameras, here) if elsewhere else spot.cameras,
                 half=(count * spot.half + halves[index]) / (count + 1),
             )
-        items = self.items + len(dents)
-        shown = (*self.shown, (frame, np.column_stack([bearings, halves])))
-        after = Glass(tuple(spots), cameras, low, high, self.frames + 1, items, shown)
-        # Of frames before, what was seen through a mark is asked once, when it is known for one.
-        is_new = after._are_marks != self._are_marks
-        asked = shown if is_new else shown[-1:]
-        through = after._through(asked) | (frozenset() if is_new else self.of_marks)
-        return replace(after, of_marks=through.union(*(each.seen for each in after.marks)))
+        count = len(dents)
+        new = np.column_stack([np.full(count, frame), np.arange(count), bearings, halves])
+        return Glass(tuple(spots), cameras, np.vstack([self.shown, new]), self.frames + 1)
 
-    def _through(self, shown: Sequence[tuple[int, NDArray[np.float64]]]) -> frozenset[Seen]:
-        """Frame, and index in it, of what was seen inside a mark and is no longer than that."""
-        marks = self.marks
-        return frozenset(
-            (frame, int(index))
-            for frame, seen in (shown if marks else ())
-            for mark in marks
-            for index in np.flatnonzero(
-                (np.linalg.norm(seen[:, :2] - mark.bearing, axis=1) < mark.half)
-                & (seen[:, 2] < mark.half)
-            )
-        )
-
-    @property
-    def _known(self) -> NDArray[np.float64]:
-        """Bearings and signs of the spots, shape (n, 3)."""
-        return np.array([[*each.bearing, each.sign] for each in self.spots]).reshape(-1, 3)
+    @cached_property
+    def of_marks(self) -> frozenset[Seen]:
+        """Frame, and index in it, of all that is of a mark, or was seen through one."""
+        found = set[Seen]()
+        for mark in self.marks:
+            # Inside the mark, and no longer than that.
+            inside = np.linalg.norm(self.shown[:, 2:4] - mark.bearing, axis=1) < mark.half
+            through = self.shown[inside & (self.shown[:, 4] < mark.half), :2]
+            found |= mark.seen | {(int(of_frame), int(index)) for of_frame, index in through}
+        return frozenset(found)
 
     def moved(self, move: Pose) -> Glass:
         """The same in a map that has been moved."""
@@ -176,23 +144,18 @@ class Glass:
         return replace(self, spots=spots, cameras=tuple(map(move.apply, self.cameras)))
 
     @cached_property
-    def _are_marks(self) -> tuple[int, ...]:
-        """Numbers of the spots at which chance alone would not have shown so much."""
-        return tuple(n for n, each in enumerate(self.spots) if self._is_mark(each))
-
-    @property
     def marks(self) -> tuple[Spot, ...]:
         """Places at which chance alone would not have shown so much."""
-        return tuple(self.spots[number] for number in self._are_marks)
+        return tuple(each for each in self.spots if self._is_mark(each))
 
     def _is_mark(self, spot: Spot) -> bool:
         hits, places = len(spot.cameras), len(self.cameras) - spot.first + 1
         # Part of the camera's places at which a mark is seen, at least.
-        if hits < max(3, 0.5 * places) or self.low is None or self.high is None:
+        if hits < max(3, 0.5 * places):
             return False
         # The smallest picture of which the chance is reckoned, square radians.
-        picture = max(float(np.prod(self.high - self.low)), 0.03)
-        others = (self.items - len(spot.seen)) / self.frames
+        picture = max(float(np.prod(np.ptp(self.shown[:, 2:4], axis=0))), 0.03)
+        others = (len(self.shown) - len(spot.seen)) / self.frames
         chance = min(others * math.pi * _STRAYS**2 / picture, 0.9)
         by_chance = float(bdtrc(hits - 2, max(places, hits) - 1, chance))
         # Marks that chance alone may tell, a flight.

@@ -7,15 +7,16 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Any
+from typing import Annotated
 
 import numpy as np
 
-from ftp_dent_ros.dents.dent import COVERAGE, Estimate, MeasuredDent
+from ftp_dent_ros.dents.dent import COVERAGE, MeasuredDent
 from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.fields import Fields, Limits
 from ftp_dent_ros.yaml_file import read_yaml
 
 WITHIN, EXCEEDS, UNDECIDED = 'within', 'exceeds', 'cannot decide'
@@ -24,32 +25,10 @@ _DENSITY = 'dents_per_area'
 _GROWING = ('depth_mm', 'length_mm', 'width_mm', 'area_mm2', 'volume_mm3')
 
 
-def width_to_depth(dent: MeasuredDent) -> Estimate:
-    """Width over depth, with the uncertainties of both."""
-    width, depth = dent.width, dent.depth
-    if not depth.value:
-        return Estimate(float('nan'), float('nan'))
-    relative = math.hypot(width.uncertainty / width.value, depth.uncertainty / depth.value)
-    return Estimate(dent.width_to_depth, abs(dent.width_to_depth) * relative)
-
-
-def clearance(dent: MeasuredDent) -> Estimate:
-    """Distance to the next dent; its outline is as uncertain as half the length."""
-    # The other outline is about as uncertain as this one.
-    return Estimate(dent.clearance, dent.length.uncertainty / 2 * math.sqrt(2))
-
-
-# Quantity and factor from SI to the unit in the name.
-_MEASURES: dict[str, tuple[Callable[[MeasuredDent], Estimate], float]] = {
-    'depth_mm': (lambda dent: dent.depth, 1e3),
-    'length_mm': (lambda dent: dent.length, 1e3),
-    'width_mm': (lambda dent: dent.width, 1e3),
-    'width_to_depth': (width_to_depth, 1.0),
-    'area_mm2': (lambda dent: dent.area, 1e6),
-    'volume_mm3': (lambda dent: dent.volume, 1e9),
-    'clearance_mm': (clearance, 1e3),
-}
-MEASURES = (*_MEASURES, _DENSITY)
+MEASURES = (
+    *('depth_mm', 'length_mm', 'width_mm', 'width_to_depth', 'area_mm2', 'volume_mm3'),
+    *('clearance_mm', _DENSITY),
+)
 
 
 @dataclass(frozen=True)
@@ -66,13 +45,31 @@ class Limit:
         Where the user has it from.
     area_m2 : float
         Of the circle in which dents are counted.
+
+    Raises
+    ------
+    ConfigurationError
+        They contradict each other.
     """
 
-    measure: str
+    measure: Annotated[str, Limits(choices=MEASURES)]
     minimum: float = -math.inf
     maximum: float = math.inf
     reference: str = ''
     area_m2: float = 0.0
+
+    def __post_init__(self) -> None:
+        if math.isinf(self.minimum) and math.isinf(self.maximum):
+            raise ConfigurationError('measure has neither minimum nor maximum: give one of them')
+        if self.minimum > self.maximum:
+            raise ConfigurationError(
+                f'minimum is {self.minimum:g}, above its maximum of {self.maximum:g}: correct one '
+                'of them'
+            )
+        if (self.measure == _DENSITY) != (self.area_m2 > 0):
+            raise ConfigurationError(
+                f'area_m2 is {self.area_m2:g}: give a positive area for {_DENSITY}, and only there'
+            )
 
     @property
     def text(self) -> str:
@@ -132,76 +129,25 @@ def read_rules(path: str | os.PathLike[str]) -> Rules:
     ConfigurationError
         The file cannot be read, or a field is missing, unknown or malformed; it is named.
     """
-    data = read_yaml(path, ConfigurationError)
-    try:
-        _refuse_unknown(data, ('title', 'reference', 'limits'), '')
-        reference = _text(data, 'reference', '')
-        limits = data.get('limits')
-        if not isinstance(limits, list) or not limits:
-            raise ConfigurationError('limits is no list of limits: give one or more')
-        return Rules(
-            _text(data, 'title', ''),
-            reference,
-            tuple(_limit(item, f'limits[{i}]', reference) for i, item in enumerate(limits)),
-        )
-    except ConfigurationError as reason:
-        raise ConfigurationError(f'{path}: {reason}') from None
-
-
-def _limit(item: Any, where: str, reference: str) -> Limit:
-    if not isinstance(item, dict):
-        raise ConfigurationError(f'{where} is {item!r}: give measure and maximum or minimum')
-    fields = ('measure', 'minimum', 'maximum', 'reference', 'area_m2')
-    _refuse_unknown(item, fields, f'{where}.')
-    measure = item.get('measure')
-    if measure not in MEASURES:
-        raise ConfigurationError(
-            f'{where}.measure is {measure!r}: give one of {", ".join(MEASURES)}'
-        )
-    low = _number(item, 'minimum', where, -math.inf)
-    high = _number(item, 'maximum', where, math.inf)
-    if math.isinf(low) and math.isinf(high):
-        raise ConfigurationError(f'{where} has neither minimum nor maximum: give one of them')
-    if low > high:
-        raise ConfigurationError(
-            f'{where}.minimum is {low:g}, above its maximum of {high:g}: correct one of them'
-        )
-    area = _number(item, 'area_m2', where, 0.0)
-    if (measure == _DENSITY) != (area > 0):
-        raise ConfigurationError(
-            f'{where}.area_m2 is {area:g}: give a positive area for dents_per_area, and only there'
-        )
-    return Limit(measure, low, high, _text(item, 'reference', reference, f'{where}.'), area)
-
-
-def _refuse_unknown(data: dict[Any, Any], known: Sequence[str], where: str) -> None:
-    for name in data:
-        if name not in known:
-            raise ConfigurationError(f'{where}{name} is unknown: only {", ".join(known)} are')
-
-
-def _text(data: dict[Any, Any], name: str, default: str, where: str = '') -> str:
-    value = data.get(name, default)
-    if not isinstance(value, str):
-        raise ConfigurationError(f'{where}{name} is {value!r}: give a text, in quotes')
-    return value
-
-
-def _number(data: dict[Any, Any], name: str, where: str, default: float) -> float:
-    value = data.get(name, default)
-    number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if not number or (name in data and not math.isfinite(value)):
-        raise ConfigurationError(f'{where}.{name} is {value!r}: give a finite number')
-    return float(value)
+    file = Fields(read_yaml(path, ConfigurationError), f'{path}: ')
+    reference = file.take('reference', str, '')
+    limits = [
+        each.record(Limit, **({} if 'reference' in each else {'reference': reference}))
+        for each in file.blocks('limits')
+    ]
+    if not limits:
+        raise file.refusal('limits', limits, 'a list of one or more limits')
+    rules = Rules(file.take('title', str, ''), reference, tuple(limits))
+    file.finish()
+    return rules
 
 
 def _finding(limit: Limit, dent: MeasuredDent, dents: Sequence[MeasuredDent]) -> Judgement:
     if limit.measure == _DENSITY:
         count = float(_most_within(limit.area_m2, dent, dents))
         return Judgement(limit, count, 0.0, _verdict(limit, count, 0.0))
-    measure, factor = _MEASURES[limit.measure]
-    estimate = measure(dent)
-    value, sigma = estimate.value * factor, estimate.uncertainty * factor
+    estimate = dent.figure(limit.measure)
+    value, sigma = estimate.value, estimate.uncertainty
     decided = _verdict(limit, value, sigma)
     if dent.is_cut and limit.measure != 'clearance_mm':
         certain = limit.measure in _GROWING and value - COVERAGE * sigma > limit.maximum

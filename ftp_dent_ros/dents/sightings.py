@@ -10,15 +10,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
 
 from ftp_dent_ros.dents.dent import Estimate, MeasuredDent
+from ftp_dent_ros.pose import Pose
 
 _ESTIMATES = ('depth', 'length', 'width', 'model_length', 'model_width', 'area', 'volume')
-_NONE = np.zeros((0, 3))
-_NO_PROFILE = np.zeros((0, 2))
 
-# Sizes agree within so many standard uncertainties, to which a part of the size is added.
-_AGREE, _OF_SIZE = 4.0, 0.08
+#: Standard deviation of a narrow dent's centre among its neighbours, metres.
+CENTRE = 4e-4
 # Natural logarithm of the range over which other dents' sizes lie, at most: hail's, which is the
 # most alike (depths of 1 to 4, lengths of 1 to 2.5). Widths tell little that lengths do not.
 _RANGES = {'depth': 1.4, 'length': 0.9}
@@ -67,6 +67,8 @@ class ListedDent:
         Number of the frame that shows it best.
     maybe : tuple of int
         Numbers of dents of other parts of the flight that may be the same one.
+    group : int
+        Of dents among which its place is known exactly.
     """
 
     number: int
@@ -75,6 +77,19 @@ class ListedDent:
     sightings: tuple[Sighting, ...]
     best: int
     maybe: tuple[int, ...] = ()
+    group: int = 0
+
+    def with_sightings(self, more: Sequence[Sighting]) -> ListedDent:
+        """The same dent, seen more often."""
+        sightings = sorted((*self.sightings, *more), key=lambda item: item.frame)
+        return listed(self.number, tuple(sightings), self.group)
+
+    def moved(self, move: Pose, group: int) -> ListedDent:
+        """The same dent in its place in another group."""
+        sightings = tuple(
+            replace(item, dent=item.dent.transformed(move)) for item in self.sightings
+        )
+        return listed(self.number, sightings, group)
 
     @property
     def reason(self) -> str:
@@ -89,16 +104,16 @@ class ListedDent:
         return '; '.join(filter(None, (self.dent.reason, twice)))
 
 
-def listed(number: int, sightings: tuple[Sighting, ...]) -> ListedDent:
+def listed(number: int, sightings: tuple[Sighting, ...], group: int = 0) -> ListedDent:
     """One dent from all its sightings; of cut ones only if it is nowhere whole."""
     whole = [item for item in sightings if not item.dent.is_cut]
     if whole:
-        best = min(whole, key=lambda item: _rank(item.dent.depth.uncertainty))
+        best = min(whole, key=lambda item: np.nan_to_num(item.dent.depth.uncertainty, nan=np.inf))
     else:
         # What most take it for: one that runs into something else may be the longest.
         often = Counter(item.dent.kind for item in sightings)
         usual = [item for item in sightings if often[item.dent.kind] == max(often.values())]
-        best = max(usual, key=lambda item: _rank(item.dent.length.value, -1.0))
+        best = max(usual, key=lambda item: np.nan_to_num(item.dent.length.value, nan=-1.0))
     used = whole or [best]
     dents = [item.dent for item in used]
     spreads = np.stack([item.position_covariance for item in used]) + np.eye(3) * 1e-12
@@ -129,7 +144,7 @@ def listed(number: int, sightings: tuple[Sighting, ...]) -> ListedDent:
         **values,
     )
     kept = tuple(item if item is best else _without_curves(item) for item in sightings)
-    return ListedDent(number, dent, covariance, kept, best.frame)
+    return ListedDent(number, dent, covariance, kept, best.frame, group=group)
 
 
 def combined(estimates: Sequence[Estimate]) -> Estimate:
@@ -156,10 +171,6 @@ def combined(estimates: Sequence[Estimate]) -> Estimate:
     return Estimate(mean, math.sqrt(scatter / len(values) + max(stated - scatter, 0.0)))
 
 
-def _rank(value: float, unknown: float = float('inf')) -> float:
-    return value if np.isfinite(value) else unknown
-
-
 def _mean_direction(vectors: list[NDArray], like: NDArray) -> NDArray[np.float64]:
     total = sum(np.sign(vector @ like) * vector for vector in vectors)
     return total / np.linalg.norm(total)
@@ -167,12 +178,9 @@ def _mean_direction(vectors: list[NDArray], like: NDArray) -> NDArray[np.float64
 
 def _without_curves(item: Sighting) -> Sighting:
     """A long flight has many sightings, and only the best one's curves are shown."""
-    curves: dict[str, Any] = {
-        'outline': _NONE,
-        'length_profile': _NO_PROFILE,
-        'width_profile': _NO_PROFILE,
-    }
-    return replace(item, dent=replace(item.dent, **curves))
+    none: Any = np.zeros((0, 3)), np.zeros((0, 2))
+    dent = replace(item.dent, outline=none[0], length_profile=none[1], width_profile=none[1])
+    return replace(item, dent=dent)
 
 
 def agreement(seen: Sequence[MeasuredDent], known: Sequence[MeasuredDent]) -> Field:
@@ -185,8 +193,31 @@ def agreement(seen: Sequence[MeasuredDent], known: Sequence[MeasuredDent]) -> Fi
     for name in ('depth', 'length', 'width'):
         difference, spread, _ = _compared(name, seen, known)
         off = difference / spread
-        result += np.where(off < _AGREE, off**2, np.inf)
+        # Sizes agree within so many standard uncertainties.
+        result += np.where(off < 4.0, off**2, np.inf)
     return result
+
+
+def centre_deviations(seen: Sequence[MeasuredDent], known: Sequence[MeasuredDent]) -> Field:
+    """Standard deviation of a dent's centre among its neighbours, metres; shape (seen, known)."""
+    widths = [np.nan_to_num([dent.width.value for dent in each]) for each in (seen, known)]
+    return np.hypot(CENTRE, 0.015 * np.minimum(widths[0][:, None], widths[1]))
+
+
+def assigned(cost: Field, most: float = 1e6) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Rows and columns of pairs, one of each at most, that cost the least together.
+
+    A pair that costs `most` or more is none.
+    """
+    rows, columns = linear_sum_assignment(np.minimum(cost, most))
+    paired = cost[rows, columns] < most
+    return rows[paired], columns[paired]
+
+
+def sigmas_apart(apart: Field, covariance: Field) -> Field:
+    """Lengths of vectors, shape (..., 3), in standard deviations of them, (..., 3, 3)."""
+    whitened = np.linalg.solve(covariance, apart[..., None])[..., 0]
+    return np.sqrt((apart * whitened).sum(axis=-1))
 
 
 def coincidence(
@@ -227,7 +258,8 @@ def _compared(
     values = np.array([e.value for e in one])[:, None], np.array([e.value for e in other])
     sigma = [np.nan_to_num([e.uncertainty for e in each]) for each in (one, other)]
     size = np.minimum(np.abs(values[0]), np.abs(values[1]))
-    spread = np.hypot(np.hypot(sigma[0][:, None], sigma[1]), _OF_SIZE * np.nan_to_num(size))
+    # A part of the size is added.
+    spread = np.hypot(np.hypot(sigma[0][:, None], sigma[1]), 0.08 * np.nan_to_num(size))
     cut = np.array([d.is_cut for d in seen])[:, None] | np.array([d.is_cut for d in known])
     told = ~cut & np.isfinite(size)
     difference = np.where(told, np.abs(values[0] - values[1]), 0.0)

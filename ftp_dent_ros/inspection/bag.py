@@ -42,7 +42,7 @@ def survey_bag(
     settings: SmallestDent | None = None,
     progress: Callable[[], Any] = lambda: None,
     prepared: Callable[[BagCloud], BagCloud] | None = None,
-    completed: Callable[[BagCloud, Inspection], Inspection] = lambda item, found: found,
+    completed: Callable[[BagCloud, Inspection], Inspection | None] = lambda item, found: found,
     each: Each = map,
 ) -> InspectionReport:
     """Inspect every cloud of a bag: the tagged ones with their poses, else those of ``points``.
@@ -125,7 +125,5 @@ def _observation(item: BagCloud) -> SeenCloud:
         pose=IDENTITY if item.pose is None else item.pose,
         vehicle=item.vehicle,
         covariance=item.covariance,
-        # The bridge gives the pose at exactly the cloud's stamp.
-        pose_age=None if item.vehicle is None else 0.0,
         photograph=item.photograph,
     )

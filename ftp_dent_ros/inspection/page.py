@@ -17,15 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ftp_dent_ros.dents.dent import COVERAGE, Estimate, MeasuredDent
-from ftp_dent_ros.dents.rules import (
-    EXCEEDS,
-    UNDECIDED,
-    WITHIN,
-    Judgement,
-    clearance,
-    verdict,
-    width_to_depth,
-)
+from ftp_dent_ros.dents.rules import EXCEEDS, UNDECIDED, WITHIN, Judgement, verdict
 from ftp_dent_ros.dents.sightings import ListedDent
 from ftp_dent_ros.files import write_all_atomically
 from ftp_dent_ros.inspection.measuring.places.kinds import AT_RIM
@@ -33,7 +25,7 @@ from ftp_dent_ros.inspection.records import csv_text, report_record
 from ftp_dent_ros.inspection.report import DrawnCloud, InspectionReport, ReportedCloud
 from ftp_dent_ros.pages import drawing
 from ftp_dent_ros.pages.page import render
-from ftp_dent_ros.pages.words import interval, iso_time, position_interval
+from ftp_dent_ros.pages.words import deviation_of, interval, iso_time, position_interval
 from ftp_dent_ros.rig.rig import Lens
 
 # Of one profile's axes, in the drawing's units; the template puts the text around it.
@@ -89,10 +81,7 @@ def _limit(report: InspectionReport) -> float:
     depths += [5 * frame.noise for frame in report.frames]
     largest = max((depth for depth in depths if math.isfinite(depth)), default=0.0)
     largest = max(largest, 1e-4)
-    power = 10.0 ** math.floor(math.log10(largest))
-    return next(
-        step * power for step in (1, 1.5, 2, 3, 5, 7, 10) if 1.05 * step * power >= largest
-    )
+    return _round_up(largest / 1.05, (1, 1.5, 2, 3, 5, 7, 10))
 
 
 def _headline(
@@ -128,12 +117,12 @@ def _dent(entry: ListedDent, findings: Sequence[Judgement], limit: float) -> dic
         'depth': interval(dent.depth, finest=3),
         'length': interval(dent.length),
         'width': interval(dent.width),
-        'ratio': interval(width_to_depth(dent), 1.0),
+        'ratio': interval(dent.width_to_depth, 1.0),
         'orientation': interval(dent.orientation, 180 / math.pi, 1),
         'area': interval(dent.area, 1e6, 0),
         'volume': interval(dent.volume, 1e9, 0),
         'model': (interval(dent.model_length), interval(dent.model_width)),
-        'clearance': interval(clearance(dent), finest=1),
+        'clearance': interval(dent.clearance_estimate, finest=1),
         'position': [f'{value:.3f}' for value in dent.position],
         'spread': position_interval(entry.position_covariance),
         'sightings': len(entry.sightings),
@@ -184,7 +173,9 @@ def facts_of(report: InspectionReport) -> list[tuple[str, str]]:
         if stamps[-1] != stamps[0]:
             taken += f' to {iso_time(stamps[-1])}'
     noise = [frame.noise for frame in frames if math.isfinite(frame.noise)]
+    depth, width = report.settings.smallest_depth * 1e3, report.settings.smallest_width * 1e3
     area = 1e4 * sum(frame.area for frame in frames)
+    rig = ', '.join(filter(None, (report.rig_name, report.rig_id and f'id {report.rig_id}')))
     facts = [
         ('Inspected', report.source),
         ('Photographed', taken),
@@ -195,13 +186,13 @@ def facts_of(report: InspectionReport) -> list[tuple[str, str]]:
             + f'; {len(report.skipped)} messages skipped' * bool(report.skipped),
         ),
         ('Measured area', f'{area:.0f} cm²' + (', overlaps counted twice' * (len(frames) > 1))),
-        ('Looked for', _smallest(report)),
+        ('Looked for', f'dents of {depth:g} mm depth and {width:g} mm width, and larger'),
         ('Marks of gouges', _marks(frames)),
         ('Would have been found', _findable(frames, report.settings.smallest_depth)),
         ('Not measured', _not_measured(report)),
         ('Waviness', _waviness(frames)),
         ('Noise of a point', f'{np.median(noise) * 1e3:.3f} mm' if noise else 'not known'),
-        ('Rig', _rig(report)),
+        ('Rig', rig or 'not known'),
         ('Positions in', report.frame_id),
         ('Pose', _pose(frames)),
         ('Software', f'ftp_dent_ros {report.version}'),
@@ -211,18 +202,6 @@ def facts_of(report: InspectionReport) -> list[tuple[str, str]]:
     if report.rules:
         facts.append(('Limits', report.rules.title or report.rules.reference or 'given'))
     return facts
-
-
-def _rig(report: InspectionReport) -> str:
-    """File and id of the rig, as far as they are known."""
-    if not report.rig_id:
-        return 'not known'
-    return f'{report.rig_name}, id {report.rig_id}' if report.rig_name else f'id {report.rig_id}'
-
-
-def _smallest(report: InspectionReport) -> str:
-    depth, width = report.settings.smallest_depth, report.settings.smallest_width
-    return f'dents of {depth * 1e3:g} mm depth and {width * 1e3:g} mm width, and larger'
 
 
 def _marks(frames: Sequence[ReportedCloud]) -> str:
@@ -277,8 +256,8 @@ def _pose(frames: Sequence[ReportedCloud]) -> str:
     known = [frame.covariance for frame in posed if frame.covariance is not None]
     if not known:
         return f'of {len(posed)} clouds, its uncertainty not known'
-    spread = max(math.sqrt(float(np.trace(each[:3, :3])) / 3) for each in known)
-    turn = max(math.sqrt(float(np.trace(each[3:, 3:])) / 3) for each in known)
+    spread = max(deviation_of(each[:3, :3]) for each in known)
+    turn = max(deviation_of(each[3:, 3:]) for each in known)
     return (
         f'of {len(posed)} clouds, within ± {COVERAGE * spread * 1e3:.0f} mm '
         f'and ± {COVERAGE * math.degrees(turn):.2f}° an axis (95 %)'
@@ -295,7 +274,7 @@ def pictures_of(frame: ReportedCloud, report: InspectionReport, limit: float) ->
         if any(sighting.frame == frame.number for sighting in entry.sightings)
     ]
     rows, columns = view.deviation.shape
-    lines = [closed_outline(entry) for entry in shown]
+    lines = [entry.dent.closed_outline for entry in shown]
     places = [on_grid(line, view) for line in lines]
     heat = [_outline(entry, place) for entry, place in zip(shown, places, strict=True)]
     photograph = None
@@ -322,11 +301,6 @@ def pictures_of(frame: ReportedCloud, report: InspectionReport, limit: float) ->
         },
         'photograph': photograph,
     }
-
-
-def closed_outline(entry: ListedDent) -> NDArray[np.float64]:
-    """A dent's outline, shape (n, 3); its place alone if it has none."""
-    return entry.dent.outline if len(entry.dent.outline) else entry.dent.position[None]
 
 
 def _outline(entry: ListedDent, pixels: NDArray[np.float64]) -> dict[str, Any]:
@@ -380,7 +354,7 @@ def scene_of(report: InspectionReport, limit: float) -> dict[str, Any]:
                 'number': entry.number,
                 'kind': entry.dent.kind,
                 'position': (entry.dent.position - origin).tolist(),
-                'outline': np.round(closed_outline(entry) - origin, 5).ravel().tolist(),
+                'outline': np.round(entry.dent.closed_outline - origin, 5).ravel().tolist(),
                 'normal': entry.dent.normal.tolist(),
             }
             for entry in (*report.dents, *report.others)
@@ -409,7 +383,7 @@ class _Axis:
 
     def marks(self, about: int) -> list[dict[str, Any]]:
         """Round values on the axis."""
-        step = _round_step((self.high - self.low) / about)
+        step = _round_up(0.999 * (self.high - self.low) / about, (1, 2, 5, 10))
         values = step * np.arange(math.ceil(self.low / step), math.floor(self.high / step) + 1)
         places = max(0, -math.floor(math.log10(step)))
         return [
@@ -420,7 +394,9 @@ class _Axis:
 
 def sections_of(dent: MeasuredDent, limit: float) -> dict[str, Any]:
     """Both profiles on one scale of depth; `limit` is its end, metres."""
-    down = _Axis(min(-0.15 * limit, _lowest(dent)) * 1e3, limit * 1e3, HEIGHT)
+    depths = np.concatenate([dent.length_profile, dent.width_profile])[:, 1]
+    lowest = float(np.nanmin(depths, initial=-0.15 * limit))
+    down = _Axis(lowest * 1e3, limit * 1e3, HEIGHT)
     return {
         'width': WIDTH,
         'height': HEIGHT,
@@ -474,67 +450,33 @@ def _parts(profile: NDArray[np.float64], along: _Axis, down: _Axis) -> list[dict
     return parts
 
 
-def _lowest(dent: MeasuredDent) -> float:
-    both = np.concatenate([dent.length_profile, dent.width_profile])
-    return float(np.nanmin(both[:, 1])) if len(both) and np.isfinite(both[:, 1]).any() else 0.0
-
-
-def _round_step(step: float) -> float:
-    """The next round number: 1, 2 or 5 times a power of ten."""
-    power = 10.0 ** math.floor(math.log10(step))
-    return next(each * power for each in (1, 2, 5, 10) if each * power >= 0.999 * step)
+def _round_up(value: float, rounds: Sequence[float]) -> float:
+    """The next of some round numbers times a power of ten."""
+    power = 10.0 ** math.floor(math.log10(value))
+    return next(each * power for each in rounds if each * power >= value)
 
 
 def on_grid(points: NDArray[np.float64], view: DrawnCloud) -> NDArray[np.float64]:
-    """Column and row of points of the report's frame on a cloud's grid, shape (n, 2)."""
-    points = view.pose.inverse().apply(np.asarray(points, float))
-    grid = view.points
-    if not len(points) or not np.isfinite(grid[..., 2]).any():
-        return np.full((len(points), 2), np.nan)
-    row, column = _nearest(points, grid)
-    # From the nearest point on, along the grid's own directions.
-    steps = []
-    for axis in (1, 0):
-        low, high = (
-            np.clip(np.stack([row, column], -1) + sign * np.array([axis == 0, axis == 1]), 0, None)
-            for sign in (-1, 1)
-        )
-        high = np.minimum(high, np.array(grid.shape[:2]) - 1)
-        change = _at(grid, high[:, 0], high[:, 1]) - _at(grid, low[:, 0], low[:, 1])
-        steps.append(change / np.maximum((high - low).sum(axis=1), 1)[:, None])
-    beyond = points - _at(grid, row, column)
-    basis = np.stack(steps, axis=-1)
-    gram = basis.transpose(0, 2, 1) @ basis
-    right = (basis.transpose(0, 2, 1) @ beyond[..., None])[..., 0]
-    found = np.stack([column, row], axis=-1).astype(float)
-    finite = np.isfinite(gram).all(axis=(1, 2))
-    usable = finite & (np.abs(np.linalg.det(np.where(finite[:, None, None], gram, 0))) > 0)
-    shift = np.zeros_like(found)
-    shift[usable] = np.linalg.solve(gram[usable], right[usable][..., None])[..., 0]
-    return found + np.clip(shift, -2, 2)
+    """Column and row of points of the report's frame on a cloud's grid, shape (n, 2).
 
-
-def _nearest(
-    points: NDArray[np.float64], grid: NDArray[np.float32]
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Rows and columns of the measured points that are nearest to some points, each shape (n,)."""
-    # Outlines lie on the measured skin, and so nearer than 20 mm to its points.
-    low, high = points.min(axis=0) - 0.02, points.max(axis=0) + 0.02
-    farthest = float(np.finfo(np.float32).max)
-    for bounds in ((low, high), (np.full(3, -farthest), np.full(3, farthest))):
+    Between the four points of the cloud that are nearest; NaN where it has fewer.
+    """
+    points, grid = view.pose.inverse().apply(np.asarray(points, float)), view.points
+    low, high = points.min(axis=0), points.max(axis=0)
+    # Outlines lie nearer than this to the cloud's points, metres, unless its pose errs by more.
+    for room in (0.02, 1e6):
         # Much faster than comparisons of a coordinate each; what is not a number lies nowhere.
-        rows, columns = np.nonzero(cv2.inRange(grid, *bounds))
-        if len(rows):
-            # Made in a third of the time of a balanced one, for a few questions.
-            tree = cKDTree(_at(grid, rows, columns), balanced_tree=False, compact_nodes=False)
-            distance, nearest = tree.query(points)
-            if distance.max() <= 0.02:
-                break
-    return rows[nearest], columns[nearest]
-
-
-def _at(grid: NDArray, rows: NDArray, columns: NDArray) -> NDArray[np.float64]:
-    return np.asarray(grid[rows, columns], float)
+        rows, columns = np.nonzero(cv2.inRange(grid, low - room, high + room))
+        if len(rows) < 4:
+            continue
+        # Made in a third of the time of a balanced one, for a few questions.
+        tree = cKDTree(grid[rows, columns], balanced_tree=False, compact_nodes=False)
+        distance, nearest = tree.query(points, k=4)
+        if distance.max() < room:
+            weight = 1 / np.maximum(distance, 1e-9) ** 2
+            places = np.stack([columns, rows], axis=-1)[nearest]
+            return (weight[..., None] * places).sum(axis=1) / weight.sum(axis=1, keepdims=True)
+    return np.full((len(points), 2), np.nan)
 
 
 def on_photograph(

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import math
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from ftp_dent_ros.dents.rules import Judgement, Rules, clearance, verdict, width_to_depth
+from ftp_dent_ros.dents.dent import FIGURES, uncertain
+from ftp_dent_ros.dents.rules import Judgement, Rules, verdict
 from ftp_dent_ros.dents.sightings import ListedDent
 from ftp_dent_ros.inspection.report import InspectionReport, ReportedCloud
-from ftp_dent_ros.pages.words import finite, iso_time
+from ftp_dent_ros.pages.words import deviation_of, finite, iso_time, table
+
+_COLUMNS = (
+    *('number', 'kind', 'x', 'y', 'z', 'position_uncertainty_mm'),
+    *('normal_x', 'normal_y', 'normal_z'),
+    *(column for name in FIGURES for column in (name, uncertain(name))),
+    *('bottom_radius_mm', 'is_cut', 'reason', 'significance', 'sightings', 'frame', 'verdict'),
+)
 
 
 def report_record(report: InspectionReport) -> dict[str, Any]:
@@ -65,32 +70,13 @@ def list_record(entries: Sequence[ListedDent], rules: Rules | None = None) -> di
 def dent_record(entry: ListedDent, findings: Sequence[Judgement] = ()) -> dict[str, Any]:
     """One dent: metres for its position, millimetres and degrees for what people read."""
     dent = entry.dent
-    measured = {
-        ('length', '_mm'): (dent.length, 1e3),
-        ('width', '_mm'): (dent.width, 1e3),
-        ('depth', '_mm'): (dent.depth, 1e3),
-        ('width_to_depth', ''): (width_to_depth(dent), 1.0),
-        ('orientation', '_deg'): (dent.orientation, 180 / math.pi),
-        ('area', '_mm2'): (dent.area, 1e6),
-        ('volume', '_mm3'): (dent.volume, 1e9),
-        ('model_length', '_mm'): (dent.model_length, 1e3),
-        ('model_width', '_mm'): (dent.model_width, 1e3),
-        ('clearance', '_mm'): (clearance(dent), 1e3),
-    }
     return {
         'number': entry.number,
         'kind': dent.kind,
         **{axis: float(value) for axis, value in zip('xyz', dent.position, strict=True)},
-        'position_uncertainty_mm': math.sqrt(float(np.trace(entry.position_covariance)) / 3) * 1e3,
+        'position_uncertainty_mm': deviation_of(entry.position_covariance) * 1e3,
         **{f'normal_{axis}': float(v) for axis, v in zip('xyz', dent.normal, strict=True)},
-        **{
-            key: value * factor
-            for (name, unit), (estimate, factor) in measured.items()
-            for key, value in (
-                (f'{name}{unit}', estimate.value),
-                (f'{name}_uncertainty{unit}', estimate.uncertainty),
-            )
-        },
+        **dent.figures(FIGURES),
         'bottom_radius_mm': float(dent.bottom_radius) * 1e3,
         'is_cut': bool(dent.is_cut),
         'reason': entry.reason,
@@ -114,13 +100,7 @@ def dent_record(entry: ListedDent, findings: Sequence[Judgement] = ()) -> dict[s
 
 def csv_text(record: dict[str, Any]) -> str:
     """Dents, bumps and steps of a report's record, a line each; empty cells are not known."""
-    rows = [*record['dents'], *record['others']]
-    names = [name for name in (rows[0] if rows else _header()) if name != 'limits']
-    text = io.StringIO()
-    writer = csv.DictWriter(text, names, extrasaction='ignore', lineterminator='\n')
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
+    return table([*record['dents'], *record['others']], _COLUMNS)
 
 
 def _frame_record(frame: ReportedCloud) -> dict[str, Any]:
@@ -157,28 +137,5 @@ def _frame_record(frame: ReportedCloud) -> dict[str, Any]:
             'covariance': None
             if frame.covariance is None
             else [float(value) for value in np.ravel(frame.covariance)],
-            'age_s': frame.pose_age,
         },
     }
-
-
-def _header() -> list[str]:
-    """Names of the columns where there is no dent."""
-    words = ['number', 'kind', 'x', 'y', 'z', 'position_uncertainty_mm']
-    words += [f'normal_{axis}' for axis in 'xyz']
-    for name, unit in (
-        *(('length', '_mm'), ('width', '_mm'), ('depth', '_mm'), ('width_to_depth', '')),
-        *(('orientation', '_deg'), ('area', '_mm2'), ('volume', '_mm3')),
-        *(('model_length', '_mm'), ('model_width', '_mm'), ('clearance', '_mm')),
-    ):
-        words += [f'{name}{unit}', f'{name}_uncertainty{unit}']
-    return [
-        *words,
-        'bottom_radius_mm',
-        'is_cut',
-        'reason',
-        'significance',
-        'sightings',
-        'frame',
-        'verdict',
-    ]

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.dents.dent import MeasuredDent
@@ -89,37 +91,30 @@ def study(entries: Sequence[ListedDent]) -> tuple[Repeatability, ...]:
 
 
 def _study(quantity: str, entries: Sequence[ListedDent]) -> Repeatability:
-    within, within_degrees = 0.0, 0
-    between, between_degrees = 0.0, 0
-    dents = frames = 0
-    shares = []
+    again, means = [], []
     for entry in entries:
-        if entry.dent.kind != 'dent':
-            continue
-        means = []
+        of_dent = []
         for sighting in entry.sightings:
-            if sighting.dent.is_cut:
+            if entry.dent.kind != 'dent' or sighting.dent.is_cut:
                 continue
             values = np.array([getattr(dent, quantity).value for dent in sighting.repeats])
             if len(values) > 1:
-                within += float(((values - values.mean()) ** 2).sum())
-                within_degrees += len(values) - 1
-                shares.append(1 / len(values))
-                means.append(values.mean())
+                again.append(values)
+                of_dent.append(values.mean())
             else:
-                means.append(getattr(sighting.dent, quantity).value)
-        if len(means) > 1:
-            dents, frames = dents + 1, frames + len(means)
-            between += float(((means - np.mean(means)) ** 2).sum())
-            between_degrees += len(means) - 1
-    repeat = within / within_degrees if within_degrees else float('nan')
-    if between_degrees:
-        of_means = between / between_degrees
-        known = np.nan_to_num(repeat) * (np.mean(shares) if shares else 0.0)
-        beyond = max(of_means - known, 0.0)
-    else:
-        beyond = float('nan')
-    total = np.sqrt(np.nansum([repeat, beyond])) if within_degrees or between_degrees else np.nan
-    return Repeatability(
-        quantity, dents, frames, float(np.sqrt(repeat)), float(np.sqrt(beyond)), float(total)
-    )
+                of_dent.append(getattr(sighting.dent, quantity).value)
+        if len(of_dent) > 1:
+            means.append(np.array(of_dent))
+    repeat, of_means = _pooled_variance(again), _pooled_variance(means)
+    # Of a mean, what is known by the repeats that it is made of.
+    known = repeat * np.mean([1 / len(values) for values in again]) if again else 0.0
+    beyond = max(of_means - known, 0.0)
+    total = np.nansum([repeat, beyond]) if again or means else np.nan
+    within, between, of_one = map(float, np.sqrt([repeat, beyond, total]))
+    return Repeatability(quantity, len(means), sum(map(len, means)), within, between, of_one)
+
+
+def _pooled_variance(groups: Sequence[NDArray[np.float64]]) -> float:
+    """Variance within groups, each about its own mean; NaN of none."""
+    squares = sum(float(np.square(group - group.mean()).sum()) for group in groups)
+    return squares / sum(len(group) - 1 for group in groups) if groups else math.nan

@@ -76,8 +76,6 @@ class ReportedCloud:
         Of the camera in the report's frame, or of the vehicle where that alone is known.
     covariance : ndarray, shape (6, 6), optional
         Of that pose; None if it is not known.
-    pose_age : float, optional
-        Seconds between the exposure and its pose.
     coverage : Coverage, optional
         What of the lit skin has no points, and why.
     view : DrawnCloud, optional
@@ -97,7 +95,6 @@ class ReportedCloud:
     mesh: Mesh
     pose: Pose | None = None
     covariance: NDArray[np.float64] | None = None
-    pose_age: float | None = None
     coverage: Coverage | None = None
     view: DrawnCloud | None = None
 
@@ -212,13 +209,9 @@ class Mesh:
         step = max(1, math.ceil(math.sqrt(deviation.size / vertices)))
         half = step // 2
         points = pose.apply(points[half::step, half::step])
-        if min(points.shape[:2]) < 2:
-            inward = np.zeros_like(points)
-        else:
-            with np.errstate(invalid='ignore'):
-                # Along the columns, times down the rows: away from the camera.
-                normal = np.cross(np.gradient(points, axis=1), np.gradient(points, axis=0))
-                inward = normal / np.linalg.norm(normal, axis=-1, keepdims=True)
+        with np.errstate(invalid='ignore'):
+            inward = away_from_camera(points)
+            inward = inward / np.linalg.norm(inward, axis=-1, keepdims=True)
         return cls(points, inward.astype(np.float32), deviation[half::step, half::step])
 
     def packed(self, origin: NDArray[np.float64]) -> dict[str, Any] | None:
@@ -250,6 +243,25 @@ class Mesh:
             'deviation': _text(deviation),
             'inward': _text(inward),
         }
+
+
+def away_from_camera(points: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Vectors along a cloud's normals, away from its camera; all zero of a single line of points.
+
+    Columns go right and rows down in the image, so their product points away.
+    """
+    if min(points.shape[:2]) < 2:
+        return np.zeros_like(points)
+    with np.errstate(invalid='ignore'):
+        return np.cross(np.gradient(points, axis=1), np.gradient(points, axis=0))
+
+
+def findable_shares(findable: NDArray[np.float32]) -> tuple[float, float]:
+    """Median and 95th percentile of findable depths, metres; NaN where none is known."""
+    known = findable[np.isfinite(findable)]
+    if not len(known):
+        return math.nan, math.nan
+    return float(np.median(known)), float(np.percentile(known, 95))
 
 
 def _text(values: NDArray) -> str:

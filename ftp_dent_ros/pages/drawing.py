@@ -54,12 +54,17 @@ def colours(name: str = 'RdBu_r') -> NDArray[np.uint8]:
     return np.round(255 * table).astype(np.uint8)
 
 
-def heat_map(deviation: NDArray[np.float32], limit: float) -> str:
-    """Deviation as a PNG's data URI, a pixel a point; from -limit to limit, metres."""
+def deviation_colours(deviation: NDArray[np.float32], limit: float) -> NDArray[np.uint8]:
+    """RGB of deviations from -limit to limit, metres."""
     index = np.clip(np.nan_to_num(deviation / limit) * 127.5 + 127.5, 0, 255)
     pixels = colours()[index.astype(np.uint8)]
     pixels[~np.isfinite(deviation)] = NOTHING
-    return png(pixels)
+    return pixels
+
+
+def heat_map(deviation: NDArray[np.float32], limit: float) -> str:
+    """Deviation as a PNG's data URI, a pixel a point; from -limit to limit, metres."""
+    return png(deviation_colours(deviation, limit))
 
 
 def depth_scale(limit: float) -> dict[str, Any]:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import math
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime, timezone
 from typing import Any
 
@@ -27,7 +30,12 @@ def interval(estimate: Estimate, factor: float = 1e3, finest: int = 2) -> tuple[
 
 def position_interval(covariance: NDArray[np.float64]) -> str:
     """Half the 95 % interval of a place of covariance (3, 3), along any axis in the mean."""
-    return spread(math.sqrt(float(np.trace(covariance)) / 3))
+    return spread(deviation_of(covariance))
+
+
+def deviation_of(covariance: NDArray[np.float64]) -> float:
+    """Standard deviation along any axis in the mean, of a covariance (3, 3)."""
+    return math.sqrt(float(np.trace(covariance)) / 3)
 
 
 def spread(uncertainty: float) -> str:
@@ -45,6 +53,15 @@ def iso_time(nanoseconds: int) -> str:
 def date_of(nanoseconds: int) -> str:
     """UTC, ISO 8601."""
     return iso_time(nanoseconds)[:10]
+
+
+def table(rows: Iterable[Mapping[str, Any]], columns: Sequence[str]) -> str:
+    """Some columns of rows as CSV, under their names; None is an empty cell."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, columns, extrasaction='ignore', lineterminator='\n')
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()
 
 
 def finite(value: Any) -> Any:

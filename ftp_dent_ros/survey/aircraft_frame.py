@@ -182,10 +182,10 @@ def read_reference_points(
     unit = file.choice('unit', {'mm': 1e-3, 'in': 25.4e-3}, 'mm')
     # Millimetres: of a drawing's coordinates as they are found on the skin; and of a place in a
     # map, a pixel of the skin's image or a dent's centre.
-    usual = [
-        (name, file.take(name, Positive, value))
+    usual = {
+        name: file.take(name, Positive, value)
         for name, value in (('uncertainty_mm', 1.0), ('map_uncertainty_mm', 0.5))
-    ]
+    }
     places = {each.number: each.dent.position for each in survey.dents}
     points = []
     for index, each in enumerate(file.blocks('points')):
@@ -197,10 +197,10 @@ def read_reference_points(
             place = places[number]
         else:
             place = np.array(each.take('map', Triple))
-        own, of_map = (each.take(name, Positive, value) * 1e-3 for name, value in usual)
+        both = [each.take(name, Positive, value) * 1e-3 for name, value in usual.items()]
         on_aircraft = np.array(each.take('at', Triple)) * unit
         name = each.take('name', str, f'points[{index}]')
         each.finish()
-        points.append(ReferencePoint(name, place, on_aircraft, math.hypot(own, of_map)))
+        points.append(ReferencePoint(name, place, on_aircraft, math.hypot(*both)))
     file.finish()
     return tuple(points)

@@ -18,9 +18,7 @@ from numpy.typing import NDArray
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.robust import cauchy, deviation
 from ftp_dent_ros.survey.patch import Samples, SkinPatch
-
-# No two clouds fit each other better: a height's and a paint's standard deviation.
-_LEAST_HEIGHT, _LEAST_PAINT = 2e-6, 1e-3
+from ftp_dent_ros.survey.raster import Grid
 
 Array = NDArray[np.float64]
 
@@ -88,7 +86,8 @@ def _of_heights(first: SkinPatch, second: Samples, pose: Pose, centre: Array) ->
     own, other = (np.column_stack([-each[:, 1:3], np.ones(len(each))]) for each in (here, there))
     other = other @ pose.rotation.as_matrix().T
     own, other = (each / np.linalg.norm(each, axis=1, keepdims=True) for each in (own, other))
-    sigma = np.maximum(np.hypot(here[:, 3], there[:, 3]), _LEAST_HEIGHT)
+    # No two clouds fit each other better, metres.
+    sigma = np.maximum(np.hypot(here[:, 3], there[:, 3]), 2e-6)
     off = (place[:, 2] - here[:, 0]) * own[:, 2] / sigma
     # Clouds may be surer of themselves than they fit.
     spread = max(1.0, deviation(off) if len(off) else 1.0)
@@ -96,21 +95,29 @@ def _of_heights(first: SkinPatch, second: Samples, pose: Pose, centre: Array) ->
     return _linearised(off / spread, slopes, place - centre, place, spread, len(off))
 
 
+def paints(
+    first: SkinPatch, second: Samples, pose: Pose, coarse: bool
+) -> tuple[Grid, Grid, NDArray[np.bool_]]:
+    """Paint below samples, their own, both of shape (n, 4), and where both are known, (n,)."""
+    layer, values = (
+        (first.coarse, second.coarse_values) if coarse else (first.paint, second.paint_values)
+    )
+    below = first.looked_up(layer, pose.apply(second.paint))
+    return below, values, (below[:, 3] > 0.99) & (values[:, 3] > 0)
+
+
 def of_paint(
     first: SkinPatch, second: Samples, pose: Pose, centre: Array, coarse: bool = False
 ) -> PairEquations:
     """Equations of the paint alone, or of the coarse paint."""
-    layer, values = (
-        (first.coarse, second.coarse_values) if coarse else (first.paint, second.paint_values)
-    )
-    place = pose.apply(second.paint)
-    here = first.looked_up(layer, place)
-    met = (here[:, 3] > 0.99) & (values[:, 3] > 0)
-    place, here, there = place[met], here[met].astype(float), values[met].astype(float)
-    off = here[:, 0] - there[:, 0]
-    spread = max(deviation(off) if len(off) else 1.0, _LEAST_PAINT)
-    there = there[:, 1:3] @ pose.rotation.as_matrix()[:, :2].T
-    slopes = [each / spread for each in (here[:, 1:3] @ np.eye(2, 3), there)]
+    here, there, met = paints(first, second, pose, coarse)
+    place = pose.apply(second.paint)[met]
+    ours, theirs = here[met].astype(float), there[met].astype(float)
+    off = ours[:, 0] - theirs[:, 0]
+    # No two paints fit each other better.
+    spread = max(deviation(off) if len(off) else 1.0, 1e-3)
+    theirs = theirs[:, 1:3] @ pose.rotation.as_matrix()[:, :2].T
+    slopes = [each / spread for each in (ours[:, 1:3] @ np.eye(2, 3), theirs)]
     return _linearised(off / spread, slopes, place - centre, place, spread, 0)
 
 

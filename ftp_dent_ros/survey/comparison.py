@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections import Counter
 from collections.abc import Mapping
@@ -12,19 +10,17 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from ftp_dent_ros import __version__
-from ftp_dent_ros.dents.dent import COVERAGE, Estimate, MeasuredDent
-from ftp_dent_ros.dents.rules import Judgement, Rules, clearance, verdict, width_to_depth
-from ftp_dent_ros.dents.sightings import agreement
+from ftp_dent_ros.dents.dent import COVERAGE, MeasuredDent
+from ftp_dent_ros.dents.rules import Judgement, Rules, verdict
+from ftp_dent_ros.dents.sightings import CENTRE, agreement, assigned, sigmas_apart
 from ftp_dent_ros.pages.drawing import scale_bar
 from ftp_dent_ros.pages.page import render
-from ftp_dent_ros.pages.words import date_of, finite, interval, position_interval, spread
-from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.pages.words import date_of, finite, interval, position_interval, spread, table
 from ftp_dent_ros.survey.aircraft_frame import AircraftFrame
-from ftp_dent_ros.survey.growth import Change, CommonFactor, Growth, changes_of, depth_growth
-from ftp_dent_ros.survey.matching import PLACE, DentMatching, match
+from ftp_dent_ros.survey.growth import Change, CommonFactor, changes_of, depth_growth
+from ftp_dent_ros.survey.matching import DentMatching, match
 from ftp_dent_ros.survey.result import SurveyedDent, SurveyResult
 
 Status = Literal[
@@ -75,8 +71,8 @@ class ComparedDent:
     status : str
         One of `STATUSES`.
     earlier, later : SurveyedDent, optional
-    changes : tuple of Change
-        Of one that is whole in both.
+    changes : mapping of str to Change
+        By the quantity: of one that is whole in both.
     reason : str
         Why nothing more can be said.
     """
@@ -84,7 +80,7 @@ class ComparedDent:
     status: Status
     earlier: SurveyedDent | None
     later: SurveyedDent | None
-    changes: tuple[Change, ...] = ()
+    changes: Mapping[str, Change]
     reason: str = ''
 
     @property
@@ -105,14 +101,15 @@ class Comparison:
     dents : tuple of ComparedDent
         In the order of `STATUSES`, the deepest first.
     matching : DentMatching
-    scales : tuple of CommonFactor
+    scales : mapping of str to CommonFactor
+        By the quantity.
     """
 
     earlier: SurveyResult
     later: SurveyResult
     dents: tuple[ComparedDent, ...]
     matching: DentMatching
-    scales: tuple[CommonFactor, ...]
+    scales: Mapping[str, CommonFactor]
 
 
 def compare(earlier: SurveyResult, later: SurveyResult) -> Comparison:
@@ -128,12 +125,12 @@ def compare(earlier: SurveyResult, later: SurveyResult) -> Comparison:
     )
     matching = match([each.dent for each in before], [each.dent for each in after])
     same = [(before[i], after[j]) for i, j in matching.pairs]
-    deeper = [_deeper(a, b, matching) for a, b in same]
+    deeper = [depth_growth(a, b, matching.near(a.dent.position)) for a, b in same]
     changes, scales = changes_of([a.dent for a, _ in same], [b.dent for _, b in same], deeper)
     found = []
     for (a, b), change in zip(same, changes, strict=True):
         if a.dent.kind in DAMAGE or b.dent.kind in DAMAGE:
-            status = _BY_SIGNS[frozenset(each.verdict for each in change) - {0}]
+            status = _BY_SIGNS[frozenset(each.verdict for each in change.values()) - {0}]
             cut = '' if change else 'cut by the edge of what was measured: not compared'
             found.append(ComparedDent(status, a, b, change, cut))
     gone, come = (
@@ -152,14 +149,6 @@ def compare(earlier: SurveyResult, later: SurveyResult) -> Comparison:
     return Comparison(earlier, later, tuple(found), matching, scales)
 
 
-def _deeper(earlier: SurveyedDent, later: SurveyedDent, matching: DentMatching) -> Growth | None:
-    """How much deeper a dent is by the skin about it."""
-    turn = matching.motion.rotation.inv()
-    places, _ = matching.in_later(earlier.dent.position[None])
-    to_later = Pose(turn, places[0] - turn.apply(earlier.dent.position))
-    return depth_growth(earlier, later, to_later)
-
-
 def _alone(
     dent: SurveyedDent, other: SurveyResult, matching: DentMatching, is_gone: bool
 ) -> ComparedDent:
@@ -171,8 +160,8 @@ def _alone(
     normal = turn.apply(dent.dent.normal)
     reason = _why_not_found(dent, other, places[0], normal, float(spread[0]))
     if is_gone:
-        return ComparedDent('not seen' if reason else 'repaired', dent, None, (), reason)
-    return ComparedDent('first seen' if reason else 'new', None, dent, (), reason)
+        return ComparedDent('not seen' if reason else 'repaired', dent, None, {}, reason)
+    return ComparedDent('first seen' if reason else 'new', None, dent, {}, reason)
 
 
 def _with_doubts(
@@ -190,18 +179,16 @@ def _with_doubts(
     known = np.stack([turn @ each.position_covariance @ turn.T for each in before])
     known = known + np.square(spread)[:, None, None] * np.eye(3)
     both = known[:, None] + np.stack([each.position_covariance for each in after])
-    far = np.sqrt((apart * np.linalg.solve(both, apart[..., None])[..., 0]).sum(axis=-1))
+    far = sigmas_apart(apart, both)
     alike = np.isfinite(agreement([each.dent for each in before], [each.dent for each in after]))
-    far = np.where(alike & (far < _AROUND), far, 1e6)
     doubts = []
-    for i, j in zip(*linear_sum_assignment(far), strict=True):
-        if far[i, j] < 1e6:
-            away = 1e3 * float(np.linalg.norm(apart[i, j]))
-            reason = (
-                f'may be number {before[i].number} of before: {away:.0f} mm from it, where '
-                f'the places are known within {position_interval(both[i, j])}'
-            )
-            doubts.append(ComparedDent('in doubt', before[i], after[j], (), reason))
+    for i, j in zip(*assigned(np.where(alike & (far < _AROUND), far, np.inf)), strict=True):
+        away = 1e3 * float(np.linalg.norm(apart[i, j]))
+        reason = (
+            f'may be number {before[i].number} of before: {away:.0f} mm from it, where '
+            f'the places are known within {position_interval(both[i, j])}'
+        )
+        doubts.append(ComparedDent('in doubt', before[i], after[j], {}, reason))
     taken = {id(each) for doubt in doubts for each in (doubt.earlier, doubt.later)}
     return [*(each for each in (*gone, *come) if id(each.shown) not in taken), *doubts]
 
@@ -288,10 +275,10 @@ def _row(
     findings: tuple[Judgement, ...],
 ) -> ChartRow:
     shown = each.shown
-    place, among = shown.dent.position, PLACE
+    place, among = shown.dent.position, CENTRE
     if each.later is None:
         places, spread = comparison.matching.in_later(place[None])
-        place, among = places[0], math.hypot(PLACE, float(spread[0]))
+        place, among = places[0], math.hypot(CENTRE, float(spread[0]))
     covariance = shown.position_covariance
     if frame is not None:
         place, covariance = frame.place(place, np.eye(3) * among**2)
@@ -317,19 +304,11 @@ def chart_record(row: ChartRow, on_aircraft: bool) -> dict[str, Any]:
         **{f'{n}_mm': float(v) * 1e3 for n, v in zip(names, row.location, strict=True)},
         'location_uncertainty_mm': row.uncertainty * 1e3,
     }
-    for name, estimate, factor, unit in (
-        ('length', dent.length, 1e3, '_mm'),
-        ('width', dent.width, 1e3, '_mm'),
-        ('depth', dent.depth, 1e3, '_mm'),
-        ('width_to_depth', width_to_depth(dent), 1.0, ''),
-        ('clearance', clearance(dent), 1e3, '_mm'),
-    ):
-        record[f'{name}{unit}'] = estimate.value * factor
-        record[f'{name}_uncertainty{unit}'] = estimate.uncertainty * factor
+    record |= dent.figures(('length_mm', 'width_mm', 'depth_mm', 'width_to_depth', 'clearance_mm'))
     for quantity in ('depth', 'length', 'width'):
-        growth = growth_of(row, quantity)
-        record[f'{quantity}_growth_mm'] = growth and growth[0].value * 1e3
-        record[f'{quantity}_growth_95_percent_mm'] = growth and growth[1] * 1e3
+        change = compared.changes.get(quantity)
+        record[f'{quantity}_growth_mm'] = change and change.estimate.value * 1e3
+        record[f'{quantity}_growth_95_percent_mm'] = change and change.half * 1e3
     worst = verdict(row.findings)
     record |= {
         'date_first_seen': row.first_seen,
@@ -347,17 +326,7 @@ def chart_record(row: ChartRow, on_aircraft: bool) -> dict[str, Any]:
 def chart_csv(rows: list[ChartRow], on_aircraft: bool) -> str:
     """The chart, a line a dent; empty cells are not known."""
     records = [chart_record(row, on_aircraft) for row in rows]
-    text = io.StringIO()
-    writer = csv.DictWriter(text, list(records[0]), lineterminator='\n')
-    writer.writeheader()
-    writer.writerows(records)
-    return text.getvalue()
-
-
-def growth_of(row: ChartRow, quantity: str = 'depth') -> tuple[Estimate, float] | None:
-    """Change of a quantity and half its 95 % interval, metres; None where it is not compared."""
-    changes = row.compared.changes
-    return next(((c.estimate, c.half) for c in changes if c.quantity == quantity), None)
+    return table(records, list(records[0]) if records else [])
 
 
 def comparison_page(
@@ -396,9 +365,8 @@ def _facts(comparison: Comparison, frame: AircraftFrame | None) -> list[tuple[st
     matching = comparison.matching
     walk = math.sqrt(matching.forward.walk) * 1e3
     scales = ', '.join(
-        f'{each.quantity} {100 * (each.factor - 1):+.2f} '
-        f'± {100 * COVERAGE * each.uncertainty:.2f} %'
-        for each in comparison.scales
+        f'{quantity} {100 * (each.factor - 1):+.2f} ± {100 * COVERAGE * each.uncertainty:.2f} %'
+        for quantity, each in comparison.scales.items()
     )
     facts = [
         ('Earlier survey', _survey(comparison.earlier)),
@@ -421,9 +389,9 @@ def _survey(survey: SurveyResult) -> str:
 
 
 def _cells(row: ChartRow) -> dict[str, Any]:
-    dent, growth, signed = row.dent, growth_of(row), ('–', '')
-    if growth and math.isfinite(growth[0].value) and math.isfinite(growth[1]):
-        signed = f'{growth[0].value * 1e3:+.3f}', f'± {growth[1] * 1e3:.3f}'
+    dent, change, signed = row.dent, row.compared.changes.get('depth'), ('–', '')
+    if change and change.estimate.is_measured and math.isfinite(change.half):
+        signed = f'{change.estimate.value * 1e3:+.3f}', f'± {change.half * 1e3:.3f}'
     return {
         'number': row.number,
         'before': '' if row.compared.earlier is None else str(row.compared.earlier.number),
@@ -431,8 +399,8 @@ def _cells(row: ChartRow) -> dict[str, Any]:
         'depth': interval(dent.depth, finest=3),
         'length': interval(dent.length),
         'width': interval(dent.width),
-        'ratio': interval(width_to_depth(dent), 1.0),
-        'clearance': interval(clearance(dent), finest=1),
+        'ratio': interval(dent.width_to_depth, 1.0),
+        'clearance': interval(dent.clearance_estimate, finest=1),
         'growth': signed,
         'location': [f'{value:.3f}' for value in row.location],
         'spread': spread(row.uncertainty),
@@ -440,9 +408,9 @@ def _cells(row: ChartRow) -> dict[str, Any]:
         'verdict': verdict(row.findings),
         'cut': dent.is_cut,
         'others': '; '.join(
-            f'{each.quantity} {each.estimate.value * 1e3:+.2f} ± {each.half * 1e3:.2f} mm'
-            for each in row.compared.changes
-            if each.quantity != 'depth' and each.verdict
+            f'{quantity} {each.estimate.value * 1e3:+.2f} ± {each.half * 1e3:.2f} mm'
+            for quantity, each in row.compared.changes.items()
+            if quantity != 'depth' and each.verdict
         ),
         'reason': row.compared.reason,
     }

@@ -131,4 +131,4 @@ def seen_skin(footprints: Sequence[Footprint], poses: Sequence[Pose]) -> SeenSki
     mean = heights / np.maximum(covered, 1e-9)
     # Of what was not measured, that of the nearest that was.
     nearest = distance_transform_edt(~measured, return_distances=False, return_indices=True)
-    return SeenSkin(skin, low, measured, mean[tuple(nearest)], find_gaps(measured, low, CELL))
+    return SeenSkin(skin, low, measured, mean[tuple(nearest)], find_gaps(measured, low))

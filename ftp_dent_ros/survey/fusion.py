@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -19,24 +19,6 @@ from ftp_dent_ros.survey.unrolled import Unrolled
 PIXEL = 0.001
 
 Map = NDArray[np.float32]
-
-
-@dataclass(frozen=True, eq=False)
-class _Together:
-    """What clouds tell together of the pixels of a window; NaN where fewer than two do.
-
-    Attributes
-    ----------
-    mean, resolution : ndarray, shape (rows, columns), float32
-        Metres.
-    scattered : ndarray, shape (rows, columns), float32
-        Variance of the mean if the clouds' errors are each their own, as those of bare skin are:
-        the fringes lie elsewhere in each cloud. What scatters more than it tells counts as that.
-    """
-
-    mean: Map
-    resolution: Map
-    scattered: Map
 
 
 class Fusion(Raster):
@@ -65,12 +47,11 @@ class Fusion(Raster):
 
     def add(self, cloud: Cloud, pose: Pose) -> None:
         """Another cloud, in its camera's frame; one that tells no uncertainty is left out."""
-        places, known = self.places(cloud, pose), cloud.valid & (cloud.sigma > 0)
-        window = self.window(places[known])
-        at = None if window is None else self.in_cloud(places, known, window)
-        if window is None or at is None:
+        known = cloud.valid & (cloud.sigma > 0)
+        laid = self.laid(cloud, pose, known)
+        if laid is None:
             return
-        u, v = at
+        places, window, u, v = laid
         height = remap(np.where(known, places[..., 2], np.nan), u, v, cv2.INTER_CUBIC)
         sigma = remap(cloud.sigma, u, v)
         resolution = remap(cloud.resolution, u, v)
@@ -96,10 +77,10 @@ class Fusion(Raster):
         window = self.window(places[cloud.valid])
         if window is None:
             return cloud
-        together = self._together(window)
+        mean, wavelength, scattered = self._together(window)
         u, v = self.in_pixels(np.where(cloud.valid[..., None], places, -np.inf), window)
-        height = remap(together.mean, u, v, cv2.INTER_CUBIC)
-        spread = np.sqrt(remap(together.scattered, u, v))
+        height = remap(mean, u, v, cv2.INTER_CUBIC)
+        spread = np.sqrt(remap(scattered, u, v))
         better = cloud.valid & np.isfinite(height) & (spread < cloud.sigma)
         if not better.any():
             return cloud
@@ -108,7 +89,7 @@ class Fusion(Raster):
         up = pose.rotation.inv().apply(self.skin.points(middle, 1.0) - self.skin.points(middle))
         moved = np.where(better, height - places[..., 2], 0)
         points = cloud.points + moved[..., None] * up
-        resolution = np.where(better, remap(together.resolution, u, v), cloud.resolution)
+        resolution = np.where(better, remap(wavelength, u, v), cloud.resolution)
         return replace(
             cloud,
             points=points.astype(np.float32),
@@ -126,7 +107,7 @@ class Fusion(Raster):
         if window is None:
             return np.full(places.shape, np.nan)
         at = self.in_pixels(flat, window)
-        height = remap(self._together(window).mean, *at, cv2.INTER_CUBIC)
+        height = remap(self._together(window)[0], *at, cv2.INTER_CUBIC)
         return self.skin.points(flat, height.astype(float))
 
     def shared(self, place: NDArray[np.float64]) -> float:
@@ -144,8 +125,18 @@ class Fusion(Raster):
             return 0.0
         return math.sqrt(float((self._variance[window][several] / count[several]).mean()))
 
-    def _together(self, window: Window) -> _Together:
-        """What is told within a window."""
+    def _together(self, window: Window) -> tuple[Map, Map, Map]:
+        """What clouds tell together of the pixels of a window; NaN where fewer than two do.
+
+        Returns
+        -------
+        mean, resolution : ndarray, shape (rows, columns), float32
+            Metres.
+        scattered : ndarray, shape (rows, columns), float32
+            Variance of the mean if the clouds' errors are each their own, as those of bare skin
+            are: the fringes lie elsewhere in each cloud. What scatters more than it tells counts
+            as that.
+        """
         weight, count = self._weight[window], self._count[window].astype(np.float32)
         several = count > 1
         # Side of the square over which the scatter of several clouds is pooled, metres: it holds
@@ -154,16 +145,15 @@ class Fusion(Raster):
         free = _pooled(np.where(several, count - 1, 0), side)
         ratio = _pooled(np.where(several, self._squares[window], 0), side) / np.maximum(free, 1e-6)
         stated = count / np.maximum(weight, 1)  # mean of the variances that the clouds tell
-        count = np.maximum(count, 1)
-
-        def known(values: NDArray) -> Map:
-            return np.where(several, values, np.float32(np.nan)).astype(np.float32)
-
-        return _Together(
-            known(self._mean[window]),
-            known(self._resolution[window] / np.maximum(weight, 1)),
-            known(stated / count * np.maximum(ratio, 1)),
+        mean, resolution, scattered = (
+            np.where(several, values, np.float32(np.nan)).astype(np.float32)
+            for values in (
+                self._mean[window],
+                self._resolution[window] / np.maximum(weight, 1),
+                stated / np.maximum(count, 1) * np.maximum(ratio, 1),
+            )
         )
+        return mean, resolution, scattered
 
 
 def _pooled(values: NDArray, side: int) -> Map:

@@ -8,56 +8,28 @@ ways. Source: A. C. Cameron, D. L. Miller, Journal of Human Resources 50, 317 (2
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.rigid import moved_along, twist_between
 from ftp_dent_ros.survey.alignment import PairEquations
 
 Array = NDArray[np.float64]
 
-# Strips each way, and squares as wide as a strip, that a direction takes at least to be known.
-_LEAST_STRIPS, _LEAST_SQUARES = 3, 12
-
 # Standard deviations of what calibrations leave (20 rendered rigs): focal lengths and
 # baselines are off by 0.003 %, which stretches; 0.002 px that the camera or the projector is off
 # at its rim are 3 micrometres of height 0.25 m from the middle, which bends, in 1/m.
-_BEND, _STRETCH = 5e-5, 3e-5
-#: Covariance of the six: of x^2, 2 x y and y^2 in the height, and of the stretch along x, in
-#: shear, and along y; x and y are a patch's.
-COMMON = np.diag(np.square([_BEND] * 3 + [_STRETCH] * 3))
+# Covariance of the six: of x^2, 2 x y and y^2 in the height, and of the stretch along x, in
+# shear, and along y; x and y are a patch's.
+COMMON = np.diag(np.square([5e-5] * 3 + [3e-5] * 3))
 _FORMS = np.array([[[1.0, 0], [0, 0]], [[0, 1], [1, 0]], [[0, 0], [0, 1]]])
 
-# Metres that a turn of a radian is taken for: half of a patch.
-_ARM = 0.15
-_SCALE = np.array([1, 1, 1, 1 / _ARM, 1 / _ARM, 1 / _ARM])
 
-
-@dataclass(frozen=True, eq=False)
-class PairInformation:
-    """What a pair of patches says of its relative pose.
-
-    Attributes
-    ----------
-    step : ndarray, shape (6,)
-        To the pose by the patches alone: shift of the centre, and turn.
-    information : ndarray, shape (6, 6)
-        Inverse covariance; zero in directions that are not known.
-    rank : int
-        Directions known.
-    """
-
-    step: NDArray[np.float64]
-    information: NDArray[np.float64]
-    rank: int
-
-
-def pair_information(found: PairEquations, centre: Array, parallax: Array) -> PairInformation:
+def pair_information(
+    found: PairEquations, centre: Array, parallax: Array
+) -> tuple[Array, Array, int]:
     """What equations at their solution tell.
 
     Parameters
@@ -68,6 +40,15 @@ def pair_information(found: PairEquations, centre: Array, parallax: Array) -> Pa
     parallax : ndarray, shape (2,)
         Along x and y, how far a place moves between the two views for each metre that it lies
         below the skin.
+
+    Returns
+    -------
+    step : ndarray, shape (6,)
+        To the pose by the patches alone: shift of the centre, and turn.
+    information : ndarray, shape (6, 6)
+        Inverse covariance; zero in directions that are not known.
+    rank : int
+        Directions known.
     """
     # Turns are compared with shifts at the overlap's own size.
     arm = float(np.sqrt(np.mean(np.square(found.place - centre).sum(axis=1))))
@@ -83,10 +64,12 @@ def pair_information(found: PairEquations, centre: Array, parallax: Array) -> Pa
     kept = directions[:, sure]
     ways = [_strips(found.place[:, axis]) for axis in (0, 1)]
     squares = np.unique(ways[0] + (ways[0].max() + 1) * ways[1])
-    if not sure.any() or len(squares) < _LEAST_SQUARES:
-        return PairInformation(np.zeros(6), np.zeros((6, 6)), 0)
+    # Squares as wide as a strip that a direction takes at least to be known.
+    if not sure.any() or len(squares) < 12:
+        return np.zeros(6), np.zeros((6, 6)), 0
     own, other = own[:, sure], other[:, sure]
-    weighted, pull = found.weight[:, None] * own, (found.weight * found.residual)[:, None]
+    weighted = found.weight[:, None] * own
+    pull = (own + other) / 2 * (found.weight * found.residual)[:, None]
     # All marks of a pair lie as deep, so that strips do not show it.
     # Marks lie in relief that the fringes do not resolve (grooves about rivets, edges of paint),
     # so that they move against the skin with the direction they are seen from: its depth, metres.
@@ -95,8 +78,10 @@ def pair_information(found: PairEquations, centre: Array, parallax: Array) -> Pa
     # stands for nothing, beside what all strips tell.
     covariance = np.outer(moved, moved) + 1e-7**2 * np.eye(len(moved))
     for strips in ways:
-        part = _products(weighted, other, strips)
-        gradients = _summed((own + other) / 2 * pull, strips)
+        members = [strips == number for number in range(strips.max() + 1)]
+        products = np.array([weighted[each].T @ other[each] for each in members])
+        part = (products + np.swapaxes(products, 1, 2)) / 2
+        gradients = np.array([pull[each].sum(axis=0) for each in members])
         count, inner = len(part), part.sum(axis=0)
         step = -np.linalg.solve(inner, gradients.sum(axis=0))
         scores = gradients + part @ step
@@ -105,31 +90,16 @@ def pair_information(found: PairEquations, centre: Array, parallax: Array) -> Pa
         moves = np.linalg.solve(left, scores[..., None])[..., 0]
         covariance = covariance + (count - 1) / count * moves.T @ moves
     information = kept @ np.linalg.inv(covariance) @ kept.T
-    return PairInformation(
-        kept @ step * scale, information / np.outer(scale, scale), int(sure.sum())
-    )
+    return kept @ step * scale, information / np.outer(scale, scale), int(sure.sum())
 
 
 def _strips(place: Array) -> NDArray[np.intp]:
     """Number of each point's strip: they are alike in width."""
     low, size = place.min(), max(float(np.ptp(place)), 1e-9)
-    # Width of a strip, metres: errors of clouds are alike over some windows of their fringes.
-    count = max(_LEAST_STRIPS, round(size / 0.04))
+    # Width of a strip, metres: errors of clouds are alike over some windows of their fringes. And
+    # so many that a direction takes at least to be known.
+    count = max(3, round(size / 0.04))
     return np.minimum((place - low) / size * count, count - 1).astype(np.intp)
-
-
-def _products(own: Array, other: Array, strips: NDArray[np.intp]) -> Array:
-    """Symmetric sums of products of slopes in each strip, shape (strips, n, n)."""
-    # One product of matrices a strip takes a tenth of sums over all points for each element.
-    order = np.argsort(strips, kind='stable')
-    ends = np.searchsorted(strips[order], np.arange(strips.max() + 2))
-    own, other = own[order], other[order]
-    sums = np.array([own[a:b].T @ other[a:b] for a, b in pairwise(ends)])
-    return (sums + np.swapaxes(sums, 1, 2)) / 2
-
-
-def _summed(values: NDArray, strips: NDArray[np.intp]) -> NDArray[np.float64]:
-    return np.stack([np.bincount(strips, each) for each in values.T], axis=-1)
 
 
 def in_common(centre: Array, pose: Pose) -> Array:
@@ -178,7 +148,7 @@ class RelativePose:
         What could not be used, and why; empty if all could.
     common : ndarray, shape (6, 6)
         How the twist changes with the errors that all clouds of the rig have in common, as
-        `common_errors` has them.
+        `in_common` tells.
     """
 
     pose: Pose
@@ -187,46 +157,3 @@ class RelativePose:
     rank: int
     remark: str = ''
     common: NDArray[np.float64] = field(default_factory=lambda: np.zeros((6, 6)))
-
-
-class UnlikePairError(Exception):
-    """Two clouds that do not lie on each other; the message says in what."""
-
-
-def slid_information(
-    pair: PairInformation,
-    pose: Pose,
-    centre: Array,
-    doubt: Array,
-    laid: Callable[[Pose, Array], Pose],
-) -> Array:
-    """Information on a pose by shape, shape (6, 6), wherever within its doubt the patches lie.
-
-    Parameters
-    ----------
-    pair : PairInformation
-        At the pose.
-    doubt : ndarray, shape (6, 6)
-        Covariance of the guess, of the shift of the centre and the turn.
-    laid : callable
-        Lays the patches on each other by their heights, from a pose on, held by a matrix.
-    """
-    if pair.rank in (0, 6):
-        return pair.information
-    both = np.outer(_SCALE, _SCALE)
-    values, directions = np.linalg.eigh(pair.information * both)
-    free, sure = directions[:, : 6 - pair.rank], directions[:, 6 - pair.rank :]
-    spread = np.linalg.inv(np.linalg.inv(doubt) * both + pair.information * both)
-    variances, ways = np.linalg.eigh(free.T @ spread @ free)
-    # By how much a patch that is slid may slide on while it is laid on the other, metres.
-    held = free @ free.T / both / 1e-5**2
-    covariance = np.diag(1 / values[6 - pair.rank :])
-    for step in (free @ ways * np.sqrt(variances)).T:
-        for sign in (1, -1):
-            try:
-                other = laid(moved_along(pose, sign * (step * _SCALE), centre), held)
-            except UnlikePairError:
-                continue
-            change = sure.T @ (twist_between(pose, other, centre) / _SCALE)
-            covariance += np.outer(change, change) / 2
-    return sure @ np.linalg.inv(covariance) @ sure.T / both

@@ -7,27 +7,19 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.cloud.cloud import Cloud
-from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.pose import IDENTITY, Pose
 from ftp_dent_ros.rigid import about
 from ftp_dent_ros.survey.footprint import Footprint
-from ftp_dent_ros.survey.information import RelativePose, UnlikePairError
+from ftp_dent_ros.survey.information import RelativePose
 from ftp_dent_ros.survey.patch import FoldedPatch, SkinPatch, patch_of
 from ftp_dent_ros.survey.pose_graph import PoseGraph
 from ftp_dent_ros.survey.pose_terms import JITTER, Node, share_kept
-from ftp_dent_ros.survey.registration import register
+from ftp_dent_ros.survey.registration import UnlikePairError, register
 
 # Earlier clouds that each is laid on: the one before, and one some clouds back.
 _BACK = (1, 3)
-# Share of an autopilot's error below which it is taken for another one: one in twenty.
-_ANOTHER = 0.05
-
-# So many passes, which are others from so many clouds on; and no farther apart than this part of
-# both patches' sizes.
-_PASSES, _APART, _NEAR = 2, 8, 0.6
-
 # Clouds before the newest, and about another, by which the doubt of these two is known.
 _NEARBY = 4
 
@@ -35,12 +27,15 @@ _NEARBY = 4
 class Joining:
     """Joins clouds to one skin.
 
+    Parameters
+    ----------
+    remark : callable
+        Told what could not be used, and why.
+
     Attributes
     ----------
     graph : PoseGraph
     stamps_ns : list of int
-    remarks : list of str
-        What could not be used, and why.
     without_skin : int
         Clouds without an image of the skin.
     footprints : list of Footprint
@@ -49,7 +44,6 @@ class Joining:
     def __init__(self, remark: Callable[[str], Any] = lambda text: None) -> None:
         self.graph = PoseGraph()
         self.stamps_ns: list[int] = []
-        self.remarks: list[str] = []
         self.without_skin = 0
         self._remark = remark
         # Those that clouds to come may be laid on; and the lesser side of each cloud's, metres.
@@ -91,8 +85,9 @@ class Joining:
         patch = patch_of(cloud, skin)
         self.without_skin += patch.light is None
         number = len(self.stamps_ns)
-        node = Node(pose, covariance if pose is not None else None, stamp_ns / 1e9, flight)
-        self.graph.add(node, self._guess(node))
+        guess = self._guess(pose, flight)
+        told = (guess, None) if pose is None else (pose, covariance)
+        self.graph.add(Node(*told, stamp_ns / 1e9, flight), guess)
         self.stamps_ns.append(stamp_ns)
         self._sizes.append(float(np.ptp(patch.samples.heights[:, :2], axis=0).min()))
         self.footprints.append(Footprint.of(cloud, patch.frame))
@@ -114,17 +109,13 @@ class Joining:
         self._kept.clear()
         self.graph.solve()
         for text in self.contradicting().values():
-            self._remark_on(text)
+            self._remark(text)
 
     def contradicting(self) -> dict[int, str]:
         """Which pairs are left out at the moment, by their number."""
-        links = self.graph.links
-        return {
-            index: self._about(
-                links[index].first, links[index].second, 'contradicts the others, and is left out'
-            )
-            for index in sorted(self.graph.left_out)
-        }
+        why = 'contradicts the others, and is left out'
+        pairs = {index: self.graph.links[index] for index in sorted(self.graph.left_out)}
+        return {k: self._about(link.first, link.second, why) for k, link in pairs.items()}
 
     def newest_covariance(self) -> NDArray[np.float64]:
         """Covariance of the newest pose in the map, shape (6, 6), by the last clouds alone.
@@ -137,17 +128,17 @@ class Joining:
         last = self.graph.part(range(max(0, count - 20), count))
         return last.covariances(only=[len(last.nodes) - 1])[0]
 
-    def _guess(self, node: Node) -> Pose:
+    def _guess(self, stated: Pose | None, flight: int) -> Pose:
         graph = self.graph
         if not graph.nodes:
-            return node.stated or Pose(Rotation.identity(), np.zeros(3))
+            return stated or IDENTITY
         last, there = graph.nodes[-1], graph.poses[-1]
-        if node.stated is None:
+        if stated is None:
             # As far from the last one as that from the one before.
             return there @ (graph.poses[-2:][0].inverse() @ there)
-        if last.stated is None or last.flight != node.flight:
-            return node.stated
-        return there @ last.stated.inverse() @ node.stated
+        if last.covariance is None or last.flight != flight:
+            return stated
+        return there @ last.stated.inverse() @ stated
 
     def _flight(self, number: int) -> int:
         return self.graph.nodes[number].flight
@@ -164,7 +155,7 @@ class Joining:
         if second - first > 1:
             return
         if relative.remark and self._kept[second].unfolded().light is not None:
-            self._remark_on(self._about(first, second, relative.remark))
+            self._remark(self._about(first, second, relative.remark))
         if relative.rank:
             # A guess for the others that is nearly right.
             self.graph.follow(second)
@@ -179,9 +170,10 @@ class Joining:
         if relative is None:
             return
         nodes, last = self.graph.nodes, self._last_slid
+        # Share of an autopilot's error below which it is taken for another one: one in twenty.
         if relative.rank == 6:
             self._last_closed = second
-        elif last in (-1, second) or share_kept(nodes[last], nodes[second]) < _ANOTHER:
+        elif last in (-1, second) or share_kept(nodes[last], nodes[second]) < 0.05:
             self._last_slid = second
         else:
             return
@@ -189,8 +181,6 @@ class Joining:
 
     def _laid(self, first: int, second: int) -> RelativePose | None:
         """Pose of a cloud seen from an earlier one; None if it does not fit."""
-        if first not in self._kept:
-            return None
         patches = self._kept[first].unfolded(), self._kept[second].unfolded()
         guess = self.graph.poses[first].inverse() @ self.graph.poses[second]
         is_known = bool(self.graph.links) and self.graph.links[-1].second == second
@@ -200,20 +190,19 @@ class Joining:
             return register(*patches, guess, doubt, known)
         except UnlikePairError as reason:
             if second - first == 1:
-                self._remark_on(self._about(first, second, str(reason)))
+                self._remark(self._about(first, second, str(reason)))
             return None
 
     def _forget(self, number: int) -> None:
         """Keep the last patches, and of the others as many as later passes need."""
-        old = number - max(_BACK)
-        if old < 0 or old not in self._kept:
+        old, last = number - max(_BACK), self._last_key
+        if old < 0:
             return
-        last = self._last_key
-        if last in self._kept:
+        if last >= 0 and self._flight(last) == self._flight(old):
             apart = np.linalg.norm(self._middle(last) - self._middle(old))
             # A cloud is kept for later passes where the last that was kept is this part of a patch
             # away.
-            if apart < 0.3 * self._sizes[old] and self._flight(last) == self._flight(old):
+            if apart < 0.3 * self._sizes[old]:
                 del self._kept[old]
                 return
         self._last_key = old
@@ -229,15 +218,16 @@ class Joining:
         sizes = np.array([self._sizes[each] for each in both])
         middles = self.graph.placed(both, seen)
         apart = np.linalg.norm(middles[:-1] - middles[-1], axis=1)
-        near = np.flatnonzero(apart < _NEAR * (sizes[:-1] + sizes[-1]))
+        # No farther apart than this part of both patches' sizes.
+        near = np.flatnonzero(apart < 0.6 * (sizes[:-1] + sizes[-1]))
         chosen: list[int] = []
         for index in near[np.argsort(apart[near], kind='stable')]:
             if all(self._are_passes(others[index], each) for each in chosen):
                 chosen.append(others[index])
-        return chosen[:_PASSES]
+        return chosen[:2]
 
     def _are_passes(self, one: int, other: int) -> bool:
-        return abs(one - other) >= _APART or self._flight(one) != self._flight(other)
+        return abs(one - other) >= 8 or self._flight(one) != self._flight(other)
 
     def _is_same_skin(self, number: int) -> bool:
         """Whether another pass shows hardly more than the last that was laid on another."""
@@ -252,10 +242,6 @@ class Joining:
     def _about(self, first: int, second: int, what: str) -> str:
         a, b = (self.stamps_ns[number] / 1e9 for number in (first, second))
         return f'clouds {first + 1} and {second + 1} ({a:.3f} s and {b:.3f} s): {what}'
-
-    def _remark_on(self, text: str) -> None:
-        self.remarks.append(text)
-        self._remark(text)
 
 
 def doubt_by_links(graph: PoseGraph, first: int, second: int) -> NDArray[np.float64]:

@@ -14,14 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
-from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 from scipy.stats import poisson
 
 from ftp_dent_ros.dents.dent import MeasuredDent
-from ftp_dent_ros.dents.sightings import agreement
+from ftp_dent_ros.dents.sightings import CENTRE, agreement, assigned, centre_deviations
 from ftp_dent_ros.errors import InputError
 from ftp_dent_ros.pose import Pose
 
@@ -32,20 +31,12 @@ Pairs = tuple[NDArray[np.intp], NDArray[np.intp]]
 # turn, and as the maps stretch.
 _LEFT = 2e-3
 
-#: Standard deviation of a dent's centre in its survey, metres.
-PLACE = 4e-4
 # Standard deviations within which two are taken for the same.
 _GATE = 4.0
-# Neighbours that a dent makes pairs with; motions that are tried.
-_NEIGHBOURS, _TRIED = 8, 400
-
 # The walk is forgotten over so many metres: much longer than what clouds see at once.
 _LENGTH = 20.0
 # What a motion found from two dents may leave: metres, and radians.
 _FREE_SHIFT, _FREE_TURN = 0.05, 0.02
-# Variance of a component that a metre of walk adds, square metres: from hundredths of a millimetre
-# (clouds laid on each other by their skin) to centimetres (by an autopilot).
-_WALKS = np.geomspace(1e-10, 1e-4, 13)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +69,12 @@ class DentMatching:
         shift, spread = self.backward.shift(places)
         return self.motion.inverse().apply(places + shift), spread
 
+    def near(self, place: Array) -> Pose:
+        """Of the earlier survey's frame in the later one's, about a place of the earlier one."""
+        turn = self.motion.rotation.inv()
+        places, _ = self.in_later(place[None])
+        return Pose(turn, places[0] - turn.apply(place))
+
 
 class NoMatchError(InputError):
     """Two surveys cannot be laid on each other."""
@@ -102,10 +99,7 @@ def match(earlier: Sequence[MeasuredDent], later: Sequence[MeasuredDent]) -> Den
             'other: survey a larger part of the skin'
         )
     there, here = _positions(earlier), _positions(later)
-    widths = [np.nan_to_num([dent.width.value for dent in each]) for each in (earlier, later)]
-    # Standard deviation of a dent's centre in its survey, as part of its width.
-    place = np.hypot(PLACE, 0.015 * np.minimum(widths[0][:, None], widths[1]))
-    agree = agreement(earlier, later)
+    place, agree = centre_deviations(earlier, later), agreement(earlier, later)
     motions = _motions_between(earlier, later, agree)
     best_score, best = -math.inf, None
     for motion in motions:
@@ -190,12 +184,10 @@ def _followed_pairs(
         off = cdist(there, moved + shift)
         sigma = np.hypot(spread, math.sqrt(2) * place)
         reach = np.minimum(_GATE * sigma + half, np.maximum(free, _GATE * place))
-        cost = np.where(alike & (off < reach), off / sigma, 1e6)
-        rows, columns = linear_sum_assignment(cost)
-        found = cost[rows, columns] < 1e6
-        if found.sum() <= len(i):
+        found = assigned(np.where(alike & (off < reach), off / sigma, np.inf))
+        if len(found[0]) <= len(i):
             return pairs
-        pairs = rows[found], columns[found]
+        pairs = found
 
 
 def _motions_between(
@@ -211,13 +203,14 @@ def _motions_between(
         for dents, pairs in ((earlier, a), (later, b))
     ]
     # Of the distance of two neighbours, per metre, beside: what maps stretch.
-    tolerance = _GATE * np.hypot(2 * PLACE, 4e-3 * lengths[0])
+    tolerance = _GATE * np.hypot(2 * CENTRE, 4e-3 * lengths[0])
     sizes = agree[a[:, 0]][:, b[:, 0]] + agree[a[:, 1]][:, b[:, 1]]
     good = np.abs(lengths[0][:, None] - lengths[1]) < tolerance[:, None]
     rows, columns = np.nonzero(good & np.isfinite(sizes) & (lengths[0] > 0)[:, None])
-    order = np.argsort(sizes[rows, columns] - np.log(lengths[0][rows]), kind='stable')[:_TRIED]
+    order = np.argsort(sizes[rows, columns] - np.log(lengths[0][rows]), kind='stable')
     motions = []
-    for k in order:
+    # So many are tried.
+    for k in order[:400]:
         one, there = _pair_frame(*(earlier[n] for n in a[rows[k]]))
         other, here = _pair_frame(*(later[n] for n in b[columns[k]]))
         turn = Rotation.from_matrix(one @ other.T)
@@ -240,7 +233,8 @@ def _neighbours(dents: Sequence[MeasuredDent]) -> NDArray[np.intp]:
     if len(whole) < 2:
         return np.zeros((0, 2), np.intp)
     places = _positions(dents)[whole]
-    _, index = cKDTree(places).query(places, k=min(_NEIGHBOURS + 1, len(whole)))
+    # Eight neighbours, and the dent itself.
+    _, index = cKDTree(places).query(places, k=min(8 + 1, len(whole)))
     first = np.repeat(np.arange(len(whole)), index.shape[1] - 1)
     return whole[np.stack([first, index[:, 1:].ravel()], axis=1)]
 
@@ -289,7 +283,9 @@ def _fit(at: Array, shifts: Array, spreads: Array) -> Deformation:
     """
     middle = at.mean(axis=0)
     fits = []
-    for walk in _WALKS:
+    # Variance of a component that a metre of walk adds, square metres: from hundredths of a
+    # millimetre (clouds laid on each other by their skin) to centimetres (by an autopilot).
+    for walk in np.geomspace(1e-10, 1e-4, 13):
         covariance = _covariance(at - middle, at - middle, walk) + np.diag(spreads**2)
         factor = cho_factor(covariance, lower=True)
         weights = cho_solve(factor, shifts)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.dents.dent import Inspection
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.survey.raster import Raster
+from ftp_dent_ros.survey.raster import Raster, remap
 from ftp_dent_ros.survey.result import CoverageCells
 from ftp_dent_ros.survey.unrolled import CELL, Gap, Unrolled, find_gaps
 
@@ -45,11 +46,9 @@ class Mosaic(Raster):
         )
         self._points = np.zeros((*self.shape, 3), np.float32)
         self._noise, self._findable = np.full((2, *self.shape), np.nan, np.float32)
-        self._best = np.full(self.shape, -1, np.int32)
 
     def add(
         self,
-        number: int,
         cloud: Cloud,
         pose: Pose,
         skin: NDArray[np.uint8] | None,
@@ -60,34 +59,30 @@ class Mosaic(Raster):
         A pixel is seen where the cloud has a point nearest to its middle: so what is measured ends
         where the points do, and clouds with fewer points than pixels leave no holes.
         """
-        valid, places = cloud.valid, self.places(cloud, pose)
-        window = self.window(places[valid])
-        at = None if window is None else self.in_cloud(places, valid, window)
-        if window is None or at is None:
+        laid = self.laid(cloud, pose, cloud.valid)
+        if laid is None:
             return
-        column, row = (np.rint(each).astype(int) for each in at)
-        inside = (column >= 0) & (row >= 0) & (column < valid.shape[1]) & (row < valid.shape[0])
-        nearest = np.where(inside, row, 0), np.where(inside, column, 0)
-        inside &= valid[nearest]
-        pixels = tuple(np.nonzero(inside) + np.array([[each.start] for each in window]))
-        nearest = tuple(each[inside] for each in nearest)
-        self.views[pixels] += 1
-        self._points[pixels] += pose.apply(cloud.points[nearest].astype(float)) - self.skin.origin
+        _, window, u, v = laid
+        points = remap(cloud.points, u, v, cv2.INTER_NEAREST)
+        seen = np.isfinite(points[..., 0])
+        places = pose.apply(points.astype(float)) - self.skin.origin
+        self.views[window] += seen
+        self._points[window] += np.where(seen[..., None], places, 0)
         if skin is not None:
-            light = skin[nearest]
-            self._image[pixels] += light
-            self._seen[pixels] += light > 0
+            light = np.where(seen, remap(skin, u, v, cv2.INTER_NEAREST), 0)
+            self._image[window] += light
+            self._seen[window] += light > 0
         if found is None:
             return
-        deviation, findable = found.deviation[nearest], found.findable[nearest]
-        self._deviation[pixels] += np.nan_to_num(deviation)
-        self._weight[pixels] += np.isfinite(deviation)
-        better = np.isfinite(findable) & ~(self._findable[pixels] <= findable)
-        chosen = tuple(each[better] for each in pixels)
-        self._findable[chosen] = findable[better]
-        self._noise[chosen] = found.noise[nearest][better]
-        self._best[chosen] = number
-        self._best[pixels] = np.where(self._best[pixels] < 0, number, self._best[pixels])
+        deviation, findable, noise = (
+            np.where(seen, remap(each, u, v, cv2.INTER_NEAREST), np.nan)
+            for each in (found.deviation, found.findable, found.noise)
+        )
+        self._deviation[window] += np.nan_to_num(deviation)
+        self._weight[window] += np.isfinite(deviation)
+        better = np.isfinite(findable) & ~(self._findable[window] <= findable)
+        np.copyto(self._findable[window], findable, where=better, casting='same_kind')
+        np.copyto(self._noise[window], noise, where=better, casting='same_kind')
 
     @property
     def image(self) -> NDArray[np.uint8]:
@@ -103,13 +98,12 @@ class Mosaic(Raster):
 
     def cloud(self) -> Cloud:
         """Mean point of each cell, with the skin image as intensity and the noise as sigma."""
-        count = _by_cell(self.views.astype(np.float32)).sum(axis=-1)[..., None]
-        total = np.stack(
-            [_by_cell(each).sum(axis=-1) for each in np.moveaxis(self._points, -1, 0)], axis=-1
+        count, seen, light, *total = (
+            _by_cell(each).sum(axis=-1)
+            for each in (self.views, self._seen, self._image, *np.moveaxis(self._points, -1, 0))
         )
-        mean = total / np.maximum(count, 1) + self.skin.origin
-        points = np.where(count > 0, mean, np.nan).astype(np.float32)
-        seen, light = (_by_cell(each).sum(axis=-1) for each in (self._seen, self._image))
+        mean = np.stack(total, axis=-1) / np.maximum(count, 1)[..., None] + self.skin.origin
+        points = np.where(count[..., None] > 0, mean, np.nan).astype(np.float32)
         return Cloud(points, light / np.maximum(seen, 1), _middle(self._noise))
 
     def coverage(self) -> CoverageCells:
@@ -119,9 +113,7 @@ class Mosaic(Raster):
             CELL,
             cloud.points[measured],
             _middle(self._findable)[measured],
-            cloud.sigma[measured],
             _by_cell(self.views).max(axis=-1)[measured].astype(np.int64),
-            _by_cell(self._best).max(axis=-1)[measured].astype(np.int64),
         )
 
     def measured(self) -> NDArray[np.bool_]:
@@ -130,7 +122,7 @@ class Mosaic(Raster):
 
     def gaps(self) -> list[Gap]:
         """What was not measured between what was, the largest first."""
-        return find_gaps(self.measured(), self.low, CELL)
+        return find_gaps(self.measured(), self.low)
 
 
 def _by_cell(values: NDArray) -> NDArray:

@@ -21,21 +21,8 @@ from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.survey.raster import Grid, cells, polynomial, remap, some_of
 
-# Points that tell a plane and the way back to the cloud's grid.
-_LEAST_POINTS = 500
 # Of grey levels; 0 is no skin.
 _LOGARITHMS = np.log(np.array([np.nan, *range(1, 256)], np.float32))
-
-# Logarithm of a paint that is this far from its surroundings tells no more by being farther.
-_MOST = 0.7
-
-# Cells a side that share one uncertainty in a folded patch.
-_SHARED = 4
-# Distances between the points whose heights, and of the squares of which one cell's paint each,
-# are compared, metres: at about this distance errors are independent.
-_HEIGHTS, _PAINT = 0.006, 0.004
-# Of either, at most: more cost time and tell no more.
-_MOST_HEIGHTS, _MOST_PAINT = 3000, 4000
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +128,8 @@ class SkinPatch:
         light = 0.006 / self.pitch
         window = _mean(share, light)
         around = _mean(values, light) / np.maximum(window, np.float32(1e-3))
-        rest = np.clip((values - around) * share, -_MOST, _MOST)
+        # Paint that is so far from its surroundings tells no more by being farther.
+        rest = np.clip((values - around) * share, -0.7, 0.7)
         # Of the window, that must be known: at a rim, to one side of which the skin and its
         # image's own windows end, light would be taken for paint.
         return rest, share, (share * (window > 0.93)).astype(np.uint8)
@@ -149,11 +137,13 @@ class SkinPatch:
     @cached_property
     def samples(self) -> Samples:
         """Heights on a regular grid; of the paint, in every square, the cell that changes most."""
-        step = max(1, round(_HEIGHTS / self.pitch))
+        # Distance of heights, metres, and side of the squares: at about this distance errors are
+        # independent. And how many at most: more cost time and tell no more.
+        step = max(1, round(0.006 / self.pitch))
         row, column = step * np.array(np.nonzero(self.known[::step, ::step]))
-        some = slice(None, None, -(-len(row) // _MOST_HEIGHTS) or 1)
+        some = slice(None, None, -(-len(row) // 3000) or 1)
         row, column = row[some], column[some]
-        side = max(1, round(_PAINT / self.pitch))
+        side = max(1, round(0.004 / self.pitch))
         rows, columns = (size // side for size in self.height.shape)
         change = np.square(self.paint[..., 1:3]).sum(axis=-1) * self.known
         squares = change[: rows * side, : columns * side].reshape(rows, side, columns, side)
@@ -161,7 +151,7 @@ class SkinPatch:
         inside = squares.argmax(axis=1)
         strength = squares.max(axis=1)
         # Those that change most tell most, and grain least.
-        chosen = np.sort(np.argsort(-strength, kind='stable')[:_MOST_PAINT])
+        chosen = np.sort(np.argsort(-strength, kind='stable')[:4000])
         chosen = chosen[strength[chosen] > 0]
         across = chosen % columns * side + inside[chosen] % side
         down = chosen // columns * side + inside[chosen] // side
@@ -189,9 +179,27 @@ class SkinPatch:
         return self
 
     def looked_up(self, layer: Grid, points: NDArray[np.float64]) -> Grid:
-        """Values of a layer below points of shape (n, 3), linearly; NaN beyond the grid."""
-        place = ((points[:, :2] - self.corner) / self.pitch).astype(np.float32)
-        return _sampled(layer, place[:, 0], place[:, 1])
+        """Values of a layer below points of shape (n, 3), linearly; NaN beyond the grid.
+
+        Exact: OpenCV 4 rounds positions to 1/32 of a cell.
+        """
+        u, v = ((points[:, :2] - self.corner) / self.pitch).astype(np.float32).T
+        rows, columns = layer.shape[:2]
+        inside = (u >= 0) & (v >= 0) & (u < columns - 1) & (v < rows - 1)
+        u, v = np.where(inside, u, np.float32(0)), np.where(inside, v, np.float32(0))
+        column, row = np.floor(u), np.floor(v)
+        a, b = (u - column)[:, None], (v - row)[:, None]
+        flat = layer.reshape(rows * columns, -1)
+        at = row.astype(np.intp) * columns + column.astype(np.intp)
+        # Whole rows taken, and sums in place: a quarter of the time of the same by indices.
+        low, low_next, high, high_next = (
+            flat.take(at + beside, axis=0) for beside in (0, 1, columns, columns + 1)
+        )
+        low += a * (low_next - low)
+        high += a * (high_next - high)
+        low += b * (high - low)
+        low[~inside] = np.nan
+        return low
 
 
 def patch_of(
@@ -214,7 +222,8 @@ def patch_of(
     """
     valid = cloud.valid
     points = np.count_nonzero(valid)
-    if points < _LEAST_POINTS:
+    # That tell a plane and the way back to the cloud's grid.
+    if points < 500:
         raise CloudError(
             f'the cloud has only {points} points, too few to lay it on another: '
             'come closer, or light more'
@@ -259,29 +268,6 @@ def _spacing(points: Grid) -> float:
     return float(np.nanmedian(steps))
 
 
-def _sampled(layer: Grid, u: Grid, v: Grid) -> Grid:
-    """Linear interpolation at positions of shape (n,), NaN beyond the layer; exact, not to 1/32.
-
-    OpenCV 4 rounds positions to 1/32 of a cell.
-    """
-    rows, columns = layer.shape[:2]
-    inside = (u >= 0) & (v >= 0) & (u < columns - 1) & (v < rows - 1)
-    u, v = np.where(inside, u, np.float32(0)), np.where(inside, v, np.float32(0))
-    column, row = np.floor(u), np.floor(v)
-    a, b = (u - column)[:, None], (v - row)[:, None]
-    flat = layer.reshape(rows * columns, -1)
-    at = row.astype(np.intp) * columns + column.astype(np.intp)
-    # Whole rows taken, and sums in place: a quarter of the time of the same by indices.
-    low, low_next, high, high_next = (
-        flat.take(at + beside, axis=0) for beside in (0, 1, columns, columns + 1)
-    )
-    low += a * (low_next - low)
-    high += a * (high_next - high)
-    low += b * (high - low)
-    low[~inside] = np.nan
-    return low
-
-
 def slopes(field: Grid, pitch: float) -> tuple[Any, Any]:
     """Changes along x and y, central differences; 0 on the outermost cells."""
     scale = 1 / (2 * pitch)
@@ -298,7 +284,7 @@ def _light(logarithm: Grid, known: NDArray[np.bool_]) -> Grid:
     place, values = np.stack([column, row], axis=-1).astype(float), logarithm[row, column]
     through = polynomial(place, values[:, None].astype(float))
     rows, columns = (np.arange(float(size)) for size in logarithm.shape)
-    return through(columns, rows)[0].astype(np.float32)
+    return through(columns, rows)[0].T.astype(np.float32)
 
 
 def _blurred(field: Grid, sigma: float) -> Grid:
@@ -316,7 +302,7 @@ def _mean(field: Any, sigma: float) -> Grid:
 
 @dataclass(frozen=True, eq=False)
 class FoldedPatch:
-    """A patch in a tenth of its memory: grids as pictures in small steps, one sigma of some."""
+    """A patch in a tenth of its memory: grids as pictures in small steps."""
 
     frame: Pose
     pitch: float
@@ -326,12 +312,9 @@ class FoldedPatch:
     @classmethod
     def of(cls, patch: SkinPatch) -> FoldedPatch:
         """Fold a patch."""
-        # Beside the rim, where heights end and not their uncertainty.
-        sigma = patch.sigma[::_SHARED, ::_SHARED]
-        sigma = np.where(np.isfinite(sigma), sigma, np.nanmax(sigma))
         # Least steps: of heights, metres, a quarter of what no pair is better than; of their
         # uncertainty, millimetres, and of the logarithm of light a tenth of a skin image's noise.
-        steps = (patch.height, 2.5e-7), (sigma, 1e-6), (patch.light, 5e-4)
+        steps = (patch.height, 2.5e-7), (patch.sigma, 1e-6), (patch.light, 5e-4)
         grids = tuple(None if grid is None else _folded(grid, least) for grid, least in steps)
         return cls(patch.frame, patch.pitch, patch.corner, grids)
 
@@ -340,8 +323,6 @@ class FoldedPatch:
         """The patch; the last ones are kept."""
         height, sigma, light = (None if each is None else _unfolded(*each) for each in self.grids)
         assert height is not None and sigma is not None
-        rows, columns = height.shape
-        sigma = sigma.repeat(_SHARED, axis=0).repeat(_SHARED, axis=1)[:rows, :columns]
         return SkinPatch(self.frame, self.pitch, self.corner, height, sigma, light)
 
 

@@ -18,19 +18,7 @@ from scipy.spatial.transform import Rotation
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rigid import motions, spread_of_shift
 from ftp_dent_ros.survey.information import COMMON, RelativePose
-from ftp_dent_ros.survey.pose_terms import (
-    HALF,
-    Array,
-    LinkTerms,
-    Node,
-    PairLink,
-    StatedTerms,
-    Terms,
-)
-
-# The step that is small enough, and the one from which on pairs are weighed apart: metres and
-# radians. And the gain of a step, in variances, that is none.
-_DONE, _COARSE, _NO_GAIN = 1e-7, 1e-4, 1e-4
+from ftp_dent_ros.survey.pose_terms import HALF, Array, Node, PairLink, Terms
 
 
 class PoseGraph:
@@ -39,20 +27,18 @@ class PoseGraph:
     Attributes
     ----------
     nodes : list of Node
-    poses, guesses : list of Pose
-        As they are found, and as they were guessed.
+    poses : list of Pose
+        As they are found.
     links : list of PairLink
         Each second cloud's number is no less than the last one's.
-    left_out : set of int
-        Numbers of the links that contradict the others.
     """
 
     def __init__(self) -> None:
         self.nodes: list[Node] = []
         self.poses: list[Pose] = []
-        self.guesses: list[Pose] = []
         self.links: list[PairLink] = []
-        self.left_out: set[int] = set()
+        # Squares of the links' errors, in variances a direction, as poses were last found.
+        self._misfits: dict[int, float] = {}
         # The poses once more, in arrays.
         self._turns, self._places = np.zeros((0, 3, 3)), np.zeros((0, 3))
         self._all_moved, self._is_strained = 0, False
@@ -63,11 +49,16 @@ class PoseGraph:
         self._places = np.concatenate([self._places, guess.translation[None]])
         self.nodes.append(node)
         self.poses.append(guess)
-        self.guesses.append(guess)
 
     def link(self, first: int, second: int, relative: RelativePose) -> None:
         """Another relative pose; the second cloud is the newer one."""
         self.links.append(PairLink(first, second, relative))
+
+    @property
+    def left_out(self) -> set[int]:
+        """Numbers of the links that contradict the others."""
+        # Of squared errors by the rank: from where on a pair contradicts the others.
+        return {number for number, misfit in self._misfits.items() if misfit > 36.0}
 
     def first_link(self, number: int) -> int:
         """Number of the first link to a pose or a newer one."""
@@ -79,12 +70,13 @@ class PoseGraph:
         What the autopilot says of two says the same of them whether poses lie between or not.
         """
         place = {number: index for index, number in enumerate(numbers)}
+        left_out = self.left_out
         some = PoseGraph()
         for number in numbers:
             some.add(self.nodes[number], self.poses[number])
         for index in range(self.first_link(numbers[0]), len(self.links)):
             link = self.links[index]
-            if link.first in place and link.second in place and index not in self.left_out:
+            if link.first in place and link.second in place and index not in left_out:
                 some.links.append(
                     replace(link, first=place[link.first], second=place[link.second])
                 )
@@ -98,7 +90,9 @@ class PoseGraph:
         fixed = max(0, number - 20)
         self.solve(fixed)
         newest = range(self.first_link(number), len(self.links))
-        self._is_strained |= self.strained([k for k in newest if self.links[k].first < fixed])
+        self._is_strained |= any(
+            self._misfits.get(k, 0.0) > HALF for k in newest if self.links[k].first < fixed
+        )
         rested = number - self._all_moved
         is_due = rested >= max(100, 0.25 * number)
         if is_due or (self._is_strained and rested >= 0.02 * number):
@@ -107,20 +101,19 @@ class PoseGraph:
 
     def solve(self, fixed: int = 0) -> None:
         """Move the poses from number `fixed` on to where they agree best."""
-        count = len(self.nodes) - fixed
-        if count <= 0:
+        if fixed >= len(self.nodes):
             return
-        terms = self._gathered(fixed)
-        judged = terms.links.number
-        doubted = np.isin(judged, list(self.left_out) if fixed else [])
-        turns, places = solved(terms, self._turns, self._places, doubted)
+        terms = self._terms(fixed)
+        doubted = np.isin(terms.links, list(self.left_out) if fixed else [])
+        turns, places = _solved(terms, self._turns, self._places, doubted)
         self._turns, self._places = turns, places
         rotations = Rotation.from_matrix(turns[fixed:])
-        self.poses[fixed:] = [Pose(rotations[k], places[fixed + k].copy()) for k in range(count)]
-        misfits = terms.links.misfits(terms.links.errors(turns, places))
-        self.left_out -= set(judged.tolist())
-        # Of squared errors by the rank: from where on a pair contradicts the others.
-        self.left_out |= set(judged[misfits > 36.0].tolist())
+        self.poses[fixed:] = [
+            Pose(rotation, place.copy())
+            for rotation, place in zip(rotations, places[fixed:], strict=True)
+        ]
+        misfits = terms.misfits(terms.errors(turns, places))
+        self._misfits |= dict(zip(terms.links.tolist(), misfits.tolist(), strict=True))
 
     def follow(self, number: int) -> None:
         """Put the newest pose where its last link says, as far as that says anything."""
@@ -138,12 +131,6 @@ class PoseGraph:
         at = np.asarray(numbers, np.intp)
         return (self._turns[at] @ points[..., None])[..., 0] + self._places[at]
 
-    def strained(self, numbers: Sequence[int]) -> bool:
-        """Whether some links, by their numbers, do not fit where the poses are."""
-        known = [k for k in numbers if self.links[k].relative.rank]
-        terms = LinkTerms(self.links, known)
-        return bool((terms.misfits(terms.errors(self._turns, self._places)) > HALF).any())
-
     def covariances(
         self, anchor: int | None = None, only: Sequence[int] | None = None
     ) -> NDArray[np.float64]:
@@ -160,13 +147,11 @@ class PoseGraph:
         only : sequence of int, optional
             Numbers of the poses that are asked for; all by default.
         """
-        terms = self._gathered(0, anchor)
+        terms = self._terms(0, anchor)
         errors = terms.errors(self._turns, self._places)
         jacobian, weighted = terms.weighted(self._turns, self._places, errors, 1.0)
-        solver = _factored(weighted @ jacobian.T)
-        common = np.zeros((weighted.shape[1], 6))
-        common[: 6 * len(errors[0])] = terms.links.common.reshape(-1, 6)
-        bent = solver.solve(weighted @ common).reshape(-1, 6, 6)
+        solver = _factored(weighted @ jacobian)
+        bent = solver.solve(weighted @ terms.common.reshape(-1, 6)).reshape(-1, 6, 6)
         wanted = np.arange(terms.count) if only is None else np.asarray(only)
         blocks = np.empty((len(wanted), 6, 6))
         for index, number in enumerate(wanted):
@@ -179,27 +164,24 @@ class PoseGraph:
 
     def groups(self) -> list[int]:
         """Number of the group that each pose belongs to: those that links join."""
+        left_out = self.left_out
         joins = [
             (link.first, link.second)
             for index, link in enumerate(self.links)
-            if index not in self.left_out and link.relative.rank == 6
+            if index not in left_out and link.relative.rank == 6
         ]
         first, second = np.array(joins, int).reshape(-1, 2).T
         size = len(self.nodes)
         joined = coo_matrix((np.ones(len(joins)), (first, second)), shape=(size, size))
         return connected_components(joined, directed=False)[1].tolist()
 
-    def _gathered(self, fixed: int, anchor: int | None = None) -> Terms:
-        known = [
-            number
-            for number in range(self.first_link(fixed), len(self.links))
-            if self.links[number].relative.rank
-        ]
-        stated = StatedTerms(self.nodes, self.guesses, fixed, anchor)
-        return Terms(LinkTerms(self.links, known), stated, fixed, len(self.nodes) - fixed)
+    def _terms(self, fixed: int, anchor: int | None = None) -> Terms:
+        numbers = range(self.first_link(fixed), len(self.links))
+        told = {k: self.links[k] for k in numbers if self.links[k].relative.rank}
+        return Terms(told, self.nodes, fixed, anchor)
 
 
-def solved(
+def _solved(
     terms: Terms, turns: Array, places: Array, doubted: NDArray[np.bool_]
 ) -> tuple[Array, Array]:
     """Poses that agree best, from where they are; they fit no worse than that.
@@ -242,8 +224,8 @@ def _stepped(
     for _ in range(40):
         each = np.where(doubted, 1.0, tolerance)
         jacobian, weighted = terms.weighted(turns, places, errors, each)
-        gradient = weighted @ np.concatenate(errors).ravel()
-        step = -_factored(weighted @ jacobian.T).solve(gradient).reshape(-1, 6)
+        gradient = weighted @ errors.ravel()
+        step = -_factored(weighted @ jacobian).solve(gradient).reshape(-1, 6)
         before, gain = terms.cost(errors, each), 0.0
         # A step is halved so often at most.
         for _ in range(12):
@@ -254,13 +236,15 @@ def _stepped(
                 (turns, places), errors = there, off
                 break
             step /= 2
-        size = np.abs(step).max()
-        if tolerance == 1 and (size < _DONE or gain < _NO_GAIN):
+        # Metres and radians; and variances that are no gain.
+        size, is_gain = np.abs(step).max(), gain > 1e-4
+        if tolerance == 1 and (size < 1e-7 or not is_gain):
             break
         if math.isinf(tolerance):
-            if gain > _NO_GAIN and size > _COARSE:
+            # Before pairs are weighed apart.
+            if is_gain and size > 1e-4:
                 continue
-            misfits = terms.links.misfits(errors[0])
+            misfits = terms.misfits(errors)
             tolerance = float(misfits[~doubted].max(initial=0.0)) / HALF
         # By which the tolerance falls from step to step.
         tolerance = max(1.0, tolerance / 4.0)

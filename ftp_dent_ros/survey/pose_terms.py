@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import bsr_matrix, coo_matrix, csr_matrix
+from scipy.sparse import bsr_matrix, csr_matrix
 
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rigid import changes, crossed, rotation_vectors, twists
@@ -30,10 +29,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Node:
-    """A cloud's pose: what the autopilot says of the camera, if anything, and when."""
+    """A cloud's pose: what the autopilot says of the camera, and when.
 
-    stated: Pose | None
-    covariance: NDArray[np.float64] | None
+    Where it says nothing there is no covariance, and `stated` is a guess.
+    """
+
+    stated: Pose
+    covariance: Array | None
     seconds: float
     flight: int
 
@@ -56,68 +58,18 @@ def share_kept(earlier: Node, later: Node) -> float:
     return math.exp(-abs(later.seconds - earlier.seconds) / 5.0)
 
 
-class LinkTerms:
-    """Errors of n links: twists from what they tell to where poses are.
+class Terms:
+    """Errors of all that is told of the poses from number `fixed` on, and what they weigh.
+
+    First those of the links, as twists from what they tell to where poses are; then those of what
+    the autopilot says: of the first pose, and how each differs from the last.
 
     Parameters
     ----------
-    links : sequence of PairLink
-    numbers : sequence of int
-        Of those that are taken.
-    """
-
-    def __init__(self, links: Sequence[PairLink], numbers: Sequence[int]) -> None:
-        relative = [links[k].relative for k in numbers]
-        self.number = np.array(numbers, np.intp)
-        poses = np.array([(links[k].first, links[k].second) for k in numbers], np.intp)
-        self._first, self._second = poses.reshape(-1, 2).T
-        turns = np.array([each.pose.rotation.as_matrix() for each in relative])
-        self._back = np.swapaxes(turns.reshape(-1, 3, 3), 1, 2)
-        self._shift = np.array([each.pose.translation for each in relative]).reshape(-1, 3)
-        self._centre = np.array([each.centre for each in relative]).reshape(-1, 3)
-        self._rank = np.array([each.rank for each in relative], float)
-        self.information = np.array([each.information for each in relative]).reshape(-1, 6, 6)
-        #: How twists change with the errors that all clouds have in common, shape (n, 6, 6).
-        self.common = np.array([each.common for each in relative]).reshape(-1, 6, 6)
-
-    def errors(self, turns: Array, places: Array) -> Array:
-        """At poses of shape (all, 3, 3) and (all, 3); shape (n, 6)."""
-        back = np.swapaxes(turns[self._first], 1, 2)
-        off = back @ turns[self._second] @ self._back
-        seen = _turned(back, places[self._second] - places[self._first])
-        return twists(off, seen + _turned(off, self._centre - self._shift) - self._centre)
-
-    def misfits(self, errors: Array) -> Array:
-        """Squares of errors, in variances, a direction told; shape (n,)."""
-        return squares(errors, self.information) / self._rank
-
-    def cost(self, errors: Array, tolerance: Array | float) -> float:
-        """Robust sum of squares."""
-        misfits = self.misfits(errors)
-        return float(self._rank @ (misfits / (1 + misfits / (HALF * tolerance))))
-
-    def slopes(self, turns: Array, places: Array, errors: Array) -> list[tuple[Any, Array]]:
-        """Numbers of each term's poses, and change of its error with the motion of each."""
-        back = np.swapaxes(turns[self._first], 1, 2)
-        centre = places[self._first] + _turned(turns[self._first], self._centre)
-        slopes = []
-        for sign, pose in ((-1, self._first), (1, self._second)):
-            # A turn of a camera shifts what lies at the end of the arm.
-            move = np.zeros((len(pose), 6, 6))
-            move[:, :3, :3] = move[:, 3:, 3:] = back
-            move[:, :3, 3:] = -back @ crossed(centre - places[pose])
-            slopes.append((pose, sign * changes(errors) @ move))
-        return slopes
-
-
-class StatedTerms:
-    """Errors of what the autopilot says: of the first pose, and how each differs from the last.
-
-    Parameters
-    ----------
+    links : mapping of int to PairLink
+        By their numbers; each tells something.
     nodes : sequence of Node
-    guesses : sequence of Pose
-        About which those that nothing is said of lie.
+        All of them.
     fixed : int
         Number of the first pose that moves.
     anchor : int, optional
@@ -125,120 +77,125 @@ class StatedTerms:
     """
 
     def __init__(
-        self, nodes: Sequence[Node], guesses: Sequence[Pose], fixed: int, anchor: int | None
+        self,
+        links: Mapping[int, PairLink],
+        nodes: Sequence[Node],
+        fixed: int = 0,
+        anchor: int | None = None,
     ) -> None:
-        # Each pose, an earlier one and the share of its error, what is said of both, covariance.
-        terms: list[tuple[int, int, float, Pose, Pose, Array]] = []
-        last, earlier = -1, None
-        for index in range(fixed - 1, -1, -1):
-            if nodes[index].covariance is not None:
-                last, earlier = index, nodes[index].stated
-                break
-        for index, node in enumerate(nodes[fixed:], fixed):
-            stated, covariance = node.stated, node.covariance
-            if stated is None or covariance is None:
-                spread = _ANCHOR if index == 0 and anchor is None else _UNTOLD
-                terms.append((index, index, 0.0, guesses[index], guesses[index], spread))
-                continue
-            if earlier is not None and nodes[last].flight == node.flight:
-                keep = share_kept(nodes[last], node)
-                spread = (1 - keep**2) * covariance + 2 * JITTER
-                if anchor is not None:
-                    # Seen from a pose that errs itself, errors differ ever more.
-                    spread, keep = 2 * (1 - keep) * covariance + 2 * JITTER, 1.0
-                terms.append((index, last, keep, stated, earlier, spread))
-            elif anchor is None:
-                terms.append((index, index, 0.0, stated, stated, covariance))
-            elif nodes[anchor].flight != node.flight:
-                # Of two flights' errors, neither is known.
-                terms.append((index, index, 0.0, stated, stated, 2 * covariance))
-            last, earlier = index, stated
-        if anchor is not None:
-            terms.append((anchor, anchor, 0.0, guesses[anchor], guesses[anchor], _ANCHOR))
-        at, before, keeps, said, said_before, spreads = zip(*terms, strict=True)
-        self._poses = [np.array(at), np.array(before)]
-        self._keep = np.array(keeps)
-        self._said = [
-            (
-                np.array([pose.rotation.as_matrix() for pose in each]),
-                np.array([pose.translation for pose in each]),
-            )
-            for each in (said, said_before)
-        ]
-        self.information = np.linalg.inv(np.array(spreads)).astype(float)
+        self.fixed, self.count = fixed, len(nodes) - fixed
+        self.links = np.array(list(links), np.intp)
+        relative = [link.relative for link in links.values()]
+        turns, self._shift = _arrays([each.pose for each in relative])
+        self._back = np.swapaxes(turns, 1, 2)
+        self._centre = np.array([each.centre for each in relative]).reshape(-1, 3)
+        self._rank = np.array([each.rank for each in relative], float)
+        stated = _stated(nodes, fixed, anchor)
+        at, before, keep, spreads = zip(*stated, strict=True)
+        self._keep = np.array(keep)
+        self._said = [_arrays([nodes[k].stated for k in each]) for each in (before, at)]
+        # Numbers of each term's two poses; of links, and of what is stated.
+        pairs = [(link.first, link.second) for link in links.values()]
+        self._poses = np.array([*pairs, *zip(before, at, strict=True)], np.intp)
+        information = [each.information for each in relative]
+        self._information = np.array([*information, *np.linalg.inv(np.array(spreads))])
+        #: How errors change with those that all clouds have in common, shape (terms, 6, 6).
+        self.common = np.array([*(e.common for e in relative), *np.zeros((len(stated), 6, 6))])
 
     def errors(self, turns: Array, places: Array) -> Array:
-        """At poses of shape (all, 3, 3) and (all, 3); shape (n, 6)."""
-        now, then = (
+        """At poses of shape (all, 3, 3) and (all, 3); shape (terms, 6)."""
+        count = len(self.links)
+        first, second = self._poses[:count].T
+        back = np.swapaxes(turns[first], 1, 2)
+        off = back @ turns[second] @ self._back
+        seen = _turned(back, places[second] - places[first])
+        of_links = twists(off, seen + _turned(off, self._centre - self._shift) - self._centre)
+        then, now = (
             np.hstack([places[at] - place, rotation_vectors(turns[at] @ np.swapaxes(turn, 1, 2))])
-            for at, (turn, place) in zip(self._poses, self._said, strict=True)
+            for at, (turn, place) in zip(self._poses[count:].T, self._said, strict=True)
         )
-        return now - self._keep[:, None] * then
+        return np.concatenate([of_links, now - self._keep[:, None] * then])
 
-    def slopes(self) -> list[tuple[Any, Array]]:
-        """As of `LinkTerms`."""
-        keep = self._keep[:, None, None] * np.eye(6)
-        now, before = self._poses
-        return [(before, -keep), (now, np.broadcast_to(np.eye(6), keep.shape))]
+    def misfits(self, errors: Array) -> Array:
+        """Squares of the links' errors, in variances, a direction told; shape (links,)."""
+        return self._squares(errors)[: len(self.links)] / self._rank
 
-
-class Terms:
-    """All that is told of the poses from number `fixed` on.
-
-    Parameters
-    ----------
-    links : LinkTerms
-    stated : StatedTerms
-    fixed, count : int
-        Number of the first pose that moves, and how many do.
-    """
-
-    def __init__(self, links: LinkTerms, stated: StatedTerms, fixed: int, count: int) -> None:
-        self.links, self.stated, self.fixed, self.count = links, stated, fixed, count
-
-    def errors(self, turns: Array, places: Array) -> tuple[Array, Array]:
-        """Of the links and of what is stated, at poses."""
-        return self.links.errors(turns, places), self.stated.errors(turns, places)
-
-    def cost(self, errors: tuple[Array, Array], tolerance: Array | float = 1.0) -> float:
+    def cost(self, errors: Array, tolerance: Array | float = 1.0) -> float:
         """Robust sum of squares."""
-        of_stated = squares(errors[1], self.stated.information)
-        return self.links.cost(errors[0], tolerance) + float(of_stated.sum())
+        misfits = self.misfits(errors)
+        of_links = self._rank @ (misfits / (1 + misfits / (HALF * tolerance)))
+        return float(of_links + self._squares(errors)[len(misfits) :].sum())
+
+    def _squares(self, errors: Array) -> Array:
+        return (errors * _turned(self._information, errors)).sum(axis=1)
 
     def weighted(
-        self, turns: Array, places: Array, errors: tuple[Array, Array], tolerance: Array | float
+        self, turns: Array, places: Array, errors: Array, tolerance: Array | float
     ) -> tuple[csr_matrix, csr_matrix]:
-        """Jacobian of the errors by the poses that move, transposed, and that times the weights.
+        """Jacobian of the errors by the poses that move, and that times the weights, transposed.
 
         The weights are Geman and McClure's of robust least squares.
         """
-        count = len(errors[0])
-        parts = [(0, each) for each in self.links.slopes(turns, places, errors[0])]
-        parts += [(count, each) for each in self.stated.slopes()]
-        rows = np.concatenate([start + np.arange(len(pose)) for start, (pose, _) in parts])
-        columns = np.concatenate([pose for _, (pose, _) in parts]) - self.fixed
-        blocks = np.concatenate([block for _, (_, block) in parts])
-        free = columns >= 0
-        inside = np.arange(6)
-        at = np.broadcast_to(6 * rows[free, None, None] + inside[:, None], blocks[free].shape)
-        beside = np.broadcast_to(6 * columns[free, None, None] + inside, blocks[free].shape)
-        total = count + len(errors[1])
-        jacobian = coo_matrix(
-            (blocks[free].ravel(), (beside.ravel(), at.ravel())),
-            shape=(6 * self.count, 6 * total),
+        count, total = len(self.links), len(errors)
+        first = self._poses[:count, 0]
+        back = np.swapaxes(turns[first], 1, 2)
+        centre = places[first] + _turned(turns[first], self._centre)
+        change = changes(errors[:count])
+        blocks = np.zeros((total, 2, 6, 6))
+        for side, sign in enumerate((-1, 1)):
+            # A turn of a camera shifts what lies at the end of the arm.
+            move = np.zeros((count, 6, 6))
+            move[:, :3, :3] = move[:, 3:, 3:] = back
+            move[:, :3, 3:] = -back @ crossed(centre - places[self._poses[:count, side]])
+            blocks[:count, side] = sign * change @ move
+        blocks[count:, 0] = -self._keep[:, None, None] * np.eye(6)
+        blocks[count:, 1] = np.eye(6)
+        columns = self._poses - self.fixed
+        blocks[columns < 0] = 0
+        jacobian = bsr_matrix(
+            (blocks.reshape(-1, 6, 6), np.maximum(columns, 0).ravel(), 2 * np.arange(total + 1)),
+            shape=(6 * total, 6 * self.count),
         ).tocsr()
-        heard = geman_mcclure(self.links.misfits(errors[0]), HALF * tolerance)
-        information = [heard[:, None, None] * self.links.information, self.stated.information]
-        weights = bsr_matrix(
-            (np.concatenate(information), np.arange(total), np.arange(total + 1)),
-            shape=(6 * total, 6 * total),
-        )
-        return jacobian, jacobian @ weights.tocsr()
+        information = self._information.copy()
+        heard = geman_mcclure(self.misfits(errors), HALF * tolerance)
+        information[:count] *= heard[:, None, None]
+        weights = bsr_matrix((information, np.arange(total), np.arange(total + 1)))
+        return jacobian, jacobian.T @ weights.tocsr()
 
 
-def squares(errors: Array, information: Array) -> Array:
-    """Squares of errors of shape (n, 6), in variances, by their inverses; shape (n,)."""
-    return (errors * _turned(information, errors)).sum(axis=1)
+def _stated(
+    nodes: Sequence[Node], fixed: int, anchor: int | None
+) -> list[tuple[int, int, float, Array]]:
+    """Of each pose an earlier one, the share of its error, and the covariance of the rest."""
+    terms: list[tuple[int, int, float, Array]] = []
+    told = [index for index, node in enumerate(nodes) if node.covariance is not None]
+    last_told = dict(zip(told[1:], told, strict=False))
+    for index, node in enumerate(nodes[fixed:], fixed):
+        last = last_told.get(index)
+        if node.covariance is None:
+            spread = _ANCHOR if index == 0 and anchor is None else _UNTOLD
+            terms.append((index, index, 0.0, spread))
+        elif last is not None and nodes[last].flight == node.flight:
+            keep = share_kept(nodes[last], node)
+            spread = (1 - keep**2) * node.covariance + 2 * JITTER
+            if anchor is not None:
+                # Seen from a pose that errs itself, errors differ ever more.
+                spread, keep = 2 * (1 - keep) * node.covariance + 2 * JITTER, 1.0
+            terms.append((index, last, keep, spread))
+        elif anchor is None:
+            terms.append((index, index, 0.0, node.covariance))
+        elif nodes[anchor].flight != node.flight:
+            # Of two flights' errors, neither is known.
+            terms.append((index, index, 0.0, 2 * node.covariance))
+    if anchor is not None:
+        terms.append((anchor, anchor, 0.0, _ANCHOR))
+    return terms
+
+
+def _arrays(poses: Sequence[Pose]) -> tuple[Array, Array]:
+    """Turns, shape (n, 3, 3), and places, shape (n, 3)."""
+    turns = np.array([pose.rotation.as_matrix() for pose in poses]).reshape(-1, 3, 3)
+    return turns, np.array([pose.translation for pose in poses]).reshape(-1, 3)
 
 
 def _turned(turns: Array, vectors: Array) -> Array:

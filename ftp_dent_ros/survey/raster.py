@@ -8,6 +8,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from numpy.polynomial.polynomial import polygrid2d, polyvander2d
 from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud.cloud import Cloud
@@ -80,25 +81,36 @@ class Raster:
         at = (places[..., :2] - self.corner(window)) / self.pitch
         return at[..., 0].astype(np.float32), at[..., 1].astype(np.float32)
 
-    def in_cloud(
-        self, places: Array, known: NDArray[np.bool_], window: Window
-    ) -> tuple[Grid, Grid] | None:
-        """Columns and rows of a cloud's grid at which a window's pixels lie; None of few points.
+    def laid(
+        self, cloud: Cloud, pose: Pose, known: NDArray[np.bool_]
+    ) -> tuple[Array, Window, Grid, Grid] | None:
+        """A cloud's points on the skin, and the pixels about those that are known.
 
         Parameters
         ----------
-        places : ndarray, shape (height, width, 2 or more)
-            Of the cloud.
+        cloud : Cloud
+        pose : Pose
         known : ndarray, shape (height, width), bool
+            Points that are taken.
+
+        Returns
+        -------
+        places : ndarray, shape (height, width, 3)
+            As of `places`.
+        window : (slice, slice)
+        columns, rows : ndarray, shape (window's rows, window's columns)
+            Where on the cloud's grid the window's pixels lie. None at all of few points.
         """
+        places, (row, column) = self.places(cloud, pose), some_of(known)
+        window = self.window(places[known])
+        # Of a polynomial's 16 terms.
+        if window is None or len(row) < 20:
+            return None
         size = np.array([each.stop - each.start for each in window[::-1]])
         # From the corner on, single precision is enough.
         flat = np.where(known[..., None], places[..., :2] - self.corner(window), np.nan)
-        row, column = some_of(known)
-        # Of a polynomial's 16 terms.
-        if len(row) < 20:
-            return None
-        return cells(flat.astype(np.float32), (row, column), np.zeros(2), self.pitch, size)
+        at = cells(flat.astype(np.float32), (row, column), np.zeros(2), self.pitch, size)
+        return places, window, *at
 
 
 def some_of(mask: NDArray[np.bool_], about: int = 1000) -> tuple[NDArray, NDArray]:
@@ -122,21 +134,14 @@ def polynomial(
     Returns
     -------
     callable
-        Of x, shape (columns,), and y, shape (rows,): values of shape (m, rows, columns).
+        Of x, shape (columns,), and y, shape (rows,): values of shape (m, columns, rows).
     """
     low, high = place.min(axis=0), place.max(axis=0)
     middle, half = (low + high) / 2, np.maximum((high - low) / 2, 1e-12)
-
-    def powers(x: NDArray[np.floating], axis: int) -> Array:
-        return ((x - middle[axis]) / half[axis])[:, None] ** np.arange(_DEGREE + 1)
-
-    along_x, along_y = (powers(place[:, axis], axis) for axis in (0, 1))
-    terms = (along_y[:, :, None] * along_x[:, None, :]).reshape(len(place), -1)
-    # Between -1 and 1 the normal equations are well enough conditioned, and quick.
-    normal = terms.T @ terms + 1e-9 * len(place) * np.eye(terms.shape[1])
-    weights = np.linalg.solve(normal, terms.T @ values).T
-    weights = weights.reshape(-1, _DEGREE + 1, _DEGREE + 1)
-    return lambda x, y: powers(y, 1) @ weights @ powers(x, 0).T
+    x, y = ((place - middle) / half).T
+    terms = polyvander2d(x, y, [_DEGREE, _DEGREE])
+    weights = np.linalg.lstsq(terms, values, rcond=None)[0].reshape(_DEGREE + 1, _DEGREE + 1, -1)
+    return lambda x, y: polygrid2d((x - middle[0]) / half[0], (y - middle[1]) / half[1], weights)
 
 
 def cells(
@@ -159,10 +164,10 @@ def cells(
     """
     back = polynomial(places[some].astype(float), np.stack(some[::-1], axis=-1).astype(float))
     x, y = (low[axis] + size * np.arange(count[axis]) for axis in (0, 1))
-    u, v = back(x, y).astype(np.float32)
+    u, v = back(x, y).swapaxes(1, 2).astype(np.float32)
     # How column and row change with x and y: as in the middle is near enough.
     middle = back(*(np.array([axis.mean() - size, axis.mean() + size]) for axis in (x, y)))
-    along_x, along_y = np.diff(middle.mean(axis=1)), np.diff(middle.mean(axis=2))
+    along_x, along_y = np.diff(middle.mean(axis=2)), np.diff(middle.mean(axis=1))
     slope = (np.hstack([along_x, along_y]) / (2 * size)).astype(np.float32)
     wanted_x, wanted_y = x.astype(np.float32), y.astype(np.float32)[:, None]
     # After two corrections it is exact.
@@ -175,7 +180,7 @@ def cells(
     return u, v
 
 
-def remap(field: Grid, u: Grid, v: Grid, how: int = cv2.INTER_LINEAR) -> Grid:
+def remap(field: NDArray[Any], u: Grid, v: Grid, how: int = cv2.INTER_LINEAR) -> Grid:
     """Values of a field at columns `u` and rows `v`, as OpenCV interpolates; NaN beyond it."""
     result: Any = cv2.remap(
         field.astype(np.float32, copy=False),

@@ -17,23 +17,14 @@ from numpy.typing import NDArray
 from scipy.signal import correlate
 
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.rigid import about, moved
-from ftp_dent_ros.survey.alignment import PairEquations, equations, of_paint
-from ftp_dent_ros.survey.information import (
-    RelativePose,
-    UnlikePairError,
-    in_common,
-    pair_information,
-    slid_information,
-)
+from ftp_dent_ros.rigid import about, moved, moved_along, twist_between
+from ftp_dent_ros.survey.alignment import PairEquations, equations, of_paint, paints
+from ftp_dent_ros.survey.information import RelativePose, in_common, pair_information
 from ftp_dent_ros.survey.patch import Samples, SkinPatch
 from ftp_dent_ros.survey.raster import Grid
 
 # Share of the second cloud that has to lie on the first, and points; of the few that find the way.
 LEAST_OVERLAP, _LEAST_POINTS, _LEAST_FEW = 0.15, 200, 50
-# Steps of least squares by few points, and the step that is small enough, metres and radians; the
-# last step is by all of them, and comes with its information.
-_STEPS, _SHAPE_STEPS, _DONE = 8, 2, 5e-5
 _NO_PAINT = 'without a skin image: laid on each other by their shape alone'
 _NOWHERE = 'its paint is found nowhere on the other: by their shape alone'
 _AMBIGUOUS = 'its marks fit in more places than one: by their shape alone'
@@ -49,12 +40,18 @@ Array = NDArray[np.float64]
 _CELL = 0.003
 # Standard deviations of the guess within which the truth lies: all but 3e-4, along the skin.
 _WITHIN = 4.0
-# As far as is looked for at most, metres: most of what a cloud sees.
-_FARTHEST = 0.2
 # About the normal: what moves no mark farther than it is wide, radians.
 _TURN = 0.008
 # A peak's correlation, and that by the highest one's, from which on it may be the place.
 _RIVAL = 0.6
+
+
+class UnlikePairError(Exception):
+    """Two clouds that do not lie on each other; the message says in what."""
+
+
+class _NoPlaceError(Exception):
+    """The paint does not tell where two clouds lie on each other; the message says why."""
 
 
 def register(
@@ -85,72 +82,96 @@ def register(
     """
     samples, few = second.samples, second.samples.few
     start = first.frame.inverse() @ guess @ second.frame
-    centre = _centre(first, few, start)
-    for each in (doubt,) if known is None else (known, doubt):
+    centre, found, remark = _centre(first, few, start), None, _NO_PAINT
+    is_painted = first.light is not None and second.light is not None
+    for each in [doubt] if known is None else [known, doubt][: 1 + is_painted]:
         near = Guess(start, centre, _doubt_at(first, guess, each, centre))
-        best, near, found, remark = _placed(first, second, samples, near)
-        if found is not None or remark == _NO_PAINT:
+        best = start
+        if not near.is_right:
+            best = _laid(first, few, start, centre, np.linalg.inv(near.doubt))
+            near = replace(near, centre=_centre(first, few, best))
+        if not is_painted:
             break
+        try:
+            best, found = _by_paint(first, second, best, near)
+        except _NoPlaceError as reason:
+            remark = str(reason)
+            continue
+        remark = ''
+        break
     centre = near.centre
     if found is None:
         found = equations(first, samples, best, centre, with_paint=False)
-    _check(found, samples, remark)
-    pair = pair_information(found, centre, _parallax(first, second, best, centre))
+    _check(found, samples)
+    # Difference of the directions from which the centre is seen, along the patch's axes.
+    cameras = first.frame.inverse(), best @ second.frame.inverse()
+    here, there = (camera.translation - centre for camera in cameras)
+    parallax = there[:2] / there[2] - here[:2] / here[2]
+    step, information, rank = pair_information(found, centre, parallax)
     # The result is that of the patches, without the guess.
-    best = moved(best, pair.step, centre)
-    information = pair.information
-    if remark:
-
-        def laid(pose: Pose, held: NDArray[np.float64]) -> Pose:
-            return _laid(first, few, pose, centre, held)
-
-        information = slid_information(pair, best, centre, near.doubt, laid)
+    best = moved(best, step, centre)
+    if remark and rank not in (0, 6):
+        information = _slid_information(first, few, best, near, information, rank)
     pose = first.frame @ best @ second.frame.inverse()
     turn = np.kron(np.eye(2), first.frame.rotation.as_matrix())
     return RelativePose(
         pose,
         first.frame.apply(centre),
         turn @ information @ turn.T,
-        pair.rank,
+        rank,
         remark,
         turn @ in_common(centre, best),
     )
 
 
-def _placed(
-    first: SkinPatch, second: SkinPatch, samples: Samples, near: Guess
-) -> tuple[Pose, Guess, PairEquations | None, str]:
-    """The pose by paint with its equations; or by shape alone, and why."""
-    by_shape, places = near.pose, None
-    if not is_right(near.doubt):
-        prior = np.linalg.inv(near.doubt)
-        by_shape = _laid(first, samples.few, near.pose, near.centre, prior)
-        near = replace(near, centre=_centre(first, samples.few, by_shape))
-    if first.light is None or second.light is None:
-        return by_shape, near, None, _NO_PAINT
-    if not is_right(near.doubt):
-        places = candidates(first, second, by_shape, near.centre, near.doubt)
-    pose, remark = _by_paint(first, samples, places, near)
-    if pose is not None:
-        found = equations(first, samples, pose, near.centre)
-        if (
-            len(found.residual) - found.heights >= _LEAST_POINTS
-            and near.away(pose)[1] <= _WITHIN**2
-        ):
-            return pose, near, found, ''
-    return by_shape, near, None, remark
+def _slid_information(
+    first: SkinPatch,
+    samples: Samples,
+    pose: Pose,
+    near: Guess,
+    information: Array,
+    rank: int,
+) -> Array:
+    """Information on a pose by shape, wherever within its doubt the patches lie, (6, 6)."""
+    # Turns as shifts: of a radian so many metres, half of a patch.
+    scale = np.array([1, 1, 1, 1 / 0.15, 1 / 0.15, 1 / 0.15])
+    both, centre = np.outer(scale, scale), near.centre
+    values, directions = np.linalg.eigh(information * both)
+    free, sure = directions[:, : 6 - rank], directions[:, 6 - rank :]
+    spread = np.linalg.inv((np.linalg.inv(near.doubt) + information) * both)
+    variances, ways = np.linalg.eigh(free.T @ spread @ free)
+    # By how much a patch that is slid may slide on while it is laid on the other, metres.
+    held = free @ free.T / both / 1e-5**2
+    covariance = np.diag(1 / values[6 - rank :])
+    for step in (free @ ways * np.sqrt(variances)).T:
+        for sign in (1, -1):
+            try:
+                beside = moved_along(pose, sign * (step * scale), centre)
+                other = _laid(first, samples, beside, centre, held)
+            except UnlikePairError:
+                continue
+            change = sure.T @ (twist_between(pose, other, centre) / scale)
+            covariance += np.outer(change, change) / 2
+    return sure @ np.linalg.inv(covariance) @ sure.T / both
 
 
 def _by_paint(
-    first: SkinPatch, samples: Samples, places: list[Pose] | None, near: Guess
-) -> tuple[Pose | None, str]:
-    """The pose at which the paints lie on each other, unless there is none, or more than one."""
-    few, pose = samples.few, near.pose
+    first: SkinPatch, second: SkinPatch, by_shape: Pose, near: Guess
+) -> tuple[Pose, PairEquations]:
+    """The one pose at which the paints lie on each other, and its equations.
+
+    Raises
+    ------
+    _NoPlaceError
+        There is none, or more than one.
+    """
+    samples, few, pose = second.samples, second.samples.few, near.pose
     loose = 1e-3 * np.linalg.inv(near.doubt).astype(float)
-    if places is not None:
+    if not near.is_right:
+        places = candidates(first, second, by_shape, near)
         # Places that are alike at first sight: more cannot all be judged.
         if len(places) > 32:
-            return None, _AMBIGUOUS
+            raise _NoPlaceError(_AMBIGUOUS)
         # How high and how tilted they lie is the shape's to tell: a curved skin turns what slides
         # on it by far more than a guess is unsure of at its own place.
         # By how much a place may move along the skin as patches are laid on each other there: the
@@ -163,9 +184,14 @@ def _by_paint(
         # As many that are as good as the best one are enough to give up.
         left = not_worse(judged, 2)
         if len(left) != 1:
-            return None, _AMBIGUOUS if left else _NOWHERE
+            raise _NoPlaceError(_AMBIGUOUS if left else _NOWHERE)
         pose = left[0].pose
-    return _solved(first, few, pose, near.centre, loose), _NOWHERE
+    pose = _solved(first, few, pose, near.centre, loose)
+    found = equations(first, samples, pose, near.centre)
+    painted = len(found.residual) - found.heights
+    if painted < _LEAST_POINTS or near.away(pose)[1] > _WITHIN**2:
+        raise _NoPlaceError(_NOWHERE)
+    return pose, found
 
 
 def _judged(
@@ -187,7 +213,7 @@ def _solved(
     centre: NDArray[np.float64],
     prior: NDArray[np.float64],
     with_paint: bool = True,
-    steps: int = _STEPS,
+    steps: int = 8,
 ) -> Pose:
     """Pose of least squares, held by the guess where the patches do not tell."""
     off = np.zeros(6)
@@ -198,14 +224,15 @@ def _solved(
         normal = found.both.T @ (found.both * found.weight[:, None]) + prior
         step = -np.linalg.solve(normal, found.gradient + prior @ off)
         pose, off = moved(pose, step, centre), off + step
-        if np.abs(step[:3]).max() < _DONE and np.abs(step[3:]).max() < _DONE:
+        # Metres and radians; the last step is by all points, and comes with its information.
+        if np.abs(step).max() < 5e-5:
             break
     return pose
 
 
 def _laid(first, few, pose, centre, prior):
     """Pose by the shape alone."""
-    return _solved(first, few, pose, centre, prior, with_paint=False, steps=_SHAPE_STEPS)
+    return _solved(first, few, pose, centre, prior, with_paint=False, steps=2)
 
 
 def _centre(first: SkinPatch, samples: Samples, pose: Pose) -> NDArray[np.float64]:
@@ -225,16 +252,7 @@ def _doubt_at(first, guess, doubt, centre):
     return turn.T @ carried @ doubt @ carried.T @ turn
 
 
-def _parallax(
-    first: SkinPatch, second: SkinPatch, pose: Pose, centre: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Difference of the directions from which the centre is seen, shape (2,), patch's axes."""
-    cameras = first.frame.inverse(), pose @ second.frame.inverse()
-    views = [camera.translation - centre for camera in cameras]
-    return views[1][:2] / views[1][2] - views[0][:2] / views[0][2]
-
-
-def _check(found: PairEquations, samples: Samples, remark: str) -> None:
+def _check(found: PairEquations, samples: Samples) -> None:
     if found.heights < max(_LEAST_POINTS, LEAST_OVERLAP * len(samples.heights)):
         raise UnlikePairError('they do not overlap')
     # Heights' misfit by what the clouds state, above which they do not show one surface.
@@ -263,6 +281,13 @@ class Guess:
     pose: Pose
     centre: Array
     doubt: Array
+
+    @property
+    def is_right(self) -> bool:
+        """Whether nothing is to be looked for."""
+        # Of a guess that is right to less than this, metres: half of what the coarse paint is
+        # smoothed by.
+        return bool(_WITHIN * np.sqrt(np.diag(self.doubt)[:2].max()) < 0.001)
 
     def away(self, pose: Pose) -> tuple[Array, float]:
         """How far along the skin a pose shifts the centre, and the square of it in sigmas."""
@@ -297,11 +322,7 @@ class Place:
         cls, first: SkinPatch, samples: Samples, pose: Pose, near: Guess, rough: bool = False
     ) -> Place:
         """Look up what lies below the samples; roughly: by the coarse paint alone."""
-        layer, values = (
-            (first.coarse, samples.coarse_values) if rough else (first.paint, samples.paint_values)
-        )
-        below = first.looked_up(layer, pose.apply(samples.paint))
-        met = (below[:, 3] > 0.99) & (values[:, 3] > 0)
+        below, values, met = paints(first, samples, pose, rough)
         misfits = [np.where(met, np.abs(below[:, 0] - values[:, 0]), np.nan)]
         if not rough:
             place = pose.apply(samples.heights)
@@ -374,19 +395,11 @@ def not_worse(places: Iterable[Place], most: int) -> list[Place]:
     return [best, *(place for _, place in sorted(rivals, key=lambda each: each[0]))]
 
 
-def is_right(doubt: NDArray[np.float64]) -> bool:
-    """Whether a guess with a covariance of the shift and the turn needs no search."""
-    # Of a guess that is right to less than this, metres, nothing is looked for: half of what the
-    # coarse paint is smoothed by.
-    return bool(_WITHIN * np.sqrt(np.diag(doubt)[:2].max()) < 0.001)
-
-
 def candidates(
     first: SkinPatch,
     second: SkinPatch,
     guess: Pose,
-    centre: NDArray[np.float64],
-    doubt: NDArray[np.float64],
+    near: Guess,
 ) -> list[Pose]:
     """Poses of the second patch in the first at which their paints look alike, the best first.
 
@@ -394,13 +407,12 @@ def candidates(
     ----------
     guess : Pose
         Of the second patch in the first, right along the normal and in tilt.
-    centre : ndarray, shape (3,)
-        About which `doubt` turns, in the first patch's frame, metres.
-    doubt : ndarray, shape (6, 6)
-        Covariance of the guess: shift of the centre, and turn.
+    near : Guess
+        About whose centre it may be off, and by how much.
     """
-    across = np.sqrt(np.diag(doubt))
-    reach = np.clip(_WITHIN * across[:2], 2 * _CELL, _FARTHEST)
+    across, centre = np.sqrt(np.diag(near.doubt)), near.centre
+    # As far as is looked for at most, metres: most of what a cloud sees.
+    reach = np.clip(_WITHIN * across[:2], 2 * _CELL, 0.2)
     turns = np.arange(-3, 4) * _TURN
     turns = turns[np.abs(turns) <= max(_WITHIN * across[5], _TURN / 2)]
     turns = turns[np.argsort(np.abs(turns), kind='stable')]
@@ -415,9 +427,8 @@ def candidates(
         found.sort(key=lambda each: -each[0])
     kept: list[NDArray[np.float64]] = []
     for height, step in found:
-        if height < _RIVAL * found[0][0]:
-            break
-        if all(np.hypot(*(other - step)[:2]) > 2 * _CELL for other in kept):
+        is_rival = height >= _RIVAL * found[0][0]
+        if is_rival and all(np.hypot(*(other - step)[:2]) > 2 * _CELL for other in kept):
             kept.append(step)
     return [moved(guess, step, centre) for step in kept]
 

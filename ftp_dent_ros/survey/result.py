@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -10,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from ftp_dent_ros.dents.dent import MeasuredDent, SmallestDent
-from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.dents.dent import MeasuredDent, SmallestDent, tangent_axes
 from ftp_dent_ros.survey.raster import remap
 
 Array = NDArray[np.float64]
@@ -86,20 +86,19 @@ class CoverageCells:
     findable : ndarray, shape (n,), float32
         Smallest depth of a dent that would have been found there by the best cloud, metres; NaN
         where it is not known.
-    noise : ndarray, shape (n,), float32
-        Standard deviation of a point across the skin, metres.
     views : ndarray, shape (n,), int
         How many clouds measured it.
-    best : ndarray, shape (n,), int
-        Index of the cloud that measured it best.
     """
 
     size: float
     positions: NDArray[np.float32]
     findable: NDArray[np.float32]
-    noise: NDArray[np.float32]
     views: NDArray[np.int64]
-    best: NDArray[np.int64]
+
+    @property
+    def area(self) -> float:
+        """That was measured, square metres."""
+        return len(self.positions) * self.size**2
 
     @cached_property
     def _tree(self) -> cKDTree:
@@ -121,32 +120,29 @@ class CoverageCells:
             Infinite where a part was not measured, metres.
         """
         if not len(self.positions):
-            return float('inf')
+            return math.inf
         # A cell at the rim may be measured only half.
         radius = radius + self.size / 2
         # To the height of the skin there: two maps may differ by more than a cell.
         _, nearest = self._tree.query(place)
         place = place + normal * float((self.positions[nearest] - place) @ normal)
-        side = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
-        side /= np.linalg.norm(side)
         steps = np.arange(-np.ceil(radius / self.size), np.ceil(radius / self.size) + 1)
         a, b = np.meshgrid(steps * self.size, steps * self.size)
         disc = np.hypot(a, b) <= max(radius, 0.5 * self.size)
         angles = np.linspace(0, 2 * np.pi, 32, endpoint=False)
         a = np.concatenate([a[disc], radius * np.cos(angles)])
         b = np.concatenate([b[disc], radius * np.sin(angles)])
-        places = place + np.outer(a, side) + np.outer(b, np.cross(normal, side))
+        places = place + np.stack([a, b], axis=-1) @ tangent_axes(normal)[:2]
         # Half a cell's diagonal is 0.7 of its side; the rest is for the skin's curve.
-        distance, index = self._tree.query(places, distance_upper_bound=self.size)
-        if not np.isfinite(distance).all():
-            return float('inf')
-        depths = self.findable[index]
-        return float(depths.max()) if np.isfinite(depths).all() else float('inf')
+        _, index = self._tree.query(places, distance_upper_bound=self.size)
+        # One more for what was not measured.
+        depths = np.append(self.findable, np.nan)[index]
+        return float(depths.max()) if np.isfinite(depths).all() else math.inf
 
 
 @dataclass(frozen=True, eq=False)
 class SurveyResult:
-    """All dents of a survey, where its clouds were taken from, and what was looked at.
+    """All dents of a survey, and what was looked at.
 
     Attributes
     ----------
@@ -159,12 +155,6 @@ class SurveyResult:
         Frame of all positions.
     dents : tuple of SurveyedDent
     coverage : CoverageCells
-    stamps_ns : tuple of int
-        Of the clouds.
-    poses : tuple of Pose
-        Of the camera at each of them.
-    covariances : ndarray, shape (n, 6, 6)
-        Of these, as in geometry_msgs/PoseWithCovariance.
     settings : SmallestDent
         The smallest dents that were looked for.
     rig_id : str
@@ -178,9 +168,6 @@ class SurveyResult:
     frame_id: str
     dents: tuple[SurveyedDent, ...]
     coverage: CoverageCells
-    stamps_ns: tuple[int, ...] = ()
-    poses: tuple[Pose, ...] = ()
-    covariances: Array = field(default_factory=lambda: np.zeros((0, 6, 6)))
     settings: SmallestDent = field(default_factory=SmallestDent)
     rig_id: str = ''
     software: str = ''

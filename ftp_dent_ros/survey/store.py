@@ -2,43 +2,30 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import sqlite3
 import time
+import zipfile
 import zlib
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ftp_dent_ros.dents.dent import SmallestDent, dent_from_plain, dent_to_plain
 from ftp_dent_ros.errors import ConfigurationError
-from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.survey.result import CoverageCells, DentRelief, SurveyedDent, SurveyResult
 
-# "FtpD", in the file's header; and of the tables below.
-_APPLICATION, _VERSION = 0x46747044, 2
-_TABLES = {
-    'surveys': """number INTEGER PRIMARY KEY, name TEXT NOT NULL UNIQUE, taken_ns INTEGER NOT NULL,
-        added_ns INTEGER NOT NULL, frame_id TEXT NOT NULL, sources TEXT NOT NULL,
-        settings TEXT NOT NULL, rig_id TEXT NOT NULL, software TEXT NOT NULL""",
-    'poses': """survey INTEGER NOT NULL REFERENCES surveys, stamp_ns INTEGER NOT NULL,
-        x REAL, y REAL, z REAL, qx REAL, qy REAL, qz REAL, qw REAL, covariance BLOB""",
-    'dents': """survey INTEGER NOT NULL REFERENCES surveys, number INTEGER NOT NULL,
-        kind TEXT NOT NULL, x REAL, y REAL, z REAL, length REAL, width REAL, depth REAL,
-        sightings INTEGER, position_covariance BLOB, record TEXT NOT NULL,
-        PRIMARY KEY (survey, number)""",
-    'coverage': """survey INTEGER PRIMARY KEY REFERENCES surveys, size REAL, positions BLOB,
-        findable BLOB, noise BLOB, views BLOB, best BLOB""",
-    'reliefs': """survey INTEGER NOT NULL REFERENCES surveys, number INTEGER NOT NULL,
-        spacing REAL, columns INTEGER, heights BLOB, PRIMARY KEY (survey, number)""",
-}
-_CELLS = {'positions': '<f4', 'findable': '<f4', 'noise': '<f4', 'views': '<i8', 'best': '<i8'}
+# "FtpD", in the file's header; and of the table below.
+_APPLICATION, _VERSION = 0x46747044, 3
+_TABLE = """CREATE TABLE surveys (number INTEGER PRIMARY KEY, name TEXT NOT NULL UNIQUE,
+    taken_ns INTEGER NOT NULL, added_ns INTEGER NOT NULL, record TEXT NOT NULL,
+    arrays BLOB NOT NULL)"""
+_CELLS = 'positions', 'findable', 'views'
 
 
 class SurveyStore:
@@ -63,7 +50,8 @@ class SurveyStore:
         """
         with self._opened() as file:
             self._refuse_known(file, result.name)
-            _write(file, result)
+            values = result.name, result.taken_ns, time.time_ns(), *_packed(result)
+            file.execute('INSERT INTO surveys VALUES (NULL, ?, ?, ?, ?, ?)', values)
 
     def names(self) -> tuple[str, ...]:
         """Names of the surveys, in the order of their flights.
@@ -96,18 +84,17 @@ class SurveyStore:
         ConfigurationError
             There is none of that name, or it is damaged.
         """
-        names = self.names()
-        if name not in names:
-            known = ', '.join(map(repr, names)) or 'none yet'
-            raise ConfigurationError(f'{self.path}: has no survey {name!r}: it has {known}')
         with self._opened() as file:
-            try:
-                return _read(file, name)
-            except (ValueError, KeyError, TypeError, zlib.error) as reason:
-                raise ConfigurationError(
-                    f'{self.path}: the survey {name!r} is damaged ({reason}): take a copy of the '
-                    'file'
-                ) from None
+            row = file.execute('SELECT * FROM surveys WHERE name = ?', (name,)).fetchone()
+        if row is None:
+            known = ', '.join(map(repr, self.names())) or 'none yet'
+            raise ConfigurationError(f'{self.path}: has no survey {name!r}: it has {known}')
+        try:
+            return _unpacked(row)
+        except (ValueError, KeyError, TypeError, zipfile.BadZipFile, zlib.error) as reason:
+            raise ConfigurationError(
+                f'{self.path}: the survey {name!r} is damaged ({reason}): take a copy of the file'
+            ) from None
 
     @contextmanager
     def _opened(self) -> Iterator[sqlite3.Connection]:
@@ -115,7 +102,6 @@ class SurveyStore:
         try:
             with closing(sqlite3.connect(self.path)) as file, file:
                 file.row_factory = sqlite3.Row
-                file.execute('PRAGMA foreign_keys = ON')
                 file.execute('BEGIN IMMEDIATE')
                 self._prepare(file)
                 yield file
@@ -125,20 +111,19 @@ class SurveyStore:
             ) from None
 
     def _prepare(self, file: sqlite3.Connection) -> None:
-        """Make the tables of a new file; refuse one of others or of another version."""
+        """Make the table of a new file; refuse one of others or of another version."""
         (application,) = file.execute('PRAGMA application_id').fetchone()
         (version,) = file.execute('PRAGMA user_version').fetchone()
         (tables,) = file.execute('SELECT count(*) FROM sqlite_master').fetchone()
         if not (application or version or tables):
             file.execute(f'PRAGMA application_id = {_APPLICATION}')
             file.execute(f'PRAGMA user_version = {_VERSION}')
-            for table, columns in _TABLES.items():
-                file.execute(f'CREATE TABLE {table} ({columns})')
-                for change in ('UPDATE', 'DELETE'):
-                    file.execute(
-                        f'CREATE TRIGGER no_{change}_of_{table} BEFORE {change} ON {table} '
-                        "BEGIN SELECT RAISE(ABORT, 'surveys are never changed'); END"
-                    )
+            file.execute(_TABLE)
+            for change in ('UPDATE', 'DELETE'):
+                file.execute(
+                    f'CREATE TRIGGER no_{change} BEFORE {change} ON surveys '
+                    "BEGIN SELECT RAISE(ABORT, 'surveys are never changed'); END"
+                )
         elif (application, version) != (_APPLICATION, _VERSION):
             raise ConfigurationError(
                 f'{self.path}: is a database of something else, or of another version of this '
@@ -153,87 +138,55 @@ class SurveyStore:
             )
 
 
-def _write(file: sqlite3.Connection, result: SurveyResult) -> None:
-    def insert(table: str, *values: Any) -> int | None:
-        marks = ', '.join('?' * len(values))
-        return file.execute(f'INSERT INTO {table} VALUES ({marks})', values).lastrowid
-
-    settings, sources = json.dumps(asdict(result.settings)), json.dumps(result.sources)
-    about = result.name, result.taken_ns, time.time_ns(), result.frame_id, sources, settings
-    survey = insert('surveys', None, *about, result.rig_id, result.software)
-    for stamp_ns, pose, covariance in zip(
-        result.stamps_ns, result.poses, result.covariances, strict=True
-    ):
-        place = *pose.translation.tolist(), *pose.quaternion.tolist()
-        insert('poses', survey, stamp_ns, *place, _bytes(covariance))
-    for each in result.dents:
-        dent = each.dent
-        sizes = dent.length.value, dent.width.value, dent.depth.value
-        values = map(float, (*dent.position, *sizes))
-        covariance, record = _bytes(each.position_covariance), json.dumps(dent_to_plain(dent))
-        counted = each.sightings, covariance, record
-        insert('dents', survey, each.number, dent.kind, *values, *counted)
-        if each.relief is not None:
-            heights = each.relief.heights
-            packed = _packed(heights, '<f4')
-            insert('reliefs', survey, each.number, each.relief.spacing, heights.shape[1], packed)
-    cells = [_packed(getattr(result.coverage, name), kind) for name, kind in _CELLS.items()]
-    insert('coverage', survey, result.coverage.size, *cells)
-
-
-def _read(file: sqlite3.Connection, name: str) -> SurveyResult:
-    survey = file.execute('SELECT * FROM surveys WHERE name = ?', (name,)).fetchone()
-
-    def rows_of(table: str) -> list[sqlite3.Row]:
-        query = f'SELECT * FROM {table} WHERE survey = ? ORDER BY rowid'
-        return file.execute(query, (survey['number'],)).fetchall()
-
-    poses, (cells,) = rows_of('poses'), rows_of('coverage')
-    reliefs = {
-        row['number']: DentRelief(
-            row['spacing'], _unpacked(row['heights'], '<f4').reshape(-1, row['columns'])
-        )
-        for row in rows_of('reliefs')
+def _packed(result: SurveyResult) -> tuple[str, bytes]:
+    """A survey as JSON, and its large arrays as an archive of numpy's."""
+    coverage = result.coverage
+    record = {
+        'frame_id': result.frame_id,
+        'sources': result.sources,
+        'settings': asdict(result.settings),
+        'rig_id': result.rig_id,
+        'software': result.software,
+        'cell': coverage.size,
+        'dents': [
+            {
+                'number': each.number,
+                'sightings': each.sightings,
+                'position_covariance': each.position_covariance.tolist(),
+                'spacing': each.relief and each.relief.spacing,
+                'dent': dent_to_plain(each.dent),
+            }
+            for each in result.dents
+        ],
     }
-    values = {name: _unpacked(cells[name], kind) for name, kind in _CELLS.items()}
-    values['positions'] = values['positions'].reshape(-1, 3)
+    arrays = {name: getattr(coverage, name) for name in _CELLS}
+    arrays |= {f'relief {d.number}': d.relief.heights for d in result.dents if d.relief}
+    archive = io.BytesIO()
+    np.savez_compressed(archive, **arrays)
+    return json.dumps(record), archive.getvalue()
+
+
+def _unpacked(row: sqlite3.Row) -> SurveyResult:
+    """The survey again."""
+    record, arrays = json.loads(row['record']), np.load(io.BytesIO(row['arrays']))
+    dents = [
+        SurveyedDent(
+            each['number'],
+            dent_from_plain(each['dent']),
+            np.array(each['position_covariance']),
+            each['sightings'],
+            each['spacing'] and DentRelief(each['spacing'], arrays[f'relief {each["number"]}']),
+        )
+        for each in record['dents']
+    ]
     return SurveyResult(
-        name=name,
-        sources=tuple(json.loads(survey['sources'])),
-        taken_ns=survey['taken_ns'],
-        frame_id=survey['frame_id'],
-        dents=tuple(
-            SurveyedDent(
-                row['number'],
-                dent_from_plain(json.loads(row['record'])),
-                np.frombuffer(row['position_covariance']).reshape(3, 3),
-                row['sightings'],
-                reliefs.get(row['number']),
-            )
-            for row in rows_of('dents')
-        ),
-        coverage=CoverageCells(cells['size'], **values),
-        stamps_ns=tuple(row['stamp_ns'] for row in poses),
-        poses=tuple(
-            Pose.from_quaternion([row[f'q{axis}'] for axis in 'xyzw'], [row[a] for a in 'xyz'])
-            for row in poses
-        ),
-        covariances=np.array([np.frombuffer(row['covariance']) for row in poses]).reshape(
-            -1, 6, 6
-        ),
-        settings=SmallestDent(**json.loads(survey['settings'])),
-        rig_id=survey['rig_id'],
-        software=survey['software'],
+        name=row['name'],
+        sources=tuple(record['sources']),
+        taken_ns=row['taken_ns'],
+        frame_id=record['frame_id'],
+        dents=tuple(dents),
+        coverage=CoverageCells(record['cell'], *(arrays[name] for name in _CELLS)),
+        settings=SmallestDent(**record['settings']),
+        rig_id=record['rig_id'],
+        software=record['software'],
     )
-
-
-def _bytes(values: NDArray[np.float64]) -> bytes:
-    return np.asarray(values, '<f8').tobytes()
-
-
-def _packed(values: NDArray[np.number], kind: str) -> bytes:
-    return zlib.compress(np.asarray(values, kind).tobytes())
-
-
-def _unpacked(packed: bytes, kind: str) -> NDArray[Any]:
-    return np.frombuffer(zlib.decompress(packed), kind)

@@ -46,17 +46,15 @@ class Surveyed:
     ----------
     result : SurveyResult
     mosaic : Mosaic
+    joined : JoinedClouds
     remarks : tuple of str
         What could not be used, and why; what was assumed.
-    pairs, left_out : int
-        Relative poses, and how many of them contradict the others.
     """
 
     result: SurveyResult
     mosaic: Mosaic
+    joined: JoinedClouds
     remarks: tuple[str, ...]
-    pairs: int
-    left_out: int
 
 
 def survey_bags(
@@ -88,26 +86,23 @@ def survey_bags(
     """
     settings = settings or SmallestDent()
     joined = join_bags(bags, progress)
-    joining, poses = joined.joining, joined.poses
     skin = FusedSkin(bags, joined, progress)
     dents = DentList()
-    for raw in skin.clouds():
-        item, found = skin.prepared(raw), None
+    for item in map(skin.prepared, skin.clouds()):
+        found = None
         with contextlib.suppress(FtpDentError):
             found = inspect(check_resolution(item.cloud), settings)
-        skin.shown(item, found)
+        found = skin.completed(item, found)
         if found is not None and item.pose is not None:
-            found = skin.with_common_errors(item, found)
             seen = [each.transformed(item.pose) for each in (*found.dents, *found.others)]
             number = joined.numbers[item.stamp_ns]
             dents.add(number, seen, item.pose, item.covariance, stamp_ns=item.stamp_ns)
         progress()
-    covariances, mosaic = joined.covariances, skin.mosaic
     surveyed = tuple(
         SurveyedDent(
             each.number,
             replace(each.dent, reason=each.reason),
-            position_covariance(each.dent.position, poses[each.best], covariances[each.best]),
+            joined.position_covariance(each.dent.position, each.best),
             len(each.sightings),
             skin.relief(each.dent),
         )
@@ -116,20 +111,16 @@ def survey_bags(
     result = SurveyResult(
         name=name or bags[0].path.stem,
         sources=tuple(str(bag.path) for bag in bags),
-        taken_ns=min(joining.stamps_ns),
+        taken_ns=min(joined.numbers),
         frame_id=joined.frame_id,
         dents=surveyed,
-        stamps_ns=tuple(joining.stamps_ns),
-        poses=tuple(poses),
-        covariances=covariances,
-        coverage=mosaic.coverage(),
+        coverage=skin.mosaic.coverage(),
         settings=settings,
         rig_id=rig_id,
         software=__version__,
     )
     remarks = (*joined.remarks, *([sentence(dents.glass)] if dents.glass else []))
-    graph = joining.graph
-    return Surveyed(result, mosaic, remarks, len(graph.links), len(graph.left_out))
+    return Surveyed(result, skin.mosaic, joined, remarks)
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,6 +145,12 @@ class JoinedClouds:
         """Of the camera at each cloud."""
         return self.joining.graph.poses
 
+    @property
+    def pairs(self) -> tuple[int, int]:
+        """How many relative poses join them, and how many contradict those and are left out."""
+        graph = self.joining.graph
+        return len(graph.links) - len(graph.left_out), len(graph.left_out)
+
     @cached_property
     def numbers(self) -> dict[int, int]:
         """Number of each cloud, from 0, by its stamp (ns)."""
@@ -163,6 +160,10 @@ class JoinedClouds:
     def covariances(self) -> NDArray[np.float64]:
         """Of the poses in the map, shape (n, 6, 6), as in geometry_msgs/PoseWithCovariance."""
         return self.joining.graph.covariances()
+
+    def position_covariance(self, position: NDArray, number: int) -> NDArray[np.float64]:
+        """Of a place in the map that a cloud shows, shape (3, 3), square metres."""
+        return position_covariance(position, self.poses[number], self.covariances[number])
 
     @cached_property
     def covariances_among_them(self) -> NDArray[np.float64]:
@@ -228,9 +229,9 @@ def join_bags(
     if not joining.stamps_ns:
         raise CloudError(f'{bags[0].path}: no cloud in it can be used: check the clouds')
     joining.finish()
-    _require_ties(joining, bags)
+    of_parts = _ties(joining, bags)
     clouds = len(joining.stamps_ns)
-    unplaced = sum(node.stated is None for node in joining.graph.nodes)
+    unplaced = sum(node.covariance is None for node in joining.graph.nodes)
     if unplaced:
         say(
             f'{unplaced} of {clouds} clouds have no pose: they are placed by what they share with '
@@ -244,46 +245,44 @@ def join_bags(
             f'{joining.without_skin} of {clouds} clouds have no image of the skin: along the skin '
             f'only {known_by} tells where they lie; record /skin too'
         )
-    _tell_groups(joining, say)
     # The frame of a survey that no autopilot has placed.
-    return JoinedClouds(joining, frame_id or 'survey', tuple(remarks))
+    return JoinedClouds(joining, frame_id or 'survey', (*remarks, *of_parts))
 
 
-def _require_ties(joining: Joining, bags: Sequence[Bag]) -> None:
-    """Refuse what nothing places: a bag that shares no skin, or clouds by guess alone."""
-    nodes = joining.graph.nodes
-    parts: dict[int, set[int]] = {}
-    for node, group in zip(nodes, joining.graph.groups(), strict=True):
-        parts.setdefault(node.flight, set()).add(group)
-    placed = {node.flight for node in nodes if node.stated is not None}
+def _ties(joining: Joining, bags: Sequence[Bag]) -> list[str]:
+    """What is to be said if the clouds are no one skin.
+
+    Raises
+    ------
+    CloudError
+        Nothing places some of them: a bag that shares no skin, or clouds by guess alone.
+    """
+    nodes, groups = joining.graph.nodes, np.array(joining.graph.groups())
+    flights = np.array([node.flight for node in nodes])
+    told = np.array([node.covariance is not None for node in nodes])
+    unplaced = np.setdiff1d(flights, flights[told]).tolist()
     # Without any poses, the first bag's skin is the frame of the others.
-    for flight in sorted(parts.keys() - placed)[0 if placed else 1 :]:
-        others = set().union(*(parts[each] for each in parts if each != flight))
-        if not parts[flight] & others:
+    for flight in unplaced[0 if told.any() else 1 :]:
+        own = flights == flight
+        if not np.isin(groups[own], groups[~own]).any():
             raise CloudError(
                 f'{bags[flight].path}: has no poses, and shares no skin with the other bags, so '
                 'that nothing tells where it lies: survey it by itself'
             )
-    blind = not placed and joining.without_skin == len(nodes)
-    if blind and len(set().union(*parts.values())) > 1:
+    sizes = np.bincount(groups)
+    if len(sizes) == 1:
+        return []
+    if not told.any() and joining.without_skin == len(nodes):
         raise CloudError(
             f'{bags[0].path}: has neither poses nor images of the skin, and its shape alone does '
             'not tell how the clouds lie: record /skin and /tagged/camera_pose too'
         )
-
-
-def _tell_groups(joining: Joining, say: Callable[[str], Any]) -> None:
-    groups = np.array(joining.graph.groups())
-    sizes = np.bincount(groups)
-    if len(sizes) == 1:
-        return
-    placed = [node.stated is not None for node in joining.graph.nodes]
-    adrift = len(sizes) - len(np.unique(groups[placed]))
-    say(
+    adrift = len(sizes) - len(np.unique(groups[told]))
+    return [
         f'the clouds are not one skin but {len(sizes)} parts, the largest of {sizes.max()} '
         'clouds: only the autopilot tells how these lie to each other'
         + (f', and {adrift} of them have no poses: they lie there by guess' if adrift else '')
-    )
+    ]
 
 
 class FusedSkin:
@@ -349,17 +348,21 @@ class FusedSkin:
         heights = (self._fusion.heights(plane) - dent.position) @ dent.normal
         return DentRelief(spacing, heights.astype(np.float32))
 
-    def shown(self, item: BagCloud, found: Inspection | None) -> None:
-        """Draw a prepared cloud into the picture, with what its inspection tells."""
-        number = self._joined.numbers.get(item.stamp_ns)
-        if number is not None:
-            self.mosaic.add(number, item.cloud, self._joined.poses[number], item.skin, found)
+    def completed(self, item: BagCloud, found: Inspection | None) -> Inspection | None:
+        """Draw a prepared cloud into the picture, with what its inspection tells, if anything.
 
-    def with_common_errors(self, item: BagCloud, found: Inspection) -> Inspection:
-        """What is told of a prepared cloud: depths as uncertain as what all clouds may share."""
-        if item.pose is None or item.stamp_ns not in self._joined.numbers:
+        Returns
+        -------
+        Inspection or None
+            Depths as uncertain as what all clouds may have in common.
+        """
+        number = self._joined.numbers.get(item.stamp_ns)
+        if number is None:
             return found
-        pose = item.pose
+        pose = self._joined.poses[number]
+        self.mosaic.add(item.cloud, pose, item.skin, found)
+        if found is None:
+            return None
 
         def doubted(dent: MeasuredDent) -> MeasuredDent:
             part = self._fusion.shared(pose.apply(dent.position)) / abs(dent.depth.value)
@@ -403,42 +406,35 @@ def report_on_skin(
     """
     joined = join_bags([bag], progress)
     skin = FusedSkin([bag], joined, progress)
-
-    def completed(item: BagCloud, found: Inspection) -> Inspection:
-        skin.shown(item, found)
-        return skin.with_common_errors(item, found)
-
     report = survey_bag(
-        bag, inspect, rig, camera, rules, settings, progress, skin.prepared, completed
+        bag, inspect, rig, camera, rules, settings, progress, skin.prepared, skin.completed
     )
-    report = replace(_in_the_map(report, joined), frame_id=joined.frame_id)
+    # With what all places have in common: the error of the autopilot's poses.
+    numbers = {
+        each.number: joined.numbers[each.stamp_ns]
+        for each in report.frames
+        if each.stamp_ns is not None and each.stamp_ns in joined.numbers
+    }
+    frames = tuple(
+        replace(each, covariance=joined.covariances[numbers[each.number]])
+        if each.number in numbers
+        else each
+        for each in report.frames
+    )
+    places = {
+        each.number: joined.position_covariance(each.dent.position, numbers[each.best])
+        for each in report.entries
+        if each.best in numbers
+    }
+    entries = tuple(
+        replace(each, position_covariance=places.get(each.number, each.position_covariance))
+        for each in report.entries
+    )
     dents = [
         SurveyedDent(each.number, each.dent, each.position_covariance, len(each.sightings))
-        for each in report.entries
+        for each in entries
     ]
-    links, left_out = joined.joining.graph.links, joined.joining.graph.left_out
-    facts = [
-        ('Joined by', f'{len(links) - len(left_out)} pairs of clouds, {len(left_out)} left out')
-    ]
-    return replace(report, skin=skin_of(skin.mosaic, dents, facts, joined.remarks)), joined
-
-
-def _in_the_map(report: InspectionReport, joined: JoinedClouds) -> InspectionReport:
-    """Places with what all of them have in common: the error of the autopilot's poses."""
-    frames = [
-        frame
-        if frame.stamp_ns not in joined.numbers
-        else replace(frame, covariance=joined.covariances[joined.numbers[frame.stamp_ns]])
-        for frame in report.frames
-    ]
-    by_number = {frame.number: frame for frame in frames}
-    entries = [
-        replace(
-            each,
-            position_covariance=position_covariance(
-                each.dent.position, by_number[each.best].pose, by_number[each.best].covariance
-            ),
-        )
-        for each in report.entries
-    ]
-    return replace(report, frames=tuple(frames), entries=tuple(entries))
+    facts = [('Joined by', '{} pairs of clouds, {} left out'.format(*joined.pairs))]
+    shown = skin_of(skin.mosaic, dents, facts, joined.remarks)
+    report = replace(report, frames=frames, entries=entries, frame_id=joined.frame_id, skin=shown)
+    return report, joined

@@ -49,7 +49,10 @@ class Unrolled:
         bends = np.array([side @ spread @ side for side in sides[:2]])
         axis = sides[int(np.argmin(bends))] if bends.max() > 4 * bends.min() else sides[0]
         around = np.cross(normal, axis)
-        radius = _radius(along @ around, (points - origin) @ normal, normals @ around)
+        # The radius by how normals tilt with y; one larger than this is a plane, metres.
+        y = along @ around
+        slope = float(y @ (normals @ around) / max(y @ y, 1e-12))
+        radius = math.inf if abs(slope) < 1 / 100.0 else 1 / slope
         # Towards growing y the outward normal turns that way where the skin bends away.
         return cls(origin, axis, around, normal, radius)
 
@@ -81,15 +84,6 @@ class Unrolled:
         )
 
 
-def _radius(y: NDArray, z: NDArray, tilt: NDArray) -> float:
-    """Radius by how normals tilt with y."""
-    slope = float(y @ tilt / max(y @ y, 1e-12))
-    # A larger radius is a plane, metres.
-    if abs(slope) < 1 / 100.0:
-        return math.inf
-    return 1 / slope
-
-
 @dataclass(frozen=True, eq=False)
 class Gap:
     """Cells that were not measured, side by side, between cells that were.
@@ -112,7 +106,7 @@ class Gap:
     cells: NDArray[np.int64]
 
 
-def find_gaps(measured: NDArray[np.bool_], low: NDArray[np.float64], side: float) -> list[Gap]:
+def find_gaps(measured: NDArray[np.bool_], low: NDArray[np.float64]) -> list[Gap]:
     """What was not measured between what was, the largest first.
 
     Parameters
@@ -121,11 +115,9 @@ def find_gaps(measured: NDArray[np.bool_], low: NDArray[np.float64], side: float
         Of the cells of the unrolled skin; x goes with columns.
     low : ndarray, shape (2,)
         x and y of the first cell's corner, metres.
-    side : float
-        Of a cell, metres.
     """
     # A gap is no wider than this; a wider one is the rim of what was flown over; metres.
-    reach = int(np.ceil(0.1 / side / 2))
+    reach = int(np.ceil(0.1 / CELL / 2))
     wide, size = np.pad(measured.astype(np.uint8), reach), 2 * reach + 1
     closed, *between = (
         cv2.morphologyEx(wide, cv2.MORPH_CLOSE, np.ones(square, np.uint8))[
@@ -146,8 +138,8 @@ def find_gaps(measured: NDArray[np.bool_], low: NDArray[np.float64], side: float
         # a notch in the rim, or a corner that closing rounds off.
         across = [axis for axis in (0, 1) if sides[1 - axis] == min(sides)]
         if all(between[axis][tuple(places.T)].mean() >= 0.5 for axis in across):
-            place = low + side * (middles[label] + 0.5)
-            gaps.append(Gap(place, side * np.array(sides), float(cells * side**2), places))
+            place = low + CELL * (middles[label] + 0.5)
+            gaps.append(Gap(place, CELL * np.array(sides), float(cells * CELL**2), places))
     return sorted(gaps, key=lambda gap: -gap.area)
 
 

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 
 from ftp_dent_ros.files import write_all_atomically
+from ftp_dent_ros.inspection.report import findable_shares
 from ftp_dent_ros.pages.page import render
 from ftp_dent_ros.pages.words import date_of, finite, interval, position_interval
 
@@ -35,15 +36,14 @@ _DEEPEST = 0.5e-3
 _STEP, _UNKNOWN = 1e-5, -32768
 
 
-def write_survey(
-    folder: Path, survey: Surveyed, frame: AircraftFrame | None = None
-) -> dict[str, Path]:
+def write_survey(folder: Path, survey: Surveyed, frame: AircraftFrame | None = None) -> list[Path]:
     """Write pictures, ``mosaic.ply``, ``survey.json`` and the page ``survey.html``.
 
     The pictures ``skin.png``, ``deviation.png`` and ``coverage.png`` show the unrolled skin from
     outside, 2 mm a pixel; the world file beside each (``.pgw``) says where its pixels lie on the
-    unrolled skin, metres. Red is deep and blue is high, 0.5 mm at their fullest; of the coverage,
-    black is not measured, white was seen ten times or more, and what is red is a gap.
+    unrolled skin, metres. Red is deep and blue is high, 0.5 mm at their fullest, and light grey is
+    not known; of the coverage, black is not measured, white was seen ten times or more, and what
+    is red is a gap.
 
     Parameters
     ----------
@@ -54,23 +54,19 @@ def write_survey(
 
     Returns
     -------
-    dict
-        The files by their kind.
+    list of Path
+        What was written, without the world files.
     """
     mosaic = survey.mosaic
-    names = {
-        **{name: f'{name}.png' for name in ('skin', 'deviation', 'coverage')},
-        'points': 'mosaic.ply',
-        'list': 'survey.json',
-        'page': 'survey.html',
+    pictures = {
+        'skin': mosaic.image,
+        'deviation': drawing.deviation_colours(mosaic.deviation, _DEEPEST)[..., ::-1],
+        'coverage': _coverage(mosaic),
     }
-    worlds = [f'{name}.pgw' for name in ('skin', 'deviation', 'coverage')]
-    with write_all_atomically(folder, [*names.values(), *worlds], 'the survey') as temporary:
-        for name, picture in (
-            ('skin', mosaic.image),
-            ('deviation', _coloured(mosaic.deviation)),
-            ('coverage', _coverage(mosaic)),
-        ):
+    names = [*(f'{name}.png' for name in pictures), 'mosaic.ply', 'survey.json', 'survey.html']
+    worlds = [f'{name}.pgw' for name in pictures]
+    with write_all_atomically(folder, [*names, *worlds], 'the survey') as temporary:
+        for name, picture in pictures.items():
             # y grows upwards on the skin, rows grow downwards.
             _, data = cv2.imencode('.png', picture[::-1])
             temporary[f'{name}.png'].write_bytes(data.tobytes())
@@ -80,15 +76,15 @@ def write_survey(
         temporary['survey.json'].write_text(record, encoding='utf-8')
         page = survey_page(survey, frame)
         temporary['survey.html'].write_text(page, encoding='utf-8', errors='backslashreplace')
-    return {kind: folder / name for kind, name in names.items()}
+    return [folder / name for name in names]
 
 
 def fields(survey: Surveyed, frame: AircraftFrame | None = None) -> dict[str, Any]:
     """All that is found, as JSON has it: metres but where the name says millimetres."""
-    result, mosaic = survey.result, survey.mosaic
+    result, mosaic, joined = survey.result, survey.mosaic, survey.joined
     cells = result.coverage
     skin = mosaic.skin
-    half, most = _findable(cells) or (None, None)
+    half, most = findable_shares(cells.findable)
     return {
         'name': result.name,
         'sources': list(result.sources),
@@ -96,7 +92,7 @@ def fields(survey: Surveyed, frame: AircraftFrame | None = None) -> dict[str, An
         'frame_id': result.frame_id,
         'software': result.software,
         'rig': result.rig_id,
-        'pairs': {'used': survey.pairs - survey.left_out, 'left_out': survey.left_out},
+        'pairs': dict(zip(('used', 'left_out'), joined.pairs, strict=True)),
         'remarks': list(survey.remarks),
         'poses': [
             {
@@ -106,7 +102,7 @@ def fields(survey: Surveyed, frame: AircraftFrame | None = None) -> dict[str, An
                 'covariance': covariance.ravel().tolist(),
             }
             for stamp_ns, pose, covariance in zip(
-                result.stamps_ns, result.poses, result.covariances, strict=True
+                joined.joining.stamps_ns, joined.poses, joined.covariances, strict=True
             )
         ],
         'unrolled': {
@@ -119,8 +115,8 @@ def fields(survey: Surveyed, frame: AircraftFrame | None = None) -> dict[str, An
         'dents': [_record(each, survey, frame) for each in result.dents],
         'coverage': {
             'cell_mm': PIXEL * PIXELS_A_CELL * 1e3,
-            'area_m2': len(cells.views) * cells.size**2,
-            'findable_mm': {'median': half, 'p95': most},
+            'area_m2': cells.area,
+            'findable_mm': {'median': half * 1e3, 'p95': most * 1e3},
             'gaps': [
                 {
                     'unrolled': gap.place.tolist(),
@@ -159,18 +155,8 @@ def _record(each: SurveyedDent, survey: Surveyed, frame: AircraftFrame | None) -
 
 def _world_file(mosaic: Mosaic) -> str:
     """Six lines: pixel size, turns, and the place of the upper left pixel's middle."""
-    left = mosaic.low[0] + PIXEL / 2
-    top = mosaic.low[1] + PIXEL * (mosaic.shape[0] - 0.5)
+    left, top = mosaic.low + PIXEL * np.array([0.5, mosaic.shape[0] - 0.5])
     return ''.join(f'{value:.6f}\n' for value in (PIXEL, 0.0, 0.0, -PIXEL, left, top))
-
-
-def _coloured(deviation: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """BGR: white at none, red where it is deep, blue where it is high, grey where not known."""
-    share = np.clip(deviation / _DEEPEST, -1, 1)
-    red, blue = np.maximum(share, 0), np.maximum(-share, 0)
-    picture = 255 * np.stack([1 - red, 1 - red - blue, 1 - blue], axis=-1)
-    known = np.isfinite(deviation)[..., None]
-    return np.where(known, np.nan_to_num(picture), 40).astype(np.uint8)
 
 
 def _coverage(mosaic: Mosaic) -> NDArray[np.uint8]:
@@ -195,10 +181,9 @@ def survey_page(survey: Surveyed, frame: AircraftFrame | None = None) -> str:
     """
     result = survey.result
     dents = [each for each in result.dents if each.dent.kind == 'dent']
-    used = survey.pairs - survey.left_out
     facts = [
-        ('Flown', f'{date_of(result.taken_ns)}, {len(result.stamps_ns)} clouds'),
-        ('Joined by', f'{used} pairs of clouds, {survey.left_out} left out'),
+        ('Flown', f'{date_of(result.taken_ns)}, {len(survey.joined.poses)} clouds'),
+        ('Joined by', '{} pairs of clouds, {} left out'.format(*survey.joined.pairs)),
         ('Frame', result.frame_id),
         ('Rig', result.rig_id or 'not known'),
     ]
@@ -366,27 +351,18 @@ def _layers(mosaic: Mosaic, cells: CoverageCells) -> list[dict[str, Any]]:
     return layers
 
 
-def _findable(cells: CoverageCells) -> tuple[float, float] | None:
-    """Median and 95th percentile of the smallest dents that would have been found, mm."""
-    known = cells.findable[np.isfinite(cells.findable)] * 1e3
-    return (float(np.median(known)), float(np.percentile(known, 95))) if len(known) else None
-
-
 def _coverage_facts(mosaic: Mosaic, cells: CoverageCells) -> list[tuple[str, str]]:
     gaps = mosaic.gaps()
-    area = len(cells.views) * cells.size**2
     missing = sum(gap.area for gap in gaps)
-    share = area / (area + missing) if area else 0.0
-    largest = ''
-    if gaps:
-        largest = ', the largest {:.0f} x {:.0f} mm'.format(*(gaps[0].size * 1e3))
+    share = cells.area / (cells.area + missing) if cells.area else 0.0
+    largest = ', the largest {:.0f} x {:.0f} mm'.format(*(gaps[0].size * 1e3)) if gaps else ''
     facts = [
-        ('Measured', f'{area:.3f} m², {100 * share:.2f} % of the skin without its rim'),
+        ('Measured', f'{cells.area:.3f} m², {100 * share:.2f} % of the skin without its rim'),
         ('Gaps', f'{len(gaps)}{largest}'),
     ]
-    findable = _findable(cells)
-    if findable is not None:
-        text = '{:.3f} mm deep on half of it, {:.3f} mm on 95 %'.format(*findable)
+    half, most = (1e3 * share for share in findable_shares(cells.findable))
+    if math.isfinite(most):
+        text = f'{half:.3f} mm deep on half of it, {most:.3f} mm on 95 %'
         facts.append(('A dent was found from', text))
     if len(cells.views):
         once, often = float(np.mean(cells.views == 1)), np.median(cells.views)
@@ -397,8 +373,7 @@ def _coverage_facts(mosaic: Mosaic, cells: CoverageCells) -> list[tuple[str, str
 
 def _outline(entry: SurveyedDent, mosaic: Mosaic) -> dict[str, Any]:
     dent = entry.dent
-    points = dent.outline if len(dent.outline) else dent.position[None]
-    place = (mosaic.skin.place(points)[:, :2] - mosaic.low) / PIXEL
+    place = (mosaic.skin.place(dent.closed_outline)[:, :2] - mosaic.low) / PIXEL
     u, v = place[:, 0], mosaic.shape[0] - place[:, 1]
     return {
         'points': ' '.join(f'{a:.1f},{b:.1f}' for a, b in zip(u, v, strict=True)),

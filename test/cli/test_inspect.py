@@ -105,7 +105,7 @@ def test_each_wrong_input_is_one_sentence(tmp_path, capsys, cloud):
     write_ply(tmp_path / 'cloud.ply', cloud, 'camera_optical_frame')
     (tmp_path / 'rules.yaml').write_text('limits: 3')
     rules = ('--rules', tmp_path / 'rules.yaml')
-    assert 'limits is no list' in refusal(capsys, tmp_path / 'cloud.ply', *out, *rules)
+    assert 'limits is 3: give a list' in refusal(capsys, tmp_path / 'cloud.ply', *out, *rules)
     depth = ('--smallest-depth', '-1')
     said = refusal(capsys, tmp_path / 'cloud.ply', *out, *depth)
     assert said.endswith('--smallest-depth is -1: give 0.001 to 100\n')

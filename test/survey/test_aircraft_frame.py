@@ -11,7 +11,7 @@ TRUE = Pose.from_rpy((0.02, -0.01, 2.2), (12.0, -1.5, 2.5))
 PLACES = np.array([[0.0, 0, 0], [1.5, 0.1, 0], [0.6, 0.1, 0.9], [1.4, 0.2, 1.0], [0.2, 0.1, 0.7]])
 
 
-def points(rng, count=3, noise=1e-3, places=PLACES):
+def points(rng, count=3, noise=1e-3):
     return [
         ReferencePoint(
             f'rivet {k}',
@@ -19,7 +19,7 @@ def points(rng, count=3, noise=1e-3, places=PLACES):
             TRUE.apply(place) + rng.normal(0, noise, 3),
             np.hypot(noise, 3e-4),
         )
-        for k, place in enumerate(places[:count])
+        for k, place in enumerate(PLACES[:count])
     ]
 
 
@@ -37,13 +37,9 @@ def test_three_points_of_a_millimetre_give_places_near_them_to_what_is_stated():
     np.testing.assert_allclose(np.std(errors), 1.0, atol=0.1)
 
 
-def test_points_on_a_line_or_too_few_are_no_frame():
-    rng = np.random.default_rng(1)
-    line = np.linspace(0, 1, 4)[:, None] * np.array([1.0, 0.3, 0.1])
-    with pytest.raises(ConfigurationError, match='lie on a line'):
-        aircraft_frame(points(rng, 4, places=line))
+def test_too_few_points_are_no_frame():
     with pytest.raises(ConfigurationError, match='2 reference points'):
-        aircraft_frame(points(rng, 2))
+        aircraft_frame(points(np.random.default_rng(1), 2))
 
 
 @pytest.mark.parametrize('count', [3, 4, 5])

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from survey_samples import COUNT, ELSEWHERE, GROWN, NEW, REPAIRED, UNSEEN, pair
 
-from ftp_dent_ros.survey.comparison import compare
+from ftp_dent_ros.survey.comparison import chart, chart_csv, compare, comparison_page
 from ftp_dent_ros.survey.matching import NoMatchError, match
 from ftp_dent_ros.survey.result import CoverageCells
 
-NOWHERE = CoverageCells(0.01, np.zeros((1, 3), np.float32), *np.full((4, 1), np.nan))
+NOWHERE = CoverageCells(0.01, np.zeros((1, 3), np.float32), *np.full((2, 1), np.nan))
 EXPECTED = {GROWN: 'grown', REPAIRED: 'repaired', NEW: 'new', UNSEEN: 'not seen'}
 
 
@@ -30,11 +30,25 @@ def test_each_dent_is_told_right_wherever_the_aircraft_stands():
     }
     grown = comparison.dents[0]
     assert grown.status == 'grown'
-    depth = grown.changes[0]
+    depth = grown.changes['depth']
     assert abs(depth.estimate.value - 5e-5) < 2 * depth.half
     places, spread = comparison.matching.in_earlier(ELSEWHERE.apply(np.array([[0.6, 0.3, 0.0]])))
     np.testing.assert_allclose(places[0], [0.6, 0.3, 0.0], atol=4 * spread[0])
     assert spread[0] < 1e-3
+
+
+def test_surveys_of_bumps_alone_have_nothing_to_chart():
+    bumps = (
+        replace(
+            survey,
+            dents=tuple(replace(d, dent=replace(d.dent, kind='bump')) for d in survey.dents),
+        )
+        for survey in pair()
+    )
+    comparison = compare(*bumps)
+    rows = chart(comparison)
+    assert rows == [] and chart_csv(rows, False).strip() == ''
+    assert 'No dents' in comparison_page(comparison, rows)
 
 
 def test_a_dent_that_would_hardly_have_been_found_is_not_new():

@@ -99,7 +99,7 @@ def test_a_flight_becomes_one_skin_with_each_dent_once(tmp_path, skin, capsys):
     assert (picture > 0).sum() * 4e-6 == pytest.approx(found['coverage']['area_m2'], rel=0.03)
     assert found['coverage']['gaps'] == []
     kept = SurveyStore(store).read('first')
-    assert kept.stamps_ns[0] == START_NS
+    assert kept.taken_ns == START_NS
     # The skin about each dent, on a cylinder of 2 m, for the comparison with another survey.
     for each in kept.dents:
         heights = each.relief.heights
@@ -199,7 +199,7 @@ def test_a_gap_between_passes_is_found_and_no_cell_too_many(skin):
     )
     for number, pose in enumerate(poses):
         cloud, image = flat.seen(pose, number)
-        mosaic.add(number, cloud, pose, image, None)
+        mosaic.add(cloud, pose, image, None)
     (gap,) = mosaic.gaps()
     assert gap.size[1] == pytest.approx(0.02, abs=0.0101)
     assert abs(gap.place[1]) < 0.01
