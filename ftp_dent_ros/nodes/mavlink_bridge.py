@@ -14,7 +14,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -236,8 +236,8 @@ class BridgeTags:
     ) -> None:
         given = node.given
         self._frame, self._mount = given.map_frame, mount
-        self._mount_covariance = pose_covariance.of_mount(
-            given.translation_uncertainty, given.rotation_uncertainty
+        self._mount_covariance = pose_covariance.diagonal(
+            3 * (given.translation_uncertainty,), 3 * (given.rotation_uncertainty,)
         )
         self._diagnostics, self._preview_columns = node.diagnostics, given.preview_columns
         most_at_once = given.queue_size
@@ -321,13 +321,11 @@ class MavlinkBridge(PayloadNode[MavlinkBridgeSettings]):
         self.create_timer(0.1, self._settle, clock=steady)
         self.create_timer(1.0, self._send_heartbeat, clock=steady)
         self._mavlink_camera = BridgeCamera(self, mount) if given.is_camera else None
-        # Of each photograph it is told where on the earth it was taken.
-        settings = replace(given.vehicle(), earth=given.earth or given.is_camera)
         # Last, for its thread must not be left behind if something above fails.
         self._link = Link(
             given.address,
             given.baud,
-            settings,
+            given.vehicle(),
             self.now_ns,
             self._on_link_poses,
             given.signing_key or b'',

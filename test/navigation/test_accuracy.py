@@ -49,9 +49,8 @@ def test_an_impossible_report_says_nothing(report, wrong: float) -> None:
 
 @pytest.mark.parametrize(('height', 'error'), [(3.0, 0.10), (5.0, 0.18), (6.0, 0.22), (8.0, 0.31)])
 def test_heights_as_measured_on_a_live_autopilot_are_stated(height: float, error: float) -> None:
-    covariance = pose_covariance.reported(ekf(0, 0.001, 0)) + pose_covariance.of_height(
-        height, 0.04
-    )
+    reported = pose_covariance.reported(ekf(0, 0.001, 0))
+    covariance = pose_covariance.of_tag(reported, STILL, 0.0, 0.04 * height)
     assert 0.5 < deviations(covariance)[2] / error < 2
 
 

@@ -27,7 +27,7 @@ def flight(data: Path) -> Flight:
 
 @pytest.fixture(scope='module')
 def outcome(flight: Flight) -> Outcome:
-    return replay(flight, flight.truth().times, settings=VehicleSettings(earth=True))
+    return replay(flight, flight.truth().times)
 
 
 def ready_time(flight: Flight) -> int:
