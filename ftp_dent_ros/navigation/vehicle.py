@@ -129,7 +129,7 @@ class Vehicle:
         self._history = PoseHistory(_LONGEST_AGE, settings.maximum_gap)
         self._heard: Instant | None = None
         self._sequence: int | None = None
-        self._streamed_ros = 0
+        self._streamed = self._streamed_ros = 0
         self._messages = self._foreign = self._lost = self._malformed = 0
         # Spans of the time since boot that came twice.
         self._repeated = deque[tuple[int, int]](maxlen=8)

@@ -42,8 +42,8 @@ def test_every_node_reports_and_ends_well_on_a_signal(ros, rig_file, with_signal
 def test_bad_parameters_are_one_clear_line_and_status_2(ros, rig_file):
     sentences = {
         'pattern_publisher': 'pattern_publisher: the size of the pattern is not known: set ',
-        'camera_capture': "camera_capture: parameter source is 'webcam': give device or ",
-        'reconstruction': 'reconstruction: parameter stride is 0: give a value from 1 to 16',
+        'camera_capture': "camera_capture: parameter source is 'webcam': give one of ",
+        'reconstruction': 'reconstruction: parameter stride is 0: give a whole number from 1 to',
     }
     processes = [
         ros.start('pattern_publisher'),
@@ -76,7 +76,7 @@ def test_bad_parameters_are_one_clear_line_and_status_2(ros, rig_file):
         (CameraCapture, {'source': 'simulation'}, 'set the parameter rig'),
         (CameraCapture, {'device.width': 0}, 'set rig, or device.width and device.height'),
         (CameraCapture, {'rig': 'RIG', 'device.fourcc': 'MJPEG'}, 'has not four characters'),
-        (CameraCapture, {'rig': 'RIG', 'device.stamps': 'middle'}, 'give auto or start or end'),
+        (CameraCapture, {'rig': 'RIG', 'device.stamps': 'middle'}, 'give one of auto, start, end'),
     ],
 )
 def test_what_is_wrong_with_a_parameter_is_said(
