@@ -9,35 +9,41 @@ from pathlib import Path
 from ftp_dent_ros.calibration.board import Board
 from ftp_dent_ros.calibration.sequence import Sequence
 from ftp_dent_ros.calibration.session import FILE, Session, read_session
+from ftp_dent_ros.cli import Argument, argument
 from ftp_dent_ros.errors import ConfigurationError
 
-
-def add_board_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the board's; lengths are in millimetres, as on a ruler."""
-    parser.add_argument('--board', metavar='CxR', help='inner corners along x and y, as 10x7')
-    parser.add_argument('--square', type=float, metavar='MM', help='side of a square')
-    parser.add_argument(
+# Of the board; lengths are in millimetres, as on a ruler.
+BOARD = (
+    argument('--board', metavar='CxR', help='inner corners along x and y, as 10x7'),
+    argument('--square', type=float, metavar='MM', help='side of a square'),
+    argument(
         '--charuco', default='', metavar='DICT', help='dictionary of a ChArUco board, DICT_5X5_250'
-    )
-    parser.add_argument('--marker', type=float, default=0.0, metavar='MM', help='side of a marker')
-    parser.add_argument(
-        '--legacy', action='store_true', help='ChArUco board made before OpenCV 4.6'
-    )
+    ),
+    argument('--marker', type=float, default=0.0, metavar='MM', help='side of a marker'),
+    argument('--legacy', action='store_true', help='ChArUco board made before OpenCV 4.6'),
+)
 
 
-def add_sequence_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what is projected on the board, and the tape's measure."""
-    parser.add_argument('--projector', metavar='WxH', help="the projector's pixels, as 1280x720")
-    parser.add_argument(
-        '--period', type=int, metavar='PX', help='of shifted fringes; 0: Gray codes alone'
-    )
-    parser.add_argument('--steps', type=int, metavar='N', help='photographs a period')
-    parser.add_argument(
-        '--baseline',
-        type=float,
-        default=0.0,
-        metavar='MM',
-        help='distance between the lenses by the tape: the check that squares have the size given',
+def sequence_arguments(period: int | None = None) -> tuple[Argument, ...]:
+    """What is projected on the board, by default with fringes of a period, and the tape's."""
+    return (
+        argument('--projector', metavar='WxH', help="the projector's pixels, as 1280x720"),
+        argument(
+            '--period',
+            type=int,
+            default=period,
+            metavar='PX',
+            help='of shifted fringes; 0: Gray codes alone',
+        ),
+        argument('--steps', type=int, metavar='N', help='photographs a period'),
+        argument(
+            '--baseline',
+            type=float,
+            default=0.0,
+            metavar='MM',
+            help='distance between the lenses by the tape: the check that squares have the size '
+            'given',
+        ),
     )
 
 

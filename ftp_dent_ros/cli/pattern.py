@@ -8,27 +8,27 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from ftp_dent_ros.cli import argument
 from ftp_dent_ros.errors import ImageError, PatternError
 from ftp_dent_ros.files import find, write_atomically
 from ftp_dent_ros.pattern.drawn import pattern_from_image
 from ftp_dent_ros.pattern.file import read_pattern, write_pattern
 from ftp_dent_ros.pattern.pattern import Pattern
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
-    parser.add_argument(
+ARGUMENTS = (
+    argument(
         'pattern',
         metavar='PATTERN',
         help='PATTERN.yaml to draw, or a drawn PATTERN.png to read back',
-    )
-    parser.add_argument(
+    ),
+    argument(
         '--output',
         type=Path,
         required=True,
         metavar='FILE',
         help='PATTERN.png, the pixels to project, or PATTERN.yaml, their numbers',
-    )
+    ),
+)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -16,6 +16,7 @@ from rclpy.node import Node
 from rclpy.time import Time
 
 from ftp_dent_ros.calibration.preflight import NO, OK, WARN, Finding, examine, sharpness
+from ftp_dent_ros.cli import argument
 from ftp_dent_ros.dents.dent import SmallestDent as Smallest
 from ftp_dent_ros.errors import CameraError, ConfigurationError
 from ftp_dent_ros.files import find, nearest_folder
@@ -41,12 +42,12 @@ _LEVEL = {OK: '  ok ', WARN: 'WARN ', NO: 'NO GO'}
 States = dict[str, tuple[int, DiagnosticStatus]]
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
-    parser.add_argument('configuration', metavar='CONFIG.yaml', help='of the running payload')
-    parser.add_argument(
+ARGUMENTS = (
+    argument('configuration', metavar='CONFIG.yaml', help='of the running payload'),
+    argument(
         '--bags', type=Path, default=Path(), metavar='DIR', help='where bags will go; default: .'
-    )
+    ),
+)
 
 
 def run(arguments: argparse.Namespace) -> int:
