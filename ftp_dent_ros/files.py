@@ -11,7 +11,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ftp_dent_ros.errors import ConfigurationError, InputError
+from ftp_dent_ros.errors import ConfigurationError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -93,24 +93,13 @@ def content_id(path: str | os.PathLike[str]) -> str:
 
 
 def write_png(path: str | os.PathLike[str], image: NDArray[Any]) -> None:
-    """Write an image as OpenCV has it (grey, BGR or BGRA) as PNG; the file is whole or not there.
-
-    Raises
-    ------
-    InputError
-        The file cannot be written.
-    """
+    """Write an image as OpenCV has it (grey, BGR or BGRA) as PNG, as of `write_atomically`."""
     # Taken only here: most of what reads and writes files has no images.
     import cv2
 
-    done, data = cv2.imencode('.png', image)
-    try:
-        with write_atomically(path) as temporary:
-            temporary.write_bytes(data.tobytes() if done else b'')
-    except OSError as reason:
-        raise InputError(
-            f'{path}: cannot be written ({reason.strerror}): check the path'
-        ) from None
+    _, data = cv2.imencode('.png', image)
+    with write_atomically(path) as temporary:
+        temporary.write_bytes(data.tobytes())
 
 
 def check_writable(path: str | os.PathLike[str]) -> None:
