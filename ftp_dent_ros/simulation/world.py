@@ -204,8 +204,5 @@ class LiveWorld:
         return world.photograph(rig, projected, stamp_ns)
 
     def _read(self) -> World:
-        try:
-            status = os.stat(self._path)
-        except OSError:
-            return read_world(self._path, self._start_ns)
+        status = find(self._path).stat()
         return _world_of(self._path, self._start_ns, (status.st_mtime_ns, status.st_ino))
