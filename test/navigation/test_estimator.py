@@ -77,13 +77,6 @@ def test_a_stamp_needs_two_good_reports_around_it() -> None:
     assert Reports((10, True)).reason(10.2, 10.3) == ('estimator report awaited', True)
 
 
-def test_one_that_reports_nothing_is_not_believed() -> None:
-    reports = Reports()
-    assert reports.reason(0.2, 0.5) == ('estimator report awaited', True)
-    assert reports.reason(1, 4) == ('estimator not reported', False)
-    assert reports.state(4) == 'not reported'
-
-
 def test_one_that_stopped_reporting_is_not() -> None:
     reports = Reports((10, True), (20, True))
     assert reports.reason(15, 20) == ('estimator not reported', False)
