@@ -5,9 +5,7 @@ from __future__ import annotations
 import argparse
 import shutil
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import fields
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -17,13 +15,12 @@ from rclpy.time import Time
 
 from ftp_dent_ros.calibration.preflight import NO, OK, WARN, Finding, examine, sharpness
 from ftp_dent_ros.cli import argument
-from ftp_dent_ros.dents.dent import SmallestDent as Smallest
+from ftp_dent_ros.dents.dent import SmallestDent
 from ftp_dent_ros.errors import CameraError, ConfigurationError
-from ftp_dent_ros.files import find, nearest_folder
-from ftp_dent_ros.parameters import flat
+from ftp_dent_ros.files import nearest_folder
+from ftp_dent_ros.nodes.declarations import settings_of
 from ftp_dent_ros.pattern.drawn import pattern_from_image
 from ftp_dent_ros.profilometry import Reconstructor, Settings
-from ftp_dent_ros.rig.rig import read_rig
 from ftp_dent_ros.ros.photographer import Photographer
 from ftp_dent_ros.ros.qos import DIAGNOSTICS
 from ftp_dent_ros.ros.session import session
@@ -89,10 +86,15 @@ def _photographs(
     photographer: Photographer, size: tuple[int, int], entries: Mapping[str, NodeEntry]
 ) -> list[Finding]:
     pattern = pattern_from_image(photographer.projected())
-    rig = read_rig(find(_parameter(entries['reconstruction'], 'rig', '')))
+    camera, reconstruction = (
+        settings_of(entries[name]) for name in ('camera_capture', 'reconstruction')
+    )
+    rig = reconstruction.rig
+    if rig is None:
+        where = entries['reconstruction'].file
+        raise ConfigurationError(f'{where}: reconstruction has no rig: set the parameter rig')
     pattern.check_fits(rig.projector)
-    stride = int(_parameter(entries['reconstruction'], 'stride', Settings().stride))
-    reconstructor = Reconstructor(rig, pattern, Settings(stride=stride))
+    reconstructor = Reconstructor(rig, pattern, Settings(stride=reconstruction.stride))
     white, _ = photographer.photograph(
         photographer.show(_even(size, 254)) + _SETTLED_NS, colour=True
     )
@@ -107,11 +109,12 @@ def _photographs(
         image, stamp_ns = photographer.photograph(shown, colour=True)
         ages.append((photographer.now_ns() - stamp_ns) / 1e9)
         fringes.append(image)
-    exposure = float(_parameter(entries['camera_capture'], 'device.exposure', 0.0))
-    smallest = _smallest(entries.get('dent_inspector'))
+    exposure, smallest = camera.exposure, SmallestDent()
+    if 'dent_inspector' in entries:
+        given = settings_of(entries['dent_inspector'])
+        smallest = SmallestDent(given.smallest_depth, given.smallest_width)
     findings = examine(rig, pattern, white, black, fringes, reconstructor, exposure, smallest)
-    simulated = _parameter(entries['camera_capture'], 'source', '') == 'simulation'
-    return [*findings, _clock(float(np.median(ages)), simulated)]
+    return [*findings, _clock(float(np.median(ages)), camera.source == 'simulation')]
 
 
 def _clock(age: float, simulated: bool) -> Finding:
@@ -178,27 +181,6 @@ def _disk(folder: Path) -> Finding:
     # A flight's bag takes some 15 MB a second: half an hour, ten minutes.
     verdict = OK if free > 27e9 else WARN if free > 9e9 else NO
     return Finding('disk', verdict, f'{free / 1e9:.0f} GB free, some {minutes:.0f} minutes of bag')
-
-
-def _parameter(entry: NodeEntry, name: str, default: Any) -> Any:
-    """A parameter of an entry, written flat or nested."""
-    for block in (entry.absolute, entry.parameters, entry.shared):
-        values = dict(flat(block))
-        if name in values:
-            return values[name]
-    return default
-
-
-def _smallest(entry: NodeEntry | None) -> Smallest:
-    """The smallest dent that the payload looks for."""
-    if entry is None:
-        return Smallest()
-    return Smallest(
-        **{
-            each.name: float(_parameter(entry, each.name, each.default))
-            for each in fields(Smallest)
-        }
-    )
 
 
 def _even(size: tuple[int, int], level: int) -> np.ndarray:
