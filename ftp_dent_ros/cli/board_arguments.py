@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import re
+from dataclasses import asdict
 from pathlib import Path
 
 from ftp_dent_ros.calibration.board import Board
@@ -81,21 +82,20 @@ def board_of(arguments: argparse.Namespace, known: Session | None = None) -> Boa
 
 
 def _sequence(arguments: argparse.Namespace, known: Session | None) -> Sequence:
-    default = known.sequence if known else None
+    # Photographs of another tool's are Gray codes, unless they say what they are.
+    values = asdict(known.sequence) if known else {'period': 0}
     if arguments.projector is not None:
-        width, height = _pair('--projector', arguments.projector)
-    elif default:
-        width, height = default.width, default.height
-    else:
+        values['width'], values['height'] = _pair('--projector', arguments.projector)
+    values |= {
+        name: getattr(arguments, name)
+        for name in ('period', 'steps')
+        if getattr(arguments, name) is not None
+    }
+    if 'width' not in values:
         raise ConfigurationError(
             "the projector's size is not known: give --projector, as 1280x720"
         )
-    period = arguments.period
-    if period is None:
-        # Photographs of another tool's are Gray codes, unless they say what they are.
-        period = default.period if default else 0
-    steps = arguments.steps or (default.steps if default else 6)
-    return Sequence(width, height, period, steps)
+    return Sequence(**values)
 
 
 def _pair(option: str, text: str) -> tuple[int, int]:

@@ -25,6 +25,7 @@ from ftp_dent_ros.ros.photographer import Photographer
 from ftp_dent_ros.ros.qos import DIAGNOSTICS
 from ftp_dent_ros.ros.session import session
 from ftp_dent_ros.supervision.configuration import NodeEntry, read_configuration
+from ftp_dent_ros.supervision.executables import SIMULATED_AUTOPILOT
 
 # No projector is later, nanoseconds.
 _SETTLED_NS = 200_000_000
@@ -53,23 +54,25 @@ def run(arguments: argparse.Namespace) -> int:
     for name in ('pattern_publisher', 'camera_capture', 'reconstruction'):
         if name not in entries:
             raise ConfigurationError(f'{arguments.configuration}: runs no {name}: add it')
+    # Every other tells its state.
+    telling = {e.name: e for e in entries.values() if e.executable != SIMULATED_AUTOPILOT}
     namespace = entries['reconstruction'].namespace
     remap = ['-r', f'__ns:={namespace}'] if namespace != '/' else []
     with session('preflight', remap) as (node, stop):
         states = _listen(node)
         photographer = Photographer(node, stop)
         try:
-            photographer.waited_for(lambda: all(_heard(states, entries)), _HEARD)
+            photographer.waited_for(lambda: _heard(states, telling), _HEARD)
             size = photographer.projector_size()
             findings = _photographs(photographer, size, entries)
             # What a node said before it saw the pattern tells nothing of it now.
             end = photographer.now_ns()
-            photographer.waited_for(lambda: all(_heard(states, entries, end)), _HEARD)
+            photographer.waited_for(lambda: _heard(states, telling, end), _HEARD)
         except CameraError as reason:
             findings = [Finding('payload', NO, str(reason))]
         finally:
             photographer.close()
-    findings += _nodes(states, entries)
+    findings += [_judged(entry, states) for entry in telling.values()]
     findings.append(_disk(arguments.bags))
     width = max(len(finding.name) for finding in findings)
     for finding in findings:
@@ -151,28 +154,22 @@ def _listen(node: Node) -> States:
     return states
 
 
-def _heard(states: States, entries: Mapping[str, NodeEntry], since_ns: int = 0) -> Iterable[bool]:
-    """Of every node that tells its state, whether it has since a moment."""
-    telling = (e.name for e in entries.values() if e.executable != 'simulated_autopilot')
-    return (name in states and states[name][0] >= since_ns for name in telling)
+def _heard(states: States, names: Iterable[str], since_ns: int = 0) -> bool:
+    """Whether every node has told its state since a moment."""
+    return all(name in states and states[name][0] >= since_ns for name in names)
 
 
-def _nodes(states: States, entries: Mapping[str, NodeEntry]) -> list[Finding]:
-    findings = []
-    for entry in entries.values():
-        if entry.executable == 'simulated_autopilot':
-            continue
-        if entry.name not in states:
-            findings.append(Finding(entry.name, NO, 'says nothing: is it running?'))
-            continue
-        _, state = states[entry.name]
-        verdict = OK
-        if state.level == DiagnosticStatus.ERROR:
-            verdict = NO
-        elif state.level == DiagnosticStatus.WARN and 'projector/show' not in state.message:
-            verdict = NO if entry.executable == 'mavlink_bridge' else WARN
-        findings.append(Finding(entry.name, verdict, state.message))
-    return findings
+def _judged(entry: NodeEntry, states: States) -> Finding:
+    """What a node says of itself."""
+    if entry.name not in states:
+        return Finding(entry.name, NO, 'says nothing: is it running?')
+    _, state = states[entry.name]
+    verdict = OK
+    if state.level == DiagnosticStatus.ERROR:
+        verdict = NO
+    elif state.level == DiagnosticStatus.WARN and 'projector/show' not in state.message:
+        verdict = NO if entry.executable == 'mavlink_bridge' else WARN
+    return Finding(entry.name, verdict, state.message)
 
 
 def _disk(folder: Path) -> Finding:
