@@ -116,12 +116,8 @@ class ReportHistory:
             if heard - self._since < self._longest:
                 raise PoseAwaitedError(f'the autopilot has not reported {self._what} yet', awaited)
             raise PoseError(f'the autopilot does not report {self._what}', missing)
-        before = after = None
-        for report in reversed(self._reports):
-            if report.now <= stamp:
-                before = report
-                break
-            after = report
+        before = next((each for each in reversed(self._reports) if each.now <= stamp), None)
+        after = next((each for each in self._reports if each.now > stamp), None)
         for report in (before, after):
             if report is not None and report.fault is not None:
                 raise report.fault.with_traceback(None)

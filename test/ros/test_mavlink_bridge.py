@@ -79,11 +79,6 @@ class Bridge:
         count = len(self.poses)
         self._publish_until(lambda: len(self.poses) > count, frame)
 
-    def refuse(self, reason: str) -> None:
-        """Publish until one more cloud is refused for that."""
-        count = self.number(f'refused: {reason}')
-        self._publish_until(lambda: self.number(f'refused: {reason}') > count)
-
     def _publish_until(self, condition: Callable[[], bool], *arguments: Any) -> None:
         due = 0.0
         self.ros.met_by('mavlink_bridge')
@@ -264,21 +259,6 @@ def test_clouds_that_get_their_poses_at_once_are_all_published_with_them(
 
 def stamps_of(messages: list) -> set[int]:
     return {stamp_to_ns(message.header.stamp) for message in messages}
-
-
-def test_without_gps_no_cloud_is_tagged_and_that_is_told(ros, port, autopilot) -> None:
-    bridge = Bridge(ros, port)
-    ros.until(lambda: bridge.stream)
-    bridge.tag()
-    autopilot.fix_type = 1
-    ros.until(lambda: bridge.value('GPS fix') == 'no fix')
-    ros.until(lambda: 'GPS has no fix' in bridge.message())
-    lost = Clock().now().nanoseconds
-    bridge.refuse('GPS lost')
-    assert max(stamps_of(bridge.poses)) < lost
-    autopilot.fix_type = 3
-    ros.until(lambda: bridge.value('GPS fix') == '3d fix')
-    bridge.tag()
 
 
 def test_of_two_vehicles_on_one_port_no_pose_is_the_others(ros, port, autopilot) -> None:
