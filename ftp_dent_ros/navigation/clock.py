@@ -34,13 +34,11 @@ class Segment:
 
     begin: int
     exchanges: deque[Exchange] = field(default_factory=lambda: deque(maxlen=64))
-    count: int = 0
     latest: tuple[int, int] = (0, 0)
 
     def add(self, exchange: Exchange) -> None:
         """Take an exchange that does not contradict those before it."""
         self.exchanges.append(exchange)
-        self.count += 1
         self.latest = self.offset(exchange.received)
 
     @property
@@ -170,7 +168,7 @@ class ClockOffset:
         if len(holders) != 1:
             raise PoseError('a clock stepped around that time', 'clock stepped')
         offset, uncertainty = holders[0].offset(stamp)
-        if holders[0].count < _MINIMUM_EXCHANGES or uncertainty > self._maximum_error:
+        if len(holders[0].exchanges) < _MINIMUM_EXCHANGES or uncertainty > self._maximum_error:
             error = PoseAwaitedError if holders[0] is newest else PoseError
             raise error(self._unknown(), 'clock not converged')
         return stamp - offset, uncertainty
@@ -239,7 +237,9 @@ class ClockOffset:
         if not self._segments:
             return False
         newest = self._segments[-1]
-        return newest.count >= _MINIMUM_EXCHANGES and newest.latest[1] <= self._maximum_error
+        return (
+            len(newest.exchanges) >= _MINIMUM_EXCHANGES and newest.latest[1] <= self._maximum_error
+        )
 
     def _boot_now(self, now: int) -> int:
         last = self._segments[-1].last
