@@ -32,6 +32,18 @@ COMMANDS = {
     'replay': 'publish the messages of a bag',
     'recover': 'mend a bag whose recorder was killed',
 }
+# What to do where a package is not installed.
+_ADVICE = {
+    ('mcap', 'rosbags', 'lz4', 'zstandard'): (
+        "install it with `pip install '.[bags]'`, or where ROS 2 is installed "
+        'use `ros2 bag`, which writes and reads the same bags'
+    ),
+    ('jinja2', 'matplotlib'): "install it with `pip install '.[reports]'`",
+    ('dask', 'distributed'): (
+        "install it with `pip install '.[cluster]'`, or apt's python3-distributed"
+    ),
+}
+_ELSE = 'see "Install" in the README'
 
 
 def add_commands(
@@ -82,15 +94,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stdout.flush()
         return status
     except FtpDentError as error:
-        print(f'ftp-dent {chosen}: {error}', file=sys.stderr)
-        return 2
+        sentence = str(error)
     except ModuleNotFoundError as error:
         package = (error.name or str(error)).split('.')[0]
         if package == 'ftp_dent_ros':
             raise
-        needs = f'needs the Python package {package}, which is not installed: {_advice(package)}'
-        print(f'ftp-dent {chosen}: {needs}', file=sys.stderr)
-        return 2
+        advice = next((text for names, text in _ADVICE.items() if package in names), _ELSE)
+        sentence = f'needs the Python package {package}, which is not installed: {advice}'
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:
@@ -101,22 +111,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # A file, disk or network that nobody who knows more has spoken for.
         name = error.filename if error.filename2 is None else error.filename2
         what = '' if name is None else f'{printable(str(name))}: '
-        reason = f'{what}{error.strerror or error}: check path, permissions and disk'
-        print(f'ftp-dent {chosen}: {reason}', file=sys.stderr)
-        return 2
-
-
-def _advice(package: str) -> str:
-    if package in ('mcap', 'rosbags', 'lz4', 'zstandard'):
-        return (
-            "install it with `pip install '.[bags]'`, or where ROS 2 is installed "
-            'use `ros2 bag`, which writes and reads the same bags'
-        )
-    if package in ('jinja2', 'matplotlib'):
-        return "install it with `pip install '.[reports]'`"
-    if package in ('dask', 'distributed'):
-        return "install it with `pip install '.[cluster]'`, or apt's python3-distributed"
-    return 'see "Install" in the README'
+        sentence = f'{what}{error.strerror or error}: check path, permissions and disk'
+    print(f'ftp-dent {chosen}: {sentence}', file=sys.stderr)
+    return 2
 
 
 if __name__ == '__main__':

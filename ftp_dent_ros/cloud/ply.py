@@ -55,12 +55,10 @@ def write_ply(path: str | os.PathLike[str], cloud: Cloud, frame_id: str, rig_id:
     row, column = np.nonzero(cloud.valid)
     properties = [*_PROPERTIES, *([_SKIN] if cloud.skin.any() else [])]
     vertex = np.empty(len(row), [(name, _TYPES[kind]) for name, kind in properties])
-    for axis, name in enumerate('xyz'):
-        vertex[name] = cloud.points[row, column, axis]
-    vertex['row'], vertex['column'] = row, column
-    for name, _ in properties[3:]:
-        if name not in ('row', 'column'):
-            vertex[name] = getattr(cloud, name)[row, column]
+    values = {'row': row, 'column': column}
+    values |= dict(zip('xyz', cloud.points[row, column].T, strict=True))
+    for name, _ in properties:
+        vertex[name] = values[name] if name in values else getattr(cloud, name)[row, column]
     rows, columns = cloud.valid.shape
     header = [
         'ply',
