@@ -102,24 +102,20 @@ def write_png(path: str | os.PathLike[str], image: NDArray[Any]) -> None:
         temporary.write_bytes(data.tobytes())
 
 
-def check_writable(path: str | os.PathLike[str]) -> None:
-    """Raise `ConfigurationError`, before minutes of work, if a file cannot be written."""
-    if why := why_not_writable(path):
-        raise ConfigurationError(f'{path}: cannot be written ({why}): give another place')
+def check_writable(path: str | os.PathLike[str], name: str = '') -> None:
+    """Raise `ConfigurationError`, before minutes of work, if a file cannot be written.
 
-
-def why_not_writable(path: str | os.PathLike[str]) -> str:
-    """Why a file cannot be written, or a folder has its name; empty if it can.
-
-    Nothing is left of the trial.
+    It calls it by a name, or by its path. Nothing is left of the trial.
     """
-    if Path(path).is_dir():
-        return os.strerror(errno.EISDIR)
     try:
+        if Path(path).is_dir():
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
         with tempfile.TemporaryFile(dir=nearest_folder(path)):
-            return ''
+            pass
     except OSError as reason:
-        return str(reason.strerror)
+        raise ConfigurationError(
+            f'{name or path}: cannot be written ({reason.strerror}): give another place'
+        ) from None
 
 
 def nearest_folder(path: str | os.PathLike[str]) -> Path:

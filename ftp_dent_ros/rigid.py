@@ -26,8 +26,7 @@ def move_about(error: Array, pivot: Array) -> Pose:
 
 def about(lever: Array) -> Array:
     """How an error of a pose (shift, turn) moves a point at a lever from it, shape (3, 6)."""
-    x, y, z = lever
-    return np.hstack([np.eye(3), np.array([[0, z, -y], [-z, 0, x], [y, -x, 0]])])
+    return np.hstack([np.eye(3), -crossed(lever)])
 
 
 def moved(pose: Pose, step: Array, centre: Array) -> Pose:
@@ -62,22 +61,12 @@ def fit_move(ours: Array, theirs: Array, place: Array, pivot: Array, covariance:
 
 def crossed(vectors: Array) -> Array:
     """Matrices whose product is the cross product with vectors, shape (n, 3, 3)."""
-    matrices = np.zeros((*vectors.shape, 3))
-    x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
-    matrices[..., 0, 1], matrices[..., 0, 2] = -z, y
-    matrices[..., 1, 0], matrices[..., 1, 2] = z, -x
-    matrices[..., 2, 0], matrices[..., 2, 1] = -y, x
-    return matrices
+    return np.cross(np.eye(3), vectors[..., None, :])
 
 
 def rotation_vectors(turns: Array) -> Array:
     """Rotation vectors of matrices of shape (n, 3, 3) that turn by less than half a turn."""
-    skew = (turns - np.swapaxes(turns, -1, -2)) / 2
-    axis = np.stack([skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]], axis=-1)
-    sine = np.linalg.norm(axis, axis=-1)
-    cosine = (np.trace(turns, axis1=-2, axis2=-1) - 1) / 2
-    angle = np.arctan2(sine, cosine)
-    return axis * np.where(sine > 1e-12, angle / np.maximum(sine, 1e-12), 1.0)[..., None]
+    return Rotation.from_matrix(turns).as_rotvec()
 
 
 def twists(turns: Array, shifts: Array) -> Array:

@@ -13,7 +13,7 @@ from ftp_dent_ros.cli import Argument, argument
 from ftp_dent_ros.dents.dent import RANGES, SmallestDent
 from ftp_dent_ros.dents.rules import Rules, read_rules
 from ftp_dent_ros.errors import ConfigurationError
-from ftp_dent_ros.files import find, why_not_writable
+from ftp_dent_ros.files import check_writable, find
 
 
 def number(
@@ -42,10 +42,7 @@ def output_folder(name: str) -> Path:
     output = Path(name)
     if output.exists() and not output.is_dir():
         raise ConfigurationError(f'--output {output} is a file: name a folder')
-    if why := why_not_writable(output / 'report'):
-        raise ConfigurationError(
-            f'--output {output} cannot be written ({why}): name another folder'
-        )
+    check_writable(output / 'report', f'--output {output}')
     return output
 
 

@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.navigation import frames
 from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.rigid import about
 
 Covariance = NDArray[np.float64]
 
@@ -168,10 +169,8 @@ def of_mounted(
     mount_covariance : ndarray, shape (6, 6)
         Of the mount, in the vehicle's axes: of its place and of its rotation.
     """
-    east, north, up = pose.rotation.apply(mount.translation)
-    # A turn of the vehicle by a small vector t moves what lies at r by t x r.
     carried = np.eye(6)
-    carried[:3, 3:] = [[0, up, -north], [-up, 0, east], [north, -east, 0]]
+    carried[:3] = about(pose.rotation.apply(mount.translation))
     turned = np.kron(np.eye(2), pose.rotation.as_matrix())
     result: Covariance = carried @ covariance @ carried.T + turned @ mount_covariance @ turned.T
     return result

@@ -29,4 +29,4 @@ def test_steps_are_counted():
 def test_an_output_that_cannot_be_made_is_one_line(tmp_path, capsys):
     (tmp_path / 'file').write_text('')
     assert main(['evaluate', '--quick', '--output', str(tmp_path / 'file' / 'x')]) == 2
-    assert 'name another folder' in capsys.readouterr().err
+    assert 'give another place' in capsys.readouterr().err
