@@ -297,13 +297,13 @@ class Autopilot:
             if number not in _DEFAULTS_US or not usual:
                 return mavlink.MAV_RESULT_DENIED
             self._stream(int(number), int(interval) or _DEFAULTS_US[int(number)])
-            return mavlink.MAV_RESULT_ACCEPTED
-        if message.command == mavlink.MAV_CMD_REQUEST_MESSAGE:
+        elif message.command == mavlink.MAV_CMD_REQUEST_MESSAGE:
             if message.param1 not in self._telemetry.messages:
                 return mavlink.MAV_RESULT_DENIED
             self._send(int(message.param1), self.time_since_boot_ns())
-            return mavlink.MAV_RESULT_ACCEPTED
-        return mavlink.MAV_RESULT_UNSUPPORTED
+        else:
+            return mavlink.MAV_RESULT_UNSUPPORTED
+        return mavlink.MAV_RESULT_ACCEPTED
 
 
 def build_parser() -> argparse.ArgumentParser:

@@ -46,7 +46,6 @@ class World:
         self.boot = boot
         self.flags = READY
         self.reports = True
-        self.freezes = False  # the test ratios
         self.gps: dict[str, Any] = {}  # what GPS_RAW_INT says that is not usual
         self.fixes = True
         self.answers = True
@@ -108,9 +107,7 @@ class World:
                 return
             self.say(position(self.boot_ms(), north))
         elif message_id == mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT and self.reports:
-            if not self.freezes:
-                self._ratio = 1e-13 * (self.now % S)
-            ratio = self._ratio
+            ratio = 1e-13 * (self.now % S)
             self.say(mavlink.MAVLink_ekf_status_report_message(self.flags, ratio, 0, ratio, 0, 0))
         elif message_id == mavlink.MAVLINK_MSG_ID_GPS_RAW_INT:
             if self.fixes:
