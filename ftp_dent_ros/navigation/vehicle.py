@@ -22,7 +22,7 @@ from ftp_dent_ros.navigation.clock import SECOND, ClockOffset
 from ftp_dent_ros.navigation.origin import Earth
 from ftp_dent_ros.navigation.pose_covariance import Motion, Tag
 from ftp_dent_ros.navigation.pose_history import PoseHistory, Sample, Track
-from ftp_dent_ros.navigation.report import Verdict, number
+from ftp_dent_ros.navigation.report import Verdict, enum_name, number
 from ftp_dent_ros.navigation.settings import Instant, VehicleSettings
 from ftp_dent_ros.navigation.trust import Trust
 from ftp_dent_ros.pose import Pose
@@ -276,7 +276,7 @@ class Vehicle:
         streams = self._streams.values()
         newest = self.clock.ros_time(self._history.newest) if self._history.newest else None
         return {
-            'autopilot': mavlink.enums['MAV_AUTOPILOT'][self._autopilot].name,
+            'autopilot': enum_name('MAV_AUTOPILOT', self._autopilot),
             'system/component': '{}/{}'.format(*self.identity) if self.identity else 'none',
             'silence (s)': number(silence, 2),
             'pose age (ms)': number(None if newest is None else at.ros - newest, 1, 1e-6),

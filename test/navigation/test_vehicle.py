@@ -282,6 +282,12 @@ def test_loss_and_reboot_are_told_within_3_s_and_recovered_from_within_5_s() -> 
     assert seconds_until(world, lambda: tagged(world, world.now - 200 * MS)) < 5
 
 
+def test_an_autopilot_of_a_make_that_is_not_known_is_one_too() -> None:
+    world = World()
+    assert world.say(heartbeat(autopilot=201))
+    assert world.vehicle.figures(world.at)['autopilot'] == 'type 201'
+
+
 def test_the_wrap_of_time_boot_ms_is_flown_through() -> None:
     wrap = 2**32 * MS
     world = World(boot=START - wrap + 5 * S)
