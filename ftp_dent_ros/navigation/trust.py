@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -116,8 +117,9 @@ class ReportHistory:
             if heard - self._since < self._longest:
                 raise PoseAwaitedError(f'the autopilot has not reported {self._what} yet', awaited)
             raise PoseError(f'the autopilot does not report {self._what}', missing)
-        before = next((each for each in reversed(self._reports) if each.now <= stamp), None)
-        after = next((each for each in self._reports if each.now > stamp), None)
+        # Before the first there is none, nor after the last.
+        pairs = pairwise([None, *self._reports, None])
+        before, after = [pair for pair in pairs if pair[0] is None or pair[0].now <= stamp][-1]
         for report in (before, after):
             if report is not None and report.fault is not None:
                 raise report.fault.with_traceback(None)
