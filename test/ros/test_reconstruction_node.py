@@ -155,7 +155,7 @@ def test_the_skin_comes_before_its_cloud_to_who_subscribes(ros, rig, rig_file, p
     (refused,) = bench.set(tau=0.0)
     assert not refused.successful and 'tau is 0.0' in refused.reason
     (refused,) = bench.set(unwrapping='quality')
-    assert not refused.successful and 'give itoh or estrada' in refused.reason
+    assert not refused.successful and 'give one of itoh, estrada' in refused.reason
     assert bench.cloud_of(photograph, 4).data == changed.data
     assert bench.process.stop() == 0
 
